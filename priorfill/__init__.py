@@ -1,0 +1,74 @@
+"""priorfill: fills gaps in optical motion capture from a database of motions.
+
+Examples
+--------
+>>> import priorfill as pf
+>>> clip = pf.read("walk.c3d")
+>>> result = pf.fill(clip, database="lab-priors")
+>>> pf.write("walk_filled.c3d", result.clip, result.filled)
+
+What is listed in ``__all__`` is the public interface. It is loaded when it is first used, so
+that importing priorfill costs next to nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from priorfill.clip import Clip
+    from priorfill.database import PriorDatabase
+    from priorfill.errors import PriorfillError
+    from priorfill.filling import FilledGap, Result, fill
+    from priorfill.formats import read, write
+    from priorfill.gaps import Gap, GapGroup, find_gaps, gap_groups
+    from priorfill.markerset import MarkerSet
+
+__version__ = version("priorfill")
+
+_PLACES = {
+    "Clip": "priorfill.clip",
+    "FilledGap": "priorfill.filling",
+    "Gap": "priorfill.gaps",
+    "GapGroup": "priorfill.gaps",
+    "MarkerSet": "priorfill.markerset",
+    "PriorDatabase": "priorfill.database",
+    "PriorfillError": "priorfill.errors",
+    "Result": "priorfill.filling",
+    "fill": "priorfill.filling",
+    "find_gaps": "priorfill.gaps",
+    "gap_groups": "priorfill.gaps",
+    "read": "priorfill.formats",
+    "write": "priorfill.formats",
+}
+
+__all__ = [
+    "Clip",
+    "FilledGap",
+    "Gap",
+    "GapGroup",
+    "MarkerSet",
+    "PriorDatabase",
+    "PriorfillError",
+    "Result",
+    "__version__",
+    "fill",
+    "find_gaps",
+    "gap_groups",
+    "read",
+    "write",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name when it is first used."""
+    if name not in _PLACES:
+        raise AttributeError(f"module 'priorfill' has no attribute {name!r}")
+    return getattr(import_module(_PLACES[name]), name)
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return sorted(__all__)

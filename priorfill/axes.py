@@ -1,0 +1,67 @@
+"""Axes: from a file's own to upright ones (+Z up), and back.
+
+By exchanging coordinates and signs, so that not a bit of a coordinate is lost either way.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.clip import UP_AXES
+from priorfill.errors import OptionError
+
+__all__ = ["from_upright", "to_upright"]
+
+# For each up axis: which coordinate becomes x, y, z, and its sign. Each is a proper rotation
+# (determinant +1) by a right angle about one horizontal axis, or by two for -Z.
+_ROTATIONS: dict[str, tuple[tuple[int, int, int], tuple[int, int, int]]] = {
+    "+X": ((2, 1, 0), (-1, 1, 1)),
+    "-X": ((2, 1, 0), (1, 1, -1)),
+    "+Y": ((0, 2, 1), (1, -1, 1)),
+    "-Y": ((0, 2, 1), (1, 1, -1)),
+    "+Z": ((0, 1, 2), (1, 1, 1)),
+    "-Z": ((0, 1, 2), (1, -1, -1)),
+}
+
+
+def to_upright(positions: NDArray[np.floating], up: str) -> NDArray[np.float64]:
+    """Turn positions so that `up` becomes +Z.
+
+    Parameters
+    ----------
+    positions : ndarray [shape=(..., 3)]
+        In axes in which `up` points up.
+    up : str
+        One of `UP_AXES`.
+
+    Returns
+    -------
+    ndarray [shape=(..., 3)]
+        A new array.
+
+    Raises
+    ------
+    OptionError
+        Where `up` is no axis.
+    """
+    order, signs = _rotation(up)
+    return np.asarray(positions, dtype=np.float64)[..., order] * signs
+
+
+def from_upright(positions: NDArray[np.floating], up: str) -> NDArray[np.float64]:
+    """Turn positions with +Z up back to axes in which `up` points up.
+
+    The inverse of `to_upright`, with the same parameters.
+    """
+    order, signs = _rotation(up)
+    result = np.empty(np.shape(positions))
+    result[..., order] = np.asarray(positions, dtype=np.float64) * signs
+    return result
+
+
+def _rotation(up: str) -> tuple[list[int], NDArray[np.float64]]:
+    if up not in _ROTATIONS:
+        raise OptionError(f"up axis {up!r} is unknown; use one of {' '.join(UP_AXES)}")
+    order, signs = _ROTATIONS[up]
+    return list(order), np.array(signs, dtype=np.float64)

@@ -1,0 +1,94 @@
+"""The command line: a thin layer over the library.
+
+No module of this package imports at its top what takes long to import (numba, scipy,
+ezc3d): ``priorfill --help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from typing import Any
+
+import click
+
+from priorfill.errors import PriorfillError
+
+__all__ = ["DEBUG", "main"]
+
+DEBUG = "PRIORFILL_DEBUG"
+"""Environment variable: if set, errors come with a traceback."""
+
+EXIT_FAILED = 1
+EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE
+
+# Each command with the place of its code and its line in the help, so that neither is
+# imported before it is asked for.
+_COMMANDS = {
+    "fill": ("priorfill.cli.fill:fill", "Fill the gaps of a C3D file."),
+    "inspect": ("priorfill.cli.inspect:inspect", "Show what is in a file and which gaps it has."),
+    "db": ("priorfill.cli.db:db", "Build and look at prior databases."),
+    "demo": ("priorfill.cli.demo:demo", "Make a clip with gaps, fill it, and compare."),
+}
+
+
+class _Main(click.Group):
+    """A group that imports a command when it is called, and turns errors into one line."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        if name not in _COMMANDS:
+            return None
+        module, attribute = _COMMANDS[name][0].split(":")
+        command = getattr(importlib.import_module(module), attribute)
+        assert isinstance(command, click.Command)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in _COMMANDS.items()])
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            result = super().invoke(ctx)
+            sys.stdout.flush()
+        except (click.ClickException, click.exceptions.Exit, click.Abort):
+            raise
+        except BrokenPipeError:
+            # whoever read our output has seen enough; let the last flush go nowhere
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+            ctx.exit(EXIT_BROKEN_PIPE)
+        except (Exception, KeyboardInterrupt) as error:
+            if os.environ.get(DEBUG):
+                raise
+            click.echo(f"priorfill: {_in_one_line(error)}", err=True)
+            ctx.exit(EXIT_INTERRUPTED if isinstance(error, KeyboardInterrupt) else EXIT_FAILED)
+        return result
+
+
+@click.group(cls=_Main, name="priorfill", context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="priorfill", message="priorfill %(version)s")
+def main() -> None:
+    """Fill gaps in optical motion capture from a database of motions."""
+
+
+def _in_one_line(error: BaseException) -> str:
+    if isinstance(error, KeyboardInterrupt):
+        return "interrupted"
+    if isinstance(error, PriorfillError):
+        text = str(error)
+    elif isinstance(error, OSError):
+        what = error.strerror or str(error)
+        text = f"{error.filename}: {what}" if error.filename else what
+    elif isinstance(error, MemoryError):
+        text = "there is not enough memory; use a shorter clip or a smaller database"
+    else:
+        text = (
+            f"a fault of priorfill itself ({type(error).__name__}: {error}); "
+            f"please report what it prints with {DEBUG}=1"
+        )
+    return " ".join(text.split())

@@ -1,0 +1,170 @@
+"""``priorfill fill``: fill the gaps of a file."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from priorfill.cli.output import print_json, print_table
+from priorfill.cli.progress import progress
+from priorfill.cli.reading import read_clip, reading_options
+
+if TYPE_CHECKING:
+    from priorfill.filling import Result
+    from priorfill.formats import WriteReport
+
+__all__ = ["EXIT_INCOMPLETE", "fill", "print_gaps"]
+
+EXIT_INCOMPLETE = 3
+"""Exit status: done, but not all gaps could be filled."""
+
+MAX_GAPS = 40
+"""Gaps in the table; ``--json`` has all."""
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option(
+    "--output",
+    "-o",
+    metavar="OUT.c3d",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="Where to write the filled clip: a copy of FILE with the gaps filled.",
+)
+@click.option(
+    "--database",
+    "-d",
+    metavar="DIR",
+    type=click.Path(path_type=Path),
+    help="Prior database to learn from, beside the clip itself.",
+)
+@click.option(
+    "--method",
+    "-m",
+    default="auto",
+    show_default=True,
+    help="auto, prior, or baumann2011 (the published method to the letter).",
+)
+@click.option("--overwrite", is_flag=True, help="Replace OUT.c3d if it exists.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@reading_options
+def fill(
+    file: Path,
+    output: Path,
+    database: Path | None,
+    method: str,
+    overwrite: bool,
+    as_json: bool,
+    **reading: Any,
+) -> None:
+    """Fill the gaps of FILE.
+
+    Measured samples, and everything else that the file holds, come out as they went in. Exit
+    status 0: done; 3: done, but not all gaps could be filled; 1: could not.
+    """
+    from priorfill import formats
+    from priorfill.filling import fill as fill_clip
+    from priorfill.methods import get_method
+
+    # whatever would make the work be in vain is found out before it is done
+    get_method(method)
+    formats.check_output(output, source=file, overwrite=overwrite)
+    clip, marker_set = read_clip(file, **reading)
+    with progress(None, f"filling {clip.name}") as show:
+        result = fill_clip(
+            clip, database=database, method=method, marker_set=marker_set, progress=show
+        )
+    written = formats.write(output, result.clip, result.filled, overwrite=overwrite)
+    if as_json:
+        print_json(_facts(file, output, result, written))
+    else:
+        _print(output, result, written)
+    if not result.complete:
+        click.get_current_context().exit(EXIT_INCOMPLETE)
+
+
+def _number(value: float) -> float | None:
+    """Return a number for JSON, which knows no NaN."""
+    return round(value, 3) if math.isfinite(value) else None
+
+
+def _facts(file: Path, output: Path, result: Result, written: WriteReport | None) -> dict[str, Any]:
+    """Return what is said of a fill, in the form of the JSON output."""
+    first = result.clip.first_frame
+    return {
+        "file": str(file),
+        "output": str(output),
+        "method": result.method,
+        "database": str(result.database) if result.database else None,
+        "marker_set": result.marker_set.name,
+        "rate": result.clip.rate,
+        "filled_samples": int(result.filled.sum()),
+        "missing_samples": int(result.clip.missing.sum()),
+        "complete": result.complete,
+        "rounding_mm": written.worst_error_mm if written else 0.0,
+        "gaps": [
+            {
+                "marker": gap.label,
+                "first_frame": first + gap.start,
+                "last_frame": first + gap.stop - 1,
+                "frames": gap.frames,
+                "seconds": round(gap.frames / result.clip.rate, 4),
+                "filled": gap.filled,
+                "expected_error_mm": _number(gap.expected_error),
+                "from": list(gap.how),
+                "reasons": list(gap.reasons),
+                "prior_clips": list(gap.takes),
+            }
+            for gap in result.gaps
+        ],
+    }
+
+
+def print_gaps(result: Result) -> None:
+    """Print the table of a result's gaps."""
+    clip = result.clip
+    rows = []
+    for gap in result.gaps[:MAX_GAPS]:
+        error = f"{gap.expected_error:.1f}" if math.isfinite(gap.expected_error) else "-"
+        rows.append(
+            (
+                gap.label,
+                f"{clip.first_frame + gap.start}-{clip.first_frame + gap.stop - 1}",
+                f"{gap.frames / clip.rate:.2f}",
+                f"{100 * gap.filled / gap.frames:.0f} %",
+                error,
+                "; ".join([*gap.how, *(f"NOT FILLED: {reason}" for reason in gap.reasons)]),
+            )
+        )
+    print_table(("marker", "frames", "s>", "filled>", "expected error mm>", "from"), rows)
+    if len(result.gaps) > MAX_GAPS:
+        click.echo(f"... and {len(result.gaps) - MAX_GAPS} more gaps (--json lists all)")
+
+
+def _print(output: Path, result: Result, written: WriteReport | None) -> None:
+    """Print what was done."""
+    if not result.gaps:
+        click.echo(f"{result.clip.name} has no gaps; {output} is a copy")
+        return
+    print_gaps(result)
+    click.echo()
+    filled = int(result.filled.sum())
+    open_gaps = [gap for gap in result.gaps if not gap.complete]
+    click.echo(
+        f"{filled} samples of {len(result.gaps) - len(open_gaps)} gaps filled "
+        f"by {result.method}; written to {output}"
+    )
+    if written is not None and written.worst_error_mm > 0.001:
+        click.echo(
+            f"the file stores whole numbers: filled samples are rounded by up to "
+            f"{written.worst_error_mm:.3f} mm"
+        )
+    for gap in open_gaps:
+        click.echo(
+            f"left missing: {gap.label}, {gap.frames - gap.filled} frames: {'; '.join(gap.reasons)}",
+            err=True,
+        )

@@ -1,0 +1,160 @@
+"""Segment files: positions as little-endian float32, one clip after the other."""
+
+from __future__ import annotations
+
+import os
+import zlib
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.errors import DatabaseCorruptError
+
+__all__ = [
+    "DTYPE",
+    "SEGMENT_BYTES",
+    "SegmentReader",
+    "SegmentWriter",
+    "checksum",
+    "segment_path",
+    "sync_folder",
+]
+
+DTYPE = np.dtype("<f4")
+"""How a coordinate is stored."""
+
+SEGMENT_BYTES = 1 << 30
+"""A segment that would grow beyond this is left and a new one begun, so that a copy, a
+backup or a compaction never has to move more than 1 GiB at a time."""
+
+
+class SegmentWriter:
+    """Appends to the last segment.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder of the segments.
+    segment, end : int
+        Number of the segment to go on with, and the bytes of it that are committed. What
+        lies beyond was never committed and is cut off.
+
+    Raises
+    ------
+    DatabaseCorruptError
+        Where the file is shorter than what is committed.
+    """
+
+    def __init__(self, folder: Path, segment: int, end: int) -> None:
+        self._folder = folder
+        self._segment = segment
+        self._end = end
+        for path in sorted(folder.glob("*.f32")):
+            number = int(path.stem) if path.stem.isdigit() else 0
+            if number > segment:
+                path.unlink()
+        path = segment_path(folder, segment)
+        size = path.stat().st_size if path.exists() else 0
+        if size < end:
+            raise DatabaseCorruptError(
+                f"{path}: has {size} bytes where the catalogue counts {end}; "
+                "restore the database from a copy"
+            )
+        if size > end:
+            os.truncate(path, end)
+
+    def append(self, blocks: list[bytes]) -> tuple[int, int]:
+        """Write blocks one after the other, down to the disk.
+
+        Nothing counts until `commit`: the next append begins at the same place otherwise.
+
+        Returns
+        -------
+        segment, offset : int
+            Where the blocks begin.
+        """
+        size = sum(len(block) for block in blocks)
+        if self._end and self._end + size > SEGMENT_BYTES:
+            self._segment += 1
+            self._end = 0
+        path = segment_path(self._folder, self._segment)
+        is_new = not path.exists()
+        with path.open("wb" if is_new else "r+b") as file:
+            file.seek(self._end)
+            for block in blocks:
+                file.write(block)
+            file.flush()
+            os.fsync(file.fileno())
+        if is_new:
+            sync_folder(self._folder)
+        return self._segment, self._end
+
+    def commit(self, segment: int, end: int) -> None:
+        """Count everything up to `end` of `segment` as written."""
+        self._segment = segment
+        self._end = end
+
+
+class SegmentReader:
+    """Gives views of the segments' memory maps.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder of the segments.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._maps: dict[int, NDArray[np.float32]] = {}
+
+    def read(self, segment: int, offset: int, count: int) -> NDArray[np.float32]:
+        """Return `count` values from byte `offset` on, read-only and without copying.
+
+        Raises
+        ------
+        DatabaseCorruptError
+            Where the segment is not there or ends before.
+        """
+        first = offset // DTYPE.itemsize
+        values = self._maps.get(segment)
+        # a segment may have grown since it was mapped
+        if values is None or len(values) < first + count:
+            values = self._map(segment)
+        if len(values) < first + count:
+            raise DatabaseCorruptError(
+                f"{segment_path(self._folder, segment)}: ends before the catalogue says; "
+                "restore the database from a copy"
+            )
+        return values[first : first + count]
+
+    def _map(self, segment: int) -> NDArray[np.float32]:
+        path = segment_path(self._folder, segment)
+        count = path.stat().st_size // DTYPE.itemsize if path.exists() else 0
+        if count == 0:
+            raise DatabaseCorruptError(
+                f"{path}: is not there or empty; restore the database from a copy"
+            )
+        values = np.memmap(path, dtype=DTYPE, mode="r", shape=(count,)).view(np.ndarray)
+        self._maps[segment] = values
+        return values
+
+
+def segment_path(folder: Path, segment: int) -> Path:
+    """Return the path of a segment by its number."""
+    return folder / f"{segment:06d}.f32"
+
+
+def checksum(data: bytes | NDArray[np.float32]) -> int:
+    """Return the CRC-32 by which stored bytes are checked."""
+    return zlib.crc32(np.ascontiguousarray(data).data if isinstance(data, np.ndarray) else data)
+
+
+def sync_folder(folder: Path) -> None:
+    """Bring a folder's entries (new and renamed files) down to the disk."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,79 @@
+"""The errors that priorfill raises.
+
+::
+
+    PriorfillError
+    ├── FormatError (ValueError)         a file that cannot be read as what it claims to be
+    ├── ClipError (ValueError)           a clip whose contents make no sense
+    ├── OptionError (ValueError)         an option that is out of range or contradicts another
+    ├── MarkerSetError (ValueError)      a marker-set definition that is wrong or unknown
+    ├── OutputError (OSError)            a result that cannot be written where it should go
+    └── DatabaseError                    anything about a prior database
+        ├── DatabaseNotFoundError (FileNotFoundError)
+        ├── DatabaseFormatError (ValueError)   another format version, or not a database
+        ├── DatabaseCorruptError (ValueError)  stored data does not match its checksum
+        └── DatabaseLockedError (BlockingIOError)
+
+Every message is one line that says what is wrong, where, and what to do about it. The
+command line prints it and exits with status 1.
+"""
+
+from __future__ import annotations
+
+__all__ = [
+    "ClipError",
+    "DatabaseCorruptError",
+    "DatabaseError",
+    "DatabaseFormatError",
+    "DatabaseLockedError",
+    "DatabaseNotFoundError",
+    "FormatError",
+    "MarkerSetError",
+    "OptionError",
+    "OutputError",
+    "PriorfillError",
+]
+
+
+class PriorfillError(Exception):
+    """Root of every error that priorfill raises on purpose."""
+
+
+class FormatError(PriorfillError, ValueError):
+    """A file cannot be read as the format that it claims to be."""
+
+
+class ClipError(PriorfillError, ValueError):
+    """A clip's contents make no sense (no frames, rate 0, infinite coordinates, ...)."""
+
+
+class OptionError(PriorfillError, ValueError):
+    """An option is out of range or contradicts another."""
+
+
+class MarkerSetError(PriorfillError, ValueError):
+    """A marker-set definition is malformed or unknown."""
+
+
+class OutputError(PriorfillError, OSError):
+    """A result cannot be written where it should go."""
+
+
+class DatabaseError(PriorfillError):
+    """Something about a prior database."""
+
+
+class DatabaseNotFoundError(DatabaseError, FileNotFoundError):
+    """There is no database at the path given."""
+
+
+class DatabaseFormatError(DatabaseError, ValueError):
+    """The directory is no database, or one of another format version."""
+
+
+class DatabaseCorruptError(DatabaseError, ValueError):
+    """Stored data does not match its checksum."""
+
+
+class DatabaseLockedError(DatabaseError, BlockingIOError):
+    """Another process is writing to the database."""

@@ -1,0 +1,235 @@
+"""Fill the gaps of a clip: choose a method, call it, assemble what it says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from priorfill.axes import from_upright, to_upright
+from priorfill.clip import Clip
+from priorfill.database import PriorDatabase
+from priorfill.errors import DatabaseError
+from priorfill.gaps import Gap, find_gaps, gap_groups
+from priorfill.markerset import MarkerSet, describe
+from priorfill.methods import DEFAULT_METHOD, get_method
+from priorfill.methods.task import Estimate, Note, Task
+from priorfill.takes import Take, takes_from
+
+__all__ = ["FilledGap", "Result", "fill"]
+
+
+@dataclass(frozen=True)
+class FilledGap:
+    """What became of one gap.
+
+    Attributes
+    ----------
+    label : str
+        The marker.
+    start, stop : int
+        Frames ``start <= frame < stop``, counted from the clip's first as 0.
+    filled : int
+        How many of the frames were filled.
+    expected_error : float
+        Expected rms Euclidean error (mm) over the filled frames; NaN where unknown.
+    how : tuple of str
+        What it was filled from.
+    reasons : tuple of str
+        Why frames were left missing; empty where all were filled.
+    takes : tuple of str
+        Recordings that were learnt from, the most used first.
+    """
+
+    label: str
+    start: int
+    stop: int
+    filled: int
+    expected_error: float
+    how: tuple[str, ...]
+    reasons: tuple[str, ...]
+    takes: tuple[str, ...]
+
+    @property
+    def frames(self) -> int:
+        """Length of the gap in frames."""
+        return self.stop - self.start
+
+    @property
+    def complete(self) -> bool:
+        """Whether every frame of the gap was filled."""
+        return self.filled == self.frames
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A filled clip, and what is known of each gap.
+
+    Attributes
+    ----------
+    clip : Clip
+        The clip with its gaps filled; measured samples are those of the clip given, bit for bit.
+    filled : ndarray of bool [shape=(frames, markers)]
+        Which samples were filled.
+    deviation : ndarray [shape=(frames, markers), mm]
+        Expected rms Euclidean error of each filled sample; NaN elsewhere and where unknown.
+    gaps : tuple of FilledGap
+        Every gap of the clip given, in order of time.
+    method : str
+        The method used.
+    marker_set : MarkerSet
+        How the markers were understood.
+    database : Path or None
+        The prior database, if there was one.
+    """
+
+    clip: Clip
+    filled: NDArray[np.bool_]
+    deviation: NDArray[np.float64]
+    gaps: tuple[FilledGap, ...]
+    method: str
+    marker_set: MarkerSet
+    database: Path | None = None
+
+    @property
+    def complete(self) -> bool:
+        """Whether every gap was filled."""
+        return all(gap.complete for gap in self.gaps)
+
+
+def fill(
+    clip: Clip,
+    *,
+    database: PriorDatabase | str | Path | None = None,
+    method: str = "auto",
+    marker_set: MarkerSet | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Result:
+    """Fill the gaps of a clip.
+
+    Parameters
+    ----------
+    clip : Clip
+        With gaps.
+    database : PriorDatabase or path, optional
+        Recordings to learn from beside the clip itself.
+    method : str
+        ``auto``, or one of `priorfill.methods.METHODS`.
+    marker_set : MarkerSet, optional
+        Segments and reliable bits; recognised or found from the data if not given.
+    progress : callable, optional
+        Called with the gap groups done and all of them.
+
+    Returns
+    -------
+    Result
+        What could not be filled stays missing and is named with the reason.
+
+    Raises
+    ------
+    OptionError
+        Where there is no such method.
+    DatabaseError
+        Where the database cannot be read, or has no marker in common with the clip.
+    """
+    run = get_method(method)
+    marker_set = describe(clip, marker_set)
+    with ExitStack() as stack:
+        if isinstance(database, (str, Path)):
+            database = stack.enter_context(PriorDatabase.open(database))
+        takes = _takes(clip, database)
+        groups = tuple(gap_groups(clip.missing))
+        task = Task(
+            to_upright(clip.positions, clip.up),
+            clip.labels,
+            clip.rate,
+            marker_set,
+            groups,
+            takes,
+            clip.name,
+            clip.subject,
+        )
+        done = 0
+
+        def one_more() -> None:
+            nonlocal done
+            done += 1
+            if progress is not None:
+                progress(done, len(groups))
+
+        # sums of several BLAS threads depend on how many there are; one thread's do not
+        stack.enter_context(threadpool_limits(1, user_api="blas"))
+        estimate = run(task, one_more)
+    place = database.path if database is not None else None
+    return _assemble(
+        clip, estimate, DEFAULT_METHOD if method == "auto" else method, marker_set, place
+    )
+
+
+def _takes(clip: Clip, database: PriorDatabase | None) -> tuple[Take, ...]:
+    """Takes of a database; an error where it has clips but none with the clip's markers."""
+    if database is None:
+        return ()
+    takes = takes_from(database, clip.labels)
+    if not takes:
+        held = sorted({label for record in database.clips() for label in record.labels})
+        what = f"its markers are {', '.join(held[:6])}, ..." if held else "it is empty"
+        raise DatabaseError(
+            f"{database.path}: no marker in common with {clip.name} "
+            f"({', '.join(clip.labels[:6])}, ...); {what}; "
+            "add clips of this marker set, or fill without a database"
+        )
+    return takes
+
+
+def _assemble(
+    clip: Clip, estimate: Estimate, method: str, marker_set: MarkerSet, database: Path | None
+) -> Result:
+    """Put an estimate's filled samples into the clip, and nothing else."""
+    missing = clip.missing
+    estimated = from_upright(estimate.positions, clip.up)
+    filled = missing & np.isfinite(estimated).all(axis=2)
+    positions = np.where(filled[..., None], estimated, clip.positions)
+    deviation = np.where(filled, estimate.deviation, np.nan)
+    by_marker: dict[int, list[Note]] = {}
+    for note in estimate.notes:
+        by_marker.setdefault(note.marker, []).append(note)
+    gaps = tuple(
+        _filled_gap(clip, gap, filled, deviation, by_marker.get(gap.marker, []))
+        for gap in find_gaps(missing)
+    )
+    return Result(
+        clip.with_positions(positions), filled, deviation, gaps, method, marker_set, database
+    )
+
+
+def _filled_gap(
+    clip: Clip,
+    gap: Gap,
+    filled: NDArray[np.bool_],
+    deviation: NDArray[np.float64],
+    notes: list[Note],
+) -> FilledGap:
+    """Sum up one gap."""
+    inside = [n for n in notes if n.start < gap.stop and n.stop > gap.start]
+    deviations = deviation[gap.start : gap.stop, gap.marker]
+    known = deviations[np.isfinite(deviations)]
+    done = int(filled[gap.start : gap.stop, gap.marker].sum())
+    reasons = [n.how for n in inside if not n.filled]
+    if done < gap.frames and not reasons:
+        reasons = ["the method gave no finite position"]
+    return FilledGap(
+        label=clip.labels[gap.marker],
+        start=gap.start,
+        stop=gap.stop,
+        filled=done,
+        expected_error=float(np.sqrt((known**2).mean())) if len(known) else float("nan"),
+        how=tuple(dict.fromkeys(n.how for n in inside if n.filled)),
+        reasons=tuple(dict.fromkeys(reasons)),
+        takes=tuple(dict.fromkeys(name for n in inside for name in n.takes)),
+    )

@@ -1,0 +1,192 @@
+"""Write filled samples into a copy of the C3D file that they were missing from.
+
+Everything else in the copy, byte for byte, is as in the source: analog channels, events, every
+parameter, the header, the measured samples. What was written is read back and compared
+before it gets its name.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.clip import Clip
+from priorfill.errors import OutputError
+from priorfill.formats.atomic import check_target, replace_file
+from priorfill.formats.c3d_layout import WORDS_PER_POINT, Layout, parse_layout, read_points
+from priorfill.formats.c3d_read import read_bytes
+from priorfill.formats.c3d_words import encode_floats, encode_integers
+
+__all__ = ["WriteReport", "write_c3d"]
+
+_INTEGERS = np.iinfo(np.int16)
+
+_FLOAT_STEP = float(np.finfo(np.float32).eps)
+"""Largest relative error of a number stored in 32 bits, twice over: float64 rounds too."""
+
+_OFF_ORIGIN = 1e-6
+"""File units by which a sample at the very origin is moved: there it would read as missing."""
+
+
+@dataclass(frozen=True)
+class WriteReport:
+    """What writing a file did.
+
+    Attributes
+    ----------
+    samples : int
+        Filled samples written.
+    worst_error_mm : float
+        Largest change of a coordinate (mm) by rounding it to what the file can hold.
+    """
+
+    samples: int
+    worst_error_mm: float
+
+
+def write_c3d(
+    path: Path | str, clip: Clip, filled: NDArray[np.bool_], *, overwrite: bool = False
+) -> WriteReport:
+    """Write a copy of the clip's source file in which the filled samples are present.
+
+    A filled sample gets residual 0 and no cameras, the format's sign for "interpolated".
+
+    Parameters
+    ----------
+    path : Path or str
+        The file to write; never the source.
+    clip : Clip
+        The clip, read from a C3D file, with positions for the filled samples.
+    filled : ndarray [shape=(frames, markers), bool]
+        Which samples to write.
+    overwrite : bool
+        Replace an existing file.
+
+    Returns
+    -------
+    WriteReport
+        How many samples were written, and how well the file holds them.
+
+    Raises
+    ------
+    OutputError
+        If `path` is the source, exists already, or its folder does not; the source has
+        changed since it was read; or a filled sample is missing or does not fit the
+        file's integers.
+    FormatError
+        If the source is gone or cannot be read.
+    """
+    source = clip.source
+    if source is None:
+        raise OutputError(f"{clip.name}: comes from no file to copy; write it as a new file")
+    filled = np.asarray(filled, dtype=bool)
+    if filled.shape != clip.missing.shape:
+        raise OutputError(
+            f"{clip.name}: the mask of filled samples has shape {filled.shape}; "
+            f"{clip.missing.shape} (frames, markers) is needed"
+        )
+    check_target(path, overwrite=overwrite, source=source.path)
+    frames, markers = np.nonzero(filled)
+    values = clip.positions[frames, markers]
+    unknown = np.isnan(values).any(axis=1)
+    if unknown.any():
+        first = int(np.argmax(unknown))
+        raise OutputError(
+            f"{clip.name}: marker {clip.labels[markers[first]]} is to be written as filled in "
+            f"frame {clip.first_frame + int(frames[first])} but has no position; "
+            "mark only samples that have one"
+        )
+    original = read_bytes(source.path)
+    if hashlib.sha256(original).hexdigest() != source.sha256:
+        raise OutputError(
+            f"{source.path.name}: has changed since it was read; read and fill it again"
+        )
+    layout = parse_layout(original, source.path.name)
+    points = np.asarray(source.points, dtype=np.intp)[markers]
+    offsets = layout.record_offsets(frames.astype(np.intp), points)
+    in_units = values / source.mm_per_unit
+    _check_range(in_units, layout, clip, frames, markers)
+
+    places = offsets[:, None] + np.arange(layout.record_bytes)
+    patched = np.frombuffer(original, dtype=np.uint8).copy()
+    patched[places] = _encode(in_units, layout)
+    with replace_file(path, overwrite=overwrite) as temporary:
+        temporary.write_bytes(patched.tobytes())
+        worst = _verify(temporary, original, layout, frames, points, places, in_units)
+    return WriteReport(samples=len(values), worst_error_mm=worst * source.mm_per_unit)
+
+
+def _check_range(
+    in_units: NDArray[np.float64],
+    layout: Layout,
+    clip: Clip,
+    frames: NDArray[np.intp],
+    markers: NDArray[np.intp],
+) -> None:
+    """Raise OutputError at the first coordinate that the file's numbers cannot hold."""
+    if layout.is_float:
+        return
+    steps = np.rint(in_units / layout.scale)
+    beyond = ((steps < _INTEGERS.min) | (steps > _INTEGERS.max)).any(axis=1)
+    if beyond.any():
+        first = int(np.argmax(beyond))
+        limit = layout.scale * _INTEGERS.max
+        raise OutputError(
+            f"{clip.name}: the filled position of {clip.labels[markers[first]]} in frame "
+            f"{clip.first_frame + int(frames[first])} is {np.abs(in_units[first]).max():.4g} "
+            f"file units from the origin; this file's integers end at {limit:.4g}: "
+            "leave this gap unfilled or export the file with float coordinates"
+        )
+
+
+def _encode(in_units: NDArray[np.float64], layout: Layout) -> NDArray[np.uint8]:
+    """Return the bytes of the records: position, then residual 0 and no cameras."""
+    words = np.zeros((len(in_units), WORDS_PER_POINT))
+    words[:, :3] = in_units if layout.is_float else np.rint(in_units / layout.scale)
+    at_origin = (words == 0).all(axis=1)
+    words[at_origin, 2] = _OFF_ORIGIN if layout.is_float else 1
+    if layout.is_float:
+        return encode_floats(words, layout.processor)
+    return encode_integers(words.astype(np.int16), layout.processor)
+
+
+def _verify(
+    temporary: Path,
+    original: bytes,
+    layout: Layout,
+    frames: NDArray[np.intp],
+    points: NDArray[np.intp],
+    places: NDArray[np.intp],
+    in_units: NDArray[np.float64],
+) -> float:
+    """Read the written file back and return the largest error of a coordinate (file units).
+
+    Raises
+    ------
+    OutputError
+        If a byte beside the filled samples has changed, or a filled sample is not as it
+        should be. Neither has a cause that we know; a full disk and a faulty program have.
+    """
+    written = temporary.read_bytes()
+    failed = OutputError(
+        f"{temporary.parent}: the file written there does not read back as intended and was "
+        "removed; check the disk and report this as a fault"
+    )
+    if len(written) != len(original):
+        raise failed
+    changed = np.frombuffer(written, np.uint8) != np.frombuffer(original, np.uint8)
+    changed[places] = False
+    if changed.any():
+        raise failed
+    positions, residual = read_points(written, parse_layout(written, temporary.name))
+    if (residual[frames, points] != 0).any():
+        raise failed
+    error = np.abs(positions[frames, points] - in_units)
+    allowed = np.abs(in_units) * _FLOAT_STEP + _OFF_ORIGIN if layout.is_float else layout.scale
+    if not (error <= allowed).all():  # NaN fails too
+        raise failed
+    return float(error.max(initial=0.0))

@@ -1,0 +1,277 @@
+"""Read C3D files.
+
+The layout is checked first with our own strict parser: ezc3d reads a file that is cut short
+as a shorter one, and some malformed files keep it busy for most of a minute. Then ezc3d reads
+the points; where it cannot (MIPS files, bytes beyond ASCII in a parameter, more than 65535
+frames, a header that contradicts the parameters, analog channels without scale), they are
+read from the layout.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.clip import Clip, Source
+from priorfill.errors import ClipError, FormatError, OptionError
+from priorfill.formats.c3d_layout import Layout, parse_layout, read_points
+from priorfill.formats.c3d_markers import find_model_points, split_label
+from priorfill.formats.c3d_words import Processor
+from priorfill.formats.units import find_unit
+from priorfill.formats.up_axis import find_up
+
+__all__ = ["points_with_ezc3d", "read_bytes", "read_c3d"]
+
+_MOST_FRAMES = 65535
+"""Frames that ezc3d reads at most."""
+
+
+def read_c3d(
+    path: Path | str,
+    *,
+    zeros_missing: bool = True,
+    up: str | None = None,
+    rate: float | None = None,
+    unit: str | None = None,
+    subject: str | None = None,
+) -> Clip:
+    """Read the markers of a C3D file.
+
+    Parameters
+    ----------
+    path : Path or str
+        The file.
+    zeros_missing : bool
+        Take samples that are exactly (0, 0, 0) with a valid residual as missing, as several
+        programs write them.
+    up : str or None
+        Which axis points up, one of `priorfill.clip.UP_AXES`, instead of finding it.
+    rate : float or None
+        Frames per second (Hz) instead of the file's.
+    unit : str or None
+        Unit of length (mm, cm, m, ...) instead of the file's.
+    subject : str or None
+        Whose markers to read, where the file holds several subjects.
+
+    Returns
+    -------
+    Clip
+        The markers in mm. Its source says what else the file holds and why it is left out.
+
+    Raises
+    ------
+    FormatError
+        If the file is absent, not C3D, damaged or cut short.
+    ClipError
+        If its contents make no sense: no points, no frames, no rate, an infinite
+        coordinate, two markers of one name, an implausible unit, an unknown subject, or
+        several subjects and none chosen.
+    OptionError
+        If an option is out of range.
+    """
+    path = Path(path)
+    name = path.name
+    if rate is not None and not (np.isfinite(rate) and rate > 0):
+        raise OptionError(f"rate {rate:g} Hz is not positive; give the frames per second")
+    data = read_bytes(path)
+    layout = parse_layout(data, name)
+    positions, residual = _points(path, data, layout)
+    positions[residual < 0] = np.nan
+    positions[np.isnan(positions).any(axis=2)] = np.nan
+
+    prefixes = layout.parameters.texts("SUBJECTS", "LABEL_PREFIXES")
+    split = [split_label(label, prefixes) for label in layout.labels]
+    names = [marker for _, marker in split]
+    reasons = find_model_points(names, layout.labels, positions, layout.parameters)
+    owners = {point: owner for point, (owner, _) in enumerate(split) if point not in reasons}
+    chosen, others = _choose_subject(owners, subject, layout, name)
+    reasons.update(others)
+    points = [point for point in range(layout.points) if point not in reasons]
+    labels = tuple(names[point] for point in points)
+    _check_labels(points, labels, layout, name)
+
+    kept = positions[:, points]
+    _check_finite(kept, labels, layout, name)
+    zero = (kept == 0).all(axis=2)
+    if zeros_missing:
+        kept[zero] = np.nan
+    spelled = next(iter(layout.parameters.texts("POINT", "UNITS")), "")
+    _, mm_per_unit, unit_notes = find_unit(kept, spelled, unit, name)
+    kept *= mm_per_unit
+    screen_up = next(iter(layout.parameters.texts("POINT", "Y_SCREEN")), "")
+    up_axis, up_found_from, up_notes = find_up(kept, labels, screen_up, up)
+    if rate is None and layout.rate == 0:
+        raise ClipError(f"{name}: has no frame rate; give the frames per second (--rate)")
+    return Clip(
+        positions=kept,
+        labels=labels,
+        rate=layout.rate if rate is None else rate,
+        up=up_axis,
+        name=path.stem,
+        subject=chosen,
+        first_frame=layout.first_frame,
+        source=Source(
+            path=path,
+            sha256=hashlib.sha256(data).hexdigest(),
+            points=tuple(points),
+            point_labels=tuple(layout.labels[point] for point in points),
+            unit=spelled,
+            mm_per_unit=mm_per_unit,
+            up_found_from=up_found_from,
+            zero_samples=int(zero.sum()) if zeros_missing else 0,
+            left_out=_left_out(reasons, layout),
+            notes=(*layout.contradictions, *unit_notes, *up_notes),
+        ),
+    )
+
+
+def read_bytes(path: Path) -> bytes:
+    """Return a file's contents.
+
+    Raises
+    ------
+    FormatError
+        If there is no such file, or it cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise FormatError(f"{path}: there is no such file; check the name") from None
+    except IsADirectoryError:
+        raise FormatError(f"{path}: is a folder; give the name of a file") from None
+    except OSError as error:
+        raise FormatError(
+            f"{path}: cannot be read ({error.strerror}); check its permissions"
+        ) from error
+
+
+def points_with_ezc3d(
+    path: Path, layout: Layout
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Read the points of a file with ezc3d.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    layout : Layout
+        What it should hold.
+
+    Returns
+    -------
+    tuple of ndarray or None
+        Positions [shape=(frames, points, 3), file units], NaN where missing, and residuals
+        [shape=(frames, points)], negative where missing. None where ezc3d cannot read the
+        file, or not all of it.
+    """
+    import ezc3d  # slow to import, and `--help` should not wait for it
+
+    try:
+        content = ezc3d.c3d(str(path))
+        points = content["data"]["points"]
+        residual = content["data"]["meta_points"]["residuals"]
+    except Exception:
+        # its C++ side raises whatever it likes, and every cause has the same remedy
+        return None
+    if points.shape[1:] != (layout.points, layout.frames):
+        return None
+    positions = np.ascontiguousarray(points[:3].transpose(2, 1, 0), dtype=np.float64)
+    return positions, np.asarray(residual[0].T, dtype=np.float64)
+
+
+def _points(
+    path: Path, data: bytes, layout: Layout
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return positions and residuals of all points, by ezc3d where it can be trusted."""
+    read = points_with_ezc3d(path, layout) if _suits_ezc3d(layout) else None
+    return read_points(data, layout) if read is None else read
+
+
+def _suits_ezc3d(layout: Layout) -> bool:
+    """Tell if a file has nothing that ezc3d is known to misread or to crash on.
+
+    It does not know MIPS; it believes the header where the parameters are right; it reads no
+    more than 65535 frames; it loses its way, for minutes, where a description's length is
+    wrong; and it ends the whole program (segmentation fault, ezc3d 1.7.2) where analog
+    channels have no scale or offset, which the format allows.
+    """
+    parameters = layout.parameters
+    if layout.processor is Processor.MIPS or layout.contradictions or not parameters.regular:
+        return False
+    channels = parameters.count("ANALOG", "USED") or 0
+    described = min(parameters.numbers("ANALOG", name).size for name in ("SCALE", "OFFSET"))
+    analog_is_safe = layout.analog_words == 0 or 0 < channels <= described
+    return analog_is_safe and layout.frames <= _MOST_FRAMES
+
+
+def _choose_subject(
+    owners: dict[int, str], subject: str | None, layout: Layout, name: str
+) -> tuple[str, dict[int, str]]:
+    """Return whose markers to read, and why the other markers are left out."""
+    declared = [text for text in layout.parameters.texts("SUBJECTS", "NAMES") if text]
+    present = sorted({owner for owner in owners.values() if owner})
+    if subject is None:
+        if len(present) > 1:
+            raise ClipError(
+                f"{name}: holds {len(present)} subjects ({', '.join(present)}); "
+                "choose one (--subject NAME)"
+            )
+        only = declared[0] if len(declared) == 1 else ""
+        return (present[0] if present else only), {}
+    if subject in present:
+        return subject, {
+            point: f"belongs to {owner}" if owner else "belongs to no subject"
+            for point, owner in owners.items()
+            if owner != subject
+        }
+    if not present and (subject in declared or not declared):
+        return subject, {}
+    known = ", ".join(present or declared)
+    raise ClipError(f"{name}: has no subject {subject}; it holds {known}")
+
+
+def _check_labels(
+    points: Sequence[int], labels: tuple[str, ...], layout: Layout, name: str
+) -> None:
+    """Raise ClipError if there is no marker, or two have the same name."""
+    if not labels:
+        raise ClipError(
+            f"{name}: none of its {layout.points} points is a labelled marker; "
+            "label the markers first"
+        )
+    first: dict[str, int] = {}
+    for point, label in zip(points, labels, strict=True):
+        if label in first:
+            raise ClipError(
+                f"{name}: points {first[label] + 1} and {point + 1} are both labelled {label}; "
+                "rename one of them"
+            )
+        first[label] = point
+
+
+def _check_finite(
+    positions: NDArray[np.float64], labels: tuple[str, ...], layout: Layout, name: str
+) -> None:
+    """Raise ClipError at the first infinite coordinate."""
+    infinite = np.isinf(positions).any(axis=2)
+    if infinite.any():
+        frame, marker = np.argwhere(infinite)[0]
+        raise ClipError(
+            f"{name}: marker {labels[marker]} has an infinite coordinate in frame "
+            f"{layout.first_frame + int(frame)}; mark the sample as missing"
+        )
+
+
+def _left_out(reasons: dict[int, str], layout: Layout) -> dict[str, str]:
+    """Return the reasons by label; a label that is empty or taken gets the point's number."""
+    left_out: dict[str, str] = {}
+    for point in sorted(reasons):
+        label = layout.labels[point].strip()
+        if not label or label in left_out:
+            label = f"{label} (point {point + 1})".strip()
+        left_out[label] = reasons[point]
+    return left_out

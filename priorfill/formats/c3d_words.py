@@ -1,0 +1,57 @@
+"""Numbers of a C3D file in the byte orders of its three processors."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Processor", "decode_floats", "decode_integers", "encode_floats", "encode_integers"]
+
+_DEC_FACTOR = 4.0
+"""A DEC float has its exponent bias two above IEEE's: the same bits are worth a quarter."""
+
+
+class Processor(Enum):
+    """The kind of computer whose number formats a file uses; values as in the file."""
+
+    INTEL = 84
+    DEC = 85
+    MIPS = 86
+
+    @property
+    def order(self) -> str:
+        """Byte order of integers, as numpy writes it."""
+        return ">" if self is Processor.MIPS else "<"
+
+
+def decode_integers(raw: bytes | memoryview, processor: Processor) -> NDArray[np.int16]:
+    """Return signed 16 bit integers [shape=(len(raw) / 2,)]."""
+    return np.frombuffer(raw, dtype=processor.order + "i2").astype(np.int16)
+
+
+def encode_integers(values: NDArray[np.int16], processor: Processor) -> NDArray[np.uint8]:
+    """Return the bytes of signed 16 bit integers [shape=(..., n) -> (..., 2 n)]."""
+    words = np.ascontiguousarray(values, dtype=processor.order + "i2")
+    return words.view(np.uint8)
+
+
+def decode_floats(raw: bytes | memoryview, processor: Processor) -> NDArray[np.float64]:
+    """Return 32 bit floats, widened [shape=(len(raw) / 4,)]."""
+    if processor is not Processor.DEC:
+        return np.frombuffer(raw, dtype=processor.order + "f4").astype(np.float64)
+    bits = np.frombuffer(raw, dtype="<u2").reshape(-1, 2)
+    swapped = np.ascontiguousarray(bits[:, ::-1])  # the word with the sign comes first
+    return swapped.view("<f4")[:, 0].astype(np.float64) / _DEC_FACTOR
+
+
+def encode_floats(values: NDArray[np.float64], processor: Processor) -> NDArray[np.uint8]:
+    """Return the bytes of values as 32 bit floats [shape=(..., n) -> (..., 4 n)]."""
+    if processor is not Processor.DEC:
+        words = np.ascontiguousarray(values, dtype=processor.order + "f4")
+        return words.view(np.uint8)
+    words = np.ascontiguousarray(values * _DEC_FACTOR, dtype="<f4")
+    halves = words.view("<u2").reshape(*words.shape, 2)[..., ::-1]
+    shape = (*words.shape[:-1], 4 * words.shape[-1])
+    return np.ascontiguousarray(halves).view(np.uint8).reshape(shape)

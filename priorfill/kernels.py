@@ -1,0 +1,212 @@
+"""Compiled loops of the solver. Arrays in, arrays out: no options, no checks, no I/O."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+__all__ = ["descend_chains"]
+
+REACH = 2
+"""Frames to either side that a frame's differences touch."""
+
+
+@njit(cache=True)
+def _residual_at(
+    t: int,
+    x: NDArray[np.float64],
+    diagonal: NDArray[np.float64],
+    first: NDArray[np.float64],
+    second: NDArray[np.float64],
+) -> float:
+    """Return (A x)[t]."""
+    total = diagonal[t] * x[t]
+    if t >= 1:
+        total += first[t - 1] * x[t - 1]
+    if t >= 2:
+        total += second[t - 2] * x[t - 2]
+    if t + 1 < x.size:
+        total += first[t] * x[t + 1]
+    if t + 2 < x.size:
+        total += second[t] * x[t + 2]
+    return total
+
+
+@njit(cache=True)
+def _activate(
+    gain: NDArray[np.float64],
+    free: NDArray[np.bool_],
+    share: float,
+    active: NDArray[np.int64],
+) -> int:
+    """List the frames worth working on and those their derivatives touch; return how many."""
+    threshold = share * gain.max()
+    count = 0
+    listed = -1
+    for t in range(gain.size):
+        if free[t] and gain[t] >= threshold and gain[t] > 0.0:
+            for s in range(max(t - REACH, listed + 1), min(t + REACH + 1, gain.size)):
+                if free[s]:
+                    active[count] = s
+                    count += 1
+                listed = s
+    return count
+
+
+@njit(cache=True)
+def _descend_active(
+    x: NDArray[np.float64],
+    residual: NDArray[np.float64],
+    active: NDArray[np.int64],
+    count: int,
+    diagonal: NDArray[np.float64],
+    first: NDArray[np.float64],
+    second: NDArray[np.float64],
+    steps: int,
+    direction: NDArray[np.float64],
+) -> float:
+    """Take conjugate gradient steps with exact step lengths on the active frames.
+
+    ``residual`` is b - Ax, half the negative gradient; it is kept right for the active frames
+    only. ``direction`` is 0 on entry and on return. Returns the energy gained.
+    """
+    product = np.empty(count)
+    norm = 0.0
+    for i in range(count):
+        t = active[i]
+        direction[t] = residual[t] / diagonal[t]
+        norm += residual[t] * direction[t]
+    gained = 0.0
+    for _ in range(steps):
+        curvature = 0.0
+        for i in range(count):
+            t = active[i]
+            product[i] = _residual_at(t, direction, diagonal, first, second)
+            curvature += product[i] * direction[t]
+        if curvature <= 0.0 or norm <= 0.0:
+            break
+        length = norm / curvature
+        gained += length * norm
+        renewed = 0.0
+        for i in range(count):
+            t = active[i]
+            x[t] += length * direction[t]
+            residual[t] -= length * product[i]
+            renewed += residual[t] * residual[t] / diagonal[t]
+        ratio = renewed / norm
+        norm = renewed
+        for i in range(count):
+            t = active[i]
+            direction[t] = residual[t] / diagonal[t] + ratio * direction[t]
+    for i in range(count):
+        direction[active[i]] = 0.0
+    return gained
+
+
+@njit(cache=True)
+def _descend_chain(
+    x: NDArray[np.float64],
+    free: NDArray[np.bool_],
+    diagonal: NDArray[np.float64],
+    first: NDArray[np.float64],
+    second: NDArray[np.float64],
+    right: NDArray[np.float64],
+    energy: float,
+    tolerance: float,
+    share: float,
+    steps: int,
+    rounds: int,
+) -> int:
+    """Descend on one chain in place; return the number of frame updates."""
+    frames = x.size
+    residual = np.zeros(frames)
+    gain = np.zeros(frames)
+    direction = np.zeros(frames)
+    active = np.empty(frames, dtype=np.int64)
+    updates = 0
+    everything = False
+    for _ in range(rounds):
+        for t in range(frames):
+            gain[t] = 0.0
+            if free[t]:
+                residual[t] = right[t] - _residual_at(t, x, diagonal, first, second)
+                gain[t] = residual[t] * residual[t] / diagonal[t]
+        count = _activate(gain, free, 0.0 if everything else share, active)
+        if count == 0:
+            break
+        gained = _descend_active(
+            x, residual, active, count, diagonal, first, second, steps, direction
+        )
+        updates += count * steps
+        # A round over some frames that gains too little is followed by one over all; only
+        # that one may end the level, so that no frame is given up unseen.
+        enough = gained > tolerance * energy
+        if everything and not enough:
+            break
+        everything = not enough
+        energy -= gained
+    return updates
+
+
+@njit(cache=True, parallel=True)
+def descend_chains(
+    x: NDArray[np.float64],
+    free: NDArray[np.bool_],
+    diagonal: NDArray[np.float64],
+    first: NDArray[np.float64],
+    second: NDArray[np.float64],
+    right: NDArray[np.float64],
+    energies: NDArray[np.float64],
+    tolerance: float,
+    share: float,
+    steps: int,
+    rounds: int,
+) -> int:
+    """Descend on every chain, chains in parallel; the result knows nothing of the threads.
+
+    Parameters
+    ----------
+    x : ndarray [shape=(markers, 3, frames), mm]
+        Positions, changed in place where ``free``; finite everywhere.
+    free : ndarray of bool [shape=(markers, frames)]
+        Samples to be found. Their diagonal is positive.
+    diagonal, first, second : ndarray [shape=(markers, frames)]
+        The bands of A.
+    right : ndarray [shape=(markers, 3, frames)]
+        b.
+    energies : ndarray [shape=(markers, 3), mm²]
+        Energy of each chain at the start.
+    tolerance : float
+        A chain ends when a round over all its frames gains less than this part of its energy.
+    share : float
+        A frame is worked on when it promises at least this part of what the best frame does.
+    steps : int
+        Descent steps a round.
+    rounds : int
+        Bound on the rounds.
+
+    Returns
+    -------
+    int
+        Frame updates made, over all chains.
+    """
+    markers = x.shape[0]
+    updates = np.zeros(markers * 3, dtype=np.int64)
+    for chain in prange(markers * 3):
+        m = chain // 3
+        i = chain % 3
+        updates[chain] = _descend_chain(
+            x[m, i],
+            free[m],
+            diagonal[m],
+            first[m],
+            second[m],
+            right[m, i],
+            energies[m, i],
+            tolerance,
+            share,
+            steps,
+            rounds,
+        )
+    return updates.sum()

@@ -1,0 +1,316 @@
+"""The published method: Baumann, Krüger, Zinke and Weber, VRIPHYS 2011.
+
+Each frame's k nearest poses in the prior database, found by the viable markers in a root frame
+that is free of position and heading (sections 4.1, 4.2), vote with equal weights on the
+positions, velocities and accelerations of the missing markers; the votes' energy, Eqs. (2)-(4),
+is minimised by scheduled gradient descent from coarse to fine (section 4.3).
+
+Where it departs from the paper:
+
+* Without a database the clip itself is searched; the paper always has one.
+* The database is searched at its own resolutions (30 Hz and below unless it was made with
+  another rate); levels finer than that use its finest.
+* Differences are taken in the world, with the root frames of the frames they span; where the
+  root keeps its heading that is the energy of the paper.
+* Descent goes along conjugate directions (see `priorfill.solver`): same minimum.
+* What the paper leaves open: too few viable markers in a gap group split it; markers that no pose
+  has together are looked for one by one; with too few reliable markers all valid ones search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.gaps import GapGroup, runs
+from priorfill.methods.task import Estimate, Note, Task, take_names
+from priorfill.multiresolution import levels_for, synthesise
+from priorfill.normalise import RootFrames, RootGroup, choose_root
+from priorfill.prior import Prior, fold, to_world
+from priorfill.resample import Level
+from priorfill.search.bank import PoseBank
+from priorfill.solver import Descent, Solution, minimise
+from priorfill.takes import Take, own_take
+
+__all__ = ["Options", "fill"]
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of the published method.
+
+    Attributes
+    ----------
+    neighbours : int
+        k. Krüger et al. 2010 and Tautges et al. 2011 search for 256 poses.
+    fewest_viable : int
+        A gap group is split rather than searched with fewer viable markers: four reliable
+        markers fix the root and leave something to tell poses apart.
+    fewest_poses : int
+        With fewer poses that have all the wanted markers, they are looked for one by one.
+    chunk : int
+        Frames whose neighbours are gathered at once; bounds the memory to some 100 MB.
+    """
+
+    neighbours: int = 256
+    fewest_viable: int = 4
+    fewest_poses: int = 16
+    chunk: int = 64
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Frames ``start <= frame < stop`` searched for together, and how."""
+
+    start: int
+    stop: int
+    root: RootGroup
+    viable: NDArray[np.intp]
+    wanted: NDArray[np.intp]
+
+
+def _constant_runs(valid: NDArray[np.bool_], start: int, stop: int) -> list[tuple[int, int]]:
+    """Cut frames start..stop where the set of valid markers [frames, markers] changes."""
+    changed = (valid[start + 1 : stop] != valid[start : stop - 1]).any(axis=1)
+    cuts = [start, *(start + 1 + np.flatnonzero(changed)), stop]
+    return [(int(a), int(b)) for a, b in zip(cuts, cuts[1:], strict=False)]
+
+
+def _stretches(
+    valid: NDArray[np.bool_], reliable: NDArray[np.bool_], group: GapGroup, options: Options
+) -> list[tuple[int, int]]:
+    """Split a gap group as little as keeps enough viable markers in each stretch."""
+
+    def viable(start: int, stop: int) -> int:
+        return int((valid[start:stop].all(axis=0) & reliable).sum())
+
+    if viable(group.start, group.stop) >= options.fewest_viable:
+        return [(group.start, group.stop)]
+    stretches: list[tuple[int, int]] = []
+    for start, stop in _constant_runs(valid, group.start, group.stop):
+        if stretches and viable(stretches[-1][0], stop) >= options.fewest_viable:
+            stretches[-1] = (stretches[-1][0], stop)
+        else:
+            stretches.append((start, stop))
+    return stretches
+
+
+class _Planner:
+    """Finds the searches of gap groups and keeps the banks that they use."""
+
+    def __init__(self, task: Task, takes: tuple[Take, ...], options: Options) -> None:
+        self._task = task
+        self._takes = takes
+        self._options = options
+        labels = task.labels
+        self._reliable = np.array([task.marker_set.reliable.get(label, False) for label in labels])
+        # how often the takes have each marker: the rarest are the first to be searched without
+        self._seen = np.zeros(len(labels))
+        for take in takes:
+            self._seen += (~np.isnan(take.levels[-1].positions[..., 0])).sum(axis=0)
+        self._banks: dict[tuple[object, ...], PoseBank] = {}
+
+    def bank(self, search: _Search, rate: float) -> PoseBank:
+        """Return the bank of a search at a rate, the same one for the same markers."""
+        key = (search.root.markers, tuple(search.viable), tuple(search.wanted), rate)
+        if key not in self._banks:
+            self._banks[key] = PoseBank(
+                self._takes, search.root, search.viable, search.wanted, rate
+            )
+        return self._banks[key]
+
+    def searches(self, group: GapGroup) -> tuple[list[_Search], list[Note]]:
+        """Plan the searches of a gap group, and note what cannot be searched for."""
+        valid = self._task.valid
+        searches: list[_Search] = []
+        notes: list[Note] = []
+        for start, stop in _stretches(valid, self._reliable, group, self._options):
+            throughout = valid[start:stop].all(axis=0)
+            wanted = np.flatnonzero(~valid[start:stop].all(axis=0))
+            viable = np.flatnonzero(throughout & self._reliable)
+            if len(viable) < self._options.fewest_viable:
+                viable = np.flatnonzero(throughout)
+            root = choose_root(
+                self._task.marker_set, self._task.labels, self._task.positions, throughout
+            )
+            if root is None:
+                reason = "fewer than two markers are visible"
+                notes += [Note(int(m), start, stop, reason, filled=False) for m in wanted]
+                continue
+            for found in self._with_poses(_Search(start, stop, root, viable, wanted)):
+                if len(found.viable):
+                    searches.append(found)
+                else:
+                    reason = "no prior pose has this marker together with visible ones"
+                    notes += [Note(int(m), start, stop, reason, filled=False) for m in found.wanted]
+        return searches, notes
+
+    def _with_poses(self, search: _Search) -> list[_Search]:
+        """Split a search or drop markers until the takes hold enough poses for it.
+
+        A search that finds no pose however small comes back without viable markers.
+        """
+        bank = self.bank(search, self._task.rate)
+        fewest = self._options.fewest_poses
+        if len(bank) >= fewest:
+            return [search]
+        if len(search.wanted) > 1:
+            return [
+                part
+                for marker in search.wanted
+                for part in self._with_poses(
+                    _Search(search.start, search.stop, search.root, search.viable, marker[None])
+                )
+            ]
+        if len(search.viable) > 2:
+            kept = np.sort(
+                search.viable[np.argsort(-self._seen[search.viable], kind="stable")][
+                    : max(2, len(search.viable) * 3 // 4)
+                ]
+            )
+            root = self._root_among(search, kept)
+            if root is not None:
+                smaller = _Search(search.start, search.stop, root, kept, search.wanted)
+                return self._with_poses(smaller)
+        if len(bank):
+            return [search]
+        return [_Search(search.start, search.stop, search.root, search.viable[:0], search.wanted)]
+
+    def _root_among(self, search: _Search, viable: NDArray[np.intp]) -> RootGroup | None:
+        among = np.zeros(len(self._task.labels), dtype=bool)
+        among[viable] = True
+        return choose_root(self._task.marker_set, self._task.labels, self._task.positions, among)
+
+
+def _frames_at(
+    level: Level, root: RootGroup, numbers: NDArray[np.intp], fallback: RootFrames
+) -> tuple[RootFrames, NDArray[np.bool_]]:
+    """Root frames of level frames by number; the fallback's where the root is not valid.
+
+    Returns the root frames and where they are the level's own [shape=(frames,)].
+    """
+    inside = np.clip(numbers, 0, len(level.positions) - 1)
+    points = level.positions[inside][:, list(root.markers)]
+    known = (inside == numbers) & ~np.isnan(points[..., 0]).any(axis=1)
+    frames = root.frames(level.positions[inside])
+    return (
+        RootFrames(
+            np.where(known[:, None], frames.origin, fallback.origin),
+            np.where(known[:, None, None], frames.rotation, fallback.rotation),
+        ),
+        known,
+    )
+
+
+def _votes(
+    level: Level, numbers: NDArray[np.intp], search: _Search, bank: PoseBank, neighbours: int
+) -> tuple[Prior, NDArray[np.intp]]:
+    """Let the neighbours of some frames of a level vote on a search's wanted markers.
+
+    Returns the prior [frames, wanted markers] and the takes that voted [frames, k].
+    """
+    positions = level.positions[numbers]
+    here = search.root.frames(positions)
+    before, has_before = _frames_at(level, search.root, numbers - 1, here)
+    after, has_after = _frames_at(level, search.root, numbers + 1, here)
+    found = bank.nearest(positions, here, neighbours)
+    uniform = np.ones(found.distance.shape)
+    pose, weight, disagreement = fold(found.pose, uniform)
+    velocity, _, velocity_disagreement = fold(found.velocity, uniform)
+    acceleration, _, acceleration_disagreement = fold(found.acceleration, uniform)
+
+    # the energy is over the missing samples only, and over differences that exist
+    weight = np.where(np.isnan(positions[:, search.wanted, 0]), weight, 0.0)
+    derivative_weight = np.where((has_before & has_after)[:, None], weight, 0.0)
+    constant = np.where(weight > 0, disagreement, 0.0) + np.where(
+        derivative_weight > 0, velocity_disagreement + acceleration_disagreement, 0.0
+    )
+    targets = to_world(pose, velocity, acceleration, before, here, after)
+    return Prior(*targets, weight, derivative_weight, derivative_weight, constant), found.take
+
+
+def fill(
+    task: Task, progress: Callable[[], None] = lambda: None, options: Options | None = None
+) -> Estimate:
+    """Fill the gaps of a task by the published method.
+
+    Parameters
+    ----------
+    task : Task
+        The clip and the takes to learn from; without takes the clip itself is searched.
+    progress : callable
+        Called once a gap group.
+    options : Options, optional
+        k and the bounds that the paper leaves open.
+
+    Returns
+    -------
+    Estimate
+        The deviation is the rms spread of the neighbours about their mean. Blackouts, and
+        markers that no pose has, stay missing and are noted.
+    """
+    options = options or Options()
+    count = levels_for(task.rate)
+    own = own_take(task.positions, task.rate, count, task.name, task.subject)
+    takes = task.takes or (own,)
+    planner = _Planner(task, takes, options)
+    estimate = Estimate.of(task)
+    for group in task.groups:
+        searches, notes = planner.searches(group)
+        used: dict[int, list[NDArray[np.intp]]] = {i: [] for i in range(len(searches))}
+
+        def prior_at(
+            level: Level,
+            window: NDArray[np.intp],
+            group: GapGroup = group,
+            searches: list[_Search] = searches,
+            used: dict[int, list[NDArray[np.intp]]] = used,
+        ) -> Prior:
+            prior = Prior.empty(len(window), len(group.markers))
+            for i, search in enumerate(searches):
+                bank = planner.bank(search, level.rate)
+                columns = np.searchsorted(group.markers, search.wanted)
+                frames = window * level.step
+                rows = np.flatnonzero((frames >= search.start) & (frames < search.stop))
+                if len(bank) == 0:
+                    continue
+                for at in range(0, len(rows), options.chunk):
+                    some = rows[at : at + options.chunk]
+                    votes, voters = _votes(level, window[some], search, bank, options.neighbours)
+                    prior.place(some, columns, votes)
+                    if level.step == 1:
+                        used[i].append(voters)
+                        spread = np.sqrt(votes.constant / np.maximum(votes.pose_weight, 1.0))
+                        estimate.deviation[np.ix_(window[some], search.wanted)] = spread
+            return prior
+
+        if searches:
+            inside = synthesise(own.levels, group, prior_at, _solver)
+            rows = np.arange(group.start, group.stop)
+            estimate.positions[np.ix_(rows, group.markers)] = inside
+        estimate.notes.extend(notes)
+        for i, search in enumerate(searches):
+            names = take_names(
+                takes, np.concatenate([np.ravel(v) for v in used[i]] or [np.empty(0, np.intp)])
+            )
+            estimate.notes.extend(_notes(task, search, names, options))
+        progress()
+    return estimate
+
+
+def _solver(positions: NDArray[np.float64], free: NDArray[np.bool_], prior: Prior) -> Solution:
+    return minimise(positions, free, prior, Descent())
+
+
+def _notes(task: Task, search: _Search, names: tuple[str, ...], options: Options) -> list[Note]:
+    """Say for each run of missing samples of a search what it was filled from."""
+    how = f"{options.neighbours} nearest poses by {len(search.viable)} markers"
+    missing = ~task.valid
+    return [
+        Note(int(marker), search.start + start, search.start + stop, how, takes=names)
+        for marker in search.wanted
+        for start, stop in runs(missing[search.start : search.stop, marker])
+    ]

@@ -1,0 +1,126 @@
+"""What a method is given and what it gives back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.gaps import GapGroup
+from priorfill.markerset import MarkerSet
+from priorfill.takes import Take
+
+__all__ = ["Estimate", "Method", "Note", "Task", "take_names"]
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A clip to be filled and what may be learnt from.
+
+    Attributes
+    ----------
+    positions : ndarray [shape=(frames, markers, 3), mm]
+        The clip, upright, NaN where missing.
+    labels : tuple of str
+        Its markers.
+    rate : float
+        Hz.
+    marker_set : MarkerSet
+        Segments and reliable bits of all the clip's markers.
+    groups : tuple of GapGroup
+        The gap groups to be filled.
+    takes : tuple of Take
+        Recordings of the prior database; empty without one.
+    name, subject : str
+        Of the clip.
+    """
+
+    positions: NDArray[np.float64]
+    labels: tuple[str, ...]
+    rate: float
+    marker_set: MarkerSet
+    groups: tuple[GapGroup, ...]
+    takes: tuple[Take, ...] = ()
+    name: str = "clip"
+    subject: str = ""
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Which samples are measured [shape=(frames, markers)]."""
+        return ~np.isnan(self.positions[..., 0])
+
+
+@dataclass(frozen=True)
+class Note:
+    """What a method says of a run of frames of one marker.
+
+    Attributes
+    ----------
+    marker, start, stop : int
+        Which samples.
+    how : str
+        What they were filled from, or the reason why they were not.
+    filled : bool
+        Whether they were filled.
+    takes : tuple of str
+        Names of the recordings that were learnt from.
+    """
+
+    marker: int
+    start: int
+    stop: int
+    how: str
+    filled: bool = True
+    takes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """What a method gives back.
+
+    Attributes
+    ----------
+    positions : ndarray [shape=(frames, markers, 3), mm]
+        Upright; NaN where it could not say. Only missing samples are looked at.
+    deviation : ndarray [shape=(frames, markers), mm]
+        Expected rms error (Euclidean) of each filled sample; NaN where unknown.
+    notes : list of Note
+        How each run of missing samples was filled, or why not.
+    """
+
+    positions: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+    notes: list[Note] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, task: Task) -> Estimate:
+        """Return an estimate that holds what is measured and nothing else."""
+        return cls(task.positions.copy(), np.full(task.positions.shape[:2], np.nan))
+
+
+class Method(Protocol):
+    """A method: a function of a task."""
+
+    def __call__(self, task: Task, progress: Callable[[], None]) -> Estimate:
+        """Fill the gaps of a task; ``progress`` is to be called once a gap group."""
+        ...
+
+
+def take_names(takes: Sequence[Take], used: NDArray[np.intp], most: int = 10) -> tuple[str, ...]:
+    """Names of the takes used most often, the most used first.
+
+    Parameters
+    ----------
+    takes : sequence of Take
+        The takes that ``used`` counts in.
+    used : ndarray of int
+        Index of the take behind each vote, any shape.
+    most : int
+        How many names at most.
+    """
+    counts = np.bincount(used.ravel(), minlength=len(takes))
+    order = np.argsort(-counts, kind="stable")[:most]
+    return tuple(takes[i].name for i in order if counts[i])

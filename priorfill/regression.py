@@ -1,0 +1,326 @@
+"""Gaussian-process regression from visible to missing markers.
+
+The rows are poses in which the missing markers were seen. Poses are aligned near the gap (a
+*view*), the visible markers' coordinates weighted by how near and how firmly they are tied to
+the missing ones, and a Gaussian process (GP) predicts the missing coordinates in the aligned
+frame. Its kernel has a linear part (bodies are nearly linear between near poses), a radial part
+(k-nearest-neighbour like), and a part that decays with time, which carries the seam: rows right
+beside the gap are followed closely there and forgotten further in.
+
+No view and kernel is best for all movements. Each pair of them is a *member*; all predict, and
+each counts by its error when blocks as long as the gap are left out of the rows, which has a
+closed form [R06]_ Eq. (5.12), generalised to blocks: with the inverse kernel matrix G, the
+residuals of block B are inv(G_BB) (G Y)_B and their covariance is inv(G_BB).
+
+References
+----------
+.. [R06] Rasmussen and Williams, Gaussian Processes for Machine Learning, MIT Press 2006.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.normalise import RootFrames, heading_frames, rigid_frames
+
+__all__ = ["Kernel", "Regression", "Rows", "View", "block_residuals", "regress"]
+
+SELECTION_POWER = 8.0
+"""Members count by (least error / own error) to this power: between the mean of all (0) and the
+best alone (infinite), both of which fill worse."""
+
+ALIGNMENT_FLOOR = 1e-3
+"""Least weight of a visible marker in the alignment, so that few near ones cannot leave it
+undetermined."""
+
+
+@dataclass(frozen=True)
+class View:
+    """How poses are aligned and visible markers weighted.
+
+    Attributes
+    ----------
+    frame : {"rigid", "heading"}
+        Whether the whole rotation is taken out or only the heading.
+    reach : float
+        mm; weights fall with distance from the missing markers as exp(-D² / 2 reach²).
+    floor : float
+        Least weight of a feature.
+    slack : float or None
+        mm; markers whose distance to the missing ones varies by this much count half. None:
+        whatever their distance does.
+    """
+
+    frame: Literal["rigid", "heading"]
+    reach: float
+    floor: float
+    slack: float | None = None
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """Covariance of two poses, features scaled to a mean square norm of 1.
+
+    Attributes
+    ----------
+    linear, radial : float
+        Parts of the linear and of the radial covariance.
+    length : float
+        Length scale of the radial part.
+    temporal : float
+        Part of the covariance that decays with time.
+    seconds : float
+        Its time scale.
+    smooth : bool
+        Decay (1 + r) exp(-r), r = √3 |dt| / seconds, which continues velocities; else
+        exp(-|dt| / seconds), which continues positions.
+    noise : float
+        Variance that rows do not share with anything.
+    """
+
+    linear: float
+    radial: float
+    length: float
+    temporal: float
+    seconds: float
+    smooth: bool
+    noise: float
+
+    def __call__(
+        self,
+        product: NDArray[np.float64],
+        square: NDArray[np.float64],
+        lag: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Covariance, without noise, of poses.
+
+        Parameters
+        ----------
+        product, square : ndarray [shape=(a, b)]
+            Inner product and squared distance of their features.
+        lag : ndarray [shape=(a, b), s]
+            Time between them; infinite for poses of different recordings.
+        """
+        scaled = lag / self.seconds
+        if self.smooth:
+            scaled = np.minimum(np.sqrt(3.0) * scaled, 700.0)  # exp of more is 0
+            decay = (1.0 + scaled) * np.exp(-scaled)
+        else:
+            decay = np.exp(-scaled)
+        covariance: NDArray[np.float64] = 1.0 + self.linear * product + self.temporal * decay
+        if self.radial:
+            covariance += self.radial * np.exp(-square / (2.0 * self.length**2))
+        return covariance
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Poses to learn from, or to predict.
+
+    Attributes
+    ----------
+    visible : ndarray [shape=(poses, visible markers, 3), mm]
+        Upright, none missing.
+    missing : ndarray [shape=(poses, missing markers, 3), mm]
+        What is to be predicted; empty for the poses of a gap.
+    time : ndarray [shape=(poses,), s]
+        When in the recording.
+    take : ndarray of int [shape=(poses,)]
+        Which recording; poses of different ones are infinitely far apart in time.
+    """
+
+    visible: NDArray[np.float64]
+    missing: NDArray[np.float64]
+    time: NDArray[np.float64]
+    take: NDArray[np.intp]
+
+    def lag(self, other: Rows) -> NDArray[np.float64]:
+        """Time between these poses and others [shape=(poses, others), s]."""
+        lag = np.abs(self.time[:, None] - other.time)
+        return np.where(self.take[:, None] == other.take, lag, np.inf)
+
+    def blocks(self, seconds: float) -> list[NDArray[np.intp]]:
+        """Indices of the poses in blocks of some length, by recording."""
+        number = np.floor(self.time / max(seconds, 1e-3)).astype(np.intp)
+        _, block = np.unique(np.stack([self.take, number]), axis=1, return_inverse=True)
+        block = block.ravel()
+        return [np.flatnonzero(block == b) for b in range(block.max() + 1)]
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """What the regression says of the missing markers.
+
+    Attributes
+    ----------
+    positions : ndarray [shape=(poses, missing markers, 3), mm]
+        Upright.
+    deviation : ndarray [shape=(poses, missing markers), mm]
+        Expected rms Euclidean error.
+    error : float
+        Rms Euclidean error (mm) of the mixture's members when blocks are left out.
+    """
+
+    positions: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+    error: float
+
+
+def block_residuals(
+    inverse: NDArray[np.float64],
+    targets: NDArray[np.float64],
+    blocks: Sequence[NDArray[np.intp]],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Residuals of a Gaussian process when blocks of rows are left out, in closed form.
+
+    Parameters
+    ----------
+    inverse : ndarray [shape=(rows, rows)]
+        Inverse of the kernel matrix with noise.
+    targets : ndarray [shape=(rows, outputs)]
+        What the rows should be predicted as.
+    blocks : sequence of ndarray of int
+        Rows of each block.
+
+    Returns
+    -------
+    residuals : ndarray [shape=(rows, outputs)]
+        Target minus prediction from all rows outside the row's block.
+    variance : ndarray [shape=(rows,)]
+        Predicted variance of each residual, noise included, in units of the kernel.
+    """
+    weights = inverse @ targets
+    residuals = np.empty_like(targets)
+    variance = np.empty(len(targets))
+    for block in blocks:
+        covariance = np.linalg.inv(inverse[np.ix_(block, block)])
+        residuals[block] = covariance @ weights[block]
+        variance[block] = np.diag(covariance)
+    return residuals, variance
+
+
+@dataclass(frozen=True, eq=False)
+class _Aligned:
+    """Features and targets of one view."""
+
+    features: NDArray[np.float64]  # (rows, visible * 3), mean square norm 1
+    query_features: NDArray[np.float64]  # (queries, visible * 3)
+    targets: NDArray[np.float64]  # (rows, missing * 3), mm, centred
+    centre: NDArray[np.float64]  # (missing * 3,), mm
+    frames: RootFrames  # of the queries
+
+
+def _align(
+    view: View,
+    rows: Rows,
+    query: Rows,
+    distance: NDArray[np.float64],
+    spread: NDArray[np.float64],
+) -> _Aligned:
+    """Align rows and queries as a view asks; parameters as of `regress`."""
+    nearness = np.exp(-(distance**2) / (2.0 * view.reach**2))
+    firmness = np.ones_like(nearness)
+    if view.slack is not None:
+        firmness = 1.0 / (1.0 + (spread / view.slack) ** 2)
+    alignment = nearness * firmness + ALIGNMENT_FLOOR
+    weight = nearness * np.sqrt(firmness) + view.floor
+    align = rigid_frames if view.frame == "rigid" else heading_frames
+    template = rows.visible[len(rows.visible) // 2]
+    row_frames = align(rows.visible, template, alignment)
+    query_frames = align(query.visible, template, alignment)
+
+    def features(poses: Rows, frames: RootFrames) -> NDArray[np.float64]:
+        return (frames.to_local(poses.visible) * weight[:, None]).reshape(len(poses.time), -1)
+
+    known = features(rows, row_frames)
+    asked = features(query, query_frames)
+    mean = known.mean(axis=0)
+    known, asked = known - mean, asked - mean
+    scale = np.sqrt((known**2).sum(axis=1).mean()) or 1.0
+    targets = row_frames.to_local(rows.missing).reshape(len(rows.time), -1)
+    centre = targets.mean(axis=0)
+    return _Aligned(known / scale, asked / scale, targets - centre, centre, query_frames)
+
+
+def _predict(
+    aligned: _Aligned,
+    kernels: Sequence[Kernel],
+    lags: tuple[NDArray[np.float64], NDArray[np.float64]],
+    blocks: Sequence[NDArray[np.intp]],
+) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64], float]]:
+    """Yield position, variance (queries, missing) and left-out error for each kernel."""
+    features, asked = aligned.features, aligned.query_features
+    product = features @ features.T
+    asked_product = asked @ features.T
+    norm = np.diag(product)
+    asked_norm = (asked**2).sum(axis=1)
+    square = norm[:, None] + norm - 2.0 * product
+    asked_square = asked_norm[:, None] + norm - 2.0 * asked_product
+    markers = aligned.targets.shape[1] // 3
+    for kernel in kernels:
+        covariance = kernel(product, square, lags[0])
+        covariance[np.diag_indices_from(covariance)] += kernel.noise
+        inverse = np.linalg.inv(covariance)
+        residuals, variance = block_residuals(inverse, aligned.targets, blocks)
+        # what one unit of the kernel's variance is in mm², marker by marker
+        error = (residuals.reshape(len(residuals), markers, 3) ** 2).sum(axis=2)
+        unit = (error / variance[:, None]).mean(axis=0)
+
+        cross = kernel(asked_product, asked_square, lags[1])
+        local = (cross @ (inverse @ aligned.targets) + aligned.centre).reshape(-1, markers, 3)
+        own = kernel(asked_norm[:, None], np.zeros((len(asked), 1)), np.zeros((len(asked), 1)))
+        left = own[:, 0] - np.einsum("qr,qr->q", cross @ inverse, cross) + kernel.noise
+        predicted = np.maximum(left, kernel.noise)[:, None] * unit
+        yield aligned.frames.to_world(local), predicted, float(np.sqrt(error.mean()))
+
+
+def regress(
+    rows: Rows,
+    query: Rows,
+    distance: NDArray[np.float64],
+    spread: NDArray[np.float64],
+    views: Sequence[View],
+    kernels: Sequence[Kernel],
+    block_seconds: float,
+) -> Regression:
+    """Predict the missing markers of some poses from the rows.
+
+    Parameters
+    ----------
+    rows : Rows
+        What to learn from; at least two blocks of it.
+    query : Rows
+        The poses to predict.
+    distance, spread : ndarray [shape=(visible markers,), mm]
+        Rms distance of each visible marker to the nearest missing one, and how much that varies.
+    views, kernels : sequences
+        Members: each view with each kernel.
+    block_seconds : float
+        Length of the blocks left out: that of the gap.
+
+    Returns
+    -------
+    Regression
+        Members mixed by their left-out error.
+    """
+    blocks = rows.blocks(block_seconds)
+    lags = rows.lag(rows), query.lag(rows)
+    positions, variances, errors = [], [], []
+    for view in views:
+        aligned = _align(view, rows, query, distance, spread)
+        for position, variance, error in _predict(aligned, kernels, lags, blocks):
+            positions.append(position)
+            variances.append(variance)
+            errors.append(error)
+    error_of = np.maximum(np.array(errors), 1e-6)  # mm; a clip that stands still has none
+    share = (error_of.min() / error_of) ** SELECTION_POWER
+    share /= share.sum()
+    mean = np.einsum("k,kqmi->qmi", share, np.stack(positions))
+    disagreement = ((np.stack(positions) - mean) ** 2).sum(axis=3)
+    variance = np.einsum("k,kqm->qm", share, np.stack(variances) + disagreement)
+    return Regression(mean, np.sqrt(variance), float(share @ error_of))

@@ -1,0 +1,258 @@
+"""Change of frame rate with anti-aliasing, the pyramid of levels, and derivatives.
+
+Everything here works on positions (frames, markers, 3) in which NaN means missing, and
+keeps the time origin: frame 0 is at t = 0 at every rate.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import correlate1d
+from scipy.signal import firwin, kaiserord
+
+from priorfill.errors import OptionError
+
+__all__ = ["Level", "derivatives", "pyramid", "resample"]
+
+CUTOFF = 0.75
+"""Half-amplitude frequency of the anti-alias filter, as a fraction of the new Nyquist
+frequency: the pass band ends at `CUTOFF` - `TRANSITION` / 2, the stop band begins at 1."""
+
+TRANSITION = 0.5
+"""Width of the filter's transition band, as a fraction of the new Nyquist frequency. Body
+movement has little above 6 Hz, so a wide band costs nothing, and it keeps the filter short:
+fewer measured samples have a gap within its reach."""
+
+ATTENUATION = 50.0
+"""Stop-band attenuation in dB: 1 mm of vibration above the new Nyquist leaves 3 µm."""
+
+TIME_TOLERANCE = 1e-6
+"""Fraction of a frame by which a new sample may be off an old one and still coincide with it;
+above the rounding of t = i * rate_from / rate_to for any clip that fits in memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """One resolution of the pyramid.
+
+    Attributes
+    ----------
+    positions : ndarray [shape=(frames, markers, 3), mm]
+        Low-passed positions, NaN where missing.
+    rate : float
+        Frames per second (Hz).
+    step : int
+        Frames of level 0 per frame of this level, a power of two.
+    """
+
+    positions: NDArray[np.float64]
+    rate: float
+    step: int
+
+
+def resample(
+    positions: NDArray[np.floating], rate_from: float, rate_to: float
+) -> NDArray[np.float64]:
+    """Return positions at another frame rate.
+
+    Going down, a zero-phase low-pass (linear-phase FIR, Kaiser window, centred) keeps what is
+    above the new Nyquist frequency out; then a cubic spline is read at the new times. A slow
+    signal passes unchanged, a constant or linear one exactly. Missing samples are bridged for
+    the filter and the spline only.
+
+    Parameters
+    ----------
+    positions : ndarray [shape=(frames, markers, 3), mm]
+        NaN where missing.
+    rate_from : float
+        Frames per second of `positions` (Hz).
+    rate_to : float
+        Frames per second wanted (Hz).
+
+    Returns
+    -------
+    ndarray [shape=(frames', markers, 3), mm]
+        With frames' = floor((frames - 1) * rate_to / rate_from) + 1. A sample is missing where
+        one of the old samples that surround its time is missing.
+
+    Raises
+    ------
+    OptionError
+        Where a rate is not a positive number, or `positions` is not (frames, markers, 3).
+    """
+    data = _validated(positions)
+    for rate in (rate_from, rate_to):
+        _check_rate(rate)
+    frames, markers, _ = data.shape
+    if frames == 0 or rate_from == rate_to:
+        return data.copy()
+    missing: NDArray[np.bool_] = np.isnan(data.sum(axis=2))
+    ratio = rate_from / rate_to
+    half = 0
+    if ratio > 1:
+        taps = _anti_alias(ratio)
+        half = len(taps) // 2
+        padded = _bridge(data, missing, half)
+        smooth = correlate1d(padded, taps, axis=0, mode="nearest")[half : half + frames]
+    else:
+        smooth = _bridge(data, missing, 0)
+
+    count = math.floor((frames - 1) / ratio + TIME_TOLERANCE) + 1
+    times = np.arange(count) * ratio
+    nearest = np.minimum(np.rint(times).astype(np.intp), frames - 1)
+    coincides = np.abs(times - nearest) < TIME_TOLERANCE
+    before = np.where(coincides, nearest, np.floor(times).astype(np.intp))
+    after = np.where(coincides, nearest, np.minimum(before + 1, frames - 1))
+    if coincides.all():
+        result = smooth[nearest]
+    else:
+        flat = smooth.reshape(frames, markers * 3)
+        result = CubicSpline(np.arange(frames), flat)(times).reshape(count, markers, 3)
+        # the spline goes through its knots; take them as they are, free of rounding
+        result[coincides] = smooth[nearest[coincides]]
+    result[missing[before] | missing[after]] = np.nan
+    return np.ascontiguousarray(result)
+
+
+def pyramid(positions: NDArray[np.floating], rate: float, levels: int) -> list[Level]:
+    """Return the resolutions r_i = rate / 2^i, finest first.
+
+    Parameters
+    ----------
+    positions : ndarray [shape=(frames, markers, 3), mm]
+        NaN where missing.
+    rate : float
+        Frames per second of `positions` (Hz).
+    levels : int
+        How many resolutions.
+
+    Returns
+    -------
+    list of Level
+        Level 0 has the positions as they are; level i has frames ``[::2**i]`` of the
+        low-passed positions. Frame j of level i is at the time of frame j * 2^i of level 0.
+
+    Raises
+    ------
+    OptionError
+        Where `levels` is below 1, or for the reasons of `resample`.
+    """
+    if levels < 1:
+        raise OptionError(f"a pyramid of {levels} levels makes no sense; ask for at least 1")
+    result = []
+    for i in range(levels):
+        step = 2**i
+        result.append(Level(resample(positions, rate, rate / step), rate / step, step))
+    return result
+
+
+def derivatives(
+    positions: NDArray[np.floating], rate: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return velocities and accelerations by finite differences over neighbouring frames.
+
+    Parameters
+    ----------
+    positions : ndarray [shape=(frames, markers, 3), mm]
+        NaN where missing.
+    rate : float
+        Frames per second (Hz).
+
+    Returns
+    -------
+    velocities : ndarray [shape=(frames, markers, 3), mm/s]
+        Central differences; one-sided where a run of valid samples begins or ends; NaN where
+        the sample is missing or stands alone.
+    accelerations : ndarray [shape=(frames, markers, 3), mm/s²]
+        Second central differences; NaN where the sample or one of its neighbours is missing.
+
+    Raises
+    ------
+    OptionError
+        Where the rate is not a positive number, or `positions` is not (frames, markers, 3).
+    """
+    data = _validated(positions)
+    _check_rate(rate)
+    ahead = np.full_like(data, np.nan)
+    behind = np.full_like(data, np.nan)
+    ahead[:-1] = (data[1:] - data[:-1]) * rate
+    behind[1:] = ahead[:-1]
+    velocities = (ahead + behind) / 2
+    velocities = np.where(np.isnan(ahead), behind, np.where(np.isnan(behind), ahead, velocities))
+    accelerations = (ahead - behind) * rate
+    return velocities, accelerations
+
+
+def _validated(positions: NDArray[np.floating]) -> NDArray[np.float64]:
+    data = np.asarray(positions, dtype=np.float64)
+    if data.ndim != 3 or data.shape[2] != 3:
+        raise OptionError(f"positions have shape {data.shape}; give them as (frames, markers, 3)")
+    return data
+
+
+def _check_rate(rate: float) -> None:
+    if not (math.isfinite(rate) and rate > 0):
+        raise OptionError(f"a frame rate of {rate:g} Hz makes no sense; give a positive number")
+
+
+def _anti_alias(ratio: float) -> NDArray[np.float64]:
+    """Return the taps, odd in number and of unit sum, for a rate divided by `ratio` > 1."""
+    count, beta = kaiserord(ATTENUATION, TRANSITION / ratio)
+    taps = firwin(count | 1, CUTOFF / ratio, window=("kaiser", beta))
+    return np.asarray(taps / taps.sum(), dtype=np.float64)
+
+
+def _bridge(data: NDArray[np.float64], missing: NDArray[np.bool_], pad: int) -> NDArray[np.float64]:
+    """Return `data` without NaN, prolonged by `pad` frames at either end.
+
+    Before the first and after the last valid sample comes the odd reflection of what is
+    measured, which keeps value and slope, and leaves the end sample itself where it is.
+    A marker that is missing throughout becomes 0.
+    """
+    frames, markers, _ = data.shape
+    result = np.zeros((frames + 2 * pad, markers, 3))
+    whole = ~missing.any(axis=0)
+    if whole.any():
+        result[:, whole] = _reflect(data[:, whole], pad, pad)
+    for marker in np.flatnonzero(~whole):
+        valid = np.flatnonzero(~missing[:, marker])
+        if valid.size == 0:
+            continue
+        first, last = valid[0], valid[-1]
+        run = data[first : last + 1, marker].copy()
+        _join(run, valid - first)
+        result[:, marker] = _reflect(run, first + pad, frames - 1 - last + pad)
+    return result
+
+
+def _reflect(data: NDArray[np.float64], before: int, after: int) -> NDArray[np.float64]:
+    widths = [(before, after)] + [(0, 0)] * (data.ndim - 1)
+    return np.pad(data, widths, mode="reflect", reflect_type="odd")
+
+
+def _join(run: NDArray[np.float64], valid: NDArray[np.intp]) -> None:
+    """Fill the inner gaps of one marker's `run` (frames, 3) in place.
+
+    By cubic Hermite pieces that take over the slope on either side. A straight line would put
+    a kink at the gap's edge, and the filter would carry it into the measured samples.
+    """
+    edges = np.flatnonzero(np.diff(valid) > 1)
+    for k in edges:
+        a, b = valid[k], valid[k + 1]
+        length = b - a
+        chord = (run[b] - run[a]) / length
+        slope_a = run[a] - run[a - 1] if k > 0 and valid[k - 1] == a - 1 else chord
+        next_is_valid = k + 2 < valid.size and valid[k + 2] == b + 1
+        slope_b = run[b + 1] - run[b] if next_is_valid else chord
+        s = (np.arange(1, length) / length)[:, None]
+        run[a + 1 : b] = (
+            run[a]
+            + chord * length * s**2 * (3 - 2 * s)
+            + slope_a * length * s * (1 - s) ** 2
+            - slope_b * length * s**2 * (1 - s)
+        )

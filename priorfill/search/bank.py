@@ -1,0 +1,180 @@
+"""Banks of poses: the database's poses in the root frames of one gap group and level.
+
+A bank knows for each pose where it comes from, so that whatever the search finds can be read
+off together with the poses one frame before and after: that gives the neighbours' velocities
+and accelerations without storing them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.normalise import RootFrames, RootGroup
+from priorfill.search.tree import PoseTree
+from priorfill.takes import Take
+
+__all__ = ["Neighbours", "PoseBank"]
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbours:
+    """What the k nearest poses of each query say of the wanted markers, in root frames.
+
+    Attributes
+    ----------
+    distance : ndarray [shape=(frames, k), mm]
+        Rms distance a viable marker, ascending.
+    row : ndarray of int [shape=(frames, k)]
+        The bank's row of each.
+    take : ndarray of int [shape=(frames, k)]
+        Index of the take that each comes from.
+    pose : ndarray [shape=(frames, k, markers, 3), mm]
+        Positions y_i; NaN where the neighbour does not have the marker.
+    velocity, acceleration : ndarray [shape=(frames, k, markers, 3), mm]
+        ν_i Δt and α_i Δt², for the Δt of the query's level.
+    """
+
+    distance: NDArray[np.float64]
+    row: NDArray[np.intp]
+    take: NDArray[np.intp]
+    pose: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+
+
+class PoseBank:
+    """The poses of some takes that can be searched by some viable markers.
+
+    Parameters
+    ----------
+    takes : sequence of Take
+        Where to look.
+    root : RootGroup
+        The group that gives the root frames; its markers are valid in every pose used.
+    viable : ndarray of int [shape=(viable markers,)]
+        The markers to search by.
+    wanted : ndarray of int [shape=(wanted markers,)]
+        The markers that a pose must have to be of use.
+    rate : float
+        The rate of the query's level, Hz: each take gives its level of the nearest rate.
+    """
+
+    def __init__(
+        self,
+        takes: Sequence[Take],
+        root: RootGroup,
+        viable: NDArray[np.intp],
+        wanted: NDArray[np.intp],
+        rate: float,
+    ) -> None:
+        levels = [take.nearest_level(rate) for take in takes]
+        lengths = np.array([len(level.positions) for level in levels], dtype=np.intp)
+        needed = np.unique(np.concatenate([root.markers, viable, wanted])).astype(np.intp)
+        known = np.zeros(int(lengths.sum()), dtype=bool)
+        inner = np.zeros_like(known)  # poses with a pose of the same take on either side
+        positions = np.empty((len(known), len(needed), 3), dtype=np.float32)
+        start = 0
+        for level, length in zip(levels, lengths, strict=True):
+            chosen = level.positions[:, needed]
+            positions[start : start + length] = chosen
+            complete = ~np.isnan(chosen[..., 0]).any(axis=1)
+            known[start : start + length] = complete
+            inner[start + 1 : start + length - 1] = complete[:-2] & complete[1:-1] & complete[2:]
+            start += length
+        self.rows = np.flatnonzero(inner)
+        self._take = np.repeat(np.arange(len(takes)), lengths)
+        self._rate_ratio = np.repeat([level.rate / rate for level in levels], lengths)
+        self._root = root
+        self._viable = viable
+        self._needed = needed
+        self._wanted_columns = np.searchsorted(needed, wanted)
+        self._positions = positions
+        self._frames = self._root_frames(positions, known, np.searchsorted(needed, root.markers))
+        self._tree: PoseTree | None = None
+        if len(self.rows):
+            searched = positions[np.ix_(self.rows, np.searchsorted(needed, viable))]
+            local = self._frames_of(self.rows).to_local(searched)
+            self._tree = PoseTree(local.reshape(len(self.rows), -1))
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def _root_frames(
+        self,
+        positions: NDArray[np.float32],
+        known: NDArray[np.bool_],
+        columns: NDArray[np.intp],
+    ) -> RootFrames:
+        """Root frames of all rows; those of incomplete poses are never read."""
+        origin = np.zeros((len(positions), 3))
+        rotation = np.broadcast_to(np.eye(3), (len(positions), 3, 3)).copy()
+        here = RootGroup(tuple(int(c) for c in columns), self._root.template)
+        if known.any():
+            frames = here.frames(positions[known])
+            origin[known] = frames.origin
+            rotation[known] = frames.rotation
+        return RootFrames(origin, rotation)
+
+    def _frames_of(self, rows: NDArray[np.intp]) -> RootFrames:
+        return RootFrames(self._frames.origin[rows], self._frames.rotation[rows])
+
+    def _wanted(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
+        """Return the wanted markers of rows in root frames [shape=(rows, wanted, 3), mm]."""
+        return self._frames_of(rows).to_local(self._positions[np.ix_(rows, self._wanted_columns)])
+
+    def positions(self, rows: NDArray[np.intp], markers: NDArray[np.intp]) -> NDArray[np.float64]:
+        """Positions of rows, as recorded [shape=(rows, markers, 3), mm].
+
+        ``markers`` are among the root, viable and wanted ones.
+        """
+        columns = np.searchsorted(self._needed, markers)
+        return self._positions[np.ix_(rows, columns)].astype(np.float64)
+
+    def take(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Index of the take that each row comes from."""
+        return self._take[rows]
+
+    def nearest(self, positions: NDArray[np.float64], frames: RootFrames, k: int) -> Neighbours:
+        """Find the k nearest poses of each query and read off the wanted markers.
+
+        Parameters
+        ----------
+        positions : ndarray [shape=(frames, all markers, 3), mm]
+            The queries; the viable markers are valid in each.
+        frames : RootFrames
+            The queries' root frames, by the bank's root group.
+        k : int
+            How many neighbours.
+
+        Returns
+        -------
+        Neighbours
+            Of all queries.
+
+        Raises
+        ------
+        ValueError
+            Where the bank is empty.
+        """
+        if self._tree is None:
+            raise ValueError("the bank has no pose; ask for its length first")
+        queries = frames.to_local(positions[:, self._viable])
+        distance, found = self._tree.nearest(queries.reshape(len(queries), -1), k)
+        rows = self.rows[found].ravel()
+        shape = (*found.shape, len(self._wanted_columns), 3)
+        here = self._wanted(rows)
+        before, after = self._wanted(rows - 1), self._wanted(rows + 1)
+        # a take sampled at another rate makes longer or shorter steps
+        ratio = self._rate_ratio[rows][:, None, None]
+        return Neighbours(
+            distance / np.sqrt(len(self._viable)),
+            rows.reshape(found.shape),
+            self._take[rows].reshape(found.shape),
+            here.reshape(shape),
+            (0.5 * ratio * (after - before)).reshape(shape),
+            (ratio**2 * (after - 2.0 * here + before)).reshape(shape),
+        )

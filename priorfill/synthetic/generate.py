@@ -1,0 +1,132 @@
+"""Synthetic recordings: a motion, a body, and noise, put together."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from priorfill.clip import Clip
+from priorfill.errors import OptionError
+from priorfill.synthetic.body import LABELS, Body
+from priorfill.synthetic.grounding import ground
+from priorfill.synthetic.kinematics import Segments, marker_positions, rot_z
+from priorfill.synthetic.motions import compose
+from priorfill.synthetic.noise import soft_tissue
+from priorfill.synthetic.options import Noise, Style
+
+__all__ = ["simulate", "synthesise"]
+
+INNER_RATE = 240.0
+"""Rate (Hz) at which motions are made; clips of other rates are sampled from it, so that a
+seed gives the same motion at every rate."""
+
+MARGIN = 1.0
+"""Time (s) made before and after the clip, so that no filter's edge is in it."""
+
+
+def simulate(
+    motion: str, *, seconds: float, body: Body, style: Style, seed: int = 0
+) -> tuple[Segments, slice]:
+    """Return the moving segments of a synthetic body, at `INNER_RATE`.
+
+    Parameters
+    ----------
+    motion : str
+        One of `MOTIONS`.
+    seconds : float
+        Length of the clip (s).
+    body, style
+        Who, and how.
+    seed : int
+        Of all that is random.
+
+    Returns
+    -------
+    segments : dict
+        With `MARGIN` before and after the clip.
+    inside : slice
+        The frames of the clip itself.
+    """
+    margin = round(MARGIN * INNER_RATE)
+    # two frames more, so that sampling at any rate stays inside
+    frames = math.ceil(seconds * INNER_RATE) + 2 * margin + 2
+    time = np.arange(frames) / INNER_RATE
+    skeleton = body.skeleton()
+    rng = np.random.default_rng([seed, 1])
+    score = compose(motion, time, INNER_RATE, skeleton, style, rng)
+    return ground(score, skeleton, INNER_RATE), slice(margin, frames - margin)
+
+
+def synthesise(
+    motion: str,
+    *,
+    seconds: float,
+    rate: float = 120.0,
+    body: Body | None = None,
+    style: Style | None = None,
+    noise: Noise | None = None,
+    seed: int = 0,
+) -> Clip:
+    """Return a synthetic recording of 41 markers: computed, not recorded.
+
+    Parameters
+    ----------
+    motion : str
+        One of `MOTIONS`.
+    seconds : float
+        Length (s).
+    rate : float
+        Frames per second (Hz).
+    body : Body or None
+        Who moves; None for the body of the published mean proportions.
+    style : Style or None
+        How; None for the published mean movements.
+    noise : Noise or None
+        Soft tissue and measurement; None for typical sizes.
+    seed : int
+        Of all that is random; the same arguments and seed give the same clip.
+
+    Returns
+    -------
+    clip : Clip
+        Up is +Z, in mm, the floor at z = 0, without gaps. The name begins with
+        ``synthetic_`` and the subject with ``synthetic-``, as a reminder.
+
+    Raises
+    ------
+    OptionError
+        For an unknown motion, a length or rate that is not positive, a negative seed, or a
+        speed that is not for the motion.
+    """
+    if not (math.isfinite(seconds) and seconds > 0):
+        raise OptionError(f"the length is {seconds:g} s; give a positive number of seconds")
+    if not (math.isfinite(rate) and rate > 0):
+        raise OptionError(f"the frame rate is {rate:g} Hz; give a positive one")
+    if seed < 0:
+        raise OptionError(f"the seed is {seed}; give 0 or a positive whole number")
+    body, style, noise = body or Body(), style or Style(), noise or Noise()
+    segments, inside = simulate(motion, seconds=seconds, body=body, style=style, seed=seed)
+
+    rng = np.random.default_rng([seed, 2])
+    displacement = noise.soft_tissue * soft_tissue(
+        segments, INNER_RATE, np.random.default_rng([body.seed, 43]), rng
+    )
+    inner = marker_positions(segments, body.skeleton(), displacement)[inside]
+    # recordings begin anywhere in the room, with any heading
+    centre = segments["pelvis"][0][inside].mean(axis=0) * [1.0, 1.0, 0.0]
+    away = rot_z(np.array([rng.uniform(0.0, 360.0)]))[0]
+    inner = (inner - centre) @ away.T
+
+    frames = max(1, round(seconds * rate))
+    sample = CubicSpline(np.arange(len(inner)) / INNER_RATE, inner, axis=0)
+    positions = sample(np.arange(frames) / rate)
+    positions += noise.measurement * rng.standard_normal(positions.shape)
+    return Clip(
+        positions,
+        LABELS,
+        rate,
+        name=f"synthetic_{motion}_{seed:03d}",
+        subject=f"synthetic-{body.seed}",
+    )

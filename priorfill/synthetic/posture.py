@@ -1,0 +1,56 @@
+"""Standing at ease, and smooth movement between postures."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.synthetic.body import SIDES
+from priorfill.synthetic.kinematics import Score
+from priorfill.synthetic.options import Style
+
+__all__ = ["bend_legs", "minimum_jerk", "stand"]
+
+Array = NDArray[np.float64]
+
+STANDING_KNEE = 6.0
+"""Knee flexion (degrees) in standing; not locked."""
+
+THIGH_SHARE = 0.72
+"""Of the knee's flexion, how much the thigh inclines; the rest is the shank, 29 degrees at
+a knee flexion of 105: with the heels on the floor the ankle allows some 38 degrees
+(Hemmerich et al., J. Orthop. Res. 24, 2006)."""
+
+
+def minimum_jerk(progress: Array) -> Array:
+    """Return the smooth course from 0 to 1 of a movement between two rests.
+
+    Flash and Hogan, J. Neurosci. 5 (1985): 10 s³ − 15 s⁴ + 6 s⁵, held outside 0 to 1.
+    """
+    s = np.clip(progress, 0.0, 1.0)
+    return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
+
+
+def bend_legs(score: Score, knee: Array) -> None:
+    """Bend both legs by a knee angle [shape=(frames,), degrees] with the soles flat."""
+    for name in SIDES:
+        score[f"{name}knee_flexion"][:] = knee
+        score[f"{name}hip_flexion"][:] = THIGH_SHARE * knee
+        score[f"{name}ankle_dorsiflexion"][:] = (1.0 - THIGH_SHARE) * knee
+
+
+def stand(frames: int, style: Style) -> Score:
+    """Return the score of standing at ease with the arms hanging."""
+    score = Score.standing(frames)
+    bend_legs(score, np.full(frames, STANDING_KNEE))
+    score["lumbar_flexion"][:] = 1.0 + style.lean
+    score["neck_flexion"][:] = -0.7 * style.lean
+    for name in SIDES:
+        score[f"{name}foot_rotation"][:] = -style.toe_out
+        score[f"{name}shoulder_flexion"][:] = -2.0
+        score[f"{name}shoulder_abduction"][:] = 10.0
+        score[f"{name}shoulder_rotation"][:] = 12.0
+        score[f"{name}elbow_flexion"][:] = 18.0
+        score[f"{name}forearm_pronation"][:] = 12.0
+        score[f"{name}wrist_flexion"][:] = 6.0
+    return score

@@ -1,0 +1,89 @@
+"""Slow, obvious twins of what priorfill computes fast."""
+
+import numpy as np
+
+
+def energy(x, missing, poses, velocities, accelerations, weights=None):
+    """Eqs. (2)-(4) of Baumann et al. 2011, neighbour by neighbour and frame by frame.
+
+    x (frames, markers, 3); missing (frames, markers); poses, velocities, accelerations
+    (frames, k, markers, 3) with velocities and accelerations times the frame step. Differences
+    that leave the window have no term.
+    """
+    frames, k = poses.shape[:2]
+    total = 0.0
+    for t in range(frames):
+        for i in range(k):
+            w = 1.0 if weights is None else weights[t, i]
+            for m in range(x.shape[1]):
+                if not missing[t, m]:
+                    continue
+                total += w * np.sum((poses[t, i, m] - x[t, m]) ** 2)
+                if 0 < t < frames - 1:
+                    velocity = (x[t + 1, m] - x[t - 1, m]) / 2
+                    acceleration = x[t + 1, m] - 2 * x[t, m] + x[t - 1, m]
+                    total += w * np.sum((velocities[t, i, m] - velocity) ** 2)
+                    total += w * np.sum((accelerations[t, i, m] - acceleration) ** 2)
+    return total
+
+
+def least_squares_minimum(x, free, prior):
+    """Minimise the energy by stacking every term as a row of a least-squares problem."""
+    found = x.copy()
+    frames, markers, _ = x.shape
+    for m in range(markers):
+        unknown = np.flatnonzero(free[:, m])
+        for i in range(3):
+            rows, right = [], []
+
+            def term(weight, coefficients, target, m=m, i=i, rows=rows, right=right):
+                row = np.zeros(frames)
+                for frame, value in coefficients:
+                    row[frame] += value
+                rows.append(np.sqrt(weight) * row)
+                right.append(np.sqrt(weight) * target)
+
+            for t in range(frames):
+                term(prior.pose_weight[t, m], [(t, 1)], prior.pose[t, m, i])
+                if 0 < t < frames - 1:
+                    term(
+                        prior.velocity_weight[t, m],
+                        [(t + 1, 0.5), (t - 1, -0.5)],
+                        prior.velocity[t, m, i],
+                    )
+                    term(
+                        prior.acceleration_weight[t, m],
+                        [(t + 1, 1), (t, -2), (t - 1, 1)],
+                        prior.acceleration[t, m, i],
+                    )
+            A, b = np.array(rows), np.array(right)
+            fixed = np.where(free[:, m], 0.0, np.nan_to_num(x[:, m, i]))
+            solution = np.linalg.lstsq(A[:, unknown], b - A @ fixed, rcond=None)[0]
+            found[unknown, m, i] = solution
+    return found
+
+
+def nearest(poses, queries, k):
+    """Indices and distances of the k nearest poses of each query, by comparing all."""
+    distance = np.sqrt(((queries[:, None] - poses[None]) ** 2).sum(axis=2))
+    order = np.argsort(distance, axis=1, kind="stable")[:, :k]
+    return np.take_along_axis(distance, order, axis=1), order
+
+
+def left_out_residuals(kernel, targets, blocks):
+    """Residuals of a GP when each block is left out, by predicting it from the other rows."""
+    residuals = np.empty_like(targets)
+    variance = np.empty(len(targets))
+    for block in blocks:
+        rest = np.setdiff1d(np.arange(len(targets)), block)
+        weights = np.linalg.solve(kernel[np.ix_(rest, rest)], kernel[np.ix_(rest, block)])
+        residuals[block] = targets[block] - weights.T @ targets[rest]
+        covariance = kernel[np.ix_(block, block)] - kernel[np.ix_(block, rest)] @ weights
+        variance[block] = np.diag(covariance)
+    return residuals, variance
+
+
+def turned(positions, angle, shift):
+    """Positions turned about the vertical (z) and moved."""
+    c, s = np.cos(angle), np.sin(angle)
+    return positions @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + shift

@@ -1,0 +1,34 @@
+"""Turning clips upright and back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from priorfill.axes import from_upright, to_upright
+from priorfill.clip import UP_AXES
+from priorfill.errors import OptionError
+
+
+@pytest.mark.parametrize("up", UP_AXES)
+def test_is_a_rotation_that_takes_up_to_z(up: str) -> None:
+    matrix = to_upright(np.eye(3), up).T  # columns: where x, y, z go
+    assert np.linalg.det(matrix) == 1.0
+    np.testing.assert_array_equal(matrix @ matrix.T, np.eye(3))
+    axis = np.zeros(3)
+    axis["XYZ".index(up[1])] = 1.0 if up[0] == "+" else -1.0
+    np.testing.assert_array_equal(to_upright(axis, up), [0, 0, 1])
+
+
+@pytest.mark.parametrize("up", UP_AXES)
+def test_there_and_back_is_exact(up: str) -> None:
+    positions = np.random.default_rng(0).normal(0, 1000, (7, 4, 3))
+    positions[2, 1] = np.nan
+    np.testing.assert_array_equal(from_upright(to_upright(positions, up), up), positions)
+    assert not np.shares_memory(to_upright(positions, up), positions)
+
+
+def test_unknown_axis() -> None:
+    for turn in (to_upright, from_upright):
+        with pytest.raises(OptionError, match="up axis 'Z' is unknown"):
+            turn(np.zeros((1, 1, 3)), "Z")

@@ -1,0 +1,116 @@
+import naive
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from priorfill.regression import Kernel, Rows, View, block_residuals, regress
+
+KERNEL = Kernel(1.0, 0.1, 1.0, 0.001, 0.1, smooth=False, noise=1e-4)
+VIEW = View("rigid", 220.0, 0.005, 10.0)
+
+
+@given(st.integers(0, 2**31), st.integers(4, 25))
+def test_closed_form_equals_leaving_blocks_out(seed, rows):
+    rng = np.random.default_rng(seed)
+    features = rng.normal(size=(rows, 3))
+    kernel = features @ features.T + np.eye(rows) * 0.1
+    targets = rng.normal(size=(rows, 2))
+    blocks = np.array_split(np.arange(rows), min(4, rows))
+    found = block_residuals(np.linalg.inv(kernel), targets, blocks)
+    expected = naive.left_out_residuals(kernel, targets, blocks)
+    np.testing.assert_allclose(found[0], expected[0], rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(found[1], expected[1], rtol=1e-6, atol=1e-8)
+
+
+def rigid_clip(seed, frames=120, noise=0.0):
+    """Five markers of a rigid body that tumbles and travels (frames, 5, 3)."""
+    rng = np.random.default_rng(seed)
+    shape = rng.normal(0, 80, (5, 3))
+    time = np.arange(frames) / 100
+    poses = []
+    for t in time:
+        a, b = 0.8 * np.sin(2 * t), 0.5 * np.cos(3 * t)
+        turn = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]]) @ [
+            [np.cos(b), -np.sin(b), 0],
+            [np.sin(b), np.cos(b), 0],
+            [0, 0, 1],
+        ]
+        poses.append(shape @ turn.T + [500 * t, 100 * np.sin(t), 900])
+    return np.array(poses) + rng.normal(0, noise, (frames, 5, 3)), time
+
+
+def split(poses, time, gap, marker=0):
+    others = [m for m in range(poses.shape[1]) if m != marker]
+    seen = np.setdiff1d(np.arange(len(poses)), gap)
+    take = np.zeros(len(poses), dtype=np.intp)
+    rows = Rows(poses[np.ix_(seen, others)], poses[np.ix_(seen, [marker])], time[seen], take[seen])
+    query = Rows(poses[np.ix_(gap, others)], np.empty((len(gap), 0, 3)), time[gap], take[gap])
+    return rows, query
+
+
+@settings(deadline=None, max_examples=15)
+@given(st.integers(0, 2**31))
+def test_a_rigid_body_is_predicted_exactly(seed):
+    poses, time = rigid_clip(seed)
+    gap = np.arange(40, 80)
+    rows, query = split(poses, time, gap)
+    distance = np.linalg.norm(poses[0, 1:] - poses[0, :1], axis=1)
+    found = regress(rows, query, distance, np.zeros(4), [VIEW], [KERNEL], 0.4)
+    np.testing.assert_allclose(found.positions[:, 0], poses[gap, 0], atol=0.05)
+
+
+def test_deviation_and_left_out_error_are_of_the_size_of_the_error():
+    for seed in range(12):
+        poses, time = rigid_clip(seed, noise=2.0)
+        gap = np.arange(40, 80)
+        rows, query = split(poses, time, gap)
+        distance = np.linalg.norm(poses[0, 1:] - poses[0, :1], axis=1)
+        found = regress(rows, query, distance, np.full(4, 2.0), [VIEW], [KERNEL], 0.4)
+        error = np.sqrt(((found.positions[:, 0] - poses[gap, 0]) ** 2).sum(axis=1).mean())
+        assert 0.5 < np.sqrt((found.deviation**2).mean()) / error < 2.0
+        assert 0.5 < found.error / error < 2.0
+
+
+@given(st.integers(0, 2**31), st.floats(-3, 3))
+@settings(deadline=None, max_examples=15)
+def test_prediction_turns_and_moves_with_the_body(seed, angle):
+    poses, time = rigid_clip(seed, noise=2.0)
+    gap = np.arange(50, 70)
+    distance = np.linalg.norm(poses[0, 1:] - poses[0, :1], axis=1)
+    shift = np.array([3000.0, -500.0, 200.0])
+    views = [VIEW, View("heading", 220.0, 0.1)]
+
+    def predict(clip):
+        rows, query = split(clip, time, gap)
+        return regress(rows, query, distance, np.full(4, 2.0), views, [KERNEL], 0.2).positions
+
+    moved = predict(naive.turned(poses, angle, shift))
+    np.testing.assert_allclose(moved, naive.turned(predict(poses), angle, shift), atol=1e-5)
+
+
+def test_rows_of_other_takes_are_no_neighbours_in_time():
+    rows = Rows(
+        np.zeros((3, 1, 3)), np.zeros((3, 1, 3)), np.array([0.0, 1.0, 0.0]), np.array([0, 0, 1])
+    )
+    np.testing.assert_array_equal(rows.lag(rows)[0], [0, 1, np.inf])
+    assert [list(b) for b in rows.blocks(0.5)] == [[0], [1], [2]]
+
+
+def test_blocks_are_as_long_as_asked():
+    time = np.arange(100) / 10
+    rows = Rows(np.zeros((100, 1, 3)), np.zeros((100, 1, 3)), time, np.zeros(100, dtype=int))
+    blocks = rows.blocks(2.0)
+    assert len(blocks) == 5
+    assert sorted(np.concatenate(blocks)) == list(range(100))
+    assert all(np.ptp(time[b]) < 2.0 for b in blocks)
+
+
+def test_kernel_of_a_pose_with_itself():
+    product, zero = np.array([[2.0]]), np.zeros((1, 1))
+    assert KERNEL(product, zero, zero)[0, 0] == pytest.approx(1 + 2.0 + 0.1 + 0.001)
+    smooth = Kernel(0.0, 0.0, 1.0, 0.5, 0.2, smooth=True, noise=0.0)
+    r = np.sqrt(3) * 0.1 / 0.2
+    found = smooth(product, zero, np.array([[0.1]]))[0, 0]
+    assert found == pytest.approx(1 + 0.5 * (1 + r) * np.exp(-r))
+    assert smooth(product, zero, np.array([[np.inf]]))[0, 0] == pytest.approx(1.0)

@@ -1,0 +1,88 @@
+import naive
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from priorfill.normalise import root_group
+from priorfill.resample import Level
+from priorfill.search.bank import PoseBank
+from priorfill.search.tree import PoseTree
+from priorfill.takes import Take
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**31), st.integers(1, 60), st.integers(1, 12), st.integers(1, 70))
+def test_tree_finds_what_comparing_all_finds(seed, poses, dimensions, k):
+    rng = np.random.default_rng(seed)
+    # few directions carry most of the movement, as in poses
+    basis = rng.normal(size=(dimensions, dimensions)) * np.geomspace(300, 1, dimensions)[:, None]
+    coordinates = rng.normal(size=(poses, dimensions)) @ basis
+    queries = rng.normal(size=(9, dimensions)) @ basis
+    distance, index = PoseTree(coordinates).nearest(queries, k)
+    expected, _ = naive.nearest(coordinates, queries, min(k, poses))
+    np.testing.assert_allclose(distance, expected, rtol=1e-9, atol=1e-9)
+    # whichever of equals was found, it is as far away as said
+    found = np.linalg.norm(coordinates[index] - queries[:, None], axis=2)
+    np.testing.assert_allclose(found, distance, rtol=1e-9, atol=1e-6)
+    assert all(len(set(row)) == len(row) for row in index)
+
+
+def takes(rng, lengths=(40, 30), rate=30.0):
+    result = []
+    for number, length in enumerate(lengths):
+        walk = np.cumsum(rng.normal(0, 5, (length, 1, 3)), axis=0)
+        positions = (
+            walk
+            + rng.normal(0, 200, (1, 6, 3))
+            + np.cumsum(rng.normal(0, 2, (length, 6, 3)), axis=0)
+        )
+        result.append(Take(f"take{number}", "", (Level(positions, rate, 1),)))
+    return result
+
+
+def test_a_pose_finds_itself_with_its_derivatives():
+    rng = np.random.default_rng(3)
+    priors = takes(rng)
+    positions = priors[0].levels[0].positions
+    root = root_group(positions, (0, 1, 2))
+    bank = PoseBank(priors, root, np.array([0, 1, 2, 3]), np.array([4, 5]), 60.0)
+    frame = np.array([17])
+    frames = root.frames(positions[frame])
+    found = bank.nearest(positions[frame], frames, 1)
+    assert found.distance[0, 0] == pytest.approx(0, abs=1e-3)
+    assert found.take[0, 0] == 0
+    local = root.frames(positions).to_local(positions[:, [4, 5]])
+    np.testing.assert_allclose(found.pose[0, 0], local[17], atol=1e-3)
+    # the take steps at 30 Hz, the query at 60: displacements halve, second differences quarter
+    np.testing.assert_allclose(found.velocity[0, 0], (local[18] - local[16]) / 4, atol=1e-3)
+    np.testing.assert_allclose(
+        found.acceleration[0, 0], (local[18] - 2 * local[17] + local[16]) / 4, atol=1e-3
+    )
+
+
+def test_bank_uses_only_poses_that_have_what_is_needed():
+    rng = np.random.default_rng(4)
+    priors = takes(rng)
+    first, second = (take.levels[0].positions for take in priors)
+    first[10, 4] = np.nan  # wanted
+    first[20, 1] = np.nan  # root
+    first[30, 5] = np.nan  # of no interest
+    second[:, 4] = np.nan
+    root = root_group(first, (0, 1, 2))
+    bank = PoseBank(priors, root, np.array([0, 1, 2, 3]), np.array([4]), 30.0)
+    # the ends of a take, and the neighbours of a hole, have no derivatives
+    holes = {0, 39, 9, 10, 11, 19, 20, 21}
+    assert set(bank.rows) == set(range(40)) - holes
+
+
+def test_bank_without_poses_is_empty():
+    rng = np.random.default_rng(5)
+    priors = takes(rng)
+    root = root_group(priors[0].levels[0].positions, (0, 1, 2))
+    for take in priors:
+        take.levels[0].positions[:, 5] = np.nan
+    bank = PoseBank(priors, root, np.array([0, 1, 2]), np.array([5]), 30.0)
+    assert len(bank) == 0
+    with pytest.raises(ValueError, match="no pose"):
+        bank.nearest(priors[0].levels[0].positions, root.frames(priors[0].levels[0].positions), 3)
