@@ -147,7 +147,7 @@ class Clip:
     @property
     def frames(self) -> int:
         """Number of frames."""
-        return self.positions.shape[0]
+        return len(self.positions)
 
     @property
     def duration(self) -> float:

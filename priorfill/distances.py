@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 __all__ = ["pair_distances"]
 
-MAX_POSES = 500
+MAX_POSES = 1000
 """Poses looked at, spread evenly; a mean and a standard deviation gain nothing from more."""
 
 

@@ -63,12 +63,13 @@ def chain_energies(positions: NDArray[np.float64], prior: Prior) -> NDArray[np.f
     The neighbours' disagreement of a marker is shared evenly by its three coordinates.
     """
     pose, motion, smooth = _residuals(positions, prior)
-    return (
+    energies: NDArray[np.float64] = (
         np.einsum("fm,fmi->mi", prior.pose_weight, pose**2)
         + np.einsum("fm,fmi->mi", prior.velocity_weight, motion**2)
         + np.einsum("fm,fmi->mi", prior.acceleration_weight, smooth**2)
         + prior.constant.sum(axis=0)[:, None] / 3.0
     )
+    return energies
 
 
 def energy(positions: NDArray[np.float64], prior: Prior) -> float:

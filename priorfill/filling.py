@@ -15,13 +15,22 @@ from priorfill.axes import from_upright, to_upright
 from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
 from priorfill.errors import DatabaseError
-from priorfill.gaps import Gap, find_gaps, gap_groups
+from priorfill.gaps import Gap, find_gaps, gap_groups, runs
 from priorfill.markerset import MarkerSet, describe
 from priorfill.methods import DEFAULT_METHOD, get_method
 from priorfill.methods.task import Estimate, Note, Task
 from priorfill.takes import Take, takes_from
 
-__all__ = ["FilledGap", "Result", "fill"]
+__all__ = ["FilledGap", "LeftMissing", "Result", "fill"]
+
+
+@dataclass(frozen=True)
+class LeftMissing:
+    """Frames ``start <= frame < stop`` of a gap that were not filled, and why."""
+
+    start: int
+    stop: int
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -40,8 +49,8 @@ class FilledGap:
         Expected rms Euclidean error (mm) over the filled frames; NaN where unknown.
     how : tuple of str
         What it was filled from.
-    reasons : tuple of str
-        Why frames were left missing; empty where all were filled.
+    left : tuple of LeftMissing
+        Frames that were left missing; empty where all were filled.
     takes : tuple of str
         Recordings that were learnt from, the most used first.
     """
@@ -52,7 +61,7 @@ class FilledGap:
     filled: int
     expected_error: float
     how: tuple[str, ...]
-    reasons: tuple[str, ...]
+    left: tuple[LeftMissing, ...]
     takes: tuple[str, ...]
 
     @property
@@ -172,7 +181,7 @@ def fill(
 
 
 def _takes(clip: Clip, database: PriorDatabase | None) -> tuple[Take, ...]:
-    """Takes of a database; an error where it has clips but none with the clip's markers."""
+    """Return takes of a database; an error where it has clips but none with the clip's markers."""
     if database is None:
         return ()
     takes = takes_from(database, clip.labels)
@@ -219,17 +228,26 @@ def _filled_gap(
     inside = [n for n in notes if n.start < gap.stop and n.stop > gap.start]
     deviations = deviation[gap.start : gap.stop, gap.marker]
     known = deviations[np.isfinite(deviations)]
-    done = int(filled[gap.start : gap.stop, gap.marker].sum())
-    reasons = [n.how for n in inside if not n.filled]
-    if done < gap.frames and not reasons:
-        reasons = ["the method gave no finite position"]
+    here = filled[gap.start : gap.stop, gap.marker]
+    left = tuple(
+        LeftMissing(gap.start + start, gap.start + stop, _reason(inside, gap.start + start))
+        for start, stop in runs(~here)
+    )
     return FilledGap(
         label=clip.labels[gap.marker],
         start=gap.start,
         stop=gap.stop,
-        filled=done,
+        filled=int(here.sum()),
         expected_error=float(np.sqrt((known**2).mean())) if len(known) else float("nan"),
         how=tuple(dict.fromkeys(n.how for n in inside if n.filled)),
-        reasons=tuple(dict.fromkeys(reasons)),
+        left=left,
         takes=tuple(dict.fromkeys(name for n in inside for name in n.takes)),
     )
+
+
+def _reason(notes: list[Note], frame: int) -> str:
+    """Return why a frame was not filled."""
+    for note in notes:
+        if not note.filled and note.start <= frame < note.stop:
+            return note.how
+    return "the method gave no finite position"

@@ -102,7 +102,7 @@ def gap_groups(missing: NDArray[np.bool_]) -> list[GapGroup]:
     """
     gaps = find_gaps(missing)
     groups = []
-    for start, stop in runs(missing.any(axis=1)):
+    for start, stop in runs(np.logical_or.reduce(missing, axis=1)):
         inside = tuple(gap for gap in gaps if start <= gap.start < stop)
         groups.append(GapGroup(start, stop, inside))
     return groups

@@ -13,7 +13,7 @@ REACH = 2
 
 
 @njit(cache=True)
-def _residual_at(
+def _product_at(
     t: int,
     x: NDArray[np.float64],
     diagonal: NDArray[np.float64],
@@ -21,7 +21,7 @@ def _residual_at(
     second: NDArray[np.float64],
 ) -> float:
     """Return (A x)[t]."""
-    total = diagonal[t] * x[t]
+    total: float = diagonal[t] * x[t]
     if t >= 1:
         total += first[t - 1] * x[t - 1]
     if t >= 2:
@@ -82,7 +82,7 @@ def _descend_active(
         curvature = 0.0
         for i in range(count):
             t = active[i]
-            product[i] = _residual_at(t, direction, diagonal, first, second)
+            product[i] = _product_at(t, direction, diagonal, first, second)
             curvature += product[i] * direction[t]
         if curvature <= 0.0 or norm <= 0.0:
             break
@@ -114,6 +114,7 @@ def _descend_chain(
     right: NDArray[np.float64],
     energy: float,
     tolerance: float,
+    precision: float,
     share: float,
     steps: int,
     rounds: int,
@@ -130,8 +131,10 @@ def _descend_chain(
         for t in range(frames):
             gain[t] = 0.0
             if free[t]:
-                residual[t] = right[t] - _residual_at(t, x, diagonal, first, second)
-                gain[t] = residual[t] * residual[t] / diagonal[t]
+                residual[t] = right[t] - _product_at(t, x, diagonal, first, second)
+                # near an energy of 0, no gain is small beside it: mind how far frames move too
+                if abs(residual[t]) > precision * diagonal[t]:
+                    gain[t] = residual[t] * residual[t] / diagonal[t]
         count = _activate(gain, free, 0.0 if everything else share, active)
         if count == 0:
             break
@@ -159,6 +162,7 @@ def descend_chains(
     right: NDArray[np.float64],
     energies: NDArray[np.float64],
     tolerance: float,
+    precision: float,
     share: float,
     steps: int,
     rounds: int,
@@ -179,6 +183,8 @@ def descend_chains(
         Energy of each chain at the start.
     tolerance : float
         A chain ends when a round over all its frames gains less than this part of its energy.
+    precision : float
+        mm; a frame that would move by less is left alone.
     share : float
         A frame is worked on when it promises at least this part of what the best frame does.
     steps : int
@@ -205,8 +211,10 @@ def descend_chains(
             right[m, i],
             energies[m, i],
             tolerance,
+            precision,
             share,
             steps,
             rounds,
         )
-    return updates.sum()
+    total: int = updates.sum()
+    return total

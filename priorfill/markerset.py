@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.clip import Clip
+from priorfill.distances import pair_distances
 from priorfill.errors import MarkerSetError
-from priorfill.rigid import distance_spread, rigid_groups
+from priorfill.rigid import MIN_COMMON, rigid_groups
 from priorfill.shipped import shipped
 
 __all__ = ["DISCOVERED", "MarkerSet", "available", "describe", "discover", "load", "recognise"]
@@ -239,7 +240,7 @@ def discover(positions: NDArray[np.floating], labels: Sequence[str]) -> MarkerSe
         With the name `DISCOVERED` and segments ``segment01``, ``segment02``, ... in the order
         of their first markers.
     """
-    spread = distance_spread(positions)
+    spread = pair_distances(positions, MIN_COMMON)[1]
     groups = rigid_groups(spread)
     names = [f"segment{i + 1:02d}" for i in range(len(groups))]
     segment = {labels[m]: name for name, group in zip(names, groups, strict=True) for m in group}
@@ -322,7 +323,7 @@ def _nearest_segments(
     clip: Clip, segment: Mapping[str, str], extra: Sequence[str]
 ) -> dict[str, str]:
     """Return a segment for each extra marker; its own label where none was seen with it."""
-    spread = distance_spread(clip.positions)
+    spread = pair_distances(clip.positions, MIN_COMMON)[1]
     index = {label: m for m, label in enumerate(clip.labels)}
     members: dict[str, list[int]] = {}
     for label, name in segment.items():

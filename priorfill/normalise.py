@@ -60,11 +60,12 @@ class RootFrames:
 
     def to_local(self, positions: NDArray[np.floating]) -> NDArray[np.float64]:
         """Express positions [shape=(frames, markers, 3), mm] in the root frames."""
-        return np.matmul(positions - self.origin[:, None, :], self.rotation)
+        local: NDArray[np.float64] = (positions - self.origin[:, None, :]) @ self.rotation
+        return local
 
     def to_world(self, positions: NDArray[np.floating]) -> NDArray[np.float64]:
         """Express positions given in the root frames in the world's [shape as given, mm]."""
-        turned = np.matmul(positions, np.swapaxes(self.rotation, 1, 2))
+        turned: NDArray[np.float64] = positions @ np.swapaxes(self.rotation, 1, 2)
         return turned + self.origin[:, None, :]
 
 

@@ -91,11 +91,27 @@ class Kernel:
     smooth: bool
     noise: float
 
-    def __call__(
+    def decay(self, lag: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Covariance of the temporal part.
+
+        Parameters
+        ----------
+        lag : ndarray [shape=(a, b), s]
+            Time between poses; infinite for those of different recordings.
+        """
+        if not self.smooth:
+            exponential: NDArray[np.float64] = self.temporal * np.exp(-lag / self.seconds)
+            return exponential
+        # the exponential of more is 0, and infinity times 0 is not
+        scaled = np.minimum(np.sqrt(3.0) / self.seconds * lag, 700.0)
+        matern: NDArray[np.float64] = self.temporal * (1.0 + scaled) * np.exp(-scaled)
+        return matern
+
+    def covariance(
         self,
         product: NDArray[np.float64],
         square: NDArray[np.float64],
-        lag: NDArray[np.float64],
+        decay: NDArray[np.float64],
     ) -> NDArray[np.float64]:
         """Covariance, without noise, of poses.
 
@@ -103,18 +119,14 @@ class Kernel:
         ----------
         product, square : ndarray [shape=(a, b)]
             Inner product and squared distance of their features.
-        lag : ndarray [shape=(a, b), s]
-            Time between them; infinite for poses of different recordings.
+        decay : ndarray [shape=(a, b)]
+            Covariance of the temporal part.
         """
-        scaled = lag / self.seconds
-        if self.smooth:
-            scaled = np.minimum(np.sqrt(3.0) * scaled, 700.0)  # exp of more is 0
-            decay = (1.0 + scaled) * np.exp(-scaled)
-        else:
-            decay = np.exp(-scaled)
-        covariance: NDArray[np.float64] = 1.0 + self.linear * product + self.temporal * decay
+        covariance: NDArray[np.float64] = self.linear * product
+        covariance += decay
+        covariance += 1.0
         if self.radial:
-            covariance += self.radial * np.exp(-square / (2.0 * self.length**2))
+            covariance += self.radial * np.exp(square * (-0.5 / self.length**2))
         return covariance
 
 
@@ -145,7 +157,7 @@ class Rows:
         return np.where(self.take[:, None] == other.take, lag, np.inf)
 
     def blocks(self, seconds: float) -> list[NDArray[np.intp]]:
-        """Indices of the poses in blocks of some length, by recording."""
+        """Return indices of the poses in blocks of some length, by recording."""
         number = np.floor(self.time / max(seconds, 1e-3)).astype(np.intp)
         _, block = np.unique(np.stack([self.take, number]), axis=1, return_inverse=True)
         block = block.ravel()
@@ -250,7 +262,7 @@ def _align(
 def _predict(
     aligned: _Aligned,
     kernels: Sequence[Kernel],
-    lags: tuple[NDArray[np.float64], NDArray[np.float64]],
+    decays: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
     blocks: Sequence[NDArray[np.intp]],
 ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64], float]]:
     """Yield position, variance (queries, missing) and left-out error for each kernel."""
@@ -262,19 +274,19 @@ def _predict(
     square = norm[:, None] + norm - 2.0 * product
     asked_square = asked_norm[:, None] + norm - 2.0 * asked_product
     markers = aligned.targets.shape[1] // 3
-    for kernel in kernels:
-        covariance = kernel(product, square, lags[0])
+    for kernel, (decay, asked_decay) in zip(kernels, decays, strict=True):
+        covariance = kernel.covariance(product, square, decay)
         covariance[np.diag_indices_from(covariance)] += kernel.noise
-        inverse = np.linalg.inv(covariance)
+        inverse: NDArray[np.float64] = np.linalg.inv(covariance).astype(np.float64, copy=False)
         residuals, variance = block_residuals(inverse, aligned.targets, blocks)
         # what one unit of the kernel's variance is in mm², marker by marker
         error = (residuals.reshape(len(residuals), markers, 3) ** 2).sum(axis=2)
         unit = (error / variance[:, None]).mean(axis=0)
 
-        cross = kernel(asked_product, asked_square, lags[1])
+        cross = kernel.covariance(asked_product, asked_square, asked_decay)
         local = (cross @ (inverse @ aligned.targets) + aligned.centre).reshape(-1, markers, 3)
-        own = kernel(asked_norm[:, None], np.zeros((len(asked), 1)), np.zeros((len(asked), 1)))
-        left = own[:, 0] - np.einsum("qr,qr->q", cross @ inverse, cross) + kernel.noise
+        own = 1.0 + kernel.linear * asked_norm + kernel.radial + kernel.temporal
+        left = own - np.einsum("qr,qr->q", cross @ inverse, cross) + kernel.noise
         predicted = np.maximum(left, kernel.noise)[:, None] * unit
         yield aligned.frames.to_world(local), predicted, float(np.sqrt(error.mean()))
 
@@ -309,11 +321,12 @@ def regress(
         Members mixed by their left-out error.
     """
     blocks = rows.blocks(block_seconds)
-    lags = rows.lag(rows), query.lag(rows)
+    lag, asked_lag = rows.lag(rows), query.lag(rows)
+    decays = [(kernel.decay(lag), kernel.decay(asked_lag)) for kernel in kernels]
     positions, variances, errors = [], [], []
     for view in views:
         aligned = _align(view, rows, query, distance, spread)
-        for position, variance, error in _predict(aligned, kernels, lags, blocks):
+        for position, variance, error in _predict(aligned, kernels, decays, blocks):
             positions.append(position)
             variances.append(variance)
             errors.append(error)

@@ -10,10 +10,7 @@ from numpy.typing import NDArray
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import squareform
 
-__all__ = ["distance_spread", "rigid_groups"]
-
-MAX_FRAMES = 1000
-"""Frames looked at, spread evenly over the clip; a standard deviation gains nothing from more."""
+__all__ = ["MIN_COMMON", "rigid_groups"]
 
 MIN_COMMON = 25
 """Frames in which both markers must be seen before their distance says anything."""
@@ -38,42 +35,6 @@ UNKNOWN = 1e6
 """mm. Stands for the spread of a pair of which nothing is known, which must not be joined."""
 
 
-def distance_spread(positions: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the standard deviation of each pair's distance over time.
-
-    Parameters
-    ----------
-    positions : ndarray [shape=(frames, markers, 3), mm]
-        NaN where missing.
-
-    Returns
-    -------
-    ndarray [shape=(markers, markers), mm]
-        Symmetric, 0 on the diagonal, infinite for pairs that are seen together in fewer than
-        `MIN_COMMON` frames.
-    """
-    step = -(-positions.shape[0] // MAX_FRAMES)
-    data = np.asarray(positions[:: max(step, 1)], dtype=np.float64)
-    markers = data.shape[1]
-    result = np.full((markers, markers), np.inf)
-    np.fill_diagonal(result, 0.0)
-    for i in range(markers - 1):
-        distance = np.sqrt(((data[:, i + 1 :] - data[:, i : i + 1]) ** 2).sum(axis=2))
-        seen = ~np.isnan(distance)
-        count = seen.sum(axis=0)
-        enough = count >= MIN_COMMON
-        if not enough.any():
-            continue
-        n = count[enough]
-        distance = np.where(seen, distance, 0.0)[:, enough]
-        mean = distance.sum(axis=0) / n
-        square = np.where(seen[:, enough], distance - mean, 0.0) ** 2
-        row = np.full(markers - i - 1, np.inf)
-        row[enough] = np.sqrt(square.sum(axis=0) / n)
-        result[i, i + 1 :] = result[i + 1 :, i] = row
-    return result
-
-
 def rigid_groups(spread: NDArray[np.float64]) -> list[list[int]]:
     """Return groups of markers whose mutual distances hardly vary.
 
@@ -84,7 +45,8 @@ def rigid_groups(spread: NDArray[np.float64]) -> list[list[int]]:
     Parameters
     ----------
     spread : ndarray [shape=(markers, markers), mm]
-        As from `distance_spread`.
+        Standard deviation of each pair's distance, as from
+        `priorfill.distances.pair_distances`.
 
     Returns
     -------

@@ -29,6 +29,8 @@ class Descent:
     tolerance : float
         A level ends when the energy improves by less than this part: 1 % in Baumann et al.
         2011, section 4.3.
+    precision : float
+        mm; a frame that a step would move by less is left alone.
     share : float
         A frame is worked on when it promises at least this part of what the best one does.
     steps : int
@@ -38,6 +40,7 @@ class Descent:
     """
 
     tolerance: float = 0.01
+    precision: float = 1e-6
     share: float = 0.1
     steps: int = 6
     rounds: int = 10_000
@@ -45,6 +48,8 @@ class Descent:
     def __post_init__(self) -> None:
         if not 0 <= self.tolerance < 1:
             raise OptionError(f"tolerance is {self.tolerance:g}; give a number from 0 to 1")
+        if not self.precision >= 0:
+            raise OptionError(f"precision is {self.precision:g} mm; give 0 or more")
         if not 0 <= self.share <= 1:
             raise OptionError(f"share is {self.share:g}; give a number from 0 to 1")
         if self.steps < 1 or self.rounds < 1:
@@ -127,6 +132,7 @@ def minimise(
         chains.right,
         chain_energies(positions, prior),
         options.tolerance,
+        options.precision,
         options.share,
         options.steps,
         options.rounds,

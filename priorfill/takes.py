@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +93,9 @@ def takes_from(database: PriorDatabase, labels: Sequence[str]) -> tuple[Take, ..
         levels = []
         for number in range(database.levels):
             stored = database.positions(record, number)
-            positions = np.full((len(stored), len(labels), 3), np.nan, dtype=np.float32)
+            positions: NDArray[Any] = np.full(
+                (len(stored), len(labels), 3), np.nan, dtype=np.float32
+            )
             positions[:, shared] = stored[:, there]
             levels.append(Level(positions, database.rate / 2**number, 2**number))
         takes.append(Take(record.name, record.subject, tuple(levels)))

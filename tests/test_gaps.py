@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -38,5 +40,5 @@ def test_groups_hold_every_gap_once_and_are_apart(missing):
     for group in groups:
         assert missing[group.start : group.stop].any(axis=1).all()
         assert all(group.start <= g.start and g.stop <= group.stop for g in group.gaps)
-    for one, other in zip(groups, groups[1:], strict=False):
+    for one, other in itertools.pairwise(groups):
         assert one.stop < other.start

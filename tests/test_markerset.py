@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from priorfill.clip import Clip
+from priorfill.distances import pair_distances
 from priorfill.errors import MarkerSetError
 from priorfill.markerset import (
     DISCOVERED,
@@ -21,7 +22,7 @@ from priorfill.markerset import (
     load,
     recognise,
 )
-from priorfill.rigid import distance_spread, rigid_groups
+from priorfill.rigid import MIN_COMMON, rigid_groups
 
 # Baumann et al. 2011, table 1
 RELIABLE = [
@@ -390,7 +391,7 @@ def test_spread_against_a_naive_one() -> None:
     positions, _ = body(80, noise=3.0)
     positions[10:70, 3] = np.nan  # 20 frames left: too few
     positions[:40, 5] = np.nan
-    spread = distance_spread(positions)
+    spread = pair_distances(positions, MIN_COMMON)[1]
     for i, j in combinations(range(20), 2):
         distance = np.linalg.norm(positions[:, i] - positions[:, j], axis=1)
         distance = distance[~np.isnan(distance)]

@@ -108,9 +108,11 @@ def test_blocks_are_as_long_as_asked():
 
 def test_kernel_of_a_pose_with_itself():
     product, zero = np.array([[2.0]]), np.zeros((1, 1))
-    assert KERNEL(product, zero, zero)[0, 0] == pytest.approx(1 + 2.0 + 0.1 + 0.001)
+    found = KERNEL.covariance(product, zero, KERNEL.decay(zero))[0, 0]
+    assert found == pytest.approx(1 + 2.0 + 0.1 + 0.001)
     smooth = Kernel(0.0, 0.0, 1.0, 0.5, 0.2, smooth=True, noise=0.0)
     r = np.sqrt(3) * 0.1 / 0.2
-    found = smooth(product, zero, np.array([[0.1]]))[0, 0]
-    assert found == pytest.approx(1 + 0.5 * (1 + r) * np.exp(-r))
-    assert smooth(product, zero, np.array([[np.inf]]))[0, 0] == pytest.approx(1.0)
+    near, far = smooth.decay(np.array([[0.1], [np.inf]]))[:, 0]
+    assert near == pytest.approx(0.5 * (1 + r) * np.exp(-r))
+    assert far == pytest.approx(0.0)
+    assert smooth.covariance(product, zero, zero)[0, 0] == pytest.approx(1.0)

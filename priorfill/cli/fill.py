@@ -24,6 +24,9 @@ EXIT_INCOMPLETE = 3
 MAX_GAPS = 40
 """Gaps in the table; ``--json`` has all."""
 
+MAX_NAMES = 6
+"""Markers named in a line."""
+
 
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
@@ -116,7 +119,14 @@ def _facts(file: Path, output: Path, result: Result, written: WriteReport | None
                 "filled": gap.filled,
                 "expected_error_mm": _number(gap.expected_error),
                 "from": list(gap.how),
-                "reasons": list(gap.reasons),
+                "left_missing": [
+                    {
+                        "first_frame": first + piece.start,
+                        "last_frame": first + piece.stop - 1,
+                        "reason": piece.reason,
+                    }
+                    for piece in gap.left
+                ],
                 "prior_clips": list(gap.takes),
             }
             for gap in result.gaps
@@ -137,7 +147,7 @@ def print_gaps(result: Result) -> None:
                 f"{gap.frames / clip.rate:.2f}",
                 f"{100 * gap.filled / gap.frames:.0f} %",
                 error,
-                "; ".join([*gap.how, *(f"NOT FILLED: {reason}" for reason in gap.reasons)]),
+                "; ".join([*gap.how, *dict.fromkeys(f"NOT: {p.reason}" for p in gap.left)]),
             )
         )
     print_table(("marker", "frames", "s>", "filled>", "expected error mm>", "from"), rows)
@@ -163,8 +173,22 @@ def _print(output: Path, result: Result, written: WriteReport | None) -> None:
             f"the file stores whole numbers: filled samples are rounded by up to "
             f"{written.worst_error_mm:.3f} mm"
         )
-    for gap in open_gaps:
+    print_left_missing(result)
+
+
+def print_left_missing(result: Result) -> None:
+    """Say what stays missing: for each reason which markers, and in which frames."""
+    left = [(piece, gap.label) for gap in result.gaps for piece in gap.left]
+    first = result.clip.first_frame
+    for reason in dict.fromkeys(piece.reason for piece, _ in left):
+        some = [(piece, label) for piece, label in left if piece.reason == reason]
+        labels = list(dict.fromkeys(label for _, label in some))
+        samples = sum(piece.stop - piece.start for piece, _ in some)
+        start = min(piece.start for piece, _ in some)
+        stop = max(piece.stop for piece, _ in some)
+        names = ", ".join(labels[:MAX_NAMES]) + (", ..." if len(labels) > MAX_NAMES else "")
         click.echo(
-            f"left missing: {gap.label}, {gap.frames - gap.filled} frames: {'; '.join(gap.reasons)}",
+            f"left missing: {samples} samples of {len(labels)} markers ({names}) "
+            f"within frames {first + start}-{first + stop - 1}: {reason}",
             err=True,
         )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from priorfill.cli.output import duration, print_json, print_table
+from priorfill.cli.reading import read_clip, reading_options
 
 if TYPE_CHECKING:
     from priorfill.clip import Clip
@@ -53,33 +54,18 @@ _UP_FOUND_FROM = {
     type=click.Path(path_type=Path),
     help="Say for each marker how many clips of this database hold it.",
 )
-@click.option("--up", metavar="AXIS", help="Which axis points up: +X -X +Y -Y +Z -Z.")
-@click.option("--rate", metavar="HZ", type=float, help="Frames per second, instead of the file's.")
-@click.option("--unit", metavar="UNIT", help="Unit of length (mm, cm, m), instead of the file's.")
-@click.option("--subject", metavar="NAME", help="Whose markers, where a file has several people.")
-@click.option("--marker-set", metavar="NAME", help="Marker set, or the path of its definition.")
-@click.option(
-    "--keep-zeros", is_flag=True, help="Take samples that are exactly (0, 0, 0) as measured."
-)
+@reading_options
 def inspect(
     file: Path,
     as_json: bool,
     folder: Path | None,
-    up: str | None,
-    rate: float | None,
-    unit: str | None,
-    subject: str | None,
-    marker_set: str | None,
-    keep_zeros: bool,
+    **reading: Any,
 ) -> None:
     """Show what is in a file, which gaps it has, and what they could be filled from."""
-    from priorfill import formats, markerset
+    from priorfill import markerset
     from priorfill.database import PriorDatabase
 
-    definition = markerset.load(marker_set) if marker_set else None
-    clip = formats.read(
-        file, zeros_missing=not keep_zeros, up=up, rate=rate, unit=unit, subject=subject
-    )
+    clip, definition = read_clip(file, **reading)
     described = markerset.describe(clip, definition)
     facts = _facts(clip, file, described, definition or markerset.recognise(clip.labels))
     if folder is not None:

@@ -25,9 +25,7 @@ _OPTIONS = (
     click.option(
         "--subject", metavar="NAME", help="Whose markers, where a file has several people."
     ),
-    click.option(
-        "--marker-set", metavar="NAME", help="Marker set, or the path of its definition."
-    ),
+    click.option("--marker-set", metavar="NAME", help="Marker set, or the path of its definition."),
     click.option(
         "--keep-zeros", is_flag=True, help="Take samples that are exactly (0, 0, 0) as measured."
     ),

@@ -26,13 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gaps import GapGroup, runs
+from priorfill.methods.pieces import constant_spans
 from priorfill.methods.task import Estimate, Note, Task, take_names
 from priorfill.multiresolution import levels_for, synthesise
 from priorfill.normalise import RootFrames, RootGroup, choose_root
 from priorfill.prior import Prior, fold, to_world
 from priorfill.resample import Level
 from priorfill.search.bank import PoseBank
-from priorfill.solver import Descent, Solution, minimise
+from priorfill.solver import Solution, minimise
 from priorfill.takes import Take, own_take
 
 __all__ = ["Options", "fill"]
@@ -72,13 +73,6 @@ class _Search:
     wanted: NDArray[np.intp]
 
 
-def _constant_runs(valid: NDArray[np.bool_], start: int, stop: int) -> list[tuple[int, int]]:
-    """Cut frames start..stop where the set of valid markers [frames, markers] changes."""
-    changed = (valid[start + 1 : stop] != valid[start : stop - 1]).any(axis=1)
-    cuts = [start, *(start + 1 + np.flatnonzero(changed)), stop]
-    return [(int(a), int(b)) for a, b in zip(cuts, cuts[1:], strict=False)]
-
-
 def _stretches(
     valid: NDArray[np.bool_], reliable: NDArray[np.bool_], group: GapGroup, options: Options
 ) -> list[tuple[int, int]]:
@@ -90,7 +84,8 @@ def _stretches(
     if viable(group.start, group.stop) >= options.fewest_viable:
         return [(group.start, group.stop)]
     stretches: list[tuple[int, int]] = []
-    for start, stop in _constant_runs(valid, group.start, group.stop):
+    for first, last in constant_spans(valid[group.start : group.stop]):
+        start, stop = group.start + first, group.start + last
         if stretches and viable(stretches[-1][0], stop) >= options.fewest_viable:
             stretches[-1] = (stretches[-1][0], stop)
         else:
@@ -128,7 +123,7 @@ class _Planner:
         searches: list[_Search] = []
         notes: list[Note] = []
         for start, stop in _stretches(valid, self._reliable, group, self._options):
-            throughout = valid[start:stop].all(axis=0)
+            throughout = np.logical_and.reduce(valid[start:stop], axis=0)
             wanted = np.flatnonzero(~valid[start:stop].all(axis=0))
             viable = np.flatnonzero(throughout & self._reliable)
             if len(viable) < self._options.fewest_viable:
@@ -289,8 +284,7 @@ def fill(
 
         if searches:
             inside = synthesise(own.levels, group, prior_at, _solver)
-            rows = np.arange(group.start, group.stop)
-            estimate.positions[np.ix_(rows, group.markers)] = inside
+            estimate.positions[group.start : group.stop, list(group.markers)] = inside
         estimate.notes.extend(notes)
         for i, search in enumerate(searches):
             names = take_names(
@@ -302,7 +296,7 @@ def fill(
 
 
 def _solver(positions: NDArray[np.float64], free: NDArray[np.bool_], prior: Prior) -> Solution:
-    return minimise(positions, free, prior, Descent())
+    return minimise(positions, free, prior)
 
 
 def _notes(task: Task, search: _Search, names: tuple[str, ...], options: Options) -> list[Note]:

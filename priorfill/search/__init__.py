@@ -1,0 +1,1 @@
+"""Search: banks of poses and the kd-trees over them."""

@@ -81,7 +81,7 @@ class PoseBank:
         for level, length in zip(levels, lengths, strict=True):
             chosen = level.positions[:, needed]
             positions[start : start + length] = chosen
-            complete = ~np.isnan(chosen[..., 0]).any(axis=1)
+            complete = np.logical_and.reduce(~np.isnan(chosen[..., 0]), axis=1)
             known[start : start + length] = complete
             inner[start + 1 : start + length - 1] = complete[:-2] & complete[1:-1] & complete[2:]
             start += length

@@ -1,0 +1,101 @@
+"""``priorfill demo``: make a clip with gaps, fill it, and compare with the truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from priorfill.cli.fill import print_left_missing
+from priorfill.cli.output import print_table
+from priorfill.cli.progress import progress
+
+if TYPE_CHECKING:
+    from priorfill.clip import Clip
+    from priorfill.filling import Result
+
+__all__ = ["demo"]
+
+
+@click.command()
+@click.option(
+    "--output",
+    "-o",
+    "folder",
+    metavar="DIR",
+    type=click.Path(path_type=Path),
+    default=Path("demo-output"),
+    show_default=True,
+    help="Where to put the demo's files; what is there is replaced.",
+)
+@click.option("--method", "-m", default="auto", show_default=True, help="As for fill.")
+def demo(folder: Path, method: str) -> None:
+    """Make a clip with gaps, fill it from the starter database, and compare with the truth.
+
+    The clip and the starter database are synthetic: computed from a model of the body, nobody's
+    motion. They show how priorfill is used, not how well it fills real recordings.
+    """
+    from priorfill import formats
+    from priorfill.demo import make_demo_clip
+    from priorfill.errors import OutputError
+    from priorfill.filling import fill
+    from priorfill.shipped import shipped
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"{folder}: cannot be made ({error.strerror}); choose another folder with -o"
+        ) from error
+    truth, gappy = make_demo_clip()
+    whole, broken, filled = (folder / f"demo_{name}.c3d" for name in ("truth", "gaps", "filled"))
+    formats.write(whole, truth, overwrite=True)
+    formats.write(broken, gappy, overwrite=True)
+    # from here on as `priorfill fill` would do it, from the file
+    clip = formats.read(broken)
+    starter = shipped("starter")
+    with progress(None, "filling the demo") as show:
+        result = fill(clip, database=starter, method=method, progress=show)
+    formats.write(filled, result.clip, result.filled, overwrite=True)
+
+    click.echo("Demo on synthetic motion (computed from a model of the body, nobody's recording)\n")
+    _print_errors(truth, result)
+    click.echo(f"\nwithout gaps   {whole}")
+    click.echo(f"with gaps      {broken}")
+    click.echo(f"filled         {filled}   by {result.method} from itself and {starter}")
+    click.echo(f"\nTry it:        priorfill inspect {broken}")
+    click.echo(f"               priorfill fill {broken} -o filled.c3d --database {starter}")
+    print_left_missing(result)
+
+
+def _print_errors(truth: Clip, result: Result) -> None:
+    """Print the error against the truth, gap by gap and for a straight line."""
+    import numpy as np
+
+    clip = result.clip
+    order = [truth.labels.index(label) for label in clip.labels]
+    true = truth.positions[:, order]
+    error = np.linalg.norm(clip.positions - true, axis=2)  # (frames, markers)
+    straight = true.copy()
+    frames = np.arange(clip.frames)
+    for marker in range(len(clip.labels)):
+        known = ~result.filled[:, marker] & ~clip.missing[:, marker]
+        for i in range(3):
+            straight[:, marker, i] = np.interp(frames, frames[known], true[known, marker, i])
+    straight_error = np.linalg.norm(straight - true, axis=2)
+    rows = []
+    for gap in result.gaps:
+        inside = slice(gap.start, gap.stop), clip.labels.index(gap.label)
+        rows.append(
+            (
+                gap.label,
+                f"{gap.start / clip.rate:.2f}-{gap.stop / clip.rate:.2f}",
+                f"{np.nanmean(error[inside]):.1f}",
+                f"{gap.expected_error:.1f}",
+                f"{straight_error[inside].mean():.1f}",
+            )
+        )
+    total, line = error[result.filled].mean(), straight_error[result.filled].mean()
+    rows.append(("all", "", f"{total:.1f}", "", f"{line:.1f}"))
+    print_table(("marker", "s>", "mean error mm>", "expected mm>", "straight line mm>"), rows)

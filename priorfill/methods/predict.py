@@ -1,0 +1,326 @@
+"""Predict a piece: from the clip's own frames, else from the prior database, else over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.bridge import LONGEST, bridge
+from priorfill.distances import pair_distances
+from priorfill.methods.members import (
+    FEW,
+    FEW_KERNELS,
+    FEW_VIEWS,
+    LIMB_KERNELS,
+    LIMB_VIEWS,
+    STRANGER_KERNELS,
+    STRANGER_VIEWS,
+)
+from priorfill.methods.pieces import FEWEST_VISIBLE, Piece
+from priorfill.methods.task import Note, Task, take_names
+from priorfill.normalise import choose_root
+from priorfill.regression import Rows, regress
+from priorfill.search.bank import PoseBank
+
+__all__ = ["Options", "Prediction", "Predictor", "unfilled"]
+
+DATABASE_RATE = 30.0
+"""Hz. Resolution at which the database's poses are searched: they speak for poses, not for
+detail in time."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of the predictions.
+
+    Attributes
+    ----------
+    rows : int
+        Poses learnt from: evenly spread ones, and all right beside the gap. More gain nothing.
+    beside : float
+        s; what "right beside the gap" is.
+    fewest_rows : int
+        With fewer poses of its own, a clip asks the database.
+    wished_rows : int
+        Far visible markers are given up until this many frames, or half of those that show
+        the missing markers, show the visible ones too.
+    rereading : float
+        A piece is predicted a second time, its rows completed with the first fill, when the
+        first time used less than this part of the frames in which its markers are seen.
+    queries, neighbours, visible : int
+        Database rows are the ``neighbours`` nearest poses of up to ``queries`` frames by the
+        ``visible`` nearest markers.
+    """
+
+    rows: int = 350
+    beside: float = 0.03
+    fewest_rows: int = 12
+    wished_rows: int = 150
+    rereading: float = 0.7
+    queries: int = 40
+    neighbours: int = 24
+    visible: int = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What is predicted for a piece and a few frames around it.
+
+    Attributes
+    ----------
+    piece : Piece
+        What was asked for.
+    first : int
+        The first frame predicted; not after the piece's start.
+    positions : ndarray [shape=(frames, piece's markers, 3), mm]
+        Upright.
+    deviation : ndarray [shape=(frames, piece's markers), mm]
+        Expected rms Euclidean error.
+    complete : bool
+        Whether the rows learnt from left nothing to be gained by a second reading.
+    how : str
+        What it was predicted from.
+    takes : tuple of str
+        Recordings learnt from.
+    """
+
+    piece: Piece
+    first: int
+    positions: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+    complete: bool
+    how: str
+    takes: tuple[str, ...] = ()
+
+    @property
+    def last(self) -> int:
+        """The frame after the last one predicted."""
+        return self.first + len(self.positions)
+
+    @property
+    def notes(self) -> list[Note]:
+        """What is to be said of it, marker by marker."""
+        return [
+            Note(int(m), self.piece.start, self.piece.stop, self.how, takes=self.takes)
+            for m in self.piece.markers
+        ]
+
+
+def unfilled(piece: Piece, task: Task) -> list[Note]:
+    """Say why a piece stays missing, marker by marker."""
+    if not piece.searchable:
+        reason = "fewer than three other markers are visible, "
+        reason += f"too long or too near the clip's end to be bridged over time ({LONGEST} s)"
+    else:
+        reason = "the clip never shows it together with the visible markers, "
+        reason += "nor does the database" if task.takes else "and there is no database"
+    return [Note(int(m), piece.start, piece.stop, reason, filled=False) for m in piece.markers]
+
+
+def _evenly(values: NDArray[np.intp], most: int) -> NDArray[np.intp]:
+    """Return up to ``most`` of some values, evenly spread."""
+    return values[np.linspace(0, len(values) - 1, min(most, len(values))).astype(np.intp)]
+
+
+class Predictor:
+    """Predicts the pieces of one task. Predictions do not depend on each other.
+
+    Parameters
+    ----------
+    task : Task
+        The clip and the takes to learn from.
+    margin : int
+        Frames around a piece to be predicted too, where the visible markers allow.
+    options : Options
+        See there.
+    """
+
+    def __init__(self, task: Task, margin: int, options: Options) -> None:
+        self.task = task
+        self.valid = task.valid
+        self.distance, self.spread = pair_distances(task.positions)
+        self._margin = margin
+        self._options = options
+        self._banks: dict[tuple[object, ...], PoseBank] = {}
+
+    def predict(self, piece: Piece, completed: NDArray[np.float64] | None) -> list[Prediction]:
+        """Predict a piece from its visible markers.
+
+        Parameters
+        ----------
+        piece : Piece
+            What to predict.
+        completed : ndarray [shape=(frames, markers, 3), mm] or None
+            The clip after a first fill, to complete the poses that are learnt from.
+
+        Returns
+        -------
+        list of Prediction
+            For the piece, or, where its markers are never seen together, for each of them that
+            can be predicted; empty where none can.
+        """
+        if not piece.searchable:
+            return []
+        prediction = self._from_own(piece, completed) or self._from_database(piece)
+        if prediction is not None:
+            return [prediction]
+        if len(piece.markers) == 1:
+            return []
+        return [
+            part
+            for marker in piece.markers
+            for part in self.predict(replace(piece, markers=marker[None]), completed)
+        ]
+
+    def bridge(self, piece: Piece, completed: NDArray[np.float64]) -> list[Prediction]:
+        """Bridge a piece over time, marker by marker; parameters as for `predict`."""
+        found = []
+        for marker in piece.markers:
+            bridged = bridge(completed[:, marker], piece.start, piece.stop, self.task.rate)
+            if bridged is not None:
+                positions, deviation = bridged
+                found.append(
+                    Prediction(
+                        replace(piece, markers=marker[None]),
+                        piece.start,
+                        positions[:, None],
+                        deviation[:, None],
+                        complete=True,
+                        how="bridged over time: no other marker is visible",
+                        takes=(self.task.name,),
+                    )
+                )
+        return found
+
+    def _around(self, piece: Piece, visible: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Frames of a piece and its margins, as far as the visible markers are measured."""
+        usable = np.logical_and.reduce(self.valid[:, visible], axis=1)
+        first, last = piece.start, piece.stop
+        while first > max(0, piece.start - self._margin) and usable[first - 1]:
+            first -= 1
+        while last < min(len(usable), piece.stop + self._margin) and usable[last]:
+            last += 1
+        return np.arange(first, last)
+
+    def _from_own(self, piece: Piece, completed: NDArray[np.float64] | None) -> Prediction | None:
+        """Predict from the clip's own frames; None where too few can be learnt from."""
+        options, rate = self._options, self.task.rate
+        source = self.task.positions if completed is None else completed
+        shown = np.logical_and.reduce(self.valid[:, piece.markers], axis=1)
+        nearest = self.distance[piece.markers].min(axis=0)
+        visible = piece.visible[np.isfinite(nearest[piece.visible])]
+        visible = visible[np.argsort(nearest[visible], kind="stable")]
+        known = ~np.isnan(source[:, visible, 0])
+        # how many frames show the markers together with the nearest n visible ones
+        count = (np.logical_and.accumulate(known, axis=1) & shown[:, None]).sum(axis=0)
+        enough = np.flatnonzero(count >= min(options.wished_rows, 0.5 * shown.sum()))
+        kept = max(int(enough[-1]) + 1 if len(enough) else 0, min(4, len(visible)))
+        if kept < FEWEST_VISIBLE:
+            return None
+        visible = visible[:kept]
+        usable = np.flatnonzero(np.logical_and.reduce(known[:, :kept], axis=1) & shown)
+        if len(usable) < options.fewest_rows:
+            return None
+
+        beside = int(options.beside * rate) + 1
+        near = usable[(usable >= piece.start - beside) & (usable < piece.stop + beside)]
+        frames = np.union1d(near, _evenly(usable, options.rows))
+        asked = self._around(piece, visible)
+        rows = Rows(
+            source[np.ix_(frames, visible)],
+            self.task.positions[np.ix_(frames, piece.markers)],
+            frames / rate,
+            np.zeros(len(frames), dtype=np.intp),
+        )
+        query = Rows(
+            self.task.positions[np.ix_(asked, visible)],
+            np.empty((len(asked), 0, 3)),
+            asked / rate,
+            np.zeros(len(asked), dtype=np.intp),
+        )
+        few = len(piece.markers) <= FEW
+        regression = regress(
+            rows,
+            query,
+            nearest[visible],
+            self.spread[np.ix_(piece.markers, visible)].min(axis=0),
+            FEW_VIEWS if few else LIMB_VIEWS,
+            FEW_KERNELS if few else LIMB_KERNELS,
+            (piece.stop - piece.start) / rate,
+        )
+        return Prediction(
+            piece,
+            int(asked[0]),
+            regression.positions,
+            regression.deviation,
+            complete=kept == len(piece.visible) and len(usable) >= options.rereading * shown.sum(),
+            how="the clip's own frames",
+            takes=(self.task.name,),
+        )
+
+    def _from_database(self, piece: Piece) -> Prediction | None:
+        """Predict from the database's nearest poses; None where it has none."""
+        task, options = self.task, self._options
+        if not task.takes:
+            return None
+        nearest = self.distance[piece.markers].min(axis=0)
+        if not np.isfinite(nearest[piece.visible]).any():
+            # the clip never shows the marker: the database knows where it belongs
+            poses = np.concatenate([take.levels[-1].positions for take in task.takes])
+            nearest = pair_distances(poses)[0][piece.markers].min(axis=0)
+        near = piece.visible[np.argsort(nearest[piece.visible], kind="stable")]
+        near = near[np.isfinite(nearest[near])][: options.visible]
+        among = np.zeros(len(task.labels), dtype=bool)
+        among[near] = True
+        root = choose_root(task.marker_set, task.labels, task.positions, among)
+        if root is None:
+            return None
+        key = (root.markers, tuple(near), tuple(piece.markers))
+        if key not in self._banks:
+            self._banks[key] = PoseBank(task.takes, root, near, piece.markers, DATABASE_RATE)
+        bank = self._banks[key]
+        if len(bank) < options.fewest_rows:
+            return None
+
+        asked = self._around(piece, near)
+        some = task.positions[_evenly(asked, options.queries)]
+        found = bank.nearest(some, root.frames(some), options.neighbours)
+        chosen = found.row.ravel()[np.argsort(found.distance.ravel(), kind="stable")]
+        _, once = np.unique(chosen, return_index=True)
+        chosen = chosen[np.sort(once)][: options.rows]  # each once, the nearest first
+        targets = len(piece.markers)
+        distance, spread = pair_distances(
+            bank.positions(chosen, np.concatenate([piece.markers, near]))
+        )
+        rows = Rows(
+            bank.positions(chosen, near),
+            bank.positions(chosen, piece.markers),
+            np.zeros(len(chosen)),
+            bank.take(chosen),
+        )
+        query = Rows(
+            task.positions[np.ix_(asked, near)],
+            np.empty((len(asked), 0, 3)),
+            asked / task.rate,
+            np.full(len(asked), -1),
+        )
+        regression = regress(
+            rows,
+            query,
+            distance[:targets, targets:].min(axis=0),
+            spread[:targets, targets:].min(axis=0),
+            STRANGER_VIEWS,
+            STRANGER_KERNELS,
+            (piece.stop - piece.start) / task.rate,
+        )
+        return Prediction(
+            piece,
+            int(asked[0]),
+            regression.positions,
+            regression.deviation,
+            complete=True,
+            how="the database's nearest poses",
+            takes=take_names(task.takes, bank.take(chosen)),
+        )
