@@ -25,16 +25,17 @@ SECONDS = 0.3
 NOISE = 1e-7
 """Variance of a sample's noise in units of the process's."""
 
-LINE = 1e4
-"""Variance of the line's two coefficients in units of the process's: as good as free."""
-
 
 def _covariance(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Covariance of the process and the line at two sets of times [shapes=(a,), (b,), s]."""
+    """Covariance of the process at two sets of times [shapes=(a,), (b,), s]."""
     r = np.sqrt(5.0) * np.abs(one[:, None] - other) / SECONDS
-    matern = (1.0 + r + r**2 / 3.0) * np.exp(-r)
-    covariance: NDArray[np.float64] = matern + LINE * (1.0 + one[:, None] * other)
+    covariance: NDArray[np.float64] = (1.0 + r + r**2 / 3.0) * np.exp(-r)
     return covariance
+
+
+def _line(time: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Basis of a line at some times [shape=(times, 2)]."""
+    return np.stack([np.ones_like(time), time], axis=1)
 
 
 def bridge(
@@ -73,12 +74,18 @@ def bridge(
     covariance = _covariance(time, time)
     covariance[np.diag_indices_from(covariance)] += NOISE
     inverse = np.linalg.inv(covariance)
+    cross = _covariance(asked, time) @ inverse
+    # the line is free, [R06]_ Eq. (2.42); its coefficients are known up to ``doubt``
+    basis = _line(time)
+    doubt = np.linalg.inv(basis.T @ inverse @ basis)
     middle = positions[known].mean(axis=0)
     samples = positions[known] - middle
-    cross = _covariance(asked, time)
-    found = cross @ (inverse @ samples) + middle
+    line = doubt @ (basis.T @ (inverse @ samples))
+    rest = samples - basis @ line
+    found = _line(asked) @ line + cross @ rest + middle
     # the process's variance is what makes the samples beside the gap likely
-    unit = np.einsum("ki,kl,li->", samples, inverse, samples) / len(known)
-    own = 1.0 + LINE * (1.0 + asked**2)
-    left = np.maximum(own - np.einsum("qk,kl,ql->q", cross, inverse, cross), NOISE)
-    return found, np.sqrt(unit * left)
+    unit = np.einsum("ki,kl,li->", rest, inverse, rest) / (len(known) - 2)
+    beyond = _line(asked) - cross @ basis
+    left = 1.0 - np.einsum("qk,qk->q", cross, _covariance(asked, time))
+    left += np.einsum("qa,ab,qb->q", beyond, doubt, beyond)
+    return found, np.sqrt(np.maximum(unit, 0.0) * np.maximum(left, NOISE))

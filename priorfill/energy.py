@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from priorfill.prior import Prior
 
-__all__ = ["Chains", "as_chains", "chain_energies", "energy", "gradient"]
+__all__ = ["Chains", "as_chains", "energy", "gradient", "marker_energies"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,17 +57,14 @@ def _residuals(
     return pose, motion, smooth
 
 
-def chain_energies(positions: NDArray[np.float64], prior: Prior) -> NDArray[np.float64]:
-    """Energy of each chain [shape=(markers, 3), mm²]; parameters as for `energy`.
-
-    The neighbours' disagreement of a marker is shared evenly by its three coordinates.
-    """
+def marker_energies(positions: NDArray[np.float64], prior: Prior) -> NDArray[np.float64]:
+    """Energy of each marker [shape=(markers,), mm²]; parameters as for `energy`."""
     pose, motion, smooth = _residuals(positions, prior)
     energies: NDArray[np.float64] = (
-        np.einsum("fm,fmi->mi", prior.pose_weight, pose**2)
-        + np.einsum("fm,fmi->mi", prior.velocity_weight, motion**2)
-        + np.einsum("fm,fmi->mi", prior.acceleration_weight, smooth**2)
-        + prior.constant.sum(axis=0)[:, None] / 3.0
+        np.einsum("fm,fmi->m", prior.pose_weight, pose**2)
+        + np.einsum("fm,fmi->m", prior.velocity_weight, motion**2)
+        + np.einsum("fm,fmi->m", prior.acceleration_weight, smooth**2)
+        + prior.constant.sum(axis=0)
     )
     return energies
 
@@ -88,7 +85,7 @@ def energy(positions: NDArray[np.float64], prior: Prior) -> float:
     float
         E_pose + E_motion + E_smooth, the neighbours' disagreement included.
     """
-    return float(chain_energies(positions, prior).sum())
+    return float(marker_energies(positions, prior).sum())
 
 
 def gradient(positions: NDArray[np.float64], prior: Prior) -> NDArray[np.float64]:

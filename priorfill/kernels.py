@@ -68,39 +68,44 @@ def _descend_active(
 ) -> float:
     """Take conjugate gradient steps with exact step lengths on the active frames.
 
-    ``residual`` is b - Ax, half the negative gradient; it is kept right for the active frames
-    only. ``direction`` is 0 on entry and on return. Returns the energy gained.
+    ``x``, ``residual`` and ``direction`` have shape (3, frames). ``residual`` is b - Ax, half the
+    negative gradient; it is kept right for the active frames only. ``direction`` is 0 on entry
+    and on return. Returns the energy gained.
     """
-    product = np.empty(count)
+    product = np.empty((3, count))
     norm = 0.0
-    for i in range(count):
-        t = active[i]
-        direction[t] = residual[t] / diagonal[t]
-        norm += residual[t] * direction[t]
+    for i in range(3):
+        for a in range(count):
+            t = active[a]
+            direction[i, t] = residual[i, t] / diagonal[t]
+            norm += residual[i, t] * direction[i, t]
     gained = 0.0
     for _ in range(steps):
         curvature = 0.0
-        for i in range(count):
-            t = active[i]
-            product[i] = _product_at(t, direction, diagonal, first, second)
-            curvature += product[i] * direction[t]
+        for i in range(3):
+            for a in range(count):
+                t = active[a]
+                product[i, a] = _product_at(t, direction[i], diagonal, first, second)
+                curvature += product[i, a] * direction[i, t]
         if curvature <= 0.0 or norm <= 0.0:
             break
         length = norm / curvature
         gained += length * norm
         renewed = 0.0
-        for i in range(count):
-            t = active[i]
-            x[t] += length * direction[t]
-            residual[t] -= length * product[i]
-            renewed += residual[t] * residual[t] / diagonal[t]
+        for i in range(3):
+            for a in range(count):
+                t = active[a]
+                x[i, t] += length * direction[i, t]
+                residual[i, t] -= length * product[i, a]
+                renewed += residual[i, t] * residual[i, t] / diagonal[t]
         ratio = renewed / norm
         norm = renewed
-        for i in range(count):
-            t = active[i]
-            direction[t] = residual[t] / diagonal[t] + ratio * direction[t]
-    for i in range(count):
-        direction[active[i]] = 0.0
+        for i in range(3):
+            for a in range(count):
+                t = active[a]
+                direction[i, t] = residual[i, t] / diagonal[t] + ratio * direction[i, t]
+    for a in range(count):
+        direction[:, active[a]] = 0.0
     return gained
 
 
@@ -119,11 +124,15 @@ def _descend_chain(
     steps: int,
     rounds: int,
 ) -> int:
-    """Descend on one chain in place; return the number of frame updates."""
-    frames = x.size
-    residual = np.zeros(frames)
+    """Descend on one marker's chain in place; return the number of frame updates.
+
+    The schedule and the steps see lengths of vectors only, never single coordinates: where it
+    ends does not depend on the directions of the axes.
+    """
+    frames = x.shape[1]
+    residual = np.zeros((3, frames))
     gain = np.zeros(frames)
-    direction = np.zeros(frames)
+    direction = np.zeros((3, frames))
     active = np.empty(frames, dtype=np.int64)
     updates = 0
     everything = False
@@ -131,10 +140,13 @@ def _descend_chain(
         for t in range(frames):
             gain[t] = 0.0
             if free[t]:
-                residual[t] = right[t] - _product_at(t, x, diagonal, first, second)
+                square = 0.0
+                for i in range(3):
+                    residual[i, t] = right[i, t] - _product_at(t, x[i], diagonal, first, second)
+                    square += residual[i, t] * residual[i, t]
                 # near an energy of 0, no gain is small beside it: mind how far frames move too
-                if abs(residual[t]) > precision * diagonal[t]:
-                    gain[t] = residual[t] * residual[t] / diagonal[t]
+                if square > (precision * diagonal[t]) ** 2:
+                    gain[t] = square / diagonal[t]
         count = _activate(gain, free, 0.0 if everything else share, active)
         if count == 0:
             break
@@ -167,7 +179,7 @@ def descend_chains(
     steps: int,
     rounds: int,
 ) -> int:
-    """Descend on every chain, chains in parallel; the result knows nothing of the threads.
+    """Descend on every marker's chain, chains in parallel; the result knows nothing of the threads.
 
     Parameters
     ----------
@@ -179,7 +191,7 @@ def descend_chains(
         The bands of A.
     right : ndarray [shape=(markers, 3, frames)]
         b.
-    energies : ndarray [shape=(markers, 3), mm²]
+    energies : ndarray [shape=(markers,), mm²]
         Energy of each chain at the start.
     tolerance : float
         A chain ends when a round over all its frames gains less than this part of its energy.
@@ -198,18 +210,16 @@ def descend_chains(
         Frame updates made, over all chains.
     """
     markers = x.shape[0]
-    updates = np.zeros(markers * 3, dtype=np.int64)
-    for chain in prange(markers * 3):
-        m = chain // 3
-        i = chain % 3
-        updates[chain] = _descend_chain(
-            x[m, i],
+    updates = np.zeros(markers, dtype=np.int64)
+    for m in prange(markers):
+        updates[m] = _descend_chain(
+            x[m],
             free[m],
             diagonal[m],
             first[m],
             second[m],
-            right[m, i],
-            energies[m, i],
+            right[m],
+            energies[m],
             tolerance,
             precision,
             share,

@@ -112,6 +112,7 @@ class Kernel:
         product: NDArray[np.float64],
         square: NDArray[np.float64],
         decay: NDArray[np.float64],
+        correlation: NDArray[np.float64] | float = 1.0,
     ) -> NDArray[np.float64]:
         """Covariance, without noise, of poses.
 
@@ -121,12 +122,15 @@ class Kernel:
             Inner product and squared distance of their features.
         decay : ndarray [shape=(a, b)]
             Covariance of the temporal part.
+        correlation : ndarray [shape=(a, b)] or float
+            Of the recordings that the poses are from; holds for all but the temporal part.
         """
         covariance: NDArray[np.float64] = self.linear * product
-        covariance += decay
         covariance += 1.0
         if self.radial:
             covariance += self.radial * np.exp(square * (-0.5 / self.length**2))
+        covariance *= correlation
+        covariance += decay
         return covariance
 
 
@@ -144,12 +148,29 @@ class Rows:
         When in the recording.
     take : ndarray of int [shape=(poses,)]
         Which recording; poses of different ones are infinitely far apart in time.
+    kinship : ndarray [shape=(poses,)], optional
+        Correlation of what the recording says with the truth of the queries: 1 for the same
+        body, the default; less for others.
     """
 
     visible: NDArray[np.float64]
     missing: NDArray[np.float64]
     time: NDArray[np.float64]
     take: NDArray[np.intp]
+    kinship: NDArray[np.float64] | None = None
+
+    def correlation(self, other: Rows) -> NDArray[np.float64] | float:
+        """Correlation of these poses' recordings with others' [shape=(poses, others)].
+
+        A recording agrees with itself; what two of them have in common is what either has
+        with the queries.
+        """
+        if self.kinship is None and other.kinship is None:
+            return 1.0
+        mine = np.ones(len(self.take)) if self.kinship is None else self.kinship
+        theirs = np.ones(len(other.take)) if other.kinship is None else other.kinship
+        same = self.take[:, None] == other.take
+        return np.where(same, 1.0, mine[:, None] * theirs)
 
     def lag(self, other: Rows) -> NDArray[np.float64]:
         """Time between these poses and others [shape=(poses, others), s]."""
@@ -157,11 +178,15 @@ class Rows:
         return np.where(self.take[:, None] == other.take, lag, np.inf)
 
     def blocks(self, seconds: float) -> list[NDArray[np.intp]]:
-        """Return indices of the poses in blocks of some length, by recording."""
+        """Return indices of the poses of the queries' kin in blocks of some length."""
         number = np.floor(self.time / max(seconds, 1e-3)).astype(np.intp)
         _, block = np.unique(np.stack([self.take, number]), axis=1, return_inverse=True)
         block = block.ravel()
-        return [np.flatnonzero(block == b) for b in range(block.max() + 1)]
+        blocks = [np.flatnonzero(block == b) for b in range(block.max() + 1)]
+        if self.kinship is None:
+            return blocks
+        nearest = self.kinship.max()
+        return [b for b in blocks if self.kinship[b[0]] == nearest]
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,8 +232,8 @@ def block_residuals(
         Predicted variance of each residual, noise included, in units of the kernel.
     """
     weights = inverse @ targets
-    residuals = np.empty_like(targets)
-    variance = np.empty(len(targets))
+    residuals = np.full_like(targets, np.nan)
+    variance = np.full(len(targets), np.nan)
     for block in blocks:
         covariance = np.linalg.inv(inverse[np.ix_(block, block)])
         residuals[block] = covariance @ weights[block]
@@ -263,6 +288,7 @@ def _predict(
     aligned: _Aligned,
     kernels: Sequence[Kernel],
     decays: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
+    correlations: tuple[NDArray[np.float64] | float, NDArray[np.float64] | float],
     blocks: Sequence[NDArray[np.intp]],
 ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64], float]]:
     """Yield position, variance (queries, missing) and left-out error for each kernel."""
@@ -275,15 +301,17 @@ def _predict(
     asked_square = asked_norm[:, None] + norm - 2.0 * asked_product
     markers = aligned.targets.shape[1] // 3
     for kernel, (decay, asked_decay) in zip(kernels, decays, strict=True):
-        covariance = kernel.covariance(product, square, decay)
+        covariance = kernel.covariance(product, square, decay, correlations[0])
         covariance[np.diag_indices_from(covariance)] += kernel.noise
         inverse: NDArray[np.float64] = np.linalg.inv(covariance).astype(np.float64, copy=False)
         residuals, variance = block_residuals(inverse, aligned.targets, blocks)
+        judged = np.concatenate(blocks)
+        residuals, variance = residuals[judged], variance[judged]
         # what one unit of the kernel's variance is in mm², marker by marker
         error = (residuals.reshape(len(residuals), markers, 3) ** 2).sum(axis=2)
         unit = (error / variance[:, None]).mean(axis=0)
 
-        cross = kernel.covariance(asked_product, asked_square, asked_decay)
+        cross = kernel.covariance(asked_product, asked_square, asked_decay, correlations[1])
         local = (cross @ (inverse @ aligned.targets) + aligned.centre).reshape(-1, markers, 3)
         own = 1.0 + kernel.linear * asked_norm + kernel.radial + kernel.temporal
         left = own - np.einsum("qr,qr->q", cross @ inverse, cross) + kernel.noise
@@ -321,12 +349,13 @@ def regress(
         Members mixed by their left-out error.
     """
     blocks = rows.blocks(block_seconds)
+    correlations = rows.correlation(rows), query.correlation(rows)
     lag, asked_lag = rows.lag(rows), query.lag(rows)
     decays = [(kernel.decay(lag), kernel.decay(asked_lag)) for kernel in kernels]
     positions, variances, errors = [], [], []
     for view in views:
         aligned = _align(view, rows, query, distance, spread)
-        for position, variance, error in _predict(aligned, kernels, decays, blocks):
+        for position, variance, error in _predict(aligned, kernels, decays, correlations, blocks):
             positions.append(position)
             variances.append(variance)
             errors.append(error)

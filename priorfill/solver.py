@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
-from priorfill.energy import Chains, as_chains, chain_energies, energy
+from priorfill.energy import Chains, as_chains, energy, marker_energies
 from priorfill.errors import OptionError
 from priorfill.prior import Prior
 
@@ -93,8 +93,8 @@ def minimise(
 
     A round works on the frames that promise the greatest decrease of the energy, g² / A[t, t],
     and on the neighbours that their derivatives touch; on them it takes a few descent steps of
-    exact length, in conjugate directions. Chains are independent of each other and of the
-    number of threads.
+    exact length, in conjugate directions. Markers are independent of each other and of the
+    number of threads, and the path down does not depend on the directions of the axes.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def minimise(
         chains.first,
         chains.second,
         chains.right,
-        chain_energies(positions, prior),
+        marker_energies(positions, prior),
         options.tolerance,
         options.precision,
         options.share,

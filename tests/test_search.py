@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from priorfill.normalise import root_group
 from priorfill.resample import Level
-from priorfill.search.bank import PoseBank
+from priorfill.search.bank import Banks, PoseBank
 from priorfill.search.tree import PoseTree
 from priorfill.takes import Take
 
@@ -86,3 +86,25 @@ def test_bank_without_poses_is_empty():
     assert len(bank) == 0
     with pytest.raises(ValueError, match="no pose"):
         bank.nearest(priors[0].levels[0].positions, root.frames(priors[0].levels[0].positions), 3)
+
+
+def test_banks_are_kept_while_there_is_room():
+    rng = np.random.default_rng(5)
+    priors = takes(rng)
+    root = root_group(priors[0].levels[0].positions, (0, 1, 2))
+    viable = np.array([0, 1, 2, 3])
+    banks = Banks(priors)
+    one = banks.get(root, viable, np.array([4]), 30.0)
+    assert banks.get(root, viable, np.array([4]), 30.0) is one
+    two = banks.get(root, viable, np.array([5]), 30.0)
+    assert two is not one
+    assert banks.get(root, viable, np.array([4]), 60.0) is not one
+
+    banks = Banks(priors, room=one.nbytes + two.nbytes)
+    one, two = (banks.get(root, viable, np.array([m]), 30.0) for m in (4, 5))
+    assert banks.get(root, viable, np.array([4]), 30.0) is one
+    banks.get(root, viable, np.array([4, 5]), 30.0)  # the last used two have room: not this one
+    assert banks.get(root, viable, np.array([5]), 30.0) is not two
+    small = Banks(priors, room=1)
+    last = small.get(root, viable, np.array([4]), 30.0)
+    assert small.get(root, viable, np.array([4]), 30.0) is last

@@ -40,8 +40,10 @@ def demo(folder: Path, method: str) -> None:
     from priorfill.demo import make_demo_clip
     from priorfill.errors import OutputError
     from priorfill.filling import fill
+    from priorfill.methods import get_method
     from priorfill.shipped import shipped
 
+    get_method(method)  # a wrong one is found out before anything is written
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

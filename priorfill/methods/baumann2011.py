@@ -32,7 +32,7 @@ from priorfill.multiresolution import levels_for, synthesise
 from priorfill.normalise import RootFrames, RootGroup, choose_root
 from priorfill.prior import Prior, fold, to_world
 from priorfill.resample import Level
-from priorfill.search.bank import PoseBank
+from priorfill.search.bank import Banks, PoseBank
 from priorfill.solver import Solution, minimise
 from priorfill.takes import Take, own_take
 
@@ -98,7 +98,6 @@ class _Planner:
 
     def __init__(self, task: Task, takes: tuple[Take, ...], options: Options) -> None:
         self._task = task
-        self._takes = takes
         self._options = options
         labels = task.labels
         self._reliable = np.array([task.marker_set.reliable.get(label, False) for label in labels])
@@ -106,16 +105,11 @@ class _Planner:
         self._seen = np.zeros(len(labels))
         for take in takes:
             self._seen += (~np.isnan(take.levels[-1].positions[..., 0])).sum(axis=0)
-        self._banks: dict[tuple[object, ...], PoseBank] = {}
+        self._banks = Banks(takes)
 
     def bank(self, search: _Search, rate: float) -> PoseBank:
-        """Return the bank of a search at a rate, the same one for the same markers."""
-        key = (search.root.markers, tuple(search.viable), tuple(search.wanted), rate)
-        if key not in self._banks:
-            self._banks[key] = PoseBank(
-                self._takes, search.root, search.viable, search.wanted, rate
-            )
-        return self._banks[key]
+        """Return the bank of a search at a rate."""
+        return self._banks.get(search.root, search.viable, search.wanted, rate)
 
     def searches(self, group: GapGroup) -> tuple[list[_Search], list[Note]]:
         """Plan the searches of a gap group, and note what cannot be searched for."""

@@ -36,11 +36,9 @@ LIMB_VIEWS = (
     FEW_VIEWS[3],
     View("heading", 200.0, 0.1),
     View("rigid", 200.0, 0.1),
-    View("heading", 300.0, 0.1),
-    View("rigid", 300.0, 0.1),
 )
 LIMB_KERNELS = FEW_KERNELS + tuple(
-    Kernel(linear, radial, length, temporal, seconds, smooth=True, noise=1e-4)
+    Kernel(linear, radial, length, 0.05, 0.4, smooth=True, noise=1e-4)
     for linear, radial, length in (
         (10.0, 0.1, 0.6),
         (30.0, 0.0, 1.0),
@@ -49,7 +47,6 @@ LIMB_KERNELS = FEW_KERNELS + tuple(
         (3.0, 3.0, 1.0),
         (0.1, 0.1, 0.4),
     )
-    for temporal, seconds in ((0.001, 0.3), (0.05, 0.4))
 )
 """For limbs and other large parts of the body, which move against what is visible."""
 

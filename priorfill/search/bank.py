@@ -7,6 +7,7 @@ and accelerations without storing them.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,7 +18,11 @@ from priorfill.normalise import RootFrames, RootGroup
 from priorfill.search.tree import PoseTree
 from priorfill.takes import Take
 
-__all__ = ["Neighbours", "PoseBank"]
+__all__ = ["Banks", "Neighbours", "PoseBank"]
+
+ROOM = 2**29
+"""Bytes of banks kept for another use: in a clip whose markers flicker every gap needs banks of
+its own, and a bank holds a part of the whole database."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +108,14 @@ class PoseBank:
     def __len__(self) -> int:
         return len(self.rows)
 
+    @property
+    def nbytes(self) -> int:
+        """Memory that it takes."""
+        arrays = (self.rows, self._take, self._rate_ratio, self._positions)
+        frames = self._frames.origin.nbytes + self._frames.rotation.nbytes
+        tree = self._tree.nbytes if self._tree is not None else 0
+        return sum(array.nbytes for array in arrays) + frames + tree
+
     def _root_frames(
         self,
         positions: NDArray[np.float32],
@@ -178,3 +191,45 @@ class PoseBank:
             (0.5 * ratio * (after - before)).reshape(shape),
             (ratio**2 * (after - 2.0 * here + before)).reshape(shape),
         )
+
+
+class Banks:
+    """Banks of some takes, made when asked for; the last ones used are kept while there is room.
+
+    Parameters
+    ----------
+    takes : sequence of Take
+        Where the banks look.
+    room : int
+        Bytes to keep; the bank used last is kept whatever its size.
+    """
+
+    def __init__(self, takes: Sequence[Take], room: int = ROOM) -> None:
+        self._takes = takes
+        self._room = room
+        self._kept: dict[tuple[object, ...], PoseBank] = {}  # the last used last
+        self._size = 0
+        self._lock = threading.Lock()
+
+    def get(
+        self, root: RootGroup, viable: NDArray[np.intp], wanted: NDArray[np.intp], rate: float
+    ) -> PoseBank:
+        """Return a bank; parameters as for `PoseBank`. May be called from several threads."""
+        key = (root.markers, root.template.tobytes(), viable.tobytes(), wanted.tobytes(), rate)
+        with self._lock:
+            bank = self._take_out(key)
+        if bank is None:
+            bank = PoseBank(self._takes, root, viable, wanted, rate)
+        with self._lock:
+            self._take_out(key)  # another thread may have made it meanwhile
+            self._kept[key] = bank
+            self._size += bank.nbytes
+            while self._size > self._room and len(self._kept) > 1:
+                self._take_out(next(iter(self._kept)))
+        return bank
+
+    def _take_out(self, key: tuple[object, ...]) -> PoseBank | None:
+        bank = self._kept.pop(key, None)
+        if bank is not None:
+            self._size -= bank.nbytes
+        return bank

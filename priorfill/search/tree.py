@@ -34,6 +34,11 @@ class PoseTree:
     def __len__(self) -> int:
         return int(self._tree.n)
 
+    @property
+    def nbytes(self) -> int:
+        """Memory that it takes: the poses, their order, and a node for every dozen of them."""
+        return int(self._tree.data.nbytes + self._tree.indices.nbytes * 2)
+
     def nearest(
         self, queries: NDArray[np.float64], k: int
     ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:

@@ -1,0 +1,226 @@
+"""`fill`: what it promises whatever the method."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gappy import ARM, FOOT, error, person, straight, with_gaps
+
+import priorfill as pf
+from priorfill.clip import Clip
+from priorfill.database import PriorDatabase
+from priorfill.errors import DatabaseError, DatabaseNotFoundError, OptionError
+from priorfill.filling import FilledGap, LeftMissing, fill
+from priorfill.methods import METHODS
+from priorfill.methods.task import Estimate, Note
+
+METHOD = pytest.mark.parametrize("method", sorted(METHODS))
+GAPS = ((60, 130, ARM), (90, 170, FOOT), (200, 240, ("LKNE",)), (0, 240, ("C7",)))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A database of one other person's walk."""
+    place = tmp_path_factory.mktemp("filling") / "db"
+    with PriorDatabase.create(place) as made:
+        made.add(person(seconds=6.0, seed=11, body=11))
+    return place
+
+
+@METHOD
+def test_measured_samples_are_the_same_bits(method):
+    clip = with_gaps(person(), *GAPS)
+    before = clip.positions.copy()
+    result = fill(clip, method=method)
+    measured = ~clip.missing
+    assert result.clip.positions[measured].tobytes() == clip.positions[measured].tobytes()
+    np.testing.assert_array_equal(clip.positions, before)
+
+
+def test_fields_of_the_result(folder):
+    clip = with_gaps(person(), *GAPS)
+    result = pf.fill(clip, database=folder)
+    assert isinstance(result, pf.Result)
+    assert result.method == "prior"
+    assert result.database == folder
+    assert result.marker_set.name == "baumann41"
+    assert result.complete
+    np.testing.assert_array_equal(result.filled, clip.missing)
+    assert not result.clip.missing.any()
+    assert (result.clip.labels, result.clip.rate, result.clip.up, result.clip.name) == (
+        (clip.labels, clip.rate, clip.up, clip.name)
+    )
+    assert np.isnan(result.deviation[~clip.missing]).all()
+    assert (result.deviation[clip.missing] > 0).all()
+    assert [(g.start, g.stop, g.label) for g in result.gaps] == [
+        (g.start, g.stop, clip.labels[g.marker]) for g in pf.find_gaps(clip.missing)
+    ]
+    for gap in result.gaps:
+        assert isinstance(gap, FilledGap)
+        assert gap.complete
+        assert gap.filled == gap.frames == gap.stop - gap.start
+        assert gap.left == ()
+        inside = result.deviation[gap.start : gap.stop, clip.labels.index(gap.label)]
+        assert gap.expected_error == pytest.approx(np.sqrt((inside**2).mean()))
+        if gap.label == "C7":
+            assert gap.how == ("the database's nearest poses",)
+            assert gap.takes == ("synthetic_walking_011",)
+        else:
+            assert gap.how == ("the clip's own frames",)
+            assert gap.takes == (clip.name,)
+
+
+def test_what_stays_missing_is_named():
+    clip = with_gaps(person(), *GAPS)
+    result = fill(clip)
+    assert not result.complete
+    assert result.database is None
+    (gap,) = [g for g in result.gaps if not g.complete]
+    assert (gap.label, gap.filled, gap.how, gap.takes) == ("C7", 0, (), ())
+    assert np.isnan(gap.expected_error)
+    (left,) = gap.left
+    assert isinstance(left, LeftMissing)
+    assert (left.start, left.stop) == (0, 240)
+    assert "no database" in left.reason
+    missing = result.clip.missing
+    assert missing.sum() == 240
+    assert missing[:, clip.labels.index("C7")].all()
+
+
+def test_expected_error_is_of_the_size_of_the_error(folder):
+    clip = with_gaps(person(), *GAPS)
+    result = fill(clip, database=folder)
+    off = np.linalg.norm(result.clip.positions - person().positions, axis=2)
+    for gap in result.gaps:
+        real = np.sqrt((off[gap.start : gap.stop, clip.labels.index(gap.label)] ** 2).mean())
+        assert 0.1 < gap.expected_error / real < 10, gap.label
+
+
+@METHOD
+def test_a_database_as_path_or_as_object(method, folder):
+    clip = with_gaps(person(), (60, 90, ("LKNE",)), (0, 240, ("C7",)))
+    by_path = fill(clip, method=method, database=folder)
+    by_text = fill(clip, method=method, database=str(folder))
+    with PriorDatabase.open(folder) as database:
+        by_object = fill(clip, method=method, database=database)
+        assert len(list(database.clips())) == 1  # still open
+    for other in (by_text, by_object):
+        assert other.clip.positions.tobytes() == by_path.clip.positions.tobytes()
+        assert other.database == by_path.database == folder
+
+
+def test_a_database_without_a_common_marker(tmp_path):
+    with PriorDatabase.create(tmp_path / "db") as database:
+        names = tuple(f"X{i}" for i in range(41))
+        database.add(Clip(person().positions, names, 60.0, name="strange"))
+    clip = with_gaps(person(), (60, 90, ("LKNE",)))
+    with pytest.raises(DatabaseError, match="no marker in common with synthetic_walking_003"):
+        fill(clip, database=tmp_path / "db")
+
+
+def test_an_empty_database(tmp_path):
+    PriorDatabase.create(tmp_path / "db").close()
+    with pytest.raises(DatabaseError, match="it is empty"):
+        fill(with_gaps(person(), (60, 90, ("LKNE",))), database=tmp_path / "db")
+
+
+def test_no_database_there(tmp_path):
+    with pytest.raises(DatabaseNotFoundError):
+        fill(with_gaps(person(), (60, 90, ("LKNE",))), database=tmp_path / "db")
+
+
+def test_no_such_method():
+    with pytest.raises(OptionError, match="no method 'spline'; use one of auto prior baumann2011"):
+        fill(person(), method="spline")
+
+
+@METHOD
+def test_no_gaps(method):
+    result = fill(person(), method=method)
+    assert result.complete
+    assert result.gaps == ()
+    assert not result.filled.any()
+    assert result.clip.positions.tobytes() == person().positions.tobytes()
+
+
+def test_progress_counts_the_gap_groups():
+    clip = with_gaps(person(), (20, 30, ("LKNE",)), (60, 70, ("RKNE",)), (65, 90, ("C7",)))
+    calls = []
+    fill(clip, progress=lambda done, total: calls.append((done, total)))
+    assert calls == [(1, 2), (2, 2)]
+
+
+def test_what_a_method_says_of_measured_samples_is_not_heard(monkeypatch):
+    """A method that changes everything, and says nothing of one gap."""
+
+    def wild(task, progress):
+        estimate = Estimate(
+            np.full_like(task.positions, 7.0), np.full(task.positions.shape[:2], 1.0)
+        )
+        estimate.positions[60:65, 0, 1] = np.inf
+        estimate.positions[65:70, 0] = np.nan
+        estimate.notes.append(Note(0, 60, 65, "too wild", filled=False))
+        estimate.notes.append(Note(0, 70, 90, "out of thin air"))
+        return estimate
+
+    monkeypatch.setattr("priorfill.filling.get_method", lambda name: wild)
+    clip = with_gaps(person(), (60, 90, person().labels[:1]))
+    result = fill(clip, method="wild")
+    measured = ~clip.missing
+    assert result.clip.positions[measured].tobytes() == clip.positions[measured].tobytes()
+    (gap,) = result.gaps
+    assert gap.filled == 20
+    assert gap.how == ("out of thin air",)
+    assert [left.reason for left in gap.left] == ["too wild"]
+    assert [(left.start, left.stop) for left in gap.left] == [(60, 70)]
+    assert np.isnan(result.deviation[60:70, 0]).all()
+    assert (result.clip.positions[70:90, 0] == 7).all()
+
+
+PROGRAM = """
+import hashlib, sys
+sys.path.insert(0, {tests!r})
+from test_filling import GAPS
+from gappy import person, with_gaps
+from priorfill.filling import fill
+for method in ("baumann2011", "prior"):
+    result = fill(with_gaps(person(), *GAPS), method=method, database={database!r})
+    print(method, hashlib.sha256(result.clip.positions.tobytes()).hexdigest())
+"""
+
+
+def test_the_same_bits_from_run_to_run_and_for_any_number_of_threads(folder):
+    program = PROGRAM.format(tests=str(Path(__file__).parent), database=str(folder))
+    here = []
+    for method in ("baumann2011", "prior"):
+        result = fill(with_gaps(person(), *GAPS), method=method, database=folder)
+        here.append(f"{method} {hashlib.sha256(result.clip.positions.tobytes()).hexdigest()}")
+    for threads in ("1", "2"):
+        names = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+        environment = os.environ | dict.fromkeys(names, threads)
+        done = subprocess.run(
+            [sys.executable, "-c", program],
+            capture_output=True,
+            text=True,
+            check=True,
+            env=environment,
+        )
+        assert done.stdout.splitlines() == here, threads
+
+
+@pytest.mark.realdata
+def test_a_limb_of_a_recording(data):
+    """The left arm is gone for a second of walking."""
+    whole = pf.read(data / "hdm05" / "HDM_bd_01-02_01_120.c3d")
+    truth = Clip(whole.positions[500:1500], whole.labels, whole.rate, whole.up)
+    clip = with_gaps(truth, (400, 520, ARM))
+    result = fill(clip)
+    assert result.complete
+    found = error(result.clip.positions, truth.positions, result.filled)
+    assert found < 0.5 * error(straight(clip), truth.positions, result.filled)

@@ -1,0 +1,290 @@
+"""The methods on synthetic clips: they fill what can be filled, and say what cannot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import naive
+import numpy as np
+import pytest
+from gappy import ARM, FOOT, error, person, straight, with_gaps
+
+from priorfill.axes import from_upright
+from priorfill.clip import Clip
+from priorfill.database import PriorDatabase
+from priorfill.energy import energy
+from priorfill.filling import Result, fill
+from priorfill.methods import METHODS, baumann2011, regression_prior
+from priorfill.solver import Descent, minimise, solve_exactly
+
+METHOD = pytest.mark.parametrize("method", sorted(METHODS))
+
+GAPS = {
+    "single": [(100, 130, ("LKNE",))],
+    "limb": [(80, 170, ARM)],
+    "overlapping": [(70, 160, ARM), (100, 190, FOOT), (120, 135, ("C7",)), (150, 175, ("STRN",))],
+    "start": [(0, 40, ("RWRA", "RFIN"))],
+    "end": [(200, 240, ("LANK", "LHEE"))],
+    "moments": [(50, 51, ("LFHD",)), (90, 92, ("RSHN",)), (91, 94, ("RKNE",))],
+}
+
+
+@pytest.fixture(scope="module")
+def database(tmp_path_factory: pytest.TempPathFactory) -> PriorDatabase:
+    """Two other people walking."""
+    place = tmp_path_factory.mktemp("priors") / "db"
+    with PriorDatabase.create(place) as made:
+        for body in (11, 12):
+            made.add(person(seconds=6.0, seed=body, body=body))
+    with PriorDatabase.open(place) as opened:
+        yield opened
+
+
+def check(clip: Clip, result: Result) -> None:
+    """What holds whatever is filled."""
+    missing = clip.missing
+    np.testing.assert_array_equal(result.clip.positions[~missing], clip.positions[~missing])
+    assert not (result.filled & ~missing).any()
+    np.testing.assert_array_equal(result.clip.missing, missing & ~result.filled)
+    assert np.isfinite(result.clip.positions[result.filled]).all()
+    assert np.isfinite(result.deviation[result.filled]).all()
+    assert (result.deviation[result.filled] >= 0).all()
+    assert np.isnan(result.deviation[~result.filled]).all()
+    for gap in result.gaps:
+        assert gap.how or gap.filled == 0
+        assert sum(p.stop - p.start for p in gap.left) == gap.frames - gap.filled
+        assert all(p.reason for p in gap.left)
+        assert "no finite position" not in " ".join(p.reason for p in gap.left)
+
+
+@METHOD
+@pytest.mark.parametrize("name", GAPS)
+def test_gaps_of_all_kinds(method, name):
+    clip = with_gaps(person(), *GAPS[name])
+    result = fill(clip, method=method)
+    check(clip, result)
+    assert result.complete
+    truth = person().positions
+    found = error(result.clip.positions, truth, result.filled)
+    line = error(straight(clip), truth, result.filled)
+    if method == "prior":
+        assert found < (1.0 if name == "moments" else 0.5 * line)
+    # nothing flies away, wherever the gap is
+    off = np.linalg.norm(result.clip.positions - truth, axis=2)
+    assert off.max() < (100 if method == "prior" else 600)
+
+
+def test_the_seam_has_no_jump():
+    clip = with_gaps(person(), *GAPS["overlapping"], *GAPS["single"])
+    found = fill(clip).clip.positions
+    step = np.linalg.norm(np.diff(found - person().positions, axis=0), axis=2)
+    assert step.max() < 15.0
+
+
+@METHOD
+def test_dropout(method, database):
+    clip = with_gaps(person(), (0, 240, ("RKNE",)), (60, 100, ("LELB",)))
+    alone = fill(clip, method=method)
+    check(clip, alone)
+    (gap,) = [g for g in alone.gaps if g.label == "RKNE"]
+    assert gap.filled == 0
+    assert [(p.start, p.stop) for p in gap.left] == [(0, 240)]
+    assert "database" in gap.left[0].reason or "no prior pose" in gap.left[0].reason
+    helped = fill(clip, method=method, database=database)
+    check(clip, helped)
+    assert helped.complete
+    assert error(helped.clip.positions, person().positions, alone.clip.missing) < 60
+    (gap,) = [g for g in helped.gaps if g.label == "RKNE"]
+    assert set(gap.takes) <= {record.name for record in database.clips()}
+    assert gap.takes
+
+
+@METHOD
+def test_blackout(method):
+    everything = person().labels
+    short = with_gaps(person(), (100, 120, everything))
+    result = fill(short, method=method)
+    check(short, result)
+    if method == "prior":
+        assert result.complete
+        assert error(result.clip.positions, person().positions, result.filled) < 60
+        assert {how for gap in result.gaps for how in gap.how} == {
+            "bridged over time: no other marker is visible"
+        }
+    long = with_gaps(person(), (80, 160, everything), (0, 5, everything))
+    result = fill(long, method=method)
+    check(long, result)
+    assert not result.filled.any()
+    assert len(result.gaps) == 2 * len(everything)
+
+
+@METHOD
+def test_limb_gap_into_a_blackout(method):
+    clip = with_gaps(person(), (60, 150, ARM), (100, 115, person().labels))
+    result = fill(clip, method=method)
+    check(clip, result)
+    assert result.filled[60:100][:, clip.missing[60]].all()
+    assert result.complete == (method == "prior")
+
+
+@METHOD
+def test_a_marker_set_that_nobody_knows(method):
+    names = tuple(f"M{i:02d}" for i in range(1, 42))
+    truth = replace(person(), labels=names)
+    clip = with_gaps(truth, (80, 170, [names[person().labels.index(x)] for x in ARM]))
+    result = fill(clip, method=method)
+    check(clip, result)
+    assert result.complete
+    if method == "prior":
+        line = error(straight(clip), truth.positions, result.filled)
+        assert error(result.clip.positions, truth.positions, result.filled) < 0.5 * line
+
+
+@METHOD
+@pytest.mark.parametrize("frames", [1, 2, 3, 20])
+def test_short_clips(method, frames, database):
+    clip = replace(person(), positions=person().positions[:frames])
+    middle = frames // 2
+    clip = with_gaps(clip, (middle, middle + 1, ("LKNE",)), (0, frames, ("C7",)))
+    for priors in (None, database):
+        result = fill(clip, method=method, database=priors)
+        check(clip, result)
+        if priors is not None:
+            assert result.complete
+
+
+@METHOD
+def test_no_frame_is_complete(method):
+    gaps = [(8 * i, 8 * i + 8, (label,)) for i, label in enumerate(person().labels[:30])]
+    clip = with_gaps(person(), *gaps)
+    assert clip.missing.any(axis=1).all()
+    result = fill(clip, method=method)
+    check(clip, result)
+    assert result.complete
+    if method == "prior":
+        assert error(result.clip.positions, person().positions, result.filled) < 15
+
+
+@METHOD
+@pytest.mark.parametrize("markers", [1, 2, 3])
+def test_few_markers(method, markers):
+    clip = replace(
+        person(), positions=person().positions[:, :markers], labels=person().labels[:markers]
+    )
+    clip = with_gaps(clip, (100, 110, clip.labels[:1]))
+    result = fill(clip, method=method)
+    check(clip, result)
+
+
+@METHOD
+def test_nothing_is_measured(method, database):
+    clip = replace(person(), positions=np.full((30, 41, 3), np.nan))
+    for priors in (None, database):
+        result = fill(clip, method=method, database=priors)
+        check(clip, result)
+        assert not result.filled.any()
+
+
+@METHOD
+def test_a_clip_that_stands_still(method):
+    still = replace(person(), positions=np.repeat(person().positions[:1], 120, axis=0))
+    clip = with_gaps(still, (30, 80, ARM), (0, 10, ("LKNE",)), (110, 120, ("LKNE",)))
+    result = fill(clip, method=method)
+    check(clip, result)
+    assert result.complete
+    np.testing.assert_allclose(result.clip.positions, still.positions, atol=0.1)
+
+
+@METHOD
+def test_all_markers_in_one_place(method):
+    positions = np.repeat(person().positions[:, :1], 41, axis=1)
+    clip = with_gaps(replace(person(), positions=positions), (100, 130, ARM))
+    result = fill(clip, method=method)
+    check(clip, result)
+
+
+@METHOD
+@pytest.mark.parametrize("rate", [20.0, 500.0])
+def test_frame_rates(method, rate):
+    truth = person(rate=rate, seconds=3.0)
+    clip = with_gaps(truth, (round(1.0 * rate), round(1.4 * rate), ("LKNE", "LTHI")))
+    result = fill(clip, method=method)
+    check(clip, result)
+    assert result.complete
+    if method == "prior":
+        assert error(result.clip.positions, truth.positions, result.filled) < 15
+
+
+@METHOD
+def test_filling_turns_and_moves_with_the_clip(method, database):
+    clip = with_gaps(person(), *GAPS["overlapping"], (0, 240, ("RKNE",)), (225, 235, clip_labels()))
+    angle, shift = 2.2, np.array([1500.0, -2600.0, 0.0])
+    moved = clip.with_positions(naive.turned(clip.positions, angle, shift))
+    for priors in (None, database):
+        one = fill(clip, method=method, database=priors)
+        two = fill(moved, method=method, database=priors)
+        np.testing.assert_array_equal(one.filled, two.filled)
+        assert one.filled.any()
+        np.testing.assert_allclose(
+            two.clip.positions, naive.turned(one.clip.positions, angle, shift), atol=1e-3
+        )
+        np.testing.assert_allclose(two.deviation, one.deviation, atol=1e-3)
+
+
+def clip_labels() -> tuple[str, ...]:
+    """All markers but the one that is missing anyway."""
+    return tuple(label for label in person().labels if label != "RKNE")
+
+
+@METHOD
+@pytest.mark.parametrize("up", ["+Y", "-X", "-Z"])
+def test_filling_does_not_depend_on_the_axes(method, up, database):
+    clip = with_gaps(person(), *GAPS["limb"], (0, 240, ("RKNE",)))
+    turned = replace(clip, positions=from_upright(clip.positions, up), up=up)
+    for priors in (None, database):
+        one = fill(clip, method=method, database=priors)
+        two = fill(turned, method=method, database=priors)
+        np.testing.assert_allclose(
+            two.clip.positions, from_upright(one.clip.positions, up), atol=1e-3
+        )
+
+
+def problems(monkeypatch, method, clip):
+    """The problems (positions, free, prior) that a method gives to its solver."""
+    module = {"prior": regression_prior, "baumann2011": baumann2011}[method]
+    seen = []
+
+    def record(positions, free, prior):
+        seen.append((positions.copy(), free.copy(), prior))
+        return minimise(positions, free, prior)
+
+    monkeypatch.setattr(module, "minimise", record)
+    fill(clip, method=method)
+    return seen
+
+
+def check_descent(found):
+    assert found
+    for positions, free, prior in found:
+        exact = solve_exactly(positions, free, prior)
+        descent = minimise(positions, free, prior, Descent(tolerance=1e-12))
+        assert descent.energy <= exact.energy * (1 + 1e-6) + 1e-9
+        off = np.linalg.norm(descent.positions - exact.positions, axis=2)[free]
+        assert off.max() < 0.1
+        assert energy(exact.positions, prior) <= energy(positions, prior) * (1 + 1e-9)
+
+
+@METHOD
+def test_descent_reaches_the_exact_minimum_on_synthetic_clips(method, monkeypatch):
+    clip = with_gaps(person(), *GAPS["overlapping"], *GAPS["start"], *GAPS["end"])
+    check_descent(problems(monkeypatch, method, clip))
+
+
+@pytest.mark.realdata
+@METHOD
+def test_descent_reaches_the_exact_minimum_on_a_recording(method, monkeypatch, data):
+    from priorfill.formats import read
+
+    clip = read(data / "cmu" / "127_07.c3d")
+    clip = with_gaps(clip, (40, 100, [x for x in ARM if x in clip.labels]), (70, 120, ("RANK",)))
+    check_descent(problems(monkeypatch, method, clip))

@@ -1,0 +1,58 @@
+"""What users import, and what importing costs."""
+
+import subprocess
+import sys
+from importlib import import_module
+
+import pytest
+
+import priorfill
+
+SLOW = ("numba", "scipy", "ezc3d", "rich")
+
+
+def loaded_after(statement: str) -> set[str]:
+    """Slow packages that a statement makes Python import."""
+    code = f"import sys\n{statement}\nprint(*(m for m in {SLOW} if m in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(done.stdout.splitlines()[-1].split() if done.stdout.strip() else [])
+
+
+def test_all_is_sorted_and_complete():
+    assert priorfill.__all__ == sorted(priorfill.__all__)
+    assert dir(priorfill) == priorfill.__all__
+    for name in priorfill.__all__:
+        assert getattr(priorfill, name) is not None
+    for module in ("filling", "formats", "gaps", "clip", "database"):
+        names = import_module(f"priorfill.{module}").__all__
+        assert len(set(names)) == len(names)
+
+
+def test_no_such_name():
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        priorfill.nonsense  # noqa: B018
+
+
+def test_fill_stays_a_function():
+    for module in ("filling", "methods.regression_prior", "methods.baumann2011", "cli.fill"):
+        import_module(f"priorfill.{module}")
+    assert callable(priorfill.fill)
+    assert priorfill.fill.__module__ == "priorfill.filling"
+
+
+def test_import_is_cheap():
+    assert loaded_after("import priorfill; priorfill.__all__, priorfill.__version__") == set()
+
+
+def test_help_is_cheap():
+    for arguments in (["--help"], ["--version"]):
+        statement = (
+            "from priorfill.cli import main\n"
+            f"try: main({arguments})\n"
+            "except SystemExit as e: assert e.code in (0, None)"
+        )
+        assert loaded_after(statement) == set()
+
+
+def test_slow_packages_are_seen_by_this_test():
+    assert "scipy" in loaded_after("import scipy")
