@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from priorfill.normalise import RootFrames, heading_frames, rigid_frames
 
-__all__ = ["Kernel", "Regression", "Rows", "View", "block_residuals", "regress"]
+__all__ = ["Kernel", "Lesson", "Regression", "Rows", "View", "block_residuals", "regress"]
 
 SELECTION_POWER = 8.0
 """Members count by (least error / own error) to this power: between the mean of all (0) and the
@@ -190,6 +190,26 @@ class Rows:
 
 
 @dataclass(frozen=True, eq=False)
+class Lesson:
+    """Poses to learn from, and the poses to predict by the same visible markers.
+
+    Attributes
+    ----------
+    rows : Rows
+        What to learn from; at least two blocks of the queries' kin.
+    query : Rows
+        The poses to predict.
+    distance, spread : ndarray [shape=(visible markers,), mm]
+        Rms distance of each visible marker to the nearest missing one, and how much that varies.
+    """
+
+    rows: Rows
+    query: Rows
+    distance: NDArray[np.float64]
+    spread: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
 class Regression:
     """What the regression says of the missing markers.
 
@@ -252,18 +272,13 @@ class _Aligned:
     frames: RootFrames  # of the queries
 
 
-def _align(
-    view: View,
-    rows: Rows,
-    query: Rows,
-    distance: NDArray[np.float64],
-    spread: NDArray[np.float64],
-) -> _Aligned:
-    """Align rows and queries as a view asks; parameters as of `regress`."""
-    nearness = np.exp(-(distance**2) / (2.0 * view.reach**2))
+def _align(view: View, lesson: Lesson) -> _Aligned:
+    """Align a lesson's rows and queries as a view asks."""
+    rows, query = lesson.rows, lesson.query
+    nearness = np.exp(-(lesson.distance**2) / (2.0 * view.reach**2))
     firmness = np.ones_like(nearness)
     if view.slack is not None:
-        firmness = 1.0 / (1.0 + (spread / view.slack) ** 2)
+        firmness = 1.0 / (1.0 + (lesson.spread / view.slack) ** 2)
     alignment = nearness * firmness + ALIGNMENT_FLOOR
     weight = nearness * np.sqrt(firmness) + view.floor
     align = rigid_frames if view.frame == "rigid" else heading_frames
@@ -320,26 +335,19 @@ def _predict(
 
 
 def regress(
-    rows: Rows,
-    query: Rows,
-    distance: NDArray[np.float64],
-    spread: NDArray[np.float64],
+    lessons: Sequence[Lesson],
     views: Sequence[View],
     kernels: Sequence[Kernel],
     block_seconds: float,
 ) -> Regression:
-    """Predict the missing markers of some poses from the rows.
+    """Predict the missing markers of some poses.
 
     Parameters
     ----------
-    rows : Rows
-        What to learn from; at least two blocks of it.
-    query : Rows
-        The poses to predict.
-    distance, spread : ndarray [shape=(visible markers,), mm]
-        Rms distance of each visible marker to the nearest missing one, and how much that varies.
+    lessons : sequence of Lesson
+        Ways to learn the same thing: all have the same queries and missing markers.
     views, kernels : sequences
-        Members: each view with each kernel.
+        Members: each lesson in each view with each kernel.
     block_seconds : float
         Length of the blocks left out: that of the gap.
 
@@ -348,17 +356,21 @@ def regress(
     Regression
         Members mixed by their left-out error.
     """
-    blocks = rows.blocks(block_seconds)
-    correlations = rows.correlation(rows), query.correlation(rows)
-    lag, asked_lag = rows.lag(rows), query.lag(rows)
-    decays = [(kernel.decay(lag), kernel.decay(asked_lag)) for kernel in kernels]
     positions, variances, errors = [], [], []
-    for view in views:
-        aligned = _align(view, rows, query, distance, spread)
-        for position, variance, error in _predict(aligned, kernels, decays, correlations, blocks):
-            positions.append(position)
-            variances.append(variance)
-            errors.append(error)
+    for lesson in lessons:
+        rows, query = lesson.rows, lesson.query
+        blocks = rows.blocks(block_seconds)
+        correlations = rows.correlation(rows), query.correlation(rows)
+        lag, asked_lag = rows.lag(rows), query.lag(rows)
+        decays = [(kernel.decay(lag), kernel.decay(asked_lag)) for kernel in kernels]
+        for view in views:
+            aligned = _align(view, lesson)
+            for position, variance, error in _predict(
+                aligned, kernels, decays, correlations, blocks
+            ):
+                positions.append(position)
+                variances.append(variance)
+                errors.append(error)
     error_of = np.maximum(np.array(errors), 1e-6)  # mm; a clip that stands still has none
     share = (error_of.min() / error_of) ** SELECTION_POWER
     share /= share.sum()

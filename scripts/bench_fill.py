@@ -51,9 +51,7 @@ def main() -> int:
     """Run the benchmark."""
     beside = Path(__file__).resolve().parents[2] / "shared" / "data"
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--data", type=Path, default=Path(os.environ.get("PRIORFILL_DATA", beside))
-    )
+    parser.add_argument("--data", type=Path, default=Path(os.environ.get("PRIORFILL_DATA", beside)))
     parser.add_argument("--seconds", default="1,2,4,8")
     parser.add_argument("--repeat", type=int, default=3)
     arguments = parser.parse_args()
@@ -70,7 +68,9 @@ def main() -> int:
             for file in sorted((arguments.data / PRIORS).glob("*.c3d")):
                 writer.add(pf.read(file))
             poses = sum(record.frames[0] for record in writer.clips())
-        print(f"{take.name}: {whole.duration:.0f} s at {whole.rate:.0f} Hz; {len(ARM)} markers gone")
+        print(
+            f"{take.name}: {whole.duration:.0f} s at {whole.rate:.0f} Hz; {len(ARM)} markers gone"
+        )
         print(f"database: {poses} poses at 30 Hz\n")
         print(f"{'method':12s} {'database':8s} {'gap s':>6s} {'wall s':>7s} {'cpu s':>7s}", end="")
         print(f" {'wall s/s':>9s} {'of paper':>9s} {'of ' + METHODS[0]:>15s}")
@@ -84,9 +84,7 @@ def main() -> int:
                     clip = whole.with_positions(positions)
                     if not walls:  # compile, fill caches
                         pf.fill(clip, database=prior, method=method)
-                    wall, cpu = best_time(
-                        clip, arguments.repeat, database=prior, method=method
-                    )
+                    wall, cpu = best_time(clip, arguments.repeat, database=prior, method=method)
                     walls.append(wall)
                     ratio = wall / reference.setdefault(seconds, wall)
                     print(

@@ -136,7 +136,7 @@ def test_no_database_there(tmp_path):
 
 
 def test_no_such_method():
-    with pytest.raises(OptionError, match="no method 'spline'; use one of auto prior baumann2011"):
+    with pytest.raises(OptionError, match="no method 'spline'; use one of auto prior "):
         fill(person(), method="spline")
 
 

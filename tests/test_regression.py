@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from priorfill.regression import Kernel, Rows, View, block_residuals, regress
+from priorfill.regression import Kernel, Lesson, Rows, View, block_residuals, regress
 
 KERNEL = Kernel(1.0, 0.1, 1.0, 0.001, 0.1, smooth=False, noise=1e-4)
 VIEW = View("rigid", 220.0, 0.005, 10.0)
@@ -56,7 +56,7 @@ def test_a_rigid_body_is_predicted_exactly(seed):
     gap = np.arange(40, 80)
     rows, query = split(poses, time, gap)
     distance = np.linalg.norm(poses[0, 1:] - poses[0, :1], axis=1)
-    found = regress(rows, query, distance, np.zeros(4), [VIEW], [KERNEL], 0.4)
+    found = regress([Lesson(rows, query, distance, np.zeros(4))], [VIEW], [KERNEL], 0.4)
     np.testing.assert_allclose(found.positions[:, 0], poses[gap, 0], atol=0.05)
 
 
@@ -66,7 +66,7 @@ def test_deviation_and_left_out_error_are_of_the_size_of_the_error():
         gap = np.arange(40, 80)
         rows, query = split(poses, time, gap)
         distance = np.linalg.norm(poses[0, 1:] - poses[0, :1], axis=1)
-        found = regress(rows, query, distance, np.full(4, 2.0), [VIEW], [KERNEL], 0.4)
+        found = regress([Lesson(rows, query, distance, np.full(4, 2.0))], [VIEW], [KERNEL], 0.4)
         error = np.sqrt(((found.positions[:, 0] - poses[gap, 0]) ** 2).sum(axis=1).mean())
         assert 0.5 < np.sqrt((found.deviation**2).mean()) / error < 2.0
         assert 0.5 < found.error / error < 2.0
@@ -83,7 +83,9 @@ def test_prediction_turns_and_moves_with_the_body(seed, angle):
 
     def predict(clip):
         rows, query = split(clip, time, gap)
-        return regress(rows, query, distance, np.full(4, 2.0), views, [KERNEL], 0.2).positions
+        return regress(
+            [Lesson(rows, query, distance, np.full(4, 2.0))], views, [KERNEL], 0.2
+        ).positions
 
     moved = predict(naive.turned(poses, angle, shift))
     np.testing.assert_allclose(moved, naive.turned(predict(poses), angle, shift), atol=1e-5)

@@ -50,7 +50,7 @@ MAX_NAMES = 6
     "-m",
     default="auto",
     show_default=True,
-    help="auto, prior, or baumann2011 (the published method to the letter).",
+    help="auto (which is prior), prior, neighbours, or baumann2011 (the published method).",
 )
 @click.option("--overwrite", is_flag=True, help="Replace OUT.c3d if it exists.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")

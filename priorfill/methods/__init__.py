@@ -14,6 +14,7 @@ __all__ = ["DEFAULT_METHOD", "METHODS", "get_method"]
 
 METHODS = {
     "prior": "priorfill.methods.regression_prior",
+    "neighbours": "priorfill.methods.neighbours",
     "baumann2011": "priorfill.methods.baumann2011",
 }
 """Name of each method and the module that has it as ``fill``."""

@@ -36,7 +36,7 @@ from priorfill.search.bank import Banks, PoseBank
 from priorfill.solver import Solution, minimise
 from priorfill.takes import Take, own_take
 
-__all__ = ["Options", "fill"]
+__all__ = ["Options", "fill", "vote_weights"]
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,11 @@ class Options:
         markers fix the root and leave something to tell poses apart.
     fewest_poses : int
         With fewer poses that have all the wanted markers, they are looked for one by one.
+    kernel : bool
+        Weigh the votes by how near their poses are, as Tautges et al. 2011 do; the published
+        form counts all the same.
+    own : bool
+        Search the clip's own frames beside the database.
     chunk : int
         Frames whose neighbours are gathered at once; bounds the memory to some 100 MB.
     """
@@ -59,6 +64,8 @@ class Options:
     neighbours: int = 256
     fewest_viable: int = 4
     fewest_poses: int = 16
+    kernel: bool = False
+    own: bool = False
     chunk: int = 64
 
 
@@ -194,23 +201,48 @@ def _frames_at(
     )
 
 
+def vote_weights(distance: NDArray[np.float64], *, kernel: bool) -> NDArray[np.float64]:
+    """Return how much each neighbour's vote counts.
+
+    Parameters
+    ----------
+    distance : ndarray [shape=(frames, k), mm]
+        Of the neighbours, ascending.
+    kernel : bool
+        False: 1 for each. True: exp(-d² / 2 h²) with the median distance of the frame's
+        neighbours as h, scaled to a sum of k, so that the energy's terms keep their balance.
+    """
+    if not kernel:
+        return np.ones_like(distance)
+    width = np.maximum(np.median(distance, axis=1, keepdims=True), 1e-6)  # mm; equal poses
+    nearness = np.exp(-(distance**2) / (2.0 * width**2))
+    scaled: NDArray[np.float64] = nearness * distance.shape[1] / nearness.sum(axis=1, keepdims=True)
+    return scaled
+
+
 def _votes(
-    level: Level, numbers: NDArray[np.intp], search: _Search, bank: PoseBank, neighbours: int
-) -> tuple[Prior, NDArray[np.intp]]:
+    level: Level,
+    numbers: NDArray[np.intp],
+    search: _Search,
+    bank: PoseBank,
+    options: Options,
+) -> tuple[Prior, NDArray[np.float64], NDArray[np.intp]]:
     """Let the neighbours of some frames of a level vote on a search's wanted markers.
 
-    Returns the prior [frames, wanted markers] and the takes that voted [frames, k].
+    Returns the prior [frames, wanted markers], the rms distance (mm) of the positions voted for
+    from their mean [frames, wanted markers], and the takes that voted [frames, k].
     """
     positions = level.positions[numbers]
     here = search.root.frames(positions)
     before, has_before = _frames_at(level, search.root, numbers - 1, here)
     after, has_after = _frames_at(level, search.root, numbers + 1, here)
-    found = bank.nearest(positions, here, neighbours)
-    uniform = np.ones(found.distance.shape)
-    pose, weight, disagreement = fold(found.pose, uniform)
-    velocity, _, velocity_disagreement = fold(found.velocity, uniform)
-    acceleration, _, acceleration_disagreement = fold(found.acceleration, uniform)
+    found = bank.nearest(positions, here, options.neighbours)
+    weights = vote_weights(found.distance, kernel=options.kernel)
+    pose, weight, disagreement = fold(found.pose, weights)
+    velocity, _, velocity_disagreement = fold(found.velocity, weights)
+    acceleration, _, acceleration_disagreement = fold(found.acceleration, weights)
 
+    spread = np.sqrt(disagreement / np.where(weight > 0, weight, 1.0))
     # the energy is over the missing samples only, and over differences that exist
     weight = np.where(np.isnan(positions[:, search.wanted, 0]), weight, 0.0)
     derivative_weight = np.where((has_before & has_after)[:, None], weight, 0.0)
@@ -218,7 +250,8 @@ def _votes(
         derivative_weight > 0, velocity_disagreement + acceleration_disagreement, 0.0
     )
     targets = to_world(pose, velocity, acceleration, before, here, after)
-    return Prior(*targets, weight, derivative_weight, derivative_weight, constant), found.take
+    prior = Prior(*targets, weight, derivative_weight, derivative_weight, constant)
+    return prior, spread, found.take
 
 
 def fill(
@@ -244,7 +277,7 @@ def fill(
     options = options or Options()
     count = levels_for(task.rate)
     own = own_take(task.positions, task.rate, count, task.name, task.subject)
-    takes = task.takes or (own,)
+    takes = (*task.takes, own) if options.own else task.takes or (own,)
     planner = _Planner(task, takes, options)
     estimate = Estimate.of(task)
     for group in task.groups:
@@ -268,11 +301,10 @@ def fill(
                     continue
                 for at in range(0, len(rows), options.chunk):
                     some = rows[at : at + options.chunk]
-                    votes, voters = _votes(level, window[some], search, bank, options.neighbours)
+                    votes, spread, voters = _votes(level, window[some], search, bank, options)
                     prior.place(some, columns, votes)
                     if level.step == 1:
                         used[i].append(voters)
-                        spread = np.sqrt(votes.constant / np.maximum(votes.pose_weight, 1.0))
                         estimate.deviation[np.ix_(window[some], search.wanted)] = spread
             return prior
 

@@ -27,7 +27,10 @@ FEW_VIEWS = (
     View("rigid", 160.0, 0.002),
     View("heading", 220.0, 0.005, 10.0),
 )
-FEW_KERNELS = (Kernel(1.0, 0.1, 1.0, 0.001, 0.1, smooth=False, noise=1e-4),)
+FEW_KERNELS = (
+    Kernel(1.0, 0.1, 1.0, 0.001, 0.1, smooth=False, noise=1e-4),
+    Kernel(10.0, 0.1, 0.6, 0.01, 0.3, smooth=True, noise=1e-4),
+)
 """For a few markers, whose neighbours on the same segment are mostly visible."""
 
 LIMB_VIEWS = (
@@ -37,7 +40,7 @@ LIMB_VIEWS = (
     View("heading", 200.0, 0.1),
     View("rigid", 200.0, 0.1),
 )
-LIMB_KERNELS = FEW_KERNELS + tuple(
+LIMB_KERNELS = FEW_KERNELS[:1] + tuple(
     Kernel(linear, radial, length, 0.05, 0.4, smooth=True, noise=1e-4)
     for linear, radial, length in (
         (10.0, 0.1, 0.6),

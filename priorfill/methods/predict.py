@@ -21,7 +21,7 @@ from priorfill.methods.members import (
 from priorfill.methods.pieces import FEWEST_VISIBLE, Piece
 from priorfill.methods.task import Note, Task, take_names
 from priorfill.normalise import choose_root
-from priorfill.regression import Rows, regress
+from priorfill.regression import Lesson, Rows, regress
 from priorfill.search.bank import PoseBank
 
 __all__ = ["Options", "Prediction", "Predictor", "unfilled"]
@@ -29,6 +29,10 @@ __all__ = ["Options", "Prediction", "Predictor", "unfilled"]
 DATABASE_RATE = 30.0
 """Hz. Resolution at which the database's poses are searched: they speak for poses, not for
 detail in time."""
+
+
+MIRROR_KINSHIP = 0.95
+"""How far a body agrees with its mirror image; 0.7 to 0.95 fill about as well."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,8 @@ class Options:
         Poses learnt from: evenly spread ones, and all right beside the gap. More gain nothing.
     beside : float
         s; what "right beside the gap" is.
+    mirrored_rows : int
+        As many of these come from the clip's mirror image in the lessons that it is part of.
     fewest_rows : int
         With fewer poses of its own, a clip asks the database.
     wished_rows : int
@@ -55,6 +61,7 @@ class Options:
     """
 
     rows: int = 350
+    mirrored_rows: int = 120
     beside: float = 0.03
     fewest_rows: int = 12
     wished_rows: int = 150
@@ -119,6 +126,15 @@ def unfilled(piece: Piece, task: Task) -> list[Note]:
     return [Note(int(m), piece.start, piece.stop, reason, filled=False) for m in piece.markers]
 
 
+def _mirrored(task: Task) -> NDArray[np.float64]:
+    """Return the clip in a mirror: left and right swapped; NaN for markers without a partner."""
+    index = {label: i for i, label in enumerate(task.labels)}
+    partner = np.array([index.get(task.marker_set.mirror.get(label, ""), -1) for label in index])
+    mirrored = task.positions[:, partner] * [-1.0, 1.0, 1.0]
+    mirrored[:, partner < 0] = np.nan
+    return mirrored
+
+
 def _evenly(values: NDArray[np.intp], most: int) -> NDArray[np.intp]:
     """Return up to ``most`` of some values, evenly spread."""
     return values[np.linspace(0, len(values) - 1, min(most, len(values))).astype(np.intp)]
@@ -141,6 +157,7 @@ class Predictor:
         self.task = task
         self.valid = task.valid
         self.distance, self.spread = pair_distances(task.positions)
+        self._mirrored = _mirrored(task)
         self._margin = margin
         self._options = options
         self._banks: dict[tuple[object, ...], PoseBank] = {}
@@ -240,12 +257,13 @@ class Predictor:
             asked / rate,
             np.zeros(len(asked), dtype=np.intp),
         )
+        spread = self.spread[np.ix_(piece.markers, visible)].min(axis=0)
+        lessons = [Lesson(rows, query, nearest[visible], spread)]
         few = len(piece.markers) <= FEW
+        if not few:
+            lessons += self._mirror_lesson(lessons[0], piece, visible, near)
         regression = regress(
-            rows,
-            query,
-            nearest[visible],
-            self.spread[np.ix_(piece.markers, visible)].min(axis=0),
+            lessons,
             FEW_VIEWS if few else LIMB_VIEWS,
             FEW_KERNELS if few else LIMB_KERNELS,
             (piece.stop - piece.start) / rate,
@@ -259,6 +277,53 @@ class Predictor:
             how="the clip's own frames",
             takes=(self.task.name,),
         )
+
+    def _mirror_lesson(
+        self,
+        lesson: Lesson,
+        piece: Piece,
+        visible: NDArray[np.intp],
+        near: NDArray[np.intp],
+    ) -> list[Lesson]:
+        """Return a lesson that the clip's mirror image adds to; none where it shows too little.
+
+        Parameters
+        ----------
+        lesson : Lesson
+            By the clip's own frames.
+        piece : Piece
+            What to predict.
+        visible : ndarray of int
+            The visible markers of the lesson, in its order.
+        near : ndarray of int
+            Frames right beside the piece, of which none is given up.
+        """
+        options, rate = self._options, self.task.rate
+        mirrored = self._mirrored
+        shown = ~np.isnan(mirrored[:, visible, 0])
+        kept = np.flatnonzero(shown.any(axis=0))  # the others have no partner
+        targets = ~np.isnan(mirrored[:, piece.markers, 0])
+        usable = np.flatnonzero(
+            np.logical_and.reduce(shown[:, kept], axis=1) & np.logical_and.reduce(targets, axis=1)
+        )
+        if len(kept) < FEWEST_VISIBLE or len(usable) < options.fewest_rows:
+            return []
+        frames = _evenly(usable, options.mirrored_rows)
+        own = lesson.rows
+        beside = np.flatnonzero(np.isin(own.time, near / rate))
+        some = np.union1d(
+            beside, _evenly(np.arange(len(own.time)), options.rows - options.mirrored_rows)
+        )
+        image = mirrored[frames]
+        rows = Rows(
+            np.concatenate([own.visible[np.ix_(some, kept)], image[:, visible[kept]]]),
+            np.concatenate([own.missing[some], image[:, piece.markers]]),
+            np.concatenate([own.time[some], frames / rate]),
+            np.repeat([0, 1], [len(some), len(frames)]),
+            np.repeat([1.0, MIRROR_KINSHIP], [len(some), len(frames)]),
+        )
+        query = replace(lesson.query, visible=lesson.query.visible[:, kept])
+        return [Lesson(rows, query, lesson.distance[kept], lesson.spread[kept])]
 
     def _from_database(self, piece: Piece) -> Prediction | None:
         """Predict from the database's nearest poses; None where it has none."""
@@ -306,11 +371,14 @@ class Predictor:
             asked / task.rate,
             np.full(len(asked), -1),
         )
-        regression = regress(
+        lesson = Lesson(
             rows,
             query,
             distance[:targets, targets:].min(axis=0),
             spread[:targets, targets:].min(axis=0),
+        )
+        regression = regress(
+            [lesson],
             STRANGER_VIEWS,
             STRANGER_KERNELS,
             (piece.stop - piece.start) / task.rate,
