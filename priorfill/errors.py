@@ -12,7 +12,8 @@
         ├── DatabaseNotFoundError (FileNotFoundError)
         ├── DatabaseFormatError (ValueError)   another format version, or not a database
         ├── DatabaseCorruptError (ValueError)  stored data does not match its checksum
-        └── DatabaseLockedError (BlockingIOError)
+        ├── DatabaseLockedError (BlockingIOError)
+        └── DuplicateClipError (ValueError)    the database holds a clip of this content already
 
 Every message is one line that says what is wrong, where, and what to do about it. The
 command line prints it and exits with status 1.
@@ -27,6 +28,7 @@ __all__ = [
     "DatabaseFormatError",
     "DatabaseLockedError",
     "DatabaseNotFoundError",
+    "DuplicateClipError",
     "FormatError",
     "MarkerSetError",
     "OptionError",
@@ -77,3 +79,7 @@ class DatabaseCorruptError(DatabaseError, ValueError):
 
 class DatabaseLockedError(DatabaseError, BlockingIOError):
     """Another process is writing to the database."""
+
+
+class DuplicateClipError(DatabaseError, ValueError):
+    """The database holds a clip with the same content already."""

@@ -106,7 +106,7 @@ def test_text(folder: Path) -> None:
         ["LKNE", f"{first + 200}-{first + 239}", "0.67", "100"],
     ]
     assert all(line.endswith("the clip's own frames") for line in lines[1:8])
-    assert lines[8:] == ["", "220 samples of 7 gaps filled by prior; written to out.c3d"]
+    assert lines[8:] == ["", "220 samples filled by prior, 7 of 7 gaps wholly; written to out.c3d"]
     assert Path("walk.c3d").read_bytes() == before
     assert not read("out.c3d").missing.any()
     changed = differing_records(Path("walk.c3d"), Path("out.c3d"))
@@ -140,7 +140,7 @@ def test_json_and_database(folder: Path, database: Path) -> None:
 def test_published_method(folder: Path, database: Path) -> None:
     result = run("fill", "drop.c3d", "-o", "out.c3d", "-d", database, "-m", "baumann2011")
     assert result.exit_code == 0
-    assert "460 samples of 8 gaps filled by baumann2011; written to out.c3d" in result.stdout
+    assert "460 samples filled by baumann2011, 8 of 8 gaps wholly; written to out.c3d" in result.stdout
     assert "256 nearest poses by" in result.stdout
 
 
@@ -149,10 +149,10 @@ def test_left_missing(folder: Path) -> None:
     assert result.exit_code == 3
     first = read("drop.c3d").first_frame
     assert result.stderr == (
-        f"left missing: 240 samples of 1 markers (C7) within frames {first}-{first + 239}: "
+        f"left missing: 240 samples of 1 marker (C7) within frames {first}-{first + 239}: "
         "the clip never shows it together with the visible markers, and there is no database\n"
     )
-    assert "220 samples of 7 gaps filled by prior" in result.stdout
+    assert "220 samples filled by prior, 7 of 8 gaps wholly" in result.stdout
     after = read("out.c3d")
     assert after.missing.sum() == 240
     assert after.missing[:, after.labels.index("C7")].all()

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from priorfill.axes import to_upright
 from priorfill.clip import Clip
-from priorfill.database import DuplicateClipError, PriorDatabase, catalogue, segments
+from priorfill.database import PriorDatabase, catalogue, segments
 from priorfill.errors import (
     ClipError,
     DatabaseCorruptError,
@@ -27,6 +27,7 @@ from priorfill.errors import (
     DatabaseFormatError,
     DatabaseLockedError,
     DatabaseNotFoundError,
+    DuplicateClipError,
     OptionError,
 )
 from priorfill.markerset import load

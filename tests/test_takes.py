@@ -5,6 +5,7 @@ import pytest
 
 from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
+from priorfill.markerset import load
 from priorfill.takes import own_take, takes_from
 
 RATE = 60.0
@@ -50,6 +51,16 @@ def test_clips_without_a_common_marker_are_no_takes(database) -> None:
     database.add(Clip(moving(2, seed=2), ("B", "D"), RATE, name="three"))
     assert [take.name for take in takes_from(database, ("A", "B"))] == ["one", "three"]
     assert takes_from(database, ("E",)) == ()
+
+
+def test_other_spellings_are_the_same_marker(database) -> None:
+    marker_set = load("plug-in-gait")
+    alias, label = next(iter(marker_set.aliases.items()))
+    labels = tuple(name for name in marker_set.labels if name not in marker_set.optional)
+    other = tuple(alias if name == label else name.lower() for name in labels)
+    database.add(Clip(moving(len(other)), other, RATE, name="lower case"))
+    (take,) = takes_from(database, labels)
+    assert not np.isnan(take.levels[0].positions).any()
 
 
 def test_gaps_stay_missing(database) -> None:

@@ -61,7 +61,8 @@ def add(
     others go on; the exit status is then 1.
     """
     from priorfill import formats
-    from priorfill.database import DuplicateClipError, PriorDatabase
+    from priorfill.database import PriorDatabase
+    from priorfill.errors import DuplicateClipError
 
     files, failed = _find_files(paths, formats.SUFFIXES)
     for reason in failed:

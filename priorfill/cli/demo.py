@@ -7,11 +7,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from priorfill.cli.fill import print_left_missing
+from priorfill.cli.fill import EXIT_INCOMPLETE, print_left_missing
 from priorfill.cli.output import print_table
 from priorfill.cli.progress import progress
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from priorfill.clip import Clip
     from priorfill.filling import Result
 
@@ -69,6 +72,8 @@ def demo(folder: Path, method: str) -> None:
     click.echo(f"\nTry it:        priorfill inspect {broken}")
     click.echo(f"               priorfill fill {broken} -o filled.c3d --database {starter}")
     print_left_missing(result)
+    if not result.complete:
+        click.get_current_context().exit(EXIT_INCOMPLETE)
 
 
 def _print_errors(truth: Clip, result: Result) -> None:
@@ -86,6 +91,10 @@ def _print_errors(truth: Clip, result: Result) -> None:
         for i in range(3):
             straight[:, marker, i] = np.interp(frames, frames[known], true[known, marker, i])
     straight_error = np.linalg.norm(straight - true, axis=2)
+
+    def rms(values: NDArray[np.float64]) -> float:
+        return float(np.sqrt(np.nanmean(values**2)))
+
     rows = []
     for gap in result.gaps:
         inside = slice(gap.start, gap.stop), clip.labels.index(gap.label)
@@ -93,11 +102,11 @@ def _print_errors(truth: Clip, result: Result) -> None:
             (
                 gap.label,
                 f"{gap.start / clip.rate:.2f}-{gap.stop / clip.rate:.2f}",
-                f"{np.nanmean(error[inside]):.1f}",
+                f"{rms(error[inside]):.1f}",
                 f"{gap.expected_error:.1f}",
-                f"{straight_error[inside].mean():.1f}",
+                f"{rms(straight_error[inside]):.1f}",
             )
         )
-    total, line = error[result.filled].mean(), straight_error[result.filled].mean()
-    rows.append(("all", "", f"{total:.1f}", "", f"{line:.1f}"))
-    print_table(("marker", "s>", "mean error mm>", "expected mm>", "straight line mm>"), rows)
+    whole, line = rms(error[result.filled]), rms(straight_error[result.filled])
+    rows.append(("all", "", f"{whole:.1f}", "", f"{line:.1f}"))
+    print_table(("marker", "s>", "rms error mm>", "expected mm>", "straight line mm>"), rows)

@@ -86,6 +86,7 @@ def fill(
         print_json(_facts(file, output, result, written))
     else:
         _print(output, result, written)
+    print_left_missing(result)
     if not result.complete:
         click.get_current_context().exit(EXIT_INCOMPLETE)
 
@@ -163,17 +164,16 @@ def _print(output: Path, result: Result, written: WriteReport | None) -> None:
     print_gaps(result)
     click.echo()
     filled = int(result.filled.sum())
-    open_gaps = [gap for gap in result.gaps if not gap.complete]
+    whole = sum(gap.complete for gap in result.gaps)
     click.echo(
-        f"{filled} samples of {len(result.gaps) - len(open_gaps)} gaps filled "
-        f"by {result.method}; written to {output}"
+        f"{filled} samples filled by {result.method}, {whole} of {len(result.gaps)} gaps wholly; "
+        f"written to {output}"
     )
     if written is not None and written.worst_error_mm > 0.001:
         click.echo(
             f"the file stores whole numbers: filled samples are rounded by up to "
             f"{written.worst_error_mm:.3f} mm"
         )
-    print_left_missing(result)
 
 
 def print_left_missing(result: Result) -> None:
@@ -186,9 +186,10 @@ def print_left_missing(result: Result) -> None:
         samples = sum(piece.stop - piece.start for piece, _ in some)
         start = min(piece.start for piece, _ in some)
         stop = max(piece.stop for piece, _ in some)
+        markers = f"{len(labels)} marker{'s' if len(labels) > 1 else ''}"
         names = ", ".join(labels[:MAX_NAMES]) + (", ..." if len(labels) > MAX_NAMES else "")
         click.echo(
-            f"left missing: {samples} samples of {len(labels)} markers ({names}) "
+            f"left missing: {samples} samples of {markers} ({names}) "
             f"within frames {first + start}-{first + stop - 1}: {reason}",
             err=True,
         )

@@ -16,7 +16,6 @@ from priorfill.database.store import (
     DEFAULT_LEVELS,
     DEFAULT_RATE,
     FORMAT_VERSION,
-    DuplicateClipError,
     PriorDatabase,
 )
 
@@ -26,6 +25,5 @@ __all__ = [
     "FORMAT_VERSION",
     "ClipRecord",
     "DatabaseInfo",
-    "DuplicateClipError",
     "PriorDatabase",
 ]

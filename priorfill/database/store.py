@@ -36,6 +36,7 @@ from priorfill.errors import (
     DatabaseError,
     DatabaseFormatError,
     DatabaseNotFoundError,
+    DuplicateClipError,
     OptionError,
 )
 
@@ -43,7 +44,6 @@ __all__ = [
     "DEFAULT_LEVELS",
     "DEFAULT_RATE",
     "FORMAT_VERSION",
-    "DuplicateClipError",
     "PriorDatabase",
 ]
 
@@ -72,10 +72,6 @@ _FORMAT = "priorfill prior database"
 _CATALOGUE = "catalogue.sqlite"
 _SEGMENTS = "segments"
 _LOCK = "lock"
-
-
-class DuplicateClipError(DatabaseError, ValueError):
-    """The database has a clip with the same content already."""
 
 
 @dataclass(frozen=True)

@@ -130,7 +130,9 @@ def parse_header(data: bytes, name: str) -> tuple[Header, Processor]:
     if not data:
         raise FormatError(f"{name}: is empty; copy or export the recording again")
     if len(data) < 2 or data[1] != _KEY or data[0] == 0:
-        raise FormatError(f"{name}: is not a C3D file (its first bytes are not C3D's)")
+        raise FormatError(
+            f"{name}: is not a C3D file (its first bytes are not C3D's); give the name of one"
+        )
     start = (data[0] - 1) * BLOCK
     if len(data) < max(BLOCK, start + 4):
         raise FormatError(
