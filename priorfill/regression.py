@@ -377,4 +377,4 @@ def regress(
     mean = np.einsum("k,kqmi->qmi", share, np.stack(positions))
     disagreement = ((np.stack(positions) - mean) ** 2).sum(axis=3)
     variance = np.einsum("k,kqm->qm", share, np.stack(variances) + disagreement)
-    return Regression(mean, np.sqrt(variance), float(share @ error_of))
+    return Regression(mean, np.sqrt(np.maximum(variance, 1e-6)), float(share @ error_of))

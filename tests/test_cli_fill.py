@@ -140,7 +140,9 @@ def test_json_and_database(folder: Path, database: Path) -> None:
 def test_published_method(folder: Path, database: Path) -> None:
     result = run("fill", "drop.c3d", "-o", "out.c3d", "-d", database, "-m", "baumann2011")
     assert result.exit_code == 0
-    assert "460 samples filled by baumann2011, 8 of 8 gaps wholly; written to out.c3d" in result.stdout
+    assert (
+        "460 samples filled by baumann2011, 8 of 8 gaps wholly; written to out.c3d" in result.stdout
+    )
     assert "256 nearest poses by" in result.stdout
 
 
@@ -150,7 +152,8 @@ def test_left_missing(folder: Path) -> None:
     first = read("drop.c3d").first_frame
     assert result.stderr == (
         f"left missing: 240 samples of 1 marker (C7) within frames {first}-{first + 239}: "
-        "the clip never shows it together with the visible markers, and there is no database\n"
+        "hardly a frame of the clip shows it together with the visible markers, "
+        "and there is no database\n"
     )
     assert "220 samples filled by prior, 7 of 8 gaps wholly" in result.stdout
     after = read("out.c3d")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from priorfill.methods.pieces import FEWEST_VISIBLE, Piece
 from priorfill.methods.task import Note, Task, take_names
 from priorfill.normalise import choose_root
 from priorfill.regression import Lesson, Rows, regress
-from priorfill.search.bank import PoseBank
+from priorfill.search.bank import Banks
 
 __all__ = ["Options", "Prediction", "Predictor", "unfilled"]
 
@@ -30,6 +31,9 @@ DATABASE_RATE = 30.0
 """Hz. Resolution at which the database's poses are searched: they speak for poses, not for
 detail in time."""
 
+
+BRIEF = 0.1
+"""s. Over no longer than this a marker's own movement is a better guess than any other body."""
 
 MIRROR_KINSHIP = 0.95
 """How far a body agrees with its mirror image; 0.7 to 0.95 fill about as well."""
@@ -91,6 +95,8 @@ class Prediction:
         What it was predicted from.
     takes : tuple of str
         Recordings learnt from.
+    own : bool
+        Whether it was predicted from the clip's own poses.
     """
 
     piece: Piece
@@ -100,6 +106,7 @@ class Prediction:
     complete: bool
     how: str
     takes: tuple[str, ...] = ()
+    own: bool = False
 
     @property
     def last(self) -> int:
@@ -121,7 +128,7 @@ def unfilled(piece: Piece, task: Task) -> list[Note]:
         reason = "fewer than three other markers are visible, "
         reason += f"too long or too near the clip's end to be bridged over time ({LONGEST} s)"
     else:
-        reason = "the clip never shows it together with the visible markers, "
+        reason = "hardly a frame of the clip shows it together with the visible markers, "
         reason += "nor does the database" if task.takes else "and there is no database"
     return [Note(int(m), piece.start, piece.stop, reason, filled=False) for m in piece.markers]
 
@@ -160,7 +167,7 @@ class Predictor:
         self._mirrored = _mirrored(task)
         self._margin = margin
         self._options = options
-        self._banks: dict[tuple[object, ...], PoseBank] = {}
+        self._banks = Banks(task.takes)
 
     def predict(self, piece: Piece, completed: NDArray[np.float64] | None) -> list[Prediction]:
         """Predict a piece from its visible markers.
@@ -180,7 +187,12 @@ class Predictor:
         """
         if not piece.searchable:
             return []
-        prediction = self._from_own(piece, completed) or self._from_database(piece)
+        prediction = self._from_own(piece, completed)
+        if prediction is None and (piece.stop - piece.start) / self.task.rate <= BRIEF:
+            bridged = self.bridge(piece, self.task.positions)
+            if len(bridged) == len(piece.markers):
+                return bridged
+        prediction = prediction or self._from_database(piece)
         if prediction is not None:
             return [prediction]
         if len(piece.markers) == 1:
@@ -205,7 +217,7 @@ class Predictor:
                         positions[:, None],
                         deviation[:, None],
                         complete=True,
-                        how="bridged over time: no other marker is visible",
+                        how="bridged over time",
                         takes=(self.task.name,),
                     )
                 )
@@ -276,6 +288,7 @@ class Predictor:
             complete=kept == len(piece.visible) and len(usable) >= options.rereading * shown.sum(),
             how="the clip's own frames",
             takes=(self.task.name,),
+            own=True,
         )
 
     def _mirror_lesson(
@@ -325,27 +338,45 @@ class Predictor:
         query = replace(lesson.query, visible=lesson.query.visible[:, kept])
         return [Lesson(rows, query, lesson.distance[kept], lesson.spread[kept])]
 
+    @cached_property
+    def _database_distance(self) -> NDArray[np.float64]:
+        """Distances of the markers in the database [shape=(markers, markers), mm]."""
+        poses = np.concatenate([take.levels[-1].positions for take in self.task.takes])
+        return pair_distances(poses)[0]
+
+    def _shown_with(self, markers: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Which markers the takes that have all of some markers have too [shape=(markers,)]."""
+        having = self._taken[np.logical_and.reduce(self._taken[:, markers], axis=1)]
+        # rare ones are given up: a pose must have all that it is searched by
+        often: NDArray[np.bool_] = having.sum(axis=0) >= max(1.0, 0.5 * len(having))
+        return often
+
+    @cached_property
+    def _taken(self) -> NDArray[np.bool_]:
+        """Which markers each take of the database has [shape=(takes, markers)]."""
+        return np.array(
+            [~np.isnan(t.levels[-1].positions[..., 0]).all(axis=0) for t in self.task.takes]
+        )
+
     def _from_database(self, piece: Piece) -> Prediction | None:
         """Predict from the database's nearest poses; None where it has none."""
         task, options = self.task, self._options
         if not task.takes:
             return None
+        shown = self._shown_with(piece.markers)
         nearest = self.distance[piece.markers].min(axis=0)
-        if not np.isfinite(nearest[piece.visible]).any():
-            # the clip never shows the marker: the database knows where it belongs
-            poses = np.concatenate([take.levels[-1].positions for take in task.takes])
-            nearest = pair_distances(poses)[0][piece.markers].min(axis=0)
+        unknown = ~np.isfinite(nearest)
+        if unknown[piece.visible].any():
+            # the clip never shows them together: the database knows where they belong
+            nearest = np.where(unknown, self._database_distance[piece.markers].min(axis=0), nearest)
         near = piece.visible[np.argsort(nearest[piece.visible], kind="stable")]
-        near = near[np.isfinite(nearest[near])][: options.visible]
+        near = near[np.isfinite(nearest[near]) & shown[near]][: options.visible]
         among = np.zeros(len(task.labels), dtype=bool)
         among[near] = True
         root = choose_root(task.marker_set, task.labels, task.positions, among)
         if root is None:
             return None
-        key = (root.markers, tuple(near), tuple(piece.markers))
-        if key not in self._banks:
-            self._banks[key] = PoseBank(task.takes, root, near, piece.markers, DATABASE_RATE)
-        bank = self._banks[key]
+        bank = self._banks.get(root, near, piece.markers, DATABASE_RATE)
         if len(bank) < options.fewest_rows:
             return None
 

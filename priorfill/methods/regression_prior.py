@@ -18,14 +18,15 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.gaps import GapGroup
+from priorfill.gaps import GapGroup, runs
 from priorfill.methods.pieces import Piece, pieces_of
 from priorfill.methods.predict import Options, Prediction, Predictor, unfilled
-from priorfill.methods.task import Estimate, Task
+from priorfill.methods.task import Estimate, Note, Task
 from priorfill.multiresolution import levels_for, synthesise
 from priorfill.prior import Prior
 from priorfill.resample import Level, pyramid
@@ -40,6 +41,10 @@ about a millimetre at a gap's edge, which is spread over this time."""
 LEAST_DEVIATION = 0.25
 """Least deviation that weighs in the energy, as a part of the greatest in the piece: frames right
 at the edge are known almost exactly, which would only stiffen the solve."""
+
+HOPELESS = 1000.0
+"""mm. A sample with a greater expected error is left missing: it is as good as anywhere. The worst
+that can be expected of a limb in sight of the body is some 400 mm."""
 
 
 def fill(
@@ -84,7 +89,18 @@ def fill(
             told = {int(marker) for part in parts for marker in part.piece.markers}
             estimate.notes.extend(note for part in parts for note in part.notes)
             estimate.notes.extend(n for n in unfilled(piece, task) if n.marker not in told)
+    _give_up_hopeless(estimate)
     return estimate
+
+
+def _give_up_hopeless(estimate: Estimate) -> None:
+    """Leave samples missing of which nothing is known but that they are somewhere."""
+    hopeless = estimate.deviation > HOPELESS
+    estimate.positions[hopeless] = np.nan
+    reason = f"the visible markers say nothing of it: expected error above {HOPELESS:.0f} mm"
+    for marker in np.flatnonzero(np.logical_or.reduce(hopeless, axis=0)):
+        for start, stop in runs(hopeless[:, marker]):
+            estimate.notes.append(Note(int(marker), start, stop, reason, filled=False))
 
 
 def _flat(pieces: Sequence[Sequence[Piece]]) -> list[Piece]:
@@ -127,14 +143,49 @@ def _bridge(
 ) -> None:
     """Bridge over time what shows too few markers; all else around it is filled by now."""
     completed = estimate.positions.copy()
+    for part in (part for found in predictions for parts in found for part in parts):
+        if not part.own:
+            completed[part.piece.start : part.piece.stop, part.piece.markers] = np.nan
     for g, its_pieces in enumerate(pieces):
         changed = False
         for p, piece in enumerate(its_pieces):
-            if not piece.searchable:
-                predictions[g][p] = predictor.bridge(piece, completed)
-                changed = changed or bool(predictions[g][p])
+            bridged = predictor.bridge(piece, completed)
+            # other bodies are no better guess than the marker's own movement over a short gap
+            better, rest = _better(bridged, predictions[g][p])
+            predictions[g][p] = [*rest, *better]
+            changed = changed or bool(better)
         if changed:
             _synthesise(levels, task.groups[g], predictions[g], estimate)
+
+
+def _better(
+    bridged: Sequence[Prediction], found: Sequence[Prediction]
+) -> tuple[list[Prediction], list[Prediction]]:
+    """Choose the bridges that err less than what was found, and what is left of that."""
+    expected = {
+        int(marker): (0.0 if part.own else float(np.sqrt((deviation**2).mean())))
+        for part in found
+        for marker, deviation in zip(part.piece.markers, part.deviation.T, strict=True)
+    }
+    better = [
+        part
+        for part in bridged
+        if np.sqrt((part.deviation**2).mean()) < expected.get(int(part.piece.markers[0]), np.inf)
+    ]
+    taken = [int(part.piece.markers[0]) for part in better]
+    rest = []
+    for part in found:
+        kept = np.flatnonzero(~np.isin(part.piece.markers, taken))
+        if len(kept):
+            rest.append(
+                replace(
+                    part,
+                    piece=replace(part.piece, markers=part.piece.markers[kept]),
+                    positions=part.positions[:, kept],
+                    deviation=part.deviation[:, kept],
+                )
+            )
+    return better, rest
 
 
 def _synthesise(
