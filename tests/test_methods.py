@@ -305,7 +305,8 @@ def test_flickering_markers_are_bridged_whatever_the_database(database):
     for priors in (None, database):
         result = fill(clip, database=priors)
         check(clip, result)
-        assert result.filled.sum() > 0.85 * hidden.sum()
+        # beside the clip's ends there is nothing to bridge to
+        assert result.filled[10:-10].sum() > 0.95 * hidden[10:-10].sum()
         inside = result.filled.copy()
         inside[:10] = inside[-10:] = False
         assert error(result.clip.positions, whole.positions, inside) < error(
