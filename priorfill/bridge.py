@@ -1,4 +1,4 @@
-"""Bridge a short gap over time alone, where no other marker is visible.
+"""Bridge a short gap over time alone, where the other markers say nothing.
 
 Each coordinate is a line plus a Gaussian process in time with Matérn covariance of smoothness
 5/2, which follows position, velocity and acceleration at both edges [R06]_ (Eq. 4.17); on gaps of

@@ -6,8 +6,8 @@ Baumann et al. 2011, Eqs. (2)-(4), with the neighbours folded (see `priorfill.pr
     E_motion = Σ_t w_v |(x[t+1] - x[t-1]) / 2 - v[t]|²
     E_smooth = Σ_t w_a |x[t+1] - 2 x[t] + x[t-1] - a[t]|²
 
-over the frames and markers where the weights are not 0. Coordinates do not mix, so each
-coordinate of each marker is a *chain* over time of its own, and the energy of a chain is the
+over the frames and markers where the weights are not 0. Markers do not mix, so each is a *chain*
+of positions over time of its own, and its energy is, summed over the three coordinates, the
 quadratic form xᵀAx - 2bᵀx + const with a symmetric matrix A of two bands beside the diagonal.
 """
 
@@ -25,7 +25,7 @@ __all__ = ["Chains", "as_chains", "energy", "gradient", "marker_energies"]
 
 @dataclass(frozen=True, eq=False)
 class Chains:
-    """The energy as quadratic forms, a chain for each coordinate of each marker.
+    """The energy as quadratic forms, a chain for each marker.
 
     Attributes
     ----------

@@ -16,7 +16,7 @@ from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
 from priorfill.errors import DatabaseError
 from priorfill.gaps import Gap, find_gaps, gap_groups, runs
-from priorfill.markerset import MarkerSet, describe
+from priorfill.markerset import MarkerSet, describe, recognise
 from priorfill.methods import DEFAULT_METHOD, get_method
 from priorfill.methods.task import Estimate, Note, Task
 from priorfill.takes import Take, takes_from
@@ -147,11 +147,12 @@ def fill(
         Where the database cannot be read, or has no marker in common with the clip.
     """
     run = get_method(method)
+    definition = marker_set or recognise(clip.labels)
     marker_set = describe(clip, marker_set)
     with ExitStack() as stack:
         if isinstance(database, (str, Path)):
             database = stack.enter_context(PriorDatabase.open(database))
-        takes = _takes(clip, database)
+        takes = _takes(clip, database, definition)
         groups = tuple(gap_groups(clip.missing))
         task = Task(
             to_upright(clip.positions, clip.up),
@@ -180,11 +181,13 @@ def fill(
     )
 
 
-def _takes(clip: Clip, database: PriorDatabase | None) -> tuple[Take, ...]:
+def _takes(
+    clip: Clip, database: PriorDatabase | None, definition: MarkerSet | None
+) -> tuple[Take, ...]:
     """Return takes of a database; an error where it has clips but none with the clip's markers."""
     if database is None:
         return ()
-    takes = takes_from(database, clip.labels)
+    takes = takes_from(database, clip.labels, definition)
     if not takes:
         held = sorted({label for record in database.clips() for label in record.labels})
         what = f"its markers are {', '.join(held[:6])}, ..." if held else "it is empty"
@@ -239,7 +242,7 @@ def _filled_gap(
         stop=gap.stop,
         filled=int(here.sum()),
         expected_error=float(np.sqrt((known**2).mean())) if len(known) else float("nan"),
-        how=tuple(dict.fromkeys(n.how for n in inside if n.filled)),
+        how=tuple(dict.fromkeys(n.how for n in inside if n.filled)) if here.any() else (),
         left=left,
         takes=tuple(dict.fromkeys(name for n in inside for name in n.takes)),
     )

@@ -24,7 +24,16 @@ from priorfill.errors import MarkerSetError
 from priorfill.rigid import MIN_COMMON, rigid_groups
 from priorfill.shipped import shipped
 
-__all__ = ["DISCOVERED", "MarkerSet", "available", "describe", "discover", "load", "recognise"]
+__all__ = [
+    "DISCOVERED",
+    "MarkerSet",
+    "available",
+    "describe",
+    "discover",
+    "load",
+    "recognise",
+    "same_markers",
+]
 
 DISCOVERED = "discovered"
 """Name of a set that was found from the data."""
@@ -215,6 +224,35 @@ def recognise(labels: Sequence[str]) -> MarkerSet | None:
         if score > best_score:
             best, best_score = markerset, score
     return best
+
+
+def same_markers(
+    labels: Sequence[str], others: Sequence[str], marker_set: MarkerSet | None
+) -> tuple[list[int], list[int]]:
+    """Find which markers of two recordings are the same.
+
+    The same label is the same marker; where the marker set knows both, so are upper and lower
+    case and the other spellings that it lists.
+
+    Parameters
+    ----------
+    labels, others : sequence of str
+        The markers of the two recordings.
+    marker_set : MarkerSet or None
+        As defined, with its other spellings.
+
+    Returns
+    -------
+    here, there : list of int
+        Indices into `labels` and `others` of the markers that both have, pair by pair.
+    """
+    mine, theirs = {label: label for label in labels}, {label: label for label in others}
+    if marker_set is not None:
+        mine |= marker_set.match(labels)
+        theirs |= marker_set.match(others)
+    place = {name: others.index(label) for label, name in theirs.items()}
+    here = [i for i, label in enumerate(labels) if mine[label] in place]
+    return here, [place[mine[labels[i]]] for i in here]
 
 
 def discover(positions: NDArray[np.floating], labels: Sequence[str]) -> MarkerSet:

@@ -19,7 +19,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -299,14 +299,36 @@ def _align(view: View, lesson: Lesson) -> _Aligned:
     return _Aligned(known / scale, asked / scale, targets - centre, centre, query_frames)
 
 
+@dataclass(frozen=True, eq=False)
+class _Shared:
+    """What all views of a lesson share."""
+
+    blocks: list[NDArray[np.intp]]
+    correlations: tuple[NDArray[np.float64] | float, NDArray[np.float64] | float]
+    decays: list[tuple[NDArray[np.float64], NDArray[np.float64]]]  # one for each kernel
+
+
+def _share(lesson: Lesson, kernels: Sequence[Kernel], block_seconds: float) -> _Shared:
+    rows, query = lesson.rows, lesson.query
+    lag, asked_lag = rows.lag(rows), query.lag(rows)
+    return _Shared(
+        rows.blocks(block_seconds),
+        (rows.correlation(rows), query.correlation(rows)),
+        [(kernel.decay(lag), kernel.decay(asked_lag)) for kernel in kernels],
+    )
+
+
+_Member = tuple[NDArray[np.float64], NDArray[np.float64], float]
+"""Position and variance (queries, missing) that a member predicts, and its left-out error."""
+
+
 def _predict(
-    aligned: _Aligned,
-    kernels: Sequence[Kernel],
-    decays: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
-    correlations: tuple[NDArray[np.float64] | float, NDArray[np.float64] | float],
-    blocks: Sequence[NDArray[np.intp]],
-) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64], float]]:
-    """Yield position, variance (queries, missing) and left-out error for each kernel."""
+    view: View, lesson: Lesson, kernels: Sequence[Kernel], shared: _Shared
+) -> list[_Member]:
+    """Predict by the members of one view, a kernel each."""
+    aligned = _align(view, lesson)
+    blocks, correlations = shared.blocks, shared.correlations
+    judged = np.concatenate(blocks)
     features, asked = aligned.features, aligned.query_features
     product = features @ features.T
     asked_product = asked @ features.T
@@ -315,12 +337,12 @@ def _predict(
     square = norm[:, None] + norm - 2.0 * product
     asked_square = asked_norm[:, None] + norm - 2.0 * asked_product
     markers = aligned.targets.shape[1] // 3
-    for kernel, (decay, asked_decay) in zip(kernels, decays, strict=True):
+    members = []
+    for kernel, (decay, asked_decay) in zip(kernels, shared.decays, strict=True):
         covariance = kernel.covariance(product, square, decay, correlations[0])
         covariance[np.diag_indices_from(covariance)] += kernel.noise
         inverse: NDArray[np.float64] = np.linalg.inv(covariance).astype(np.float64, copy=False)
         residuals, variance = block_residuals(inverse, aligned.targets, blocks)
-        judged = np.concatenate(blocks)
         residuals, variance = residuals[judged], variance[judged]
         # what one unit of the kernel's variance is in mm², marker by marker
         error = (residuals.reshape(len(residuals), markers, 3) ** 2).sum(axis=2)
@@ -331,7 +353,8 @@ def _predict(
         own = 1.0 + kernel.linear * asked_norm + kernel.radial + kernel.temporal
         left = own - np.einsum("qr,qr->q", cross @ inverse, cross) + kernel.noise
         predicted = np.maximum(left, kernel.noise)[:, None] * unit
-        yield aligned.frames.to_world(local), predicted, float(np.sqrt(error.mean()))
+        members.append((aligned.frames.to_world(local), predicted, float(np.sqrt(error.mean()))))
+    return members
 
 
 def regress(
@@ -339,6 +362,7 @@ def regress(
     views: Sequence[View],
     kernels: Sequence[Kernel],
     block_seconds: float,
+    each: Callable[..., Iterable[list[_Member]]] = map,
 ) -> Regression:
     """Predict the missing markers of some poses.
 
@@ -350,27 +374,20 @@ def regress(
         Members: each lesson in each view with each kernel.
     block_seconds : float
         Length of the blocks left out: that of the gap.
+    each : callable
+        How views are gone through: as `map` does, or several at a time.
 
     Returns
     -------
     Regression
         Members mixed by their left-out error.
     """
-    positions, variances, errors = [], [], []
+    tasks = []
     for lesson in lessons:
-        rows, query = lesson.rows, lesson.query
-        blocks = rows.blocks(block_seconds)
-        correlations = rows.correlation(rows), query.correlation(rows)
-        lag, asked_lag = rows.lag(rows), query.lag(rows)
-        decays = [(kernel.decay(lag), kernel.decay(asked_lag)) for kernel in kernels]
-        for view in views:
-            aligned = _align(view, lesson)
-            for position, variance, error in _predict(
-                aligned, kernels, decays, correlations, blocks
-            ):
-                positions.append(position)
-                variances.append(variance)
-                errors.append(error)
+        shared = _share(lesson, kernels, block_seconds)
+        tasks += [(view, lesson, kernels, shared) for view in views]
+    members = [member for some in each(_predict, *zip(*tasks, strict=True)) for member in some]
+    positions, variances, errors = zip(*members, strict=True)
     error_of = np.maximum(np.array(errors), 1e-6)  # mm; a clip that stands still has none
     share = (error_of.min() / error_of) ** SELECTION_POWER
     share /= share.sum()

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.markerset import MarkerSet, recognise
+from priorfill.markerset import MarkerSet, same_markers
 from priorfill.resample import Level, pyramid
 
 if TYPE_CHECKING:
@@ -69,24 +69,9 @@ def own_take(
     return Take(name, subject, tuple(pyramid(positions, rate, levels)), own=True)
 
 
-def _matches(
-    labels: Sequence[str], held: Sequence[str], marker_set: MarkerSet | None
-) -> tuple[list[int], list[int]]:
-    """Return indices of a clip's labels and of those held that name the same marker.
-
-    The same label is the same marker; where the marker set knows both, so are upper and lower
-    case and the other spellings that it lists.
-    """
-    here, there = {label: label for label in labels}, {label: label for label in held}
-    if marker_set is not None:
-        here |= marker_set.match(labels)
-        there |= marker_set.match(held)
-    column = {name: held.index(label) for label, name in there.items()}
-    shared = [i for i, label in enumerate(labels) if here[label] in column]
-    return shared, [column[here[labels[i]]] for i in shared]
-
-
-def takes_from(database: PriorDatabase, labels: Sequence[str]) -> tuple[Take, ...]:
+def takes_from(
+    database: PriorDatabase, labels: Sequence[str], marker_set: MarkerSet | None = None
+) -> tuple[Take, ...]:
     """Make a take of each clip of a database that has at least one of a clip's markers.
 
     Parameters
@@ -95,16 +80,17 @@ def takes_from(database: PriorDatabase, labels: Sequence[str]) -> tuple[Take, ..
         Opened.
     labels : sequence of str
         The clip's labels, in its order.
+    marker_set : MarkerSet, optional
+        Definition whose other spellings count too.
 
     Returns
     -------
     tuple of Take
         In the database's order. Positions are float32.
     """
-    marker_set = recognise(labels)
     takes = []
     for record in database.clips():
-        shared, there = _matches(labels, record.labels, marker_set)
+        shared, there = same_markers(labels, record.labels, marker_set)
         if not shared:
             continue
         levels = []

@@ -160,7 +160,7 @@ def test_blackout_and_hardly_seen(tmp_path: Path) -> None:
     output = run("inspect", tmp_path / "x.c3d").output
     assert "Hardly from the clip itself (seen for less than 0.5 s): C7; a database" in output
     assert output.endswith(
-        "No marker at all is seen in 10 frames: they stay missing whatever the database.\n"
+        "No marker at all is seen in 10 frames: only short ones can be bridged.\n"
     )
 
 

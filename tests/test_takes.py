@@ -59,7 +59,7 @@ def test_other_spellings_are_the_same_marker(database) -> None:
     labels = tuple(name for name in marker_set.labels if name not in marker_set.optional)
     other = tuple(alias if name == label else name.lower() for name in labels)
     database.add(Clip(moving(len(other)), other, RATE, name="lower case"))
-    (take,) = takes_from(database, labels)
+    (take,) = takes_from(database, labels, marker_set)
     assert not np.isnan(take.levels[0].positions).any()
 
 

@@ -70,7 +70,12 @@ def inspect(
     facts = _facts(clip, file, described, definition or markerset.recognise(clip.labels))
     if folder is not None:
         with PriorDatabase.open(folder) as database:
-            counts = _clips_with(database, clip, [gap["marker"] for gap in facts["gaps"]])
+            counts = _clips_with(
+                database,
+                clip,
+                [gap["marker"] for gap in facts["gaps"]],
+                definition or markerset.recognise(clip.labels),
+            )
         facts["database"] = str(folder)
         for gap in facts["gaps"]:
             gap["database_clips"] = counts[gap["marker"]]
@@ -179,19 +184,24 @@ def _groups(clip: Clip) -> list[dict[str, Any]]:
     ]
 
 
-def _clips_with(database: PriorDatabase, clip: Clip, markers: list[str]) -> dict[str, int]:
+def _clips_with(
+    database: PriorDatabase, clip: Clip, markers: list[str], definition: MarkerSet | None
+) -> dict[str, int]:
     """Return for each marker how many clips show it together with others of this clip."""
     import numpy as np
 
+    from priorfill.markerset import same_markers
+
     counts = dict.fromkeys(markers, 0)
     for record in database.clips():
-        common = set(record.labels) & set(clip.labels)
-        wanted = [label for label in markers if label in common]
-        if not wanted or len(common) <= MIN_OTHERS:
+        here, there = same_markers(clip.labels, record.labels, definition)
+        column = {clip.labels[i]: j for i, j in zip(here, there, strict=True)}
+        wanted = [label for label in markers if label in column]
+        if not wanted or len(column) <= MIN_OTHERS:
             continue
         coarsest = database.positions(record, len(record.frames) - 1)
         for label in wanted:
-            if not np.isnan(coarsest[:, record.labels.index(label), 0]).all():
+            if not np.isnan(coarsest[:, column[label], 0]).all():
                 counts[label] += 1
     return counts
 
@@ -326,7 +336,7 @@ def _fillable(facts: dict[str, Any]) -> list[str]:
     if facts["blackout_frames"]:
         lines.append(
             f"No marker at all is seen in {facts['blackout_frames']} frames: "
-            "they stay missing whatever the database."
+            "only short ones can be bridged."
         )
     return lines
 

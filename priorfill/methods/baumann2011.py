@@ -7,7 +7,8 @@ is minimised by scheduled gradient descent from coarse to fine (section 4.3).
 
 Where it departs from the paper:
 
-* Without a database the clip itself is searched; the paper always has one.
+* Without a database the clip itself is searched; the paper always has one. (`Options.own` searches
+  both.)
 * The database is searched at its own resolutions (30 Hz and below unless it was made with
   another rate); levels finer than that use its finest.
 * Differences are taken in the world, with the root frames of the frames they span; where the

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,8 +66,8 @@ class Options:
         ``visible`` nearest markers.
     """
 
-    rows: int = 350
-    mirrored_rows: int = 120
+    rows: int = 250
+    mirrored_rows: int = 90
     beside: float = 0.03
     fewest_rows: int = 12
     wished_rows: int = 150
@@ -158,6 +160,11 @@ class Predictor:
         Frames around a piece to be predicted too, where the visible markers allow.
     options : Options
         See there.
+
+    Attributes
+    ----------
+    each : callable
+        How the views of a piece are gone through: as `map` does, or several at a time.
     """
 
     def __init__(self, task: Task, margin: int, options: Options) -> None:
@@ -167,6 +174,7 @@ class Predictor:
         self._mirrored = _mirrored(task)
         self._margin = margin
         self._options = options
+        self.each: Callable[..., Any] = map
         self._banks = Banks(task.takes)
 
     def predict(self, piece: Piece, completed: NDArray[np.float64] | None) -> list[Prediction]:
@@ -279,6 +287,7 @@ class Predictor:
             FEW_VIEWS if few else LIMB_VIEWS,
             FEW_KERNELS if few else LIMB_KERNELS,
             (piece.stop - piece.start) / rate,
+            self.each,
         )
         return Prediction(
             piece,
@@ -413,6 +422,7 @@ class Predictor:
             STRANGER_VIEWS,
             STRANGER_KERNELS,
             (piece.stop - piece.start) / task.rate,
+            self.each,
         )
         return Prediction(
             piece,

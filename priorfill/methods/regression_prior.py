@@ -10,15 +10,17 @@ The energy, the levels and the solver are those of Baumann et al. 2011 (`priorfi
 * velocities and accelerations come from the same prediction, across the gap's edges too, so that
   the fill joins the measured signal without a seam;
 * frames with holes teach nothing at first; a second reading completes them with the first fill;
-* short blackouts are bridged over time (`priorfill.bridge`).
+* short gaps that nothing else predicts are bridged over time (`priorfill.bridge`), blackouts above
+  all.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +44,9 @@ LEAST_DEVIATION = 0.25
 """Least deviation that weighs in the energy, as a part of the greatest in the piece: frames right
 at the edge are known almost exactly, which would only stiffen the solve."""
 
+_Map = Callable[..., Iterable[Any]]
+"""`map`, or one that works on several at a time."""
+
 HOPELESS = 1000.0
 """mm. A sample with a greater expected error is left missing: it is as good as anywhere. The worst
 that can be expected of a limb in sight of the body is some 400 mm."""
@@ -64,8 +69,8 @@ def fill(
     Returns
     -------
     Estimate
-        Long blackouts, and markers that neither clip nor database show, stay missing and are
-        noted.
+        Long blackouts, markers that neither clip nor database show, and samples whose expected
+        error is above `HOPELESS` stay missing and are noted.
     """
     count = levels_for(task.rate)
     levels = pyramid(task.positions, task.rate, count)
@@ -76,13 +81,18 @@ def fill(
     estimate = Estimate.of(task)
     # Pieces know nothing of each other, so however many are predicted at a time, each comes
     # out the same.
-    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-        first = pool.map(lambda piece: predictor.predict(piece, None), _flat(pieces))
+    cores = os.cpu_count() or 1
+    everything = [piece for some in pieces for piece in some]
+    with ThreadPoolExecutor(max_workers=cores) as pool:
+        over_pieces: _Map = pool.map
+        if len(everything) < 2 * cores:
+            over_pieces, predictor.each = map, pool.map
+        first = iter(over_pieces(lambda piece: predictor.predict(piece, None), everything))
         for group, its_pieces in zip(task.groups, pieces, strict=True):
             predictions.append([next(first) for _ in its_pieces])
             _synthesise(levels, group, predictions[-1], estimate)
             progress()
-        _read_again(task, predictor, levels, pieces, predictions, estimate, pool)
+        _read_again(task, predictor, levels, pieces, predictions, estimate, over_pieces)
     _bridge(task, predictor, levels, pieces, predictions, estimate)
     for its_pieces, found in zip(pieces, predictions, strict=True):
         for piece, parts in zip(its_pieces, found, strict=True):
@@ -103,10 +113,6 @@ def _give_up_hopeless(estimate: Estimate) -> None:
             estimate.notes.append(Note(int(marker), start, stop, reason, filled=False))
 
 
-def _flat(pieces: Sequence[Sequence[Piece]]) -> list[Piece]:
-    return [piece for some in pieces for piece in some]
-
-
 def _read_again(
     task: Task,
     predictor: Predictor,
@@ -114,7 +120,7 @@ def _read_again(
     pieces: Sequence[Sequence[Piece]],
     predictions: list[list[list[Prediction]]],
     estimate: Estimate,
-    pool: ThreadPoolExecutor,
+    over_pieces: _Map,
 ) -> None:
     """Predict once more what learnt from few frames, now that a first fill completes more."""
     again = [
@@ -126,7 +132,7 @@ def _read_again(
     if not again:
         return
     completed = estimate.positions.copy()
-    second = pool.map(lambda at: predictor.predict(pieces[at[0]][at[1]], completed), again)
+    second = over_pieces(lambda at: predictor.predict(pieces[at[0]][at[1]], completed), again)
     for (g, p), parts in zip(again, second, strict=True):
         predictions[g][p] = parts
     for g in sorted({g for g, _ in again}):

@@ -1,4 +1,4 @@
-"""Banks of poses: the database's poses in the root frames of one gap group and level.
+"""Banks of poses: the takes' poses in the root frames of one search and level.
 
 A bank knows for each pose where it comes from, so that whatever the search finds can be read
 off together with the poses one frame before and after: that gives the neighbours' velocities
