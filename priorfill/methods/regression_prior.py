@@ -19,7 +19,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -73,34 +73,103 @@ def fill(
         error is above `HOPELESS` stay missing and are noted.
     """
     count = levels_for(task.rate)
-    levels = pyramid(task.positions, task.rate, count)
     # the coarsest level's differences reach two of its steps beyond a piece
     predictor = Predictor(task, 2 * 2 ** (count - 1), options or Options())
-    pieces = [pieces_of(group, predictor.valid, predictor.distance) for group in task.groups]
-    predictions: list[list[list[Prediction]]] = []
-    estimate = Estimate.of(task)
+    filling = _Filling(task, predictor, pyramid(task.positions, task.rate, count))
+    cores = os.cpu_count() or 1
     # Pieces know nothing of each other, so however many are predicted at a time, each comes
     # out the same.
-    cores = os.cpu_count() or 1
-    everything = [piece for some in pieces for piece in some]
     with ThreadPoolExecutor(max_workers=cores) as pool:
         over_pieces: _Map = pool.map
-        if len(everything) < 2 * cores:
+        if len(filling.slots) < 2 * cores:
             over_pieces, predictor.each = map, pool.map
-        first = iter(over_pieces(lambda piece: predictor.predict(piece, None), everything))
-        for group, its_pieces in zip(task.groups, pieces, strict=True):
-            predictions.append([next(first) for _ in its_pieces])
-            _synthesise(levels, group, predictions[-1], estimate)
+        filling.read(over_pieces, progress)
+        filling.read_again(over_pieces)
+    filling.bridge()
+    for slot in filling.slots:
+        told = {int(marker) for part in slot.parts for marker in part.piece.markers}
+        filling.estimate.notes.extend(note for part in slot.parts for note in part.notes)
+        filling.estimate.notes.extend(n for n in unfilled(slot.piece, task) if n.marker not in told)
+    _give_up_hopeless(filling.estimate)
+    return filling.estimate
+
+
+@dataclass
+class _Slot:
+    """A piece, and what is predicted for it or for some of its markers."""
+
+    group: int
+    piece: Piece
+    parts: list[Prediction] = field(default_factory=list)
+
+    @property
+    def told_by_clip(self) -> bool:
+        """Whether the clip's own frames told all of it."""
+        told = sum(len(part.piece.markers) for part in self.parts if part.own)
+        return told == len(self.piece.markers)
+
+
+class _Filling:
+    """A task on its way from pieces to an estimate."""
+
+    def __init__(self, task: Task, predictor: Predictor, levels: Sequence[Level]) -> None:
+        self._groups = task.groups
+        self._predictor = predictor
+        self._levels = levels
+        self.estimate = Estimate.of(task)
+        self._by_group = [
+            [_Slot(n, piece) for piece in pieces_of(group, predictor.valid, predictor.distance)]
+            for n, group in enumerate(task.groups)
+        ]
+        self.slots = [slot for slots in self._by_group for slot in slots]
+
+    def read(self, over_pieces: _Map, progress: Callable[[], None]) -> None:
+        """Predict all pieces from what is measured."""
+        found = iter(
+            over_pieces(lambda slot: self._predictor.predict(slot.piece, None), self.slots)
+        )
+        for number in range(len(self._groups)):
+            for slot in self._by_group[number]:
+                slot.parts = next(found)
+            self._synthesise(number)
             progress()
-        _read_again(task, predictor, levels, pieces, predictions, estimate, over_pieces)
-    _bridge(task, predictor, levels, pieces, predictions, estimate)
-    for its_pieces, found in zip(pieces, predictions, strict=True):
-        for piece, parts in zip(its_pieces, found, strict=True):
-            told = {int(marker) for part in parts for marker in part.piece.markers}
-            estimate.notes.extend(note for part in parts for note in part.notes)
-            estimate.notes.extend(n for n in unfilled(piece, task) if n.marker not in told)
-    _give_up_hopeless(estimate)
-    return estimate
+
+    def read_again(self, over_pieces: _Map) -> None:
+        """Predict once more what learnt from few frames, now that a first fill completes more."""
+        again = [slot for slot in self.slots if not all(part.complete for part in slot.parts)]
+        completed = self.estimate.positions.copy()
+        found = over_pieces(lambda slot: self._predictor.predict(slot.piece, completed), again)
+        for slot, parts in zip(again, found, strict=True):
+            slot.parts = parts
+        for number in sorted({slot.group for slot in again}):
+            self._synthesise(number)
+
+    def bridge(self) -> None:
+        """Bridge over time what the clip's own frames do not tell; all around it is filled."""
+        doubtful = [slot for slot in self.slots if not slot.told_by_clip]
+        completed = self.estimate.positions.copy()
+        for slot in doubtful:
+            completed[slot.piece.start : slot.piece.stop, slot.piece.markers] = np.nan
+        changed = set()
+        for slot in doubtful:
+            # other bodies are no better guess than the marker's own movement over a short gap
+            better, rest = _better(self._predictor.bridge(slot.piece, completed), slot.parts)
+            slot.parts = [*rest, *better]
+            if better:
+                changed.add(slot.group)
+        for number in sorted(changed):
+            self._synthesise(number)
+
+    def _synthesise(self, number: int) -> None:
+        """Minimise a gap group's energy under its predictions, into the estimate."""
+        group = self._groups[number]
+        parts = [part for slot in self._by_group[number] for part in slot.parts]
+        inside = synthesise(self._levels, group, _prior_of(parts, group), minimise)
+        self.estimate.positions[group.start : group.stop, list(group.markers)] = inside
+        for part in parts:
+            piece = part.piece
+            deviation = part.deviation[piece.start - part.first : piece.stop - part.first]
+            self.estimate.deviation[piece.start : piece.stop, piece.markers] = deviation
 
 
 def _give_up_hopeless(estimate: Estimate) -> None:
@@ -111,57 +180,6 @@ def _give_up_hopeless(estimate: Estimate) -> None:
     for marker in np.flatnonzero(np.logical_or.reduce(hopeless, axis=0)):
         for start, stop in runs(hopeless[:, marker]):
             estimate.notes.append(Note(int(marker), start, stop, reason, filled=False))
-
-
-def _read_again(
-    task: Task,
-    predictor: Predictor,
-    levels: Sequence[Level],
-    pieces: Sequence[Sequence[Piece]],
-    predictions: list[list[list[Prediction]]],
-    estimate: Estimate,
-    over_pieces: _Map,
-) -> None:
-    """Predict once more what learnt from few frames, now that a first fill completes more."""
-    again = [
-        (g, p)
-        for g, found in enumerate(predictions)
-        for p, parts in enumerate(found)
-        if not all(part.complete for part in parts)
-    ]
-    if not again:
-        return
-    completed = estimate.positions.copy()
-    second = over_pieces(lambda at: predictor.predict(pieces[at[0]][at[1]], completed), again)
-    for (g, p), parts in zip(again, second, strict=True):
-        predictions[g][p] = parts
-    for g in sorted({g for g, _ in again}):
-        _synthesise(levels, task.groups[g], predictions[g], estimate)
-
-
-def _bridge(
-    task: Task,
-    predictor: Predictor,
-    levels: Sequence[Level],
-    pieces: Sequence[Sequence[Piece]],
-    predictions: list[list[list[Prediction]]],
-    estimate: Estimate,
-) -> None:
-    """Bridge over time what shows too few markers; all else around it is filled by now."""
-    completed = estimate.positions.copy()
-    for part in (part for found in predictions for parts in found for part in parts):
-        if not part.own:
-            completed[part.piece.start : part.piece.stop, part.piece.markers] = np.nan
-    for g, its_pieces in enumerate(pieces):
-        changed = False
-        for p, piece in enumerate(its_pieces):
-            bridged = predictor.bridge(piece, completed)
-            # other bodies are no better guess than the marker's own movement over a short gap
-            better, rest = _better(bridged, predictions[g][p])
-            predictions[g][p] = [*rest, *better]
-            changed = changed or bool(better)
-        if changed:
-            _synthesise(levels, task.groups[g], predictions[g], estimate)
 
 
 def _better(
@@ -192,22 +210,6 @@ def _better(
                 )
             )
     return better, rest
-
-
-def _synthesise(
-    levels: Sequence[Level],
-    group: GapGroup,
-    predictions: Sequence[Sequence[Prediction]],
-    estimate: Estimate,
-) -> None:
-    """Minimise a gap group's energy under its predictions, into the estimate."""
-    parts = [part for some in predictions for part in some]
-    inside = synthesise(levels, group, _prior_of(parts, group), minimise)
-    estimate.positions[group.start : group.stop, list(group.markers)] = inside
-    for part in parts:
-        piece = part.piece
-        deviation = part.deviation[piece.start - part.first : piece.stop - part.first]
-        estimate.deviation[piece.start : piece.stop, piece.markers] = deviation
 
 
 def _prior_of(
