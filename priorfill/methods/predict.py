@@ -241,6 +241,15 @@ class Predictor:
             last += 1
         return np.arange(first, last)
 
+    def _query(self, frames: NDArray[np.intp], visible: NDArray[np.intp], *, take: int) -> Rows:
+        """Return frames of the clip to be predicted; ``take`` is its number among the rows'."""
+        return Rows(
+            self.task.positions[np.ix_(frames, visible)],
+            np.empty((len(frames), 0, 3)),
+            frames / self.task.rate,
+            np.full(len(frames), take),
+        )
+
     def _from_own(self, piece: Piece, completed: NDArray[np.float64] | None) -> Prediction | None:
         """Predict from the clip's own frames; None where too few can be learnt from."""
         options, rate = self._options, self.task.rate
@@ -271,12 +280,7 @@ class Predictor:
             frames / rate,
             np.zeros(len(frames), dtype=np.intp),
         )
-        query = Rows(
-            self.task.positions[np.ix_(asked, visible)],
-            np.empty((len(asked), 0, 3)),
-            asked / rate,
-            np.zeros(len(asked), dtype=np.intp),
-        )
+        query = self._query(asked, visible, take=0)
         spread = self.spread[np.ix_(piece.markers, visible)].min(axis=0)
         lessons = [Lesson(rows, query, nearest[visible], spread)]
         few = len(piece.markers) <= FEW
@@ -405,12 +409,7 @@ class Predictor:
             np.zeros(len(chosen)),
             bank.take(chosen),
         )
-        query = Rows(
-            task.positions[np.ix_(asked, near)],
-            np.empty((len(asked), 0, 3)),
-            asked / task.rate,
-            np.full(len(asked), -1),
-        )
+        query = self._query(asked, near, take=-1)
         lesson = Lesson(
             rows,
             query,
