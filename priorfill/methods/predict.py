@@ -53,6 +53,8 @@ class Options:
         s; what "right beside the gap" is.
     mirrored_rows : int
         As many of these come from the clip's mirror image in the lessons that it is part of.
+    database_rows : int
+        Poses of the database learnt from. Bodies differ: it takes more of them than of its own.
     fewest_rows : int
         With fewer poses of its own, a clip asks the database.
     wished_rows : int
@@ -69,11 +71,12 @@ class Options:
     rows: int = 250
     mirrored_rows: int = 90
     beside: float = 0.03
+    database_rows: int = 350
     fewest_rows: int = 12
     wished_rows: int = 150
     rereading: float = 0.7
-    queries: int = 40
-    neighbours: int = 24
+    queries: int = 100
+    neighbours: int = 12
     visible: int = 12
 
 
@@ -396,9 +399,10 @@ class Predictor:
         asked = self._around(piece, near)
         some = task.positions[_evenly(asked, options.queries)]
         found = bank.nearest(some, root.frames(some), options.neighbours)
-        chosen = found.row.ravel()[np.argsort(found.distance.ravel(), kind="stable")]
-        _, once = np.unique(chosen, return_index=True)
-        chosen = chosen[np.sort(once)][: options.rows]  # each once, the nearest first
+        # every frame's nearest pose, then every frame's second nearest, ..., each pose once
+        ranked = found.row.T.ravel()
+        _, once = np.unique(ranked, return_index=True)
+        chosen = ranked[np.sort(once)][: options.database_rows]
         targets = len(piece.markers)
         distance, spread = pair_distances(
             bank.positions(chosen, np.concatenate([piece.markers, near]))
