@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from priorfill.filling import Result
     from priorfill.formats import WriteReport
 
-__all__ = ["EXIT_INCOMPLETE", "fill", "print_gaps"]
+__all__ = ["EXIT_INCOMPLETE", "fill", "print_left_missing"]
 
 EXIT_INCOMPLETE = 3
 """Exit status: done, but not all gaps could be filled."""
@@ -135,7 +135,7 @@ def _facts(file: Path, output: Path, result: Result, written: WriteReport | None
     }
 
 
-def print_gaps(result: Result) -> None:
+def _print_gaps(result: Result) -> None:
     """Print the table of a result's gaps."""
     clip = result.clip
     rows = []
@@ -161,7 +161,7 @@ def _print(output: Path, result: Result, written: WriteReport | None) -> None:
     if not result.gaps:
         click.echo(f"{result.clip.name} has no gaps; {output} is a copy")
         return
-    print_gaps(result)
+    _print_gaps(result)
     click.echo()
     filled = int(result.filled.sum())
     whole = sum(gap.complete for gap in result.gaps)

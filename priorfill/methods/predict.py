@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -24,7 +24,7 @@ from priorfill.methods.members import (
 from priorfill.methods.pieces import FEWEST_VISIBLE, Piece
 from priorfill.methods.task import Note, Task, take_names
 from priorfill.normalise import choose_root
-from priorfill.regression import Lesson, Rows, regress
+from priorfill.regression import Kernel, Lesson, Rows, View, regress
 from priorfill.search.bank import Banks
 
 __all__ = ["Options", "Prediction", "Predictor", "unfilled"]
@@ -289,23 +289,31 @@ class Predictor:
         few = len(piece.markers) <= FEW
         if not few:
             lessons += self._mirror_lesson(lessons[0], piece, visible, near)
-        regression = regress(
+        return self._learn(
+            piece,
+            int(asked[0]),
             lessons,
             FEW_VIEWS if few else LIMB_VIEWS,
             FEW_KERNELS if few else LIMB_KERNELS,
-            (piece.stop - piece.start) / rate,
-            self.each,
-        )
-        return Prediction(
-            piece,
-            int(asked[0]),
-            regression.positions,
-            regression.deviation,
             complete=kept == len(piece.visible) and len(usable) >= options.rereading * shown.sum(),
             how="the clip's own frames",
             takes=(self.task.name,),
             own=True,
         )
+
+    def _learn(
+        self,
+        piece: Piece,
+        first: int,
+        lessons: Sequence[Lesson],
+        views: Sequence[View],
+        kernels: Sequence[Kernel],
+        **told: Any,
+    ) -> Prediction:
+        """Predict a piece from lessons; ``told`` is what else is to be said of the prediction."""
+        seconds = (piece.stop - piece.start) / self.task.rate
+        regression = regress(lessons, views, kernels, seconds, self.each)
+        return Prediction(piece, first, regression.positions, regression.deviation, **told)
 
     def _mirror_lesson(
         self,
@@ -420,18 +428,12 @@ class Predictor:
             distance[:targets, targets:].min(axis=0),
             spread[:targets, targets:].min(axis=0),
         )
-        regression = regress(
+        return self._learn(
+            piece,
+            int(asked[0]),
             [lesson],
             STRANGER_VIEWS,
             STRANGER_KERNELS,
-            (piece.stop - piece.start) / task.rate,
-            self.each,
-        )
-        return Prediction(
-            piece,
-            int(asked[0]),
-            regression.positions,
-            regression.deviation,
             complete=True,
             how="the database's nearest poses",
             takes=take_names(task.takes, bank.take(chosen)),
