@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from priorfill.clip import Clip
-    from priorfill.database import PriorDatabase
+    from priorfill.database import PriorDatabase, Selection
     from priorfill.errors import PriorfillError
     from priorfill.filling import FilledGap, Result, fill
     from priorfill.formats import read, write
@@ -37,6 +37,7 @@ _PLACES = {
     "PriorDatabase": "priorfill.database",
     "PriorfillError": "priorfill.errors",
     "Result": "priorfill.filling",
+    "Selection": "priorfill.database",
     "fill": "priorfill.filling",
     "find_gaps": "priorfill.gaps",
     "gap_groups": "priorfill.gaps",
@@ -53,6 +54,7 @@ __all__ = [
     "PriorDatabase",
     "PriorfillError",
     "Result",
+    "Selection",
     "__version__",
     "fill",
     "find_gaps",

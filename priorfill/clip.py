@@ -45,6 +45,9 @@ class Source:
         Points of the file that are not markers, with the reason.
     notes : tuple of str
         What a user should know about how the file was understood, a sentence each.
+    interpolated : ndarray of bool [shape=(frames, markers)] or None
+        Which samples the file says are interpolated, not measured; missing ones are not among
+        them. None where the file does not tell.
     """
 
     path: Path
@@ -57,6 +60,7 @@ class Source:
     zero_samples: int = 0
     left_out: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    interpolated: NDArray[np.bool_] | None = field(default=None, repr=False, compare=False)
 
 
 @dataclass(frozen=True, eq=False)

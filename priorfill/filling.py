@@ -13,8 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from priorfill.axes import from_upright, to_upright
 from priorfill.clip import Clip
-from priorfill.database import PriorDatabase
-from priorfill.errors import DatabaseError
+from priorfill.database import PriorDatabase, Selection
 from priorfill.gaps import Gap, find_gaps, gap_groups, runs
 from priorfill.markerset import MarkerSet, describe, recognise
 from priorfill.methods import DEFAULT_METHOD, get_method
@@ -95,6 +94,8 @@ class Result:
         How the markers were understood.
     database : Path or None
         The prior database, if there was one.
+    notes : tuple of str
+        What of the database was not learnt from, and why, a sentence each.
     """
 
     clip: Clip
@@ -104,6 +105,7 @@ class Result:
     method: str
     marker_set: MarkerSet
     database: Path | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def complete(self) -> bool:
@@ -118,6 +120,8 @@ def fill(
     method: str = "auto",
     marker_set: MarkerSet | None = None,
     progress: Callable[[int, int], None] | None = None,
+    selection: Selection | None = None,
+    trust_filled: bool = False,
 ) -> Result:
     """Fill the gaps of a clip.
 
@@ -133,6 +137,11 @@ def fill(
         Segments and reliable bits; recognised or found from the data if not given.
     progress : callable, optional
         Called with the gap groups done and all of them.
+    selection : Selection, optional
+        Which clips of the database to learn from; all by default. Other versions of the clip
+        itself, and parts of it, are always left out.
+    trust_filled : bool
+        Learn from samples of the database that were themselves synthesised, too.
 
     Returns
     -------
@@ -144,7 +153,7 @@ def fill(
     OptionError
         Where there is no such method.
     DatabaseError
-        Where the database cannot be read, or has no marker in common with the clip.
+        Where the database cannot be read.
     """
     run = get_method(method)
     definition = marker_set or recognise(clip.labels)
@@ -152,7 +161,7 @@ def fill(
     with ExitStack() as stack:
         if isinstance(database, (str, Path)):
             database = stack.enter_context(PriorDatabase.open(database))
-        takes = _takes(clip, database, definition)
+        prior = _Prior(clip, database, definition, selection or Selection(), trust_filled)
         groups = tuple(gap_groups(clip.missing))
         task = Task(
             to_upright(clip.positions, clip.up),
@@ -160,7 +169,7 @@ def fill(
             clip.rate,
             marker_set,
             groups,
-            takes,
+            prior.takes,
             clip.name,
             clip.subject,
         )
@@ -176,31 +185,71 @@ def fill(
         stack.enter_context(threadpool_limits(1, user_api="blas"))
         estimate = run(task, one_more)
     place = database.path if database is not None else None
-    return _assemble(
-        clip, estimate, DEFAULT_METHOD if method == "auto" else method, marker_set, place
-    )
+    method = DEFAULT_METHOD if method == "auto" else method
+    return _assemble(clip, estimate, method, marker_set, place, prior.notes)
 
 
-def _takes(
-    clip: Clip, database: PriorDatabase | None, definition: MarkerSet | None
-) -> tuple[Take, ...]:
-    """Return takes of a database; an error where it has clips but none with the clip's markers."""
-    if database is None:
-        return ()
-    takes = takes_from(database, clip.labels, definition)
-    if not takes:
-        held = sorted({label for record in database.clips() for label in record.labels})
-        what = f"its markers are {', '.join(held[:6])}, ..." if held else "it is empty"
-        raise DatabaseError(
-            f"{database.path}: no marker in common with {clip.name} "
-            f"({', '.join(clip.labels[:6])}, ...); {what}; "
-            "add clips of this marker set, or fill without a database"
+class _Prior:
+    """The takes of a database that a clip may learn from, and what was left out."""
+
+    def __init__(
+        self,
+        clip: Clip,
+        database: PriorDatabase | None,
+        definition: MarkerSet | None,
+        selection: Selection,
+        trust_filled: bool,
+    ) -> None:
+        self.takes: tuple[Take, ...] = ()
+        self._notes: list[str] = []
+        if database is None:
+            return
+        damaged = [
+            f"{database.path}: the row of clip {name} is damaged" for name in database.damaged
+        ]
+        self._notes += [f"{reason}; not learnt from" for reason in damaged]
+        records = database.clips()
+        if not records:
+            self._notes.append(f"{database.path}: the database is empty")
+            return
+        own = database.versions(clip)
+        if own:
+            self._notes.append(
+                f"not learnt from {', '.join(record.name for record in own)}: "
+                "of the same recording as the clip"
+            )
+        records = tuple(record for record in selection.choose(records) if record not in own)
+        if not records:
+            self._notes.append(f"{database.path}: no clip is left to learn from")
+            return
+        self.takes = takes_from(
+            database,
+            records,
+            clip.labels,
+            definition,
+            trust_filled=trust_filled,
+            refused=lambda error: self._notes.append(f"{error}; not learnt from"),
         )
-    return takes
+        if not self.takes:
+            held = sorted({label for record in records for label in record.labels})
+            self._notes.append(
+                f"{database.path}: no marker in common with {clip.name} "
+                f"({', '.join(clip.labels[:6])}, ...); its markers are {', '.join(held[:6])}, ..."
+            )
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was left out, and why; complete when the takes were used."""
+        return tuple(dict.fromkeys(self._notes))
 
 
 def _assemble(
-    clip: Clip, estimate: Estimate, method: str, marker_set: MarkerSet, database: Path | None
+    clip: Clip,
+    estimate: Estimate,
+    method: str,
+    marker_set: MarkerSet,
+    database: Path | None,
+    notes: tuple[str, ...],
 ) -> Result:
     """Put an estimate's filled samples into the clip, and nothing else."""
     missing = clip.missing
@@ -216,7 +265,7 @@ def _assemble(
         for gap in find_gaps(missing)
     )
     return Result(
-        clip.with_positions(positions), filled, deviation, gaps, method, marker_set, database
+        clip.with_positions(positions), filled, deviation, gaps, method, marker_set, database, notes
     )
 
 

@@ -2,25 +2,29 @@
 
 A take is a recording of the prior database, or the clip that is being filled itself. Every one
 is brought into the same shape: upright, mm, one column for each marker of the clip, NaN where
-the take does not have it.
+the take does not have it. Positions are read when they are asked for: a database may be larger
+than the memory.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.errors import DatabaseCorruptError
 from priorfill.markerset import MarkerSet, same_markers
-from priorfill.resample import Level, pyramid
+from priorfill.resample import Level
 
 if TYPE_CHECKING:
-    from priorfill.database import PriorDatabase
+    from priorfill.database import ClipRecord, PriorDatabase
 
 __all__ = ["Take", "own_take", "takes_from"]
+
+Reader = Callable[[int, NDArray[np.intp]], NDArray[np.floating]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,73 +37,163 @@ class Take:
         What it is called in reports.
     subject : str
         Whose motion it is; empty if unknown.
-    levels : tuple of Level
-        Its resolutions, finest first; positions [shape=(frames, markers, 3), mm], upright, in
-        the clip's order of markers.
+    rates : tuple of float
+        Frames per second of its resolutions (Hz), finest first.
+    lengths : tuple of int
+        Frames of each.
+    shown : ndarray of int [shape=(markers,)]
+        In how many frames of the finest resolution each marker of the clip can be learnt from.
+    read : callable
+        Gives the positions of a resolution for some markers; see `positions`.
     own : bool
         Whether it is the clip that is being filled.
     """
 
     name: str
     subject: str
-    levels: tuple[Level, ...] = field(repr=False)
+    rates: tuple[float, ...]
+    lengths: tuple[int, ...]
+    shown: NDArray[np.intp] = field(repr=False)
+    read: Reader = field(repr=False)
     own: bool = False
 
-    def nearest_level(self, rate: float) -> Level:
-        """Return the resolution whose rate is nearest to ``rate`` (Hz) as a ratio."""
-        return min(self.levels, key=lambda level: abs(np.log(level.rate / rate)))
+    def nearest_level(self, rate: float) -> int:
+        """Return the number of the resolution whose rate is nearest to ``rate`` (Hz) as a ratio."""
+        return int(np.argmin(np.abs(np.log(np.array(self.rates) / rate))))
+
+    def positions(
+        self, level: int, markers: NDArray[np.intp] | None = None
+    ) -> NDArray[np.floating]:
+        """Return the positions of a resolution.
+
+        Parameters
+        ----------
+        level : int
+            Its number.
+        markers : ndarray of int, optional
+            Which markers of the clip; all by default.
+
+        Returns
+        -------
+        ndarray [shape=(frames, markers, 3), mm]
+            Upright; NaN where there is nothing to learn from.
+        """
+        return self.read(level, np.arange(len(self.shown)) if markers is None else markers)
 
 
-def own_take(
-    positions: NDArray[np.float64], rate: float, levels: int, name: str, subject: str
-) -> Take:
+def own_take(levels: Sequence[Level], name: str, subject: str) -> Take:
     """Make a take of the clip itself; its gaps stay missing.
 
     Parameters
     ----------
-    positions : ndarray [shape=(frames, markers, 3), mm]
-        The clip, upright.
-    rate : float
-        Its rate, Hz.
-    levels : int
-        How many resolutions.
+    levels : sequence of Level
+        The clip's resolutions, upright, finest first.
     name, subject : str
         Of the clip.
     """
-    return Take(name, subject, tuple(pyramid(positions, rate, levels)), own=True)
+    return Take(
+        name,
+        subject,
+        tuple(level.rate for level in levels),
+        tuple(len(level.positions) for level in levels),
+        (~np.isnan(levels[0].positions[..., 0])).sum(axis=0),
+        lambda number, markers: levels[number].positions[:, markers],
+        own=True,
+    )
 
 
 def takes_from(
-    database: PriorDatabase, labels: Sequence[str], marker_set: MarkerSet | None = None
+    database: PriorDatabase,
+    records: Iterable[ClipRecord],
+    labels: Sequence[str],
+    marker_set: MarkerSet | None = None,
+    *,
+    trust_filled: bool = False,
+    refused: Callable[[DatabaseCorruptError], None] | None = None,
 ) -> tuple[Take, ...]:
-    """Make a take of each clip of a database that has at least one of a clip's markers.
+    """Make a take of each clip of a database that shows at least one of a clip's markers.
 
     Parameters
     ----------
     database : PriorDatabase
         Opened.
+    records : iterable of ClipRecord
+        Which of its clips.
     labels : sequence of str
         The clip's labels, in its order.
     marker_set : MarkerSet, optional
         Definition whose other spellings count too.
+    trust_filled : bool
+        Learn from samples that were synthesised too, as if they were measured.
+    refused : callable, optional
+        Called when a clip turns out to be damaged; nothing is then learnt from it. Without it
+        the error is raised.
 
     Returns
     -------
     tuple of Take
-        In the database's order. Positions are float32.
+        In the order of the records. Positions are float32.
     """
     takes = []
-    for record in database.clips():
-        shared, there = same_markers(labels, record.labels, marker_set)
-        if not shared:
+    known: dict[tuple[str, ...], NDArray[np.intp]] = {}  # thousands of clips share a few lists
+    for record in records:
+        if record.labels not in known:
+            here, there = same_markers(labels, record.labels, marker_set)
+            known[record.labels] = np.full(len(labels), -1, dtype=np.intp)
+            known[record.labels][here] = there
+        columns = known[record.labels]
+        counts = np.array(record.present if trust_filled else record.measured, dtype=np.intp)
+        shown = np.where(columns >= 0, counts[columns], 0)
+        if not shown.any():
             continue
-        levels = []
-        for number in range(database.levels):
-            stored = database.positions(record, number)
-            positions: NDArray[Any] = np.full(
-                (len(stored), len(labels), 3), np.nan, dtype=np.float32
+        takes.append(
+            Take(
+                record.name,
+                record.subject,
+                tuple(database.rate / 2**level for level in range(database.levels)),
+                record.frames,
+                shown,
+                _reader(database, record, columns, trust_filled, refused),
             )
-            positions[:, shared] = stored[:, there]
-            levels.append(Level(positions, database.rate / 2**number, 2**number))
-        takes.append(Take(record.name, record.subject, tuple(levels)))
+        )
     return tuple(takes)
+
+
+def _reader(
+    database: PriorDatabase,
+    record: ClipRecord,
+    columns: NDArray[np.intp],
+    trust_filled: bool,
+    refused: Callable[[DatabaseCorruptError], None] | None,
+) -> Reader:
+    """Return what reads a clip; ``columns`` has its column of each marker, -1 where it has none."""
+    filled = None
+    try:
+        # now, because the catalogue answers only the thread that opened it
+        if record.has_filled and not trust_filled:
+            filled = database.filled(record)
+    except DatabaseCorruptError as error:
+        if refused is None:
+            raise
+        refused(error)
+        columns = np.full_like(columns, -1)
+
+    def read(level: int, markers: NDArray[np.intp]) -> NDArray[np.floating]:
+        wanted = columns[markers]
+        here = np.flatnonzero(wanted >= 0)
+        positions = np.full((record.frames[level], len(markers), 3), np.nan, dtype=np.float32)
+        try:
+            stored = database.sound_positions(record, level)
+        except DatabaseCorruptError as error:
+            if refused is None:
+                raise
+            refused(error)
+            return positions
+        positions[:, here] = stored[:, wanted[here]]
+        if filled is not None:
+            hidden = np.zeros(positions.shape[:2], dtype=bool)
+            hidden[:, here] = filled[:: 2**level, wanted[here]]
+            positions[hidden] = np.nan
+        return positions
+
+    return read

@@ -16,3 +16,11 @@ def data() -> Path:
     if not folder.is_dir():
         pytest.skip("no recordings: set PRIORFILL_DATA, or put them in ../shared/data")
     return folder
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Run in a folder of its own, so that messages have short paths."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PRIORFILL_DEBUG", raising=False)
+    return tmp_path

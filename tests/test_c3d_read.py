@@ -124,6 +124,76 @@ def test_infinite_coordinates_of_model_outputs_do_no_harm(save):
     assert len(read_c3d(save(C3DFile(records, labels))).labels) == len(LABELS) - 1
 
 
+# --- interpolated samples --------------------------------------------------------------
+
+MEASURED = 0x0303
+"""The fourth word of a sample with a residual of 3 steps that cameras 1 and 2 saw."""
+
+
+@pytest.mark.parametrize("processor", [INTEL, DEC, MIPS])
+@pytest.mark.parametrize("is_float", [True, False])
+def test_interpolated_samples(save, processor, is_float):
+    records = standing(step=None if is_float else STEP)
+    records[:, :, 3] = MEASURED
+    records[4:7, 2, 3] = 0
+    records[5, 2, 3] = -1
+    clip = read_c3d(save(C3DFile(records, LABELS, processor=processor, is_float=is_float)))
+    assert np.argwhere(clip.source.interpolated).tolist() == [[4, 2], [6, 2]]
+    assert not clip.source.interpolated.flags.writeable
+
+
+def test_missing_samples_are_not_interpolated(save):
+    records = standing()
+    records[:, :, 3] = MEASURED
+    records[3, 1] = 0
+    records[4, 1, :] = [np.nan, 1, 1, 0]
+    path = save(C3DFile(records, LABELS))
+    assert not read_c3d(path).source.interpolated.any()
+    assert np.argwhere(read_c3d(path, zeros_missing=False).source.interpolated).tolist() == [[3, 1]]
+
+
+@pytest.mark.parametrize("word", [0x0300, 0x0003, 0.4])
+def test_any_sign_of_cameras_or_error_is_measured(save, word):
+    records = standing()
+    records[:, :, 3] = word
+    records[2:4, 5, 3] = 0
+    clip = read_c3d(save(C3DFile(records, LABELS)))
+    assert np.argwhere(clip.source.interpolated).tolist() == [[2, 5], [3, 5]]
+
+
+def test_a_file_without_residuals_does_not_tell(save):
+    records = standing()
+    assert read_c3d(save(C3DFile(records, LABELS))).source.interpolated is None
+    records[:, 0, 3] = MEASURED  # a tenth of the samples
+    assert read_c3d(save(C3DFile(records, LABELS))).source.interpolated.sum() == 12 * 9
+    records[0, 0, 3] = 0
+    assert read_c3d(save(C3DFile(records, LABELS))).source.interpolated is None
+    records[:, :, 3] = -1
+    assert read_c3d(save(C3DFile(records, LABELS))).source.interpolated is None
+
+
+def test_other_points_do_not_count(save):
+    records = standing()
+    records[:, :, 3] = MEASURED
+    records[:, 3, 3] = 0
+    labels = ["LHipAngles" if label == "LASI" else label for label in LABELS]
+    clip = read_c3d(save(C3DFile(records, labels)))
+    assert clip.source.interpolated.shape == clip.missing.shape
+    assert not clip.source.interpolated.any()
+
+
+def test_what_was_filled_can_be_told(save, tmp_path):
+    records = standing()
+    records[:, :, 3] = MEASURED
+    records[4:7, 2, 3] = -1
+    clip = read_c3d(save(C3DFile(records, LABELS)))
+    assert not clip.source.interpolated.any()
+    filled = clip.missing
+    formats.write(tmp_path / "out.c3d", clip.with_positions(np.nan_to_num(clip.positions)), filled)
+    again = read_c3d(tmp_path / "out.c3d")
+    np.testing.assert_array_equal(again.source.interpolated, filled)
+
+
 # --- files that are wrong --------------------------------------------------------------
 
 
@@ -624,6 +694,15 @@ def test_other_recordings(data):
         assert clip.up == "+Z"
     hdm = read_c3d(data / "hdm05/HDM_dg_06-03_03_120.c3d")
     assert hdm.source.left_out == dict.fromkeys(["*0", "*1", "*2"], "unlabelled")
+
+
+@pytest.mark.realdata
+def test_interpolated_samples_of_recordings(data):
+    cmu = read_c3d(data / "cmu/01_01.c3d")
+    assert cmu.source.interpolated.sum() == 859
+    assert not (cmu.source.interpolated & cmu.missing).any()
+    for name in ("hdm05/HDM_dg_06-03_03_120.c3d", "gait/HC040A14.c3d"):
+        assert read_c3d(data / name).source.interpolated is None
 
 
 @pytest.mark.realdata

@@ -1,148 +1,128 @@
-"""``priorfill db`` and the group itself: output, exit status, what is left on disk."""
+"""``priorfill db list``, ``info``, ``verify``, and the group of all commands itself."""
 
 from __future__ import annotations
 
 import json
+import shutil
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import click
-import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from db_cli import gappy_and_filled, run, small_clip, write_clip
 
 from priorfill.cli import main
-from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
-from priorfill.formats import write
 
 
-def run(*arguments: str | Path) -> Result:
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+def make_database(place: Path) -> None:
+    """A database of jump (nobody's), run and walk (anna's), and a filled walk (ben's)."""
+    with PriorDatabase.create(place) as database:
+        database.add(small_clip("walk", 1, subject="anna"), licence="CC0")
+        database.add(small_clip("run", 2, frames=240, subject="anna"), session="2")
+        database.add(small_clip("jump", 3, labels=("LASI", "RASI", "SACR", "HEAD"), rate=60.0))
+        _, filled, mask = gappy_and_filled(small_clip("walk", 4, subject="ben"))
+        database.accept(filled, mask, filled_by="prior")
 
 
-def write_clip(path: Path, seed: int = 0, frames: int = 120, amplitude: float = 200.0) -> Path:
-    rng = np.random.default_rng(seed)
-    t = np.arange(frames)[:, None, None] / 120
-    place = rng.uniform(200, 900, (1, 4, 3))
-    swing = amplitude * np.sin(2 * np.pi * rng.uniform(0.5, 2, (1, 4, 3)) * t)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write(path, Clip(place + swing, ("LASI", "RASI", "SACR", "C7"), 120.0, name=path.stem))
-    return path
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Run in a folder of its own, so that messages have short paths."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("PRIORFILL_DEBUG", raising=False)
-    return tmp_path
-
-
-def test_add_list_info_verify(here: Path) -> None:
-    write_clip(here / "clips" / "walk.c3d", 1)
-    write_clip(here / "clips" / "deep" / "run.C3D", 2)
-    (here / "clips" / "notes.txt").write_text("not a clip")
-    write_clip(here / "jump.c3d", 3)
-
-    result = run("db", "add", "--database", "db", "--subject", "anna", "--licence", "CC0", "clips")
-    assert (result.exit_code, result.output) == (0, "added 2 clips (2.00 s)\n")
-    result = run("db", "add", "-d", "db", "--credit", "me", "--session", "2", "clips", "jump.c3d")
+def listed(*arguments: str) -> list[tuple[str, str]]:
+    result = run("db", "list", "-d", "db", "--json", *arguments)
     assert result.exit_code == 0
-    assert result.output == (
-        "skipped clips/deep/run.C3D: is in the database already (as run); nothing to do\n"
-        "skipped clips/walk.c3d: is in the database already (as walk); nothing to do\n"
-        "added 1 clip (1.00 s), skipped 2 that are there already\n"
-    )
+    return [(clip["name"], clip["subject"]) for clip in json.loads(result.output)]
 
-    assert run("db", "list", "-d", "db").output == (
-        "name  subject  session  marker set  markers     s   Hz  licence\n"
-        "jump  -        2        -                 4  1.00  120  -\n"
-        "run   anna     -        -                 4  1.00  120  CC0\n"
-        "walk  anna     -        -                 4  1.00  120  CC0\n"
+
+def test_list(here: Path) -> None:
+    make_database(here / "db")
+    with PriorDatabase.open(here / "db") as database:
+        ids = {(record.name, record.subject): record.content[:8] for record in database.clips()}
+    lines = run("db", "list", "-d", "db").output.splitlines()
+    assert lines[0] == (
+        "name  id        subject  session  marker set  markers     s   Hz  measured  licence"
     )
-    listed = json.loads(run("db", "list", "-d", "db", "--json").output)
-    assert [clip["name"] for clip in listed] == ["jump", "run", "walk"]
-    jump = listed[0]
-    assert len(jump.pop("content")) == 64
-    assert jump.pop("added").endswith("+00:00")
-    assert jump.pop("version")
-    assert jump == {
-        "name": "jump",
-        "subject": "",
-        "session": "2",
-        "source": "jump.c3d",
+    rest = "-                 4"
+    assert lines[1:] == [
+        f"jump  {ids['jump', '']}  -        -        {rest}  2.00   60   100.0 %  -",
+        f"run   {ids['run', 'anna']}  anna     2        {rest}  2.00  120   100.0 %  -",
+        f"walk  {ids['walk', 'anna']}  anna     -        {rest}  1.00  120   100.0 %  CC0",
+        f"walk  {ids['walk', 'ben']}  ben      -        {rest}  1.00  120    91.7 %  -"
+        "        filled: prior",
+    ]
+
+
+def test_list_as_json(here: Path) -> None:
+    make_database(here / "db")
+    clips = json.loads(run("db", "list", "-d", "db", "--json").output)
+    assert [clip["name"] for clip in clips] == ["jump", "run", "walk", "walk"]
+    walk = clips[3]
+    assert len(walk.pop("content")) == 64
+    assert walk.pop("added").endswith("+00:00")
+    assert walk.pop("version")
+    assert walk == {
+        "name": "walk",
+        "subject": "ben",
+        "session": "",
+        "source": "",
         "licence": "",
-        "credit": "me",
+        "credit": "",
         "original_rate": 120.0,
+        "original_frames": 120,
         "rate": 30.0,
         "frames": [30, 15, 8],
         "labels": ["LASI", "RASI", "SACR", "C7"],
         "marker_set": "",
-        "has_filled": False,
+        "has_filled": True,
+        "filled_by": "prior",
+        "present": [30, 30, 30, 30],
+        "measured": [30, 30, 30, 20],
         "synthetic": False,
         "seconds": 1.0,
         "bytes": 53 * 4 * 12,
     }
+    assert clips[0]["has_filled"] is False
 
+
+def test_list_some(here: Path) -> None:
+    make_database(here / "db")
+    content = json.loads(run("db", "list", "-d", "db", "--json").output)[3]["content"]
+    assert listed("--name", "walk") == [("walk", "anna"), ("walk", "ben")]
+    assert listed("--name", "*u*") == [("jump", ""), ("run", "anna")]
+    assert listed("--name", "run", "--name", "jump") == [("jump", ""), ("run", "anna")]
+    assert listed("--name", content[:8]) == [("walk", "ben")]
+    assert listed("--subject", "a*") == [("run", "anna"), ("walk", "anna")]
+    assert listed("--subject", "") == [("jump", "")]
+    assert listed("--subject", "ben", "--name", "walk") == [("walk", "ben")]
+    assert listed("--marker", "HEAD") == [("jump", "")]
+    assert listed("--marker", "HEAD", "--marker", "C7") == []
+    assert (
+        run("db", "list", "-d", "db", "--name", "Walk").output == "db: none of its 4 clips fits\n"
+    )
+
+
+def test_info_and_verify(here: Path) -> None:
+    make_database(here / "db")
     lines = run("db", "info", "-d", "db").output.splitlines()
     assert lines[:-1] == [
         "database     db",
-        "format       version 1",
-        "clips        3",
-        "subjects     1",
-        "length       3.00 s, 90 frames at 30 Hz",
+        "format       version 2",
+        "clips        4",
+        "subjects     2",
+        "length       6.00 s, 180 frames at 30 Hz",
         "levels       30, 15, 7.5 Hz",
-        "marker sets  not known (3)",
+        "marker sets  not known (4)",
     ]
     facts = json.loads(run("db", "info", "-d", "db", "--json").output)
-    assert facts["clips"] == 3
-    assert facts["marker_sets"] == {"": 3}
+    assert facts["clips"] == 4
+    assert facts["marker_sets"] == {"": 4}
     assert facts["path"] == "db"
 
     result = run("db", "verify", "-d", "db")
     assert (result.exit_code, result.output) == (
         0,
-        "3 clips checked, all are as they were added\n",
+        "4 clips checked, all are as they were added\n",
     )
-
-
-def test_what_cannot_be_added_is_reported_and_the_others_go_on(here: Path) -> None:
-    write_clip(here / "good.c3d")
-    write_clip(here / "still.c3d", amplitude=1.0)
-    (here / "bad.c3d").write_bytes(b"rubbish")
-    (here / "empty").mkdir()
-    result = run(
-        "db", "add", "-d", "db", "no.c3d", "empty", "bad.c3d", "still.c3d", "good.c3d", "good.c3d"
-    )
-    assert result.exit_code == 1
-    assert result.stdout == "added 1 clip (1.00 s), could not add 4\n"
-    errors = result.stderr.splitlines()
-    assert errors[0] == "priorfill: no.c3d: there is no such file or folder; check the name"
-    assert errors[1] == "priorfill: empty: has no files that can be read (.c3d)"
-    assert errors[2].startswith("priorfill: bad.c3d: ")
-    assert errors[3] == (
-        "priorfill: still.c3d: is static (no marker moves by 10 mm); add clips with motion"
-    )
-    assert len(errors) == 4
-
-
-def test_nothing_to_add_makes_nothing(here: Path) -> None:
-    result = run("db", "add", "-d", "db", "no.c3d")
-    assert result.exit_code == 1
-    assert not (here / "db").exists()
-
-
-def test_a_folder_with_other_files_stays_as_it_is(here: Path) -> None:
-    write_clip(here / "clips" / "good.c3d")
-    result = run("db", "add", "-d", "clips", "clips/good.c3d")
-    assert result.exit_code == 1
-    assert result.stderr == (
-        "priorfill: clips: has other files in it (good.c3d); "
-        "give an empty or a new folder for a new database\n"
-    )
-    assert [path.name for path in (here / "clips").iterdir()] == ["good.c3d"]
 
 
 def test_verify_names_the_damaged_clip(here: Path) -> None:
@@ -155,8 +135,45 @@ def test_verify_names_the_damaged_clip(here: Path) -> None:
     assert result.exit_code == 1
     assert result.stderr == (
         "priorfill: db: positions of clip a are damaged (level 0); "
+        "restore the database from a copy, or remove the clip\n"
+    )
+
+
+def test_a_damaged_row_is_named(here: Path) -> None:
+    make_database(here / "db")
+    with closing(sqlite3.connect("db/catalogue.sqlite")) as connection, connection:
+        connection.execute("UPDATE clips SET licence = 'none' WHERE name = 'run'")
+    text = (
+        "priorfill: db: the catalogue's row of clip run is damaged, so it is left out; "
         "restore the database from a copy\n"
     )
+    result = run("db", "list", "-d", "db", "--json")
+    assert (result.exit_code, result.stderr) == (0, text)
+    assert len(json.loads(result.stdout)) == 3
+    result = run("db", "export", "-d", "db", "-o", "out", "--measured-only")
+    assert (result.exit_code, result.stderr) == (1, text)
+    assert result.stdout.endswith("exported 3 clips (4.00 s), could not export 1\n")
+    result = run("db", "verify", "-d", "db")
+    assert result.exit_code == 1
+    assert "row of clip run is damaged" in result.stderr
+    assert run("db", "remove", "-d", "db", "walk").exit_code == 1
+
+
+def test_a_database_of_version_1(here: Path) -> None:
+    shutil.copytree(Path(__file__).parent / "fixtures" / "database-1", "db")
+    shutil.copytree("db", "kept")
+    listed = run("db", "list", "-d", "db")
+    assert (listed.exit_code, listed.stderr) == (0, "")
+    assert "100.0 %" in listed.stdout
+    assert "format       version 1\n" in run("db", "info", "-d", "db").stdout
+    assert run("db", "export", "-d", "db", "-o", "out").exit_code == 0
+    for path in Path("kept").rglob("*.*"):
+        assert Path("db", *path.parts[1:]).read_bytes() == path.read_bytes()
+    # upgraded where it is written to
+    name = json.loads(run("db", "list", "-d", "db", "--json").stdout)[0]["name"]
+    assert run("db", "remove", "-d", "db", name).exit_code == 0
+    assert "format       version 2\n" in run("db", "info", "-d", "db").stdout
+    assert run("db", "verify", "-d", "db").exit_code == 0
 
 
 def test_empty_database(here: Path) -> None:
@@ -167,18 +184,31 @@ def test_empty_database(here: Path) -> None:
     assert run("db", "verify", "-d", "db").exit_code == 0
 
 
-@pytest.mark.parametrize("command", ["list", "info", "verify"])
-def test_no_database(command: str, here: Path) -> None:
-    result = run("db", command, "--database", "no")
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["list"],
+        ["info"],
+        ["verify"],
+        ["compact"],
+        ["remove", "walk"],
+        ["remove", "walk", "--dry-run"],
+        ["export", "-o", "out"],
+    ],
+)
+def test_no_database(arguments: list[str], here: Path) -> None:
+    command, *rest = arguments
+    result = run("db", command, "--database", "no", *rest)
     assert result.exit_code == 1
     assert result.stdout == ""
     assert result.stderr == (
         "priorfill: no: there is no database; make one with: priorfill db add --database no ...\n"
     )
-    result = run("db", command, "--database", ".")
+    result = run("db", command, "--database", ".", *rest)
     assert result.exit_code == 1
     assert "is not a priorfill database" in result.stderr
-    assert run("db", command).exit_code == 2  # --database is missing
+    assert run("db", command, *rest).exit_code == 2  # --database is missing
+    assert list(here.iterdir()) == []
 
 
 # --- the group -------------------------------------------------------------------------------
@@ -197,7 +227,9 @@ def test_help_imports_nothing_heavy() -> None:
     script = (
         "import sys\n"
         "from priorfill.cli import main\n"
-        "for line in (['--help'], ['db', 'add', '--help'], ['inspect', '--help']):\n"
+        "from priorfill.cli.db import db\n"
+        "lines = [['--help'], ['db', '--help'], ['inspect', '--help'], ['fill', '--help']]\n"
+        "for line in lines + [['db', name, '--help'] for name in db.commands]:\n"
         "    try:\n"
         "        main(line)\n"
         "    except SystemExit as end:\n"

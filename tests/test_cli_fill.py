@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import shutil
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -238,6 +240,225 @@ def test_a_progress_bar_only_on_a_terminal(folder: Path) -> None:
     assert "filling" not in run("fill", "walk.c3d", "-o", "out.c3d").stderr
 
 
+# which clips of a database it learns from
+
+
+@pytest.fixture(scope="module")
+def people(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A database of walk1 (anna), walk2 (ben), run (ben); of C7 ben knows filled samples only."""
+    place = tmp_path_factory.mktemp("cli") / "people"
+    with PriorDatabase.create(place) as made:
+        for seed, (name, subject) in enumerate(
+            [("walk1", "anna"), ("walk2", "ben"), ("run", "ben")]
+        ):
+            clip = replace(person(seconds=6.0, seed=20 + seed, body=20 + seed), name=name)
+            if subject == "anna":
+                made.add(clip, subject=subject)
+                continue
+            mask = np.zeros(clip.missing.shape, dtype=bool)
+            mask[:, clip.labels.index("C7")] = True
+            made.accept(clip, mask, filled_by="prior", subject=subject)
+    return place
+
+
+@pytest.mark.parametrize(
+    ("options", "known"),
+    [
+        ([], {"walk1"}),
+        (["--exclude-motion", "walk1"], set()),
+        (["--exclude-motion", "run", "--exclude-motion", "*2"], {"walk1"}),
+        (["--exclude-subject", "a*"], set()),
+        (["--only-subject", "anna"], {"walk1"}),
+        (["--only-subject", "ben"], set()),
+        (["--trust-filled"], {"walk1", "walk2", "run"}),
+        (["--trust-filled", "--exclude-motion", "walk*"], {"run"}),
+        (["--trust-filled", "--exclude-subject", "anna", "--exclude-motion", "run"], {"walk2"}),
+        (["--trust-filled", "--only-subject", "ben", "--only-subject", "c"], {"walk2", "run"}),
+    ],
+)
+def test_which_clips_it_learns_from(
+    options: list[str], known: set[str], folder: Path, people: Path
+) -> None:
+    result = run("fill", "drop.c3d", "-o", "out.c3d", "--json", "-d", people, *options)
+    (gap,) = [gap for gap in json.loads(result.stdout)["gaps"] if gap["marker"] == "C7"]
+    assert result.exit_code == (0 if known else 3)
+    assert set(gap["prior_clips"]) == known
+
+
+def test_the_recording_itself_is_no_prior(folder: Path) -> None:
+    run("db", "add", "-d", "db", "drop.c3d")
+    write("truth.c3d", person())
+    run("db", "accept", "-d", "db", "truth.c3d", "--original", "drop.c3d")
+    result = run("fill", "drop.c3d", "-o", "out.c3d", "-d", "db", "--trust-filled")
+    assert result.exit_code == 3
+    assert "note: not learnt from truth: of the same recording as the clip" in result.stderr
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        ["--exclude-motion", "walk"],
+        ["--exclude-subject", "anna"],
+        ["--only-subject", "anna"],
+        ["--trust-filled"],
+        ["--add-to-database"],
+    ],
+)
+def test_options_that_need_a_database(option: list[str], folder: Path) -> None:
+    result = run("fill", "walk.c3d", "-o", "out.c3d", *option)
+    assert result.exit_code == 2
+    assert f"{option[0]} says something of a database; give one (--database)" in result.stderr
+    assert not Path("out.c3d").exists()
+
+
+# adding what was filled to the database
+
+
+def kept(place: str | Path = "db") -> list[tuple[str, str, int]]:
+    """Name, method and filled samples (at level 0) of the clips of a database."""
+    with PriorDatabase.open(place) as database:
+        return sorted(
+            (record.name, record.filled_by, sum(record.present) - sum(record.measured))
+            for record in database.clips()
+        )
+
+
+def test_add_to_a_new_database(folder: Path) -> None:
+    result = run("fill", "walk.c3d", "-o", "out.c3d", "-d", "db", "--add-to-database")
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert result.stdout.endswith("; written to out.c3d\nadded to db\n")
+    assert "the clip's own frames" in result.stdout
+    # 6 markers for 30 frames of 60 Hz, one for 40
+    assert kept() == [("out", "prior", 6 * 15 + 20)]
+    # as it is in the file: it is known when it comes again
+    assert run("db", "add", "-d", "db", "out.c3d").stdout.startswith("skipped out.c3d: ")
+    again = ["db", "accept", "-d", "db", "out.c3d", "--original", "walk.c3d", "--method", "prior"]
+    assert run(*again).stdout.startswith("skipped out.c3d: ")
+    assert run("db", "verify", "-d", "db").exit_code == 0
+
+
+def test_add_in_place_of_the_clip_with_gaps(folder: Path, database: Path) -> None:
+    shutil.copytree(database, "db")
+    run("db", "add", "-d", "db", "--subject", "anna", "--licence", "CC0", "drop.c3d")
+    result = run("fill", "drop.c3d", "-o", "out.c3d", "-d", "db", "--add-to-database", "--json")
+    assert result.exit_code == 0
+    facts = json.loads(result.stdout)
+    with PriorDatabase.open("db") as made:
+        (record,) = (record for record in made.clips() if record.name == "out")
+    assert facts["added"] == record.content
+    assert len(facts["replaced"]) == 1
+    assert (record.subject, record.licence) == ("anna", "CC0")
+    assert len(kept()) == 2
+    line = ["fill", "drop.c3d", "-o", "again.c3d", "-d", "db", "--add-to-database"]
+    result = run(*line, "-m", "baumann2011")
+    assert result.stdout.endswith("added to db in place of out\n")
+    names = [name for name, *_ in kept()]
+    assert "again" in names and "out" not in names and len(names) == 2
+
+
+def test_add_twice(folder: Path) -> None:
+    line = ["fill", "walk.c3d", "-o", "out.c3d", "-d", "db", "--add-to-database", "--overwrite"]
+    assert run(*line).exit_code == 0
+    result = run(*line)
+    assert result.exit_code == 0
+    assert result.stdout.endswith(
+        "not added to db: out: is in the database already (as out); nothing to do\n"
+    )
+    facts = json.loads(run(*line, "--json").stdout)
+    assert (facts["added"], facts["replaced"]) == (None, [])
+    assert len(kept()) == 1
+
+
+def test_add_what_stays_incomplete_or_has_no_gaps(folder: Path) -> None:
+    Path("db").mkdir()
+    line = ["-d", "db", "--add-to-database"]
+    assert run("fill", "drop.c3d", "-o", "out.c3d", *line).exit_code == 3
+    assert kept() == [("out", "prior", 110)]
+    write("whole.c3d", person(seed=8))
+    result = run("fill", "whole.c3d", "-o", "copy.c3d", *line)
+    assert (result.exit_code, result.stdout) == (
+        0,
+        "whole has no gaps; copy.c3d is a copy\nadded to db\n",
+    )
+    assert kept() == [("copy", "", 0), ("out", "prior", 110)]
+
+
+def test_interpolated_before_counts_as_filled(folder: Path) -> None:
+    records = standing(120)
+    records[:, :, 3] = 0x0303
+    records[20:30, 5] = [0, 0, 0, -1]
+    records[60:80, 2, 3] = 0
+    Path("walk.c3d").write_bytes(C3DFile(records, LABELS).bytes())
+    line = ["fill", "walk.c3d", "-o", "out.c3d", "-d", "db", "--add-to-database", "--rate", "30"]
+    assert run(*line).exit_code == 0
+    assert kept() == [("out", "prior", 30)]
+
+
+def test_what_was_written_but_not_added(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    line = ["fill", "walk.c3d", "-o", "my out.c3d", "-d", "db", "--add-to-database"]
+    later = (
+        "my out.c3d is written but not added; add it later with: priorfill db accept "
+        "--database db 'my out.c3d' --original walk.c3d --method prior"
+    )
+    with PriorDatabase.create("db"):
+        result = run(*line)
+    assert result.exit_code == 1
+    assert "220 samples filled" in result.stdout
+    note, error = result.stderr.splitlines()
+    assert note == "note: db: the database is empty"
+    assert error.startswith("priorfill: db: process ")
+    assert error.endswith(f"wait until it has ended; {later}")
+    assert not read("my out.c3d").missing.any()
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    options = ["--overwrite", "--rate", "50", "--up", "+Z", "--unit", "mm", "--keep-zeros"]
+    with monkeypatch.context() as patch:
+        patch.setattr(PriorDatabase, "accept", full)
+        result = run(*line, "--json", *options)
+    assert result.exit_code == 1
+    assert json.loads(result.stdout)["added"] is None
+    assert result.stderr.splitlines()[-1] == (
+        f"priorfill: db: cannot be written (No space left on device); {later} "
+        "--up +Z --rate 50.0 --unit mm --keep-zeros"
+    )
+    # and what it says to do does it
+    command = shlex.split(result.stderr.split("add it later with: priorfill ")[1])
+    assert run(*command).exit_code == 0
+    assert kept()[0][:2] == ("my out", "prior")
+
+
+def test_a_clip_that_no_database_takes(folder: Path) -> None:
+    records = standing(12)
+    records[5:7, 5] = [0, 0, 0, -1]
+    Path("short.c3d").write_bytes(C3DFile(records, LABELS).bytes())
+    result = run("fill", "short.c3d", "-o", "out.c3d", "-d", "db", "--add-to-database")
+    assert result.exit_code == 1
+    assert "is too short" in result.stderr
+    assert result.stderr.endswith("; out.c3d is written but not added\n")
+
+
+def test_databases_that_cannot_be_made(folder: Path) -> None:
+    Path("things").mkdir()
+    Path("things/notes.txt").write_text("not a database")
+    names = listing()
+    for place, word in (
+        ("no/db", "no/db: the folder no is not there; make it first"),
+        ("walk.c3d", "walk.c3d: is a file"),
+        ("things", "things: is not a priorfill database"),
+    ):
+        result = run("fill", "walk.c3d", "-o", "out.c3d", "-d", place, "--add-to-database")
+        assert_refused(result, word)
+        assert listing() == names
+
+
+def test_a_folder_that_may_not_be_written_to(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
+    result = run("fill", "walk.c3d", "-o", "out.c3d", "-d", "db", "--add-to-database")
+    assert_refused(result, "db: cannot be made; check the permissions of .")
+
+
 # what it refuses
 
 
@@ -377,16 +598,42 @@ def test_databases_that_are_none(folder: Path, database: Path) -> None:
     shutil.copytree(database, "torn")
     Path("torn/catalogue.sqlite").write_bytes(b"no sqlite" * 100)
     refused("torn", "torn")
-    shutil.copytree(database, "gutted")
-    shutil.rmtree("gutted/segments")
-    refused("gutted", "gutted")
 
+
+def test_a_database_of_which_nothing_can_be_used(folder: Path, database: Path) -> None:
+    """The clip itself is then what is learnt from, and it says so."""
+
+    def filled(place: str, note: str, *options: str) -> None:
+        line = ["fill", "drop.c3d", "-o", "out.c3d", "--overwrite", "-d", place, *options]
+        result = run(*line)
+        assert result.exit_code == 3
+        assert "220 samples filled" in result.stdout
+        lines = result.stderr.splitlines()
+        assert len(lines) == 2
+        assert lines[0].startswith("note: ")
+        assert note in lines[0]
+        assert lines[1].startswith("left missing: 240 samples of 1 marker (C7)")
+        facts = json.loads(run(*line, "--json").stdout)
+        assert facts["notes"] == [lines[0].removeprefix("note: ")]
+
+    PriorDatabase.create("empty").close()
+    filled("empty", "the database is empty")
     with PriorDatabase.create("strange") as made:
         names = tuple(f"X{i}" for i in range(41))
-        made.add(Clip(person().positions, names, 60.0, name="other"))
-    refused("strange", "no marker in common", "strange")
-    PriorDatabase.create("empty").close()
-    refused("empty", "it is empty")
+        made.add(Clip(person(seed=8).positions, names, 60.0, name="other"))
+    filled("strange", "no marker in common")
+    shutil.copytree(database, "gutted")
+    shutil.rmtree("gutted/segments")
+    filled("gutted", "not learnt from")
+    shutil.copytree(database, "rotten")
+    segment = Path("rotten/segments/000001.f32")
+    data = bytearray(segment.read_bytes())
+    for at in range(0, len(data), 500):
+        data[at] ^= 4
+    segment.write_bytes(bytes(data))
+    filled("rotten", "are damaged")
+    for option in (("--exclude-motion", "*"), ("--only-subject", "nobody")):
+        filled(str(database), "no clip is left to learn from", *option)
 
 
 def test_interrupted(folder: Path) -> None:

@@ -131,9 +131,9 @@ def test_what_a_database_has(gappy: Path, tmp_path: Path) -> None:
     with PriorDatabase.create(tmp_path / "db") as database:
         database.add(Clip(positions, labels, RATE, name="whole"))
         positions[:, labels.index("LFIN")] = np.nan
-        database.add(Clip(positions, labels, RATE, name="without"))
+        database.add(Clip(positions + 1.5, labels, RATE, name="without"))
         keep = [labels.index(x) for x in ("LFIN", "C7", "T10")]
-        database.add(Clip(person()[0][:, keep], ("LFIN", "C7", "T10"), RATE, name="too few"))
+        database.add(Clip(person()[0][:, keep] + 2.5, ("LFIN", "C7", "T10"), RATE, name="too few"))
     result = run("inspect", gappy, "--database", "db")
     assert result.exit_code == 0
     assert "longest s  clip frames  database clips\n" in result.output

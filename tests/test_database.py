@@ -109,8 +109,9 @@ def test_info(folder: Path) -> None:
         database.add(make_clip(0), subject="anna")
         database.add(make_clip(1), subject="anna", synthetic=True)
         database.add(make_clip(2))
+    with PriorDatabase.open(folder) as database:
         info = database.info()
-    assert (info.version, info.rate, info.levels) == (1, 25.0, 2)
+    assert (info.version, info.rate, info.levels) == (2, 25.0, 2)
     assert (info.clips, info.subjects, info.synthetic) == (3, 1, 1)
     assert info.frames == 3 * 27
     assert info.seconds == pytest.approx(3 * 27 / 25)
@@ -274,8 +275,11 @@ def test_create_and_open_or_create(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"version": 2}, "has format version 2, this priorfill needs 1; install a newer"),
-        ({"version": 0}, "has format version 0, this priorfill needs 1; make the database again"),
+        (
+            {"version": 3},
+            "has format version 3, this priorfill knows versions 1 to 2; install a newer",
+        ),
+        ({"version": 0}, "has format version 0, this priorfill knows versions 1 to 2; restore it"),
         ({"version": None}, "is damaged or not of priorfill"),
         ({"format": "other"}, "is not of priorfill"),
         ({"rate": "fast"}, "has no valid rate and levels"),
@@ -364,7 +368,7 @@ def run_and_die(action: Callable[[], None]) -> None:
 
 @pytest.mark.parametrize(
     "where",
-    [(catalogue.Catalogue, "insert"), (catalogue, "_row_checksum"), (segments.os, "fsync")],
+    [(catalogue.Catalogue, "change"), (catalogue, "_row_checksum"), (segments.os, "fsync")],
     ids=["before the row", "within the transaction", "before the segment is on disk"],
 )
 def test_killed_before_the_commit(folder: Path, where: tuple[object, str]) -> None:
@@ -375,7 +379,7 @@ def test_killed_before_the_commit(folder: Path, where: tuple[object, str]) -> No
     def die_in_add() -> None:
         with PriorDatabase.open(folder, write=True) as database:
             database.add(make_clip(1))
-            setattr(*where, lambda *_: os._exit(9))
+            setattr(*where, lambda *_, **__: os._exit(9))
             database.add(make_clip(2))
 
     run_and_die(die_in_add)
@@ -497,11 +501,13 @@ def test_a_changed_row_is_found(folder: Path) -> None:
         connection.commit()
         connection.close()
     with PriorDatabase.open(folder) as database:
+        assert database.clips() == ()
+        assert sorted(database.damaged) == ["clip1", "clipX"]
         problems = sorted(database.verify())
-        assert ["clip clip1" in problems[0], "clip clipX" in problems[1]] == [True, True]
-        damaged = next(record for record in database.clips() if record.has_filled)
-        with pytest.raises(DatabaseCorruptError, match="the mask of filled samples"):
-            database.filled(damaged)
+        for name in database.damaged:
+            assert any(f"the catalogue's row of clip {name} is damaged" in p for p in problems)
+    with pytest.raises(DatabaseCorruptError, match="rows of clip1, clipX changed"):
+        PriorDatabase.open(folder, write=True)
 
 
 def test_a_damaged_catalogue(folder: Path) -> None:
@@ -510,10 +516,10 @@ def test_a_damaged_catalogue(folder: Path) -> None:
     file = folder / "catalogue.sqlite"
     good = file.read_bytes()
     file.write_bytes(b"rubbish!" * 512)
-    with pytest.raises(DatabaseCorruptError, match="cannot be used"):
+    with pytest.raises(DatabaseCorruptError, match="is damaged"):
         PriorDatabase.open(folder)
     file.write_bytes(good[:100] + bytes(4000) + good[4100:])
-    with pytest.raises(DatabaseCorruptError, match="cannot be used"):
+    with pytest.raises(DatabaseCorruptError, match="is damaged"):
         PriorDatabase.open(folder)
     file.unlink()
     with pytest.raises(DatabaseCorruptError, match="is gone, but there are segments"):

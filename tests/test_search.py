@@ -8,7 +8,7 @@ from priorfill.normalise import root_group
 from priorfill.resample import Level
 from priorfill.search.bank import Banks, PoseBank
 from priorfill.search.tree import PoseTree
-from priorfill.takes import Take
+from priorfill.takes import own_take
 
 
 @settings(max_examples=40, deadline=None)
@@ -28,23 +28,30 @@ def test_tree_finds_what_comparing_all_finds(seed, poses, dimensions, k):
     assert all(len(set(row)) == len(row) for row in index)
 
 
-def takes(rng, lengths=(40, 30), rate=30.0):
+def as_takes(recordings, rate=30.0):
+    return [
+        own_take([Level(positions, rate, 1)], f"take{number}", "")
+        for number, positions in enumerate(recordings)
+    ]
+
+
+def make_recordings(rng, lengths=(40, 30)):
     result = []
-    for number, length in enumerate(lengths):
+    for length in lengths:
         walk = np.cumsum(rng.normal(0, 5, (length, 1, 3)), axis=0)
         positions = (
             walk
             + rng.normal(0, 200, (1, 6, 3))
             + np.cumsum(rng.normal(0, 2, (length, 6, 3)), axis=0)
         )
-        result.append(Take(f"take{number}", "", (Level(positions, rate, 1),)))
+        result.append(positions)
     return result
 
 
 def test_a_pose_finds_itself_with_its_derivatives():
     rng = np.random.default_rng(3)
-    priors = takes(rng)
-    positions = priors[0].levels[0].positions
+    priors = as_takes(make_recordings(rng))
+    positions = priors[0].positions(0)
     root = root_group(positions, (0, 1, 2))
     bank = PoseBank(priors, root, np.array([0, 1, 2, 3]), np.array([4, 5]), 60.0)
     frame = np.array([17])
@@ -63,14 +70,13 @@ def test_a_pose_finds_itself_with_its_derivatives():
 
 def test_bank_uses_only_poses_that_have_what_is_needed():
     rng = np.random.default_rng(4)
-    priors = takes(rng)
-    first, second = (take.levels[0].positions for take in priors)
+    first, second = make_recordings(rng)
     first[10, 4] = np.nan  # wanted
     first[20, 1] = np.nan  # root
     first[30, 5] = np.nan  # of no interest
     second[:, 4] = np.nan
     root = root_group(first, (0, 1, 2))
-    bank = PoseBank(priors, root, np.array([0, 1, 2, 3]), np.array([4]), 30.0)
+    bank = PoseBank(as_takes([first, second]), root, np.array([0, 1, 2, 3]), np.array([4]), 30.0)
     # the ends of a take, and the neighbours of a hole, have no derivatives
     holes = {0, 39, 9, 10, 11, 19, 20, 21}
     assert set(bank.rows) == set(range(40)) - holes
@@ -78,20 +84,21 @@ def test_bank_uses_only_poses_that_have_what_is_needed():
 
 def test_bank_without_poses_is_empty():
     rng = np.random.default_rng(5)
-    priors = takes(rng)
-    root = root_group(priors[0].levels[0].positions, (0, 1, 2))
-    for take in priors:
-        take.levels[0].positions[:, 5] = np.nan
+    recordings = make_recordings(rng)
+    root = root_group(recordings[0], (0, 1, 2))
+    for positions in recordings:
+        positions[:, 5] = np.nan
+    priors = as_takes(recordings)
     bank = PoseBank(priors, root, np.array([0, 1, 2]), np.array([5]), 30.0)
     assert len(bank) == 0
     with pytest.raises(ValueError, match="no pose"):
-        bank.nearest(priors[0].levels[0].positions, root.frames(priors[0].levels[0].positions), 3)
+        bank.nearest(recordings[0], root.frames(recordings[0]), 3)
 
 
 def test_banks_are_kept_while_there_is_room():
     rng = np.random.default_rng(5)
-    priors = takes(rng)
-    root = root_group(priors[0].levels[0].positions, (0, 1, 2))
+    priors = as_takes(make_recordings(rng))
+    root = root_group(priors[0].positions(0), (0, 1, 2))
     viable = np.array([0, 1, 2, 3])
     banks = Banks(priors)
     one = banks.get(root, viable, np.array([4]), 30.0)

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from priorfill.cli.keep import Kept, facts_of_keeping, is_to_be_made, keep, not_kept
 from priorfill.cli.output import print_json, print_table
 from priorfill.cli.progress import progress
 from priorfill.cli.reading import read_clip, reading_options
+from priorfill.errors import PriorfillError
 
 if TYPE_CHECKING:
     from priorfill.filling import Result
@@ -52,6 +54,38 @@ MAX_NAMES = 6
     show_default=True,
     help="auto (which is prior), prior, neighbours, or baumann2011 (the published method).",
 )
+@click.option(
+    "--exclude-motion",
+    "not_names",
+    metavar="PATTERN",
+    multiple=True,
+    help="Do not learn from clips of these names ('walk*'); may be given again.",
+)
+@click.option(
+    "--exclude-subject",
+    "not_subjects",
+    metavar="PATTERN",
+    multiple=True,
+    help="Do not learn from clips of these people; may be given again.",
+)
+@click.option(
+    "--only-subject",
+    "subjects",
+    metavar="PATTERN",
+    multiple=True,
+    help="Learn from clips of these people only; may be given again.",
+)
+@click.option(
+    "--trust-filled",
+    is_flag=True,
+    help="Learn from samples of the database that were filled, too, not only from measured ones.",
+)
+@click.option(
+    "--add-to-database",
+    "add",
+    is_flag=True,
+    help="Add the filled clip to the database, which is made if it is not there.",
+)
 @click.option("--overwrite", is_flag=True, help="Replace OUT.c3d if it exists.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @reading_options
@@ -60,33 +94,74 @@ def fill(
     output: Path,
     database: Path | None,
     method: str,
+    not_names: tuple[str, ...],
+    not_subjects: tuple[str, ...],
+    subjects: tuple[str, ...],
+    trust_filled: bool,
+    add: bool,
     overwrite: bool,
     as_json: bool,
     **reading: Any,
 ) -> None:
     """Fill the gaps of FILE.
 
-    Measured samples, and everything else that the file holds, come out as they went in. Exit
-    status 0: done; 3: done, but not all gaps could be filled; 1: could not.
+    Measured samples, and everything else that the file holds, come out as they went in. The clip's
+    own recording in the database, if it is there, is not learnt from.
+
+    Exit status 0: done; 3: done, but not all gaps could be filled; 1: could not.
     """
     from priorfill import formats
+    from priorfill.database import Selection
     from priorfill.filling import fill as fill_clip
     from priorfill.methods import get_method
 
+    for option, given in (
+        ("--exclude-motion", not_names),
+        ("--exclude-subject", not_subjects),
+        ("--only-subject", subjects),
+        ("--trust-filled", trust_filled),
+        ("--add-to-database", add),
+    ):
+        if given and database is None:
+            raise click.UsageError(f"{option} says something of a database; give one (--database)")
     # whatever would make the work be in vain is found out before it is done
     get_method(method)
     formats.check_output(output, source=file, overwrite=overwrite)
+    selection = Selection(subjects=subjects, not_names=not_names, not_subjects=not_subjects)
+    keep_in = database if add else None
+    if keep_in is not None and is_to_be_made(keep_in):
+        database = None  # so far the clip itself is all there is to learn from
     clip, marker_set = read_clip(file, **reading)
     with progress(None, f"filling {clip.name}") as show:
         result = fill_clip(
-            clip, database=database, method=method, marker_set=marker_set, progress=show
+            clip,
+            database=database,
+            method=method,
+            marker_set=marker_set,
+            progress=show,
+            selection=selection,
+            trust_filled=trust_filled,
         )
     written = formats.write(output, result.clip, result.filled, overwrite=overwrite)
+    kept: Kept | None = None
+    failure: PriorfillError | OSError | None = None
+    if keep_in is not None:
+        try:
+            kept = keep(keep_in, clip, output, result, reading)
+        except (PriorfillError, OSError) as error:
+            failure = error  # what was filled is of use without the database
     if as_json:
-        print_json(_facts(file, output, result, written))
+        facts = _facts(file, output, result, written)
+        print_json(facts | facts_of_keeping(kept) if keep_in is not None else facts)
     else:
         _print(output, result, written)
+        if kept is not None:
+            click.echo(kept.text)
+    for note in result.notes:
+        click.echo(f"note: {note}", err=True)
     print_left_missing(result)
+    if failure is not None and keep_in is not None:
+        raise not_kept(failure, keep_in, file, output, result.method, reading) from failure
     if not result.complete:
         click.get_current_context().exit(EXIT_INCOMPLETE)
 
@@ -109,6 +184,7 @@ def _facts(file: Path, output: Path, result: Result, written: WriteReport | None
         "filled_samples": int(result.filled.sum()),
         "missing_samples": int(result.clip.missing.sum()),
         "complete": result.complete,
+        "notes": list(result.notes),
         "rounding_mm": written.worst_error_mm if written else 0.0,
         "gaps": [
             {

@@ -188,20 +188,16 @@ def _clips_with(
     database: PriorDatabase, clip: Clip, markers: list[str], definition: MarkerSet | None
 ) -> dict[str, int]:
     """Return for each marker how many clips show it together with others of this clip."""
-    import numpy as np
-
     from priorfill.markerset import same_markers
 
     counts = dict.fromkeys(markers, 0)
     for record in database.clips():
         here, there = same_markers(clip.labels, record.labels, definition)
         column = {clip.labels[i]: j for i, j in zip(here, there, strict=True)}
-        wanted = [label for label in markers if label in column]
-        if not wanted or len(column) <= MIN_OTHERS:
+        if len(column) <= MIN_OTHERS:
             continue
-        coarsest = database.positions(record, len(record.frames) - 1)
-        for label in wanted:
-            if not np.isnan(coarsest[:, column[label], 0]).all():
+        for label in markers:
+            if label in column and record.measured[column[label]]:
                 counts[label] += 1
     return counts
 

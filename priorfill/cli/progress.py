@@ -44,6 +44,8 @@ def progress(total: int | None, description: str) -> Iterator[Callable[[int, int
         TimeRemainingColumn(),
         console=Console(stderr=True),
         transient=True,
+        # the bar would take what is printed to a file or a pipe to the terminal
+        redirect_stdout=sys.stdout.isatty(),
     ) as bar:
         task = bar.add_task(description, total=total)
 

@@ -12,31 +12,41 @@ if TYPE_CHECKING:
     from priorfill.clip import Clip
     from priorfill.markerset import MarkerSet
 
-__all__ = ["read_clip", "reading_options"]
+__all__ = ["as_reading", "file_options", "read_clip", "reading_options"]
 
-_OPTIONS = (
-    click.option("--up", metavar="AXIS", help="Which axis points up: +X -X +Y -Y +Z -Z."),
-    click.option(
-        "--rate", metavar="HZ", type=float, help="Frames per second, instead of the file's."
-    ),
-    click.option(
-        "--unit", metavar="UNIT", help="Unit of length (mm, cm, m), instead of the file's."
-    ),
-    click.option(
-        "--subject", metavar="NAME", help="Whose markers, where a file has several people."
-    ),
-    click.option("--marker-set", metavar="NAME", help="Marker set, or the path of its definition."),
-    click.option(
-        "--keep-zeros", is_flag=True, help="Take samples that are exactly (0, 0, 0) as measured."
-    ),
+_UP = click.option("--up", metavar="AXIS", help="Which axis points up: +X -X +Y -Y +Z -Z.")
+_RATE = click.option(
+    "--rate", metavar="HZ", type=float, help="Frames per second, instead of the file's."
+)
+_UNIT = click.option(
+    "--unit", metavar="UNIT", help="Unit of length (mm, cm, m), instead of the file's."
+)
+_SUBJECT = click.option(
+    "--subject", metavar="NAME", help="Whose markers, where a file has several people."
+)
+_MARKER_SET = click.option(
+    "--marker-set", metavar="NAME", help="Marker set, or the path of its definition."
+)
+_KEEP_ZEROS = click.option(
+    "--keep-zeros", is_flag=True, help="Take samples that are exactly (0, 0, 0) as measured."
 )
 
 
 def reading_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Give a command the options ``up rate unit subject marker_set keep_zeros``."""
-    for option in reversed(_OPTIONS):
-        command = option(command)
-    return command
+    return _with((_UP, _RATE, _UNIT, _SUBJECT, _MARKER_SET, _KEEP_ZEROS), command)
+
+
+def file_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the options ``up rate unit keep_zeros``, which `as_reading` understands."""
+    return _with((_UP, _RATE, _UNIT, _KEEP_ZEROS), command)
+
+
+def as_reading(
+    *, up: str | None, rate: float | None, unit: str | None, keep_zeros: bool
+) -> dict[str, Any]:
+    """Return `file_options` as the arguments of `priorfill.formats.read`."""
+    return {"zeros_missing": not keep_zeros, "up": up, "rate": rate, "unit": unit}
 
 
 def read_clip(
@@ -53,7 +63,14 @@ def read_clip(
     from priorfill import formats, markerset
 
     definition = markerset.load(marker_set) if marker_set else None
-    clip = formats.read(
-        file, zeros_missing=not keep_zeros, up=up, rate=rate, unit=unit, subject=subject
-    )
-    return clip, definition
+    reading = as_reading(up=up, rate=rate, unit=unit, keep_zeros=keep_zeros)
+    return formats.read(file, subject=subject, **reading), definition
+
+
+def _with(
+    options: tuple[Callable[[Callable[..., Any]], Callable[..., Any]], ...],
+    command: Callable[..., Any],
+) -> Callable[..., Any]:
+    for option in reversed(options):
+        command = option(command)
+    return command

@@ -1,4 +1,9 @@
-"""The catalogue: an SQLite file with one row a clip, whose commit makes the clip exist."""
+"""The catalogue: an SQLite file with one row a clip, whose commit makes the clip exist.
+
+Every change has a number. A row says by which change it came and by which it was removed, so a
+reader goes on seeing the state in which it opened the file; compaction makes a new file, and an
+open one stays what it was.
+"""
 
 from __future__ import annotations
 
@@ -6,26 +11,42 @@ import json
 import os
 import sqlite3
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.database import version1
 from priorfill.database.record import ClipRecord
+from priorfill.database.seal import Seal
+from priorfill.database.segments import sync_folder
 from priorfill.errors import DatabaseCorruptError, DatabaseError
 
-__all__ = ["Catalogue"]
+__all__ = ["Catalogue", "Entry"]
 
 BUSY_SECONDS = 30.0
 """How long to wait while another process commits; a commit takes milliseconds."""
 
-_SCHEMA = """
+_USER_VERSION = 2
+"""SQLite's user version of the file: the format version. Version 1 left it at 0."""
+
+_SCHEMA = f"""
+CREATE TABLE IF NOT EXISTS meta (
+    name TEXT PRIMARY KEY,
+    value
+) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS label_sets (
     id INTEGER PRIMARY KEY,
     labels TEXT NOT NULL UNIQUE
 );
 CREATE TABLE IF NOT EXISTS clips (
-    id INTEGER PRIMARY KEY AUTOINCREMENT,
-    content TEXT NOT NULL UNIQUE,
+    id INTEGER PRIMARY KEY,
+    content TEXT NOT NULL,
     name TEXT NOT NULL,
     subject TEXT NOT NULL,
     session TEXT NOT NULL,
@@ -33,29 +54,95 @@ CREATE TABLE IF NOT EXISTS clips (
     licence TEXT NOT NULL,
     credit TEXT NOT NULL,
     original_rate REAL NOT NULL,
+    original_frames INTEGER NOT NULL,
     frames TEXT NOT NULL,
     label_set INTEGER NOT NULL REFERENCES label_sets (id),
     marker_set TEXT NOT NULL,
+    filled_by TEXT NOT NULL,
     filled BLOB,
+    present TEXT NOT NULL,
+    measured TEXT NOT NULL,
     added TEXT NOT NULL,
     version TEXT NOT NULL,
     synthetic INTEGER NOT NULL,
     segment INTEGER NOT NULL,
     offset INTEGER NOT NULL,
     checksums TEXT NOT NULL,
+    sketch_checksum INTEGER NOT NULL,
+    added_in INTEGER NOT NULL,
+    removed_in INTEGER,
     row_checksum INTEGER NOT NULL,
     UNIQUE (segment, offset)
 );
+CREATE UNIQUE INDEX IF NOT EXISTS content_of_clips ON clips (content) WHERE removed_in IS NULL;
+CREATE TABLE IF NOT EXISTS sketches (
+    clip INTEGER NOT NULL REFERENCES clips (id),
+    hash INTEGER NOT NULL,
+    PRIMARY KEY (clip, hash)
+) WITHOUT ROWID;
+CREATE INDEX IF NOT EXISTS clips_of_hash ON sketches (hash);
+PRAGMA user_version = {_USER_VERSION};
 """
 
-_COLUMNS = (
-    "content, name, subject, session, source, licence, credit, original_rate, frames, labels, "
-    "marker_set, filled IS NOT NULL, added, version, synthetic, segment, offset, checksums"
+# the columns that are fields of a record, and of them those that hold JSON
+_FIELDS = (
+    "content",
+    "name",
+    "subject",
+    "session",
+    "source",
+    "licence",
+    "credit",
+    "original_rate",
+    "original_frames",
+    "frames",
+    "marker_set",
+    "filled_by",
+    "present",
+    "measured",
+    "added",
+    "version",
+    "synthetic",
+    "segment",
+    "offset",
+    "checksums",
 )
+_LISTS = frozenset({"frames", "present", "measured", "checksums"})
+
+_ROWS = (
+    "SELECT clips.id, added_in, removed_in, sketch_checksum, row_checksum, labels, filled, "
+    f"{', '.join(_FIELDS)} FROM clips LEFT JOIN label_sets ON label_sets.id = label_set"
+)
+_BEFORE_FIELDS = 7
+
+_LIVE = "added_in <= :state AND (removed_in IS NULL OR removed_in > :state)"
+"""Which rows belong to a state."""
+
+_VARIABLES = 500
+"""Values in one statement; SQLite may be built for no more than 999."""
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """What the catalogue keeps of a clip.
+
+    Attributes
+    ----------
+    record : ClipRecord
+        What users see.
+    filled : bytes or None
+        The packed mask of synthesised samples, if there are some.
+    sketch : ndarray of int
+        See `priorfill.database.sketch`; empty where format version 1 did not keep it.
+    """
+
+    record: ClipRecord
+    filled: bytes | None = None
+    sketch: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
 
 
 class Catalogue:
-    """The rows of a database, as they were when it was opened, and this writer's own.
+    """The rows of a database as they were when it was opened, and this writer's own changes.
 
     Parameters
     ----------
@@ -63,182 +150,370 @@ class Catalogue:
         The SQLite file.
     rate : float
         The database's rate, which every record repeats (Hz).
+    levels : int
+        Its number of levels, which the file must confirm.
     write : bool
-        Whether rows will be added. A file that is not there is then made; for a reader it
+        Whether rows will change. A file that is not there is then made; for a reader it
         is a catalogue without rows.
+
+    Attributes
+    ----------
+    damaged : list of str
+        Names of clips whose rows were found damaged; `records` leaves them out.
 
     Raises
     ------
     DatabaseCorruptError
-        Here and in every method, where SQLite finds the file damaged.
+        Here and in every method, where SQLite finds the file damaged; for a writer also where
+        a checksum does not fit.
     """
 
-    def __init__(self, path: Path, rate: float, *, write: bool) -> None:
+    def __init__(self, path: Path, rate: float, levels: int, *, write: bool) -> None:
         self._path = path
         self._rate = rate
+        self._levels = levels
+        self._write = write
         self._connection: sqlite3.Connection | None = None
+        self._seal = Seal(path)
+        self._is_whole = True  # whether the seal vouches for every byte
+        self._may_seal = False  # damage must not be sealed
+        self._is_version_1 = False
+        self._state = 0
+        self.damaged: list[str] = []
         if not write and not path.exists():
-            self._last = 0
             return
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self) -> None:
         # A writer that crashed within a commit leaves a journal, which only a connection
         # that may write can roll back.
-        journal = path.with_name(path.name + "-journal")
-        roll_back = journal.exists() and os.access(path, os.W_OK)
-        mode = "rwc" if write else "rw" if roll_back else "ro"
+        journal = self._path.with_name(self._path.name + "-journal")
+        roll_back = journal.exists() and os.access(self._path, os.W_OK)
+        mode = "rwc" if self._write else "rw" if roll_back else "ro"
+        is_new = not self._path.exists()
+        if self._write:  # what a replacement or a seal left behind whose writer was killed
+            for left in (*self._path.parent.glob(f"{self._path.name}.*"), self._seal.unfinished):
+                left.unlink(missing_ok=True)
         with self._damage():
             self._connection = sqlite3.connect(
-                f"{path.resolve().as_uri()}?mode={mode}",
+                f"{self._path.resolve().as_uri()}?mode={mode}",
                 uri=True,
                 timeout=BUSY_SECONDS,
                 isolation_level=None,
             )
-            if write:
+            if self._write:
                 # a rollback journal, not a write-ahead log: that could not be read from
                 # read-only media. EXTRA is FULL and the folder's entry of the journal.
                 self._connection.execute("PRAGMA journal_mode = DELETE")
                 self._connection.execute("PRAGMA synchronous = EXTRA")
-                self._connection.executescript(f"BEGIN IMMEDIATE; {_SCHEMA} COMMIT;")
-            row = self._connection.execute("SELECT COALESCE(MAX(id), 0) FROM clips").fetchone()
-            self._last = int(row[0])
+            with self._transaction("IMMEDIATE" if self._write else "DEFERRED") as connection:
+                (version,) = connection.execute("PRAGMA user_version").fetchone()
+                tables = connection.execute("SELECT COUNT(*) FROM sqlite_schema").fetchone()[0]
+                if self._write and (is_new or not tables):
+                    self._make(connection)
+                elif not tables:  # the writer that made it was killed before it got on
+                    return
+                elif version != _USER_VERSION:
+                    self._is_version_1 = True
+                    return
+                self._state = self._read_state(connection)
+                self._is_whole = self._seal.fits(connection)
+        if self._write and not is_new and not self._is_whole:
+            # a wrong row could make the writer write over what others hold
+            self.records()
+            if self.damaged:
+                raise self._damaged(f"rows of {', '.join(self.damaged)} changed")
+            if self._seal.denies:
+                raise self._damaged(self._seal.finding)
+            with self._damage():
+                self._check_structure()
+        self._may_seal = self._write
+
+    def _make(self, connection: sqlite3.Connection) -> None:
+        for statement in _SCHEMA.split(";"):
+            connection.execute(statement)
+        for name, value in (
+            ("rate", self._rate),
+            ("levels", self._levels),
+            ("state", 0),
+            ("rows", 0),
+            ("digest", 0),
+        ):
+            connection.execute("INSERT INTO meta VALUES (?, ?)", (name, value))
+
+    def _read_state(self, connection: sqlite3.Connection) -> int:
+        meta = dict(connection.execute("SELECT name, value FROM meta"))
+        if (meta.get("rate"), meta.get("levels")) != (self._rate, self._levels):
+            raise self._damaged("it does not agree with the identity file on rate and levels")
+        return int(meta["state"])
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is a file behind it."""
+        return self._connection is not None
+
+    @property
+    def is_version_1(self) -> bool:
+        """Whether the file has the form of format version 1."""
+        return self._is_version_1
 
     def close(self) -> None:
-        """Give the file back."""
-        if self._connection is not None:
-            self._connection.close()
-            self._connection = None
+        """Give the file back; a writer seals it."""
+        if self._connection is None:
+            return
+        # where the disk is full, say, it stays without a seal, which costs time only
+        with suppress(OSError, sqlite3.Error):
+            if self._may_seal:
+                self._seal.renew(self._connection)
+        self._connection.close()
+        self._connection = None
 
     def records(self) -> list[ClipRecord]:
-        """Return every clip, by content hash: an order that does not depend on history."""
+        """Return every clip, by content hash: an order that does not depend on history.
+
+        Rows are checked one by one where no seal vouches for the file. Clips whose rows are
+        damaged are left out; see `damaged`.
+        """
         if self._connection is None:
             return []
+        self.damaged = []
         with self._damage():
-            rows = self._connection.execute(
-                f"SELECT {_COLUMNS} FROM clips JOIN label_sets ON label_sets.id = label_set "
-                "WHERE clips.id <= ? ORDER BY content",
-                (self._last,),
-            ).fetchall()
+            if self._is_version_1:
+                records, self.damaged = version1.read(self._connection, self._rate)
+                return records
             labels: dict[str, tuple[str, ...]] = {}
-            return [self._record(row, labels) for row in rows]
+            found = [
+                _parsed(row, labels, self._rate, checked=not self._is_whole)
+                for row in self._connection.execute(
+                    f"{_ROWS} WHERE {_LIVE} ORDER BY content", {"state": self._state}
+                )
+            ]
+        self.damaged = [row for row in found if isinstance(row, str)]
+        return [row for row in found if isinstance(row, ClipRecord)]
 
-    def has(self, content: str) -> str | None:
-        """Return the name of the clip with this content, if it is there."""
-        if self._connection is None:
-            return None
+    def entry(self, record: ClipRecord) -> Entry:
+        """Return all that is kept of a clip."""
+        return Entry(record, self.filled(record.content), self.sketch(record.content))
+
+    def sketch(self, content: str) -> NDArray[np.int64]:
+        """Return the sketch of a clip, ascending."""
+        if self._connection is None or self._is_version_1:
+            return np.empty(0, np.int64)
         with self._damage():
-            row = self._connection.execute(
-                "SELECT name FROM clips WHERE content = ?", (content,)
-            ).fetchone()
-        return None if row is None else str(row[0])
+            row = self._row(content)
+            if row is None:
+                return np.empty(0, np.int64)
+            hashes = self._connection.execute(
+                "SELECT hash FROM sketches WHERE clip = ? ORDER BY hash", (row[0],)
+            ).fetchall()
+        return np.array([row[0] for row in hashes], dtype=np.int64)
+
+    def sharing(self, sketch: NDArray[np.int64]) -> dict[str, tuple[int, int]]:
+        """Return which clips share hashes with a sketch.
+
+        Returns
+        -------
+        dict of str to (int, int)
+            By content hash: how many they share, and how many the clip's own sketch has.
+        """
+        if self._connection is None or self._is_version_1:
+            return {}
+        shared: Counter[int] = Counter()
+        with self._damage():
+            for start in range(0, len(sketch), _VARIABLES):
+                some = sketch[start : start + _VARIABLES].tolist()
+                marks = ",".join("?" * len(some))
+                shared.update(
+                    row[0]
+                    for row in self._connection.execute(
+                        f"SELECT clip FROM sketches WHERE hash IN ({marks})", some
+                    )
+                )
+            found = {}
+            for clip, count in shared.items():
+                row = self._connection.execute(
+                    "SELECT content, (SELECT COUNT(*) FROM sketches WHERE clip = id) FROM clips "
+                    f"WHERE id = :id AND {_LIVE}",
+                    {"id": clip, "state": self._state},
+                ).fetchone()
+                if row is not None:
+                    found[str(row[0])] = (count, int(row[1]))
+        return found
+
+    def find(self, content: str) -> ClipRecord | None:
+        """Return the clip with this content, if it is there and its row is sound."""
+        if self._connection is None or self._is_version_1:
+            return next((r for r in self.records() if r.content == content), None)
+        with self._damage():
+            row = self._row(content)
+            found = None if row is None else _parsed(row, {}, self._rate, checked=True)
+        return found if isinstance(found, ClipRecord) else None
 
     def filled(self, content: str) -> bytes | None:
         """Return the packed mask of a clip's synthesised samples, if it has some."""
         if self._connection is None:
             return None
         with self._damage():
-            row = self._connection.execute(
-                "SELECT filled FROM clips WHERE content = ?", (content,)
-            ).fetchone()
-        return None if row is None else row[0]
+            if self._is_version_1:
+                return version1.filled(self._connection, content)
+            row = self._row(content)
+        return None if row is None else row[_BEFORE_FIELDS - 1]
+
+    def _row(self, content: str) -> tuple[Any, ...] | None:
+        assert self._connection is not None
+        row: tuple[Any, ...] | None = self._connection.execute(
+            f"{_ROWS} WHERE content = :content AND {_LIVE}",
+            {"content": content, "state": self._state},
+        ).fetchone()
+        return row
+
+    def segments(self) -> set[int]:
+        """Return the numbers of the segments in use, by removed clips too."""
+        if self._connection is None:
+            return set()
+        with self._damage():
+            rows = self._connection.execute("SELECT DISTINCT segment FROM clips").fetchall()
+        return {int(row[0]) for row in rows}
 
     def end(self) -> tuple[int, int]:
         """Return the number of the last segment in use and the bytes of it in use."""
-        last = (1, 0)
         if self._connection is None:
-            return last
+            return 1, 0
         with self._damage():
             row = self._connection.execute(
-                f"SELECT {_COLUMNS} FROM clips JOIN label_sets ON label_sets.id = label_set "
+                "SELECT segment, offset, frames, labels FROM clips "
+                "JOIN label_sets ON label_sets.id = label_set "
                 "ORDER BY segment DESC, offset DESC LIMIT 1"
             ).fetchone()
-            if row is not None:
-                record = self._record(row, {})
-                last = (record.segment, record.offset + record.nbytes)
-        return last
+            if row is None:
+                return 1, 0
+            segment, offset, frames, labels = row
+            return segment, offset + sum(json.loads(frames)) * len(json.loads(labels)) * 12
 
-    def insert(self, record: ClipRecord, filled: bytes | None) -> None:
-        """Add a clip and commit."""
-        assert self._connection is not None
-        labels = json.dumps(record.labels)
-        with self._damage():
-            self._connection.execute("BEGIN IMMEDIATE")
-            try:
-                self._connection.execute(
-                    "INSERT OR IGNORE INTO label_sets (labels) VALUES (?)", (labels,)
-                )
-                cursor = self._connection.execute(
-                    "INSERT INTO clips (content, name, subject, session, source, licence, "
-                    "credit, original_rate, frames, label_set, marker_set, filled, added, "
-                    "version, synthetic, segment, offset, checksums, row_checksum) VALUES "
-                    "(?, ?, ?, ?, ?, ?, ?, ?, ?, (SELECT id FROM label_sets WHERE labels = ?), "
-                    "?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                    (
-                        record.content,
-                        record.name,
-                        record.subject,
-                        record.session,
-                        record.source,
-                        record.licence,
-                        record.credit,
-                        record.original_rate,
-                        json.dumps(record.frames),
-                        labels,
-                        record.marker_set,
-                        filled,
-                        record.added,
-                        record.version,
-                        record.synthetic,
-                        record.segment,
-                        record.offset,
-                        json.dumps(record.checksums),
-                        _row_checksum(record, filled),
-                    ),
-                )
-                self._connection.execute("COMMIT")
-            except BaseException:
-                if self._connection.in_transaction:
-                    self._connection.execute("ROLLBACK")
-                raise
-            self._last = cursor.lastrowid or self._last
+    def change(self, add: Sequence[Entry] = (), remove: Iterable[ClipRecord] = ()) -> None:
+        """Add and remove clips in one commit.
+
+        Raises
+        ------
+        DatabaseError
+            Where a clip to be removed is not there.
+        """
+        assert self._connection is not None and self._write
+        state = self._state + 1
+        with self._damage(), self._transaction("IMMEDIATE") as connection:
+            meta = dict(connection.execute("SELECT name, value FROM meta"))
+            rows, digest = int(meta["rows"]), int(meta["digest"])
+            for record in remove:
+                digest ^= self._take_out(connection, record, state)
+            for entry in add:
+                digest ^= _insert(connection, entry, state)
+                rows += 1
+            for name, value in (("state", state), ("rows", rows), ("digest", digest)):
+                connection.execute("UPDATE meta SET value = ? WHERE name = ?", (value, name))
+        self._state = state
+
+    def replace(self, entries: Iterable[Entry]) -> None:
+        """Put a new file with these entries alone in the place of this one, and go on with it.
+
+        Readers that have the old one open keep it.
+        """
+        assert self._connection is not None and self._write
+        new = self._path.with_name(self._path.name + ".new")
+        made = Catalogue(new, self._rate, self._levels, write=True)
+        try:
+            made._state = self._state
+            made.change(add=list(entries))
+        finally:
+            made.close()
+        # a seal is of one file; without one the rows' own checksums are what counts
+        made._seal.break_open()
+        self._seal.break_open()
+        self._connection.close()
+        self._connection = None
+        new.replace(self._path)
+        sync_folder(self._path.parent)
+        self._is_version_1 = False
+        self._open()
 
     def check(self, record: ClipRecord) -> bool:
-        """Return whether a record is what was once inserted."""
+        """Return whether a record, its mask and its sketch are what was once inserted."""
         if self._connection is None:
             return False
         with self._damage():
-            row = self._connection.execute(
-                "SELECT filled, row_checksum FROM clips WHERE content = ?", (record.content,)
-            ).fetchone()
-        return row is not None and row[1] == _row_checksum(record, row[0])
+            if self._is_version_1:
+                return version1.check(self._connection, record)
+            row = self._row(record.content)
+        if row is None or _parsed(row, {}, self._rate, checked=True) != record:
+            return False
+        return bool(_checksum_of(self.sketch(record.content)) == row[3])
 
     def check_file(self) -> None:
-        """Let SQLite check the file's structure.
+        """Check the file as a whole: SQLite's structure, the seal, and that no row is lost.
 
         Raises
         ------
         DatabaseCorruptError
-            Where it finds damage.
+            Where there is damage.
         """
         if self._connection is None:
             return
         with self._damage():
-            row = self._connection.execute("PRAGMA integrity_check(1)").fetchone()
+            self._check_structure()
+            if not self._is_version_1:
+                with self._transaction("DEFERRED") as connection:
+                    fits = self._seal.fits(connection)
+                if not fits and self._seal.finding:
+                    raise self._damaged(self._seal.finding)
+
+    def _check_structure(self) -> None:
+        """Let SQLite check the file, and see that no row is lost."""
+        assert self._connection is not None
+        row = self._connection.execute("PRAGMA integrity_check(1)").fetchone()
         if row[0] != "ok":
             raise self._damaged(str(row[0]))
+        if self._is_version_1:
+            return
+        with self._transaction("DEFERRED") as connection:
+            meta = dict(connection.execute("SELECT name, value FROM meta"))
+            sums = [int(r[0]) for r in connection.execute("SELECT row_checksum FROM clips")]
+            last = connection.execute(
+                "SELECT MAX(COALESCE(removed_in, added_in)) FROM clips"
+            ).fetchone()[0]
+        digest = 0
+        for value in sums:
+            digest ^= value
+        if (len(sums), digest) != (meta.get("rows"), meta.get("digest")):
+            raise self._damaged("rows are lost or changed")
+        if last is not None and meta.get("state") != last:
+            raise self._damaged("the number of its last change is wrong")
 
-    def _record(
-        self, row: tuple[object, ...], known_labels: dict[str, tuple[str, ...]]
-    ) -> ClipRecord:
-        values: list[object] = list(row)
-        text = str(values[9])
-        if text not in known_labels:  # thousands of clips share a few lists of labels
-            known_labels[text] = tuple(json.loads(text))
-        values[8] = tuple(json.loads(str(values[8])))
-        values[9] = known_labels[text]
-        values[11] = bool(values[11])
-        values[14] = bool(values[14])
-        values[17] = tuple(json.loads(str(values[17])))
-        values.insert(8, self._rate)
-        return ClipRecord(*values)  # type: ignore[arg-type] # as SQLite gives them
+    def _take_out(self, connection: sqlite3.Connection, record: ClipRecord, state: int) -> int:
+        """Mark a clip as removed; return by what the digest changes."""
+        row = self._row(record.content)
+        if row is None:
+            raise DatabaseError(f"{record.name}: is not in the database (any more); list it again")
+        checksum = _row_checksum(row[6:], row[5], row[3], row[1], state)
+        connection.execute(
+            "UPDATE clips SET removed_in = ?, row_checksum = ? WHERE id = ?",
+            (state, checksum, row[0]),
+        )
+        return int(row[4]) ^ checksum
+
+    @contextmanager
+    def _transaction(self, kind: str) -> Iterator[sqlite3.Connection]:
+        assert self._connection is not None
+        self._connection.execute(f"BEGIN {kind}")
+        try:
+            yield self._connection
+            self._connection.execute("COMMIT")
+        except BaseException:
+            if self._connection.in_transaction:
+                self._connection.execute("ROLLBACK")
+            raise
 
     @contextmanager
     def _damage(self) -> Iterator[None]:
@@ -249,35 +524,98 @@ class Catalogue:
                 f"{self._path}: cannot be used now ({error}); "
                 "check free space and permissions, and try again"
             ) from error
-        except (sqlite3.Error, ValueError, TypeError) as error:
+        except (sqlite3.Error, LookupError, ValueError, TypeError) as error:
+            if isinstance(error, DatabaseError):
+                raise
             raise self._damaged(str(error)) from error
 
     def _damaged(self, reason: str) -> DatabaseCorruptError:
         return DatabaseCorruptError(
-            f"{self._path}: cannot be used ({' '.join(reason.split())}); "
-            "restore the database from a copy"
+            f"{self._path}: is damaged ({' '.join(reason.split())}); restore the database from a "
+            "copy, or merge what is sound of it into a new one"
         )
 
 
-def _row_checksum(record: ClipRecord, filled: bytes | None) -> int:
-    values = [
-        record.content,
-        record.name,
-        record.subject,
-        record.session,
-        record.source,
-        record.licence,
-        record.credit,
-        record.original_rate,
-        record.frames,
-        record.labels,
-        record.marker_set,
+def _insert(connection: sqlite3.Connection, entry: Entry, state: int) -> int:
+    """Insert a clip; return by what the digest changes."""
+    record = entry.record
+    labels = json.dumps(record.labels)
+    connection.execute("INSERT OR IGNORE INTO label_sets (labels) VALUES (?)", (labels,))
+    values = [_stored(record, name) for name in _FIELDS]
+    sketch_checksum = _checksum_of(entry.sketch)
+    checksum = _row_checksum([entry.filled, *values], labels, sketch_checksum, state, None)
+    cursor = connection.execute(
+        "INSERT INTO clips (label_set, filled, sketch_checksum, added_in, row_checksum, "
+        f"{', '.join(_FIELDS)}) VALUES ((SELECT id FROM label_sets WHERE labels = ?), "
+        f"?, ?, ?, ?{', ?' * len(_FIELDS)})",
+        (labels, entry.filled, sketch_checksum, state, checksum, *values),
+    )
+    connection.executemany(
+        "INSERT INTO sketches (hash, clip) VALUES (?, ?)",
+        ((value, cursor.lastrowid) for value in entry.sketch.tolist()),
+    )
+    return checksum
+
+
+def _stored(record: ClipRecord, name: str) -> Any:
+    """Return a field of a record as its column holds it."""
+    value = getattr(record, name)
+    if name in _LISTS:
+        return json.dumps(value)
+    return int(value) if isinstance(value, bool) else value
+
+
+def _parsed(
+    row: tuple[Any, ...], labels: dict[str, tuple[str, ...]], rate: float, *, checked: bool
+) -> ClipRecord | str:
+    """Return what a row says; the name in it, where that makes no sense or was changed.
+
+    Parameters
+    ----------
+    row : tuple
+        By `_ROWS`.
+    labels : dict
+        Lists of labels met before: thousands of clips share a few.
+    rate : float
+        The database's.
+    checked : bool
+        Whether to compare the row with its checksum.
+    """
+    _, added_in, removed_in, sketch_checksum, row_checksum, text, *rest = row
+    values = dict(zip(_FIELDS, rest[1:], strict=True))
+    name = str(values["name"])
+    if checked and row_checksum != _row_checksum(rest, text, sketch_checksum, added_in, removed_in):
+        return name
+    try:
+        if text not in labels:
+            labels[text] = tuple(json.loads(text))
+        for key in _LISTS:
+            values[key] = tuple(json.loads(values[key]))
+        values["synthetic"] = bool(values["synthetic"])
+        return ClipRecord(**values, labels=labels[text], rate=rate)
+    except (ValueError, TypeError):
+        return name
+
+
+def _checksum_of(sketch: NDArray[np.int64]) -> int:
+    return zlib.crc32(np.ascontiguousarray(sketch, dtype="<i8").tobytes())
+
+
+def _row_checksum(
+    values: Sequence[Any],
+    labels: str,
+    sketch_checksum: int,
+    added_in: int,
+    removed_in: int | None,
+) -> int:
+    """Return the checksum of a row: of the mask and the fields as they are stored, and the rest."""
+    filled, *fields = values
+    parts = [
+        labels,
+        *fields,
         None if filled is None else zlib.crc32(filled),
-        record.added,
-        record.version,
-        record.synthetic,
-        record.segment,
-        record.offset,
-        record.checksums,
+        sketch_checksum,
+        added_in,
+        removed_in,
     ]
-    return zlib.crc32(json.dumps(values).encode())
+    return zlib.crc32(json.dumps(parts).encode())

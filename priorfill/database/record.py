@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["ClipRecord", "DatabaseInfo"]
+__all__ = ["Accepted", "ClipRecord", "DatabaseInfo", "Merged"]
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,8 @@ class ClipRecord:
         Whom to name; empty if not given.
     original_rate : float
         Frames per second of the recording (Hz).
+    original_frames : int
+        Frames of the recording; 0 where format version 1 did not keep it.
     rate : float
         Frames per second of level 0 in the database (Hz).
     frames : tuple of int
@@ -38,8 +40,11 @@ class ClipRecord:
         The markers, as the clip calls them.
     marker_set : str
         Name of the marker set recognised; empty if none.
-    has_filled : bool
-        Whether some samples were synthesised (`PriorDatabase.filled` says which).
+    filled_by : str
+        What synthesised samples, where some were (`PriorDatabase.filled` says which); empty
+        where all were measured.
+    present, measured : tuple of int
+        In how many frames of level 0 each marker has a position, and a measured one.
     added : str
         When it was added, UTC, ISO 8601.
     version : str
@@ -62,11 +67,14 @@ class ClipRecord:
     licence: str
     credit: str
     original_rate: float
+    original_frames: int
     rate: float
     frames: tuple[int, ...]
     labels: tuple[str, ...]
     marker_set: str
-    has_filled: bool
+    filled_by: str
+    present: tuple[int, ...]
+    measured: tuple[int, ...]
     added: str
     version: str
     synthetic: bool
@@ -83,6 +91,38 @@ class ClipRecord:
     def nbytes(self) -> int:
         """Bytes of its positions, all levels together."""
         return sum(self.frames) * len(self.labels) * 12
+
+    @property
+    def has_filled(self) -> bool:
+        """Whether some samples were synthesised."""
+        return bool(self.filled_by)
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """What became of a filled clip: its row, and the rows that it replaced."""
+
+    record: ClipRecord
+    replaced: tuple[ClipRecord, ...] = ()
+
+
+@dataclass(frozen=True)
+class Merged:
+    """What became of another database's clips.
+
+    Attributes
+    ----------
+    added : tuple of ClipRecord
+        The new rows.
+    skipped : tuple of ClipRecord
+        Clips of the other database of which this one has a version.
+    damaged : tuple of str
+        What is damaged in the other database and was left there, a sentence a clip.
+    """
+
+    added: tuple[ClipRecord, ...]
+    skipped: tuple[ClipRecord, ...]
+    damaged: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -111,6 +151,8 @@ class DatabaseInfo:
         Length of all clips together.
     bytes : int
         Size of the database's files.
+    removed_bytes : int
+        How many of them compacting would give back.
     marker_sets : dict of str to int
         Number of clips of each marker set; under the empty name those of no known set.
     """
@@ -125,4 +167,5 @@ class DatabaseInfo:
     frames: int
     seconds: float
     bytes: int
+    removed_bytes: int
     marker_sets: dict[str, int]

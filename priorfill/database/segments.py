@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,8 @@ class SegmentWriter:
     ----------
     folder : Path
         The folder of the segments.
+    used : set of int
+        Numbers of the segments that hold clips; others were never committed and are removed.
     segment, end : int
         Number of the segment to go on with, and the bytes of it that are committed. What
         lies beyond was never committed and is cut off.
@@ -46,14 +49,11 @@ class SegmentWriter:
         Where the file is shorter than what is committed.
     """
 
-    def __init__(self, folder: Path, segment: int, end: int) -> None:
+    def __init__(self, folder: Path, used: set[int], segment: int, end: int) -> None:
         self._folder = folder
         self._segment = segment
         self._end = end
-        for path in sorted(folder.glob("*.f32")):
-            number = int(path.stem) if path.stem.isdigit() else 0
-            if number > segment:
-                path.unlink()
+        self.remove_all_but(used)
         path = segment_path(folder, segment)
         size = path.stat().st_size if path.exists() else 0
         if size < end:
@@ -64,7 +64,18 @@ class SegmentWriter:
         if size > end:
             os.truncate(path, end)
 
-    def append(self, blocks: list[bytes]) -> tuple[int, int]:
+    def remove_all_but(self, used: set[int]) -> None:
+        """Remove the segments of other numbers. Memory maps of them stay as they are."""
+        for path in self._folder.glob("*.f32"):
+            if path.stem.isdigit() and int(path.stem) not in used:
+                path.unlink()
+
+    def begin_new(self) -> None:
+        """Go on with a segment of a number that was not used before."""
+        self._segment += 1
+        self._end = 0
+
+    def append(self, blocks: Sequence[bytes]) -> tuple[int, int]:
         """Write blocks one after the other, down to the disk.
 
         Nothing counts until `commit`: the next append begins at the same place otherwise.
@@ -76,8 +87,7 @@ class SegmentWriter:
         """
         size = sum(len(block) for block in blocks)
         if self._end and self._end + size > SEGMENT_BYTES:
-            self._segment += 1
-            self._end = 0
+            self.begin_new()
         path = segment_path(self._folder, self._segment)
         is_new = not path.exists()
         with path.open("wb" if is_new else "r+b") as file:
@@ -108,6 +118,18 @@ class SegmentReader:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._maps: dict[int, NDArray[np.float32]] = {}
+
+    def hold(self, segments: set[int]) -> bool:
+        """Map segments now, so that they stay as they are even if their files are removed.
+
+        Returns whether all of them are there.
+        """
+        for segment in segments:
+            try:
+                self._map(segment)
+            except DatabaseCorruptError:
+                return False
+        return True
 
     def read(self, segment: int, offset: int, count: int) -> NDArray[np.float32]:
         """Return `count` values from byte `offset` on, read-only and without copying.

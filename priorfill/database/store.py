@@ -2,27 +2,39 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-import os
 import zlib
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.axes import to_upright
 from priorfill.clip import Clip
-from priorfill.database.catalogue import Catalogue
+from priorfill.database.catalogue import Catalogue, Entry
+from priorfill.database.identity import (
+    FORMAT_VERSION,
+    IDENTITY,
+    Identity,
+    read_identity,
+    write_identity,
+)
+from priorfill.database.intake import (
+    content_hash,
+    counts,
+    filled_at_level_0,
+    levels_of,
+    pack,
+    unpack,
+)
 from priorfill.database.lock import WriterLock
-from priorfill.database.record import ClipRecord, DatabaseInfo
+from priorfill.database.record import Accepted, ClipRecord, DatabaseInfo, Merged
 from priorfill.database.segments import (
     DTYPE,
     SegmentReader,
@@ -30,8 +42,9 @@ from priorfill.database.segments import (
     checksum,
     sync_folder,
 )
+from priorfill.database.sketch import FEWEST_SHARED, is_version, sketch
+from priorfill.database.versions import reason_to_keep
 from priorfill.errors import (
-    ClipError,
     DatabaseCorruptError,
     DatabaseError,
     DatabaseFormatError,
@@ -40,15 +53,7 @@ from priorfill.errors import (
     OptionError,
 )
 
-__all__ = [
-    "DEFAULT_LEVELS",
-    "DEFAULT_RATE",
-    "FORMAT_VERSION",
-    "PriorDatabase",
-]
-
-FORMAT_VERSION = 1
-"""Version of the form on disk."""
+__all__ = ["DEFAULT_LEVELS", "DEFAULT_RATE", "PriorDatabase"]
 
 DEFAULT_RATE = 30.0
 """Hz of level 0. Body movement is below 10 Hz; [B11] keeps its database at 30 Hz."""
@@ -56,38 +61,23 @@ DEFAULT_RATE = 30.0
 DEFAULT_LEVELS = 3
 """Resolutions: 30, 15 and 7.5 Hz. The coarsest still has several frames a step."""
 
-MIN_RATE_SHARE = 0.5
-"""A clip whose rate is below this share of the database's is refused: more than half of
-its samples would be invented."""
+FROM_FILE = "another program"
+"""By what samples were filled that a file marks as interpolated."""
 
-MIN_FRAMES = 2
-"""Frames that a clip needs at the coarsest level: below, it has no velocity there."""
+ATTEMPTS = 3
+"""How often a reader opens the catalogue whose segments are gone: a writer may have compacted the
+database in between, hardly twice."""
 
-STATIC_RANGE = 10.0
-"""mm. A clip in which no marker leaves a box with this diagonal shows no motion; someone who
-stands still sways more within a few seconds."""
-
-_IDENTITY = "priorfill-database.json"
-_FORMAT = "priorfill prior database"
 _CATALOGUE = "catalogue.sqlite"
 _SEGMENTS = "segments"
 _LOCK = "lock"
-
-
-@dataclass(frozen=True)
-class _Identity:
-    """What the identity file says."""
-
-    version: int
-    rate: float
-    levels: int
 
 
 class PriorDatabase:
     """A prior database that is open; a context manager that closes it.
 
     Made by `open`, `create` and `open_or_create`. A reader sees the clips that were there when
-    it was opened.
+    it was opened, whatever a writer does meanwhile.
 
     Attributes
     ----------
@@ -102,30 +92,53 @@ class PriorDatabase:
     def __init__(self, path: Path, *, write: bool) -> None:
         self.path = path
         self._lock: WriterLock | None = None
-        identity = _read_identity(path)
+        identity = read_identity(path)
         self.rate = identity.rate
         self.levels = identity.levels
         self._version = identity.version
         self._records: tuple[ClipRecord, ...] | None = None
-        folder = path / _SEGMENTS
+        self._checked: set[tuple[str, int]] = set()
+        self._folder = path / _SEGMENTS
         catalogue = path / _CATALOGUE
-        if not catalogue.exists() and any(folder.glob("*.f32")):
+        if not catalogue.exists() and any(self._folder.glob("*.f32")):
             raise DatabaseCorruptError(
                 f"{catalogue}: is gone, but there are segments; restore the database from a copy"
             )
         if write:
             self._lock = WriterLock(path / _LOCK)
         try:
-            self._catalogue = Catalogue(catalogue, identity.rate, write=write)
-            self._reader = SegmentReader(folder)
+            for _ in range(ATTEMPTS):
+                self._catalogue = Catalogue(catalogue, self.rate, self.levels, write=write)
+                self._reader = SegmentReader(self._folder)
+                if write or self._reader.hold(self._catalogue.segments()):
+                    break
+                self._catalogue.close()
+            else:  # what is gone will be missed by the clips that need it
+                self._catalogue = Catalogue(catalogue, self.rate, self.levels, write=write)
             self._writer: SegmentWriter | None = None
             if write:
-                folder.mkdir(exist_ok=True)
-                sync_folder(path)
-                self._writer = SegmentWriter(folder, *self._catalogue.end())
+                self._prepare_to_write(identity)
         except BaseException:
             self.close()
             raise
+
+    def _prepare_to_write(self, identity: Identity) -> None:
+        self._folder.mkdir(exist_ok=True)
+        sync_folder(self.path)
+        if self._catalogue.is_version_1:
+            records = self.clips()
+            if self._catalogue.damaged:
+                raise DatabaseCorruptError(
+                    f"{self.path}: rows of clips {', '.join(self._catalogue.damaged)} are "
+                    "damaged; restore the database from a copy"
+                )
+            self._catalogue.replace([self._catalogue.entry(record) for record in records])
+            self._records = None
+        if identity.version != FORMAT_VERSION:
+            self._version = write_identity(self.path, self.rate, self.levels).version
+        self._writer = SegmentWriter(
+            self._folder, self._catalogue.segments(), *self._catalogue.end()
+        )
 
     @classmethod
     def create(
@@ -164,27 +177,13 @@ class PriorDatabase:
             raise DatabaseFormatError(f"{path}: is a file; give a folder for the database")
         path.mkdir(exist_ok=True)
         # an unfinished identity file is all that a crash in this function can leave behind
-        temporary = path / f"{_IDENTITY}.new"
         for other in sorted(path.iterdir()):
-            if other != temporary:
+            if other.name != f"{IDENTITY}.new":
                 raise DatabaseFormatError(
                     f"{path}: has other files in it ({other.name}); "
                     "give an empty or a new folder for a new database"
                 )
-        content = {
-            "format": _FORMAT,
-            "version": FORMAT_VERSION,
-            "rate": float(rate),
-            "levels": int(levels),
-            "unit": "mm",
-            "up": "+Z",
-        }
-        with temporary.open("w", encoding="utf-8") as file:
-            file.write(json.dumps(content, indent=2) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path / _IDENTITY)
-        sync_folder(path)
+        write_identity(path, rate, levels)
         sync_folder(path.parent)
         return cls(path, write=True)
 
@@ -197,14 +196,15 @@ class PriorDatabase:
         path : str or Path
             Its directory.
         write : bool
-            Whether clips will be added. Only one process can write at a time.
+            Whether clips will be added or removed. Only one process can write at a time; a
+            database of an older format is brought to the present one.
 
         Raises
         ------
         DatabaseNotFoundError
             Where there is no such directory.
         DatabaseFormatError
-            Where the directory is no database, or one of another format version.
+            Where the directory is no database, or one of a newer format version.
         DatabaseLockedError
             Where another process is writing to it.
         DatabaseCorruptError
@@ -221,7 +221,7 @@ class PriorDatabase:
         The parameters and errors are those of `create` and `open`.
         """
         path = Path(path)
-        if (path / _IDENTITY).exists():
+        if (path / IDENTITY).exists():
             return cls.open(path, write=True)
         return cls.create(path, rate=rate, levels=levels)
 
@@ -254,6 +254,7 @@ class PriorDatabase:
         credit: str = "",
         synthetic: bool = False,
         filled: NDArray[np.bool_] | None = None,
+        filled_by: str = "",
     ) -> ClipRecord:
         """Add a clip; once this returns, it survives anything.
 
@@ -271,17 +272,22 @@ class PriorDatabase:
         synthetic : bool
             Whether the motion is computed, not recorded.
         filled : ndarray [shape=(frames, markers), bool], optional
-            Samples of the clip that were synthesised, not measured.
+            Samples of the clip that were synthesised, not measured; by default those that the
+            clip's file says are.
+        filled_by : str
+            By what.
 
         Returns
         -------
         ClipRecord
-            The new row.
+            The new row. Where it is the filled version of a clip that was there with its gaps,
+            it has taken the place of that.
 
         Raises
         ------
         DuplicateClipError
-            Where a clip with the same content is there.
+            Where a clip with the same content is there, or another version of the same
+            recording that has as much.
         ClipError
             Where no marker is ever seen, or the clip is static, too short or of too low a rate.
         OptionError
@@ -289,60 +295,307 @@ class PriorDatabase:
         DatabaseError
             Where the database was opened for reading.
         """
+        if filled is None and clip.source is not None:
+            filled, filled_by = clip.source.interpolated, FROM_FILE
+        blocks, entry = self._made_ready(clip, filled, filled_by)
+        record = replace(
+            entry.record,
+            subject=clip.subject if subject is None else subject,
+            session=session,
+            licence=licence,
+            credit=credit,
+            synthetic=synthetic,
+        )
+        replaced = self._to_be_replaced(replace(entry, record=record), accepted=False)
+        return self._store(blocks, replace(entry, record=record), replaced)
+
+    def accept(
+        self,
+        clip: Clip,
+        filled: NDArray[np.bool_],
+        *,
+        filled_by: str,
+        subject: str | None = None,
+        session: str = "",
+        licence: str = "",
+        credit: str = "",
+    ) -> Accepted:
+        """Add a filled clip in the place of the versions of it that are there.
+
+        Parameters
+        ----------
+        clip : Clip
+            With its gaps filled.
+        filled : ndarray [shape=(frames, markers), bool]
+            Which samples were filled.
+        filled_by : str
+            The method.
+        subject, session, licence, credit
+            As for `add`; where not given, those of the version replaced.
+
+        Returns
+        -------
+        Accepted
+            The new row and those that it replaced.
+
+        Raises
+        ------
+        DuplicateClipError
+            Where the same clip with the same mask is there, or a version in which samples were
+            measured that are filled here.
+        ClipError, OptionError, DatabaseError
+            As for `add`.
+        """
+        blocks, entry = self._made_ready(clip, filled, filled_by)
+        replaced = self._to_be_replaced(entry, accepted=True)
+        former = replaced[0] if replaced else entry.record
+        record = replace(
+            entry.record,
+            subject=(former.subject or clip.subject) if subject is None else subject,
+            session=session or former.session,
+            licence=licence or former.licence,
+            credit=credit or former.credit,
+            synthetic=former.synthetic,
+        )
+        return Accepted(self._store(blocks, replace(entry, record=record), replaced), replaced)
+
+    def _made_ready(
+        self, clip: Clip, filled: NDArray[np.bool_] | None, filled_by: str
+    ) -> tuple[list[bytes], Entry]:
+        """Return a clip as it will be stored, and what the catalogue will say of it."""
         # scipy takes longer to import than a database to open, and only adding needs it
         from priorfill.markerset import recognise
 
-        if self._writer is None or self._lock is None:
-            raise DatabaseError(f"{self.path}: is open for reading; open it with write=True")
+        self._writing()
         if filled is not None and filled.shape != clip.missing.shape:
             raise OptionError(
                 f"{clip.name}: the mask of filled samples has shape {filled.shape}; "
                 f"{clip.missing.shape} is needed"
             )
-        content = _content_hash(clip)
-        known = self._catalogue.has(content)
-        if known is not None:
-            raise DuplicateClipError(
-                f"{clip.name}: is in the database already (as {known}); nothing to do"
-            )
-        levels = self._levels(clip)
-        packed = None
-        if filled is not None and filled.any():
-            packed = _pack(self._filled_at_level_0(clip, filled))
+        levels = levels_of(clip, self.rate, self.levels)
+        mask = None
+        if filled is not None and (filled & ~clip.missing).any():
+            mask = filled_at_level_0(clip, filled, self.rate) & ~np.isnan(levels[0][..., 0])
+            mask = mask if mask.any() else None  # too short for this database's rate
+        present, measured = counts(levels[0], mask)
         markerset = recognise(clip.labels)
         blocks = [level.tobytes() for level in levels]
-        segment, offset = self._writer.append(blocks)
         record = ClipRecord(
-            content=content,
+            content=content_hash(clip),
             name=clip.name,
-            subject=clip.subject if subject is None else subject,
-            session=session,
+            subject=clip.subject,
+            session="",
             source=clip.source.path.name if clip.source is not None else "",
-            licence=licence,
-            credit=credit,
-            original_rate=clip.rate,
+            licence="",
+            credit="",
+            original_rate=float(clip.rate),
+            original_frames=clip.frames,
             rate=self.rate,
             frames=tuple(len(level) for level in levels),
             labels=clip.labels,
             marker_set=markerset.name if markerset is not None else "",
-            has_filled=packed is not None,
+            filled_by="" if mask is None else filled_by or "unknown",
+            present=present,
+            measured=measured,
             added=datetime.now(UTC).isoformat(timespec="seconds"),
             version=metadata.version("priorfill"),
-            synthetic=synthetic,
-            segment=segment,
-            offset=offset,
+            synthetic=False,
+            segment=0,
+            offset=0,
             checksums=tuple(checksum(block) for block in blocks),
         )
-        self._catalogue.insert(record, packed)
-        self._writer.commit(segment, offset + record.nbytes)
+        packed = None if mask is None else pack(mask)
+        return blocks, Entry(record, packed, sketch(clip.positions))
+
+    def _writing(self) -> SegmentWriter:
+        if self._writer is None or self._lock is None:
+            raise DatabaseError(
+                f"{self.path}: is open for reading, or failed; open it with write=True"
+            )
+        return self._writer
+
+    def _to_be_replaced(self, entry: Entry, *, accepted: bool) -> tuple[ClipRecord, ...]:
+        """Return the versions of a clip that it will replace, or refuse it for one of them."""
+        new = entry.record
+        versions = {new.content: self._catalogue.find(new.content)}
+        for content, (shared, size) in self._catalogue.sharing(entry.sketch).items():
+            if shared < FEWEST_SHARED:
+                continue
+            old = self._catalogue.find(content)
+            same_length = old is not None and old.original_frames == new.original_frames
+            if is_version(shared, len(entry.sketch), size, same_length=same_length):
+                versions[content] = old
+        found = [old for _, old in sorted(versions.items()) if old is not None]
+        for old in found:
+            reason = reason_to_keep(old, new, accepted=accepted)
+            if reason:
+                raise DuplicateClipError(f"{new.name}: {reason}")
+        return tuple(found)
+
+    def _store(
+        self, blocks: Sequence[bytes], entry: Entry, replaced: Iterable[ClipRecord]
+    ) -> ClipRecord:
+        writer = self._writing()
+        segment, offset = writer.append(blocks)
+        record = replace(entry.record, segment=segment, offset=offset)
+        self._catalogue.change(add=[replace(entry, record=record)], remove=replaced)
+        writer.commit(segment, offset + record.nbytes)
         self._records = None
         return record
 
+    def remove(self, records: Iterable[ClipRecord]) -> None:
+        """Remove clips, all of them in one commit.
+
+        The disk space is given back by `compact`.
+
+        Parameters
+        ----------
+        records : iterable of ClipRecord
+            Some of `clips`.
+
+        Raises
+        ------
+        DatabaseError
+            Where one is not there any more, or the database was opened for reading.
+        """
+        self._writing()
+        self._catalogue.change(remove=list(records))
+        self._records = None
+
+    def compact(self, progress: Callable[[int, int], None] | None = None) -> int:
+        """Give back the disk space of removed clips.
+
+        All clips are written anew; at any moment either the old or the new database is there.
+        It takes as much free space as the clips have.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Called with (clips done, clips in all).
+
+        Returns
+        -------
+        int
+            Bytes given back.
+
+        Raises
+        ------
+        DatabaseCorruptError
+            Where a clip is damaged; remove it first.
+        DatabaseError
+            Where the database was opened for reading.
+        """
+        writer = self._writing()
+        before = self._segment_bytes()
+        records = self.clips()
+        if before == sum(record.nbytes for record in records):
+            return 0
+        entries = []
+        try:
+            writer.begin_new()
+            for done, record in enumerate(records, start=1):
+                self.check(record)
+                entry = self._catalogue.entry(record)
+                segment, offset = writer.append(self._blocks(record))
+                moved = replace(record, segment=segment, offset=offset)
+                writer.commit(segment, offset + record.nbytes)
+                entries.append(replace(entry, record=moved))
+                if progress is not None:
+                    progress(done, len(records))
+            self._catalogue.replace(entries)
+        except BaseException:
+            self._writer = None
+            if self._catalogue.is_open:
+                with suppress(OSError, DatabaseError):  # as if nothing had been tried
+                    self._prepare_to_write(read_identity(self.path))
+            raise
+        self._records = None
+        self._reader = SegmentReader(self._folder)
+        self._prepare_to_write(read_identity(self.path))
+        return before - self._segment_bytes()
+
+    def merge(
+        self, other: PriorDatabase, progress: Callable[[int, int], None] | None = None
+    ) -> Merged:
+        """Add the clips of another database, as they are.
+
+        Parameters
+        ----------
+        other : PriorDatabase
+            Open, of the same rate and levels.
+        progress : callable, optional
+            Called with (clips done, clips in all).
+
+        Returns
+        -------
+        Merged
+            What was added, what was there already, and what is damaged over there.
+
+        Raises
+        ------
+        OptionError
+            Where rates or levels differ.
+        DatabaseError
+            Where this database was opened for reading.
+        """
+        self._writing()
+        if (other.rate, other.levels) != (self.rate, self.levels):
+            raise OptionError(
+                f"{other.path}: has {other.levels} levels from {other.rate:g} Hz on, {self.path} "
+                f"{self.levels} from {self.rate:g} Hz on; add its recordings to this one instead"
+            )
+        records = other.clips()
+        added, skipped = [], []
+        damaged = [f"{other.path}: the row of clip {name} is damaged" for name in other.damaged]
+        for done, record in enumerate(records, start=1):
+            try:
+                other.check(record)
+                entry = other._catalogue.entry(record)
+                replaced = self._to_be_replaced(entry, accepted=False)
+                added.append(self._store(other._blocks(record), entry, replaced))
+            except DuplicateClipError:
+                skipped.append(record)
+            except DatabaseCorruptError as error:
+                damaged.append(str(error))
+            if progress is not None:
+                progress(done, len(records))
+        return Merged(tuple(added), tuple(skipped), tuple(damaged))
+
+    def _blocks(self, record: ClipRecord) -> list[bytes]:
+        return [self.positions(record, level).tobytes() for level in range(len(record.frames))]
+
+    def versions(self, clip: Clip) -> tuple[ClipRecord, ...]:
+        """Return the clips that hold samples of the same recording: other versions, and parts."""
+        sharing = self._catalogue.sharing(sketch(clip.positions))
+        contents = {content for content, (shared, _) in sharing.items() if shared >= FEWEST_SHARED}
+        contents.add(content_hash(clip))
+        return tuple(record for record in self.clips() if record.content in contents)
+
     def clips(self) -> tuple[ClipRecord, ...]:
-        """Return every clip, in an order that does not depend on how the database grew."""
+        """Return every clip, in an order that does not depend on how the database grew.
+
+        Clips whose rows are damaged are left out; see `damaged`.
+        """
         if self._records is None:
-            self._records = tuple(self._catalogue.records())
+            records = self._catalogue.records()
+            if self._catalogue.is_version_1:
+                records = [self._counted(record) for record in records]
+            self._records = tuple(records)
         return self._records
+
+    @property
+    def damaged(self) -> tuple[str, ...]:
+        """Names of clips whose rows in the catalogue are damaged."""
+        self.clips()
+        return tuple(self._catalogue.damaged)
+
+    def _counted(self, record: ClipRecord) -> ClipRecord:
+        """Return a record with the counts that format version 1 did not keep."""
+        try:
+            present, measured = counts(self.positions(record), self.filled(record))
+        except DatabaseCorruptError:  # will be said when it is checked
+            return record
+        return replace(record, present=present, measured=measured)
 
     def positions(self, record: ClipRecord, level: int = 0) -> NDArray[np.float32]:
         """Return a clip's positions at a level.
@@ -377,11 +630,31 @@ class PriorDatabase:
         values = self._reader.read(record.segment, record.offset + before, frames * markers * 3)
         return values.reshape(frames, markers, 3)
 
-    def filled(self, record: ClipRecord) -> NDArray[np.bool_] | None:
-        """Return which samples of a clip were synthesised [shape=(frames, markers)], at level 0.
+    def sound_positions(self, record: ClipRecord, level: int = 0) -> NDArray[np.float32]:
+        """Return a clip's positions as `positions` does, checked the first time.
 
-        None where all were measured. A sample counts as synthesised where one of the recording's
-        samples that surround its time is.
+        Raises
+        ------
+        DatabaseCorruptError
+            Where they do not fit their checksum, or the file ends before.
+        """
+        positions = self.positions(record, level)
+        key = (record.content, level)
+        if key not in self._checked:
+            if checksum(positions) != record.checksums[level]:
+                raise DatabaseCorruptError(
+                    f"{self.path}: positions of clip {record.name} are damaged (level {level}); "
+                    "restore the database from a copy, or remove the clip"
+                )
+            self._checked.add(key)
+        return positions
+
+    def filled(self, record: ClipRecord, level: int = 0) -> NDArray[np.bool_] | None:
+        """Return which samples of a clip were synthesised [shape=(frames, markers)].
+
+        None where all were measured. A sample of level 0 counts as synthesised where one of the
+        recording's samples that surround its time is; one of another level where that of level 0
+        at its time is.
 
         Raises
         ------
@@ -392,12 +665,13 @@ class PriorDatabase:
         if packed is None:
             return None
         try:
-            return _unpack(packed, (record.frames[0], len(record.labels)))
+            mask = unpack(packed, (record.frames[0], len(record.labels)))
         except (zlib.error, ValueError) as error:
             raise DatabaseCorruptError(
                 f"{self.path}: the mask of filled samples of clip {record.name} is damaged; "
-                "restore the database from a copy"
+                "restore the database from a copy, or remove the clip"
             ) from error
+        return mask[:: 2**level]
 
     def info(self) -> DatabaseInfo:
         """Return the database in figures."""
@@ -414,6 +688,7 @@ class PriorDatabase:
             frames=sum(record.frames[0] for record in records),
             seconds=sum(record.duration for record in records),
             bytes=sum(path.stat().st_size for path in files),
+            removed_bytes=self._segment_bytes() - sum(record.nbytes for record in records),
             marker_sets=dict(sorted(Counter(record.marker_set for record in records).items())),
         )
 
@@ -425,17 +700,21 @@ class PriorDatabase:
         DatabaseCorruptError
             Where they differ.
         """
-        if not self._catalogue.check(record):
+        if not self._catalogue.check(self._as_stored(record)):
             raise DatabaseCorruptError(
                 f"{self.path}: the catalogue's row of clip {record.name} is damaged; "
                 "restore the database from a copy"
             )
-        for level, expected in enumerate(record.checksums):
-            if checksum(self.positions(record, level)) != expected:
-                raise DatabaseCorruptError(
-                    f"{self.path}: positions of clip {record.name} are damaged (level {level}); "
-                    "restore the database from a copy"
-                )
+        for level in range(len(record.frames)):
+            self._checked.discard((record.content, level))
+            self.sound_positions(record, level)
+
+    def _as_stored(self, record: ClipRecord) -> ClipRecord:
+        """Return a record as the catalogue holds it."""
+        if not self._catalogue.is_version_1:
+            return record
+        everywhere = (record.frames[0],) * len(record.labels)
+        return replace(record, present=everywhere, measured=everywhere)
 
     def verify(self, progress: Callable[[int, int], None] | None = None) -> list[str]:
         """Check the catalogue and every clip.
@@ -453,11 +732,14 @@ class PriorDatabase:
         Raises
         ------
         DatabaseCorruptError
-            Where the catalogue as a whole cannot be used.
+            Where the catalogue cannot be read at all.
         """
-        self._catalogue.check_file()
         records = self.clips()
-        problems = []
+        problems = [
+            f"{self.path}: the catalogue's row of clip {name} is damaged; "
+            "restore the database from a copy"
+            for name in self._catalogue.damaged
+        ]
         for done, record in enumerate(records, start=1):
             try:
                 self.check(record)
@@ -465,102 +747,11 @@ class PriorDatabase:
                 problems.append(str(error))
             if progress is not None:
                 progress(done, len(records))
+        try:
+            self._catalogue.check_file()
+        except DatabaseCorruptError as error:
+            problems.append(str(error))
         return problems
 
-    def _levels(self, clip: Clip) -> list[NDArray[np.float32]]:
-        """Return a clip's positions at every level as they are stored, or refuse it."""
-        from priorfill.resample import pyramid, resample
-
-        missing = clip.missing
-        if missing.all():
-            raise ClipError(f"{clip.name}: no marker is ever seen; there is nothing to add")
-        if clip.rate < MIN_RATE_SHARE * self.rate:
-            raise ClipError(
-                f"{clip.name}: has {clip.rate:g} Hz, too few for a database of {self.rate:g} Hz; "
-                f"add clips of {MIN_RATE_SHARE * self.rate:g} Hz or more"
-            )
-        seen = ~missing.all(axis=0)
-        extent = np.nanmax(clip.positions[:, seen], axis=0) - np.nanmin(
-            clip.positions[:, seen], axis=0
-        )
-        fine = resample(to_upright(clip.positions, clip.up), clip.rate, self.rate)
-        levels = [level.positions.astype(DTYPE) for level in pyramid(fine, self.rate, self.levels)]
-        if len(levels[-1]) < MIN_FRAMES:
-            raise ClipError(
-                f"{clip.name}: is too short ({clip.duration:.2f} s) for the database's coarsest "
-                f"level of {self.rate / 2 ** (self.levels - 1):g} Hz; add a longer clip"
-            )
-        if np.linalg.norm(extent, axis=1).max() < STATIC_RANGE:
-            raise ClipError(
-                f"{clip.name}: is static (no marker moves by {STATIC_RANGE:g} mm); "
-                "add clips with motion"
-            )
-        return levels
-
-    def _filled_at_level_0(self, clip: Clip, filled: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return which samples of level 0 have a synthesised sample beside them."""
-        from priorfill.resample import resample
-
-        marked = np.where(filled[:, :, None], np.nan, np.zeros(3))
-        # resample makes a sample missing where one that surrounds its time is: the rule wanted
-        result: NDArray[np.bool_] = np.isnan(resample(marked, clip.rate, self.rate)[:, :, 0])
-        return result
-
-
-def _read_identity(path: Path) -> _Identity:
-    if not path.exists():
-        raise DatabaseNotFoundError(
-            f"{path}: there is no database; make one with: priorfill db add --database {path} ..."
-        )
-    if not path.is_dir():
-        raise DatabaseNotFoundError(f"{path}: is a file; give the folder of a database")
-    file = path / _IDENTITY
-    if not file.exists():
-        raise DatabaseFormatError(
-            f"{path}: is not a priorfill database (it has no {_IDENTITY}); "
-            "give the folder of a database"
-        )
-    try:
-        content: Any = json.loads(file.read_text(encoding="utf-8"))
-        is_ours = content["format"] == _FORMAT
-        version = int(content["version"])
-    except (ValueError, KeyError, TypeError) as error:
-        raise DatabaseFormatError(
-            f"{file}: is damaged or not of priorfill; restore it from a copy"
-        ) from error
-    if not is_ours:
-        raise DatabaseFormatError(f"{file}: is not of priorfill; give the folder of a database")
-    if version != FORMAT_VERSION:
-        raise DatabaseFormatError(
-            f"{path}: has format version {version}, this priorfill needs {FORMAT_VERSION}; "
-            + (
-                "install a newer priorfill"
-                if version > FORMAT_VERSION
-                else "make the database again from its clips"
-            )
-        )
-    try:
-        return _Identity(version, float(content["rate"]), int(content["levels"]))
-    except (ValueError, KeyError, TypeError) as error:
-        raise DatabaseFormatError(
-            f"{file}: has no valid rate and levels; restore it from a copy"
-        ) from error
-
-
-def _content_hash(clip: Clip) -> str:
-    """Return the SHA-256 of a clip's labels, rate and positions."""
-    digest = hashlib.sha256()
-    digest.update(json.dumps([clip.labels, clip.rate]).encode())
-    # NaN has many bit patterns; all of them mean missing
-    positions = np.where(np.isnan(clip.positions), np.nan, clip.positions)
-    digest.update(np.ascontiguousarray(positions, dtype="<f8").tobytes())
-    return digest.hexdigest()
-
-
-def _pack(mask: NDArray[np.bool_]) -> bytes:
-    return zlib.compress(np.packbits(mask).tobytes())
-
-
-def _unpack(packed: bytes, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    bits = np.frombuffer(zlib.decompress(packed), dtype=np.uint8)
-    return np.unpackbits(bits, count=shape[0] * shape[1]).reshape(shape).astype(bool)
+    def _segment_bytes(self) -> int:
+        return sum(path.stat().st_size for path in self._folder.glob("*.f32"))

@@ -13,12 +13,14 @@ from priorfill.formats.atomic import check_target
 from priorfill.formats.c3d_new import create_c3d
 from priorfill.formats.c3d_patch import WriteReport, write_c3d
 from priorfill.formats.c3d_read import read_c3d
+from priorfill.formats.npz_new import create_npz
 
 __all__ = [
     "SUFFIXES",
     "WriteReport",
     "check_output",
     "create_c3d",
+    "create_npz",
     "read",
     "read_c3d",
     "write",

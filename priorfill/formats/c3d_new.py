@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.clip import Clip
-from priorfill.errors import OutputError
+from priorfill.errors import OutputError, PriorfillError
 from priorfill.formats.atomic import replace_file
+from priorfill.formats.c3d_layout import parse_layout, read_points
 from priorfill.formats.c3d_patch import WriteReport
 
-__all__ = ["create_c3d"]
+__all__ = ["MOST_FRAMES", "create_c3d"]
 
-_MOST_FRAMES = 65535
+MOST_FRAMES = 65535
 _MOST_POINTS = 65535
 """What the format's 16 bit counts hold; ezc3d writes more without a word, and cuts on reading."""
 
@@ -60,10 +61,10 @@ def create_c3d(
     """
     import ezc3d  # slow to import, and `--help` should not wait for it
 
-    if clip.frames > _MOST_FRAMES or len(clip.labels) > _MOST_POINTS:
+    if clip.frames > MOST_FRAMES or len(clip.labels) > _MOST_POINTS:
         raise OutputError(
             f"{clip.name}: has {clip.frames} frames of {len(clip.labels)} markers; "
-            f"C3D holds {_MOST_FRAMES} of each: cut the clip into parts"
+            f"C3D holds {MOST_FRAMES} of each: cut the clip into parts"
         )
     if filled is not None and (np.asarray(filled, dtype=bool) & clip.missing).any():
         frame, marker = np.argwhere(filled & clip.missing)[0]
@@ -93,13 +94,31 @@ def create_c3d(
     content["data"]["meta_points"]["camera_masks"] = np.zeros((7, *missing.shape), dtype=bool)
     with replace_file(path, overwrite=overwrite) as temporary:
         content.write(str(temporary))
-        if temporary.stat().st_size == 0:  # ezc3d does not tell that it could not write
-            raise OutputError(f"{path}: cannot be written; check the folder's permissions")
+        # ezc3d does not tell that it could not write, or not all of it
+        if not _holds(temporary, clip):
+            raise OutputError(
+                f"{path}: what was written there is not what should be; "
+                "check the folder's permissions and space"
+            )
     written = filled if filled is not None else np.zeros_like(clip.missing)
     values = clip.positions[np.asarray(written, dtype=bool)]
     rounded = values.astype(np.float32).astype(np.float64)
     return WriteReport(
         samples=len(values), worst_error_mm=float(np.abs(rounded - values).max(initial=0.0))
+    )
+
+
+def _holds(path: Path, clip: Clip) -> bool:
+    """Return whether a file holds a clip's positions, all of them."""
+    data = path.read_bytes()
+    try:
+        layout = parse_layout(data, path.name)
+        positions, residual = read_points(data, layout)
+    except PriorfillError:
+        return False
+    positions[residual < 0] = np.nan
+    return np.array_equal(
+        positions.astype(np.float32), clip.positions.astype(np.float32), equal_nan=True
     )
 
 

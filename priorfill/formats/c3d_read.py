@@ -29,6 +29,11 @@ __all__ = ["points_with_ezc3d", "read_bytes", "read_c3d"]
 _MOST_FRAMES = 65535
 """Frames that ezc3d reads at most."""
 
+_TELLING_SHARE = 0.1
+"""Of the samples that are there, those that must have a residual above 0 for residuals of 0 to
+mean anything. Many systems write 0 everywhere; where they write residuals, nearly every
+measured sample has one, and nobody fills more than nine tenths of a recording."""
+
 
 def read_c3d(
     path: Path | str,
@@ -125,6 +130,7 @@ def read_c3d(
             zero_samples=int(zero.sum()) if zeros_missing else 0,
             left_out=_left_out(reasons, layout),
             notes=(*layout.contradictions, *unit_notes, *up_notes),
+            interpolated=_interpolated(data, layout, points, ~np.isnan(kept[:, :, 0])),
         ),
     )
 
@@ -189,6 +195,25 @@ def _points(
     """Return positions and residuals of all points, by ezc3d where it can be trusted."""
     read = points_with_ezc3d(path, layout) if _suits_ezc3d(layout) else None
     return read_points(data, layout) if read is None else read
+
+
+def _interpolated(
+    data: bytes, layout: Layout, points: Sequence[int], present: NDArray[np.bool_]
+) -> NDArray[np.bool_] | None:
+    """Return which samples the file says are interpolated [shape=(frames, markers)].
+
+    The format's sign for it is a residual of 0 and no cameras. The fourth word, which holds both,
+    is looked at as it is: read by the rules, a residual below one step, or one that a program
+    wrote as a plain fraction, is 0 too. None where the file does not tell measured samples from
+    others.
+    """
+    words = read_points(data, layout)[1][:, points]
+    there = words[present]
+    if there.size == 0 or (there > 0).mean() < _TELLING_SHARE:
+        return None
+    found: NDArray[np.bool_] = present & (words == 0)
+    found.setflags(write=False)
+    return found
 
 
 def _suits_ezc3d(layout: Layout) -> bool:

@@ -32,7 +32,7 @@ from priorfill.methods.task import Estimate, Note, Task, take_names
 from priorfill.multiresolution import levels_for, synthesise
 from priorfill.normalise import RootFrames, RootGroup, choose_root
 from priorfill.prior import Prior, fold, to_world
-from priorfill.resample import Level
+from priorfill.resample import Level, pyramid
 from priorfill.search.bank import Banks, PoseBank
 from priorfill.solver import Solution, minimise
 from priorfill.takes import Take, own_take
@@ -112,7 +112,7 @@ class _Planner:
         # how often the takes have each marker: the rarest are the first to be searched without
         self._seen = np.zeros(len(labels))
         for take in takes:
-            self._seen += (~np.isnan(take.levels[-1].positions[..., 0])).sum(axis=0)
+            self._seen += take.shown * (take.lengths[-1] / take.lengths[0])
         self._banks = Banks(takes)
 
     def bank(self, search: _Search, rate: float) -> PoseBank:
@@ -276,8 +276,8 @@ def fill(
         markers that no pose has, stay missing and are noted.
     """
     options = options or Options()
-    count = levels_for(task.rate)
-    own = own_take(task.positions, task.rate, count, task.name, task.subject)
+    levels = pyramid(task.positions, task.rate, levels_for(task.rate))
+    own = own_take(levels, task.name, task.subject)
     takes = (*task.takes, own) if options.own else task.takes or (own,)
     planner = _Planner(task, takes, options)
     estimate = Estimate.of(task)
@@ -310,7 +310,7 @@ def fill(
             return prior
 
         if searches:
-            inside = synthesise(own.levels, group, prior_at, _solver)
+            inside = synthesise(levels, group, prior_at, _solver)
             estimate.positions[group.start : group.stop, list(group.markers)] = inside
         estimate.notes.extend(notes)
         for i, search in enumerate(searches):

@@ -33,6 +33,12 @@ DATABASE_RATE = 30.0
 """Hz. Resolution at which the database's poses are searched: they speak for poses, not for
 detail in time."""
 
+MOST_POSES = 1_000_000
+"""Poses that are searched at most: a larger database is searched at a coarser level. Poses follow
+each other so closely that a quarter of them say as much."""
+
+EXAMPLES = 400
+"""Takes by which distances of markers are judged."""
 
 BRIEF = 0.1
 """s. Over no longer than this a marker's own movement is a better guess than any other body."""
@@ -363,10 +369,23 @@ class Predictor:
         return [Lesson(rows, query, lesson.distance[kept], lesson.spread[kept])]
 
     @cached_property
+    def _database_rate(self) -> float:
+        """The rate at which the database's poses are searched (Hz)."""
+        takes = self.task.takes
+        rate = DATABASE_RATE
+        while (
+            rate > min(take.rates[-1] for take in takes)
+            and sum(take.lengths[take.nearest_level(rate)] for take in takes) > MOST_POSES
+        ):
+            rate /= 2.0
+        return rate
+
+    @cached_property
     def _database_distance(self) -> NDArray[np.float64]:
         """Distances of the markers in the database [shape=(markers, markers), mm]."""
-        poses = np.concatenate([take.levels[-1].positions for take in self.task.takes])
-        return pair_distances(poses)[0]
+        some = _evenly(np.arange(len(self.task.takes)), EXAMPLES)
+        takes = [self.task.takes[i] for i in some]
+        return pair_distances(np.concatenate([t.positions(len(t.rates) - 1) for t in takes]))[0]
 
     def _shown_with(self, markers: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Which markers the takes that have all of some markers have too [shape=(markers,)]."""
@@ -378,9 +397,7 @@ class Predictor:
     @cached_property
     def _taken(self) -> NDArray[np.bool_]:
         """Which markers each take of the database has [shape=(takes, markers)]."""
-        return np.array(
-            [~np.isnan(t.levels[-1].positions[..., 0]).all(axis=0) for t in self.task.takes]
-        )
+        return np.array([take.shown > 0 for take in self.task.takes])
 
     def _from_database(self, piece: Piece) -> Prediction | None:
         """Predict from the database's nearest poses; None where it has none."""
@@ -400,7 +417,7 @@ class Predictor:
         root = choose_root(task.marker_set, task.labels, task.positions, among)
         if root is None:
             return None
-        bank = self._banks.get(root, near, piece.markers, DATABASE_RATE)
+        bank = self._banks.get(root, near, piece.markers, self._database_rate)
         if len(bank) < options.fewest_rows:
             return None
 

@@ -76,23 +76,28 @@ class PoseBank:
         wanted: NDArray[np.intp],
         rate: float,
     ) -> None:
-        levels = [take.nearest_level(rate) for take in takes]
-        lengths = np.array([len(level.positions) for level in levels], dtype=np.intp)
         needed = np.unique(np.concatenate([root.markers, viable, wanted])).astype(np.intp)
+        useful = [i for i, take in enumerate(takes) if take.shown[needed].all()]
+        levels = [takes[i].nearest_level(rate) for i in useful]
+        lengths = np.array(
+            [takes[i].lengths[level] for i, level in zip(useful, levels, strict=True)],
+            dtype=np.intp,
+        )
+        rates = [takes[i].rates[level] for i, level in zip(useful, levels, strict=True)]
         known = np.zeros(int(lengths.sum()), dtype=bool)
         inner = np.zeros_like(known)  # poses with a pose of the same take on either side
         positions = np.empty((len(known), len(needed), 3), dtype=np.float32)
         start = 0
-        for level, length in zip(levels, lengths, strict=True):
-            chosen = level.positions[:, needed]
+        for i, level, length in zip(useful, levels, lengths, strict=True):
+            chosen = takes[i].positions(level, needed)
             positions[start : start + length] = chosen
             complete = np.logical_and.reduce(~np.isnan(chosen[..., 0]), axis=1)
             known[start : start + length] = complete
             inner[start + 1 : start + length - 1] = complete[:-2] & complete[1:-1] & complete[2:]
             start += length
         self.rows = np.flatnonzero(inner)
-        self._take = np.repeat(np.arange(len(takes)), lengths)
-        self._rate_ratio = np.repeat([level.rate / rate for level in levels], lengths)
+        self._take = np.repeat(np.array(useful, dtype=np.intp), lengths)
+        self._rate_ratio = np.repeat(np.array(rates) / rate, lengths)
         self._root = root
         self._viable = viable
         self._needed = needed

@@ -1,0 +1,226 @@
+"""``priorfill db export``: clips of a database as files."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from priorfill.cli.db.common import (
+    ID_DIGITS,
+    clip_facts,
+    count,
+    database_option,
+    subject_patterns,
+    tell_damaged,
+    title,
+    total,
+)
+from priorfill.cli.progress import progress
+from priorfill.errors import ClipError, DatabaseCorruptError, OutputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from priorfill.database import ClipRecord, PriorDatabase
+
+__all__ = ["export"]
+
+_NOT_IN_NAMES = re.compile(r'[\x00-\x1f\x7f<>:"/\\|?*]')
+"""Characters that some file system does not allow in a name."""
+
+_MOST_NAME_BYTES = 150
+"""Bytes of a clip's name in that of its file: file systems allow 255, and a writer's temporary
+file adds some."""
+
+
+@click.command(short_help="Write clips as C3D or npz files.")
+@database_option
+@click.option(
+    "--output",
+    "-o",
+    "output",
+    metavar="FOLDER",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="Where to write the files; made if it is not there.",
+)
+@click.option(
+    "--format",
+    "suffix",
+    type=click.Choice(["c3d", "npz"]),
+    default="c3d",
+    show_default=True,
+    help="c3d, or npz for NumPy, which also holds what the database knows of the clip.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace files that exist.")
+@click.option("--measured-only", is_flag=True, help="Leave out samples that were filled.")
+@subject_patterns
+@click.option(
+    "--marker",
+    "markers",
+    metavar="LABEL",
+    multiple=True,
+    help="Only clips that have this marker; may be given again, for clips that have all.",
+)
+@click.argument("names", metavar="[NAME]...", nargs=-1)
+def export(
+    folder: Path,
+    output: Path,
+    suffix: str,
+    overwrite: bool,
+    measured_only: bool,
+    subjects: tuple[str, ...],
+    markers: tuple[str, ...],
+    names: tuple[str, ...],
+) -> None:
+    """Write clips of a database as files, one each: all, or those that are named.
+
+    NAME is a clip's name, a pattern of names (in quotes: 'walk*'), or its id as db list shows it.
+    The files have the rate of the database, mm, +Z up. A file is named after its clip; clips of
+    the same name get their id added.
+    """
+    from priorfill.cli.db.remove import choose
+    from priorfill.database import PriorDatabase
+
+    with PriorDatabase.open(folder) as database:
+        known = database.clips()
+        records = choose(folder, known, names, subjects, markers)
+        stems = _file_stems(known)
+        files = {record.content: output / f"{stems[record.content]}.{suffix}" for record in records}
+        _prepare(output, folder, list(files.values()), overwrite=overwrite)
+        written: list[ClipRecord] = []
+        failures = tell_damaged(database)
+        with progress(len(records), "Exporting clips") as show:
+            for done, record in enumerate(records):
+                show(done, None)
+                path = files[record.content]
+                try:
+                    _write(path, database, record, overwrite, measured_only)
+                except (ClipError, DatabaseCorruptError) as error:  # the next may be better
+                    failures += 1
+                    click.echo(f"priorfill: {error}", err=True)
+                else:
+                    written.append(record)
+                    click.echo(f"{path}: {title(record)}")
+    click.echo(
+        f"exported {total(written)}" + (f", could not export {failures}" if failures else "")
+    )
+    mixed = sum(record.has_filled for record in written)
+    if mixed and suffix == "c3d" and not measured_only:
+        click.echo(
+            f"note: {count(mixed, 'clip')} with filled samples, which these C3D files do not tell "
+            "from measured ones (--format npz does; --measured-only leaves them out)",
+            err=True,
+        )
+    if failures:
+        click.get_current_context().exit(1)
+
+
+def _prepare(output: Path, folder: Path, files: Sequence[Path], *, overwrite: bool) -> None:
+    """Make the folder for the files, and find out whether they can be written there.
+
+    Raises
+    ------
+    OutputError
+        Where that is not so.
+    """
+    if output.resolve().is_relative_to(folder.resolve()):
+        raise OutputError(f"{output}: is inside the database; choose another folder (-o)")
+    there = [path for path in files if path.exists()]
+    if there and not overwrite:
+        raise OutputError(
+            f"{there[0]}: exists already"
+            + (f", and {len(there) - 1} more" if len(there) > 1 else "")
+            + "; choose another folder (-o) or use --overwrite"
+        )
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"{output}: cannot be made ({error.strerror}); choose another folder (-o)"
+        ) from error
+
+
+def _file_stems(records: Sequence[ClipRecord]) -> dict[str, str]:
+    """Return the file's stem of each clip, by its content.
+
+    All clips of the database count, chosen or not, so that a clip's file has the same name always.
+    """
+    stems = {record.content: _safe(record.name) for record in records}
+    for digits in (ID_DIGITS, None):  # a name may look like another one with its digits
+        often = Counter(stem.casefold() for stem in stems.values())  # not all file systems tell
+        stems = {
+            content: f"{stem}-{content[:digits]}" if often[stem.casefold()] > 1 else stem
+            for content, stem in stems.items()
+        }
+    return stems
+
+
+def _safe(name: str) -> str:
+    """Return a name that a file can have on any system, and that does not hide it."""
+    short = _NOT_IN_NAMES.sub("_", name).encode()[:_MOST_NAME_BYTES].decode(errors="ignore")
+    stem = short.strip(" .")
+    return stem or "clip"
+
+
+def _write(
+    path: Path, database: PriorDatabase, record: ClipRecord, overwrite: bool, measured_only: bool
+) -> None:
+    """Write one clip.
+
+    Raises
+    ------
+    OutputError
+        Where it cannot be written.
+    ClipError
+        Where it is too long for the format.
+    DatabaseCorruptError
+        Where what the database has of it is damaged.
+    """
+    import numpy as np
+
+    from priorfill.clip import Clip
+    from priorfill.formats import create_c3d, create_npz
+    from priorfill.formats.c3d_new import MOST_FRAMES
+
+    database.check(record)
+    positions = database.positions(record)
+    filled = database.filled(record)
+    if filled is None:
+        filled = np.zeros(positions.shape[:2], dtype=bool)
+    if measured_only:
+        positions = np.where(filled[:, :, None], np.float32(np.nan), positions)
+        filled = np.zeros_like(filled)
+    filled = filled & ~np.isnan(positions[:, :, 0])
+    if path.suffix == ".npz":
+        create_npz(path, _arrays(record, positions, filled), overwrite=overwrite)
+        return
+    if record.frames[0] > MOST_FRAMES:
+        raise ClipError(
+            f"{record.name}: has {record.frames[0]} frames, C3D holds {MOST_FRAMES}; "
+            "export it with --format npz"
+        )
+    clip = Clip(
+        positions.astype(np.float64),
+        record.labels,
+        record.rate,
+        name=record.name,
+        subject=record.subject,
+        first_frame=1,
+    )
+    create_c3d(path, clip, filled=filled, overwrite=overwrite)
+
+
+def _arrays(
+    record: ClipRecord, positions: NDArray[np.float32], filled: NDArray[np.bool_]
+) -> dict[str, object]:
+    """Return what an npz file holds of a clip."""
+    facts = clip_facts(record)
+    del facts["has_filled"], facts["frames"]  # the arrays say it
+    return facts | {"positions": positions, "filled": filled, "unit": "mm", "up": "+Z"}

@@ -1,0 +1,44 @@
+"""``priorfill db info``: a database in figures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from priorfill.cli.db.common import database_option, json_option, size
+from priorfill.cli.output import duration, print_json
+
+__all__ = ["info"]
+
+
+@click.command()
+@database_option
+@json_option
+def info(folder: Path, as_json: bool) -> None:
+    """Show a database in figures."""
+    from dataclasses import asdict
+
+    from priorfill.database import PriorDatabase
+
+    with PriorDatabase.open(folder) as database:
+        facts = database.info()
+    if as_json:
+        print_json(asdict(facts) | {"path": str(facts.path)})
+        return
+    rates = ", ".join(f"{facts.rate / 2**level:g}" for level in range(facts.levels))
+    sets = ", ".join(
+        f"{name or 'not known'} ({number})" for name, number in facts.marker_sets.items()
+    )
+    synthetic = f", {facts.synthetic} of them synthetic" if facts.synthetic else ""
+    for name, value in (
+        ("database", str(facts.path)),
+        ("format", f"version {facts.version}"),
+        ("clips", f"{facts.clips}{synthetic}"),
+        ("subjects", str(facts.subjects)),
+        ("length", f"{duration(facts.seconds)}, {facts.frames} frames at {facts.rate:g} Hz"),
+        ("levels", f"{rates} Hz"),
+        ("marker sets", sets or "-"),
+        ("size", size(facts.bytes)),
+    ):
+        click.echo(f"{name:<12} {value}")

@@ -1,0 +1,118 @@
+"""``priorfill db list``: the clips of a database."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from priorfill.cli.db.common import (
+    ID_DIGITS,
+    clip_facts,
+    database_option,
+    json_option,
+    subject_patterns,
+    tell_damaged,
+)
+from priorfill.cli.output import print_json, print_table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from priorfill.database import ClipRecord
+
+__all__ = ["list_clips"]
+
+_COLUMNS = (
+    "name",
+    "id",
+    "subject",
+    "session",
+    "marker set",
+    "markers>",
+    "s>",
+    "Hz>",
+    "measured>",
+    "licence",
+    "",
+)
+
+
+@click.command("list")
+@database_option
+@click.option(
+    "--name",
+    "names",
+    metavar="PATTERN",
+    multiple=True,
+    help="Only clips of these names (or ids); may be given again.",
+)
+@subject_patterns
+@click.option(
+    "--marker",
+    "markers",
+    metavar="LABEL",
+    multiple=True,
+    help="Only clips that have this marker; may be given again, for clips that have all.",
+)
+@json_option
+def list_clips(
+    folder: Path,
+    names: tuple[str, ...],
+    subjects: tuple[str, ...],
+    markers: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """List the clips of a database, or some of them.
+
+    A PATTERN is one of the shell: walk* for all names that begin with walk. Put it into quotes.
+    The id names a clip in other commands, where several have the same name.
+    """
+    from priorfill.database import PriorDatabase, Selection
+
+    selection = Selection(names=names, subjects=subjects, markers=markers)
+    with PriorDatabase.open(folder) as database:
+        known = database.clips()
+        tell_damaged(database)
+    records = sorted(
+        selection.choose(known), key=lambda record: (record.subject, record.name, record.content)
+    )
+    if as_json:
+        print_json([_as_json(record) for record in records])
+    elif records:
+        print_table(_COLUMNS, (tuple(_row(record)) for record in records))
+    elif known:
+        click.echo(f"{folder}: none of its {len(known)} clips fits")
+    else:
+        click.echo(f"{folder}: the database has no clips")
+
+
+def _row(record: ClipRecord) -> Iterator[str]:
+    """Yield a record's cells, in the order of the columns."""
+    yield record.name
+    yield record.content[:ID_DIGITS]
+    yield record.subject or "-"
+    yield record.session or "-"
+    yield record.marker_set or "-"
+    yield str(len(record.labels))
+    yield f"{record.duration:.2f}"
+    yield f"{record.original_rate:g}"
+    yield f"{100 * _measured_share(record):.1f} %"
+    yield record.licence or "-"
+    yield ", ".join(
+        word
+        for word, given in (
+            ("synthetic", record.synthetic),
+            (f"filled: {record.filled_by}", record.has_filled),
+        )
+        if given
+    )
+
+
+def _measured_share(record: ClipRecord) -> float:
+    return sum(record.measured) / max(1, record.frames[0] * len(record.labels))
+
+
+def _as_json(record: ClipRecord) -> dict[str, Any]:
+    return clip_facts(record) | {"seconds": round(record.duration, 6), "bytes": record.nbytes}

@@ -1,0 +1,85 @@
+"""``priorfill db remove``: take clips out of a database."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from priorfill.cli.db.common import database_option, subject_patterns, title, total
+from priorfill.errors import OptionError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from priorfill.database import ClipRecord
+
+__all__ = ["choose", "remove"]
+
+
+@click.command(short_help="Remove clips from a database.")
+@database_option
+@subject_patterns
+@click.option("--dry-run", is_flag=True, help="Only say what would be removed.")
+@click.argument("names", metavar="[NAME]...", nargs=-1)
+def remove(folder: Path, subjects: tuple[str, ...], dry_run: bool, names: tuple[str, ...]) -> None:
+    """Remove clips from a database, all of them or none.
+
+    NAME is a clip's name, a pattern of names (in quotes: 'walk*'), or its id as db list shows it.
+    The space is given back by: priorfill db compact.
+    """
+    from priorfill.database import PriorDatabase
+
+    if not names and not subjects:
+        raise click.UsageError("say which clips: NAME... or --subject PATTERN")
+    with PriorDatabase.open(folder, write=not dry_run) as database:
+        records = choose(folder, database.clips(), names, subjects)
+        if not dry_run:
+            database.remove(records)
+    done = "would remove" if dry_run else "removed"
+    for record in records:
+        click.echo(f"{done} {title(record)}")
+    click.echo(f"{done} {total(records)}")
+
+
+def choose(
+    folder: Path,
+    records: Sequence[ClipRecord],
+    names: Sequence[str],
+    subjects: Sequence[str],
+    markers: Sequence[str] = (),
+) -> tuple[ClipRecord, ...]:
+    """Return the clips that are asked for, by name.
+
+    Parameters
+    ----------
+    folder : Path
+        The database's, for the message.
+    records : sequence of ClipRecord
+        All of its clips.
+    names, subjects, markers : sequence of str
+        As of `priorfill.database.Selection`.
+
+    Raises
+    ------
+    OptionError
+        Where a name, or the whole, fits no clip.
+    """
+    from priorfill.database import Selection
+
+    among = Selection(subjects=tuple(subjects), markers=tuple(markers)).choose(records)
+    rest = []
+    if subjects:
+        rest.append(f"subject {' or '.join(subjects)}")
+    if markers:
+        rest.append(f"marker {' and '.join(markers)}")
+    of = f" of {' and '.join(rest)}" if rest else ""
+    look = f"see: priorfill db list --database {folder}"
+    for name in names:
+        if not Selection(names=(name,)).choose(among):
+            raise OptionError(f"{folder}: no clip{of} is called {name}; {look}")
+    if not among and (rest or records):
+        raise OptionError(f"{folder}: has no clip{of}; {look}")
+    chosen = Selection(names=tuple(names)).choose(among)
+    return tuple(sorted(chosen, key=lambda record: (record.subject, record.name, record.content)))

@@ -1,0 +1,28 @@
+"""``priorfill db verify``: check a database against its checksums."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from priorfill.cli.db.common import count, database_option
+from priorfill.cli.progress import progress
+
+__all__ = ["verify"]
+
+
+@click.command(short_help="Check a database against its checksums.")
+@database_option
+def verify(folder: Path) -> None:
+    """Check every clip of a database against its checksums."""
+    from priorfill.database import PriorDatabase
+
+    with PriorDatabase.open(folder) as database, progress(None, "Checking clips") as show:
+        problems = database.verify(show)
+        number = len(database.clips())
+    for problem in problems:
+        click.echo(f"priorfill: {problem}", err=True)
+    if problems:
+        click.get_current_context().exit(1)
+    click.echo(f"{count(number, 'clip')} checked, all are as they were added")

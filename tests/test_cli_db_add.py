@@ -1,0 +1,300 @@
+"""``priorfill db add``: what is added, what is said of it, and where it stops."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from c3d_bytes import LABELS, C3DFile, standing
+from click.testing import Result
+from db_cli import gappy_and_filled, run, small_clip, with_residuals, write_clip
+
+from priorfill.database import PriorDatabase
+from priorfill.errors import DatabaseError
+from priorfill.formats import read, write
+
+
+def names(place: str | Path = "db") -> list[str]:
+    with PriorDatabase.open(place) as database:
+        return sorted(record.name for record in database.clips())
+
+
+def test_files_and_folders(here: Path) -> None:
+    write_clip(here / "clips" / "walk.c3d", 1)
+    write_clip(here / "clips" / "deep" / "run.C3D", 2)
+    (here / "clips" / "notes.txt").write_text("not a clip")
+    (here / "clips" / "._walk.c3d").write_bytes(b"of another program")
+    (here / "clips" / "folder.c3d").mkdir()
+    write_clip(here / "jump.c3d", 3)
+
+    result = run("db", "add", "--database", "db", "--subject", "anna", "--licence", "CC0", "clips")
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert result.stdout == (
+        "added clips/deep/run.C3D\nadded clips/walk.c3d\nadded 2 clips (2.00 s)\n"
+    )
+    result = run("db", "add", "-d", "db", "--credit", "me", "--session", "2", "clips", "jump.c3d")
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert result.stdout == (
+        "skipped clips/deep/run.C3D: is in the database already (as run); nothing to do\n"
+        "skipped clips/walk.c3d: is in the database already (as walk); nothing to do\n"
+        "added jump.c3d\n"
+        "added 1 clip (1.00 s), skipped 2 that are there already\n"
+    )
+    result = run("db", "add", "-d", "db", "jump.c3d")
+    assert result.stdout.endswith("added 0 clips (0.00 s), skipped 1 that is there already\n")
+    clips = json.loads(run("db", "list", "-d", "db", "--json").output)
+    known = [
+        tuple(clip[key] for key in ("name", "subject", "session", "licence", "credit", "source"))
+        for clip in clips
+    ]
+    assert known == [
+        ("jump", "", "2", "", "me", "jump.c3d"),
+        ("run", "anna", "", "CC0", "", "run.C3D"),
+        ("walk", "anna", "", "CC0", "", "walk.c3d"),
+    ]
+
+
+def test_patterns_that_the_shell_left(here: Path) -> None:
+    for seed, name in enumerate(["a/walk1.c3d", "a/walk2.c3d", "a/run1.c3d", "b/c/walk3.c3d"]):
+        write_clip(here / name, seed)
+    write_clip(here / "walk[1].c3d", 9)
+    result = run("db", "add", "-d", "db", "a/walk?.c3d", "**/walk3.*", "walk[1].c3d")
+    assert result.exit_code == 0
+    assert names() == ["walk1", "walk2", "walk3", "walk[1]"]
+    result = run("db", "add", "-d", "all", str(here / "*"))
+    assert result.exit_code == 1  # the pattern fits the database db, too
+    assert result.stderr == f"priorfill: {here / 'db'}: has no files that can be read (.c3d)\n"
+    assert len(names("all")) == 5
+    result = run("db", "add", "-d", "db", "jump*.c3d")
+    assert result.exit_code == 1
+    assert result.stderr == (
+        "priorfill: jump*.c3d: no file or folder fits this pattern; check it\n"
+    )
+
+
+def test_what_cannot_be_added_is_reported_and_the_others_go_on(here: Path) -> None:
+    write_clip(here / "good.c3d")
+    write_clip(here / "still.c3d", amplitude=1.0)
+    (here / "bad.c3d").write_bytes(b"rubbish")
+    (here / "empty").mkdir()
+    result = run(
+        "db", "add", "-d", "db", "no.c3d", "empty", "bad.c3d", "still.c3d", "good.c3d", "good.c3d"
+    )
+    assert result.exit_code == 1
+    assert result.stdout == "added good.c3d\nadded 1 clip (1.00 s), could not add 4\n"
+    errors = result.stderr.splitlines()
+    assert errors[0] == "priorfill: no.c3d: there is no such file or folder; check the name"
+    assert errors[1] == "priorfill: empty: has no files that can be read (.c3d)"
+    assert errors[2].startswith("priorfill: bad.c3d: ")
+    assert errors[3] == (
+        "priorfill: still.c3d: is static (no marker moves by 10 mm); add clips with motion"
+    )
+    assert len(errors) == 4
+
+
+def test_nothing_to_add_makes_nothing(here: Path) -> None:
+    (here / "bad.c3d").write_bytes(b"rubbish")
+    result = run("db", "add", "-d", "db", "no.c3d", "bad.c3d")
+    assert result.exit_code == 1
+    assert not (here / "db").exists()
+
+
+def test_a_folder_with_other_files_stays_as_it_is(here: Path) -> None:
+    write_clip(here / "clips" / "good.c3d")
+    result = run("db", "add", "-d", "clips", "clips/good.c3d")
+    assert result.exit_code == 1
+    assert result.stderr == (
+        "priorfill: clips: has other files in it (good.c3d); "
+        "give an empty or a new folder for a new database\n"
+    )
+    assert [path.name for path in (here / "clips").iterdir()] == ["good.c3d"]
+
+
+def test_a_file_of_two_people(here: Path) -> None:
+    records = np.concatenate([standing(120, seed=1), standing(120, seed=2)], axis=1)
+    labels = [f"{who}:{label}" for who in ("Ben", "Anna") for label in LABELS]
+    (here / "two.c3d").write_bytes(C3DFile(records, labels).bytes())
+    result = run("db", "add", "-d", "db", "two.c3d")
+    assert result.exit_code == 1
+    assert result.stderr == (
+        "priorfill: two.c3d: holds 2 subjects (Anna, Ben); choose one (--subject NAME)\n"
+    )
+    assert run("db", "add", "-d", "db", "--subject", "carl", "two.c3d").stderr == result.stderr
+    assert run("db", "add", "-d", "db", "--subject", "Anna", "two.c3d").exit_code == 0
+    assert run("db", "add", "-d", "db", "--subject", "Ben", "two.c3d").exit_code == 0
+    clips = json.loads(run("db", "list", "-d", "db", "--json").output)
+    assert [clip["subject"] for clip in clips] == ["Anna", "Ben"]
+
+
+def test_how_a_file_is_to_be_understood(here: Path) -> None:
+    records = standing(120)
+    records[:, :, :3] /= 1000
+    records[0, 0, :3] = 0
+    (here / "odd.c3d").write_bytes(C3DFile(records, LABELS, rate=0.0).bytes())
+    assert "(--unit m)" in run("db", "add", "-d", "db", "odd.c3d").stderr
+    assert "(--rate)" in run("db", "add", "-d", "db", "--unit", "m", "odd.c3d").stderr
+    options = ["--unit", "m", "--rate", "60", "--up", "+Z", "--keep-zeros"]
+    assert run("db", "add", "-d", "db", *options, "odd.c3d").exit_code == 0
+    (clip,) = json.loads(run("db", "list", "-d", "db", "--json").output)
+    assert clip["original_rate"] == 60
+    assert clip["present"][0] == clip["frames"][0]
+    shutil.copy("odd.c3d", "odd2.c3d")
+    # an option that is wrong is wrong for all files, and said once
+    for option, value in (("--up", "sideways"), ("--unit", "parsec"), ("--rate", "-5")):
+        rest = options if option == "--up" else []
+        result = run("db", "add", "-d", "new", *rest, option, value, "odd.c3d", "odd2.c3d")
+        assert result.exit_code == 1
+        assert value in result.stderr
+        assert result.stderr.count("\n") == 1
+    assert not (here / "new").exists()
+
+
+def test_interpolated_samples_are_no_measured_ones(here: Path) -> None:
+    _, filled, mask = gappy_and_filled(small_clip())
+    with_residuals(here / "walk.c3d", filled, mask)
+    assert run("db", "add", "-d", "db", "walk.c3d").exit_code == 0
+    (clip,) = json.loads(run("db", "list", "-d", "db", "--json").output)
+    assert clip["has_filled"]
+    assert clip["measured"] == [30, 30, 30, 20]
+
+
+def test_gappy_and_filled_do_not_count_twice(here: Path) -> None:
+    gappy, filled, _ = gappy_and_filled(small_clip())
+    write("gappy.c3d", gappy)
+    write("filled.c3d", filled)
+    assert run("db", "add", "-d", "db", "gappy.c3d").exit_code == 0
+    result = run("db", "add", "-d", "db", "filled.c3d")
+    assert result.exit_code == 0
+    assert result.stdout.startswith("skipped filled.c3d: ")
+    assert "priorfill db accept" in result.stdout
+    assert names() == ["gappy"]
+
+
+def add_until(error: BaseException, monkeypatch: pytest.MonkeyPatch, times: int = 2) -> Result:
+    """Add 4 clips to a database that takes some and then fails."""
+    for number in range(4):
+        write_clip(Path(f"{number}.c3d"), number)
+    add, left = PriorDatabase.add, iter(range(times))
+
+    def failing(*arguments: Any, **options: Any) -> Any:
+        if next(left, None) is None:
+            raise error
+        return add(*arguments, **options)
+
+    monkeypatch.setattr(PriorDatabase, "add", failing)
+    return run("db", "add", "-d", "db", *(f"{number}.c3d" for number in range(4)))
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (
+            OSError(28, "No space left on device"),
+            "db: cannot be written (No space left on device); check free space and permissions",
+        ),
+        (OSError("odd"), "db: cannot be written (odd); check free space and permissions"),
+        (
+            DatabaseError("db/x: cannot be used now; try again"),
+            "db/x: cannot be used now; try again",
+        ),
+    ],
+)
+def test_a_database_that_fails_stops_it(
+    error: Exception, text: str, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = add_until(error, monkeypatch)
+    assert result.exit_code == 1
+    assert result.stdout == "added 0.c3d\nadded 1.c3d\n"
+    assert result.stderr == f"priorfill: {text}; stopped at 2.c3d, 2 clips added before\n"
+    monkeypatch.undo()
+    os.chdir(here)
+    assert names() == ["0", "1"]
+    result = run("db", "add", "-d", "db", *(f"{number}.c3d" for number in range(4)))
+    assert result.exit_code == 0
+    assert names() == ["0", "1", "2", "3"]
+
+
+def test_a_locked_database_is_not_tried_again(here: Path) -> None:
+    write_clip(here / "a.c3d", 1)
+    write_clip(here / "b.c3d", 2)
+    with PriorDatabase.create("db"):
+        result = run("db", "add", "-d", "db", "a.c3d", "b.c3d")
+    assert result.exit_code == 1
+    assert result.stdout == ""
+    assert "is writing to this database; wait until it has ended\n" in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_interrupted(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    result = add_until(KeyboardInterrupt(), monkeypatch, times=1)
+    assert result.exit_code == 130
+    assert result.stdout == "added 0.c3d\n"
+    assert result.stderr == "priorfill: interrupted\n"
+    assert names() == ["0"]
+
+
+def test_a_file_that_may_not_be_read(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_clip(here / "a.c3d", 1)
+    write_clip(here / "b.c3d", 2)
+
+    def refuse(path: Path, **options: object) -> object:
+        if path.name == "a.c3d":
+            raise PermissionError(13, "Permission denied")
+        return read(path, **options)
+
+    monkeypatch.setattr("priorfill.formats.read", refuse)
+    result = run("db", "add", "-d", "db", "a.c3d", "b.c3d")
+    assert result.exit_code == 1
+    assert result.stderr == "priorfill: a.c3d: cannot be read (Permission denied)\n"
+    assert result.stdout == "added b.c3d\nadded 1 clip (1.00 s), could not add 1\n"
+
+
+PROGRAM = "from priorfill.cli import main; main()"
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_what_was_said_to_be_added_is_there(how: signal.Signals, here: Path) -> None:
+    """However it ends: a line that is out, even through a pipe, is a clip that is on the disk."""
+    for number in range(200):
+        write_clip(here / "clips" / f"{number:03}.c3d", number)
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, "db", "add", "-d", "db", "clips"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    lines = [process.stdout.readline() for _ in range(5)]
+    process.send_signal(how)
+    rest, errors = process.communicate()
+    lines += rest.splitlines(keepends=True)
+    said = [line.split()[1] for line in lines if line.endswith(".c3d\n")]
+    assert lines[0] == "added clips/000.c3d\n"
+    assert 5 <= len(said) < 200
+    assert set(names()) >= {Path(name).stem for name in said}
+    if how == signal.SIGINT:
+        assert (process.returncode, errors) == (130, "priorfill: interrupted\n")
+    assert run("db", "verify", "-d", "db").exit_code == 0
+
+
+def test_what_is_added_goes_to_stdout_beside_a_progress_bar(
+    here: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A bar on the terminal must not take the lines that a file or a pipe asks for."""
+    from priorfill.cli import main
+
+    write_clip(here / "a.c3d", 1)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
+    main(["db", "add", "-d", "db", "a.c3d"], standalone_mode=False)
+    out, err = capfd.readouterr()
+    assert out == "added a.c3d\nadded 1 clip (1.00 s)\n"
+    assert "Adding clips" in err
