@@ -8,6 +8,7 @@ import os
 import shutil
 import sqlite3
 import stat
+import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -448,6 +449,54 @@ def test_hot_journal_is_rolled_back_by_a_reader(folder: Path) -> None:
     run_and_die(lambda: _spoil(folder / "catalogue.sqlite"))
     assert (folder / "catalogue.sqlite-journal").exists()
     assert snapshot(folder) == before
+
+
+def test_a_reader_that_is_open_when_a_writer_dies(folder: Path) -> None:
+    with PriorDatabase.create(folder) as database:
+        expected = database.add(make_clip(0))
+    with PriorDatabase.open(folder) as reader:
+        run_and_die(lambda: _spoil(folder / "catalogue.sqlite"))
+        assert (folder / "catalogue.sqlite-journal").exists()
+        assert reader.clips() == (expected,)
+        assert reader.verify() == []
+
+
+def test_readers_while_a_writer_adds_removes_and_compacts(folder: Path) -> None:
+    with PriorDatabase.create(folder) as database:
+        database.add(make_clip(0))
+
+    def write_on() -> None:
+        number = 1
+        while True:
+            with PriorDatabase.open(folder, write=True) as database:
+                for _ in range(3):
+                    database.add(make_clip(number))
+                    number += 1
+                database.remove(database.clips()[:2])
+                database.compact()
+
+    context = multiprocessing.get_context("fork")
+    writer = context.Process(target=write_on)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # as above
+        writer.start()
+    try:
+        seen = set()
+        until = time.monotonic() + 3
+        while time.monotonic() < until:
+            with PriorDatabase.open(folder) as reader:
+                records = reader.clips()
+                time.sleep(0.01)
+                assert reader.verify() == []
+                assert reader.clips() == records
+                seen.update(record.name for record in records)
+        assert len(seen) > 3
+        assert writer.is_alive()
+    finally:
+        writer.kill()
+        writer.join()
+    with PriorDatabase.open(folder, write=True) as database:
+        assert database.verify() == []
 
 
 def _spoil(path: Path) -> None:

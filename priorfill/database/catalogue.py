@@ -1,14 +1,13 @@
 """The catalogue: an SQLite file with one row a clip, whose commit makes the clip exist.
 
 Every change has a number. A row says by which change it came and by which it was removed, so a
-reader goes on seeing the state in which it opened the file; compaction makes a new file, and an
-open one stays what it was.
+reader goes on seeing the state in which it opened the file; compaction makes a new file of another
+name, ``catalogue-2.sqlite``, and an open one stays what it was.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import sqlite3
 import zlib
 from collections import Counter
@@ -27,7 +26,9 @@ from priorfill.database.seal import Seal
 from priorfill.database.segments import sync_folder
 from priorfill.errors import DatabaseCorruptError, DatabaseError
 
-__all__ = ["Catalogue", "Entry"]
+__all__ = ["Catalogue", "Entry", "find_catalogue"]
+
+_STEM, _SUFFIX = "catalogue", ".sqlite"
 
 BUSY_SECONDS = 30.0
 """How long to wait while another process commits; a commit takes milliseconds."""
@@ -189,15 +190,33 @@ class Catalogue:
             raise
 
     def _open(self) -> None:
-        # A writer that crashed within a commit leaves a journal, which only a connection
-        # that may write can roll back.
-        journal = self._path.with_name(self._path.name + "-journal")
-        roll_back = journal.exists() and os.access(self._path, os.W_OK)
-        mode = "rwc" if self._write else "rw" if roll_back else "ro"
         is_new = not self._path.exists()
-        if self._write:  # what a replacement or a seal left behind whose writer was killed
-            for left in (*self._path.parent.glob(f"{self._path.name}.*"), self._seal.unfinished):
-                left.unlink(missing_ok=True)
+        if self._write:
+            self._connect("rwc")
+            self._read_head(is_new=is_new)
+        else:
+            self._connect("ro")
+            try:
+                self._read_head(is_new=False)
+            except DatabaseError as error:
+                if not _needs_rollback(error.__cause__):
+                    raise
+                self._connect("rw")
+                self._read_head(is_new=False)
+        if self._write and not (is_new or self._is_whole or self._is_version_1):
+            # a wrong row could make the writer write over what others hold
+            self.records()
+            if self.damaged:
+                raise self._damaged(f"rows of {', '.join(self.damaged)} changed")
+            if self._seal.denies:
+                raise self._damaged(self._seal.finding)
+            with self._damage():
+                self._check_structure()
+        self._may_seal = self._write and not self._is_version_1
+
+    def _connect(self, mode: str) -> None:
+        if self._connection is not None:
+            self._connection.close()
         with self._damage():
             self._connection = sqlite3.connect(
                 f"{self._path.resolve().as_uri()}?mode={mode}",
@@ -210,28 +229,22 @@ class Catalogue:
                 # read-only media. EXTRA is FULL and the folder's entry of the journal.
                 self._connection.execute("PRAGMA journal_mode = DELETE")
                 self._connection.execute("PRAGMA synchronous = EXTRA")
-            with self._transaction("IMMEDIATE" if self._write else "DEFERRED") as connection:
-                (version,) = connection.execute("PRAGMA user_version").fetchone()
-                tables = connection.execute("SELECT COUNT(*) FROM sqlite_schema").fetchone()[0]
-                if self._write and (is_new or not tables):
-                    self._make(connection)
-                elif not tables:  # the writer that made it was killed before it got on
-                    return
-                elif version != _USER_VERSION:
-                    self._is_version_1 = True
-                    return
-                self._state = self._read_state(connection)
-                self._is_whole = self._seal.fits(connection)
-        if self._write and not is_new and not self._is_whole:
-            # a wrong row could make the writer write over what others hold
-            self.records()
-            if self.damaged:
-                raise self._damaged(f"rows of {', '.join(self.damaged)} changed")
-            if self._seal.denies:
-                raise self._damaged(self._seal.finding)
-            with self._damage():
-                self._check_structure()
-        self._may_seal = self._write
+
+    def _read_head(self, *, is_new: bool) -> None:
+        """Make a new file, or read in which state another is."""
+        kind = "IMMEDIATE" if self._write else "DEFERRED"
+        with self._damage(), self._transaction(kind) as connection:
+            (version,) = connection.execute("PRAGMA user_version").fetchone()
+            tables = connection.execute("SELECT COUNT(*) FROM sqlite_schema").fetchone()[0]
+            if self._write and (is_new or not tables):
+                self._make(connection)
+            elif not tables:  # the writer that made it was killed before it got on
+                return
+            elif version != _USER_VERSION:
+                self._is_version_1 = True
+                return
+            self._state = self._read_state(connection)
+            self._is_whole = self._seal.fits(connection)
 
     def _make(self, connection: sqlite3.Connection) -> None:
         for statement in _SCHEMA.split(";"):
@@ -288,7 +301,7 @@ class Catalogue:
             labels: dict[str, tuple[str, ...]] = {}
             found = [
                 _parsed(row, labels, self._rate, checked=not self._is_whole)
-                for row in self._connection.execute(
+                for row in self._query(
                     f"{_ROWS} WHERE {_LIVE} ORDER BY content", {"state": self._state}
                 )
             ]
@@ -307,9 +320,9 @@ class Catalogue:
             row = self._row(content)
             if row is None:
                 return np.empty(0, np.int64)
-            hashes = self._connection.execute(
+            hashes = self._query(
                 "SELECT hash FROM sketches WHERE clip = ? ORDER BY hash", (row[0],)
-            ).fetchall()
+            )
         return np.array([row[0] for row in hashes], dtype=np.int64)
 
     def sharing(self, sketch: NDArray[np.int64]) -> dict[str, tuple[int, int]]:
@@ -329,19 +342,18 @@ class Catalogue:
                 marks = ",".join("?" * len(some))
                 shared.update(
                     row[0]
-                    for row in self._connection.execute(
+                    for row in self._query(
                         f"SELECT clip FROM sketches WHERE hash IN ({marks})", some
                     )
                 )
             found = {}
             for clip, count in shared.items():
-                row = self._connection.execute(
+                for content, size in self._query(
                     "SELECT content, (SELECT COUNT(*) FROM sketches WHERE clip = id) FROM clips "
                     f"WHERE id = :id AND {_LIVE}",
                     {"id": clip, "state": self._state},
-                ).fetchone()
-                if row is not None:
-                    found[str(row[0])] = (count, int(row[1]))
+                ):
+                    found[str(content)] = (count, int(size))
         return found
 
     def find(self, content: str) -> ClipRecord | None:
@@ -364,19 +376,28 @@ class Catalogue:
         return None if row is None else row[_BEFORE_FIELDS - 1]
 
     def _row(self, content: str) -> tuple[Any, ...] | None:
-        assert self._connection is not None
-        row: tuple[Any, ...] | None = self._connection.execute(
+        rows = self._query(
             f"{_ROWS} WHERE content = :content AND {_LIVE}",
             {"content": content, "state": self._state},
-        ).fetchone()
-        return row
+        )
+        return rows[0] if rows else None
+
+    def _query(self, sql: str, parameters: Any = ()) -> list[tuple[Any, ...]]:
+        assert self._connection is not None
+        try:
+            return self._connection.execute(sql, parameters).fetchall()
+        except sqlite3.OperationalError as error:
+            if self._write or not _needs_rollback(error):
+                raise
+            self._connect("rw")
+            return self._connection.execute(sql, parameters).fetchall()
 
     def segments(self) -> set[int]:
         """Return the numbers of the segments in use, by removed clips too."""
         if self._connection is None:
             return set()
         with self._damage():
-            rows = self._connection.execute("SELECT DISTINCT segment FROM clips").fetchall()
+            rows = self._query("SELECT DISTINCT segment FROM clips")
         return {int(row[0]) for row in rows}
 
     def end(self) -> tuple[int, int]:
@@ -384,14 +405,14 @@ class Catalogue:
         if self._connection is None:
             return 1, 0
         with self._damage():
-            row = self._connection.execute(
+            rows = self._query(
                 "SELECT segment, offset, frames, labels FROM clips "
                 "JOIN label_sets ON label_sets.id = label_set "
                 "ORDER BY segment DESC, offset DESC LIMIT 1"
-            ).fetchone()
-            if row is None:
+            )
+            if not rows:
                 return 1, 0
-            segment, offset, frames, labels = row
+            segment, offset, frames, labels = rows[0]
             return segment, offset + sum(json.loads(frames)) * len(json.loads(labels)) * 12
 
     def change(self, add: Sequence[Entry] = (), remove: Iterable[ClipRecord] = ()) -> None:
@@ -419,25 +440,34 @@ class Catalogue:
     def replace(self, entries: Iterable[Entry]) -> None:
         """Put a new file with these entries alone in the place of this one, and go on with it.
 
-        Readers that have the old one open keep it.
+        The new file has a name of its own, and so its own journal: readers that have the old one
+        open keep it.
         """
         assert self._connection is not None and self._write
-        new = self._path.with_name(self._path.name + ".new")
-        made = Catalogue(new, self._rate, self._levels, write=True)
+        path = _successor(self._path)
+        unfinished = path.with_name(f"{path.name}.new")
+        made = Catalogue(unfinished, self._rate, self._levels, write=True)
         try:
             made._state = self._state
             made.change(add=list(entries))
         finally:
             made.close()
-        # a seal is of one file; without one the rows' own checksums are what counts
-        made._seal.break_open()
-        self._seal.break_open()
         self._connection.close()
         self._connection = None
-        new.replace(self._path)
-        sync_folder(self._path.parent)
+        unfinished.replace(path)
+        sync_folder(path.parent)
+        self._path = path
+        self._seal = Seal(path)
         self._is_version_1 = False
         self._open()
+        self.remove_others()
+
+    def remove_others(self) -> None:
+        """Remove other catalogues: former ones, and what a killed writer left of a new one."""
+        kept = {self._path.name, f"{self._path.name}-journal", self._seal.path.name}
+        for other in self._path.parent.glob(f"{_STEM}*"):
+            if other.name not in kept:
+                other.unlink(missing_ok=True)
 
     def check(self, record: ClipRecord) -> bool:
         """Return whether a record, its mask and its sketch are what was once inserted."""
@@ -534,6 +564,35 @@ class Catalogue:
             f"{self._path}: is damaged ({' '.join(reason.split())}); restore the database from a "
             "copy, or merge what is sound of it into a new one"
         )
+
+
+def find_catalogue(folder: Path) -> Path:
+    """Return the path of a database's catalogue, which need not be there yet.
+
+    Where compaction was killed, there are two: the one with the higher number counts.
+    """
+    found = [path for path in folder.glob(f"{_STEM}*{_SUFFIX}") if _number(path)]
+    return max(found, key=_number, default=folder / f"{_STEM}{_SUFFIX}")
+
+
+def _number(path: Path) -> int:
+    """Return the number of a catalogue: the first has none in its name; 0 for other files."""
+    number = path.name.removeprefix(_STEM).removesuffix(_SUFFIX)
+    if not number:
+        return 1
+    return int(number[1:]) if number[0] == "-" and number[1:].isdigit() else 0
+
+
+def _successor(path: Path) -> Path:
+    return path.with_name(f"{_STEM}-{_number(path) + 1}{_SUFFIX}")
+
+
+def _needs_rollback(error: BaseException | None) -> bool:
+    """Return whether a reader failed because a writer was killed within a commit.
+
+    It left a journal, which only a connection that may write can roll back.
+    """
+    return getattr(error, "sqlite_errorname", "").startswith("SQLITE_READONLY")
 
 
 def _insert(connection: sqlite3.Connection, entry: Entry, state: int) -> int:

@@ -32,8 +32,8 @@ class Seal:
 
     Attributes
     ----------
-    unfinished : Path
-        Where it is written before it counts.
+    path : Path
+        Where it lies.
     finding : str
         What was found wrong the last time that it was looked at; empty if nothing.
     denies : bool
@@ -41,8 +41,8 @@ class Seal:
     """
 
     def __init__(self, catalogue: Path) -> None:
-        self._path = catalogue.with_suffix(".seal")
-        self.unfinished = self._path.with_name(self._path.name + ".new")
+        # a catalogue that is being made has its seal ready
+        self.path = catalogue.with_name(catalogue.name.partition(".")[0] + ".seal")
         self.finding = ""
         self.denies = False
 
@@ -56,11 +56,11 @@ class Seal:
         """
         self.finding, self.denies = "", False
         try:
-            text = self._path.read_text(encoding="ascii")
+            text = self.path.read_text(encoding="ascii")
         except FileNotFoundError:
             return False
         except (OSError, ValueError):
-            self.finding = f"{self._path} cannot be read"
+            self.finding = f"{self.path} cannot be read"
             return False
         # read by SQLite: to open and close the file here would drop SQLite's locks on it
         data = connection.serialize()
@@ -73,7 +73,7 @@ class Seal:
             if _of(sealed["counter"], sealed["checksum"]) != text:
                 raise ValueError
         except (ValueError, KeyError, TypeError):
-            self.finding = f"{self._path} is damaged"
+            self.finding = f"{self.path} is damaged"
             return False
         if sealed["counter"] != counter:
             return False
@@ -86,19 +86,15 @@ class Seal:
         """Seal the file as it is now."""
         data = connection.serialize()
         text = _of(int.from_bytes(data[_COUNTER]), zlib.crc32(data))
-        if self._path.exists() and self._path.read_bytes() == text.encode("ascii"):
+        if self.path.exists() and self.path.read_bytes() == text.encode("ascii"):
             return
-        with self.unfinished.open("w", encoding="ascii") as file:
+        unfinished = self.path.with_name(self.path.name + ".new")
+        with unfinished.open("w", encoding="ascii") as file:
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
-        self.unfinished.replace(self._path)
-        sync_folder(self._path.parent)
-
-    def break_open(self) -> None:
-        """Remove the seal: the file will be another one."""
-        self._path.unlink(missing_ok=True)
-        sync_folder(self._path.parent)
+        unfinished.replace(self.path)
+        sync_folder(self.path.parent)
 
 
 def _of(counter: int, checksum: int) -> str:

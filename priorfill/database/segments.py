@@ -153,12 +153,14 @@ class SegmentReader:
 
     def _map(self, segment: int) -> NDArray[np.float32]:
         path = segment_path(self._folder, segment)
-        count = path.stat().st_size // DTYPE.itemsize if path.exists() else 0
-        if count == 0:
+        try:
+            count = path.stat().st_size // DTYPE.itemsize
+            # an empty file cannot be mapped
+            values = np.memmap(path, dtype=DTYPE, mode="r", shape=(count,)).view(np.ndarray)
+        except (FileNotFoundError, ValueError) as error:
             raise DatabaseCorruptError(
                 f"{path}: is not there or empty; restore the database from a copy"
-            )
-        values = np.memmap(path, dtype=DTYPE, mode="r", shape=(count,)).view(np.ndarray)
+            ) from error
         self._maps[segment] = values
         return values
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.clip import Clip
-from priorfill.database.catalogue import Catalogue, Entry
+from priorfill.database.catalogue import Catalogue, Entry, find_catalogue
 from priorfill.database.identity import (
     FORMAT_VERSION,
     IDENTITY,
@@ -64,11 +64,9 @@ DEFAULT_LEVELS = 3
 FROM_FILE = "another program"
 """By what samples were filled that a file marks as interpolated."""
 
-ATTEMPTS = 3
-"""How often a reader opens the catalogue whose segments are gone: a writer may have compacted the
-database in between, hardly twice."""
+ATTEMPTS = 5
+"""How often a reader tries to open a database that a writer compacts at the same moment."""
 
-_CATALOGUE = "catalogue.sqlite"
 _SEGMENTS = "segments"
 _LOCK = "lock"
 
@@ -99,28 +97,40 @@ class PriorDatabase:
         self._records: tuple[ClipRecord, ...] | None = None
         self._checked: set[tuple[str, int]] = set()
         self._folder = path / _SEGMENTS
-        catalogue = path / _CATALOGUE
-        if not catalogue.exists() and any(self._folder.glob("*.f32")):
-            raise DatabaseCorruptError(
-                f"{catalogue}: is gone, but there are segments; restore the database from a copy"
-            )
         if write:
             self._lock = WriterLock(path / _LOCK)
         try:
-            for _ in range(ATTEMPTS):
-                self._catalogue = Catalogue(catalogue, self.rate, self.levels, write=write)
-                self._reader = SegmentReader(self._folder)
-                if write or self._reader.hold(self._catalogue.segments()):
-                    break
-                self._catalogue.close()
-            else:  # what is gone will be missed by the clips that need it
-                self._catalogue = Catalogue(catalogue, self.rate, self.levels, write=write)
+            self._open(write)
             self._writer: SegmentWriter | None = None
             if write:
                 self._prepare_to_write(identity)
         except BaseException:
             self.close()
             raise
+
+    def _open(self, write: bool) -> None:
+        """Open the catalogue and, for a reader, hold the segments as they are now."""
+        for attempt in range(1, ATTEMPTS + 1):
+            catalogue = find_catalogue(self.path)
+            if not catalogue.exists() and any(self._folder.glob("*.f32")):
+                if attempt < ATTEMPTS:
+                    continue  # removed since it was looked for
+                raise DatabaseCorruptError(
+                    f"{catalogue}: is gone, but there are segments; "
+                    "restore the database from a copy"
+                )
+            try:
+                self._catalogue = Catalogue(catalogue, self.rate, self.levels, write=write)
+            except DatabaseError:
+                if catalogue.exists() or attempt == ATTEMPTS:
+                    raise
+                continue
+            self._reader = SegmentReader(self._folder)
+            if write or self._reader.hold(self._catalogue.segments()):
+                return
+            if catalogue.exists() or attempt == ATTEMPTS:
+                return  # the clips that need what is gone will say so
+            self._catalogue.close()
 
     def _prepare_to_write(self, identity: Identity) -> None:
         self._folder.mkdir(exist_ok=True)
@@ -134,6 +144,7 @@ class PriorDatabase:
                 )
             self._catalogue.replace([self._catalogue.entry(record) for record in records])
             self._records = None
+        self._catalogue.remove_others()
         if identity.version != FORMAT_VERSION:
             self._version = write_identity(self.path, self.rate, self.levels).version
         self._writer = SegmentWriter(
