@@ -69,19 +69,18 @@ CREATE TABLE IF NOT EXISTS clips (
     segment INTEGER NOT NULL,
     offset INTEGER NOT NULL,
     checksums TEXT NOT NULL,
-    sketch_checksum INTEGER NOT NULL,
+    sketch BLOB NOT NULL,
     added_in INTEGER NOT NULL,
     removed_in INTEGER,
     row_checksum INTEGER NOT NULL,
     UNIQUE (segment, offset)
 );
 CREATE UNIQUE INDEX IF NOT EXISTS content_of_clips ON clips (content) WHERE removed_in IS NULL;
-CREATE TABLE IF NOT EXISTS sketches (
-    clip INTEGER NOT NULL REFERENCES clips (id),
+CREATE TABLE IF NOT EXISTS clips_of_hash (
     hash INTEGER NOT NULL,
-    PRIMARY KEY (clip, hash)
+    clip INTEGER NOT NULL REFERENCES clips (id),
+    PRIMARY KEY (hash, clip)
 ) WITHOUT ROWID;
-CREATE INDEX IF NOT EXISTS clips_of_hash ON sketches (hash);
 PRAGMA user_version = {_USER_VERSION};
 """
 
@@ -111,7 +110,7 @@ _FIELDS = (
 _LISTS = frozenset({"frames", "present", "measured", "checksums"})
 
 _ROWS = (
-    "SELECT clips.id, added_in, removed_in, sketch_checksum, row_checksum, labels, filled, "
+    "SELECT clips.id, added_in, removed_in, sketch, row_checksum, labels, filled, "
     f"{', '.join(_FIELDS)} FROM clips LEFT JOIN label_sets ON label_sets.id = label_set"
 )
 _BEFORE_FIELDS = 7
@@ -133,13 +132,13 @@ class Entry:
         What users see.
     filled : bytes or None
         The packed mask of synthesised samples, if there are some.
-    sketch : ndarray of int
+    sketch : ndarray of uint32
         See `priorfill.database.sketch`; empty where format version 1 did not keep it.
     """
 
     record: ClipRecord
     filled: bytes | None = None
-    sketch: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    sketch: NDArray[np.uint32] = field(default_factory=lambda: np.empty(0, np.uint32))
 
 
 class Catalogue:
@@ -312,20 +311,15 @@ class Catalogue:
         """Return all that is kept of a clip."""
         return Entry(record, self.filled(record.content), self.sketch(record.content))
 
-    def sketch(self, content: str) -> NDArray[np.int64]:
+    def sketch(self, content: str) -> NDArray[np.uint32]:
         """Return the sketch of a clip, ascending."""
-        if self._connection is None or self._is_version_1:
-            return np.empty(0, np.int64)
-        with self._damage():
-            row = self._row(content)
-            if row is None:
-                return np.empty(0, np.int64)
-            hashes = self._query(
-                "SELECT hash FROM sketches WHERE clip = ? ORDER BY hash", (row[0],)
-            )
-        return np.array([row[0] for row in hashes], dtype=np.int64)
+        row = None
+        if self._connection is not None and not self._is_version_1:
+            with self._damage():
+                row = self._row(content)
+        return np.frombuffer(b"" if row is None else row[3], dtype="<u4")
 
-    def sharing(self, sketch: NDArray[np.int64]) -> dict[str, tuple[int, int]]:
+    def sharing(self, sketch: NDArray[np.uint32]) -> dict[str, tuple[int, int]]:
         """Return which clips share hashes with a sketch.
 
         Returns
@@ -335,26 +329,25 @@ class Catalogue:
         """
         if self._connection is None or self._is_version_1:
             return {}
-        shared: Counter[int] = Counter()
+        found = {}
         with self._damage():
-            for start in range(0, len(sketch), _VARIABLES):
-                some = sketch[start : start + _VARIABLES].tolist()
-                marks = ",".join("?" * len(some))
-                shared.update(
-                    row[0]
-                    for row in self._query(
-                        f"SELECT clip FROM sketches WHERE hash IN ({marks})", some
-                    )
-                )
-            found = {}
-            for clip, count in shared.items():
+            for clip, count in self._clips_of(sketch).items():
                 for content, size in self._query(
-                    "SELECT content, (SELECT COUNT(*) FROM sketches WHERE clip = id) FROM clips "
-                    f"WHERE id = :id AND {_LIVE}",
+                    f"SELECT content, length(sketch) / 4 FROM clips WHERE id = :id AND {_LIVE}",
                     {"id": clip, "state": self._state},
                 ):
                     found[str(content)] = (count, int(size))
         return found
+
+    def _clips_of(self, sketch: NDArray[np.uint32]) -> Counter[int]:
+        """Return how many hashes of a sketch each clip has, by its row's number."""
+        shared: Counter[int] = Counter()
+        for start in range(0, len(sketch), _VARIABLES):
+            some = sketch[start : start + _VARIABLES].tolist()
+            marks = ",".join("?" * len(some))
+            rows = self._query(f"SELECT clip FROM clips_of_hash WHERE hash IN ({marks})", some)
+            shared.update(row[0] for row in rows)
+        return shared
 
     def find(self, content: str) -> ClipRecord | None:
         """Return the clip with this content, if it is there and its row is sound."""
@@ -477,9 +470,10 @@ class Catalogue:
             if self._is_version_1:
                 return version1.check(self._connection, record)
             row = self._row(record.content)
-        if row is None or _parsed(row, {}, self._rate, checked=True) != record:
-            return False
-        return bool(_checksum_of(self.sketch(record.content)) == row[3])
+            if row is None or _parsed(row, {}, self._rate, checked=True) != record:
+                return False
+            sketch = np.frombuffer(row[3], dtype="<u4")
+            return self._clips_of(sketch)[row[0]] == len(sketch)
 
     def check_file(self) -> None:
         """Check the file as a whole: SQLite's structure, the seal, and that no row is lost.
@@ -601,16 +595,16 @@ def _insert(connection: sqlite3.Connection, entry: Entry, state: int) -> int:
     labels = json.dumps(record.labels)
     connection.execute("INSERT OR IGNORE INTO label_sets (labels) VALUES (?)", (labels,))
     values = [_stored(record, name) for name in _FIELDS]
-    sketch_checksum = _checksum_of(entry.sketch)
-    checksum = _row_checksum([entry.filled, *values], labels, sketch_checksum, state, None)
+    sketch = np.ascontiguousarray(entry.sketch, dtype="<u4").tobytes()
+    checksum = _row_checksum([entry.filled, *values], labels, sketch, state, None)
     cursor = connection.execute(
-        "INSERT INTO clips (label_set, filled, sketch_checksum, added_in, row_checksum, "
+        "INSERT INTO clips (label_set, filled, sketch, added_in, row_checksum, "
         f"{', '.join(_FIELDS)}) VALUES ((SELECT id FROM label_sets WHERE labels = ?), "
         f"?, ?, ?, ?{', ?' * len(_FIELDS)})",
-        (labels, entry.filled, sketch_checksum, state, checksum, *values),
+        (labels, entry.filled, sketch, state, checksum, *values),
     )
     connection.executemany(
-        "INSERT INTO sketches (hash, clip) VALUES (?, ?)",
+        "INSERT INTO clips_of_hash (hash, clip) VALUES (?, ?)",
         ((value, cursor.lastrowid) for value in entry.sketch.tolist()),
     )
     return checksum
@@ -640,10 +634,10 @@ def _parsed(
     checked : bool
         Whether to compare the row with its checksum.
     """
-    _, added_in, removed_in, sketch_checksum, row_checksum, text, *rest = row
+    _, added_in, removed_in, sketch, row_checksum, text, *rest = row
     values = dict(zip(_FIELDS, rest[1:], strict=True))
     name = str(values["name"])
-    if checked and row_checksum != _row_checksum(rest, text, sketch_checksum, added_in, removed_in):
+    if checked and row_checksum != _row_checksum(rest, text, sketch, added_in, removed_in):
         return name
     try:
         if text not in labels:
@@ -656,14 +650,10 @@ def _parsed(
         return name
 
 
-def _checksum_of(sketch: NDArray[np.int64]) -> int:
-    return zlib.crc32(np.ascontiguousarray(sketch, dtype="<i8").tobytes())
-
-
 def _row_checksum(
     values: Sequence[Any],
     labels: str,
-    sketch_checksum: int,
+    sketch: bytes,
     added_in: int,
     removed_in: int | None,
 ) -> int:
@@ -673,7 +663,7 @@ def _row_checksum(
         labels,
         *fields,
         None if filled is None else zlib.crc32(filled),
-        sketch_checksum,
+        zlib.crc32(sketch),
         added_in,
         removed_in,
     ]

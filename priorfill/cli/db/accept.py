@@ -114,7 +114,7 @@ def _original_of(path: Path, original: Path | None) -> Path | None:
 
 def _filled_samples(clip: Clip, gappy: Clip | None, target: Target) -> NDArray[np.bool_]:
     """Return which samples of a filled clip are not measured, by the best witness there is."""
-    from priorfill.cli.db.masks import mask_by_database, mask_by_original
+    from priorfill.database.masks import mask_by_database, mask_by_original
 
     says = clip.source.interpolated if clip.source is not None else None
     if gappy is not None:
