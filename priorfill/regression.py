@@ -25,6 +25,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf, dpotri
 
 from priorfill.normalise import RootFrames, heading_frames, rigid_frames
 
@@ -37,6 +38,10 @@ best alone (infinite), both of which fill worse."""
 ALIGNMENT_FLOOR = 1e-3
 """Least weight of a visible marker in the alignment, so that few near ones cannot leave it
 undetermined."""
+
+BODY_OFFSET = 10.0
+"""Variance, in units of the kernel's constant, of what all poses of one body are off by: other
+people's limbs are longer or shorter, and their markers sit elsewhere. Free, in effect."""
 
 
 @dataclass(frozen=True)
@@ -151,6 +156,9 @@ class Rows:
     kinship : ndarray [shape=(poses,)], optional
         Correlation of what the recording says with the truth of the queries: 1 for the same
         body, the default; less for others.
+    body : ndarray of int [shape=(poses,)], optional
+        Whose the poses are. If given, each body has an offset of its own; by default a body is
+        what one recording shows, without an offset.
     """
 
     visible: NDArray[np.float64]
@@ -158,19 +166,31 @@ class Rows:
     time: NDArray[np.float64]
     take: NDArray[np.intp]
     kinship: NDArray[np.float64] | None = None
+    body: NDArray[np.intp] | None = None
+
+    def _same_body(self, other: Rows) -> NDArray[np.bool_]:
+        mine = self.take if self.body is None else self.body
+        theirs = other.take if other.body is None else other.body
+        same: NDArray[np.bool_] = mine[:, None] == theirs
+        return same
+
+    def offset(self, other: Rows) -> NDArray[np.float64] | float:
+        """Covariance of the offsets of these poses' bodies and others' [shape=(poses, others)]."""
+        if self.body is None and other.body is None:
+            return 0.0
+        return np.where(self._same_body(other), BODY_OFFSET, 0.0)
 
     def correlation(self, other: Rows) -> NDArray[np.float64] | float:
         """Correlation of these poses' recordings with others' [shape=(poses, others)].
 
-        A recording agrees with itself; what two of them have in common is what either has
-        with the queries.
+        A body agrees with itself; what two of them have in common is what either has with the
+        queries.
         """
         if self.kinship is None and other.kinship is None:
             return 1.0
         mine = np.ones(len(self.take)) if self.kinship is None else self.kinship
         theirs = np.ones(len(other.take)) if other.kinship is None else other.kinship
-        same = self.take[:, None] == other.take
-        return np.where(same, 1.0, mine[:, None] * theirs)
+        return np.where(self._same_body(other), 1.0, mine[:, None] * theirs)
 
     def lag(self, other: Rows) -> NDArray[np.float64]:
         """Time between these poses and others [shape=(poses, others), s]."""
@@ -201,12 +221,15 @@ class Lesson:
         The poses to predict.
     distance, spread : ndarray [shape=(visible markers,), mm]
         Rms distance of each visible marker to the nearest missing one, and how much that varies.
+    handicap : float
+        How many times better than others its members must do with blocks left out to count as much.
     """
 
     rows: Rows
     query: Rows
     distance: NDArray[np.float64]
     spread: NDArray[np.float64]
+    handicap: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,6 +284,16 @@ def block_residuals(
     return residuals, variance
 
 
+def _inverse(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Invert a covariance matrix in half the time that it takes for any matrix."""
+    factor, failed = dpotrf(covariance, lower=True, clean=False)
+    if failed:  # not positive definite to the last bit
+        return np.linalg.inv(covariance).astype(np.float64, copy=False)
+    half, _ = dpotri(factor, lower=True, overwrite_c=True)
+    inverse: NDArray[np.float64] = np.tril(half) + np.tril(half, -1).T
+    return inverse
+
+
 @dataclass(frozen=True, eq=False)
 class _Aligned:
     """Features and targets of one view."""
@@ -305,16 +338,22 @@ class _Shared:
 
     blocks: list[NDArray[np.intp]]
     correlations: tuple[NDArray[np.float64] | float, NDArray[np.float64] | float]
-    decays: list[tuple[NDArray[np.float64], NDArray[np.float64]]]  # one for each kernel
+    decays: list[tuple[NDArray[np.float64], NDArray[np.float64]]]  # and offsets; by kernel
+    offset: float  # variance of a query's own
 
 
 def _share(lesson: Lesson, kernels: Sequence[Kernel], block_seconds: float) -> _Shared:
     rows, query = lesson.rows, lesson.query
     lag, asked_lag = rows.lag(rows), query.lag(rows)
+    offset, asked_offset = rows.offset(rows), query.offset(rows)
     return _Shared(
         rows.blocks(block_seconds),
         (rows.correlation(rows), query.correlation(rows)),
-        [(kernel.decay(lag), kernel.decay(asked_lag)) for kernel in kernels],
+        [
+            (kernel.decay(lag) + offset, kernel.decay(asked_lag) + asked_offset)
+            for kernel in kernels
+        ],
+        BODY_OFFSET if rows.body is not None else 0.0,
     )
 
 
@@ -341,7 +380,7 @@ def _predict(
     for kernel, (decay, asked_decay) in zip(kernels, shared.decays, strict=True):
         covariance = kernel.covariance(product, square, decay, correlations[0])
         covariance[np.diag_indices_from(covariance)] += kernel.noise
-        inverse: NDArray[np.float64] = np.linalg.inv(covariance).astype(np.float64, copy=False)
+        inverse = _inverse(covariance)
         residuals, variance = block_residuals(inverse, aligned.targets, blocks)
         residuals, variance = residuals[judged], variance[judged]
         # what one unit of the kernel's variance is in mm², marker by marker
@@ -350,7 +389,7 @@ def _predict(
 
         cross = kernel.covariance(asked_product, asked_square, asked_decay, correlations[1])
         local = (cross @ (inverse @ aligned.targets) + aligned.centre).reshape(-1, markers, 3)
-        own = 1.0 + kernel.linear * asked_norm + kernel.radial + kernel.temporal
+        own = 1.0 + shared.offset + kernel.linear * asked_norm + kernel.radial + kernel.temporal
         left = own - np.einsum("qr,qr->q", cross @ inverse, cross) + kernel.noise
         predicted = np.maximum(left, kernel.noise)[:, None] * unit
         members.append((aligned.frames.to_world(local), predicted, float(np.sqrt(error.mean()))))
@@ -389,7 +428,8 @@ def regress(
     members = [member for some in each(_predict, *zip(*tasks, strict=True)) for member in some]
     positions, variances, errors = zip(*members, strict=True)
     error_of = np.maximum(np.array(errors), 1e-6)  # mm; a clip that stands still has none
-    share = (error_of.min() / error_of) ** SELECTION_POWER
+    judged = error_of * np.repeat([x.handicap for x in lessons], len(views) * len(kernels))
+    share = (judged.min() / judged) ** SELECTION_POWER
     share /= share.sum()
     mean = np.einsum("k,kqmi->qmi", share, np.stack(positions))
     disagreement = ((np.stack(positions) - mean) ** 2).sum(axis=3)

@@ -71,6 +71,9 @@ def test_fields_of_the_result(folder):
         if gap.label == "C7":
             assert gap.how == ("the database's nearest poses",)
             assert gap.takes == ("synthetic_walking_011",)
+        elif gap.label in (*ARM, *FOOT):
+            assert gap.how == ("the clip's own frames and the database's",)
+            assert gap.takes == (clip.name, "synthetic_walking_011")
         else:
             assert gap.how == ("the clip's own frames",)
             assert gap.takes == (clip.name,)

@@ -333,6 +333,50 @@ def test_a_database_with_some_of_the_markers_helps_with_those(tmp_path):
     assert error(result.clip.positions, person().positions, result.filled) < 60
 
 
+def test_other_walkers_help_a_short_clip(tmp_path):
+    """Two seconds of walking, a leg gone for half of it; four others walk."""
+    leg = ("LTHI", "LKNE", "LSHN", "LANK", "LHEE", "LTOE", "LMT5")
+    whole = person(seconds=2.0)
+    clip = with_gaps(whole, (40, 95, leg))
+    with PriorDatabase.create(tmp_path / "db") as made:
+        for body in (11, 12, 13, 14):
+            made.add(person(seconds=4.0, seed=body, body=body))
+    alone, helped = fill(clip), fill(clip, database=tmp_path / "db")
+    check(clip, helped)
+    off = [error(r.clip.positions, whole.positions, clip.missing) for r in (alone, helped)]
+    assert off[1] < off[0]
+    assert any("database" in how for gap in helped.gaps for how in gap.how)
+    assert all(len(gap.takes) > 1 for gap in helped.gaps)
+
+
+def test_other_movements_do_no_harm(tmp_path):
+    """People who squat say nothing of an arm in walking."""
+    clip = with_gaps(person(seconds=6.0), (100, 190, ARM))
+    with PriorDatabase.create(tmp_path / "db") as made:
+        for body in (11, 12):
+            made.add(person("squatting", seconds=6.0, seed=body, body=body))
+    alone, misled = fill(clip), fill(clip, database=tmp_path / "db")
+    truth = person(seconds=6.0).positions
+    off = [error(r.clip.positions, truth, clip.missing) for r in (alone, misled)]
+    assert off[1] < 1.05 * off[0]
+
+
+def test_a_database_without_the_missing_limb_changes_nothing(tmp_path):
+    other = person(seconds=6.0, seed=11, body=11)
+    kept = [i for i, label in enumerate(other.labels) if label not in ARM]
+    with PriorDatabase.create(tmp_path / "db") as made:
+        made.add(
+            replace(
+                other,
+                positions=other.positions[:, kept],
+                labels=tuple(other.labels[i] for i in kept),
+            )
+        )
+    clip = with_gaps(person(), (80, 170, ARM))
+    alone, same = fill(clip), fill(clip, database=tmp_path / "db")
+    np.testing.assert_array_equal(alone.clip.positions, same.clip.positions)
+
+
 def test_markers_that_coincide_with_visible_ones():
     positions = np.repeat(person().positions[:, :1], 5, axis=1)
     clip = with_gaps(

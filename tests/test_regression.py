@@ -1,10 +1,12 @@
+from dataclasses import replace
+
 import naive
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from priorfill.regression import Kernel, Lesson, Rows, View, block_residuals, regress
+from priorfill.regression import BODY_OFFSET, Kernel, Lesson, Rows, View, block_residuals, regress
 
 KERNEL = Kernel(1.0, 0.1, 1.0, 0.001, 0.1, smooth=False, noise=1e-4)
 VIEW = View("rigid", 220.0, 0.005, 10.0)
@@ -97,6 +99,66 @@ def test_rows_of_other_takes_are_no_neighbours_in_time():
     )
     np.testing.assert_array_equal(rows.lag(rows)[0], [0, 1, np.inf])
     assert [list(b) for b in rows.blocks(0.5)] == [[0], [1], [2]]
+
+
+def test_bodies_have_offsets_and_agree_by_kinship():
+    rows = Rows(
+        np.zeros((4, 1, 3)),
+        np.zeros((4, 1, 3)),
+        np.zeros(4),
+        np.array([0, 1, 2, 3]),
+        np.array([1.0, 0.9, 0.9, 0.5]),
+        np.array([0, 7, 7, 8]),
+    )
+    query = Rows(np.zeros((1, 1, 3)), np.empty((1, 0, 3)), np.zeros(1), np.array([0]))
+    np.testing.assert_allclose(query.correlation(rows), [[1.0, 0.9, 0.9, 0.5]])
+    np.testing.assert_allclose(rows.correlation(rows)[1], [0.9, 1.0, 1.0, 0.45])
+    np.testing.assert_array_equal(query.offset(rows), [[BODY_OFFSET, 0, 0, 0]])
+    np.testing.assert_array_equal(rows.offset(rows)[1], [0, BODY_OFFSET, BODY_OFFSET, 0])
+    assert query.offset(query) == 0.0  # nobody else is there
+    assert [list(b) for b in rows.blocks(1.0)] == [[0]]
+
+
+def test_what_another_body_is_off_by_does_not_matter():
+    """A body with longer limbs shows a movement that the clip does not."""
+    poses, time = rigid_clip(0, frames=200)
+    gap = np.arange(100, 200)
+    rows, query = split(poses, time, gap)
+    elsewhere = poses[gap][:, :1] + 0.0
+    distance = np.linalg.norm(poses[0, 1:] - poses[0, :1], axis=1)
+
+    def off(offset):
+        # in its own frame, which the visible markers give
+        other = poses[gap].copy()
+        ahead = other[:, 2] - other[:, 1]
+        other[:, 0] += offset * ahead / np.linalg.norm(ahead, axis=1)[:, None]
+        both = Rows(
+            np.concatenate([rows.visible, other[:, 1:]]),
+            np.concatenate([rows.missing, other[:, :1]]),
+            np.concatenate([rows.time, time[gap]]),
+            np.repeat([0, 1], [len(rows.time), len(gap)]),
+            np.repeat([1.0, 0.95], [len(rows.time), len(gap)]),
+            np.repeat([0, 1], [len(rows.time), len(gap)]),
+        )
+        lesson = Lesson(both, query, distance, np.zeros(4))
+        return regress([lesson], [VIEW], [KERNEL], 0.4).positions
+
+    np.testing.assert_allclose(off(60.0), elsewhere, atol=1.0)
+    np.testing.assert_allclose(off(60.0), off(0.0), atol=1.0)
+
+
+def test_a_handicap_takes_a_lesson_out():
+    poses, time = rigid_clip(1, noise=2.0)
+    rows, query = split(poses, time, np.arange(40, 80))
+    distance = np.linalg.norm(poses[0, 1:] - poses[0, :1], axis=1)
+    lesson = Lesson(rows, query, distance, np.full(4, 2.0))
+    wrong = Lesson(
+        replace(rows, missing=rows.missing + 500.0 * time[10]), query, distance, lesson.spread
+    )
+    alone = regress([lesson], [VIEW], [KERNEL], 0.4)
+    out = regress([lesson, replace(wrong, handicap=100.0)], [VIEW], [KERNEL], 0.4)
+    np.testing.assert_allclose(out.positions, alone.positions, atol=1e-9)
+    assert out.error == pytest.approx(alone.error)
 
 
 def test_blocks_are_as_long_as_asked():

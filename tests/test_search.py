@@ -115,3 +115,21 @@ def test_banks_are_kept_while_there_is_room():
     small = Banks(priors, room=1)
     last = small.get(root, viable, np.array([4]), 30.0)
     assert small.get(root, viable, np.array([4]), 30.0) is last
+
+
+def test_a_large_bank_is_searched_in_part():
+    rng = np.random.default_rng(6)
+    recordings = make_recordings(rng)
+    recordings[0][12, 1] = np.nan
+    root = root_group(recordings[1], (0, 1, 2))
+    viable = np.array([0, 1, 2, 3])
+    whole = PoseBank(as_takes(recordings), root, viable, np.array([4]), 30.0)
+    part = PoseBank(as_takes(recordings), root, viable, np.array([4]), 30.0, most=20)
+    assert len(part) == 20 < len(whole)
+    assert set(part.rows) < set(whole.rows)
+    assert part.nearest(recordings[0][:3], root.frames(recordings[0][:3]), 50).row.shape == (3, 20)
+    # what lies before and after is read all the same, within the take and where it is whole
+    for bank in (whole, part):
+        rows = np.array([5, 20, 9, 38, 42])
+        assert bank.moved(rows, 2).tolist() == [7, 22, 9, 38, 44]
+        assert bank.moved(rows, -2).tolist() == [3, 18, 7, 36, 42]

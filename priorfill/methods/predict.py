@@ -23,9 +23,9 @@ from priorfill.methods.members import (
 )
 from priorfill.methods.pieces import FEWEST_VISIBLE, Piece
 from priorfill.methods.task import Note, Task, take_names
-from priorfill.normalise import choose_root
+from priorfill.normalise import RootGroup, choose_root
 from priorfill.regression import Kernel, Lesson, Rows, View, regress
-from priorfill.search.bank import Banks
+from priorfill.search.bank import Banks, PoseBank
 
 __all__ = ["Options", "Prediction", "Predictor", "unfilled"]
 
@@ -34,17 +34,36 @@ DATABASE_RATE = 30.0
 detail in time."""
 
 MOST_POSES = 1_000_000
-"""Poses that are searched at most: a larger database is searched at a coarser level. Poses follow
-each other so closely that a quarter of them say as much."""
+"""Poses that are searched at most: of a larger database a coarser level, and of that every other
+pose, say. Poses follow each other so closely that a part of them says as much."""
 
 EXAMPLES = 400
 """Takes by which distances of markers are judged."""
+
+MOVEMENT_RATE = 15.0
+"""Hz. Resolution of the database's poses that stand beside the clip's own: of as many rows, more
+different ones."""
+
+CONTEXT = 2.0 / MOVEMENT_RATE
+"""s. A movement is a pose with the visible markers this long before and after."""
+
+CONTEXT_DISTANCE = 200.0
+"""mm. How much farther off, at a right angle, the markers before and after count as."""
 
 BRIEF = 0.1
 """s. Over no longer than this a marker's own movement is a better guess than any other body."""
 
 MIRROR_KINSHIP = 0.95
 """How far a body agrees with its mirror image; 0.7 to 0.95 fill about as well."""
+
+STRANGER_KINSHIP = 0.9
+"""How far a body agrees with others, offsets apart; 0.8 to 0.95 fill about as well."""
+
+SELF_SUFFICIENT = 4.0
+"""s. A clip that shows the missing markers for longer is less in need of other bodies."""
+
+HANDICAP = 0.1
+"""By how much better other bodies must do for each doubling of that."""
 
 
 @dataclass(frozen=True)
@@ -59,10 +78,15 @@ class Options:
         s; what "right beside the gap" is.
     mirrored_rows : int
         As many of these come from the clip's mirror image in the lessons that it is part of.
+    shared_rows : tuple of int
+        In the lessons that the database adds to: rows of the clip, of its mirror image, of the
+        database near the gap, of the database near the clip's rows. As many as in a lesson
+        without the database, so that its lessons take no longer.
     database_rows : int
-        Poses of the database learnt from. Bodies differ: it takes more of them than of its own.
+        Poses of the database learnt from where the clip has too few. Bodies differ: it takes
+        more of them than of its own.
     fewest_rows : int
-        With fewer poses of its own, a clip asks the database.
+        With fewer poses of its own, a clip learns from the database alone.
     wished_rows : int
         Far visible markers are given up until this many frames, or half of those that show
         the missing markers, show the visible ones too.
@@ -76,6 +100,7 @@ class Options:
 
     rows: int = 250
     mirrored_rows: int = 90
+    shared_rows: tuple[int, int, int, int] = (100, 50, 70, 50)
     beside: float = 0.03
     database_rows: int = 350
     fewest_rows: int = 12
@@ -151,6 +176,27 @@ def _mirrored(task: Task) -> NDArray[np.float64]:
     mirrored = task.positions[:, partner] * [-1.0, 1.0, 1.0]
     mirrored[:, partner < 0] = np.nan
     return mirrored
+
+
+def _in_turn(ranked: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return neighbours [shape=(frames, k)] in the order of their worth, each once.
+
+    Every frame's nearest come first, then every frame's second nearest, and so on.
+    """
+    rows = ranked.T.ravel()
+    _, once = np.unique(rows, return_index=True)
+    return rows[np.sort(once)]
+
+
+def _moving(now: NDArray[np.float64], *others: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return poses [shape=(poses, markers, 3)] with the markers of others appended.
+
+    Where another pose is not whole, it is taken to be the same.
+    """
+    known = [~np.isnan(other).any(axis=(1, 2), keepdims=True) for other in others]
+    return np.concatenate(
+        [now, *(np.where(k, other, now) for k, other in zip(known, others, strict=True))], axis=1
+    )
 
 
 def _evenly(values: NDArray[np.intp], most: int) -> NDArray[np.intp]:
@@ -293,8 +339,12 @@ class Predictor:
         spread = self.spread[np.ix_(piece.markers, visible)].min(axis=0)
         lessons = [Lesson(rows, query, nearest[visible], spread)]
         few = len(piece.markers) <= FEW
+        takes: tuple[str, ...] = ()
         if not few:
             lessons += self._mirror_lesson(lessons[0], piece, visible, near)
+            among = visible if len(lessons) == 1 else visible[self._paired(visible)]
+            more, takes = self._database_lessons(lessons[-1], piece, among, near)
+            lessons += more
         return self._learn(
             piece,
             int(asked[0]),
@@ -302,8 +352,8 @@ class Predictor:
             FEW_VIEWS if few else LIMB_VIEWS,
             FEW_KERNELS if few else LIMB_KERNELS,
             complete=kept == len(piece.visible) and len(usable) >= options.rereading * shown.sum(),
-            how="the clip's own frames",
-            takes=(self.task.name,),
+            how="the clip's own frames" + (" and the database's" if takes else ""),
+            takes=(self.task.name, *takes),
             own=True,
         )
 
@@ -343,12 +393,9 @@ class Predictor:
         """
         options, rate = self._options, self.task.rate
         mirrored = self._mirrored
-        shown = ~np.isnan(mirrored[:, visible, 0])
-        kept = np.flatnonzero(shown.any(axis=0))  # the others have no partner
-        targets = ~np.isnan(mirrored[:, piece.markers, 0])
-        usable = np.flatnonzero(
-            np.logical_and.reduce(shown[:, kept], axis=1) & np.logical_and.reduce(targets, axis=1)
-        )
+        kept = self._paired(visible)
+        needed = np.concatenate([visible[kept], piece.markers])
+        usable = np.flatnonzero(~np.isnan(mirrored[:, needed, 0]).any(axis=1))
         if len(kept) < FEWEST_VISIBLE or len(usable) < options.fewest_rows:
             return []
         frames = _evenly(usable, options.mirrored_rows)
@@ -368,17 +415,142 @@ class Predictor:
         query = replace(lesson.query, visible=lesson.query.visible[:, kept])
         return [Lesson(rows, query, lesson.distance[kept], lesson.spread[kept])]
 
+    def _paired(self, visible: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return indices of the visible markers with a partner, which the mirror image shows."""
+        return np.flatnonzero(~np.isnan(self._mirrored[:, visible, 0]).all(axis=0))
+
+    def _database_lessons(
+        self,
+        lesson: Lesson,
+        piece: Piece,
+        visible: NDArray[np.intp],
+        near: NDArray[np.intp],
+    ) -> tuple[list[Lesson], tuple[str, ...]]:
+        """Return lessons that the database adds to; none where it shows too little.
+
+        Parameters
+        ----------
+        lesson : Lesson
+            By the clip's own frames, and its mirror image where there is one.
+        piece : Piece
+            What to predict.
+        visible : ndarray of int
+            The visible markers of the lesson, in its order.
+        near : ndarray of int
+            Frames right beside the piece, of which none is given up.
+
+        Returns
+        -------
+        lessons : list of Lesson
+            By poses and by movements, or empty.
+        takes : tuple of str
+            Recordings of the database in them.
+        """
+        options, rate = self._options, self.task.rate
+        if not self.task.takes:
+            return [], ()
+        kept = np.flatnonzero(self._shown_with(piece.markers)[visible])
+        markers = visible[kept]
+        root = self._root(markers)
+        if len(kept) < FEWEST_VISIBLE or root is None:
+            return [], ()
+        needed = np.concatenate([piece.markers, markers])
+        bank = self._bank(root, markers[: options.visible], needed, MOVEMENT_RATE)
+        if len(bank) < options.fewest_rows:
+            return [], ()
+
+        own_rows, image_rows, gap_rows, other_rows = options.shared_rows
+        own, image = np.flatnonzero(lesson.rows.take == 0), np.flatnonzero(lesson.rows.take == 1)
+        frames = np.round(lesson.rows.time * rate).astype(np.intp)
+        beside = own[np.isin(frames[own], near)]
+        own, image = np.union1d(beside, _evenly(own, own_rows)), _evenly(image, image_rows)
+        here, asked = lesson.rows.visible[:, kept], lesson.query.visible[:, kept]
+        chosen = self._nearest(bank, root, markers, asked)[:gap_rows]
+        more = self._nearest(bank, root, markers, here[own])
+        chosen = np.concatenate([chosen, more[~np.isin(more, chosen)][:other_rows]])
+        there = bank.positions(chosen, markers)
+
+        some = np.concatenate([own, image])
+        sizes = [len(own), len(image), len(chosen)]
+        # takes 0 and 1, and bodies 0 and 1, are the clip and its mirror image
+        take = lesson.rows.take[some]
+        rows = Rows(
+            np.concatenate([here[some], there]),
+            np.concatenate([lesson.rows.missing[some], bank.positions(chosen, piece.markers)]),
+            np.concatenate([lesson.rows.time[some], chosen / bank.rate]),
+            np.concatenate([take, 2 + bank.take(chosen)]),
+            np.repeat([1.0, MIRROR_KINSHIP, STRANGER_KINSHIP], sizes),
+            np.concatenate([take, 2 + self._bodies[bank.take(chosen)]]),
+        )
+        query = replace(lesson.query, visible=asked)
+        distance, spread = lesson.distance[kept], lesson.spread[kept]
+
+        step = round(CONTEXT * bank.rate)
+        before_and_after = [bank.moved(chosen, s) for s in (-step, step)]
+        moving = [
+            _moving(here[own], *self._context(self.task.positions, frames[own], markers)),
+            _moving(here[image], *self._context(self._mirrored, frames[image], markers)),
+            _moving(there, *(bank.positions(r, markers) for r in before_and_after)),
+        ]
+        asked_frames = np.round(query.time * rate).astype(np.intp)
+        asked = _moving(asked, *self._context(self.task.positions, asked_frames, markers))
+        away = np.hypot(distance, CONTEXT_DISTANCE)
+        shown = np.logical_and.reduce(self.valid[:, piece.markers], axis=1).sum() / rate
+        handicap = 1.0 + HANDICAP * max(0.0, float(np.log2(shown / SELF_SUFFICIENT)))
+        movements = Lesson(
+            replace(rows, visible=np.concatenate(moving)),
+            replace(query, visible=asked),
+            np.concatenate([distance, away, away]),
+            np.tile(spread, 3),
+            handicap,
+        )
+        names = take_names(self.task.takes, bank.take(chosen))
+        return [Lesson(rows, query, distance, spread, handicap), movements], names
+
+    def _context(
+        self, clip: NDArray[np.float64], frames: NDArray[np.intp], markers: NDArray[np.intp]
+    ) -> list[NDArray[np.float64]]:
+        """Read some markers before and after frames of the clip, or of its mirror image."""
+        step = round(CONTEXT * self.task.rate)
+        at = [np.clip(frames + s, 0, len(clip) - 1) for s in (-step, step)]
+        return [clip[np.ix_(a, markers)] for a in at]
+
+    def _root(self, visible: NDArray[np.intp]) -> RootGroup | None:
+        """Choose a root group among visible markers."""
+        among = np.zeros(len(self.task.labels), dtype=bool)
+        among[visible] = True
+        return choose_root(self.task.marker_set, self.task.labels, self.task.positions, among)
+
+    def _nearest(
+        self,
+        bank: PoseBank,
+        root: RootGroup,
+        markers: NDArray[np.intp],
+        poses: NDArray[np.float64],
+    ) -> NDArray[np.intp]:
+        """Return the rows of a bank nearest to poses of some markers, the nearest first."""
+        some = poses[_evenly(np.arange(len(poses)), self._options.queries)]
+        whole = np.full((len(some), len(self.task.labels), 3), np.nan)
+        whole[:, markers] = some
+        return _in_turn(bank.nearest(whole, root.frames(whole), self._options.neighbours).row)
+
     @cached_property
-    def _database_rate(self) -> float:
-        """The rate at which the database's poses are searched (Hz)."""
+    def _bodies(self) -> NDArray[np.intp]:
+        """Number of each take's subject; one whose subject is unknown has it to itself."""
+        subjects = [take.subject or f"\0{i}" for i, take in enumerate(self.task.takes)]
+        return np.unique(subjects, return_inverse=True)[1].astype(np.intp)
+
+    def _bank(
+        self, root: RootGroup, viable: NDArray[np.intp], wanted: NDArray[np.intp], rate: float
+    ) -> PoseBank:
+        """Return a bank of the database at a rate (Hz), or at a lower one if it is large."""
         takes = self.task.takes
-        rate = DATABASE_RATE
         while (
             rate > min(take.rates[-1] for take in takes)
             and sum(take.lengths[take.nearest_level(rate)] for take in takes) > MOST_POSES
         ):
             rate /= 2.0
-        return rate
+        return self._banks.get(root, viable, wanted, rate, MOST_POSES)
 
     @cached_property
     def _database_distance(self) -> NDArray[np.float64]:
@@ -412,22 +584,16 @@ class Predictor:
             nearest = np.where(unknown, self._database_distance[piece.markers].min(axis=0), nearest)
         near = piece.visible[np.argsort(nearest[piece.visible], kind="stable")]
         near = near[np.isfinite(nearest[near]) & shown[near]][: options.visible]
-        among = np.zeros(len(task.labels), dtype=bool)
-        among[near] = True
-        root = choose_root(task.marker_set, task.labels, task.positions, among)
+        root = self._root(near)
         if root is None:
             return None
-        bank = self._banks.get(root, near, piece.markers, self._database_rate)
+        bank = self._bank(root, near, piece.markers, DATABASE_RATE)
         if len(bank) < options.fewest_rows:
             return None
 
         asked = self._around(piece, near)
-        some = task.positions[_evenly(asked, options.queries)]
-        found = bank.nearest(some, root.frames(some), options.neighbours)
-        # every frame's nearest pose, then every frame's second nearest, ..., each pose once
-        ranked = found.row.T.ravel()
-        _, once = np.unique(ranked, return_index=True)
-        chosen = ranked[np.sort(once)][: options.database_rows]
+        poses = task.positions[np.ix_(asked, near)]
+        chosen = self._nearest(bank, root, near, poses)[: options.database_rows]
         targets = len(piece.markers)
         distance, spread = pair_distances(
             bank.positions(chosen, np.concatenate([piece.markers, near]))

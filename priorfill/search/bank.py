@@ -66,6 +66,15 @@ class PoseBank:
         The markers that a pose must have to be of use.
     rate : float
         The rate of the query's level, Hz: each take gives its level of the nearest rate.
+    most : int, optional
+        How many poses to search at most, evenly spread; by default all.
+
+    Attributes
+    ----------
+    rows : ndarray of int
+        The poses that are searched, among those of all the takes one after the other.
+    rate : float
+        As given.
     """
 
     def __init__(
@@ -75,6 +84,7 @@ class PoseBank:
         viable: NDArray[np.intp],
         wanted: NDArray[np.intp],
         rate: float,
+        most: int | None = None,
     ) -> None:
         needed = np.unique(np.concatenate([root.markers, viable, wanted])).astype(np.intp)
         useful = [i for i, take in enumerate(takes) if take.shown[needed].all()]
@@ -95,7 +105,11 @@ class PoseBank:
             known[start : start + length] = complete
             inner[start + 1 : start + length - 1] = complete[:-2] & complete[1:-1] & complete[2:]
             start += length
+        self.rate = rate
+        self._inner = inner
         self.rows = np.flatnonzero(inner)
+        if most is not None and len(self.rows) > most:
+            self.rows = self.rows[np.linspace(0, len(self.rows) - 1, most).astype(np.intp)]
         self._take = np.repeat(np.array(useful, dtype=np.intp), lengths)
         self._rate_ratio = np.repeat(np.array(rates) / rate, lengths)
         self._root = root
@@ -116,7 +130,7 @@ class PoseBank:
     @property
     def nbytes(self) -> int:
         """Memory that it takes."""
-        arrays = (self.rows, self._take, self._rate_ratio, self._positions)
+        arrays = (self.rows, self._inner, self._take, self._rate_ratio, self._positions)
         frames = self._frames.origin.nbytes + self._frames.rotation.nbytes
         tree = self._tree.nbytes if self._tree is not None else 0
         return sum(array.nbytes for array in arrays) + frames + tree
@@ -155,6 +169,12 @@ class PoseBank:
     def take(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
         """Index of the take that each row comes from."""
         return self._take[rows]
+
+    def moved(self, rows: NDArray[np.intp], step: int) -> NDArray[np.intp]:
+        """Rows of the same takes so many frames later; the same ones where there is none."""
+        other = np.clip(rows + step, 0, len(self._inner) - 1)
+        same = self._inner[other] & (self._take[other] == self._take[rows])
+        return np.where(same, other, rows)
 
     def nearest(self, positions: NDArray[np.float64], frames: RootFrames, k: int) -> Neighbours:
         """Find the k nearest poses of each query and read off the wanted markers.
@@ -217,14 +237,20 @@ class Banks:
         self._lock = threading.Lock()
 
     def get(
-        self, root: RootGroup, viable: NDArray[np.intp], wanted: NDArray[np.intp], rate: float
+        self,
+        root: RootGroup,
+        viable: NDArray[np.intp],
+        wanted: NDArray[np.intp],
+        rate: float,
+        most: int | None = None,
     ) -> PoseBank:
         """Return a bank; parameters as for `PoseBank`. May be called from several threads."""
-        key = (root.markers, root.template.tobytes(), viable.tobytes(), wanted.tobytes(), rate)
+        template = root.template.tobytes()
+        key = (root.markers, template, viable.tobytes(), wanted.tobytes(), rate, most)
         with self._lock:
             bank = self._take_out(key)
         if bank is None:
-            bank = PoseBank(self._takes, root, viable, wanted, rate)
+            bank = PoseBank(self._takes, root, viable, wanted, rate, most)
         with self._lock:
             self._take_out(key)  # another thread may have made it meanwhile
             self._kept[key] = bank
