@@ -7,7 +7,8 @@ Two hundred small C3D files are made. Then, round by round, a process works on a
 disturbed:
 
 kill    killed with SIGKILL: at a random moment from its start on, a little after some line of its
-        output, or at the moment when an unfinished file (a journal, say) shows up in the database
+        output, when an unfinished file (a journal, say) shows up in the database, or before,
+        within or after a random call that writes, flushes, commits, renames or removes
 full    no file may grow beyond a random size, or the database lies on a tmpfs that gets full
 fsync   one call that writes, flushes, commits, renames or removes fails (a write having written
         half of its bytes), fails although it was done, or fails as every later one does
@@ -31,6 +32,7 @@ import io
 import json
 import os
 import random
+import re
 import resource
 import shutil
 import signal
@@ -40,6 +42,8 @@ import sys
 import tempfile
 import threading
 import time
+import traceback
+import warnings
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
@@ -47,6 +51,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from priorfill.database import PriorDatabase
 
 FILES = 200
 """Clips that ``db add`` gets."""
@@ -72,8 +78,12 @@ SMALL_SEGMENT = 20_000
 """Bytes of a segment in some rounds: so the catalogue grows larger than every segment, and is what
 meets the limit of a file's size."""
 
-RESTING = {"priorfill-database.json", "catalogue.sqlite", "catalogue.seal", "segments", "lock"}
+RESTING = re.compile(r"priorfill-database\.json|catalogue(-\d+)?\.(sqlite|seal)|segments|lock")
 """What a database that nobody writes to consists of; anything else is unfinished."""
+
+AT_A_CALL = 0.3
+"""Share of the kills that come at a random call that writes, flushes, commits, ..., rather than at
+a random time."""
 
 COMMIT = 0.003
 """Seconds that a commit takes, about."""
@@ -87,48 +97,73 @@ ADD = ("-c", "from priorfill.cli import main; main()", "db", "add", "-d")
 # --- what may fail -----------------------------------------------------------------------------
 
 
-class Faults:
-    """Counts the calls that change a disk, and makes one of them fail.
+@dataclass(frozen=True)
+class Fault:
+    """What fails, and how.
 
-    Parameters
+    Attributes
     ----------
-    inside : Path
-        Only calls on paths in this folder count, and all on open files.
     at : int
         Number of the call that fails, from 1; 0: none.
     late : bool
         It fails after it was done. Otherwise it fails before, a write after half of its bytes.
     for_ever : bool
         Every later call fails too, before anything is done.
+    only : str
+        Count only calls that have this in their name: ``fsync``, ``sqlite commit``, ...
     strike : callable, optional
         Called at the call that fails, before the error is raised.
     error : callable, optional
         Makes the error; by default an OSError, from SQLite an OperationalError.
     """
 
+    at: int = 0
+    late: bool = False
+    for_ever: bool = False
+    only: str = ""
+    strike: Callable[[], None] | None = None
+    error: Callable[[], BaseException] | None = None
+
+
+class Faults:
+    """Counts the calls that change a disk, and makes one of them fail.
+
+    While it is entered, functions of `os`, `open` and connections of SQLite made meanwhile are
+    not what they were.
+
+    Parameters
+    ----------
+    inside : Path
+        Only calls on paths in this folder count, and all on open files.
+    fault : Fault, optional
+        What fails; nothing by default.
+
+    Attributes
+    ----------
+    calls : int
+        Calls that were counted since `arm`.
+    struck : str
+        The call that failed; empty as long as none has.
+    """
+
     PATHS = ("unlink", "remove", "rename", "replace", "mkdir", "rmdir", "truncate", "link")
     HANDLES = ("fsync", "fdatasync", "ftruncate", "write", "pwrite", "sendfile", "copy_file_range")
     STATEMENTS = ("BEGIN", "COMMIT", "INSERT", "UPDATE", "DELETE", "CREATE", "ROLLBACK", "PRAGMA U")
 
-    def __init__(
-        self,
-        inside: Path,
-        at: int = 0,
-        *,
-        late: bool = False,
-        for_ever: bool = False,
-        strike: Callable[[], None] | None = None,
-        error: Callable[[], BaseException] | None = None,
-    ) -> None:
+    def __init__(self, inside: Path, fault: Fault | None = None) -> None:
+        self._inside = str(inside.resolve())
+        self._undo: list[tuple[Any, str, Any]] = []
+        self.arm(fault or Fault())
+
+    def arm(self, fault: Fault) -> None:
+        """Count from 0 again, and let this fail."""
+        self._fault: Fault | None = fault
         self.calls = 0
         self.struck = ""
-        self._inside = str(inside.resolve())
-        self._at = at
-        self._late = late
-        self._for_ever = for_ever
-        self._strike = strike
-        self._error = error
-        self._undo: list[tuple[Any, str, Any]] = []
+
+    def disarm(self) -> None:
+        """Let nothing fail any more; connections and files that were made live on."""
+        self._fault = None
 
     def __enter__(self) -> Faults:
         for name in self.PATHS:
@@ -144,26 +179,32 @@ class Faults:
         for module, name, old in reversed(self._undo):
             setattr(module, name, old)
         self._undo.clear()
+        self.disarm()
 
     def call(self, what: str, do: Callable[[], Any], half: Callable[[], Any] | None = None) -> Any:
         """Do something that counts, or let it fail."""
-        self.calls += 1
-        if self.struck and self._for_ever:
-            raise self._raised(what)
-        if self.calls != self._at:
+        fault = self._fault
+        if fault is None:
             return do()
-        if self._late:
-            do()
+        self.calls += fault.only in what
+        if self.struck and fault.for_ever:
+            raise self._raised(fault, what)
+        if self.calls != fault.at or self.struck or fault.only not in what:
+            return do()
+        if fault.late:
+            done = do()
+            if what == "open":
+                done.close()
         elif half is not None:
             half()
+        if fault.strike is not None:
+            fault.strike()
         self.struck = what
-        if self._strike is not None:
-            self._strike()
-        raise self._raised(what)
+        raise self._raised(fault, what)
 
-    def _raised(self, what: str) -> BaseException:
-        if self._error is not None:
-            return self._error()
+    def _raised(self, fault: Fault, what: str) -> BaseException:
+        if fault.error is not None:
+            return fault.error()
         if what.startswith("sqlite"):
             return sqlite3.OperationalError("disk I/O error")
         return OSError(errno.EIO, f"Input/output error ({what})")
@@ -322,7 +363,6 @@ def contents(folder: Path, known: dict[str, dict[str, Stored]]) -> dict[str, str
     WrongError
         Where it cannot be opened, does not verify, or holds anything that is not known.
     """
-    from priorfill.database import PriorDatabase
     from priorfill.errors import PriorfillError
 
     if not (folder / "priorfill-database.json").exists():
@@ -410,7 +450,6 @@ def make_plan(rng: random.Random, own: dict[str, str], other: dict[str, str]) ->
 def drive(folder: Path, plan: Path, files: Path, other: Path) -> None:
     """Carry out a plan and print what is begun and done (runs in a process of its own)."""
     from priorfill import formats
-    from priorfill.database import PriorDatabase
 
     with PriorDatabase.open(folder, write=True) as database:
         for number, (kind, names) in enumerate(json.loads(plan.read_text())):
@@ -430,6 +469,11 @@ def drive(folder: Path, plan: Path, files: Path, other: Path) -> None:
             print("done", number, flush=True)
 
 
+def kill_myself() -> None:
+    """End at once."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
 def child(options: dict[str, Any], arguments: list[str]) -> None:
     """Run the command line or a plan with faults (runs in a process of its own)."""
     from priorfill.cli import main
@@ -438,12 +482,13 @@ def child(options: dict[str, Any], arguments: list[str]) -> None:
 
     if options.get("segment_bytes"):
         segments.SEGMENT_BYTES = options["segment_bytes"]
-    faults = Faults(
-        Path(options["folder"]),
+    fault = Fault(
         options.get("at", 0),
         late=options.get("late", False),
         for_ever=options.get("for_ever", False),
+        strike=kill_myself if options.get("kill") else None,
     )
+    faults = Faults(Path(options["folder"]), fault)
     try:
         with faults:
             if options.get("plan"):
@@ -457,7 +502,91 @@ def child(options: dict[str, Any], arguments: list[str]) -> None:
         print(f"calls {faults.calls} {faults.struck}", file=sys.stderr)
 
 
+def is_unfinished(folder: Path) -> bool:
+    """Tell if there is anything that a database at rest has not, or two catalogues."""
+    try:
+        names = [path.name for path in folder.iterdir()]
+    except FileNotFoundError:
+        return False
+    catalogues = sum(name.endswith(".sqlite") for name in names)
+    return catalogues > 1 or not all(RESTING.fullmatch(name) for name in names)
+
+
 # --- a process, and how it is disturbed ----------------------------------------------------------
+
+
+class Fork:
+    """A copy of this process that runs something else: there in a moment, all being imported.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        Of Python, of one of the two forms that are used here.
+    prepare : callable
+        Called in the new process.
+    """
+
+    def __init__(self, arguments: Sequence[str], prepare: Callable[[], None]) -> None:
+        pipes = [os.pipe(), os.pipe()]
+        with warnings.catch_warnings():
+            # forking with threads about can hang a child that takes their locks; none does here
+            warnings.simplefilter("ignore", DeprecationWarning)
+            self._pid = os.fork()
+        if self._pid == 0:
+            self._be_another(arguments, prepare, [write for _, write in pipes])
+        for _, write in pipes:
+            os.close(write)
+        self.stdout, self.stderr = (os.fdopen(read, "rb", 0) for read, _ in pipes)
+        self._status: int | None = None
+
+    def _be_another(
+        self, arguments: Sequence[str], prepare: Callable[[], None], outputs: list[int]
+    ) -> None:
+        status: object = 1
+        try:
+            for number, name in enumerate(("stdout", "stderr"), start=1):
+                os.dup2(outputs[number - 1], number)
+                setattr(sys, name, open(number, "w", closefd=False))  # noqa: SIM115
+            prepare()
+            if arguments[0] == "-c":
+                from priorfill.cli import main
+
+                main(list(arguments[2:]))
+            else:
+                child(json.loads(arguments[2]), list(arguments[3:]))
+            status = 0
+        except SystemExit as error:
+            status = error.code or 0
+            if isinstance(status, str):
+                print(status, file=sys.stderr)
+        except BaseException:
+            traceback.print_exc()
+        with suppress(OSError):
+            sys.stdout.flush()
+            sys.stderr.flush()
+        os._exit(status if isinstance(status, int) else 1)
+
+    def poll(self) -> int | None:
+        """Return its status if it has ended."""
+        if self._status is None:
+            pid, status = os.waitpid(self._pid, os.WNOHANG)
+            if pid:
+                self._status = os.waitstatus_to_exitcode(status)
+        return self._status
+
+    def kill(self) -> None:
+        """Send SIGKILL."""
+        if self.poll() is None:
+            os.kill(self._pid, signal.SIGKILL)
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait until it has ended."""
+        end = time.monotonic() + (PATIENCE if timeout is None else timeout)
+        while (status := self.poll()) is None:
+            if time.monotonic() > end:
+                raise subprocess.TimeoutExpired("fork", PATIENCE)
+            time.sleep(0.001)
+        return status
 
 
 class Run:
@@ -469,24 +598,32 @@ class Run:
         Of Python.
     file_limit : int, optional
         No file that it writes may be larger, bytes.
+    fork : bool
+        Whether it may be a copy of this process.
     """
 
-    def __init__(self, arguments: Sequence[str], file_limit: int | None = None) -> None:
+    def __init__(
+        self, arguments: Sequence[str], file_limit: int | None = None, *, fork: bool = False
+    ) -> None:
         def limit() -> None:
             # Python ignores SIGXFSZ, so a write beyond the limit fails with EFBIG
-            assert file_limit is not None
-            resource.setrlimit(resource.RLIMIT_FSIZE, (file_limit, file_limit))
+            if file_limit is not None:
+                resource.setrlimit(resource.RLIMIT_FSIZE, (file_limit, file_limit))
 
-        environment = dict(os.environ, PYTHONDONTWRITEBYTECODE="1", PYTHONFAULTHANDLER="1")
+        environment = dict(os.environ, PYTHONDONTWRITEBYTECODE="1")
         environment.pop("PRIORFILL_DEBUG", None)
         self.began = time.monotonic()
-        self._process = subprocess.Popen(
-            [sys.executable, *arguments],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            env=environment,
-            preexec_fn=limit if file_limit is not None else None,
+        self._process: Any = (
+            Fork(arguments, limit)
+            if fork
+            else subprocess.Popen(
+                [sys.executable, *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                env=environment,
+                preexec_fn=limit if file_limit is not None else None,
+            )
         )
         self._output = b""
         self._errors = b""
@@ -534,9 +671,8 @@ class Run:
         """Return when there is a file that does not belong to a database at rest."""
         end = self.began + PATIENCE
         while self.runs and time.monotonic() < end:
-            with suppress(FileNotFoundError):
-                if {path.name for path in folder.iterdir()} - RESTING:
-                    return
+            if is_unfinished(folder):
+                return
 
     def end(self, *, kill: bool = False) -> int:
         """Wait until it has ended, and return its status."""
@@ -618,6 +754,11 @@ class Torture:
         How many clips ``db add`` gets.
     progress : callable, optional
         Called with a line on what is going on.
+    mounts : bool
+        Whether to mount a tmpfs.
+    forks : bool
+        Whether the processes that are killed at a random time may be copies of this one, too.
+        Such start in a moment, but nothing disturbs that. All others are copies anyway.
     """
 
     def __init__(
@@ -626,15 +767,19 @@ class Torture:
         seed: int = 0,
         files: int = FILES,
         progress: Callable[[str], None] = lambda _: None,
+        *,
+        mounts: bool = True,
+        forks: bool = False,
     ) -> None:
         from priorfill import formats
-        from priorfill.database import PriorDatabase
 
         self.work = work
         self._seed = seed
         self._say = progress
+        self._mounts = mounts
+        self._forks = forks
         self.rows: list[Row] = []
-        self._known: dict[str, dict[str, Stored]] = {}
+        self.known: dict[str, dict[str, Stored]] = {}
         self._files = work / "files"
         self._files.mkdir()
         self._paths = []
@@ -644,56 +789,65 @@ class Torture:
             path = self._files / f"clip{number:03d}.c3d"
             formats.write(path, make_clip(number, gappy=number % 2 == 1))
             clip = formats.read(path)
-            self._known[path.stem] = {"gappy" if number % 2 else "whole": must_be(clip)}
+            self.known[path.stem] = {"gappy" if number % 2 else "whole": must_be(clip)}
             if number % 2:
-                self._known[path.stem]["filled"] = must_be(*fill_of(clip))
+                self.known[path.stem]["filled"] = must_be(*fill_of(clip))
             self._paths.append(path)
         names = [path.stem for path in self._paths]
-        self._own = {name: next(iter(self._known[name])) for name in names[:plan_clips]}
+        self.own = {name: next(iter(self.known[name])) for name in names[:plan_clips]}
         others = names[plan_clips - 3 : plan_clips - 3 + other_clips]
-        self._other = {name: next(iter(self._known[name])) for name in others}
+        self._other = {name: next(iter(self.known[name])) for name in others}
         self._start, self._to_merge = work / "start", work / "other"
-        for folder, clips in ((self._start, self._own), (self._to_merge, self._other)):
+        for folder, clips in ((self._start, self.own), (self._to_merge, self._other)):
             with PriorDatabase.create(folder) as database:
                 for name in clips:
                     database.add(formats.read(self._files / f"{name}.c3d"))
 
     def run(self, kind: str, rounds: int) -> None:
-        """Do the rounds of ``kill``, ``full`` or ``fsync``."""
+        """Do the rounds of ``kill``, ``full`` or ``fsync``; ``none`` disturbs nothing."""
         if kind == "kill":
             self._adding("SIGKILL in db add", rounds, self._killed)
             self._planned("SIGKILL in remove, accept, compact, merge", rounds, self._killed)
         elif kind == "full":
             self._adding("file-size limit in db add", rounds, self._limited)
             self._planned("file-size limit in remove, ...", rounds, self._limited)
-            self._adding("full tmpfs in db add", rounds, self._crowded, on_tmpfs=True)
+            if self._mounts:
+                self._adding("full tmpfs in db add", rounds, self._left_alone, on_tmpfs=True)
         elif kind == "fsync":
             self._adding("failing calls in db add", rounds, self._tripped)
             self._planned("failing calls in remove, ...", rounds, self._tripped)
+        elif kind == "none":
+            self._planned("left alone", rounds, self._left_alone)
 
     # --- how a process is disturbed: start it, return what it said and whether it was disturbed
 
     def _killed(self, job: Job, rng: random.Random) -> tuple[Run, bool]:
-        run = Run(job.plain())
+        if rng.random() < AT_A_CALL:
+            at = rng.randint(1, max(1, int(job.calls * job.share)))
+            run = Run(job.with_faults(at=at, late=rng.random() < 0.5, kill=True), fork=True)
+            return run, run.end() == -signal.SIGKILL
+        run = Run(job.plain(), fork=job.forks)
         return run, kill_some_time(run, job, rng, job.share)
 
     def _limited(self, job: Job, rng: random.Random) -> tuple[Run, bool]:
         small = rng.random() < 0.5
-        largest = SMALL_SEGMENT if small else job.bytes
-        size = rng.choice((rng.randint(0, largest), rng.randint(0, job.catalogue)))
+        largest = job.catalogue if small else max(job.bytes, job.catalogue)
+        # an empty catalogue is of some size already, and what a plan begins with
+        least = job.floor or largest // 2
+        largest = max(largest, 2 * job.floor)
+        size = rng.randint(least, largest) if rng.random() < 0.7 else rng.randint(0, largest)
         arguments = job.with_faults(segment_bytes=SMALL_SEGMENT) if small else job.plain()
-        run = Run(arguments, file_limit=size)
+        run = Run(arguments, size, fork=True)
         return run, run.end() != 0
 
-    def _crowded(self, job: Job, rng: random.Random) -> tuple[Run, bool]:
-        run = Run(job.plain())
+    def _left_alone(self, job: Job, rng: random.Random) -> tuple[Run, bool]:
+        run = Run(job.plain(), fork=True)
         return run, run.end() != 0
 
     def _tripped(self, job: Job, rng: random.Random) -> tuple[Run, bool]:
         late, for_ever = rng.choice(((False, False), (True, False), (False, True), (True, True)))
-        run = Run(
-            job.with_faults(at=rng.randint(1, max(1, job.calls)), late=late, for_ever=for_ever)
-        )
+        at = rng.randint(1, max(1, int(job.calls * job.share)))
+        run = Run(job.with_faults(at=at, late=late, for_ever=for_ever), fork=True)
         return run, run.end() != 0
 
     # --- rounds
@@ -717,7 +871,7 @@ class Torture:
             row.skipped = mount.why_not()
         files = [str(path) for path in self._paths]
         rng.shuffle(files)
-        job = Job(folder, (*ADD, str(folder), *files))
+        job = Job(folder, (*ADD, str(folder), *files), forks=self._forks)
         if not row.skipped:
             with mount if on_tmpfs else nullcontext():
                 job.measure()
@@ -757,10 +911,8 @@ class Torture:
         files = job.arguments[len(ADD) + 1 :]
         names = {f"added {file}": Path(file).stem for file in files}
         reported = {names[line] for line in run.lines if line in names}
-        row.unfinished += bool(
-            job.folder.exists() and {path.name for path in job.folder.iterdir()} - RESTING
-        )
-        found = contents(job.folder, self._known)
+        row.unfinished += is_unfinished(job.folder)
+        found = contents(job.folder, self.known)
         row.reported += len(reported)
         row.found += len(found)
         if missing := (must | reported) - set(found):
@@ -771,14 +923,14 @@ class Torture:
         new = [file for file in files if Path(file).stem not in found][:2]
         if not there + new:
             return set(found)
-        after = Run((*ADD, str(job.folder), *there, *new))
+        after = Run((*ADD, str(job.folder), *there, *new), fork=True)
         status = after.end()
         if status != 0:
             raise WrongError(f"the next db add ended with {status}: {after.errors[-400:]}")
         wanted = [f"added {file}" for file in new]
         if [line for line in after.lines if line in names] != wanted:
             raise WrongError(f"the next db add said {after.lines} instead of {wanted}")
-        now = set(contents(job.folder, self._known))
+        now = set(contents(job.folder, self.known))
         if now != set(found) | {Path(file).stem for file in new}:
             raise WrongError("after the next db add other clips are there than should be")
         return now
@@ -792,7 +944,7 @@ class Torture:
         began = time.monotonic()
         folder = self.work / "planned"
         for number in range(rounds):
-            plan = make_plan(rng, self._own, self._other)
+            plan = make_plan(rng, self.own, self._other)
             file = self.work / "plan.json"
             file.write_text(json.dumps([(step.kind, step.names) for step in plan]))
             job = Job(
@@ -825,10 +977,10 @@ class Torture:
         run, was_disturbed = disturb(job, rng)
         self._check_end(run, killed=disturb == self._killed)
         row.disturbed += was_disturbed
-        row.unfinished += bool({path.name for path in job.folder.iterdir()} - RESTING)
+        row.unfinished += is_unfinished(job.folder)
         done = sum(line.startswith("done") for line in run.lines)
         begun = sum(line.startswith("begin") for line in run.lines)
-        found = contents(job.folder, self._known)
+        found = contents(job.folder, self.known)
         row.reported += done
         row.found += len(found)
         step = plan[min(done, len(plan) - 1)]
@@ -845,11 +997,11 @@ class Torture:
         if found == step.after and found != step.before:
             rest = rest[1:]
         file.write_text(json.dumps([(s.kind, s.names) for s in rest]))
-        after = Run(job.with_faults())
+        after = Run(job.with_faults(), fork=True)
         status = after.end()
         if status != 0:
             raise WrongError(f"the next writer ended with {status}: {after.errors[-400:]}")
-        now = contents(job.folder, self._known)
+        now = contents(job.folder, self.known)
         if now != plan[-1].after:
             raise WrongError(f"the next writer left {_difference(now, plan[-1].after)}")
 
@@ -889,6 +1041,8 @@ class Job:
         Of `child`, for a plan.
     start : Path, optional
         Database that the folder is a copy of at the beginning.
+    forks : bool
+        Whether it may run in a copy of this process where it is killed at a random time.
     """
 
     def __init__(
@@ -897,7 +1051,10 @@ class Job:
         arguments: tuple[str, ...] = (),
         options: dict[str, Any] | None = None,
         start: Path | None = None,
+        *,
+        forks: bool = True,
     ) -> None:
+        self.forks = forks
         self.folder = folder
         self.arguments = arguments
         self._options = options or {}
@@ -910,6 +1067,7 @@ class Job:
         self.calls = 0
         self.bytes = 0  # of its largest segment, and of the catalogue
         self.catalogue = 0
+        self.floor = 0  # of the catalogue at the beginning
 
     def plain(self) -> list[str]:
         """Return Python's arguments for the process as it is."""
@@ -930,17 +1088,19 @@ class Job:
     def measure(self) -> None:
         """Let the process run undisturbed: how long it takes, and what it writes."""
         self.reset()
-        plain = Run(self.plain())
+        plain = Run(self.plain(), fork=self.forks)
         plain.wait_for_lines(1)
         self.starting = plain.seconds
         if plain.end() != 0:
             raise SystemExit(f"an undisturbed process failed: {plain.errors}")
         self.seconds = plain.seconds
         self.lines = sum(line.startswith(self.counts) for line in plain.lines)
+        if self._start is not None:
+            self.floor = max(path.stat().st_size for path in self._start.glob("*.sqlite"))
         self.bytes = max(path.stat().st_size for path in self.folder.glob("segments/*"))
-        self.catalogue = (self.folder / "catalogue.sqlite").stat().st_size
+        self.catalogue = max(path.stat().st_size for path in self.folder.glob("*.sqlite"))
         self.reset()
-        counting = Run(self.with_faults())
+        counting = Run(self.with_faults(), fork=True)
         if counting.end() != 0:
             raise SystemExit(f"an undisturbed process failed: {counting.errors}")
         self.calls = int(counting.errors.split("calls ")[-1].split()[0])
@@ -948,7 +1108,7 @@ class Job:
     def take_over(self, other: Job) -> None:
         """Take another job's figures for this one's."""
         self.seconds, self.starting = other.seconds, other.starting
-        self.lines, self.calls = other.lines, other.calls
+        self.lines, self.calls, self.floor = other.lines, other.calls, other.floor
         self.bytes, self.catalogue = other.bytes, other.catalogue
 
 

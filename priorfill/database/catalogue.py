@@ -178,6 +178,7 @@ class Catalogue:
         self._is_whole = True  # whether the seal vouches for every byte
         self._may_seal = False  # damage must not be sealed
         self._is_version_1 = False
+        self._is_empty = False
         self._state = 0
         self.damaged: list[str] = []
         if not write and not path.exists():
@@ -202,6 +203,8 @@ class Catalogue:
                     raise
                 self._connect("rw")
                 self._read_head(is_new=False)
+            if self._is_empty:
+                self.close()
         if self._write and not (is_new or self._is_whole or self._is_version_1):
             # a wrong row could make the writer write over what others hold
             self.records()
@@ -238,6 +241,7 @@ class Catalogue:
             if self._write and (is_new or not tables):
                 self._make(connection)
             elif not tables:  # the writer that made it was killed before it got on
+                self._is_empty = True
                 return
             elif version != _USER_VERSION:
                 self._is_version_1 = True
@@ -279,7 +283,7 @@ class Catalogue:
             return
         # where the disk is full, say, it stays without a seal, which costs time only
         with suppress(OSError, sqlite3.Error):
-            if self._may_seal:
+            if self._may_seal and not self._connection.in_transaction:
                 self._seal.renew(self._connection)
         self._connection.close()
         self._connection = None
@@ -417,6 +421,9 @@ class Catalogue:
             Where a clip to be removed is not there.
         """
         assert self._connection is not None and self._write
+        add, remove = list(add), list(remove)
+        if not add and not remove:
+            return
         state = self._state + 1
         with self._damage(), self._transaction("IMMEDIATE") as connection:
             meta = dict(connection.execute("SELECT name, value FROM meta"))
@@ -430,6 +437,14 @@ class Catalogue:
                 connection.execute("UPDATE meta SET value = ? WHERE name = ?", (value, name))
         self._state = state
 
+    def doubt(self) -> None:
+        """Do not seal the file, unless it is opened again: a change failed, perhaps half way."""
+        self._may_seal = False
+
+    def reopen(self) -> None:
+        """Read anew in which state the file is: a change that failed may have gone through."""
+        self._open()
+
     def replace(self, entries: Iterable[Entry]) -> None:
         """Put a new file with these entries alone in the place of this one, and go on with it.
 
@@ -441,7 +456,6 @@ class Catalogue:
         unfinished = path.with_name(f"{path.name}.new")
         made = Catalogue(unfinished, self._rate, self._levels, write=True)
         try:
-            made._state = self._state
             made.change(add=list(entries))
         finally:
             made.close()
@@ -530,8 +544,8 @@ class Catalogue:
     @contextmanager
     def _transaction(self, kind: str) -> Iterator[sqlite3.Connection]:
         assert self._connection is not None
-        self._connection.execute(f"BEGIN {kind}")
         try:
+            self._connection.execute(f"BEGIN {kind}")
             yield self._connection
             self._connection.execute("COMMIT")
         except BaseException:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import socket
+from contextlib import suppress
 from pathlib import Path
 
 from priorfill.errors import DatabaseLockedError
@@ -40,11 +41,13 @@ class WriterLock:
                 f"{path.parent}: {holder or 'another process'} is writing to this database; "
                 "wait until it has ended"
             ) from None
-        except OSError:
+        except BaseException:
             os.close(self._file)
             raise
-        os.ftruncate(self._file, 0)
-        os.pwrite(self._file, f"process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)
+        me = f"process {os.getpid()} on {socket.gethostname()}\n".encode()
+        with suppress(OSError):  # a full disk: then the lock holds without a name
+            os.ftruncate(self._file, 0)
+            os.pwrite(self._file, me, 0)
 
     def release(self) -> None:
         """Let the next writer in."""

@@ -6,6 +6,7 @@ import os
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,10 @@ DTYPE = np.dtype("<f4")
 SEGMENT_BYTES = 1 << 30
 """A segment that would grow beyond this is left and a new one begun, so that a copy, a
 backup or a compaction never has to move more than 1 GiB at a time."""
+
+
+CHUNK = 1 << 22
+"""Bytes that are read at a time to be checked."""
 
 
 class SegmentWriter:
@@ -117,7 +122,14 @@ class SegmentReader:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
+        self._files: dict[int, BinaryIO] = {}
         self._maps: dict[int, NDArray[np.float32]] = {}
+
+    def close(self) -> None:
+        """Close the files. Views stay valid."""
+        for file in self._files.values():
+            file.close()
+        self._files.clear()
 
     def hold(self, segments: set[int]) -> bool:
         """Map segments now, so that they stay as they are even if their files are removed.
@@ -151,12 +163,33 @@ class SegmentReader:
             )
         return values[first : first + count]
 
+    def checksum(self, segment: int, offset: int, nbytes: int) -> int:
+        """Return the checksum of bytes as they are in the file.
+
+        They are read, not mapped: a large database shall not fill the memory to be checked.
+
+        Raises
+        ------
+        DatabaseCorruptError
+            Where the segment is not there or ends before.
+        """
+        self.read(segment, offset, nbytes // DTYPE.itemsize)
+        handle = self._files[segment].fileno()
+        result = 0
+        for start in range(offset, offset + nbytes, CHUNK):
+            chunk = os.pread(handle, min(CHUNK, offset + nbytes - start), start)
+            result = zlib.crc32(chunk, result)
+        return result
+
     def _map(self, segment: int) -> NDArray[np.float32]:
         path = segment_path(self._folder, segment)
         try:
-            count = path.stat().st_size // DTYPE.itemsize
+            if segment not in self._files:
+                self._files[segment] = path.open("rb")
+            file = self._files[segment]
+            count = os.fstat(file.fileno()).st_size // DTYPE.itemsize
             # an empty file cannot be mapped
-            values = np.memmap(path, dtype=DTYPE, mode="r", shape=(count,)).view(np.ndarray)
+            values = np.memmap(file, dtype=DTYPE, mode="r", shape=(count,)).view(np.ndarray)
         except (FileNotFoundError, ValueError) as error:
             raise DatabaseCorruptError(
                 f"{path}: is not there or empty; restore the database from a copy"
@@ -170,9 +203,9 @@ def segment_path(folder: Path, segment: int) -> Path:
     return folder / f"{segment:06d}.f32"
 
 
-def checksum(data: bytes | NDArray[np.float32]) -> int:
+def checksum(data: bytes) -> int:
     """Return the CRC-32 by which stored bytes are checked."""
-    return zlib.crc32(np.ascontiguousarray(data).data if isinstance(data, np.ndarray) else data)
+    return zlib.crc32(data)
 
 
 def sync_folder(folder: Path) -> None:

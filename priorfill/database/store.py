@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib import metadata
@@ -95,7 +95,7 @@ class PriorDatabase:
         self.levels = identity.levels
         self._version = identity.version
         self._records: tuple[ClipRecord, ...] | None = None
-        self._checked: set[tuple[str, int]] = set()
+        self._checked: set[str] = set()  # contents
         self._folder = path / _SEGMENTS
         if write:
             self._lock = WriterLock(path / _LOCK)
@@ -130,20 +130,20 @@ class PriorDatabase:
                 return
             if catalogue.exists() or attempt == ATTEMPTS:
                 return  # the clips that need what is gone will say so
+            self._reader.close()
             self._catalogue.close()
 
     def _prepare_to_write(self, identity: Identity) -> None:
         self._folder.mkdir(exist_ok=True)
         sync_folder(self.path)
         if self._catalogue.is_version_1:
-            records = self.clips()
+            records = self._read_records()
             if self._catalogue.damaged:
                 raise DatabaseCorruptError(
                     f"{self.path}: rows of clips {', '.join(self._catalogue.damaged)} are "
                     "damaged; restore the database from a copy"
                 )
             self._catalogue.replace([self._catalogue.entry(record) for record in records])
-            self._records = None
         self._catalogue.remove_others()
         if identity.version != FORMAT_VERSION:
             self._version = write_identity(self.path, self.rate, self.levels).version
@@ -251,6 +251,8 @@ class PriorDatabase:
         """Close the catalogue and let the next writer in. Views of positions stay valid."""
         if hasattr(self, "_catalogue"):
             self._catalogue.close()
+        if hasattr(self, "_reader"):
+            self._reader.close()
         if self._lock is not None:
             self._lock.release()
             self._lock = None
@@ -419,11 +421,17 @@ class PriorDatabase:
         return blocks, Entry(record, packed, sketch(clip.positions))
 
     def _writing(self) -> SegmentWriter:
-        if self._writer is None or self._lock is None:
-            raise DatabaseError(
-                f"{self.path}: is open for reading, or failed; open it with write=True"
-            )
+        if self._lock is None:
+            raise DatabaseError(f"{self.path}: is open for reading; open it with write=True")
+        self._find_out()
+        assert self._writer is not None
         return self._writer
+
+    def _find_out(self) -> None:
+        """Find out, after a change that failed, what is on the disk."""
+        if self._lock is not None and self._writer is None:
+            self._catalogue.reopen()
+            self._prepare_to_write(read_identity(self.path))
 
     def _to_be_replaced(self, entry: Entry, *, accepted: bool) -> tuple[ClipRecord, ...]:
         """Return the versions of a clip that it will replace, or refuse it for one of them."""
@@ -447,12 +455,28 @@ class PriorDatabase:
         self, blocks: Sequence[bytes], entry: Entry, replaced: Iterable[ClipRecord]
     ) -> ClipRecord:
         writer = self._writing()
-        segment, offset = writer.append(blocks)
-        record = replace(entry.record, segment=segment, offset=offset)
-        self._catalogue.change(add=[replace(entry, record=record)], remove=replaced)
-        writer.commit(segment, offset + record.nbytes)
-        self._records = None
+        with self._one_change():
+            segment, offset = writer.append(blocks)
+            record = replace(entry.record, segment=segment, offset=offset)
+            self._catalogue.change(add=[replace(entry, record=record)], remove=replaced)
+            writer.commit(segment, offset + record.nbytes)
         return record
+
+    @contextmanager
+    def _one_change(self) -> Iterator[None]:
+        """Make a change; if it fails, the next one first finds out what is on the disk.
+
+        What is said to have failed may have been done: a disk can fail, or a user interrupt,
+        right after the commit.
+        """
+        try:
+            yield
+        except BaseException:
+            self._writer = None
+            self._catalogue.doubt()
+            raise
+        finally:
+            self._records = None
 
     def remove(self, records: Iterable[ClipRecord]) -> None:
         """Remove clips, all of them in one commit.
@@ -470,8 +494,8 @@ class PriorDatabase:
             Where one is not there any more, or the database was opened for reading.
         """
         self._writing()
-        self._catalogue.change(remove=list(records))
-        self._records = None
+        with self._one_change():
+            self._catalogue.change(remove=list(records))
 
     def compact(self, progress: Callable[[int, int], None] | None = None) -> int:
         """Give back the disk space of removed clips.
@@ -496,13 +520,13 @@ class PriorDatabase:
         DatabaseError
             Where the database was opened for reading.
         """
-        writer = self._writing()
         before = self._segment_bytes()
+        writer = self._writing()
         records = self.clips()
-        if before == sum(record.nbytes for record in records):
-            return 0
+        if self._segment_bytes() == sum(record.nbytes for record in records):
+            return before - self._segment_bytes()
         entries = []
-        try:
+        with self._one_change():
             writer.begin_new()
             for done, record in enumerate(records, start=1):
                 self.check(record)
@@ -514,15 +538,9 @@ class PriorDatabase:
                 if progress is not None:
                     progress(done, len(records))
             self._catalogue.replace(entries)
-        except BaseException:
-            self._writer = None
-            if self._catalogue.is_open:
-                with suppress(OSError, DatabaseError):  # as if nothing had been tried
-                    self._prepare_to_write(read_identity(self.path))
-            raise
-        self._records = None
-        self._reader = SegmentReader(self._folder)
-        self._prepare_to_write(read_identity(self.path))
+            self._reader.close()
+            self._reader = SegmentReader(self._folder)
+            self._prepare_to_write(read_identity(self.path))
         return before - self._segment_bytes()
 
     def merge(
@@ -588,11 +606,15 @@ class PriorDatabase:
         Clips whose rows are damaged are left out; see `damaged`.
         """
         if self._records is None:
-            records = self._catalogue.records()
-            if self._catalogue.is_version_1:
-                records = [self._counted(record) for record in records]
-            self._records = tuple(records)
+            self._find_out()
+            self._records = self._read_records()
         return self._records
+
+    def _read_records(self) -> tuple[ClipRecord, ...]:
+        records = self._catalogue.records()
+        if self._catalogue.is_version_1:
+            records = [self._counted(record) for record in records]
+        return tuple(records)
 
     @property
     def damaged(self) -> tuple[str, ...]:
@@ -642,23 +664,30 @@ class PriorDatabase:
         return values.reshape(frames, markers, 3)
 
     def sound_positions(self, record: ClipRecord, level: int = 0) -> NDArray[np.float32]:
-        """Return a clip's positions as `positions` does, checked the first time.
+        """Return a clip's positions as `positions` does, the clip being checked the first time.
 
         Raises
         ------
         DatabaseCorruptError
-            Where they do not fit their checksum, or the file ends before.
+            Where a level does not fit its checksum, or the file ends before.
         """
-        positions = self.positions(record, level)
-        key = (record.content, level)
-        if key not in self._checked:
-            if checksum(positions) != record.checksums[level]:
+        if record.content not in self._checked:
+            self._check_positions(record)
+            self._checked.add(record.content)
+        return self.positions(record, level)
+
+    def _check_positions(self, record: ClipRecord) -> None:
+        offset = record.offset
+        for level, (frames, expected) in enumerate(
+            zip(record.frames, record.checksums, strict=True)
+        ):
+            nbytes = frames * len(record.labels) * 3 * DTYPE.itemsize
+            if self._reader.checksum(record.segment, offset, nbytes) != expected:
                 raise DatabaseCorruptError(
                     f"{self.path}: positions of clip {record.name} are damaged (level {level}); "
                     "restore the database from a copy, or remove the clip"
                 )
-            self._checked.add(key)
-        return positions
+            offset += nbytes
 
     def filled(self, record: ClipRecord, level: int = 0) -> NDArray[np.bool_] | None:
         """Return which samples of a clip were synthesised [shape=(frames, markers)].
@@ -716,9 +745,7 @@ class PriorDatabase:
                 f"{self.path}: the catalogue's row of clip {record.name} is damaged; "
                 "restore the database from a copy"
             )
-        for level in range(len(record.frames)):
-            self._checked.discard((record.content, level))
-            self.sound_positions(record, level)
+        self._check_positions(record)
 
     def _as_stored(self, record: ClipRecord) -> ClipRecord:
         """Return a record as the catalogue holds it."""
