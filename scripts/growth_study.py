@@ -158,11 +158,13 @@ def print_table(rows: list[Row]) -> None:
             if not some:
                 continue
             last = max(row.clips for row in some)
+            left = sum(bool(np.isnan(row.error)) for row in some)
+            some = [row for row in some if not np.isnan(row.error)]
             ratio = np.array([row.error / row.alone for row in some])
             print(
                 f"{mode:14s} {f'{first}-{last}' if last > first else first:>7} {len(some):6d} "
                 f"{np.mean([row.error for row in some]):7.2f} {np.exp(np.log(ratio).mean()):9.3f} "
-                f"{(ratio > 1.02).mean():6.0%}"
+                f"{(ratio > 1.02).mean():6.0%}{f'  {left} left missing' if left else ''}"
             )
 
 
@@ -181,7 +183,7 @@ def plot(rows: list[Row], file: Path, title: str) -> None:
         most = max(row.clips for row in rows) + 1
         logs = [[np.log(r.error / r.alone) for r in rows if (r.mode, r.clips) == (mode, n)]
                 for n in range(most)]  # fmt: skip
-        means = np.array([np.mean(some) for some in logs])
+        means = np.array([np.nanmean(some) for some in logs if some])
         axes.plot(np.exp(means), ".", color=colour, alpha=0.5)
         width = min(5, most)
         smooth = np.convolve(means, np.ones(width) / width, mode="valid")
@@ -204,6 +206,11 @@ def run(
     """Fill all cases alone, then in all orders and both modes."""
     with ProcessPoolExecutor(processes) as pool:
         by_itself = list(pool.map(alone, cases, [method] * len(cases)))
+        for case, error in zip(cases, by_itself, strict=True):
+            if np.isnan(error):
+                print(f"left out: {case.clip.name}, which cannot be filled wholly by itself")
+        cases = [case for case, error in zip(cases, by_itself, strict=True) if error > 0]
+        by_itself = [error for error in by_itself if error > 0]
         print(f"without a database: mean {np.mean(by_itself):.2f} mm", flush=True)
         futures = [
             pool.submit(grow, cases, by_itself, order, mode, method, temporary)
