@@ -278,9 +278,9 @@ def test_what_was_said_to_be_added_is_there(how: signal.Signals, here: Path) -> 
     lines += rest.splitlines(keepends=True)
     said = [line.split()[1] for line in lines if line.endswith(".c3d\n")]
     assert lines[0] == "added clips/000.c3d\n"
-    assert 5 <= len(said) < 200
+    assert len(said) >= 5
     assert set(names()) >= {Path(name).stem for name in said}
-    if how == signal.SIGINT:
+    if how == signal.SIGINT and len(said) < 200:  # else it was done before it was stopped
         assert (process.returncode, errors) == (130, "priorfill: interrupted\n")
     assert run("db", "verify", "-d", "db").exit_code == 0
 

@@ -8,7 +8,6 @@ import shlex
 import shutil
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -640,19 +639,18 @@ def test_interrupted(folder: Path) -> None:
     """Ctrl-C in the middle: one line, status 130, nothing left behind."""
     program = (
         "import os, signal, threading, priorfill.filling as f\n"
-        "def slow(*a): os.kill(os.getpid(), signal.SIGINT); import time; time.sleep(20)\n"
+        "def slow(*a): os.kill(os.getpid(), signal.SIGINT); import time; time.sleep(600)\n"
         "f.get_method = lambda name: slow\n"
         "from priorfill.cli import main; main()"
     )
     names = listing()
-    started = time.monotonic()
     done = subprocess.run(
         [sys.executable, "-c", program, "fill", "walk.c3d", "-o", "out.c3d"],
         capture_output=True,
         text=True,
         check=False,
+        timeout=300,
     )
-    assert time.monotonic() - started < 15
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "priorfill: interrupted\n")
     assert listing() == names
 
