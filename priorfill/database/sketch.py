@@ -19,16 +19,16 @@ ONE_IN = 2048
 """Of so many samples one is kept. A minute of 41 markers at 120 Hz gives 144 hashes, 2 kB in the
 catalogue beside 1.5 MB of positions."""
 
-FEWEST = 16
-"""Hashes that are kept at least."""
+FEWEST = 32
+"""Hashes that are kept at least: of a second in which two of three samples were missing, ten are still
+those of its filled version."""
 
 FEWEST_SHARED = 3
 """Hashes in common that show two clips to be of one recording. One would be proof enough, were
 there no markers that stand still and no coordinates typed in by hand."""
 
-PART = 0.25
-"""Share of the smaller sketch that two versions of the same length have in common. A clip in which
-three of four samples were missing shares a quarter with its filled version."""
+PART = 0.1
+"""Share of the smaller sketch that two versions of the same length have in common at least."""
 
 SAME = 0.9
 """Share of the larger sketch above which two clips of different length are one recording."""
