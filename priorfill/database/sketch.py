@@ -20,8 +20,8 @@ ONE_IN = 2048
 catalogue beside 1.5 MB of positions."""
 
 FEWEST = 32
-"""Hashes that are kept at least: of a second in which two of three samples were missing, ten are still
-those of its filled version."""
+"""Hashes that are kept at least: of a second in which two of three samples were missing, ten are
+still those of its filled version."""
 
 FEWEST_SHARED = 3
 """Hashes in common that show two clips to be of one recording. One would be proof enough, were
