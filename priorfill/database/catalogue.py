@@ -268,11 +268,6 @@ class Catalogue:
         return int(meta["state"])
 
     @property
-    def is_open(self) -> bool:
-        """Whether there is a file behind it."""
-        return self._connection is not None
-
-    @property
     def is_version_1(self) -> bool:
         """Whether the file has the form of format version 1."""
         return self._is_version_1

@@ -319,8 +319,8 @@ class PriorDatabase:
             credit=credit,
             synthetic=synthetic,
         )
-        replaced = self._to_be_replaced(replace(entry, record=record), accepted=False)
-        return self._store(blocks, replace(entry, record=record), replaced)
+        entry = replace(entry, record=record)
+        return self._store(blocks, entry, self._to_be_replaced(entry, accepted=False))
 
     def accept(
         self,

@@ -544,13 +544,18 @@ class Predictor:
         self, root: RootGroup, viable: NDArray[np.intp], wanted: NDArray[np.intp], rate: float
     ) -> PoseBank:
         """Return a bank of the database at a rate (Hz), or at a lower one if it is large."""
-        takes = self.task.takes
+        return self._banks.get(root, viable, wanted, min(rate, self._highest_rate), MOST_POSES)
+
+    @cached_property
+    def _highest_rate(self) -> float:
+        """The rate (Hz) up to which the database has few enough poses, or its coarsest."""
+        takes, rate = self.task.takes, DATABASE_RATE
         while (
             rate > min(take.rates[-1] for take in takes)
             and sum(take.lengths[take.nearest_level(rate)] for take in takes) > MOST_POSES
         ):
             rate /= 2.0
-        return self._banks.get(root, viable, wanted, rate, MOST_POSES)
+        return rate
 
     @cached_property
     def _database_distance(self) -> NDArray[np.float64]:

@@ -21,6 +21,7 @@ __all__ = [
     "count",
     "database_option",
     "json_option",
+    "marker_labels",
     "origin_options",
     "size",
     "skipped",
@@ -53,6 +54,13 @@ subject_patterns = click.option(
     metavar="PATTERN",
     multiple=True,
     help="Only clips of these subjects; may be given again.",
+)
+marker_labels = click.option(
+    "--marker",
+    "markers",
+    metavar="LABEL",
+    multiple=True,
+    help="Only clips that have this marker; may be given again, for clips that have all.",
 )
 
 _ORIGIN = (

@@ -15,6 +15,7 @@ from priorfill.cli.db.common import (
     clip_facts,
     count,
     database_option,
+    marker_labels,
     subject_patterns,
     tell_damaged,
     title,
@@ -61,13 +62,7 @@ file adds some."""
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")
 @click.option("--measured-only", is_flag=True, help="Leave out samples that were filled.")
 @subject_patterns
-@click.option(
-    "--marker",
-    "markers",
-    metavar="LABEL",
-    multiple=True,
-    help="Only clips that have this marker; may be given again, for clips that have all.",
-)
+@marker_labels
 @click.argument("names", metavar="[NAME]...", nargs=-1)
 def export(
     folder: Path,

@@ -12,6 +12,7 @@ from priorfill.cli.db.common import (
     clip_facts,
     database_option,
     json_option,
+    marker_labels,
     subject_patterns,
     tell_damaged,
 )
@@ -49,13 +50,7 @@ _COLUMNS = (
     help="Only clips of these names (or ids); may be given again.",
 )
 @subject_patterns
-@click.option(
-    "--marker",
-    "markers",
-    metavar="LABEL",
-    multiple=True,
-    help="Only clips that have this marker; may be given again, for clips that have all.",
-)
+@marker_labels
 @json_option
 def list_clips(
     folder: Path,
