@@ -7,10 +7,16 @@ frame. Its kernel has a linear part (bodies are nearly linear between near poses
 (k-nearest-neighbour like), and a part that decays with time, which carries the seam: rows right
 beside the gap are followed closely there and forgotten further in.
 
-No view and kernel is best for all movements. Each pair of them is a *member*; all predict, and
-each counts by its error when blocks as long as the gap are left out of the rows, which has a
-closed form [R06]_ Eq. (5.12), generalised to blocks: with the inverse kernel matrix G, the
-residuals of block B are inv(G_BB) (G Y)_B and their covariance is inv(G_BB).
+Poses that look alike can belong to different movements. So the features may also hold a
+*moment*: where the visible markers are shortly before and after, or how they move.
+
+No view, moment and kernel is best for all movements. Each triple of them is a *member*; all
+predict, and each counts by its error when blocks as long as the gap are left out of the rows, which
+has a closed form [R06]_ Eq. (5.12), generalised to blocks: with the inverse kernel matrix G, the
+residuals of block B are inv(G_BB) (G Y)_B and their covariance is inv(G_BB). A member that is less
+sure of the gap than of those blocks counts less.
+
+The mixture's own residuals of the blocks say how far its deviation is to be trusted.
 
 References
 ----------
@@ -19,8 +25,10 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import reduce
+from itertools import groupby
 from typing import Literal
 
 import numpy as np
@@ -29,11 +37,40 @@ from scipy.linalg.lapack import dpotrf, dpotri
 
 from priorfill.normalise import RootFrames, heading_frames, rigid_frames
 
-__all__ = ["Kernel", "Lesson", "Regression", "Rows", "View", "block_residuals", "regress"]
+__all__ = [
+    "Kernel",
+    "Lesson",
+    "Member",
+    "Moment",
+    "Regression",
+    "Rows",
+    "View",
+    "block_residuals",
+    "regress",
+]
 
 SELECTION_POWER = 8.0
 """Members count by (least error / own error) to this power: between the mean of all (0) and the
 best alone (infinite), both of which fill worse."""
+
+DOUBT_POWER = 0.25
+"""Members count by their left-out error times (deviation predicted in the gap / in the blocks left
+out) to this power: 0.25 to 0.5 fill best, 0 and 1 worse by one part in a hundred, and far worse in
+the worst case."""
+
+FADED = 0.5
+"""What is left of the covariance of poses far apart in time, for kernels that fade."""
+
+USUAL_BOUND = 1.6
+"""What times the deviation 90 % of errors lie within, over many gaps; for a normal distribution
+in space it would be 1.44, but tails are heavier."""
+
+PRIOR_BLOCKS = 8.0
+"""Blocks that `USUAL_BOUND`, and a deviation that is right as predicted, count as against those
+that were left out: a few blocks tell little of the tails."""
+
+FEWEST_JUDGED = 20
+"""Fewest rows that lessons must have in common for their mixture to be judged by them."""
 
 ALIGNMENT_FLOOR = 1e-3
 """Least weight of a visible marker in the alignment, so that few near ones cannot leave it
@@ -68,6 +105,25 @@ class View:
 
 
 @dataclass(frozen=True)
+class Moment:
+    """What of the movement around a pose is a feature beside the pose itself.
+
+    Attributes
+    ----------
+    seconds : float
+        How long before and after.
+    weight : float
+        How much it counts, beside 1 for the pose.
+    velocity : bool
+        Whether the way from before to after is the feature; else both positions are.
+    """
+
+    seconds: float
+    weight: float
+    velocity: bool = False
+
+
+@dataclass(frozen=True)
 class Kernel:
     """Covariance of two poses, features scaled to a mean square norm of 1.
 
@@ -86,6 +142,9 @@ class Kernel:
         exp(-|dt| / seconds), which continues positions.
     noise : float
         Variance that rows do not share with anything.
+    fading : float, optional
+        s; how fast poses far apart in time lose what they have in common, down to `FADED`:
+        markers slip, and movements change. By default they do not.
     """
 
     linear: float
@@ -95,6 +154,14 @@ class Kernel:
     seconds: float
     smooth: bool
     noise: float
+    fading: float | None = None
+
+    def memory(self, lag: NDArray[np.float64]) -> NDArray[np.float64] | float:
+        """Factor of the covariance of poses some time apart [shape=(a, b), s]."""
+        if self.fading is None:
+            return 1.0
+        kept: NDArray[np.float64] = FADED + (1.0 - FADED) * np.exp(-lag / self.fading)
+        return kept
 
     def decay(self, lag: NDArray[np.float64]) -> NDArray[np.float64]:
         """Covariance of the temporal part.
@@ -139,6 +206,15 @@ class Kernel:
         return covariance
 
 
+@dataclass(frozen=True)
+class Member:
+    """One way to predict: how poses are aligned, what their features are, how they covary."""
+
+    view: View
+    moment: Moment | None
+    kernel: Kernel
+
+
 @dataclass(frozen=True, eq=False)
 class Rows:
     """Poses to learn from, or to predict.
@@ -159,6 +235,9 @@ class Rows:
     body : ndarray of int [shape=(poses,)], optional
         Whose the poses are. If given, each body has an offset of its own; by default a body is
         what one recording shows, without an offset.
+    around : mapping, optional
+        By seconds of a moment: the visible markers so long before and after
+        [shape=(2, poses, visible markers, 3), mm], none missing.
     """
 
     visible: NDArray[np.float64]
@@ -167,6 +246,7 @@ class Rows:
     take: NDArray[np.intp]
     kinship: NDArray[np.float64] | None = None
     body: NDArray[np.intp] | None = None
+    around: Mapping[float, NDArray[np.float64]] = field(default_factory=dict)
 
     def _same_body(self, other: Rows) -> NDArray[np.bool_]:
         mine = self.take if self.body is None else self.body
@@ -231,6 +311,10 @@ class Lesson:
     spread: NDArray[np.float64]
     handicap: float = 1.0
 
+    def shows(self, moment: Moment | None) -> bool:
+        """Whether it has the features of a moment."""
+        return moment is None or moment.seconds in self.rows.around
+
 
 @dataclass(frozen=True, eq=False)
 class Regression:
@@ -242,13 +326,13 @@ class Regression:
         Upright.
     deviation : ndarray [shape=(poses, missing markers), mm]
         Expected rms Euclidean error.
-    error : float
-        Rms Euclidean error (mm) of the mixture's members when blocks are left out.
+    bound_factor : float
+        Times the deviation: what 90 % of the errors are expected to lie within.
     """
 
     positions: NDArray[np.float64]
     deviation: NDArray[np.float64]
-    error: float
+    bound_factor: float
 
 
 def block_residuals(
@@ -295,14 +379,62 @@ def _inverse(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Aligned:
-    """Features and targets of one view."""
+class _Likeness:
+    """Inner products of the features of rows and queries, centred."""
 
-    features: NDArray[np.float64]  # (rows, visible * 3), mean square norm 1
-    query_features: NDArray[np.float64]  # (queries, visible * 3)
+    rows: NDArray[np.float64]  # (rows, rows)
+    asked: NDArray[np.float64]  # (queries, rows)
+    asked_norm: NDArray[np.float64]  # (queries,)
+
+    @classmethod
+    def of(cls, known: NDArray[np.float64], asked: NDArray[np.float64]) -> _Likeness:
+        """Compare features [shapes=(rows, features), (queries, features)]."""
+        mean = known.mean(axis=0)
+        known, asked = known - mean, asked - mean
+        return cls(known @ known.T, asked @ known.T, (asked**2).sum(axis=1))
+
+    def __add__(self, other: _Likeness) -> _Likeness:
+        """Compare by the features of both."""
+        return _Likeness(
+            self.rows + other.rows, self.asked + other.asked, self.asked_norm + other.asked_norm
+        )
+
+    def scaled(self) -> _Likeness:
+        """Return it with features scaled to a mean square norm of 1."""
+        scale = float(np.trace(self.rows)) / len(self.rows) or 1.0
+        return _Likeness(self.rows / scale, self.asked / scale, self.asked_norm / scale)
+
+
+@dataclass(frozen=True, eq=False)
+class _Aligned:
+    """A lesson as a view sees it."""
+
+    weight: NDArray[np.float64]  # (visible,), of the features
+    row_frames: RootFrames
+    frames: RootFrames  # of the queries
     targets: NDArray[np.float64]  # (rows, missing * 3), mm, centred
     centre: NDArray[np.float64]  # (missing * 3,), mm
-    frames: RootFrames  # of the queries
+
+    def likeness(self, lesson: Lesson, moment: Moment | None) -> _Likeness:
+        """Compare poses, or the moments around them."""
+        return _Likeness.of(
+            self._features(lesson.rows, self.row_frames, moment),
+            self._features(lesson.query, self.frames, moment),
+        )
+
+    def _features(
+        self, poses: Rows, frames: RootFrames, moment: Moment | None
+    ) -> NDArray[np.float64]:
+        """Return features of poses [shape=(poses, features)]."""
+        if moment is None:
+            parts = [frames.to_local(poses.visible)]
+        elif moment.velocity:
+            before, after = poses.around[moment.seconds]
+            parts = [moment.weight * ((after - before) @ frames.rotation)]
+        else:
+            parts = [moment.weight * frames.to_local(x) for x in poses.around[moment.seconds]]
+        weighted = np.concatenate([part * self.weight[:, None] for part in parts], axis=1)
+        return weighted.reshape(len(weighted), -1)
 
 
 def _align(view: View, lesson: Lesson) -> _Aligned:
@@ -318,90 +450,149 @@ def _align(view: View, lesson: Lesson) -> _Aligned:
     template = rows.visible[len(rows.visible) // 2]
     row_frames = align(rows.visible, template, alignment)
     query_frames = align(query.visible, template, alignment)
-
-    def features(poses: Rows, frames: RootFrames) -> NDArray[np.float64]:
-        return (frames.to_local(poses.visible) * weight[:, None]).reshape(len(poses.time), -1)
-
-    known = features(rows, row_frames)
-    asked = features(query, query_frames)
-    mean = known.mean(axis=0)
-    known, asked = known - mean, asked - mean
-    scale = np.sqrt((known**2).sum(axis=1).mean()) or 1.0
     targets = row_frames.to_local(rows.missing).reshape(len(rows.time), -1)
     centre = targets.mean(axis=0)
-    return _Aligned(known / scale, asked / scale, targets - centre, centre, query_frames)
+    return _Aligned(weight, row_frames, query_frames, targets - centre, centre)
 
 
 @dataclass(frozen=True, eq=False)
 class _Shared:
-    """What all views of a lesson share."""
+    """What all members share in a lesson."""
 
     blocks: list[NDArray[np.intp]]
+    judged: NDArray[np.intp]  # rows of the blocks, in order of time
     correlations: tuple[NDArray[np.float64] | float, NDArray[np.float64] | float]
-    decays: list[tuple[NDArray[np.float64], NDArray[np.float64]]]  # and offsets; by kernel
+    lags: tuple[NDArray[np.float64], NDArray[np.float64]]  # of rows, and of queries, to rows
+    offsets: tuple[NDArray[np.float64] | float, NDArray[np.float64] | float]
     offset: float  # variance of a query's own
 
 
-def _share(lesson: Lesson, kernels: Sequence[Kernel], block_seconds: float) -> _Shared:
+def _share(lesson: Lesson, block_seconds: float) -> _Shared:
     rows, query = lesson.rows, lesson.query
-    lag, asked_lag = rows.lag(rows), query.lag(rows)
-    offset, asked_offset = rows.offset(rows), query.offset(rows)
+    blocks = rows.blocks(block_seconds)
+    judged = np.concatenate(blocks)
     return _Shared(
-        rows.blocks(block_seconds),
+        blocks,
+        judged[np.argsort(rows.time[judged], kind="stable")],
         (rows.correlation(rows), query.correlation(rows)),
-        [
-            (kernel.decay(lag) + offset, kernel.decay(asked_lag) + asked_offset)
-            for kernel in kernels
-        ],
+        (rows.lag(rows), query.lag(rows)),
+        (rows.offset(rows), query.offset(rows)),
         BODY_OFFSET if rows.body is not None else 0.0,
     )
 
 
-_Member = tuple[NDArray[np.float64], NDArray[np.float64], float]
-"""Position and variance (queries, missing) that a member predicts, and its left-out error."""
+@dataclass(frozen=True, eq=False)
+class _Prediction:
+    """What a member says."""
+
+    positions: NDArray[np.float64]  # (queries, missing, 3), mm, upright
+    variance: NDArray[np.float64]  # (queries, missing), mm²
+    residuals: NDArray[np.float64]  # (judged rows, missing, 3), mm, blocks left out
+    left_out: NDArray[np.float64]  # (judged rows, missing), mm², their predicted variance
+    error: float  # rms of the residuals' lengths, mm
+    doubt: float  # deviation predicted in the gap / in the blocks left out
 
 
 def _predict(
-    view: View, lesson: Lesson, kernels: Sequence[Kernel], shared: _Shared
-) -> list[_Member]:
-    """Predict by the members of one view, a kernel each."""
+    view: View,
+    lesson: Lesson,
+    members: Sequence[Member],
+    shared: _Shared,
+    inside: NDArray[np.bool_],
+) -> list[_Prediction]:
+    """Predict by the members of one view; ``inside`` are the queries within the gap."""
     aligned = _align(view, lesson)
-    blocks, correlations = shared.blocks, shared.correlations
-    judged = np.concatenate(blocks)
-    features, asked = aligned.features, aligned.query_features
-    product = features @ features.T
-    asked_product = asked @ features.T
-    norm = np.diag(product)
-    asked_norm = (asked**2).sum(axis=1)
-    square = norm[:, None] + norm - 2.0 * product
-    asked_square = asked_norm[:, None] + norm - 2.0 * asked_product
+    poses = aligned.likeness(lesson, None)
     markers = aligned.targets.shape[1] // 3
-    members = []
-    for kernel, (decay, asked_decay) in zip(kernels, shared.decays, strict=True):
-        covariance = kernel.covariance(product, square, decay, correlations[0])
-        covariance[np.diag_indices_from(covariance)] += kernel.noise
-        inverse = _inverse(covariance)
-        residuals, variance = block_residuals(inverse, aligned.targets, blocks)
-        residuals, variance = residuals[judged], variance[judged]
-        # what one unit of the kernel's variance is in mm², marker by marker
-        error = (residuals.reshape(len(residuals), markers, 3) ** 2).sum(axis=2)
-        unit = (error / variance[:, None]).mean(axis=0)
+    predictions = []
+    for moment, some in groupby(members, key=lambda member: member.moment):
+        likeness = poses if moment is None else poses + aligned.likeness(lesson, moment)
+        likeness = likeness.scaled()
+        norm = np.diag(likeness.rows)
+        square = norm[:, None] + norm - 2.0 * likeness.rows
+        asked_square = likeness.asked_norm[:, None] + norm - 2.0 * likeness.asked
+        for kernel in (member.kernel for member in some):
+            covariance = kernel.covariance(
+                likeness.rows,
+                square,
+                kernel.decay(shared.lags[0]) + shared.offsets[0],
+                shared.correlations[0] * kernel.memory(shared.lags[0]),
+            )
+            covariance[np.diag_indices_from(covariance)] += kernel.noise
+            inverse = _inverse(covariance)
+            residuals, left_out = block_residuals(inverse, aligned.targets, shared.blocks)
+            residuals = residuals[shared.judged].reshape(-1, markers, 3)
+            left_out = left_out[shared.judged, None]
+            error = (residuals**2).sum(axis=2)
+            # what one unit of the kernel's variance is in mm², marker by marker
+            unit = (error / left_out).mean(axis=0)
 
-        cross = kernel.covariance(asked_product, asked_square, asked_decay, correlations[1])
-        local = (cross @ (inverse @ aligned.targets) + aligned.centre).reshape(-1, markers, 3)
-        own = 1.0 + shared.offset + kernel.linear * asked_norm + kernel.radial + kernel.temporal
-        left = own - np.einsum("qr,qr->q", cross @ inverse, cross) + kernel.noise
-        predicted = np.maximum(left, kernel.noise)[:, None] * unit
-        members.append((aligned.frames.to_world(local), predicted, float(np.sqrt(error.mean()))))
-    return members
+            cross = kernel.covariance(
+                likeness.asked,
+                asked_square,
+                kernel.decay(shared.lags[1]) + shared.offsets[1],
+                shared.correlations[1] * kernel.memory(shared.lags[1]),
+            )
+            local = cross @ (inverse @ aligned.targets) + aligned.centre
+            own = 1.0 + shared.offset + kernel.linear * likeness.asked_norm
+            own += kernel.radial + kernel.temporal
+            left = own - np.einsum("qr,qr->q", cross @ inverse, cross) + kernel.noise
+            variance = np.maximum(left, kernel.noise)[:, None]
+            predictions.append(
+                _Prediction(
+                    aligned.frames.to_world(local.reshape(-1, markers, 3)),
+                    variance * unit,
+                    residuals,
+                    left_out * unit,
+                    float(np.sqrt(error.mean())),
+                    float(np.sqrt(variance[inside].mean() / left_out.mean())),
+                )
+            )
+    return predictions
+
+
+def _calibrate(
+    share: NDArray[np.float64],
+    residuals: NDArray[np.float64],
+    left_out: NDArray[np.float64],
+    blocks: int,
+) -> tuple[float, float]:
+    """Judge a mixture's deviation by what it got wrong on blocks left out.
+
+    Parameters
+    ----------
+    share : ndarray [shape=(members,)]
+        Sum 1.
+    residuals : ndarray [shape=(members, rows, missing markers, 3), mm]
+        Of the same rows.
+    left_out : ndarray [shape=(members, rows, missing markers), mm²]
+        Predicted variance of each.
+    blocks : int
+        How many blocks the rows are from.
+
+    Returns
+    -------
+    factor : float
+        What the mixture's deviation is to be multiplied by.
+    bound : float
+        What times that deviation 90 % of the errors lie within.
+    """
+    mean = np.einsum("k,krmi->rmi", share, residuals)
+    disagreement = ((residuals - mean) ** 2).sum(axis=3)
+    variance = np.einsum("k,krm->rm", share, left_out + disagreement)
+    ratio = np.sqrt((mean**2).sum(axis=2) / np.maximum(variance, 1e-12))
+    known = blocks / (blocks + PRIOR_BLOCKS)
+    factor = float(np.sqrt((ratio**2).mean()))
+    bound = float(np.quantile(ratio, 0.9)) / max(factor, 1e-6)
+    return factor**known, bound**known * USUAL_BOUND ** (1.0 - known)
 
 
 def regress(
     lessons: Sequence[Lesson],
-    views: Sequence[View],
-    kernels: Sequence[Kernel],
+    members: Sequence[Member],
     block_seconds: float,
-    each: Callable[..., Iterable[list[_Member]]] = map,
+    inside: NDArray[np.bool_] | None = None,
+    each: Callable[..., Iterable[list[_Prediction]]] = map,
 ) -> Regression:
     """Predict the missing markers of some poses.
 
@@ -409,10 +600,13 @@ def regress(
     ----------
     lessons : sequence of Lesson
         Ways to learn the same thing: all have the same queries and missing markers.
-    views, kernels : sequences
-        Members: each lesson in each view with each kernel.
+    members : sequence of Member
+        Ways to predict; each does by each lesson that has its moment. Those of one view, and in
+        it of one moment, follow each other.
     block_seconds : float
         Length of the blocks left out: that of the gap.
+    inside : ndarray of bool [shape=(poses,)], optional
+        Which of the queries are in the gap, the others being beside it; all by default.
     each : callable
         How views are gone through: as `map` does, or several at a time.
 
@@ -421,17 +615,41 @@ def regress(
     Regression
         Members mixed by their left-out error.
     """
-    tasks = []
-    for lesson in lessons:
-        shared = _share(lesson, kernels, block_seconds)
-        tasks += [(view, lesson, kernels, shared) for view in views]
-    members = [member for some in each(_predict, *zip(*tasks, strict=True)) for member in some]
-    positions, variances, errors = zip(*members, strict=True)
-    error_of = np.maximum(np.array(errors), 1e-6)  # mm; a clip that stands still has none
-    judged = error_of * np.repeat([x.handicap for x in lessons], len(views) * len(kernels))
+    if inside is None:
+        inside = np.ones(len(lessons[0].query.time), dtype=bool)
+    shared = [_share(lesson, block_seconds) for lesson in lessons]
+    able = [[m for m in members if lesson.shows(m.moment)] for lesson in lessons]
+    tasks = [
+        (view, lesson, list(some), share, inside)
+        for lesson, share, readers in zip(lessons, shared, able, strict=True)
+        for view, some in groupby(readers, key=lambda member: member.view)
+    ]
+    found = [one for some in each(_predict, *zip(*tasks, strict=True)) for one in some]
+    of_lesson = np.repeat(np.arange(len(lessons)), [len(readers) for readers in able])
+    handicap = np.array([lesson.handicap for lesson in lessons])[of_lesson]
+    # mm; a clip that stands still has no error
+    judged = np.maximum([x.error * x.doubt**DOUBT_POWER for x in found], 1e-6) * handicap
     share = (judged.min() / judged) ** SELECTION_POWER
     share /= share.sum()
-    mean = np.einsum("k,kqmi->qmi", share, np.stack(positions))
-    disagreement = ((np.stack(positions) - mean) ** 2).sum(axis=3)
-    variance = np.einsum("k,kqm->qm", share, np.stack(variances) + disagreement)
-    return Regression(mean, np.sqrt(np.maximum(variance, 1e-6)), float(share @ error_of))
+    positions = np.stack([one.positions for one in found])
+    mean = np.einsum("k,kqmi->qmi", share, positions)
+    disagreement = ((positions - mean) ** 2).sum(axis=3)
+    variance = np.stack([one.variance for one in found]) + disagreement
+    deviation = np.sqrt(np.maximum(np.einsum("k,kqm->qm", share, variance), 1e-6))
+
+    # judge the mixture by the rows that all lessons have, or else by those of the weightiest
+    times = [lesson.rows.time[s.judged] for lesson, s in zip(lessons, shared, strict=True)]
+    common = reduce(np.intersect1d, times)
+    if len(lessons) > 1 and len(common) >= FEWEST_JUDGED:
+        counted = np.arange(len(found))
+        rows = [np.searchsorted(time, common) for time in times]
+    else:
+        counted = np.flatnonzero(of_lesson == np.argmax(np.bincount(of_lesson, share)))
+        rows = [np.arange(len(time)) for time in times]
+    factor, bound = _calibrate(
+        share[counted] / share[counted].sum(),
+        np.stack([found[k].residuals[rows[of_lesson[k]]] for k in counted]),
+        np.stack([found[k].left_out[rows[of_lesson[k]]] for k in counted]),
+        min(len(s.blocks) for s in shared),
+    )
+    return Regression(mean, deviation * factor, bound)

@@ -1,4 +1,4 @@
-"""The members of the regressions: which views and kernels predict which kind of gap.
+"""The members of the regressions: which views, moments and kernels predict which kind of gap.
 
 Chosen on several hundred artificial gaps in takes of walking, karate, exercises and acrobatics;
 no single member is best for all, and their mixture is better than any of them.
@@ -6,57 +6,94 @@ no single member is best for all, and their mixture is better than any of them.
 
 from __future__ import annotations
 
-from priorfill.regression import Kernel, View
+from collections.abc import Sequence
 
-__all__ = [
-    "FEW",
-    "FEW_KERNELS",
-    "FEW_VIEWS",
-    "LIMB_KERNELS",
-    "LIMB_VIEWS",
-    "STRANGER_KERNELS",
-    "STRANGER_VIEWS",
-]
+from priorfill.regression import Kernel, Member, Moment, View
+
+__all__ = ["BASIC", "FEW", "FEW_MEMBERS", "LIMB_MEMBERS", "STRANGER_MEMBERS", "seconds_of"]
 
 FEW = 3
 """Up to this many markers are predicted by the members for a few, more by those for limbs."""
 
-FEW_VIEWS = (
-    View("rigid", 220.0, 0.005, 10.0),
-    View("rigid", 300.0, 0.002, 10.0),
-    View("rigid", 160.0, 0.002),
-    View("heading", 220.0, 0.005, 10.0),
+
+def _each(
+    views: Sequence[View], moments: Sequence[Moment | None], kernels: Sequence[Kernel]
+) -> tuple[Member, ...]:
+    """Return a member for each view, moment and kernel."""
+    return tuple(Member(v, m, k) for v in views for m in moments for k in kernels)
+
+
+def seconds_of(members: Sequence[Member]) -> tuple[float, ...]:
+    """Return the seconds before and after poses that members look at, each once."""
+    return tuple(dict.fromkeys(m.moment.seconds for m in members if m.moment is not None))
+
+
+_SEGMENT = View("rigid", 220.0, 0.005, 10.0)
+_NEAR = View("rigid", 120.0, 0.001, 8.0)
+_PARTS = View("rigid", 300.0, 0.002, 10.0)
+_UPRIGHT = View("heading", 220.0, 0.005, 10.0)
+_BODY = View("heading", 200.0, 0.1)
+_TURNED_BODY = View("rigid", 200.0, 0.1)
+
+_PLAIN = Kernel(1.0, 0.1, 1.0, 0.001, 0.1, smooth=False, noise=1e-4)
+_WIDE = Kernel(1.0, 1.0, 1.5, 0.001, 0.1, smooth=False, noise=1e-4)
+
+_FEW_KERNELS = (
+    _PLAIN,
+    Kernel(1.0, 0.1, 1.0, 0.001, 0.1, smooth=False, noise=1e-3),
+    _WIDE,
+    Kernel(1.0, 0.1, 1.0, 0.001, 0.1, smooth=False, noise=1e-4, fading=3.0),
+    Kernel(30.0, 0.0, 1.0, 0.01, 0.3, smooth=True, noise=1e-4),
 )
-FEW_KERNELS = (
-    Kernel(1.0, 0.1, 1.0, 0.001, 0.1, smooth=False, noise=1e-4),
-    Kernel(10.0, 0.1, 0.6, 0.01, 0.3, smooth=True, noise=1e-4),
+_FEW_MOMENTS = (
+    Moment(1.0 / 30.0, 0.4),
+    Moment(1.0 / 15.0, 0.4),
+    Moment(1.0 / 30.0, 2.0, velocity=True),
 )
+
+
+def _few() -> tuple[Member, ...]:
+    """Members for a few markers: moments with some of the views and kernels only."""
+    members: list[Member] = []
+    for view in (_SEGMENT, _NEAR, _UPRIGHT, _PARTS):
+        members += _each([view], [None], _FEW_KERNELS)
+        if view is not _PARTS:
+            members += _each([view], _FEW_MOMENTS, [_PLAIN, _WIDE])
+    return tuple(members)
+
+
+FEW_MEMBERS = _few()
 """For a few markers, whose neighbours on the same segment are mostly visible."""
 
-LIMB_VIEWS = (
-    FEW_VIEWS[0],
-    FEW_VIEWS[1],
-    FEW_VIEWS[3],
-    View("heading", 200.0, 0.1),
-    View("rigid", 200.0, 0.1),
-)
-LIMB_KERNELS = FEW_KERNELS[:1] + tuple(
-    Kernel(linear, radial, length, 0.05, 0.4, smooth=True, noise=1e-4)
-    for linear, radial, length in (
-        (10.0, 0.1, 0.6),
-        (30.0, 0.0, 1.0),
-        (1.0, 0.3, 0.5),
-        (0.3, 1.0, 0.6),
-        (3.0, 3.0, 1.0),
-        (0.1, 0.1, 0.4),
-    )
-)
-"""For limbs and other large parts of the body, which move against what is visible."""
+BASIC = _each([_SEGMENT, _UPRIGHT], [None], [_PLAIN])
+"""For a first reading that a second will replace."""
 
-STRANGER_VIEWS = FEW_VIEWS
-STRANGER_KERNELS = (
-    Kernel(1.0, 0.3, 0.6, 0.0, 1.0, smooth=False, noise=1e-2),
-    Kernel(0.3, 0.1, 1.0, 0.0, 1.0, smooth=False, noise=1e-1),
+LIMB_MEMBERS = _each(
+    [_SEGMENT, _UPRIGHT, _BODY, _TURNED_BODY],
+    [
+        None,
+        Moment(1.0 / 15.0, 0.8),
+        Moment(2.0 / 15.0, 0.4),
+        Moment(4.0 / 15.0, 0.6),
+        Moment(2.0 / 15.0, 1.5, velocity=True),
+    ],
+    [
+        _PLAIN,
+        Kernel(10.0, 0.1, 0.6, 0.05, 0.4, smooth=True, noise=1e-4),
+        Kernel(1.0, 0.3, 0.5, 0.05, 0.4, smooth=True, noise=1e-4),
+        Kernel(3.0, 3.0, 1.0, 0.05, 0.4, smooth=True, noise=1e-5),
+    ],
 )
-"""For other people's poses: no seam in time, and far more noise, since bodies and the places of
-markers differ."""
+"""For limbs and other large parts of the body, which move against what is visible. Their moments
+are whole steps of 1/15 s, which databases are read by."""
+
+STRANGER_MEMBERS = _each(
+    [_SEGMENT, _PARTS, View("rigid", 160.0, 0.002), _UPRIGHT],
+    [None],
+    [
+        Kernel(1.0, 0.3, 0.6, 0.0, 1.0, smooth=False, noise=1e-2),
+        Kernel(0.3, 0.1, 1.0, 0.0, 1.0, smooth=False, noise=1e-1),
+    ],
+)
+"""For other people's poses alone: no seam in time, and far more noise, since bodies and the places
+of markers differ."""

@@ -13,18 +13,17 @@ from numpy.typing import NDArray
 from priorfill.bridge import LONGEST, bridge
 from priorfill.distances import pair_distances
 from priorfill.methods.members import (
+    BASIC,
     FEW,
-    FEW_KERNELS,
-    FEW_VIEWS,
-    LIMB_KERNELS,
-    LIMB_VIEWS,
-    STRANGER_KERNELS,
-    STRANGER_VIEWS,
+    FEW_MEMBERS,
+    LIMB_MEMBERS,
+    STRANGER_MEMBERS,
+    seconds_of,
 )
 from priorfill.methods.pieces import FEWEST_VISIBLE, Piece
 from priorfill.methods.task import Note, Task, take_names
 from priorfill.normalise import RootGroup, choose_root
-from priorfill.regression import Kernel, Lesson, Rows, View, regress
+from priorfill.regression import Lesson, Member, Rows, regress
 from priorfill.search.bank import Banks, PoseBank
 
 __all__ = ["Options", "Prediction", "Predictor", "unfilled"]
@@ -44,11 +43,8 @@ MOVEMENT_RATE = 15.0
 """Hz. Resolution of the database's poses that stand beside the clip's own: of as many rows, more
 different ones."""
 
-CONTEXT = 2.0 / MOVEMENT_RATE
-"""s. A movement is a pose with the visible markers this long before and after."""
-
-CONTEXT_DISTANCE = 200.0
-"""mm. How much farther off, at a right angle, the markers before and after count as."""
+OWN, IMAGE = 0, 1
+"""Numbers of the clip and its mirror image among the takes of rows; the database's follow."""
 
 BRIEF = 0.1
 """s. Over no longer than this a marker's own movement is a better guess than any other body."""
@@ -188,15 +184,17 @@ def _in_turn(ranked: NDArray[np.intp]) -> NDArray[np.intp]:
     return rows[np.sort(once)]
 
 
-def _moving(now: NDArray[np.float64], *others: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return poses [shape=(poses, markers, 3)] with the markers of others appended.
+def _standing_in(
+    now: NDArray[np.float64], before: NDArray[np.float64], after: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return markers before and after poses [shape=(2, poses, markers, 3)], none missing.
 
-    Where another pose is not whole, it is taken to be the same.
+    A marker that is missing on one side is taken to go on as from or to the other; on both
+    sides, to stand still.
     """
-    known = [~np.isnan(other).any(axis=(1, 2), keepdims=True) for other in others]
-    return np.concatenate(
-        [now, *(np.where(k, other, now) for k, other in zip(known, others, strict=True))], axis=1
-    )
+    before = np.where(np.isnan(before), 2.0 * now - after, before)
+    after = np.where(np.isnan(after), 2.0 * now - before, after)
+    return np.stack([np.where(np.isnan(x), now, x) for x in (before, after)])
 
 
 def _evenly(values: NDArray[np.intp], most: int) -> NDArray[np.intp]:
@@ -333,25 +331,27 @@ class Predictor:
             source[np.ix_(frames, visible)],
             self.task.positions[np.ix_(frames, piece.markers)],
             frames / rate,
-            np.zeros(len(frames), dtype=np.intp),
+            np.full(len(frames), OWN),
         )
-        query = self._query(asked, visible, take=0)
+        query = self._query(asked, visible, take=OWN)
         spread = self.spread[np.ix_(piece.markers, visible)].min(axis=0)
-        lessons = [Lesson(rows, query, nearest[visible], spread)]
-        few = len(piece.markers) <= FEW
+        lesson = Lesson(rows, query, nearest[visible], spread)
+        complete = kept == len(piece.visible) and len(usable) >= options.rereading * shown.sum()
         takes: tuple[str, ...] = ()
-        if not few:
-            lessons += self._mirror_lesson(lessons[0], piece, visible, near)
-            among = visible if len(lessons) == 1 else visible[self._paired(visible)]
-            more, takes = self._database_lessons(lessons[-1], piece, among, near)
-            lessons += more
+        if completed is None and not complete:
+            lessons, members = [lesson], BASIC
+        elif len(piece.markers) <= FEW:
+            members = FEW_MEMBERS
+            lessons = [self._moments(lesson, source, visible, members)]
+        else:
+            members = LIMB_MEMBERS
+            lessons, takes = self._limb_lessons(lesson, source, piece, visible, near)
         return self._learn(
             piece,
             int(asked[0]),
             lessons,
-            FEW_VIEWS if few else LIMB_VIEWS,
-            FEW_KERNELS if few else LIMB_KERNELS,
-            complete=kept == len(piece.visible) and len(usable) >= options.rereading * shown.sum(),
+            members,
+            complete=complete,
             how="the clip's own frames" + (" and the database's" if takes else ""),
             takes=(self.task.name, *takes),
             own=True,
@@ -362,34 +362,92 @@ class Predictor:
         piece: Piece,
         first: int,
         lessons: Sequence[Lesson],
-        views: Sequence[View],
-        kernels: Sequence[Kernel],
+        members: Sequence[Member],
         **told: Any,
     ) -> Prediction:
         """Predict a piece from lessons; ``told`` is what else is to be said of the prediction."""
         seconds = (piece.stop - piece.start) / self.task.rate
-        regression = regress(lessons, views, kernels, seconds, self.each)
+        frames = np.round(lessons[0].query.time * self.task.rate)
+        inside = (frames >= piece.start) & (frames < piece.stop)
+        regression = regress(lessons, members, seconds, inside, self.each)
         return Prediction(piece, first, regression.positions, regression.deviation, **told)
 
-    def _mirror_lesson(
+    def _limb_lessons(
         self,
         lesson: Lesson,
+        source: NDArray[np.float64],
         piece: Piece,
         visible: NDArray[np.intp],
         near: NDArray[np.intp],
-    ) -> list[Lesson]:
-        """Return a lesson that the clip's mirror image adds to; none where it shows too little.
+    ) -> tuple[list[Lesson], tuple[str, ...]]:
+        """Return what a limb is learnt from: the clip and its mirror image, and the database.
 
         Parameters
         ----------
         lesson : Lesson
             By the clip's own frames.
+        source : ndarray [shape=(frames, markers, 3), mm]
+            The clip, its holes completed on a second reading.
         piece : Piece
             What to predict.
         visible : ndarray of int
             The visible markers of the lesson, in its order.
         near : ndarray of int
             Frames right beside the piece, of which none is given up.
+
+        Returns
+        -------
+        lessons : list of Lesson
+        takes : tuple of str
+            Recordings of the database in them.
+        """
+        lesson, visible = self._with_mirror(lesson, piece, visible, near)
+        lessons = [self._moments(lesson, source, visible, LIMB_MEMBERS)]
+        shared, takes = self._database_lesson(lessons[0], piece, visible, near)
+        return [*lessons, *shared], takes
+
+    def _moments(
+        self,
+        lesson: Lesson,
+        source: NDArray[np.float64],
+        visible: NDArray[np.intp],
+        members: Sequence[Member],
+    ) -> Lesson:
+        """Return a lesson with the moments that members ask for.
+
+        Parameters are those of `_limb_lessons`; the lesson is of the clip and its mirror image.
+        """
+
+        def with_moments(poses: Rows) -> Rows:
+            frames = np.round(poses.time * self.task.rate).astype(np.intp)
+            image = (poses.take == IMAGE)[:, None, None]
+
+            def at(seconds: float) -> NDArray[np.float64]:
+                there = frames + round(seconds * self.task.rate)
+                where = np.ix_(np.clip(there, 0, len(source) - 1), visible)
+                positions = np.where(image, self._mirrored[where], source[where])
+                outside = (there < 0) | (there >= len(source))
+                positions[outside] = np.nan
+                return positions
+
+            around = {
+                seconds: _standing_in(poses.visible, at(-seconds), at(seconds))
+                for seconds in seconds_of(members)
+            }
+            return replace(poses, around=around)
+
+        return replace(lesson, rows=with_moments(lesson.rows), query=with_moments(lesson.query))
+
+    def _with_mirror(
+        self,
+        lesson: Lesson,
+        piece: Piece,
+        visible: NDArray[np.intp],
+        near: NDArray[np.intp],
+    ) -> tuple[Lesson, NDArray[np.intp]]:
+        """Add the clip's mirror image to a lesson, unless it shows too little.
+
+        Parameters are those of `_limb_lessons`. Returns the lesson and its visible markers.
         """
         options, rate = self._options, self.task.rate
         mirrored = self._mirrored
@@ -397,7 +455,7 @@ class Predictor:
         needed = np.concatenate([visible[kept], piece.markers])
         usable = np.flatnonzero(~np.isnan(mirrored[:, needed, 0]).any(axis=1))
         if len(kept) < FEWEST_VISIBLE or len(usable) < options.fewest_rows:
-            return []
+            return lesson, visible
         frames = _evenly(usable, options.mirrored_rows)
         own = lesson.rows
         beside = np.flatnonzero(np.isin(own.time, near / rate))
@@ -409,42 +467,27 @@ class Predictor:
             np.concatenate([own.visible[np.ix_(some, kept)], image[:, visible[kept]]]),
             np.concatenate([own.missing[some], image[:, piece.markers]]),
             np.concatenate([own.time[some], frames / rate]),
-            np.repeat([0, 1], [len(some), len(frames)]),
+            np.repeat([OWN, IMAGE], [len(some), len(frames)]),
             np.repeat([1.0, MIRROR_KINSHIP], [len(some), len(frames)]),
         )
         query = replace(lesson.query, visible=lesson.query.visible[:, kept])
-        return [Lesson(rows, query, lesson.distance[kept], lesson.spread[kept])]
+        return Lesson(rows, query, lesson.distance[kept], lesson.spread[kept]), visible[kept]
 
     def _paired(self, visible: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return indices of the visible markers with a partner, which the mirror image shows."""
         return np.flatnonzero(~np.isnan(self._mirrored[:, visible, 0]).all(axis=0))
 
-    def _database_lessons(
+    def _database_lesson(
         self,
         lesson: Lesson,
         piece: Piece,
         visible: NDArray[np.intp],
         near: NDArray[np.intp],
     ) -> tuple[list[Lesson], tuple[str, ...]]:
-        """Return lessons that the database adds to; none where it shows too little.
+        """Return a lesson that the database adds to; none where it shows too little.
 
-        Parameters
-        ----------
-        lesson : Lesson
-            By the clip's own frames, and its mirror image where there is one.
-        piece : Piece
-            What to predict.
-        visible : ndarray of int
-            The visible markers of the lesson, in its order.
-        near : ndarray of int
-            Frames right beside the piece, of which none is given up.
-
-        Returns
-        -------
-        lessons : list of Lesson
-            By poses and by movements, or empty.
-        takes : tuple of str
-            Recordings of the database in them.
+        Parameters are those of `_limb_lessons`, but the lesson has moments, and the mirror
+        image's poses where there are any.
         """
         options, rate = self._options, self.task.rate
         if not self.task.takes:
@@ -460,7 +503,7 @@ class Predictor:
             return [], ()
 
         own_rows, image_rows, gap_rows, other_rows = options.shared_rows
-        own, image = np.flatnonzero(lesson.rows.take == 0), np.flatnonzero(lesson.rows.take == 1)
+        own, image = (np.flatnonzero(lesson.rows.take == take) for take in (OWN, IMAGE))
         frames = np.round(lesson.rows.time * rate).astype(np.intp)
         beside = own[np.isin(frames[own], near)]
         own, image = np.union1d(beside, _evenly(own, own_rows)), _evenly(image, image_rows)
@@ -471,49 +514,34 @@ class Predictor:
         there = bank.positions(chosen, markers)
 
         some = np.concatenate([own, image])
-        sizes = [len(own), len(image), len(chosen)]
-        # takes 0 and 1, and bodies 0 and 1, are the clip and its mirror image
+        around = {}
+        for seconds, now in lesson.rows.around.items():
+            step = round(seconds * bank.rate)
+            if step:  # a coarse resolution does not show short moments
+                moved = [bank.positions(bank.moved(chosen, d), markers) for d in (-step, step)]
+                moment = [now[:, some][:, :, kept], _standing_in(there, *moved)]
+                around[seconds] = np.concatenate(moment, axis=1)
+        # as takes, so bodies: OWN and IMAGE are the clip and its mirror image
         take = lesson.rows.take[some]
         rows = Rows(
             np.concatenate([here[some], there]),
             np.concatenate([lesson.rows.missing[some], bank.positions(chosen, piece.markers)]),
             np.concatenate([lesson.rows.time[some], chosen / bank.rate]),
-            np.concatenate([take, 2 + bank.take(chosen)]),
-            np.repeat([1.0, MIRROR_KINSHIP, STRANGER_KINSHIP], sizes),
-            np.concatenate([take, 2 + self._bodies[bank.take(chosen)]]),
+            np.concatenate([take, IMAGE + 1 + bank.take(chosen)]),
+            np.repeat([1.0, MIRROR_KINSHIP, STRANGER_KINSHIP], [len(own), len(image), len(chosen)]),
+            np.concatenate([take, IMAGE + 1 + self._bodies[bank.take(chosen)]]),
+            around,
         )
-        query = replace(lesson.query, visible=asked)
-        distance, spread = lesson.distance[kept], lesson.spread[kept]
-
-        step = round(CONTEXT * bank.rate)
-        before_and_after = [bank.moved(chosen, s) for s in (-step, step)]
-        moving = [
-            _moving(here[own], *self._context(self.task.positions, frames[own], markers)),
-            _moving(here[image], *self._context(self._mirrored, frames[image], markers)),
-            _moving(there, *(bank.positions(r, markers) for r in before_and_after)),
-        ]
-        asked_frames = np.round(query.time * rate).astype(np.intp)
-        asked = _moving(asked, *self._context(self.task.positions, asked_frames, markers))
-        away = np.hypot(distance, CONTEXT_DISTANCE)
+        query = replace(
+            lesson.query,
+            visible=asked,
+            around={seconds: now[:, :, kept] for seconds, now in lesson.query.around.items()},
+        )
         shown = np.logical_and.reduce(self.valid[:, piece.markers], axis=1).sum() / rate
         handicap = 1.0 + HANDICAP * max(0.0, float(np.log2(shown / SELF_SUFFICIENT)))
-        movements = Lesson(
-            replace(rows, visible=np.concatenate(moving)),
-            replace(query, visible=asked),
-            np.concatenate([distance, away, away]),
-            np.tile(spread, 3),
-            handicap,
-        )
+        distance, spread = lesson.distance[kept], lesson.spread[kept]
         names = take_names(self.task.takes, bank.take(chosen))
-        return [Lesson(rows, query, distance, spread, handicap), movements], names
-
-    def _context(
-        self, clip: NDArray[np.float64], frames: NDArray[np.intp], markers: NDArray[np.intp]
-    ) -> list[NDArray[np.float64]]:
-        """Read some markers before and after frames of the clip, or of its mirror image."""
-        step = round(CONTEXT * self.task.rate)
-        at = [np.clip(frames + s, 0, len(clip) - 1) for s in (-step, step)]
-        return [clip[np.ix_(a, markers)] for a in at]
+        return [Lesson(rows, query, distance, spread, handicap)], names
 
     def _root(self, visible: NDArray[np.intp]) -> RootGroup | None:
         """Choose a root group among visible markers."""
@@ -620,8 +648,7 @@ class Predictor:
             piece,
             int(asked[0]),
             [lesson],
-            STRANGER_VIEWS,
-            STRANGER_KERNELS,
+            STRANGER_MEMBERS,
             complete=True,
             how="the database's nearest poses",
             takes=take_names(task.takes, bank.take(chosen)),
