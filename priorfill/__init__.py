@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from priorfill.database import PriorDatabase, Selection
     from priorfill.errors import PriorfillError
     from priorfill.filling import FilledGap, Result, fill
-    from priorfill.formats import read, write
+    from priorfill.formats import read, write, write_uncertainty
     from priorfill.gaps import Gap, GapGroup, find_gaps, gap_groups
     from priorfill.markerset import MarkerSet
 
@@ -43,6 +43,7 @@ _PLACES = {
     "gap_groups": "priorfill.gaps",
     "read": "priorfill.formats",
     "write": "priorfill.formats",
+    "write_uncertainty": "priorfill.formats",
 }
 
 __all__ = [
@@ -61,6 +62,7 @@ __all__ = [
     "gap_groups",
     "read",
     "write",
+    "write_uncertainty",
 ]
 
 

@@ -17,10 +17,24 @@ from priorfill.database import PriorDatabase, Selection
 from priorfill.gaps import Gap, find_gaps, gap_groups, runs
 from priorfill.markerset import MarkerSet, describe, recognise
 from priorfill.methods import DEFAULT_METHOD, get_method
-from priorfill.methods.task import Estimate, Note, Task
+from priorfill.methods.task import BOUND_FACTOR, Estimate, Note, Task
 from priorfill.takes import Take, takes_from
 
-__all__ = ["FilledGap", "LeftMissing", "Result", "fill"]
+__all__ = ["BOUND_SHARE", "FilledGap", "LeftMissing", "Result", "fill"]
+
+BOUND_SHARE = 0.9
+"""Share of the errors that are expected to lie below a bound; one in ten is greater."""
+
+MEAN_FACTOR = 0.921
+"""Mean of the distance from the truth, by its root mean square, for a normal isotropic error in
+space: 4 / sqrt(6 pi). A mean of the distance is what recordings are usually compared by."""
+
+UNIT_BOUND = 2.500278
+"""Distance below which 90 % of the errors lie that are normal with a standard deviation of 1 in
+each of the three coordinates."""
+
+BISECTIONS = 40
+"""Halvings of an interval: to a part in 10^12 of it."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +60,18 @@ class FilledGap:
         How many of the frames were filled.
     expected_error : float
         Expected rms Euclidean error (mm) over the filled frames; NaN where unknown.
+    expected_mean : float
+        Expected mean Euclidean error (mm) over the filled frames; NaN where unknown.
+    bound : float
+        Distance (mm) below which 90 % of the errors of the filled frames are expected to lie; NaN
+        where unknown.
+    method : str
+        The method used.
     how : tuple of str
         What it was filled from.
+    poses : int
+        How many poses were learnt from; where parts of the gap were filled from different numbers
+        of them, the most. 0: from none, as by a bridge over time.
     left : tuple of LeftMissing
         Frames that were left missing; empty where all were filled.
     takes : tuple of str
@@ -59,7 +83,11 @@ class FilledGap:
     stop: int
     filled: int
     expected_error: float
+    expected_mean: float
+    bound: float
+    method: str
     how: tuple[str, ...]
+    poses: int
     left: tuple[LeftMissing, ...]
     takes: tuple[str, ...]
 
@@ -86,6 +114,9 @@ class Result:
         Which samples were filled.
     deviation : ndarray [shape=(frames, markers), mm]
         Expected rms Euclidean error of each filled sample; NaN elsewhere and where unknown.
+    bound : ndarray [shape=(frames, markers), mm]
+        Distance below which 90 % of the errors are expected to lie, of each filled sample; NaN
+        elsewhere and where unknown.
     gaps : tuple of FilledGap
         Every gap of the clip given, in order of time.
     method : str
@@ -101,6 +132,7 @@ class Result:
     clip: Clip
     filled: NDArray[np.bool_]
     deviation: NDArray[np.float64]
+    bound: NDArray[np.float64]
     gaps: tuple[FilledGap, ...]
     method: str
     marker_set: MarkerSet
@@ -257,15 +289,25 @@ def _assemble(
     filled = missing & np.isfinite(estimated).all(axis=2)
     positions = np.where(filled[..., None], estimated, clip.positions)
     deviation = np.where(filled, estimate.deviation, np.nan)
+    told = BOUND_FACTOR * deviation if estimate.bound is None else estimate.bound
+    bound = np.where(filled, told, np.nan)
     by_marker: dict[int, list[Note]] = {}
     for note in estimate.notes:
         by_marker.setdefault(note.marker, []).append(note)
     gaps = tuple(
-        _filled_gap(clip, gap, filled, deviation, by_marker.get(gap.marker, []))
+        _filled_gap(clip, gap, filled, deviation, bound, method, by_marker.get(gap.marker, []))
         for gap in find_gaps(missing)
     )
     return Result(
-        clip.with_positions(positions), filled, deviation, gaps, method, marker_set, database, notes
+        clip.with_positions(positions),
+        filled,
+        deviation,
+        bound,
+        gaps,
+        method,
+        marker_set,
+        database,
+        notes,
     )
 
 
@@ -274,12 +316,14 @@ def _filled_gap(
     gap: Gap,
     filled: NDArray[np.bool_],
     deviation: NDArray[np.float64],
+    bound: NDArray[np.float64],
+    method: str,
     notes: list[Note],
 ) -> FilledGap:
     """Sum up one gap."""
     inside = [n for n in notes if n.start < gap.stop and n.stop > gap.start]
-    deviations = deviation[gap.start : gap.stop, gap.marker]
-    known = deviations[np.isfinite(deviations)]
+    known = _finite(deviation[gap.start : gap.stop, gap.marker])
+    bounds = _finite(bound[gap.start : gap.stop, gap.marker])
     here = filled[gap.start : gap.stop, gap.marker]
     left = tuple(
         LeftMissing(gap.start + start, gap.start + stop, _reason(inside, gap.start + start))
@@ -291,10 +335,41 @@ def _filled_gap(
         stop=gap.stop,
         filled=int(here.sum()),
         expected_error=float(np.sqrt((known**2).mean())) if len(known) else float("nan"),
+        expected_mean=MEAN_FACTOR * float(known.mean()) if len(known) else float("nan"),
+        bound=_common_bound(bounds) if len(bounds) else float("nan"),
+        method=method,
         how=tuple(dict.fromkeys(n.how for n in inside if n.filled)) if here.any() else (),
+        poses=max((n.poses for n in inside if n.filled), default=0) if here.any() else 0,
         left=left,
         takes=tuple(dict.fromkeys(name for n in inside for name in n.takes)),
     )
+
+
+def _finite(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return those of some values that are known."""
+    return values[np.isfinite(values)]
+
+
+def _common_bound(bounds: NDArray[np.float64]) -> float:
+    """Distance (mm) below which 90 % of the errors of samples with different bounds lie.
+
+    Each sample's error is taken to be normal and isotropic, of the size that its own bound says.
+    Samples right at a gap's edge err little, those in its middle more; the errors of the gap are
+    those of all of them together.
+    """
+    from scipy.special import erf
+
+    low, high = 0.0, float(bounds.max())
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        ratio = UNIT_BOUND * middle / np.maximum(bounds, 1e-9)  # mm; nothing is known that well
+        # share of a Maxwell distribution below
+        share = erf(ratio / np.sqrt(2.0)) - np.sqrt(2.0 / np.pi) * ratio * np.exp(-0.5 * ratio**2)
+        if share.mean() < BOUND_SHARE:
+            low = middle
+        else:
+            high = middle
+    return high
 
 
 def _reason(notes: list[Note], frame: int) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import shlex
@@ -17,9 +18,11 @@ from c3d_bytes import LABELS, C3DFile, standing
 from click.testing import CliRunner, Result
 from gappy import ARM, person, with_gaps
 
+import priorfill as pf
 from priorfill.cli import main
 from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
+from priorfill.errors import FormatError, OutputError
 from priorfill.formats import read, write
 
 GAPS = ((60, 90, ARM), (200, 240, ("LKNE",)))
@@ -99,6 +102,10 @@ def test_text(folder: Path) -> None:
         "expected",
         "error",
         "mm",
+        "90",
+        "%",
+        "below",
+        "mm",
         "from",
     ]
     first = read("walk.c3d").first_frame
@@ -131,7 +138,11 @@ def test_json_and_database(folder: Path, database: Path) -> None:
     assert facts["rounding_mm"] < 0.001
     assert len(facts["gaps"]) == 8
     (gap,) = [gap for gap in facts["gaps"] if gap["marker"] == "C7"]
-    assert gap["expected_error_mm"] > 0
+    assert 0 < gap["expected_mean_error_mm"] < gap["expected_error_mm"] < gap["bound_90_mm"]
+    assert gap["method"] == "prior"
+    assert gap["poses"] > 50
+    assert gap["prior_clips"] == ["synthetic_walking_011"]
+    assert facts["uncertainty"] is None
     assert (gap["first_frame"], gap["last_frame"]) == (first, first + 239)
     assert (gap["frames"], gap["seconds"], gap["filled"]) == (240, 4.0, 240)
     assert gap["from"] == ["the database's nearest poses"]
@@ -169,6 +180,9 @@ def test_left_missing(folder: Path) -> None:
     assert facts["complete"] is False
     (gap,) = [gap for gap in facts["gaps"] if gap["marker"] == "C7"]
     assert gap["expected_error_mm"] is None
+    assert gap["expected_mean_error_mm"] is None
+    assert gap["bound_90_mm"] is None
+    assert gap["poses"] == 0
     assert gap["filled"] == 0
     (left,) = gap["left_missing"]
     assert (left["first_frame"], left["last_frame"]) == (first, first + 239)
@@ -237,6 +251,127 @@ def test_reading_options(folder: Path) -> None:
 
 def test_a_progress_bar_only_on_a_terminal(folder: Path) -> None:
     assert "filling" not in run("fill", "walk.c3d", "-o", "out.c3d").stderr
+
+
+# how far off each sample may be, as a file
+
+
+def test_uncertainty_as_a_table(folder: Path) -> None:
+    line = ["fill", "drop.c3d", "-o", "out.c3d", "--uncertainty", "out.csv"]
+    result = run(*line)
+    assert result.exit_code == 3  # C7 stays missing
+    assert result.stdout.endswith("how far off each filled sample may be: out.csv\n")
+    with Path("out.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == ["marker", "frame", "time_s", "deviation_mm", "bound_90_mm", "from"]
+    clip = read("drop.c3d")
+    expected = [
+        (label, clip.first_frame + frame, frame / 60)
+        for start, stop, labels in GAPS
+        for label in labels
+        for frame in range(start, stop)
+    ]
+    found = [(row["marker"], int(row["frame"]), float(row["time_s"])) for row in rows]
+    assert [row[:2] for row in found] == [row[:2] for row in expected]
+    np.testing.assert_allclose([r[2] for r in found], [r[2] for r in expected], atol=1e-6)
+    assert {row["from"] for row in rows} == {"the clip's own frames"}
+    assert all(0 < float(row["deviation_mm"]) < float(row["bound_90_mm"]) for row in rows)
+    facts = json.loads(run(*line, "--json", "--overwrite").stdout)
+    assert facts["uncertainty"] == "out.csv"
+    (gap,) = [gap for gap in facts["gaps"] if gap["marker"] == "LKNE"]
+    knee = [float(row["deviation_mm"]) for row in rows if row["marker"] == "LKNE"]
+    assert gap["expected_error_mm"] == pytest.approx(np.sqrt(np.square(knee).mean()), abs=2e-3)
+    assert min(knee) < gap["expected_mean_error_mm"] < max(knee)
+
+
+def test_uncertainty_as_an_archive(folder: Path) -> None:
+    result = run("fill", "drop.c3d", "-o", "out.c3d", "--uncertainty", "out.NPZ")
+    assert result.exit_code == 3
+    before, after = read("drop.c3d"), read("out.c3d")
+    with np.load("out.NPZ") as archive:
+        assert tuple(archive["labels"]) == before.labels
+        assert archive["frames"].tolist() == [before.first_frame + i for i in range(240)]
+        assert float(archive["rate"]) == 60
+        assert str(archive["unit"]) == "mm"
+        filled = archive["filled"]
+        np.testing.assert_array_equal(filled, before.missing & ~after.missing)
+        for name in ("deviation", "bound"):
+            np.testing.assert_array_equal(np.isfinite(archive[name]), filled)
+        assert (archive["bound"][filled] > archive["deviation"][filled]).all()
+
+
+@pytest.mark.parametrize("name", ["out.csv", "out.npz"])
+def test_uncertainty_where_nothing_is_missing(folder: Path, name: str) -> None:
+    write("whole.c3d", person())
+    assert run("fill", "whole.c3d", "-o", "out.c3d", "--uncertainty", name).exit_code == 0
+    if name == "out.csv":
+        assert len(Path(name).read_text().splitlines()) == 1
+    else:
+        with np.load(name) as archive:
+            assert not archive["filled"].any()
+
+
+def test_uncertainty_that_cannot_be_written(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Found out before the work is done; nothing is written, nothing replaced."""
+    monkeypatch.setattr("priorfill.filling.fill", None)  # the work
+    Path("old.csv").write_text("precious")
+    Path("dir.csv").mkdir()
+    Path("input.csv").symlink_to("walk.c3d")
+    Path("output.csv").symlink_to("out.c3d")
+    Path("old.c3d").write_text("old")
+    os.link("old.c3d", "hard.npz")
+    names = listing()
+    before = Path("walk.c3d").read_bytes()
+    for output, name, word, *options in (
+        ("out.c3d", "out.txt", "'.txt' is none for uncertainty; use .npz or .csv"),
+        ("out.c3d", "out", "'(none)' is none for uncertainty"),
+        ("out.c3d", "out.c3d", "is none for uncertainty"),
+        ("out.c3d", "old.csv", "exists already; choose another name or use --overwrite"),
+        ("out.c3d", "dir.csv", "is a folder", "--overwrite"),
+        ("out.c3d", "nowhere/out.csv", "nowhere does not exist"),
+        ("out.c3d", "input.csv", "is the file that the clip was read from", "--overwrite"),
+        ("out.c3d", "output.csv", "is where the filled clip is to go", "--overwrite"),
+        ("old.c3d", "hard.npz", "is where the filled clip is to go", "--overwrite"),
+    ):
+        line = ["fill", "walk.c3d", "-o", output, "--uncertainty", name, *options]
+        assert_refused(run(*line), name, word)
+        assert listing() == names
+    assert Path("walk.c3d").read_bytes() == before
+    assert Path("old.csv").read_text() == "precious"
+    assert run("fill", "walk.c3d", "-o", "out.c3d", "--uncertainty").exit_code == 2
+
+
+@pytest.mark.parametrize("failing", ["write", "_save_table"])
+def test_uncertainty_and_clip_appear_together(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, failing: str
+) -> None:
+    """The disk is full when one of them is written: neither is there, what was there stays."""
+    from priorfill import formats
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    Path("out.csv").write_text("precious")
+    names = listing()
+    monkeypatch.setattr(formats if failing == "write" else formats.uncertainty, failing, full)
+    line = ["fill", "walk.c3d", "-o", "out.c3d", "--uncertainty", "out.csv", "--overwrite"]
+    assert_refused(run(*line), "No space left on device")
+    assert listing() == names
+    assert Path("out.csv").read_text() == "precious"
+
+
+def test_uncertainty_from_python(folder: Path) -> None:
+    clip = read("walk.c3d")
+    result = pf.fill(clip)
+    pf.write_uncertainty("out.npz", result)
+    with np.load("out.npz") as archive:
+        np.testing.assert_array_equal(archive["bound"], result.bound)
+    with pytest.raises(OutputError, match="exists already"):
+        pf.write_uncertainty("out.npz", result)
+    pf.write_uncertainty("out.npz", result, overwrite=True)
+    with pytest.raises(FormatError, match=r"'\.xlsx' is none for uncertainty"):
+        pf.write_uncertainty("out.xlsx", result)
+    assert "out.xlsx" not in listing()
 
 
 # which clips of a database it learns from

@@ -16,9 +16,18 @@ import priorfill as pf
 from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
 from priorfill.errors import DatabaseNotFoundError, OptionError
-from priorfill.filling import FilledGap, LeftMissing, fill
+from priorfill.filling import (
+    BOUND_SHARE,
+    MEAN_FACTOR,
+    UNIT_BOUND,
+    FilledGap,
+    LeftMissing,
+    _common_bound,
+    fill,
+)
 from priorfill.methods import METHODS
-from priorfill.methods.task import Estimate, Note
+from priorfill.methods.predict import Prediction
+from priorfill.methods.task import BOUND_FACTOR, Estimate, Note
 
 METHOD = pytest.mark.parametrize("method", sorted(METHODS))
 GAPS = ((60, 130, ARM), (90, 170, FOOT), (200, 240, ("LKNE",)), (0, 240, ("C7",)))
@@ -58,6 +67,7 @@ def test_fields_of_the_result(folder):
     )
     assert np.isnan(result.deviation[~clip.missing]).all()
     assert (result.deviation[clip.missing] > 0).all()
+    assert np.isnan(result.bound[~clip.missing]).all()
     assert [(g.start, g.stop, g.label) for g in result.gaps] == [
         (g.start, g.stop, clip.labels[g.marker]) for g in pf.find_gaps(clip.missing)
     ]
@@ -68,6 +78,12 @@ def test_fields_of_the_result(folder):
         assert gap.left == ()
         inside = result.deviation[gap.start : gap.stop, clip.labels.index(gap.label)]
         assert gap.expected_error == pytest.approx(np.sqrt((inside**2).mean()))
+        assert gap.expected_mean == pytest.approx(MEAN_FACTOR * inside.mean())
+        bounds = result.bound[gap.start : gap.stop, clip.labels.index(gap.label)]
+        assert (bounds > inside).all()
+        assert bounds.min() < gap.bound < bounds.max()
+        assert gap.method == "prior"
+        assert gap.poses > 50
         if gap.label == "C7":
             assert gap.how == ("the database's nearest poses",)
             assert gap.takes == ("synthetic_walking_011",)
@@ -86,7 +102,8 @@ def test_what_stays_missing_is_named():
     assert result.database is None
     (gap,) = [g for g in result.gaps if not g.complete]
     assert (gap.label, gap.filled, gap.how, gap.takes) == ("C7", 0, (), ())
-    assert np.isnan(gap.expected_error)
+    assert np.isnan([gap.expected_error, gap.expected_mean, gap.bound]).all()
+    assert gap.poses == 0
     (left,) = gap.left
     assert isinstance(left, LeftMissing)
     assert (left.start, left.stop) == (0, 240)
@@ -103,6 +120,103 @@ def test_expected_error_is_of_the_size_of_the_error(folder):
     for gap in result.gaps:
         real = np.sqrt((off[gap.start : gap.stop, clip.labels.index(gap.label)] ** 2).mean())
         assert 0.1 < gap.expected_error / real < 10, gap.label
+
+
+def test_nine_of_ten_errors_are_below_the_bound_or_nearly(folder):
+    """Over gaps of all sizes; synthetic motion is easy, so more may be."""
+    clip = with_gaps(person(), *GAPS)
+    result = fill(clip, database=folder)
+    off = np.linalg.norm(result.clip.positions - person().positions, axis=2)
+    assert 0.6 < (off < result.bound)[result.filled].mean() <= 1.0
+
+
+def test_factors_are_those_of_a_normal_error():
+    """Against the textbook's moments of the Maxwell distribution (chi with 3 degrees)."""
+    from scipy.stats import chi
+
+    assert chi(3).mean() / np.sqrt(3.0) == pytest.approx(MEAN_FACTOR, abs=1e-3)
+    assert chi(3).ppf(BOUND_SHARE) == pytest.approx(UNIT_BOUND, abs=1e-6)
+    assert UNIT_BOUND / np.sqrt(3.0) < BOUND_FACTOR
+
+
+@pytest.mark.parametrize(
+    "bounds",
+    [np.ones(5), np.linspace(0.0, 3.0, 50), np.r_[np.ones(90), np.full(10, 40.0)], [7.0]],
+)
+def test_the_bound_of_a_gap_is_that_of_all_its_samples(bounds):
+    bounds = np.asarray(bounds)
+    errors = np.linalg.norm(np.random.default_rng(1).normal(size=(20000, 3)), axis=1)
+    below = (np.outer(errors, bounds / UNIT_BOUND) < _common_bound(bounds)).mean()
+    assert below == pytest.approx(0.9, abs=0.006)
+    assert _common_bound(3.0 * bounds) == pytest.approx(3.0 * _common_bound(bounds))
+
+
+def test_the_bound_of_samples_that_are_certain():
+    assert _common_bound(np.zeros(4)) == pytest.approx(0.0, abs=1e-6)
+
+
+def told(bound):
+    """A method that says 2 mm of each sample, and a bound."""
+
+    def method(task, progress):
+        shape = task.positions.shape
+        notes = [Note(0, 60, 80, "one", poses=12), Note(0, 80, 90, "two", poses=30)]
+        return Estimate(np.full(shape, 7.0), np.full(shape[:2], 2.0), notes, bound)
+
+    return method
+
+
+def test_a_method_may_give_bounds_or_not(monkeypatch):
+    clip = with_gaps(person(), (60, 90, person().labels[:1]))
+    own = np.full(clip.missing.shape, 9.0)
+    own[60:70] = np.nan
+    for bound, expected in ((None, 2.0 * BOUND_FACTOR), (own, 9.0)):
+        monkeypatch.setattr("priorfill.filling.get_method", lambda name, b=bound: told(b))
+        result = fill(clip, method="told")
+        (gap,) = result.gaps
+        assert gap.bound == pytest.approx(expected)
+        assert gap.expected_mean == pytest.approx(2.0 * MEAN_FACTOR)
+        assert (gap.method, gap.poses) == ("told", 30)
+        assert (result.bound[70:90, 0] == expected).all()
+        assert np.isnan(result.bound[:60]).all() and np.isnan(result.bound[:, 1:]).all()
+        assert np.isnan(result.bound[60:70, 0]).all() == (bound is not None)
+
+
+def test_the_factor_of_a_prediction_is_the_bound(monkeypatch, folder):
+    """Each part of a clip has the factor that its own regression found."""
+    whole = Prediction.__init__
+
+    def calibrated(self, *arguments, **told):
+        whole(self, *arguments, **told)
+        object.__setattr__(self, "bound_factor", 2.0 if len(self.piece.markers) > 1 else 3.0)
+
+    monkeypatch.setattr(Prediction, "__init__", calibrated)
+    clip = with_gaps(person(), *GAPS)
+    result = fill(clip, database=folder)
+    ratio = (result.bound / result.deviation)[result.filled]
+    assert set(np.round(ratio, 9)) == {2.0, 3.0}
+    knee = clip.labels.index("LKNE")
+    np.testing.assert_allclose(result.bound[200:240, knee], 3.0 * result.deviation[200:240, knee])
+
+
+@pytest.mark.parametrize(("method", "poses"), [("baumann2011", 256), ("neighbours", 64)])
+def test_poses_of_the_searching_methods_are_k(method, poses, folder):
+    clip = with_gaps(person(), (60, 90, ("LKNE",)))
+    (gap,) = fill(clip, method=method, database=folder).gaps
+    # the database has 180 poses at its rate, which are all that can be had
+    assert gap.poses == min(poses, 178)
+    (gap,) = fill(clip, method=method).gaps
+    assert 16 <= gap.poses <= poses
+
+
+def test_a_bridge_learns_from_no_poses():
+    clip = with_gaps(person(), (100, 110, person().labels))
+    result = fill(clip)
+    assert {gap.poses for gap in result.gaps} == {0}
+    assert {gap.how for gap in result.gaps} == {("bridged over time",)}
+    np.testing.assert_allclose(
+        result.bound[result.filled], BOUND_FACTOR * result.deviation[result.filled]
+    )
 
 
 @METHOD

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -86,7 +87,13 @@ MAX_NAMES = 6
     is_flag=True,
     help="Add the filled clip to the database, which is made if it is not there.",
 )
-@click.option("--overwrite", is_flag=True, help="Replace OUT.c3d if it exists.")
+@click.option(
+    "--uncertainty",
+    metavar="OUT.npz|OUT.csv",
+    type=click.Path(path_type=Path),
+    help="Write, too, how far off each filled sample may be.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace what is to be written if it exists.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @reading_options
 def fill(
@@ -99,6 +106,7 @@ def fill(
     subjects: tuple[str, ...],
     trust_filled: bool,
     add: bool,
+    uncertainty: Path | None,
     overwrite: bool,
     as_json: bool,
     **reading: Any,
@@ -127,6 +135,8 @@ def fill(
     # whatever would make the work be in vain is found out before it is done
     get_method(method)
     formats.check_output(output, source=file, overwrite=overwrite)
+    if uncertainty is not None:
+        formats.check_uncertainty(uncertainty, source=file, output=output, overwrite=overwrite)
     selection = Selection(subjects=subjects, not_names=not_names, not_subjects=not_subjects)
     keep_in = database if add else None
     if keep_in is not None and is_to_be_made(keep_in):
@@ -142,7 +152,11 @@ def fill(
             selection=selection,
             trust_filled=trust_filled,
         )
-    written = formats.write(output, result.clip, result.filled, overwrite=overwrite)
+    with ExitStack() as stack:
+        if uncertainty is not None:  # both files appear, or none
+            beside = formats.uncertainty_file(uncertainty, result, overwrite=overwrite)
+            stack.enter_context(beside)
+        written = formats.write(output, result.clip, result.filled, overwrite=overwrite)
     kept: Kept | None = None
     failure: PriorfillError | OSError | None = None
     if keep_in is not None:
@@ -151,10 +165,12 @@ def fill(
         except (PriorfillError, OSError) as error:
             failure = error  # what was filled is of use without the database
     if as_json:
-        facts = _facts(file, output, result, written)
+        facts = _facts(file, output, uncertainty, result, written)
         print_json(facts | facts_of_keeping(kept) if keep_in is not None else facts)
     else:
         _print(output, result, written)
+        if uncertainty is not None:
+            click.echo(f"how far off each filled sample may be: {uncertainty}")
         if kept is not None:
             click.echo(kept.text)
     for note in result.notes:
@@ -171,12 +187,19 @@ def _number(value: float) -> float | None:
     return round(value, 3) if math.isfinite(value) else None
 
 
-def _facts(file: Path, output: Path, result: Result, written: WriteReport | None) -> dict[str, Any]:
+def _facts(
+    file: Path,
+    output: Path,
+    uncertainty: Path | None,
+    result: Result,
+    written: WriteReport | None,
+) -> dict[str, Any]:
     """Return what is said of a fill, in the form of the JSON output."""
     first = result.clip.first_frame
     return {
         "file": str(file),
         "output": str(output),
+        "uncertainty": str(uncertainty) if uncertainty else None,
         "method": result.method,
         "database": str(result.database) if result.database else None,
         "marker_set": result.marker_set.name,
@@ -195,7 +218,11 @@ def _facts(file: Path, output: Path, result: Result, written: WriteReport | None
                 "seconds": round(gap.frames / result.clip.rate, 4),
                 "filled": gap.filled,
                 "expected_error_mm": _number(gap.expected_error),
+                "expected_mean_error_mm": _number(gap.expected_mean),
+                "bound_90_mm": _number(gap.bound),
+                "method": gap.method,
                 "from": list(gap.how),
+                "poses": gap.poses,
                 "left_missing": [
                     {
                         "first_frame": first + piece.start,
@@ -214,20 +241,19 @@ def _facts(file: Path, output: Path, result: Result, written: WriteReport | None
 def _print_gaps(result: Result) -> None:
     """Print the table of a result's gaps."""
     clip = result.clip
-    rows = []
-    for gap in result.gaps[:MAX_GAPS]:
-        error = f"{gap.expected_error:.1f}" if math.isfinite(gap.expected_error) else "-"
-        rows.append(
-            (
-                gap.label,
-                f"{clip.first_frame + gap.start}-{clip.first_frame + gap.stop - 1}",
-                f"{gap.frames / clip.rate:.2f}",
-                f"{100 * gap.filled / gap.frames:.0f} %",
-                error,
-                "; ".join([*gap.how, *dict.fromkeys(f"NOT: {p.reason}" for p in gap.left)]),
-            )
+    rows = [
+        (
+            gap.label,
+            f"{clip.first_frame + gap.start}-{clip.first_frame + gap.stop - 1}",
+            f"{gap.frames / clip.rate:.2f}",
+            f"{100 * gap.filled / gap.frames:.0f} %",
+            *(f"{x:.1f}" if math.isfinite(x) else "-" for x in (gap.expected_mean, gap.bound)),
+            "; ".join([*gap.how, *dict.fromkeys(f"NOT: {p.reason}" for p in gap.left)]),
         )
-    print_table(("marker", "frames", "s>", "filled>", "expected error mm>", "from"), rows)
+        for gap in result.gaps[:MAX_GAPS]
+    ]
+    columns = ("marker", "frames", "s>", "filled>", "expected error mm>", "90 % below mm>", "from")
+    print_table(columns, rows)
     if len(result.gaps) > MAX_GAPS:
         click.echo(f"... and {len(result.gaps) - MAX_GAPS} more gaps (--json lists all)")
 

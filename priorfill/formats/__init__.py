@@ -14,17 +14,27 @@ from priorfill.formats.c3d_new import create_c3d
 from priorfill.formats.c3d_patch import WriteReport, write_c3d
 from priorfill.formats.c3d_read import read_c3d
 from priorfill.formats.npz_new import create_npz
+from priorfill.formats.uncertainty import (
+    UNCERTAINTY_SUFFIXES,
+    check_uncertainty,
+    uncertainty_file,
+    write_uncertainty,
+)
 
 __all__ = [
     "SUFFIXES",
+    "UNCERTAINTY_SUFFIXES",
     "WriteReport",
     "check_output",
+    "check_uncertainty",
     "create_c3d",
     "create_npz",
     "read",
     "read_c3d",
+    "uncertainty_file",
     "write",
     "write_c3d",
+    "write_uncertainty",
 ]
 
 SUFFIXES = (".c3d",)

@@ -10,7 +10,7 @@ import numpy as np
 
 from priorfill.formats.atomic import replace_file
 
-__all__ = ["create_npz"]
+__all__ = ["create_npz", "save_arrays"]
 
 
 def create_npz(path: Path | str, arrays: Mapping[str, Any], *, overwrite: bool = False) -> None:
@@ -32,9 +32,21 @@ def create_npz(path: Path | str, arrays: Mapping[str, Any], *, overwrite: bool =
     ValueError
         If something is neither number nor text.
     """
+    with replace_file(path, overwrite=overwrite) as temporary:
+        save_arrays(temporary, arrays)
+
+
+def save_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
+    """Write named arrays, as `create_npz` does, into a file that may be torn.
+
+    Raises
+    ------
+    ValueError
+        If something is neither number nor text.
+    """
     ready = {name: np.asarray(value) for name, value in arrays.items()}
     for name, array in ready.items():
         if array.dtype.kind not in "biufU":
             raise ValueError(f"{name} is of type {array.dtype}; give numbers or texts")
-    with replace_file(path, overwrite=overwrite) as temporary, temporary.open("wb") as file:
+    with path.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **ready)

@@ -314,10 +314,10 @@ def fill(
             estimate.positions[group.start : group.stop, list(group.markers)] = inside
         estimate.notes.extend(notes)
         for i, search in enumerate(searches):
-            names = take_names(
-                takes, np.concatenate([np.ravel(v) for v in used[i]] or [np.empty(0, np.intp)])
-            )
-            estimate.notes.extend(_notes(task, search, names, options))
+            votes = np.concatenate(used[i] or [np.empty((0, options.neighbours), np.intp)])
+            names = take_names(takes, votes)
+            # a bank may hold fewer poses than neighbours are asked for
+            estimate.notes.extend(_notes(task, search, names, options, votes.shape[1]))
         progress()
     return estimate
 
@@ -326,12 +326,14 @@ def _solver(positions: NDArray[np.float64], free: NDArray[np.bool_], prior: Prio
     return minimise(positions, free, prior)
 
 
-def _notes(task: Task, search: _Search, names: tuple[str, ...], options: Options) -> list[Note]:
+def _notes(
+    task: Task, search: _Search, names: tuple[str, ...], options: Options, poses: int
+) -> list[Note]:
     """Say for each run of missing samples of a search what it was filled from."""
     how = f"{options.neighbours} nearest poses by {len(search.viable)} markers"
     missing = ~task.valid
     return [
-        Note(int(marker), search.start + start, search.start + stop, how, takes=names)
+        Note(int(marker), search.start + start, search.start + stop, how, takes=names, poses=poses)
         for marker in search.wanted
         for start, stop in runs(missing[search.start : search.stop, marker])
     ]

@@ -21,7 +21,7 @@ from priorfill.methods.members import (
     seconds_of,
 )
 from priorfill.methods.pieces import FEWEST_VISIBLE, Piece
-from priorfill.methods.task import Note, Task, take_names
+from priorfill.methods.task import BOUND_FACTOR, Note, Task, take_names
 from priorfill.normalise import RootGroup, choose_root
 from priorfill.regression import Lesson, Member, Rows, regress
 from priorfill.search.bank import Banks, PoseBank
@@ -129,6 +129,10 @@ class Prediction:
         Recordings learnt from.
     own : bool
         Whether it was predicted from the clip's own poses.
+    poses : int
+        Rows of the largest lesson; 0 where no poses were learnt from.
+    bound_factor : float
+        How many times the deviation 90 % of the errors are expected to lie below.
     """
 
     piece: Piece
@@ -139,6 +143,8 @@ class Prediction:
     how: str
     takes: tuple[str, ...] = ()
     own: bool = False
+    poses: int = 0
+    bound_factor: float = BOUND_FACTOR
 
     @property
     def last(self) -> int:
@@ -149,7 +155,14 @@ class Prediction:
     def notes(self) -> list[Note]:
         """What is to be said of it, marker by marker."""
         return [
-            Note(int(m), self.piece.start, self.piece.stop, self.how, takes=self.takes)
+            Note(
+                int(m),
+                self.piece.start,
+                self.piece.stop,
+                self.how,
+                takes=self.takes,
+                poses=self.poses,
+            )
             for m in self.piece.markers
         ]
 
@@ -369,8 +382,16 @@ class Predictor:
         seconds = (piece.stop - piece.start) / self.task.rate
         frames = np.round(lessons[0].query.time * self.task.rate)
         inside = (frames >= piece.start) & (frames < piece.stop)
-        regression = regress(lessons, members, seconds, inside, self.each)
-        return Prediction(piece, first, regression.positions, regression.deviation, **told)
+        found = regress(lessons, members, seconds, inside, self.each)
+        return Prediction(
+            piece,
+            first,
+            found.positions,
+            found.deviation,
+            bound_factor=found.bound_factor,
+            poses=max(len(lesson.rows.time) for lesson in lessons),
+            **told,
+        )
 
     def _limb_lessons(
         self,

@@ -116,7 +116,8 @@ class _Filling:
         self._groups = task.groups
         self._predictor = predictor
         self._levels = levels
-        self.estimate = Estimate.of(task)
+        self._bound = np.full(task.positions.shape[:2], np.nan)
+        self.estimate = replace(Estimate.of(task), bound=self._bound)
         self._by_group = [
             [_Slot(n, piece) for piece in pieces_of(group, predictor.valid, predictor.distance)]
             for n, group in enumerate(task.groups)
@@ -170,6 +171,8 @@ class _Filling:
             piece = part.piece
             deviation = part.deviation[piece.start - part.first : piece.stop - part.first]
             self.estimate.deviation[piece.start : piece.stop, piece.markers] = deviation
+            bound = part.bound_factor * deviation
+            self._bound[piece.start : piece.stop, piece.markers] = bound
 
 
 def _give_up_hopeless(estimate: Estimate) -> None:
