@@ -14,13 +14,13 @@ length it is.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
+from recordings import add_data_option
 
 import priorfill as pf
 
@@ -49,9 +49,8 @@ def best_time(clip: pf.Clip, repeat: int, **options: object) -> tuple[float, flo
 
 def main() -> int:
     """Run the benchmark."""
-    beside = Path(__file__).resolve().parents[2] / "shared" / "data"
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--data", type=Path, default=Path(os.environ.get("PRIORFILL_DATA", beside)))
+    add_data_option(parser)
     parser.add_argument("--seconds", default="1,2,4,8")
     parser.add_argument("--repeat", type=int, default=3)
     arguments = parser.parse_args()

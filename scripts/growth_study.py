@@ -26,6 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from recordings import LIMBS, add_data_option, person_of
 
 import priorfill as pf
 from priorfill.markerset import load
@@ -33,13 +34,6 @@ from priorfill.markerset import load
 SETS = {"gait": ("gait59", ("gait",)), "baumann41": ("baumann41", ("cmu", "hdm05"))}
 """Marker set and folders of recordings."""
 
-PERSON = {"gait": slice(0, 5), "cmu": slice(0, -3), "hdm05": slice(4, 6)}
-"""Where a file's name has the person, by folder."""
-
-LIMBS = {
-    "leg": ("thigh", "shank", "foot", "hindfoot", "forefoot", "hallux"),
-    "arm": ("upper_arm", "forearm", "hand"),
-}
 GAP_SECONDS = 1.0
 LONGEST = 10.0
 """s. Longer recordings are cut into parts: a clip should not know everything by itself."""
@@ -82,7 +76,7 @@ def read_cases(data: Path, name: str) -> list[Case]:
                     whole,
                     positions=positions,
                     name=f"{whole.name}-{part}" if count > 1 else whole.name,
-                    subject=file.stem[PERSON[folder]],
+                    subject=person_of(file),
                     source=None,
                 )
                 gone = limb_gap(clip, marker_set, np.random.default_rng(len(cases)))
@@ -227,9 +221,8 @@ def run(
 
 def main() -> int:
     """Run the study."""
-    beside = Path(__file__).resolve().parents[2] / "shared" / "data"
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--data", type=Path, default=Path(os.environ.get("PRIORFILL_DATA", beside)))
+    add_data_option(parser)
     parser.add_argument("--set", choices=SETS, default="gait")
     parser.add_argument("--orders", type=int, default=10)
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
