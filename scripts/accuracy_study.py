@@ -403,7 +403,7 @@ def plot(plan: Plan, some: Sequence[Row], folder: Path) -> None:
         axes[0].legend(loc="upper right", fontsize=8)
         axes[3].legend(loc="upper right", fontsize=8)
         figure.suptitle(
-            f"{row.case}: {row.marker} of {row.clip}, {row.method}, database {row.database}; "
+            f"{row.case}: {row.marker} of {row.clip}, {row.method}, database {row.database}\n"
             f"mean error {row.error:.1f} mm, expected {row.expected_mean:.1f} mm"
         )
         name = folder / f"{row.case}_{row.marker}_{row.database}_{row.method}.png"

@@ -6,6 +6,7 @@ import hashlib
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -217,6 +218,27 @@ def test_a_bridge_learns_from_no_poses():
     np.testing.assert_allclose(
         result.bound[result.filled], BOUND_FACTOR * result.deviation[result.filled]
     )
+
+
+def test_how_far_off_strangers_are_is_told_by_whole_bodies(tmp_path):
+    """Two takes of a person agree about a marker better than they do with somebody else."""
+    clip = replace(with_gaps(person(), (0, 240, ("C7",))), subject="anna")
+
+    def expected(name, subjects):
+        with PriorDatabase.create(tmp_path / name) as made:
+            for seed, subject in enumerate(subjects):
+                body = 20 + seed // 2
+                whole = person(seconds=5.0, seed=30 + seed, body=body)
+                made.add(replace(whole, name=f"take{seed}"), subject=subject)
+        (gap,) = fill(clip, database=tmp_path / name).gaps
+        return gap.expected_error
+
+    strangers = expected("strangers", ["ben", "ben", "cleo", "cleo", "dan", "dan"])
+    unknown = expected("unknown", [""] * 6)  # each may be another's
+    own = expected("own", ["ben", "ben", "anna", "anna", "dan", "dan"])
+    one = expected("one", ["ben"] * 6)
+    assert strangers > 1.2 * unknown
+    assert own == one == unknown
 
 
 @METHOD

@@ -589,6 +589,22 @@ class Predictor:
         subjects = [take.subject or f"\0{i}" for i, take in enumerate(self.task.takes)]
         return np.unique(subjects, return_inverse=True)[1].astype(np.intp)
 
+    def _left_out_together(self, take: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return numbers of what is left out at once to tell how far off a prediction is.
+
+        Limbs differ in length, and markers sit elsewhere on others: what that comes to is told by
+        leaving out all that a body shows. Where the clip's own body is among the takes, or no
+        other is left, by leaving out single takes.
+
+        Parameters
+        ----------
+        take : ndarray of int [shape=(poses,)]
+            Whence each pose is.
+        """
+        bodies, subject = self._bodies[take], self.task.subject
+        own = subject and any(self.task.takes[i].subject == subject for i in np.unique(take))
+        return take if own or len(np.unique(bodies)) < 2 else bodies
+
     def _bank(
         self, root: RootGroup, viable: NDArray[np.intp], wanted: NDArray[np.intp], rate: float
     ) -> PoseBank:
@@ -656,7 +672,7 @@ class Predictor:
             bank.positions(chosen, near),
             bank.positions(chosen, piece.markers),
             np.zeros(len(chosen)),
-            bank.take(chosen),
+            self._left_out_together(bank.take(chosen)),
         )
         query = self._query(asked, near, take=-1)
         lesson = Lesson(
