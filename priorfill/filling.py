@@ -17,24 +17,11 @@ from priorfill.database import PriorDatabase, Selection
 from priorfill.gaps import Gap, find_gaps, gap_groups, runs
 from priorfill.markerset import MarkerSet, describe, recognise
 from priorfill.methods import DEFAULT_METHOD, get_method
-from priorfill.methods.task import BOUND_FACTOR, Estimate, Note, Task
+from priorfill.methods.task import Estimate, Note, Task
 from priorfill.takes import Take, takes_from
+from priorfill.uncertainty import BOUND_FACTOR, MEAN_FACTOR, common_bound
 
-__all__ = ["BOUND_SHARE", "FilledGap", "LeftMissing", "Result", "fill"]
-
-BOUND_SHARE = 0.9
-"""Share of the errors that are expected to lie below a bound; one in ten is greater."""
-
-MEAN_FACTOR = 0.921
-"""Mean of the distance from the truth, by its root mean square, for a normal isotropic error in
-space: 4 / sqrt(6 pi). A mean of the distance is what recordings are usually compared by."""
-
-UNIT_BOUND = 2.500278
-"""Distance below which 90 % of the errors lie that are normal with a standard deviation of 1 in
-each of the three coordinates."""
-
-BISECTIONS = 40
-"""Halvings of an interval: to a part in 10^12 of it."""
+__all__ = ["FilledGap", "LeftMissing", "Result", "fill"]
 
 
 @dataclass(frozen=True)
@@ -336,7 +323,7 @@ def _filled_gap(
         filled=int(here.sum()),
         expected_error=float(np.sqrt((known**2).mean())) if len(known) else float("nan"),
         expected_mean=MEAN_FACTOR * float(known.mean()) if len(known) else float("nan"),
-        bound=_common_bound(bounds) if len(bounds) else float("nan"),
+        bound=common_bound(bounds) if len(bounds) else float("nan"),
         method=method,
         how=tuple(dict.fromkeys(n.how for n in inside if n.filled)) if here.any() else (),
         poses=max((n.poses for n in inside if n.filled), default=0) if here.any() else 0,
@@ -348,28 +335,6 @@ def _filled_gap(
 def _finite(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return those of some values that are known."""
     return values[np.isfinite(values)]
-
-
-def _common_bound(bounds: NDArray[np.float64]) -> float:
-    """Distance (mm) below which 90 % of the errors of samples with different bounds lie.
-
-    Each sample's error is taken to be normal and isotropic, of the size that its own bound says.
-    Samples right at a gap's edge err little, those in its middle more; the errors of the gap are
-    those of all of them together.
-    """
-    from scipy.special import erf
-
-    low, high = 0.0, float(bounds.max())
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        ratio = UNIT_BOUND * middle / np.maximum(bounds, 1e-9)  # mm; nothing is known that well
-        # share of a Maxwell distribution below
-        share = erf(ratio / np.sqrt(2.0)) - np.sqrt(2.0 / np.pi) * ratio * np.exp(-0.5 * ratio**2)
-        if share.mean() < BOUND_SHARE:
-            low = middle
-        else:
-            high = middle
-    return high
 
 
 def _reason(notes: list[Note], frame: int) -> str:

@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotri
 
 from priorfill.normalise import RootFrames, heading_frames, rigid_frames
+from priorfill.uncertainty import BOUND_FACTOR, BOUND_SHARE
 
 __all__ = [
     "Kernel",
@@ -61,12 +62,8 @@ the worst case."""
 FADED = 0.5
 """What is left of the covariance of poses far apart in time, for kernels that fade."""
 
-USUAL_BOUND = 1.6
-"""What times the deviation 90 % of errors lie within, over many gaps; for a normal distribution
-in space it would be 1.44, but tails are heavier."""
-
 PRIOR_BLOCKS = 8.0
-"""Blocks that `USUAL_BOUND`, and a deviation that is right as predicted, count as against those
+"""Blocks that `BOUND_FACTOR`, and a deviation that is right as predicted, count as against those
 that were left out: a few blocks tell little of the tails."""
 
 FEWEST_JUDGED = 20
@@ -583,8 +580,8 @@ def _calibrate(
     ratio = np.sqrt((mean**2).sum(axis=2) / np.maximum(variance, 1e-12))
     known = blocks / (blocks + PRIOR_BLOCKS)
     factor = float(np.sqrt((ratio**2).mean()))
-    bound = float(np.quantile(ratio, 0.9)) / max(factor, 1e-6)
-    return factor**known, bound**known * USUAL_BOUND ** (1.0 - known)
+    bound = float(np.quantile(ratio, BOUND_SHARE)) / max(factor, 1e-6)
+    return factor**known, bound**known * BOUND_FACTOR ** (1.0 - known)
 
 
 def regress(

@@ -17,18 +17,11 @@ import priorfill as pf
 from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
 from priorfill.errors import DatabaseNotFoundError, OptionError
-from priorfill.filling import (
-    BOUND_SHARE,
-    MEAN_FACTOR,
-    UNIT_BOUND,
-    FilledGap,
-    LeftMissing,
-    _common_bound,
-    fill,
-)
+from priorfill.filling import FilledGap, LeftMissing, fill
 from priorfill.methods import METHODS
 from priorfill.methods.predict import Prediction
-from priorfill.methods.task import BOUND_FACTOR, Estimate, Note
+from priorfill.methods.task import Estimate, Note
+from priorfill.uncertainty import BOUND_FACTOR, MEAN_FACTOR
 
 METHOD = pytest.mark.parametrize("method", sorted(METHODS))
 GAPS = ((60, 130, ARM), (90, 170, FOOT), (200, 240, ("LKNE",)), (0, 240, ("C7",)))
@@ -129,31 +122,6 @@ def test_nine_of_ten_errors_are_below_the_bound_or_nearly(folder):
     result = fill(clip, database=folder)
     off = np.linalg.norm(result.clip.positions - person().positions, axis=2)
     assert 0.6 < (off < result.bound)[result.filled].mean() <= 1.0
-
-
-def test_factors_are_those_of_a_normal_error():
-    """Against the textbook's moments of the Maxwell distribution (chi with 3 degrees)."""
-    from scipy.stats import chi
-
-    assert chi(3).mean() / np.sqrt(3.0) == pytest.approx(MEAN_FACTOR, abs=1e-3)
-    assert chi(3).ppf(BOUND_SHARE) == pytest.approx(UNIT_BOUND, abs=1e-6)
-    assert UNIT_BOUND / np.sqrt(3.0) < BOUND_FACTOR
-
-
-@pytest.mark.parametrize(
-    "bounds",
-    [np.ones(5), np.linspace(0.0, 3.0, 50), np.r_[np.ones(90), np.full(10, 40.0)], [7.0]],
-)
-def test_the_bound_of_a_gap_is_that_of_all_its_samples(bounds):
-    bounds = np.asarray(bounds)
-    errors = np.linalg.norm(np.random.default_rng(1).normal(size=(20000, 3)), axis=1)
-    below = (np.outer(errors, bounds / UNIT_BOUND) < _common_bound(bounds)).mean()
-    assert below == pytest.approx(0.9, abs=0.006)
-    assert _common_bound(3.0 * bounds) == pytest.approx(3.0 * _common_bound(bounds))
-
-
-def test_the_bound_of_samples_that_are_certain():
-    assert _common_bound(np.zeros(4)) == pytest.approx(0.0, abs=1e-6)
 
 
 def told(bound):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from priorfill.bridge import LONGEST, bridge
 from priorfill.distances import pair_distances
+from priorfill.lengths import hold_lengths, stiff_edges
 from priorfill.methods.members import (
     BASIC,
     FEW,
@@ -21,10 +22,11 @@ from priorfill.methods.members import (
     seconds_of,
 )
 from priorfill.methods.pieces import FEWEST_VISIBLE, Piece
-from priorfill.methods.task import BOUND_FACTOR, Note, Task, take_names
+from priorfill.methods.task import Note, Task, take_names
 from priorfill.normalise import RootGroup, choose_root
 from priorfill.regression import Lesson, Member, Rows, regress
 from priorfill.search.bank import Banks, PoseBank
+from priorfill.uncertainty import BOUND_FACTOR
 
 __all__ = ["Options", "Prediction", "Predictor", "unfilled"]
 
@@ -359,7 +361,7 @@ class Predictor:
         else:
             members = LIMB_MEMBERS
             lessons, takes = self._limb_lessons(lesson, source, piece, visible, near)
-        return self._learn(
+        prediction = self._learn(
             piece,
             int(asked[0]),
             lessons,
@@ -369,6 +371,10 @@ class Predictor:
             takes=(self.task.name, *takes),
             own=True,
         )
+        edges = stiff_edges(self.distance, self.spread, piece.markers, visible)
+        seen = self.task.positions[np.ix_(asked, visible)]
+        positions = hold_lengths(prediction.positions, prediction.deviation, seen, edges)
+        return replace(prediction, positions=positions)
 
     def _learn(
         self,

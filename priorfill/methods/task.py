@@ -13,13 +13,7 @@ from priorfill.gaps import GapGroup
 from priorfill.markerset import MarkerSet
 from priorfill.takes import Take
 
-__all__ = ["BOUND_FACTOR", "Estimate", "Method", "Note", "Task", "take_names"]
-
-BOUND_FACTOR = 1.6
-"""Where nothing better is known, 90 % of the errors are expected below this many times the expected
-rms error. For a normal isotropic error in space it would be 1.44; tails are heavier, and the
-deviation itself is an estimate. In 40 cases of `scripts/accuracy_study.py` 1.6 covers 88 to 90 %;
-by kind of gap 65 to 98 %."""
+__all__ = ["Estimate", "Method", "Note", "Task", "take_names"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,141 @@
+"""Hold the distances of markers on one segment: bones neither stretch nor shrink.
+
+A prediction is a mean over movements that might have been, and the mean of an arm's directions is
+a shorter arm. The distances that hardly vary where they are measured are held in what is predicted,
+by a term of the least squares
+
+    sum_i |x_i - p_i|² / σ_i²  +  sum_ij (|x_i - x_j| - L_ij)² / s_ij²
+
+in each frame: p_i is what was predicted, with deviation σ_i a coordinate; L_ij and its spread are
+measured in the clip. The minimum is found by Gauss-Newton steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import minimum_spanning_tree
+
+__all__ = ["Edges", "hold_lengths", "stiff_edges"]
+
+STIFF = 15.0
+"""mm. Distances that vary by more (rms) are not held."""
+
+SOFTNESS = 0.5
+"""How far lengths give way, in deviations of what is predicted: predictions are better pulled
+towards their lengths than onto them."""
+
+LEAST_SPREAD = 0.1
+"""mm. No distance is known better."""
+
+STEPS = 3
+"""Gauss-Newton steps; further ones change nothing worth having."""
+
+LEAST_LENGTH = 1.0
+"""mm. Markers nearer to each other have no direction."""
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """Distances to be held.
+
+    Attributes
+    ----------
+    one, other : ndarray of int [shape=(edges,)]
+        Columns of the markers: missing ones come first, then visible ones. ``one`` is missing.
+    length, spread : ndarray [shape=(edges,), mm]
+        Distance and how much it varies.
+    """
+
+    one: NDArray[np.intp]
+    other: NDArray[np.intp]
+    length: NDArray[np.float64]
+    spread: NDArray[np.float64]
+
+
+def stiff_edges(
+    distance: NDArray[np.float64],
+    spread: NDArray[np.float64],
+    missing: NDArray[np.intp],
+    visible: NDArray[np.intp],
+) -> Edges:
+    """Choose the distances that are to be held.
+
+    Parameters
+    ----------
+    distance, spread : ndarray [shape=(markers, markers), mm]
+        As `priorfill.distances.pair_distances` gives them.
+    missing, visible : ndarray of int
+        Markers that are predicted, and those that are measured.
+    """
+    # a tree of the stiffest: each marker hangs on another missing one, or on the visible body
+    inner = spread[np.ix_(missing, missing)]
+    outer = spread[np.ix_(missing, visible)]
+    graph = np.full((len(missing) + 1, len(missing) + 1), np.inf)
+    graph[:-1, :-1] = inner
+    graph[:-1, -1] = outer.min(axis=1, initial=np.inf)
+    held = np.where(np.isfinite(graph) & (graph < STIFF), graph + LEAST_SPREAD, 0.0)
+    one, other = minimum_spanning_tree(np.triu(held, 1)).nonzero()
+    body = other == len(missing)
+    if body.any():
+        other[body] += np.argmin(outer[one[body]], axis=1)
+    among = np.concatenate([missing, visible])
+    a, b = missing[one], among[other]
+    return Edges(one.astype(np.intp), other.astype(np.intp), distance[a, b], spread[a, b])
+
+
+def hold_lengths(
+    predicted: NDArray[np.float64],
+    deviation: NDArray[np.float64],
+    visible: NDArray[np.float64],
+    edges: Edges,
+) -> NDArray[np.float64]:
+    """Pull predicted markers towards their distances from each other and from visible ones.
+
+    Parameters
+    ----------
+    predicted : ndarray [shape=(frames, missing markers, 3), mm]
+    deviation : ndarray [shape=(frames, missing markers), mm]
+        Expected rms Euclidean error.
+    visible : ndarray [shape=(frames, visible markers, 3), mm]
+    edges : Edges
+        Which distances.
+
+    Returns
+    -------
+    ndarray [shape=(frames, missing markers, 3), mm]
+    """
+    if not len(edges.one):
+        return predicted
+    frames, markers = predicted.shape[:2]
+    variance = np.maximum(deviation**2, 1e-6) / 3.0  # of a coordinate, mm²
+    points = np.concatenate([predicted, visible], axis=1)
+    own = np.zeros((frames, markers, 3, markers, 3))
+    for i in range(markers):
+        own[:, i, :, i, :] = np.eye(3) / variance[:, i, None, None]
+    for _ in range(STEPS):
+        matrix = own.copy()
+        force = (predicted - points[:, :markers]) / variance[..., None]
+        for one, other, length, spread in zip(
+            edges.one, edges.other, edges.length, edges.spread, strict=True
+        ):
+            apart = points[:, one] - points[:, other]
+            far = np.maximum(np.linalg.norm(apart, axis=1), LEAST_LENGTH)
+            along = apart / far[:, None]
+            weight = 1.0 / (spread**2 + SOFTNESS**2 * variance[:, one])
+            stiffness = weight[:, None, None] * along[:, :, None] * along[:, None, :]
+            pull = (weight * (length - far))[:, None] * along
+            matrix[:, one, :, one, :] += stiffness
+            force[:, one] += pull
+            if other < markers:
+                matrix[:, other, :, other, :] += stiffness
+                matrix[:, one, :, other, :] -= stiffness
+                matrix[:, other, :, one, :] -= stiffness
+                force[:, other] -= pull
+        step = np.linalg.solve(
+            matrix.reshape(frames, markers * 3, markers * 3), force.reshape(frames, -1, 1)
+        )
+        points[:, :markers] += step.reshape(frames, markers, 3)
+    return points[:, :markers]
