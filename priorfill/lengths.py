@@ -27,6 +27,10 @@ SOFTNESS = 0.5
 """How far lengths give way, in deviations of what is predicted: predictions are better pulled
 towards their lengths than onto them."""
 
+CAUTION = 2.0
+"""How many times its spread a length is off by at worst: it changes with the pose, which a regression
+of a few markers knows better. With 1, markers that are known to a millimetre get worse."""
+
 LEAST_SPREAD = 0.1
 """mm. No distance is known better."""
 
@@ -124,7 +128,7 @@ def hold_lengths(
             apart = points[:, one] - points[:, other]
             far = np.maximum(np.linalg.norm(apart, axis=1), LEAST_LENGTH)
             along = apart / far[:, None]
-            weight = 1.0 / (spread**2 + SOFTNESS**2 * variance[:, one])
+            weight = 1.0 / ((CAUTION * spread) ** 2 + SOFTNESS**2 * variance[:, one])
             stiffness = weight[:, None, None] * along[:, :, None] * along[:, None, :]
             pull = (weight * (length - far))[:, None] * along
             matrix[:, one, :, one, :] += stiffness

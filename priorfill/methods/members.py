@@ -33,7 +33,6 @@ _NEAR = View("rigid", 120.0, 0.001, 8.0)
 _PARTS = View("rigid", 300.0, 0.002, 10.0)
 _UPRIGHT = View("heading", 220.0, 0.005, 10.0)
 _BODY = View("heading", 200.0, 0.1)
-_TURNED_BODY = View("rigid", 200.0, 0.1)
 
 _PLAIN = Kernel(1.0, 0.1, 1.0, 0.001, 0.1, smooth=False, noise=1e-4)
 _WIDE = Kernel(1.0, 1.0, 1.5, 0.001, 0.1, smooth=False, noise=1e-4)
@@ -68,21 +67,23 @@ FEW_MEMBERS = _few()
 BASIC = _each([_SEGMENT, _UPRIGHT], [None], [_PLAIN])
 """For a first reading that a second will replace."""
 
-LIMB_MEMBERS = _each(
-    [_SEGMENT, _UPRIGHT, _BODY, _TURNED_BODY],
-    [
-        None,
-        Moment(1.0 / 15.0, 0.8),
-        Moment(2.0 / 15.0, 0.4),
-        Moment(4.0 / 15.0, 0.6),
-        Moment(2.0 / 15.0, 1.5, velocity=True),
-    ],
-    [
-        _PLAIN,
-        Kernel(10.0, 0.1, 0.6, 0.05, 0.4, smooth=True, noise=1e-4),
-        Kernel(1.0, 0.3, 0.5, 0.05, 0.4, smooth=True, noise=1e-4),
-        Kernel(3.0, 3.0, 1.0, 0.05, 0.4, smooth=True, noise=1e-5),
-    ],
+_LIMB_KERNELS = (
+    _PLAIN,
+    Kernel(3.0, 3.0, 1.0, 0.05, 0.4, smooth=True, noise=1e-5),
+    Kernel(30.0, 0.0, 1.0, 0.05, 0.4, smooth=True, noise=1e-4),
+    Kernel(0.3, 1.0, 0.6, 0.05, 0.4, smooth=True, noise=1e-4),
+)
+_LIMB_MOMENTS = (
+    Moment(1.0 / 15.0, 0.8),
+    Moment(2.0 / 15.0, 0.4),
+    Moment(4.0 / 15.0, 0.6),
+    Moment(2.0 / 15.0, 1.5, velocity=True),
+)
+
+LIMB_MEMBERS = (
+    *_each([_SEGMENT, _UPRIGHT, _BODY], [None, *_LIMB_MOMENTS], _LIMB_KERNELS),
+    *_each([_NEAR], [None], _LIMB_KERNELS[:3]),
+    *_each([_NEAR], _LIMB_MOMENTS[:1], _LIMB_KERNELS[:2]),
 )
 """For limbs and other large parts of the body, which move against what is visible. Their moments
 are whole steps of 1/15 s, which databases are read by."""
