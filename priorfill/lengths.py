@@ -28,8 +28,8 @@ SOFTNESS = 0.5
 towards their lengths than onto them."""
 
 CAUTION = 2.0
-"""How many times its spread a length is off by at worst: it changes with the pose, which a regression
-of a few markers knows better. With 1, markers that are known to a millimetre get worse."""
+"""How many times its spread a length is off by at worst: it changes with the pose, which a
+regression of a few markers knows better. With 1, what is known to a millimetre gets worse."""
 
 LEAST_SPREAD = 0.1
 """mm. No distance is known better."""

@@ -314,6 +314,22 @@ def test_flickering_markers_are_bridged_whatever_the_database(database):
         )
 
 
+def test_a_limb_is_told_by_the_movement():
+    """The visible pose is the same on the way there and back, the hidden limb is not."""
+    rng = np.random.default_rng(5)
+    frames = 600
+    phase = np.cumsum(0.12 + 0.04 * np.sin(np.arange(frames) / 37.0))
+    positions = np.tile(rng.uniform(-200.0, 200.0, (12, 3)), (frames, 1, 1))
+    positions[:, 6:8, 2] += 100.0 * np.sin(phase)[:, None]
+    positions[:, 8:, 0] += 100.0 * np.cos(phase)[:, None]
+    labels = tuple(f"M{i}" for i in range(12))
+    whole = Clip(positions + rng.normal(0.0, 0.2, positions.shape), labels, 60.0)
+    clip = with_gaps(whole, (250, 330, labels[8:]))
+    result = fill(clip)
+    check(clip, result)
+    assert error(result.clip.positions, whole.positions, clip.missing) < 10.0
+
+
 def test_a_database_with_some_of_the_markers_helps_with_those(tmp_path):
     """The nearest visible markers are not in the database; others are."""
     other = person(seconds=6.0, seed=11, body=11)
