@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,11 +14,12 @@ from threadpoolctl import threadpool_limits
 from priorfill.axes import from_upright, to_upright
 from priorfill.clip import Clip
 from priorfill.database import PriorDatabase, Selection
+from priorfill.errors import OptionError
 from priorfill.gaps import Gap, find_gaps, gap_groups, runs
 from priorfill.markerset import MarkerSet, describe, recognise
 from priorfill.methods import DEFAULT_METHOD, get_method
 from priorfill.methods.task import Estimate, Note, Task
-from priorfill.takes import Take, takes_from
+from priorfill.takes import Take, companion_take, takes_from
 from priorfill.uncertainty import BOUND_FACTOR, MEAN_FACTOR, common_bound
 
 __all__ = ["FilledGap", "LeftMissing", "Result", "fill"]
@@ -141,6 +142,7 @@ def fill(
     progress: Callable[[int, int], None] | None = None,
     selection: Selection | None = None,
     trust_filled: bool = False,
+    companions: Sequence[Clip] = (),
 ) -> Result:
     """Fill the gaps of a clip.
 
@@ -161,6 +163,9 @@ def fill(
         itself, and parts of it, are always left out.
     trust_filled : bool
         Learn from samples of the database that were themselves synthesised, too.
+    companions : sequence of Clip, optional
+        Other clips of the same person with the same markers on: a static trial, other takes of the
+        session. What is best known of a marker that the clip never shows.
 
     Returns
     -------
@@ -170,13 +175,16 @@ def fill(
     Raises
     ------
     OptionError
-        Where there is no such method.
+        Where there is no such method, or a companion is the clip itself.
+    ClipError
+        Where a companion has no marker in common with the clip.
     DatabaseError
         Where the database cannot be read.
     """
     run = get_method(method)
     definition = marker_set or recognise(clip.labels)
     marker_set = describe(clip, marker_set)
+    kin = tuple(_companion(clip, other, definition) for other in companions)
     with ExitStack() as stack:
         if isinstance(database, (str, Path)):
             database = stack.enter_context(PriorDatabase.open(database))
@@ -188,7 +196,7 @@ def fill(
             clip.rate,
             marker_set,
             groups,
-            prior.takes,
+            kin + prior.takes,
             clip.name,
             clip.subject,
         )
@@ -206,6 +214,19 @@ def fill(
     place = database.path if database is not None else None
     method = DEFAULT_METHOD if method == "auto" else method
     return _assemble(clip, estimate, method, marker_set, place, prior.notes)
+
+
+def _companion(clip: Clip, other: Clip, definition: MarkerSet | None) -> Take:
+    """Make a take of a companion, which must not be the clip itself."""
+    if other is clip or (
+        other.labels == clip.labels
+        and np.array_equal(other.positions, clip.positions, equal_nan=True)
+    ):
+        raise OptionError(
+            f"{other.name}: is the clip that is to be filled; "
+            "as companion give another recording of the same person"
+        )
+    return companion_take(other, clip.labels, definition, clip.subject)
 
 
 class _Prior:

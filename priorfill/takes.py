@@ -1,9 +1,9 @@
 """Takes: the recordings that a fill may learn from, in the clip's own order of markers.
 
-A take is a recording of the prior database, or the clip that is being filled itself. Every one
-is brought into the same shape: upright, mm, one column for each marker of the clip, NaN where
-the take does not have it. Positions are read when they are asked for: a database may be larger
-than the memory.
+A take is a recording of the prior database, a companion of the clip that is being filled (another
+recording of the same body), or that clip itself. Every one is brought into the same shape: upright,
+mm, one column for each marker of the clip, NaN where the take does not have it. Positions are read
+when they are asked for: a database may be larger than the memory.
 """
 
 from __future__ import annotations
@@ -15,14 +15,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.errors import DatabaseCorruptError
+from priorfill.axes import to_upright
+from priorfill.clip import Clip
+from priorfill.errors import ClipError, DatabaseCorruptError
 from priorfill.markerset import MarkerSet, same_markers
-from priorfill.resample import Level
+from priorfill.resample import Level, resample
 
 if TYPE_CHECKING:
     from priorfill.database import ClipRecord, PriorDatabase
 
-__all__ = ["Take", "own_take", "takes_from"]
+__all__ = ["Take", "companion_take", "own_take", "takes_from"]
+
+COARSER_RATES = (30.0, 15.0, 7.5)
+"""Hz. Resolutions of a companion beside its own: those of a database."""
+
 
 Reader = Callable[[int, NDArray[np.intp]], NDArray[np.floating]]
 
@@ -47,6 +53,8 @@ class Take:
         Gives the positions of a resolution for some markers; see `positions`.
     own : bool
         Whether it is the clip that is being filled.
+    companion : bool
+        Whether it is known to be of the clip's own body, with the same markers on it.
     """
 
     name: str
@@ -56,6 +64,7 @@ class Take:
     shown: NDArray[np.intp] = field(repr=False)
     read: Reader = field(repr=False)
     own: bool = False
+    companion: bool = False
 
     def nearest_level(self, rate: float) -> int:
         """Return the number of the resolution whose rate is nearest to ``rate`` (Hz) as a ratio."""
@@ -99,6 +108,53 @@ def own_take(levels: Sequence[Level], name: str, subject: str) -> Take:
         (~np.isnan(levels[0].positions[..., 0])).sum(axis=0),
         lambda number, markers: levels[number].positions[:, markers],
         own=True,
+    )
+
+
+def companion_take(
+    companion: Clip,
+    labels: Sequence[str],
+    marker_set: MarkerSet | None = None,
+    subject: str = "",
+) -> Take:
+    """Make a take of another clip of the same body with the same markers on it.
+
+    Parameters
+    ----------
+    companion : Clip
+        At any rate, with any axis up, of any length: a static pose will do.
+    labels : sequence of str
+        The labels of the clip that is to be filled, in its order.
+    marker_set : MarkerSet, optional
+        Definition whose other spellings count too.
+    subject : str
+        Of the clip that is to be filled.
+
+    Raises
+    ------
+    ClipError
+        Where it shows none of the clip's markers.
+    """
+    here, there = same_markers(labels, companion.labels, marker_set)
+    positions = np.full((companion.frames, len(labels), 3), np.nan)
+    positions[:, here] = to_upright(companion.positions, companion.up)[:, there]
+    shown = (~np.isnan(positions[..., 0])).sum(axis=0)
+    if not shown.any():
+        raise ClipError(
+            f"{companion.name}: has no marker in common with the clip "
+            f"({', '.join(labels[:6])}, ...); its markers are "
+            f"{', '.join(companion.labels[:6])}, ...; give a clip of the same markers"
+        )
+    rates = [companion.rate, *(rate for rate in COARSER_RATES if rate < companion.rate)]
+    levels = [positions, *(resample(positions, companion.rate, rate) for rate in rates[1:])]
+    return Take(
+        companion.name,
+        subject,
+        tuple(rates),
+        tuple(len(level) for level in levels),
+        shown,
+        lambda number, markers: levels[number][:, markers],
+        companion=True,
     )
 
 

@@ -145,7 +145,7 @@ def test_json_and_database(folder: Path, database: Path) -> None:
     assert facts["uncertainty"] is None
     assert (gap["first_frame"], gap["last_frame"]) == (first, first + 239)
     assert (gap["frames"], gap["seconds"], gap["filled"]) == (240, 4.0, 240)
-    assert gap["from"] == ["the database's nearest poses"]
+    assert gap["from"] == ["the database's bodies"]
     assert gap["left_missing"] == []
 
 
@@ -158,6 +158,40 @@ def test_published_method(folder: Path, database: Path) -> None:
     assert "256 nearest poses by" in result.stdout
 
 
+def test_with_another_clip_of_the_person(folder: Path) -> None:
+    other = person(seed=9)
+    write("static.c3d", replace(other, positions=other.positions[50:52]))
+    write("other.c3d", other)
+    result = run("fill", "drop.c3d", "-o", "a.c3d", "--with", "static.c3d")
+    assert result.exit_code == 0
+    assert "other recordings of the same body" in result.stdout
+    off = np.linalg.norm(read("a.c3d").positions - person().positions, axis=2)
+    assert off[:, person().labels.index("C7")].mean() < 8
+    result = run(
+        "fill", "drop.c3d", "-o", "b.c3d", "--with", "static.c3d", "--with", "other.c3d", "--json"
+    )
+    assert result.exit_code == 0
+    (gap,) = [gap for gap in json.loads(result.stdout)["gaps"] if gap["marker"] == "C7"]
+    assert "other" in gap["prior_clips"]
+
+
+def test_bad_other_clips(folder: Path) -> None:
+    Path("damaged.c3d").write_bytes(b"nothing")
+    thing = person()
+    write("thing.c3d", replace(thing, labels=[f"P{i}" for i in range(len(thing.labels))]))
+    for other, said in (
+        ("drop.c3d", "drop.c3d: is FILE itself"),
+        ("absent.c3d", "absent.c3d"),
+        ("damaged.c3d", "damaged.c3d"),
+        ("thing.c3d", "thing: has no marker in common with the clip"),
+    ):
+        result = run("fill", "drop.c3d", "-o", "out.c3d", "--with", other)
+        assert result.exit_code == 1
+        assert said in result.stderr
+        assert result.stderr.count("\n") == 1
+        assert not Path("out.c3d").exists()
+
+
 def test_left_missing(folder: Path) -> None:
     result = run("fill", "drop.c3d", "-o", "out.c3d")
     assert result.exit_code == 3
@@ -165,7 +199,8 @@ def test_left_missing(folder: Path) -> None:
     assert result.stderr == (
         f"left missing: 240 samples of 1 marker (C7) within frames {first}-{first + 239}: "
         "hardly a frame of the clip shows it together with the visible markers, "
-        "and there is no database\n"
+        "nor does another recording, and there is no database; "
+        "give one (--database), or another clip of the same person (--with)\n"
     )
     assert "220 samples filled by prior, 7 of 8 gaps wholly" in result.stdout
     after = read("out.c3d")

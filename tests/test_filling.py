@@ -79,7 +79,7 @@ def test_fields_of_the_result(folder):
         assert gap.method == "prior"
         assert gap.poses > 50
         if gap.label == "C7":
-            assert gap.how == ("the database's nearest poses",)
+            assert gap.how == ("the database's bodies",)
             assert gap.takes == ("synthetic_walking_011",)
         elif gap.label in (*ARM, *FOOT):
             assert gap.how == ("the clip's own frames and the database's",)

@@ -83,10 +83,11 @@ def test_the_seam_has_no_jump():
 
 @METHOD
 def test_dropout(method, database):
-    clip = with_gaps(person(), (0, 240, ("RKNE",)), (60, 100, ("LELB",)))
+    # C7 is its own image, so the mirror does not show it either
+    clip = with_gaps(person(), (0, 240, ("C7",)), (60, 100, ("LELB",)))
     alone = fill(clip, method=method)
     check(clip, alone)
-    (gap,) = [g for g in alone.gaps if g.label == "RKNE"]
+    (gap,) = [g for g in alone.gaps if g.label == "C7"]
     assert gap.filled == 0
     assert [(p.start, p.stop) for p in gap.left] == [(0, 240)]
     assert "database" in gap.left[0].reason or "no prior pose" in gap.left[0].reason
@@ -95,7 +96,7 @@ def test_dropout(method, database):
     assert helped.complete
     off = error(helped.clip.positions, person().positions, clip.missing)
     assert off < (40 if method == "prior" else 120)
-    (gap,) = [g for g in helped.gaps if g.label == "RKNE"]
+    (gap,) = [g for g in helped.gaps if g.label == "C7"]
     assert set(gap.takes) <= {record.name for record in database.clips()}
     assert gap.takes
 

@@ -16,6 +16,7 @@ from priorfill.cli.reading import read_clip, reading_options
 from priorfill.errors import PriorfillError
 
 if TYPE_CHECKING:
+    from priorfill.clip import Clip
     from priorfill.filling import Result
     from priorfill.formats import WriteReport
 
@@ -47,6 +48,15 @@ MAX_NAMES = 6
     metavar="DIR",
     type=click.Path(path_type=Path),
     help="Prior database to learn from, beside the clip itself.",
+)
+@click.option(
+    "--with",
+    "companions",
+    metavar="OTHER.c3d",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    help="Another clip of the same person with the same markers on, such as the static trial, "
+    "to learn from; may be given again.",
 )
 @click.option(
     "--method",
@@ -100,6 +110,7 @@ def fill(
     file: Path,
     output: Path,
     database: Path | None,
+    companions: tuple[Path, ...],
     method: str,
     not_names: tuple[str, ...],
     not_subjects: tuple[str, ...],
@@ -142,6 +153,7 @@ def fill(
     if keep_in is not None and is_to_be_made(keep_in):
         database = None  # so far the clip itself is all there is to learn from
     clip, marker_set = read_clip(file, **reading)
+    others = [_read_companion(other, file, reading) for other in companions]
     with progress(None, f"filling {clip.name}") as show:
         result = fill_clip(
             clip,
@@ -151,6 +163,7 @@ def fill(
             progress=show,
             selection=selection,
             trust_filled=trust_filled,
+            companions=others,
         )
     with ExitStack() as stack:
         if uncertainty is not None:  # both files appear, or none
@@ -180,6 +193,18 @@ def fill(
         raise not_kept(failure, keep_in, file, output, result.method, reading) from failure
     if not result.complete:
         click.get_current_context().exit(EXIT_INCOMPLETE)
+
+
+def _read_companion(other: Path, file: Path, reading: dict[str, Any]) -> Clip:
+    """Read another clip of the same person, by itself what the options say of FILE's markers."""
+    from priorfill import formats
+    from priorfill.errors import OptionError
+
+    if other.exists() and other.samefile(file):
+        raise OptionError(
+            f"{other}: is FILE itself; --with takes another recording of the same person"
+        )
+    return formats.read(other, subject=reading["subject"], zeros_missing=not reading["keep_zeros"])
 
 
 def _number(value: float) -> float | None:

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from priorfill.bridge import LONGEST, bridge
 from priorfill.distances import pair_distances
 from priorfill.lengths import hold_lengths, stiff_edges
+from priorfill.methods.dropout import Dropouts
 from priorfill.methods.members import (
     BASIC,
     FEW,
     FEW_MEMBERS,
     LIMB_MEMBERS,
-    STRANGER_MEMBERS,
     seconds_of,
 )
 from priorfill.methods.pieces import FEWEST_VISIBLE, Piece
@@ -176,7 +176,11 @@ def unfilled(piece: Piece, task: Task) -> list[Note]:
         reason += f"too long or too near the clip's end to be bridged over time ({LONGEST} s)"
     else:
         reason = "hardly a frame of the clip shows it together with the visible markers, "
-        reason += "nor does the database" if task.takes else "and there is no database"
+        reason += "nor does another recording"
+        if all(take.companion for take in task.takes):
+            reason += ", and there is no database"
+        if not task.takes:
+            reason += "; give one (--database), or another clip of the same person (--with)"
     return [Note(int(m), piece.start, piece.stop, reason, filled=False) for m in piece.markers]
 
 
@@ -244,6 +248,7 @@ class Predictor:
         self._options = options
         self.each: Callable[..., Any] = map
         self._banks = Banks(task.takes)
+        self._dropouts = Dropouts(task)
 
     def predict(self, piece: Piece, completed: NDArray[np.float64] | None) -> list[Prediction]:
         """Predict a piece from its visible markers.
@@ -268,7 +273,7 @@ class Predictor:
             bridged = self.bridge(piece, self.task.positions)
             if len(bridged) == len(piece.markers):
                 return bridged
-        prediction = prediction or self._from_database(piece)
+        prediction = prediction or self._from_others(piece)
         if prediction is not None:
             return [prediction]
         if len(piece.markers) == 1:
@@ -647,52 +652,19 @@ class Predictor:
         """Which markers each take of the database has [shape=(takes, markers)]."""
         return np.array([take.shown > 0 for take in self.task.takes])
 
-    def _from_database(self, piece: Piece) -> Prediction | None:
-        """Predict from the database's nearest poses; None where it has none."""
-        task, options = self.task, self._options
-        if not task.takes:
+    def _from_others(self, piece: Piece) -> Prediction | None:
+        """Predict from other recordings, other bodies and the mirror; None where none tells."""
+        visible = self._dropouts.nearest_visible(piece.markers, piece.visible)
+        asked = self._around(piece, visible)
+        told = self._dropouts.predict(piece.markers, visible, asked)
+        if told is None:
             return None
-        shown = self._shown_with(piece.markers)
-        nearest = self.distance[piece.markers].min(axis=0)
-        unknown = ~np.isfinite(nearest)
-        if unknown[piece.visible].any():
-            # the clip never shows them together: the database knows where they belong
-            nearest = np.where(unknown, self._database_distance[piece.markers].min(axis=0), nearest)
-        near = piece.visible[np.argsort(nearest[piece.visible], kind="stable")]
-        near = near[np.isfinite(nearest[near]) & shown[near]][: options.visible]
-        root = self._root(near)
-        if root is None:
-            return None
-        bank = self._bank(root, near, piece.markers, DATABASE_RATE)
-        if len(bank) < options.fewest_rows:
-            return None
-
-        asked = self._around(piece, near)
-        poses = task.positions[np.ix_(asked, near)]
-        chosen = self._nearest(bank, root, near, poses)[: options.database_rows]
-        targets = len(piece.markers)
-        distance, spread = pair_distances(
-            bank.positions(chosen, np.concatenate([piece.markers, near]))
-        )
-        rows = Rows(
-            bank.positions(chosen, near),
-            bank.positions(chosen, piece.markers),
-            np.zeros(len(chosen)),
-            self._left_out_together(bank.take(chosen)),
-        )
-        query = self._query(asked, near, take=-1)
-        lesson = Lesson(
-            rows,
-            query,
-            distance[:targets, targets:].min(axis=0),
-            spread[:targets, targets:].min(axis=0),
-        )
-        return self._learn(
+        return Prediction(
             piece,
             int(asked[0]),
-            [lesson],
-            STRANGER_MEMBERS,
+            told.positions,
+            told.deviation,
             complete=True,
-            how="the database's nearest poses",
-            takes=take_names(task.takes, bank.take(chosen)),
+            how=told.how,
+            takes=told.takes,
         )
