@@ -34,7 +34,7 @@ __all__ = ["Dropouts", "Told", "partners"]
 EXAMPLES = 400
 """Takes of a database that are looked at, evenly spread: enough to meet most of its people."""
 
-SAMPLED = 12
+SAMPLED = 24
 """Poses of each by which distances and shapes are judged."""
 
 VISIBLE = 12
@@ -52,7 +52,7 @@ TAKES = 6
 ROWS = 20
 """Poses of each other body, and as many of its mirror image."""
 
-OWN_ROWS = 150
+OWN_ROWS = 400
 """Poses of the clip's own body."""
 
 IMAGE_ROWS = 60
@@ -64,10 +64,17 @@ OFTEN = 0.5
 RATE = 15.0
 """Hz. Poses that follow each other more closely say the same."""
 
-SAME_BODY = 5.0
-"""mm. Takes of a database in whose firm distances the clip's differ by no more than this (rms) are
-of the same body with the same markers on it. Takes of one session differ by 1 to 4 mm, other
-people by 14 and more."""
+SAME_BODY = 2.8
+"""mm. A take of a database whose firm distances differ from the clip's by no more than this
+(median) is of the same body with the same markers on it. In CMU, HDM05 and gait recordings takes
+of one session differ by 0.3 to 2.4 mm, those of different people by 3.4 and more."""
+
+SAME_NAME = 6.0
+"""mm. The same for takes whose subject has the name of the clip's: markers put on again differ by
+4 mm and more, but names like "male" are no proof."""
+
+FIRM_PAIRS = 2
+"""So many pairs of markers for each marker are compared, those whose distances vary least."""
 
 FIRM = 5.0
 """mm. Distances that vary by this much count half as much in the shape of a body."""
@@ -78,11 +85,14 @@ SHAPE_REACH = 300.0
 ALIGNMENT_FLOOR = 1e-3
 """Least weight of a visible marker in the alignment; see `priorfill.regression`."""
 
-OWN_NOISE = 0.03
+OWN_NOISE = 0.1
 """Noise of rows of the clip's own body, of that of other rows."""
 
 SELECTION_POWER = 4.0
 """Members count by (least error / own error) to this power when bodies are left out."""
+
+FEW_POSES = 12
+"""Poses of the own body that say more of a marker than its partner does."""
 
 STILL = 0.25
 """A witness whose markers move against each other by less than this part of what the clip's do
@@ -284,11 +294,24 @@ class Dropouts:
         usable = visible[often & np.isfinite(distance[visible])]
         image = self._mirror(self.task.positions)
         shown = image[_whole(image[:, markers])]
-        if len(shown):
+        if len(shown) and not self._moves(markers, usable):
             # what the image does not show would cost it: the image of a partner is what is missing
             usable = usable[~np.isnan(shown[:, usable, 0]).all(axis=0)]
         nearest: NDArray[np.intp] = usable[np.argsort(distance[usable], kind="stable")]
         return nearest[:VISIBLE]
+
+    def _moves(self, markers: NDArray[np.intp], visible: NDArray[np.intp]) -> bool:
+        """Whether other recordings of the clip's body show some markers moving."""
+        own = [
+            _Sample(s.take, s.body, s.poses[_whole(s.poses[:, markers])])
+            for s in self._samples
+            if s.take < 0 or s.take in self._same_body
+        ]
+        if sum(len(s.poses) for s in own) < FEW_POSES:
+            return False
+        there, here = (_distances(some, visible)[1][:, visible] for some in (own, self._samples))
+        known = np.isfinite(there)
+        return bool(known.any() and there[known].mean() >= STILL * here[known].mean())
 
     def predict(
         self,
@@ -353,6 +376,28 @@ class Dropouts:
             samples.append(_Sample(i, body, take.positions(level)[at].astype(np.float64)))
         return samples
 
+    @cached_property
+    def _same_body(self) -> frozenset[int]:
+        """Takes that are of the clip's own body: companions, and what is of the same shape."""
+        task, first = self.task, self._samples[0]
+        markers = np.arange(len(task.labels))
+        spread = _distances(self._samples, markers)[1]
+        one, other = np.triu_indices(len(markers), 1)
+        spread = spread[one, other]
+        mine = _median_distances(first.poses, one, other)
+        found = []
+        for sample in self._samples[1:]:
+            take = task.takes[sample.take]
+            differ = np.abs(_median_distances(sample.poses, one, other) - mine)
+            known = np.flatnonzero(~np.isnan(differ))
+            shared = np.unique([one[known], other[known]])
+            firm = known[np.argsort(spread[known], kind="stable")][: FIRM_PAIRS * len(shared)]
+            named = take.subject != "" and take.subject == task.subject
+            most = SAME_NAME if named else SAME_BODY
+            if take.companion or (len(firm) and np.median(differ[firm]) <= most):
+                found.append(sample.take)
+        return frozenset(found)
+
     def _mirror(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return poses of all markers in a mirror; NaN for markers without a partner."""
         image = poses[:, self._partner] * [-1.0, 1.0, 1.0]
@@ -381,8 +426,7 @@ class Dropouts:
             seen = seen[_whole(seen)]
             if sample.take >= 0 and len(seen):
                 away[sample.take] = float(np.linalg.norm(ties.shape(seen) - shape))
-        takes = self.task.takes
-        own = [i for i in away if takes[i].companion or away[i] <= SAME_BODY]
+        own = [i for i in away if i in self._same_body]
         people: dict[int, list[int]] = {}
         for sample in self._samples:
             if sample.take in away and sample.take not in own:
@@ -515,6 +559,16 @@ def _whole(poses: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which poses have all of their markers."""
     whole: NDArray[np.bool_] = np.logical_and.reduce(~np.isnan(poses[..., 0]), axis=1)
     return whole
+
+
+def _median_distances(
+    poses: NDArray[np.float64], one: NDArray[np.intp], other: NDArray[np.intp]
+) -> NDArray[np.float64]:
+    """Return the median distance of pairs of markers [shape=(pairs,), mm]; NaN where unknown."""
+    between = np.sort(np.linalg.norm(poses[:, one] - poses[:, other], axis=2), axis=0)  # NaN last
+    count = (~np.isnan(between)).sum(axis=0)
+    median: NDArray[np.float64] = between[np.maximum(count - 1, 0) // 2, np.arange(len(one))]
+    return median
 
 
 def _distances(
