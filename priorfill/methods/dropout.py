@@ -524,13 +524,13 @@ class Dropouts:
         They are predicted as the missing ones are: from the same frames, companions, and in the
         mirror.
         """
-        frames = self._shown(markers)
+        frames, same_body = self._shown(markers), sorted(self._same_body)
         squares = []
         for marker in visible[:STAND_INS]:
             alone, others = np.array([marker]), visible[visible != marker]
             if len(others) < FEWEST_VISIBLE:
                 continue
-            found = self._own_witnesses(self._companions, alone, others, frames)
+            found = self._own_witnesses(same_body, alone, others, frames)
             if all(w.mirrored for w in found) and self._partner[marker] == marker:
                 continue  # a marker in the middle is its own image
             truth = self.task.positions[:, np.concatenate([others, alone])]
@@ -549,10 +549,6 @@ class Dropouts:
         """Return the frames of the clip in which some markers are seen."""
         frames: NDArray[np.intp] = np.flatnonzero(self.task.valid[:, markers].all(axis=1))
         return frames
-
-    @cached_property
-    def _companions(self) -> list[int]:
-        return [i for i, take in enumerate(self.task.takes) if take.companion]
 
 
 def _whole(poses: NDArray[np.float64]) -> NDArray[np.bool_]:
