@@ -11,10 +11,12 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LONGEST", "bridge"]
+__all__ = ["LONGEST", "Curve", "bridge", "dying_velocity", "process_in_time"]
 
 LONGEST = 0.5
 """s. Nothing is bridged that is longer: by then a movement may have gone anywhere."""
@@ -25,17 +27,119 @@ SECONDS = 0.3
 NOISE = 1e-7
 """Variance of a sample's noise in units of the process's."""
 
+PROCESSES = (
+    (2.5, 0.3, 1e-7),
+    (2.5, 0.5, 1e-7),
+    (2.5, 1.0, 1e-7),
+    (2.5, 0.3, 1e-5),
+    (2.5, 0.2, 1e-5),
+    (2.5, 0.3, 1e-4),
+    (3.5, 0.2, 1e-7),
+    (3.5, 0.2, 1e-6),
+    (1.5, 0.3, 1e-7),
+)
+"""Smoothness, time scale (s) and noise of the processes that lead through a blackout; the first is
+`bridge`'s. Noisy and smooth recordings, and long and short gaps, ask for different ones."""
 
-def _covariance(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Covariance of the process at two sets of times [shapes=(a,), (b,), s]."""
-    r = np.sqrt(5.0) * np.abs(one[:, None] - other) / SECONDS
-    covariance: NDArray[np.float64] = (1.0 + r + r**2 / 3.0) * np.exp(-r)
+OWN_SECONDS = (0.2, 0.05, 0.1, 0.4, 1.0)
+"""s. How long a marker goes on as it went; the first is the first guess."""
+
+COMMON_SECONDS = (0.3, 1.0, 4.0)
+"""s. How long the body goes on as it went."""
+
+VELOCITY_SECONDS = 0.05
+"""s. The velocity at the clip's end is that of a line through so much of it."""
+
+
+def _covariance(
+    one: NDArray[np.float64],
+    other: NDArray[np.float64],
+    smoothness: float = 2.5,
+    seconds: float = SECONDS,
+) -> NDArray[np.float64]:
+    """Covariance of a process at two sets of times [shapes=(a,), (b,), s]."""
+    r = np.sqrt(2.0 * smoothness) * np.abs(one[:, None] - other) / seconds
+    # [R06]_ Eqs. (4.16), (4.17)
+    shape = 1.0 + r
+    if smoothness == 2.5:
+        shape = shape + r**2 / 3.0
+    elif smoothness == 3.5:
+        shape = shape + 0.4 * r**2 + r**3 / 15.0
+    covariance: NDArray[np.float64] = shape * np.exp(-r)
     return covariance
 
 
 def _line(time: NDArray[np.float64]) -> NDArray[np.float64]:
     """Basis of a line at some times [shape=(times, 2)]."""
     return np.stack([np.ones_like(time), time], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A curve through a blackout: a linear function of the samples beside it.
+
+    Attributes
+    ----------
+    each : ndarray [shape=(asked, known)]
+        Applies to the samples of each marker.
+    together : ndarray [shape=(asked, known)] or None
+        Applies to the mean of all markers, and is added.
+    """
+
+    each: NDArray[np.float64]
+    together: NDArray[np.float64] | None = None
+
+
+def process_in_time(known: NDArray[np.float64], asked: NDArray[np.float64]) -> list[Curve]:
+    """Return the curves of `PROCESSES` for a gap of which both sides are seen.
+
+    Parameters
+    ----------
+    known, asked : ndarray [shapes=(known,), (asked,), s]
+        Times.
+    """
+    curves = []
+    for smoothness, seconds, noise in PROCESSES:
+        covariance = _covariance(known, known, smoothness, seconds)
+        covariance[np.diag_indices_from(covariance)] += noise
+        inverse = np.linalg.inv(covariance)
+        cross = _covariance(asked, known, smoothness, seconds) @ inverse
+        # the line is free, [R06]_ Eq. (2.42)
+        centre = known.mean()
+        basis = _line(known - centre)
+        line = np.linalg.solve(basis.T @ inverse @ basis, basis.T @ inverse)
+        curves.append(Curve(cross + (_line(asked - centre) - cross @ basis) @ line))
+    return curves
+
+
+def dying_velocity(known: NDArray[np.float64], asked: NDArray[np.float64]) -> list[Curve]:
+    """Return curves for a gap of which one side is seen: the velocity there dies away.
+
+    Parameters
+    ----------
+    known, asked : ndarray [shapes=(known,), (asked,), s]
+        Times; all asked ones before all known ones, or after them.
+    """
+    forward = asked[0] > known[-1]
+    edge = known[-1] if forward else known[0]
+    away = np.abs(asked - edge)
+    used = np.abs(known - edge) <= VELOCITY_SECONDS
+    used |= np.abs(known - edge) <= np.sort(np.abs(known - edge))[1]
+    weights = np.zeros(len(known))
+    centred = known[used] - known[used].mean()
+    weights[used] = centred / (centred @ centred)
+    velocity = weights if forward else -weights
+    hold = np.zeros((len(asked), len(known)))
+    hold[:, -1 if forward else 0] = 1.0
+
+    def covered(seconds: float) -> NDArray[np.float64]:
+        """Distance covered by a velocity that dies away, as a function of the samples."""
+        return np.outer(-seconds * np.expm1(-away / seconds), velocity)
+
+    own = [Curve(hold + covered(seconds)) for seconds in OWN_SECONDS]
+    short = covered(OWN_SECONDS[0])
+    common = [Curve(hold + short, covered(s) - short) for s in COMMON_SECONDS]
+    return [*own, *common, Curve(hold)]
 
 
 def bridge(

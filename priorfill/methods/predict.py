@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.bridge import LONGEST, bridge
+from priorfill.bridge import bridge
 from priorfill.distances import pair_distances
 from priorfill.lengths import hold_lengths, stiff_edges
+from priorfill.methods.blackout import Recording, fill_blackout
 from priorfill.methods.dropout import Dropouts
 from priorfill.methods.members import (
     BASIC,
@@ -172,8 +173,7 @@ class Prediction:
 def unfilled(piece: Piece, task: Task) -> list[Note]:
     """Say why a piece stays missing, marker by marker."""
     if not piece.searchable:
-        reason = "fewer than three other markers are visible, "
-        reason += f"too long or too near the clip's end to be bridged over time ({LONGEST} s)"
+        reason = "fewer than three other markers are visible, and it is not seen beside the gap"
     else:
         reason = "hardly a frame of the clip shows it together with the visible markers, "
         reason += "nor does another recording"
@@ -303,6 +303,94 @@ class Predictor:
                     )
                 )
         return found
+
+    def lead_through(
+        self, pieces: Sequence[Piece], completed: NDArray[np.float64]
+    ) -> list[Prediction]:
+        """Lead pieces through a blackout together.
+
+        Parameters
+        ----------
+        pieces : sequence of Piece
+            Their frames overlap, and no three markers are visible in them.
+        completed : ndarray [shape=(frames, markers, 3), mm]
+            The clip, filled but for blackouts.
+
+        Returns
+        -------
+        list of Prediction
+            One for each piece, or for some of its markers; for what is seen on neither side, none.
+        """
+        start, stop = min(p.start for p in pieces), max(p.stop for p in pieces)
+        around = completed.copy() if any(p.start > start or p.stop < stop for p in pieces) else None
+        wanted = np.unique(np.concatenate([p.markers for p in pieces]))
+        recording = Recording(completed)
+        if around is not None:
+            around[start:stop] = np.nan
+            recording = Recording(around)
+        shape = (stop - start, len(self.task.labels))
+        positions, deviation = np.full((*shape, 3), np.nan), np.full(shape, np.nan)
+        windows = 0
+        # markers that are seen on one side only are led on when those seen on both are done
+        while len(wanted):
+            found = fill_blackout(
+                [recording], start, stop, self.task.rate, self._root, self._partner, wanted
+            )
+            known = np.empty(0, dtype=np.intp)
+            if found is not None:
+                known = wanted[~np.isnan(found.positions[:, wanted, 0]).any(axis=0)]
+                positions[:, known] = found.positions[:, known]
+                deviation[:, known] = found.deviation[:, known]
+                windows = max(windows, found.windows)
+            if not len(known):
+                break
+            wanted = np.setdiff1d(wanted, known)
+        how = "similar movements of the clip" if windows else "bridged over time"
+        predictions = []
+        for piece in pieces:
+            inside = slice(piece.start - start, piece.stop - start)
+            markers = piece.markers[~np.isnan(positions[inside, piece.markers, 0]).any(axis=0)]
+            if len(markers):
+                predictions.append(
+                    Prediction(
+                        replace(piece, markers=markers),
+                        piece.start,
+                        positions[inside, markers]
+                        + self._steps(positions[:, markers], completed, piece, start, markers),
+                        deviation[inside, markers],
+                        complete=True,
+                        how=how,
+                        takes=(self.task.name,),
+                    )
+                )
+        return predictions
+
+    def _steps(
+        self,
+        found: NDArray[np.float64],
+        completed: NDArray[np.float64],
+        piece: Piece,
+        start: int,
+        markers: NDArray[np.intp],
+    ) -> NDArray[np.float64]:
+        """Return what joins what was found from ``start`` on to a shorter piece's own edges."""
+        frames = np.arange(piece.start, piece.stop)
+        away = []
+        for frame in (piece.start - 1, piece.stop):
+            step = np.full((len(markers), 3), np.nan)
+            if start <= frame < start + len(found):
+                step = completed[frame, markers] - found[frame - start]
+            away.append(np.where(np.isnan(step), 0.0, step))
+        share = (frames - (piece.start - 1)) / (len(frames) + 1)
+        joined: NDArray[np.float64] = away[0] + share[:, None, None] * (away[1] - away[0])
+        return joined
+
+    @cached_property
+    def _partner(self) -> NDArray[np.intp]:
+        """Each marker's partner on the other side of the body; -1 where it has none."""
+        index = {label: i for i, label in enumerate(self.task.labels)}
+        mirror = self.task.marker_set.mirror
+        return np.array([index.get(mirror.get(label, ""), -1) for label in self.task.labels])
 
     def _around(self, piece: Piece, visible: NDArray[np.intp]) -> NDArray[np.intp]:
         """Frames of a piece and its margins, as far as the visible markers are measured."""

@@ -10,8 +10,9 @@ The energy, the levels and the solver are those of Baumann et al. 2011 (`priorfi
 * velocities and accelerations come from the same prediction, across the gap's edges too, so that
   the fill joins the measured signal without a seam;
 * frames with holes teach nothing at first; a second reading completes them with the first fill;
-* short gaps that nothing else predicts are bridged over time (`priorfill.bridge`), blackouts above
-  all.
+* short gaps that nothing else predicts are bridged over time (`priorfill.bridge`);
+* blackouts are filled by how the body moves before, after, and elsewhere
+  (`priorfill.methods.blackout`).
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ def fill(
     Returns
     -------
     Estimate
-        Long blackouts, markers that neither clip nor database show, and samples whose expected
+        Markers that neither clip nor database show, and samples whose expected
         error is above `HOPELESS` stay missing and are noted.
     """
     count = levels_for(task.rate)
@@ -86,6 +87,7 @@ def fill(
         filling.read(over_pieces, progress)
         filling.read_again(over_pieces)
     filling.bridge()
+    filling.lead_through()
     for slot in filling.slots:
         told = {int(marker) for part in slot.parts for marker in part.piece.markers}
         filling.estimate.notes.extend(note for part in slot.parts for note in part.notes)
@@ -147,7 +149,7 @@ class _Filling:
 
     def bridge(self) -> None:
         """Bridge over time what the clip's own frames do not tell; all around it is filled."""
-        doubtful = [slot for slot in self.slots if not slot.told_by_clip]
+        doubtful = [s for s in self.slots if s.piece.searchable and not s.told_by_clip]
         completed = self.estimate.positions.copy()
         for slot in doubtful:
             completed[slot.piece.start : slot.piece.stop, slot.piece.markers] = np.nan
@@ -159,6 +161,33 @@ class _Filling:
             if better:
                 changed.add(slot.group)
         for number in sorted(changed):
+            self._synthesise(number)
+
+    def lead_through(self) -> None:
+        """Lead the body through blackouts, when all that is told by visible markers is filled."""
+        blind = sorted(
+            (slot for slot in self.slots if not slot.piece.searchable),
+            key=lambda slot: slot.piece.start,
+        )
+        completed = self.estimate.positions.copy()
+        blackouts: list[list[_Slot]] = []
+        stop = -1
+        for slot in blind:
+            completed[slot.piece.start : slot.piece.stop, slot.piece.markers] = np.nan
+            if slot.piece.start >= stop:
+                blackouts.append([])
+            blackouts[-1].append(slot)
+            stop = max(stop, slot.piece.stop)
+        for slots in blackouts:
+            found = self._predictor.lead_through([slot.piece for slot in slots], completed)
+            for slot in slots:
+                piece = slot.piece
+                slot.parts = [
+                    part
+                    for part in found
+                    if part.first == piece.start and part.piece.markers[0] in piece.markers
+                ]
+        for number in sorted({slot.group for slot in blind}):
             self._synthesise(number)
 
     def _synthesise(self, number: int) -> None:

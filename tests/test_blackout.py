@@ -1,0 +1,206 @@
+"""Blackouts: no marker is visible, or fewer than three."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gappy import ARM, FOOT, error, person, with_gaps
+from scipy.interpolate import CubicSpline
+
+from priorfill.bridge import dying_velocity, process_in_time
+from priorfill.clip import Clip
+from priorfill.filling import Result, fill
+from priorfill.methods.blackout import Recording, fill_blackout
+from priorfill.normalise import RootGroup, root_group
+
+TRUTH = person(seconds=8.0)
+ALL = TRUTH.labels
+
+
+def off(result: Result) -> np.ndarray:
+    """Errors of the filled samples."""
+    return np.linalg.norm(result.clip.positions - TRUTH.positions, axis=2)[result.filled]
+
+
+def splines(clip: Clip) -> np.ndarray:
+    positions = clip.positions.copy()
+    frames = np.arange(clip.frames)
+    for marker in range(positions.shape[1]):
+        known = ~clip.missing[:, marker]
+        positions[:, marker] = CubicSpline(frames[known], positions[known, marker])(frames)
+    return positions
+
+
+@pytest.mark.parametrize("frames", [6, 18, 36, 60])
+def test_better_than_a_cubic_spline(frames: int) -> None:
+    ours, theirs = [], []
+    for start in (100, 230, 350):
+        clip = with_gaps(TRUTH, (start, start + frames, ALL))
+        result = fill(clip)
+        assert result.complete
+        ours.append(off(result).mean())
+        theirs.append(error(splines(clip), TRUTH.positions, clip.missing))
+    assert np.mean(ours) < 0.85 * np.mean(theirs)
+
+
+@pytest.mark.parametrize(("start", "stop"), [(0, 1), (0, 24), (440, 481), (479, 481), (0, 60)])
+def test_at_the_ends(start: int, stop: int) -> None:
+    clip = with_gaps(TRUTH, (start, stop, ALL))
+    result = fill(clip)
+    assert result.complete
+    edge = TRUTH.positions[stop if start == 0 else start - 1]
+    held = np.linalg.norm(TRUTH.positions[start:stop] - edge, axis=2).mean()
+    assert off(result).mean() < 0.5 * held
+
+
+def test_two_near_each_other() -> None:
+    clip = with_gaps(TRUTH, (200, 220, ALL), (223, 240, ALL), (243, 250, ALL))
+    result = fill(clip)
+    assert result.complete
+    assert off(result).max() < 120
+
+
+def test_other_gaps_beside_it() -> None:
+    gaps = [(180, 230, ARM), (205, 270, FOOT), (60, 90, ARM), (300, 320, FOOT), (0, 481, ["T10"])]
+    clip = with_gaps(TRUTH, (200, 220, ALL), *gaps)
+    result = fill(clip)
+    left = clip.missing & ~result.filled
+    assert not np.delete(left, ALL.index("T10"), axis=1).any()
+    assert (
+        np.linalg.norm(result.clip.positions - TRUTH.positions, axis=2)[result.filled].max() < 150
+    )
+
+
+def test_ragged_edges_are_joined() -> None:
+    rng = np.random.default_rng(0)
+    gaps = [(200 - rng.integers(5), 220 + rng.integers(5), [label]) for label in ALL]
+    result = fill(with_gaps(TRUTH, *gaps))
+    assert result.complete
+    wrong = np.nan_to_num(result.clip.positions - TRUTH.positions)
+    assert np.linalg.norm(np.diff(wrong, axis=0), axis=2).max() < 20
+
+
+def test_one_visible_marker() -> None:
+    clip = with_gaps(TRUTH, (200, 224, ALL[1:]))
+    result = fill(clip)
+    assert result.complete
+    assert off(result).mean() < 40
+
+
+def test_edges_have_no_jump() -> None:
+    result = fill(with_gaps(TRUTH, (200, 236, ALL), (460, 481, ALL)))
+    steps = np.linalg.norm(np.diff(result.clip.positions - TRUTH.positions, axis=0), axis=2)
+    # the recording itself has a millimetre of noise
+    assert steps[[199, 235, 459]].max() < 8.0
+    assert steps[[199, 235, 459]].mean() < 2.5
+    assert steps.max() < 15.0
+
+
+def test_expected_error() -> None:
+    within = []
+    for start in range(40, 400, 60):
+        result = fill(with_gaps(TRUTH, (start, start + 36, ALL)))
+        expected = result.deviation[start : start + 36].mean(axis=1)
+        assert 8 < expected.argmax() < 28
+        assert expected[[0, -1]].max() < 0.3 * expected.max()
+        within.append(off(result) < 1.6 * result.deviation[result.filled])
+    assert 0.8 < np.mean(within) <= 1.0
+
+
+def test_expected_error_grows_toward_an_end() -> None:
+    result = fill(with_gaps(TRUTH, (430, 481, ALL)))
+    expected = result.deviation[430:].mean(axis=1)
+    assert expected[-1] > 4 * expected[5]
+
+
+def test_a_clip_too_short_for_windows() -> None:
+    clip = person(seconds=1.0)
+    result = fill(with_gaps(clip, (20, 44, ALL)))
+    assert result.complete
+    assert {how for gap in result.gaps for how in gap.how} == {"bridged over time"}
+    middle = np.linalg.norm(result.clip.positions - clip.positions, axis=2)[20:44]
+    assert middle.mean() < 2 * result.deviation[20:44].mean()
+
+
+def test_nothing_known_is_left_missing() -> None:
+    clip = with_gaps(person(seconds=2.0), (0, 121, ALL))
+    result = fill(clip)
+    assert not result.filled.any()
+    assert all("fewer than three" in p.reason for gap in result.gaps for p in gap.left)
+
+
+def test_what_is_hopeless_is_left_missing() -> None:
+    clip = with_gaps(person(seconds=20.0), (40, 1201, ALL))
+    result = fill(clip)
+    assert result.filled[40:50].all()
+    assert not result.filled[-1].any()
+    assert {p.reason for gap in result.gaps for p in gap.left} != set()
+
+
+def test_same_bits_from_run_to_run() -> None:
+    clip = with_gaps(TRUTH, (200, 236, ALL), (460, 481, ALL))
+    one, other = fill(clip), fill(clip)
+    assert one.clip.positions.tobytes() == other.clip.positions.tobytes()
+    assert one.deviation.tobytes() == other.deviation.tobytes()
+
+
+def test_moves_and_turns_with_the_clip() -> None:
+    angle = 0.7
+    turn = np.array(
+        [[np.cos(angle), np.sin(angle), 0], [-np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+    )
+    there = TRUTH.with_positions(TRUTH.positions @ turn + [900.0, -400.0, 30.0])
+    gaps = [(200, 236, ALL), (460, 481, ALL)]
+    here, moved = fill(with_gaps(TRUTH, *gaps)), fill(with_gaps(there, *gaps))
+    wanted = here.clip.positions @ turn + [900.0, -400.0, 30.0]
+    # the solver stops at 1 % of the energy
+    np.testing.assert_allclose(moved.clip.positions, wanted, atol=0.5)
+    np.testing.assert_allclose(moved.deviation, here.deviation, rtol=0.02)
+
+
+def test_labels_that_nobody_knows() -> None:
+    clip = replace(TRUTH, labels=tuple(f"M{i:02d}" for i in range(len(ALL))))
+    result = fill(with_gaps(clip, (200, 236, clip.labels)))
+    assert result.complete
+    assert off(result).mean() < 60
+
+
+def lead(positions: np.ndarray, start: int, stop: int) -> np.ndarray:
+    markers = positions.shape[1]
+
+    def root(among: np.ndarray) -> RootGroup | None:
+        return root_group(positions, [int(m) for m in among])
+
+    nobody = np.full(markers, -1, dtype=np.intp)
+    found = fill_blackout(
+        [Recording(positions)], start, stop, 100.0, root, nobody, np.arange(markers)
+    )
+    assert found is not None
+    assert np.isfinite(found.deviation).all()
+    return found.positions
+
+
+@pytest.mark.parametrize("power", [0, 1, 2])
+@pytest.mark.parametrize("frames", [10, 40, 90])
+def test_simple_curves_are_followed_exactly(power: int, frames: int) -> None:
+    rng = np.random.default_rng(power)
+    time = np.arange(400)[:, None, None] / 100.0
+    truth = rng.normal(0, 500, (1, 6, 3)) + rng.normal(0, 300, (1, 6, 3)) * time**power
+    gappy = truth.copy()
+    gappy[150 : 150 + frames] = np.nan
+    np.testing.assert_allclose(lead(gappy, 150, 150 + frames), truth[150 : 150 + frames], atol=1.0)
+
+
+def test_curves_go_through_what_is_seen() -> None:
+    known = np.array([-3, -2, -1, 10, 11, 12]) / 100.0
+    line = 5.0 + 3.0 * known
+    asked = np.arange(10) / 100.0
+    for curve in process_in_time(known, asked):
+        np.testing.assert_allclose(curve.each @ line, 5.0 + 3.0 * asked, atol=1e-6)
+    for sign in (1.0, -1.0):
+        for curve in dying_velocity(*(np.sort(sign * t) for t in (known[:3], asked))):
+            np.testing.assert_allclose(curve.each @ np.ones(3), 1.0, atol=1e-9)
+            if curve.together is not None:
+                np.testing.assert_allclose(curve.together @ np.ones(3), 0.0, atol=1e-9)
