@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from priorfill.bridge import dying_velocity, process_in_time
 from priorfill.clip import Clip
+from priorfill.database import PriorDatabase
 from priorfill.filling import Result, fill
 from priorfill.methods.blackout import Recording, fill_blackout
 from priorfill.normalise import RootGroup, root_group
@@ -122,6 +124,24 @@ def test_a_clip_too_short_for_windows() -> None:
     assert {how for gap in result.gaps for how in gap.how} == {"bridged over time"}
     middle = np.linalg.norm(result.clip.positions - clip.positions, axis=2)[20:44]
     assert middle.mean() < 2 * result.deviation[20:44].mean()
+
+
+def test_other_people_who_walk(tmp_path: Path) -> None:
+    clip = person(seconds=2.5)
+    gappy = with_gaps(clip, (50, 100, ALL))
+    with PriorDatabase.create(tmp_path / "db") as made:
+        for body in (11, 12, 13):
+            made.add(person(seconds=8.0, seed=body, body=body))
+    alone, helped = fill(gappy), fill(gappy, database=tmp_path / "db")
+    assert helped.complete
+    truth = clip.positions
+    assert {how for gap in helped.gaps for how in gap.how} == {
+        "similar movements of the clip and the database"
+    }
+    assert all(gap.takes for gap in helped.gaps)
+    assert error(helped.clip.positions, truth, helped.filled) < 0.8 * error(
+        alone.clip.positions, truth, alone.filled
+    )
 
 
 def test_nothing_known_is_left_missing() -> None:

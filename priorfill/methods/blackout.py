@@ -33,7 +33,7 @@ from scipy.interpolate import CubicSpline
 from priorfill.bridge import Curve, dying_velocity, process_in_time
 from priorfill.normalise import RootGroup
 
-__all__ = ["Blackout", "Recording", "Windows", "fill_blackout"]
+__all__ = ["REACH", "Blackout", "Recording", "Windows", "fill_blackout"]
 
 _Floats = NDArray[np.float64]
 
@@ -58,6 +58,12 @@ MOST_INSIDE = 60
 MOST_WINDOWS = 100
 """Windows of the clip, and of its mirror image, that are learnt from; more gain little."""
 
+NEAREST = 0.5
+"""Part of them whose edges are the most like the blackout's; the others are spread evenly."""
+
+CANDIDATES = 600
+"""Windows of the clip that they are chosen from."""
+
 OVERLAP = 0.25
 """Windows follow each other by this part of their length."""
 
@@ -76,7 +82,7 @@ PAIRED = 0.5
 SHARPNESS = 8.0
 """A curve or a regression counts as its error to the power of minus this."""
 
-ALIKE = 0.7
+ALIKE = 0.4
 """Windows count less in the mixture the more the logarithm of their scale differs from the
 blackout's; this is the standard deviation."""
 
@@ -324,6 +330,7 @@ def _gather(
     """
     edges = stencil.edges()
     flat = np.array([frame for edge in edges for frame in edge], dtype=np.intp)
+    counts = [len(edge) for edge in edges]
     layers = [stencil.beside, stencil.inside, flat]
     parts: list[list[_Floats]] = [[], [], []]
     starts, source, kinship = [], [], []
@@ -339,13 +346,15 @@ def _gather(
         at = _starts(recording, markers, stencil)
         if number == 0:
             at = np.concatenate([[start], at])
+            pose = recording.positions[at[:, None] + flat][:, :, markers]
+            at = at[_nearest_and_even(_features(pose, counts, root)[0])]
         found = [recording.positions[at[:, None] + layer][:, :, markers] for layer in layers]
         add(found, at, number if number == 0 else number + 1, recording.kinship)
         if number == 0 and partner is not None:
             image = [windows[1:, :, partner] * MIRROR for windows in found]
             add(image, at[1:], 1, MIRROR_KINSHIP)
     beside, inside, poses = (np.concatenate(part) for part in parts)
-    features, rotation = _features(poses, [len(edge) for edge in edges], root)
+    features, rotation = _features(poses, counts, root)
     return Windows(
         beside,
         inside,
@@ -355,6 +364,19 @@ def _gather(
         np.concatenate(source),
         np.concatenate(kinship),
     )
+
+
+def _nearest_and_even(features: _Floats) -> NDArray[np.intp]:
+    """Choose windows whose edges are like the first one's, and others evenly; the first first."""
+    count = len(features) - 1
+    if count <= MOST_WINDOWS:
+        return np.arange(count + 1)
+    near = int(NEAREST * MOST_WINDOWS)
+    away = ((features[1:] - features[0]) ** 2).sum(axis=1)
+    chosen = 1 + np.argsort(away, kind="stable")[:near]
+    rest = np.setdiff1d(np.arange(1, count + 1), chosen)
+    even = rest[np.linspace(0, len(rest) - 1, MOST_WINDOWS - near).astype(np.intp)]
+    return np.concatenate([[0], np.sort(np.concatenate([chosen, even]))])
 
 
 def _starts(recording: Recording, markers: NDArray[np.intp], stencil: _Stencil) -> NDArray[np.intp]:
@@ -375,7 +397,7 @@ def _starts(recording: Recording, markers: NDArray[np.intp], stencil: _Stencil) 
     if recording.starts is not None or not len(possible):
         return np.asarray(possible)
     apart = max(1, int(OVERLAP * stencil.frames))
-    count = min(MOST_WINDOWS, -(-len(possible) // apart))
+    count = min(CANDIDATES, -(-len(possible) // apart))
     some = np.unique(np.linspace(0, len(possible) - 1, count).astype(np.intp))
     return np.asarray(possible[some])
 
@@ -458,7 +480,7 @@ def _mixture(curves: _Floats, truth: _Floats, weight: _Floats) -> _Floats:
 
 
 def _correct(
-    windows: Windows, wrong: _Floats, scale: _Floats, apart: int
+    windows: Windows, wrong: _Floats, scale: _Floats, weight: _Floats, apart: int
 ) -> tuple[_Floats, _Floats]:
     """Predict from the edges what the mixture gets wrong.
 
@@ -470,6 +492,8 @@ def _correct(
         What is wrong in the windows, in root frames.
     scale : ndarray [shape=(1 + windows,)]
         How much is to be expected to be wrong.
+    weight : ndarray [shape=(windows,)]
+        How much each counts when it is judged.
     apart : int
         Windows of the clip and its mirror image that start nearer than this share frames.
 
@@ -511,14 +535,16 @@ def _correct(
                 residuals.append(left)
     predictions.append(np.zeros(wrong.shape[1]))
     residuals.append(wrong[judged])
-    error = np.sqrt([(r**2).mean() for r in residuals]) + np.finfo(float).eps
+    part = weight[judged, None] / np.sqrt((weight[judged] ** 2).sum())
+    error = np.sqrt([((part * r) ** 2).sum() for r in residuals]) + np.finfo(float).eps
     share = (error.min() / error) ** SHARPNESS
     share /= share.sum()
     correction = share @ np.array(predictions)
     left = np.tensordot(share, np.array(residuals), 1)
     # as much of it as helps in the windows
     said = wrong[judged] - left
-    gain = float((said * wrong[judged]).sum() / ((said**2).sum() + np.finfo(float).eps))
+    explained = float((part**2 * said * wrong[judged]).sum())
+    gain = explained / float(((part * said) ** 2).sum() + np.finfo(float).eps)
     gain = min(max(gain, 0.0), 1.0)
     return gain * correction, wrong[judged] - gain * said
 
@@ -646,18 +672,23 @@ def _learn(windows: Windows, curves: _Floats, stencil: _Stencil) -> tuple[_Float
     scale = np.hypot(disagree, LEAST_SCALE * usual) / usual
     # a person who stands still is told by stretches of standing still
     alike = np.exp(-0.5 * (np.log(scale[1:] / scale[0]) / ALIKE) ** 2) + ANYHOW
-    mixed = _mixture(curves, truth, alike / scale[1:])
+    own = windows.source[1:] == 0
+    judged = own if own.sum() >= FEWEST_WINDOWS else np.ones_like(own)
+    # a database's poses are smoothed: how smooth the clip is is for its own windows to say
+    taught = windows.source[1:] <= 1 if own.sum() >= FEWEST_WINDOWS else judged
+    weight = taught * alike / scale[1:]
+    mixed = _mixture(curves, truth, weight)
     shape = truth.shape[1:]
     wrong = np.einsum("wqmi,wij->wqmj", truth - mixed[1:], windows.rotation[1:])
     correction, left = _correct(
-        windows, wrong.reshape(len(wrong), -1), scale, stencil.last - stencil.first
+        windows, wrong.reshape(len(wrong), -1), scale, weight, stencil.last - stencil.first
     )
     found: _Floats = mixed[0] + correction.reshape(shape) @ windows.rotation[0].T
-    own = windows.source[1:] == 0
-    judged = own if own.sum() >= FEWEST_WINDOWS else np.ones_like(own)
     by = scale**PROFILE_POWER
     relative = left.reshape(-1, *shape) / by[1:][judged][:, None, None, None]
-    deviation: _Floats = by[0] * np.sqrt((relative**2).sum(axis=-1).mean(axis=0))
+    part = alike[judged] / alike[judged].sum()
+    square = np.tensordot(part, (relative**2).sum(axis=-1), 1)
+    deviation: _Floats = by[0] * np.sqrt(square)
     return found, deviation
 
 

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from priorfill.bridge import bridge
 from priorfill.distances import pair_distances
 from priorfill.lengths import hold_lengths, stiff_edges
-from priorfill.methods.blackout import Recording, fill_blackout
+from priorfill.methods.blackout import REACH, Recording, fill_blackout
 from priorfill.methods.dropout import Dropouts
 from priorfill.methods.members import (
     BASIC,
@@ -48,6 +49,16 @@ different ones."""
 
 OWN, IMAGE = 0, 1
 """Numbers of the clip and its mirror image among the takes of rows; the database's follow."""
+
+SIMILAR = 20
+"""So many times the neighbours of a pose are asked for where those at both edges must agree."""
+
+SPLINE_MARGIN = 3
+"""Frames of the database beside what is read of it, for the spline to the clip's rate."""
+
+OTHER_MOVEMENT = 130.0
+"""mm a marker. Stretches whose edges differ by more from a blackout's are of another movement: the
+most alike of other people's walks are at 60 to 90, and what is farther off taught nothing."""
 
 BRIEF = 0.1
 """s. Over no longer than this a marker's own movement is a better guess than any other body."""
@@ -95,6 +106,8 @@ class Options:
     queries, neighbours, visible : int
         Database rows are the ``neighbours`` nearest poses of up to ``queries`` frames by the
         ``visible`` nearest markers.
+    movements : int
+        Stretches of the database that a blackout is learnt from.
     """
 
     rows: int = 250
@@ -108,6 +121,7 @@ class Options:
     queries: int = 100
     neighbours: int = 12
     visible: int = 12
+    movements: int = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,13 +342,14 @@ class Predictor:
         if around is not None:
             around[start:stop] = np.nan
             recording = Recording(around)
+        others, takes = self._similar_movements(recording.positions, start, stop)
         shape = (stop - start, len(self.task.labels))
         positions, deviation = np.full((*shape, 3), np.nan), np.full(shape, np.nan)
         windows = 0
         # markers that are seen on one side only are led on when those seen on both are done
         while len(wanted):
             found = fill_blackout(
-                [recording], start, stop, self.task.rate, self._root, self._partner, wanted
+                [recording, *others], start, stop, self.task.rate, self._root, self._partner, wanted
             )
             known = np.empty(0, dtype=np.intp)
             if found is not None:
@@ -346,6 +361,7 @@ class Predictor:
                 break
             wanted = np.setdiff1d(wanted, known)
         how = "similar movements of the clip" if windows else "bridged over time"
+        how += " and the database" if windows and takes else ""
         predictions = []
         for piece in pieces:
             inside = slice(piece.start - start, piece.stop - start)
@@ -360,10 +376,92 @@ class Predictor:
                         deviation[inside, markers],
                         complete=True,
                         how=how,
-                        takes=(self.task.name,),
+                        takes=(self.task.name, *(takes if windows else ())),
                     )
                 )
         return predictions
+
+    def _similar_movements(
+        self, clip: NDArray[np.float64], start: int, stop: int
+    ) -> tuple[list[Recording], tuple[str, ...]]:
+        """Find stretches of the database with edges like those of a blackout.
+
+        Parameters
+        ----------
+        clip : ndarray [shape=(frames, markers, 3), mm]
+            Filled but for blackouts.
+        start, stop : int
+            Of the blackout.
+
+        Returns
+        -------
+        recordings : list of Recording
+            At the clip's rate, none longer than a window.
+        takes : tuple of str
+            Where they are from.
+        """
+        rate, options = self.task.rate, self._options
+        edges = [f for f in (start - 1, stop) if 0 <= f < len(clip)]
+        known = np.logical_and.reduce(~np.isnan(clip[edges, :, 0]))
+        markers = np.flatnonzero(known)
+        root = self._root(markers) if len(markers) >= FEWEST_VISIBLE else None
+        if root is None or not self.task.takes or not self._shown_with(markers)[markers].all():
+            return [], ()
+        bank = self._bank(root, _evenly(markers, options.visible), markers, DATABASE_RATE)
+        # what a window needs, in frames of the bank counted from the one before the blackout
+        margin = int(np.ceil((REACH * rate + 2) / rate * bank.rate)) + SPLINE_MARGIN
+        length = (stop - start + 1) / rate * bank.rate
+        first = -margin if start > 0 else 0
+        last = int(np.ceil(length)) + (margin if stop < len(clip) else 0)
+        if not len(bank):
+            return [], ()
+        rows = []
+        for frame in edges:
+            at = 0 if frame < start else round(length)
+            here = clip[frame][None]
+            found = bank.nearest(here, root.frames(here), SIMILAR * options.neighbours).row[0]
+            rows.append(found - at)
+        begin = np.unique(np.concatenate(rows))
+        begin = begin[(begin + first >= 0)]
+        inside = begin + first
+        whole = bank.moved(inside, last - first) != inside
+        whole &= bank.moved(inside, -first) == begin if first < 0 else True
+        begin = begin[whole]
+        if not len(begin):
+            return [], ()
+        distance = np.zeros(len(begin))
+        for frame in edges:
+            at = 0 if frame < start else round(length)
+            poses = np.full((1 + len(begin), clip.shape[1], 3), np.nan)
+            poses[0], poses[1:, markers] = clip[frame], bank.positions(begin + at, markers)
+            local = root.frames(poses).to_local(poses)[:, markers]
+            distance += ((local[1:] - local[0]) ** 2).sum(axis=(1, 2))
+        distance = np.sqrt(distance / (len(edges) * len(markers)))
+        order = np.argsort(distance, kind="stable")
+        chosen = begin[order[distance[order] < OTHER_MOVEMENT]]
+        apart = max(1.0, 0.25 * length)
+        kept: list[int] = []
+        for row in chosen:
+            if all(abs(row - other) >= apart for other in kept):
+                kept.append(int(row))
+            if len(kept) == options.movements:
+                break
+        time = np.arange(first, last + 1) / bank.rate
+        # clip frames of the same stretch, counted from the blackout's first one
+        low = int(np.ceil(time[0] * rate)) if first < 0 else 1
+        frames = np.arange(low, int(time[-1] * rate) + 1) - 1
+        recordings = []
+        for row in kept:
+            positions = np.full((len(frames), clip.shape[1], 3), np.nan)
+            there = bank.positions(row + np.arange(first, last + 1), markers)
+            if np.isnan(there).any():
+                continue
+            positions[:, markers] = CubicSpline(time, there)((frames + 1) / rate)
+            recordings.append(
+                Recording(positions, STRANGER_KINSHIP, np.array([-int(frames[0])], dtype=np.intp))
+            )
+        names = take_names(self.task.takes, bank.take(np.array(kept, dtype=np.intp)))
+        return recordings, names if recordings else ()
 
     def _steps(
         self,
