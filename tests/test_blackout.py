@@ -224,3 +224,10 @@ def test_curves_go_through_what_is_seen() -> None:
             np.testing.assert_allclose(curve.each @ np.ones(3), 1.0, atol=1e-9)
             if curve.together is not None:
                 np.testing.assert_allclose(curve.together @ np.ones(3), 0.0, atol=1e-9)
+
+
+def test_a_body_that_comes_in_piece_by_piece() -> None:
+    half, rest = ALL[:20], ALL[20:]
+    gaps = [(0, 10, ALL), (10, 22, half), (22, 30, rest), (10, 22, rest[2:]), (22, 30, half[2:])]
+    result = fill(with_gaps(TRUTH, *gaps))
+    assert result.complete

@@ -174,7 +174,7 @@ class _Filling:
         stop = -1
         for slot in blind:
             completed[slot.piece.start : slot.piece.stop, slot.piece.markers] = np.nan
-            if slot.piece.start >= stop:
+            if slot.piece.start > stop:  # what touches is one blackout
                 blackouts.append([])
             blackouts[-1].append(slot)
             stop = max(stop, slot.piece.stop)
