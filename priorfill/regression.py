@@ -66,6 +66,9 @@ PRIOR_BLOCKS = 8.0
 """Blocks that `BOUND_FACTOR`, and a deviation that is right as predicted, count as against those
 that were left out: a few blocks tell little of the tails."""
 
+LEAST_DEVIATION = 1e-3
+"""mm. Nothing is known better; a marker in the place of a visible one might seem to be."""
+
 FEWEST_JUDGED = 20
 """Fewest rows that lessons must have in common for their mixture to be judged by them."""
 
@@ -484,7 +487,7 @@ class _Prediction:
 
     positions: NDArray[np.float64]  # (queries, missing, 3), mm, upright
     variance: NDArray[np.float64]  # (queries, missing), mm²
-    residuals: NDArray[np.float64]  # (judged rows, missing, 3), mm, blocks left out
+    residuals: NDArray[np.float64]  # (judged rows, missing, 3), mm, upright, blocks left out
     left_out: NDArray[np.float64]  # (judged rows, missing), mm², their predicted variance
     error: float  # rms of the residuals' lengths, mm
     doubt: float  # deviation predicted in the gap / in the blocks left out
@@ -539,7 +542,7 @@ def _predict(
                 _Prediction(
                     aligned.frames.to_world(local.reshape(-1, markers, 3)),
                     variance * unit,
-                    residuals,
+                    residuals @ np.swapaxes(aligned.row_frames.rotation[shared.judged], 1, 2),
                     left_out * unit,
                     float(np.sqrt(error.mean())),
                     float(np.sqrt(variance[inside].mean() / left_out.mean())),
@@ -580,7 +583,9 @@ def _calibrate(
     ratio = np.sqrt((mean**2).sum(axis=2) / np.maximum(variance, 1e-12))
     known = blocks / (blocks + PRIOR_BLOCKS)
     factor = float(np.sqrt((ratio**2).mean()))
-    bound = float(np.quantile(ratio, BOUND_SHARE)) / max(factor, 1e-6)
+    if factor < LEAST_DEVIATION:  # nothing was wrong at all
+        return LEAST_DEVIATION, BOUND_FACTOR
+    bound = float(np.quantile(ratio, BOUND_SHARE)) / factor
     return factor**known, bound**known * BOUND_FACTOR ** (1.0 - known)
 
 
@@ -632,7 +637,7 @@ def regress(
     mean = np.einsum("k,kqmi->qmi", share, positions)
     disagreement = ((positions - mean) ** 2).sum(axis=3)
     variance = np.stack([one.variance for one in found]) + disagreement
-    deviation = np.sqrt(np.maximum(np.einsum("k,kqm->qm", share, variance), 1e-6))
+    deviation = np.sqrt(np.einsum("k,kqm->qm", share, variance))
 
     # judge the mixture by the rows that all lessons have, or else by those of the weightiest
     times = [lesson.rows.time[s.judged] for lesson, s in zip(lessons, shared, strict=True)]
@@ -649,4 +654,4 @@ def regress(
         np.stack([found[k].left_out[rows[of_lesson[k]]] for k in counted]),
         min(len(s.blocks) for s in shared),
     )
-    return Regression(mean, deviation * factor, bound)
+    return Regression(mean, np.maximum(deviation * factor, LEAST_DEVIATION), bound)

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from priorfill.regression import Kernel, Member, Moment, View
 
-__all__ = ["BASIC", "FEW", "FEW_MEMBERS", "LIMB_MEMBERS", "STRANGER_MEMBERS", "seconds_of"]
+__all__ = ["BASIC", "FEW", "FEW_MEMBERS", "LIMB_MEMBERS", "seconds_of"]
 
 FEW = 3
 """Up to this many markers are predicted by the members for a few, more by those for limbs."""
@@ -87,14 +87,3 @@ LIMB_MEMBERS = (
 )
 """For limbs and other large parts of the body, which move against what is visible. Their moments
 are whole steps of 1/15 s, which databases are read by."""
-
-STRANGER_MEMBERS = _each(
-    [_SEGMENT, _PARTS, View("rigid", 160.0, 0.002), _UPRIGHT],
-    [None],
-    [
-        Kernel(1.0, 0.3, 0.6, 0.0, 1.0, smooth=False, noise=1e-2),
-        Kernel(0.3, 0.1, 1.0, 0.0, 1.0, smooth=False, noise=1e-1),
-    ],
-)
-"""For other people's poses alone: no seam in time, and far more noise, since bodies and the places
-of markers differ."""

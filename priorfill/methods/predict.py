@@ -40,9 +40,6 @@ MOST_POSES = 1_000_000
 """Poses that are searched at most: of a larger database a coarser level, and of that every other
 pose, say. Poses follow each other so closely that a part of them says as much."""
 
-EXAMPLES = 400
-"""Takes by which distances of markers are judged."""
-
 MOVEMENT_RATE = 15.0
 """Hz. Resolution of the database's poses that stand beside the clip's own: of as many rows, more
 different ones."""
@@ -92,11 +89,8 @@ class Options:
         In the lessons that the database adds to: rows of the clip, of its mirror image, of the
         database near the gap, of the database near the clip's rows. As many as in a lesson
         without the database, so that its lessons take no longer.
-    database_rows : int
-        Poses of the database learnt from where the clip has too few. Bodies differ: it takes
-        more of them than of its own.
     fewest_rows : int
-        With fewer poses of its own, a clip learns from the database alone.
+        With fewer poses of its own, a clip learns from other recordings alone.
     wished_rows : int
         Far visible markers are given up until this many frames, or half of those that show
         the missing markers, show the visible ones too.
@@ -114,7 +108,6 @@ class Options:
     mirrored_rows: int = 90
     shared_rows: tuple[int, int, int, int] = (100, 50, 70, 50)
     beside: float = 0.03
-    database_rows: int = 350
     fewest_rows: int = 12
     wished_rows: int = 150
     rereading: float = 0.7
@@ -786,22 +779,6 @@ class Predictor:
         subjects = [take.subject or f"\0{i}" for i, take in enumerate(self.task.takes)]
         return np.unique(subjects, return_inverse=True)[1].astype(np.intp)
 
-    def _left_out_together(self, take: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return numbers of what is left out at once to tell how far off a prediction is.
-
-        Limbs differ in length, and markers sit elsewhere on others: what that comes to is told by
-        leaving out all that a body shows. Where the clip's own body is among the takes, or no
-        other is left, by leaving out single takes.
-
-        Parameters
-        ----------
-        take : ndarray of int [shape=(poses,)]
-            Whence each pose is.
-        """
-        bodies, subject = self._bodies[take], self.task.subject
-        own = subject and any(self.task.takes[i].subject == subject for i in np.unique(take))
-        return take if own or len(np.unique(bodies)) < 2 else bodies
-
     def _bank(
         self, root: RootGroup, viable: NDArray[np.intp], wanted: NDArray[np.intp], rate: float
     ) -> PoseBank:
@@ -818,13 +795,6 @@ class Predictor:
         ):
             rate /= 2.0
         return rate
-
-    @cached_property
-    def _database_distance(self) -> NDArray[np.float64]:
-        """Distances of the markers in the database [shape=(markers, markers), mm]."""
-        some = _evenly(np.arange(len(self.task.takes)), EXAMPLES)
-        takes = [self.task.takes[i] for i in some]
-        return pair_distances(np.concatenate([t.positions(len(t.rates) - 1) for t in takes]))[0]
 
     def _shown_with(self, markers: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Which markers the takes that have all of some markers have too [shape=(markers,)]."""
