@@ -80,8 +80,18 @@ _LIMB_MOMENTS = (
     Moment(2.0 / 15.0, 1.5, velocity=True),
 )
 
+_FORGETFUL = Kernel(0.1, 0.1, 0.4, 0.05, 0.4, smooth=True, noise=1e-4)
+"""Goes back to the mean pose where nothing like it was seen."""
+
 LIMB_MEMBERS = (
-    *_each([_SEGMENT, _UPRIGHT, _BODY], [None, *_LIMB_MOMENTS], _LIMB_KERNELS),
+    *(
+        member
+        for view in (_SEGMENT, _UPRIGHT, _BODY)
+        for member in (
+            *_each([view], [None], [*_LIMB_KERNELS, _FORGETFUL]),
+            *_each([view], _LIMB_MOMENTS, _LIMB_KERNELS),
+        )
+    ),
     *_each([_NEAR], [None], _LIMB_KERNELS[:3]),
     *_each([_NEAR], _LIMB_MOMENTS[:1], _LIMB_KERNELS[:2]),
 )
