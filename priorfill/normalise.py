@@ -29,6 +29,7 @@ from priorfill.markerset import MarkerSet
 __all__ = [
     "RootFrames",
     "RootGroup",
+    "about_vertical",
     "choose_root",
     "heading_frames",
     "rigid_frames",
@@ -89,6 +90,11 @@ class RootGroup:
         points = np.asarray(positions[:, list(self.markers)], dtype=np.float64)
         return heading_frames(points, self.template)
 
+    def among(self, markers: NDArray[np.intp]) -> RootGroup:
+        """Return the group for poses of some markers only, which ascend; its own are among them."""
+        columns = np.searchsorted(markers, self.markers)
+        return RootGroup(tuple(int(c) for c in columns), self.template)
+
 
 def _centred(
     points: NDArray[np.float64], template: NDArray[np.float64], weights: NDArray[np.float64]
@@ -97,6 +103,27 @@ def _centred(
     share = weights / weights.sum()
     origin = np.einsum("g,fgi->fi", share, points)
     return origin, points - origin[:, None, :], template - share @ template
+
+
+def about_vertical(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotations of root frames with some headings.
+
+    Parameters
+    ----------
+    angle : ndarray [shape=(frames,), rad]
+        Headings.
+
+    Returns
+    -------
+    ndarray [shape=(frames, 3, 3)]
+        ``world = local @ rotation.T``.
+    """
+    rotation = np.zeros((len(angle), 3, 3))
+    rotation[:, 0, 0] = rotation[:, 1, 1] = np.cos(angle)
+    rotation[:, 1, 0] = np.sin(angle)
+    rotation[:, 0, 1] = -np.sin(angle)
+    rotation[:, 2, 2] = 1.0
+    return rotation
 
 
 def heading_frames(
@@ -129,13 +156,7 @@ def heading_frames(
     x, y = centred[..., 0], centred[..., 1]  # (frames, group)
     sine = (y * shape[:, 0] - x * shape[:, 1]) @ weights
     cosine = (x * shape[:, 0] + y * shape[:, 1]) @ weights
-    angle = np.arctan2(sine, cosine)
-    rotation = np.zeros((len(points), 3, 3))
-    rotation[:, 0, 0] = rotation[:, 1, 1] = np.cos(angle)
-    rotation[:, 1, 0] = np.sin(angle)
-    rotation[:, 0, 1] = -np.sin(angle)
-    rotation[:, 2, 2] = 1.0
-    return RootFrames(origin, rotation)
+    return RootFrames(origin, about_vertical(np.arctan2(sine, cosine)))
 
 
 def rigid_frames(

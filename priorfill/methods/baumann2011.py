@@ -30,7 +30,7 @@ from priorfill.gaps import GapGroup, runs
 from priorfill.methods.pieces import constant_spans
 from priorfill.methods.task import Estimate, Note, Task, take_names
 from priorfill.multiresolution import levels_for, synthesise
-from priorfill.normalise import RootFrames, RootGroup, choose_root
+from priorfill.normalise import RootFrames, RootGroup
 from priorfill.prior import Prior, fold, to_world
 from priorfill.resample import Level, pyramid
 from priorfill.search.bank import Banks, PoseBank
@@ -130,9 +130,7 @@ class _Planner:
             viable = np.flatnonzero(throughout & self._reliable)
             if len(viable) < self._options.fewest_viable:
                 viable = np.flatnonzero(throughout)
-            root = choose_root(
-                self._task.marker_set, self._task.labels, self._task.positions, throughout
-            )
+            root = self._task.root_among(np.flatnonzero(throughout))
             if root is None:
                 reason = "fewer than two markers are visible"
                 notes += [Note(int(m), start, stop, reason, filled=False) for m in wanted]
@@ -168,18 +166,13 @@ class _Planner:
                     : max(2, len(search.viable) * 3 // 4)
                 ]
             )
-            root = self._root_among(search, kept)
+            root = self._task.root_among(kept)
             if root is not None:
                 smaller = _Search(search.start, search.stop, root, kept, search.wanted)
                 return self._with_poses(smaller)
         if len(bank):
             return [search]
         return [_Search(search.start, search.stop, search.root, search.viable[:0], search.wanted)]
-
-    def _root_among(self, search: _Search, viable: NDArray[np.intp]) -> RootGroup | None:
-        among = np.zeros(len(self._task.labels), dtype=bool)
-        among[viable] = True
-        return choose_root(self._task.marker_set, self._task.labels, self._task.positions, among)
 
 
 def _frames_at(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from priorfill.gaps import GapGroup
 from priorfill.markerset import MarkerSet
+from priorfill.normalise import RootGroup, choose_root
 from priorfill.takes import Take
 
 __all__ = ["Estimate", "Method", "Note", "Task", "take_names"]
@@ -51,6 +52,12 @@ class Task:
     def valid(self) -> NDArray[np.bool_]:
         """Which samples are measured [shape=(frames, markers)]."""
         return ~np.isnan(self.positions[..., 0])
+
+    def root_among(self, markers: NDArray[np.intp]) -> RootGroup | None:
+        """Choose a root group among some markers; None where they give none."""
+        among = np.zeros(len(self.labels), dtype=bool)
+        among[markers] = True
+        return choose_root(self.marker_set, self.labels, self.positions, among)
 
 
 @dataclass(frozen=True)

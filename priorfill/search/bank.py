@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.normalise import RootFrames, RootGroup
+from priorfill.poses import evenly, whole
 from priorfill.search.tree import PoseTree
 from priorfill.takes import Take
 
@@ -101,7 +102,7 @@ class PoseBank:
         for i, level, length in zip(useful, levels, lengths, strict=True):
             chosen = takes[i].positions(level, needed)
             positions[start : start + length] = chosen
-            complete = np.logical_and.reduce(~np.isnan(chosen[..., 0]), axis=1)
+            complete = whole(chosen)
             known[start : start + length] = complete
             inner[start + 1 : start + length - 1] = complete[:-2] & complete[1:-1] & complete[2:]
             start += length
@@ -109,15 +110,14 @@ class PoseBank:
         self._inner = inner
         self.rows = np.flatnonzero(inner)
         if most is not None and len(self.rows) > most:
-            self.rows = self.rows[np.linspace(0, len(self.rows) - 1, most).astype(np.intp)]
+            self.rows = self.rows[evenly(len(self.rows), most)]
         self._take = np.repeat(np.array(useful, dtype=np.intp), lengths)
         self._rate_ratio = np.repeat(np.array(rates) / rate, lengths)
-        self._root = root
         self._viable = viable
         self._needed = needed
         self._wanted_columns = np.searchsorted(needed, wanted)
         self._positions = positions
-        self._frames = self._root_frames(positions, known, np.searchsorted(needed, root.markers))
+        self._frames = _root_frames(root.among(needed), positions, known)
         self._tree: PoseTree | None = None
         if len(self.rows):
             searched = positions[np.ix_(self.rows, np.searchsorted(needed, viable))]
@@ -134,22 +134,6 @@ class PoseBank:
         frames = self._frames.origin.nbytes + self._frames.rotation.nbytes
         tree = self._tree.nbytes if self._tree is not None else 0
         return sum(array.nbytes for array in arrays) + frames + tree
-
-    def _root_frames(
-        self,
-        positions: NDArray[np.float32],
-        known: NDArray[np.bool_],
-        columns: NDArray[np.intp],
-    ) -> RootFrames:
-        """Root frames of all rows; those of incomplete poses are never read."""
-        origin = np.zeros((len(positions), 3))
-        rotation = np.broadcast_to(np.eye(3), (len(positions), 3, 3)).copy()
-        here = RootGroup(tuple(int(c) for c in columns), self._root.template)
-        if known.any():
-            frames = here.frames(positions[known])
-            origin[known] = frames.origin
-            rotation[known] = frames.rotation
-        return RootFrames(origin, rotation)
 
     def _frames_of(self, rows: NDArray[np.intp]) -> RootFrames:
         return RootFrames(self._frames.origin[rows], self._frames.rotation[rows])
@@ -216,6 +200,19 @@ class PoseBank:
             (0.5 * ratio * (after - before)).reshape(shape),
             (ratio**2 * (after - 2.0 * here + before)).reshape(shape),
         )
+
+
+def _root_frames(
+    root: RootGroup, positions: NDArray[np.float32], known: NDArray[np.bool_]
+) -> RootFrames:
+    """Root frames of all poses; those of incomplete ones are never read."""
+    origin = np.zeros((len(positions), 3))
+    rotation = np.broadcast_to(np.eye(3), (len(positions), 3, 3)).copy()
+    if known.any():
+        frames = root.frames(positions[known])
+        origin[known] = frames.origin
+        rotation[known] = frames.rotation
+    return RootFrames(origin, rotation)
 
 
 class Banks:
