@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["pair_distances"]
+__all__ = ["median_distances", "pair_distances", "pooled_distances"]
 
 MAX_POSES = 1000
 """Poses looked at, spread evenly; a mean and a standard deviation gain nothing from more."""
@@ -47,3 +49,63 @@ def pair_distances(
         variance = np.maximum(square - mean**2, 0.0)
         deviation[marker] = np.where(enough, np.sqrt(variance), np.inf)
     return distance, deviation
+
+
+def median_distances(
+    poses: NDArray[np.float64], one: NDArray[np.intp], other: NDArray[np.intp]
+) -> NDArray[np.float64]:
+    """Median distance of pairs of markers.
+
+    Parameters
+    ----------
+    poses : ndarray [shape=(poses, markers, 3), mm]
+        NaN where missing.
+    one, other : ndarray of int [shape=(pairs,)]
+        The markers of each pair.
+
+    Returns
+    -------
+    ndarray [shape=(pairs,), mm]
+        NaN where no pose shows a pair; the lower one of two in the middle.
+    """
+    between = np.sort(np.linalg.norm(poses[:, one] - poses[:, other], axis=2), axis=0)  # NaN last
+    count = (~np.isnan(between)).sum(axis=0)
+    median: NDArray[np.float64] = between[np.maximum(count - 1, 0) // 2, np.arange(len(one))]
+    return median
+
+
+def pooled_distances(
+    recordings: Sequence[NDArray[np.float64]], markers: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Rms distance of some markers to all in several recordings, and how much it varies in one.
+
+    Parameters
+    ----------
+    recordings : sequence of ndarray [shape=(poses, all markers, 3), mm]
+        NaN where missing.
+    markers : ndarray of int [shape=(markers,)]
+        Those that are looked at.
+
+    Returns
+    -------
+    distance, deviation : ndarray [shape=(markers, all markers), mm]
+        Infinite where no recording shows a pair. The deviation is from each recording's own mean.
+    """
+    total = recordings[0].shape[1] if recordings else 0
+    count = np.zeros((len(markers), total))
+    square, varied = np.zeros_like(count), np.zeros_like(count)
+    for poses in recordings:
+        between = np.linalg.norm(poses[:, markers, None] - poses[:, None], axis=3)
+        known = ~np.isnan(between)
+        between = np.where(known, between, 0.0)
+        here = known.sum(axis=0)
+        mean = between.sum(axis=0) / np.maximum(here, 1)
+        count += here
+        square += (between**2).sum(axis=0)
+        varied += np.where(known, (between - mean) ** 2, 0.0).sum(axis=0)
+    unknown = count == 0
+    count[unknown] = 1.0
+    return (
+        np.where(unknown, np.inf, np.sqrt(square / count)),
+        np.where(unknown, np.inf, np.sqrt(varied / count)),
+    )

@@ -9,13 +9,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BOUND_FACTOR", "BOUND_SHARE", "MEAN_FACTOR", "common_bound"]
+__all__ = ["BOUND_FACTOR", "BOUND_SHARE", "LEAST_DEVIATION", "MEAN_FACTOR", "common_bound"]
 
 BOUND_FACTOR = 1.6
 """Where nothing better is known, 90 % of the errors are expected below this many times the expected
 rms error. For a normal isotropic error in space it would be 1.44; tails are heavier, and the
 deviation itself is an estimate. In 40 cases of `scripts/accuracy_study.py` 1.6 covers 88 to 90 %;
 by kind of gap 65 to 98 %."""
+
+LEAST_DEVIATION = 0.1
+"""mm. No marker is measured better, so what is not told by its own segment is not known better."""
 
 BOUND_SHARE = 0.9
 """Share of the errors that are expected to lie below a bound; one in ten is greater."""

@@ -1,0 +1,130 @@
+"""Predict the markers of one task that its clip hardly shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.methods.dropout.bodies import OWN
+from priorfill.methods.dropout.kin import KINDS
+from priorfill.methods.dropout.testimony import VIEWS, predict_by_all, testify
+from priorfill.methods.dropout.witnesses import IMAGE_ROWS, Witnesses, said_by
+from priorfill.methods.pieces import FEWEST_VISIBLE
+from priorfill.methods.task import Task
+from priorfill.poses import some_whole
+
+__all__ = ["Dropouts", "Told"]
+
+STAND_INS = 5
+"""Visible markers nearby, at most, that stand in for the missing one to find out how well it is
+predicted where there is no other body to tell."""
+
+UNTOLD = 100.0
+"""mm. Expected error where nothing tells it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What witnesses say of missing markers.
+
+    Attributes
+    ----------
+    positions : ndarray [shape=(poses, missing markers, 3), mm]
+        Upright.
+    deviation : ndarray [shape=(poses, missing markers), mm]
+        Expected rms Euclidean error.
+    how : str
+        Which witnesses.
+    takes : tuple of str
+        Recordings learnt from.
+    """
+
+    positions: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+    how: str
+    takes: tuple[str, ...]
+
+
+class Dropouts:
+    """Predicts the markers of one task that its clip hardly shows.
+
+    Parameters
+    ----------
+    task : Task
+        The clip and the takes to learn from.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self.task = task
+        self._witnesses = Witnesses(task)
+
+    def nearest_visible(
+        self, markers: NDArray[np.intp], visible: NDArray[np.intp]
+    ) -> NDArray[np.intp]:
+        """Choose the visible markers to predict by; see `Witnesses.nearest_visible`."""
+        return self._witnesses.nearest_visible(markers, visible)
+
+    def predict(
+        self,
+        markers: NDArray[np.intp],
+        visible: NDArray[np.intp],
+        frames: NDArray[np.intp],
+    ) -> Told | None:
+        """Predict missing markers from witnesses; None where there is none.
+
+        Parameters
+        ----------
+        markers : ndarray of int
+            What is missing.
+        visible : ndarray of int
+            The markers to predict by, from `nearest_visible`.
+        frames : ndarray of int
+            Frames of the clip in which those are seen.
+        """
+        if len(visible) < FEWEST_VISIBLE:
+            return None
+        witnesses, ties = self._witnesses.speaking_for(markers, visible)
+        if not witnesses:
+            return None
+        query = self.task.positions[np.ix_(frames, visible)]
+        judged = any(w.body != OWN for w in witnesses)
+        errors = None if judged else self._stand_in_errors(markers, visible)
+        positions, deviation = testify(witnesses, query, ties, errors)
+        return Told(
+            positions,
+            deviation,
+            said_by(witnesses),
+            tuple(dict.fromkeys(name for w in witnesses for name in w.takes)),
+        )
+
+    def _stand_in_errors(
+        self, markers: NDArray[np.intp], visible: NDArray[np.intp]
+    ) -> NDArray[np.float64]:
+        """Return the error (mm) of each member for visible markers nearby.
+
+        They are predicted as the missing ones are: from the same frames, companions, and in the
+        mirror.
+        """
+        bodies = self._witnesses.bodies
+        frames, same_body = self._witnesses.shown(markers), sorted(bodies.same_body)
+        squares = []
+        for marker in visible[:STAND_INS]:
+            alone, others = np.array([marker]), visible[visible != marker]
+            if len(others) < FEWEST_VISIBLE:
+                continue
+            found = self._witnesses.own(same_body, alone, others, frames)
+            if all(w.mirrored for w in found) and bodies.partner[marker] == marker:
+                continue  # a marker in the middle is its own image
+            truth = self.task.positions[:, np.concatenate([others, alone])]
+            truth = some_whole(truth, IMAGE_ROWS)
+            if found and len(truth):
+                ties = self._witnesses.ties(alone, others)
+                told = predict_by_all(found, truth[:, :-1], ties, UNTOLD)
+                off = told.positions[:, :, 0] - truth[:, -1]
+                squares.append((off**2).sum(axis=2).mean(axis=1))
+        if not squares:
+            return np.full(len(VIEWS) * len(KINDS), UNTOLD)
+        errors: NDArray[np.float64] = np.sqrt(np.mean(squares, axis=0))
+        return errors
