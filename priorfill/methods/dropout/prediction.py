@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from priorfill.gaussian import shares, squared_distances
 from priorfill.methods.dropout.bodies import OWN
-from priorfill.methods.dropout.kin import KINDS
+from priorfill.methods.dropout.covariance import KINDS
 from priorfill.methods.dropout.ties import Ties
 from priorfill.methods.dropout.witnesses import Witness
 from priorfill.normalise import heading_frames, rigid_frames
@@ -40,7 +40,7 @@ VIEWS = (
 
 
 @dataclass(frozen=True, eq=False)
-class _Members:
+class Members:
     """What all members predict."""
 
     positions: NDArray[np.float64]  # (members, poses, missing, 3)
@@ -87,7 +87,7 @@ def predict_by_all(
     query: NDArray[np.float64],
     ties: Ties,
     errors: NDArray[np.float64] | float | None,
-) -> _Members:
+) -> Members:
     """Predict by all members; parameters as for `testify`."""
     rows = _Rows.of(witnesses, query, ties)
     found = [
@@ -96,9 +96,9 @@ def predict_by_all(
     positions, variances, judged = zip(*found, strict=True)
     variance = np.stack(variances)
     if errors is None:
-        return _Members(np.stack(positions), variance, np.array(judged))
+        return Members(np.stack(positions), variance, np.array(judged))
     told = np.broadcast_to(errors, len(found)).astype(np.float64)
-    return _Members(
+    return Members(
         np.stack(positions), np.broadcast_to(told[:, None, None] ** 2, variance.shape), told
     )
 
