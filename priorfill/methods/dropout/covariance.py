@@ -51,6 +51,22 @@ class Kin:
         result += self.radial * np.exp(-0.5 / self.length**2 * square)
         return result
 
+    def covariance(
+        self, alike: NDArray[np.float64], shared: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the covariance of poses, without noise.
+
+        Parameters
+        ----------
+        alike : ndarray [shape=(a, b)]
+            k of each pair of them, from `similarity`.
+        shared : ndarray [shape=(a, b) or (b,)]
+            b of their witnesses, from `shared`.
+        """
+        result: NDArray[np.float64] = 1.0 + alike
+        result += shared * (self.offset + self.movement * alike)
+        return result
+
     def shared(
         self,
         shapes: NDArray[np.float64],

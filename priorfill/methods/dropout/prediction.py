@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from priorfill.gaussian import shares, squared_distances
 from priorfill.methods.dropout.bodies import OWN
-from priorfill.methods.dropout.covariance import KINDS
+from priorfill.methods.dropout.covariance import KINDS, Kin
 from priorfill.methods.dropout.ties import Ties
 from priorfill.methods.dropout.witnesses import Witness
-from priorfill.normalise import heading_frames, rigid_frames
+from priorfill.normalise import RootFrames, heading_frames, rigid_frames
 from priorfill.regression import ALIGNMENT_FLOOR, View, block_residuals
 from priorfill.uncertainty import LEAST_DEVIATION
 
@@ -154,70 +154,114 @@ _Member = tuple[NDArray[np.float64], NDArray[np.float64], float]
 """Position and variance (poses, missing) that a member predicts, and its left-out error."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Aligned:
+    """Rows and queries as a view sees them."""
+
+    known: NDArray[np.float64]  # (rows, features), of mean 0 and mean square norm 1
+    asked: NDArray[np.float64]  # (queries, features)
+    frames: RootFrames  # of the queries
+    targets: NDArray[np.float64]  # (rows, missing * 3), mm, about the centre
+    centre: NDArray[np.float64]  # (missing * 3,), mm
+
+    @classmethod
+    def of(cls, view: View, rows: _Rows, query: NDArray[np.float64], ties: Ties) -> _Aligned:
+        """Align poses as a view asks, and weigh their visible markers."""
+        nearness = np.exp(-0.5 * (ties.distance / view.reach) ** 2)
+        firmness = np.ones_like(nearness)
+        if view.slack is not None:
+            firmness = 1.0 / (1.0 + (ties.spread / view.slack) ** 2)
+        alignment = nearness * firmness + ALIGNMENT_FLOOR
+        weight = nearness * np.sqrt(firmness) + view.floor
+        align = rigid_frames if view.frame == "rigid" else heading_frames
+        template = query[len(query) // 2]
+        row_frames = align(rows.visible, template, alignment)
+        query_frames = align(query, template, alignment)
+
+        known = (row_frames.to_local(rows.visible) * weight[:, None]).reshape(len(rows.visible), -1)
+        asked = (query_frames.to_local(query) * weight[:, None]).reshape(len(query), -1)
+        middle = known.mean(axis=0)
+        known, asked = known - middle, asked - middle
+        scale = float(np.sqrt((known**2).sum(axis=1).mean())) or 1.0
+        targets = row_frames.to_local(rows.missing).reshape(len(known), -1)
+        # the own body, where it is a witness, is what others are compared with
+        centre = (targets[rows.own] if rows.own.any() else targets).mean(axis=0)
+        return cls(known / scale, asked / scale, query_frames, targets - centre, centre)
+
+
 def _predict(
     view: View, rows: _Rows, query: NDArray[np.float64], ties: Ties, judge: bool
 ) -> list[_Member]:
     """Predict by the members of one view; ``judge`` them by leaving bodies out, too."""
-    nearness = np.exp(-0.5 * (ties.distance / view.reach) ** 2)
-    firmness = np.ones_like(nearness)
-    if view.slack is not None:
-        firmness = 1.0 / (1.0 + (ties.spread / view.slack) ** 2)
-    alignment = nearness * firmness + ALIGNMENT_FLOOR
-    weight = nearness * np.sqrt(firmness) + view.floor
-    align = rigid_frames if view.frame == "rigid" else heading_frames
-    template = query[len(query) // 2]
-    row_frames = align(rows.visible, template, alignment)
-    query_frames = align(query, template, alignment)
-
-    known = (row_frames.to_local(rows.visible) * weight[:, None]).reshape(len(rows.visible), -1)
-    asked = (query_frames.to_local(query) * weight[:, None]).reshape(len(query), -1)
-    middle = known.mean(axis=0)
-    known, asked = known - middle, asked - middle
-    scale = float(np.sqrt((known**2).sum(axis=1).mean())) or 1.0
-    known, asked = known / scale, asked / scale
-    targets = row_frames.to_local(rows.missing).reshape(len(known), -1)
-    # the own body, where it is a witness, is what others are compared with
-    centre = (targets[rows.own] if rows.own.any() else targets).mean(axis=0)
-    targets = targets - centre
-
-    product = known @ known.T
+    aligned = _Aligned.of(view, rows, query, ties)
+    product = aligned.known @ aligned.known.T
     norm = np.diag(product)
     square = squared_distances(product, norm, norm)
     blocks = rows.blocks() if judge else []
-    markers = targets.shape[1] // 3
+    markers = aligned.targets.shape[1] // 3
     members = []
     for kin in KINDS:
         shared = kin.shared(rows.shapes, rows.body, rows.mirrored)
         alike = kin.similarity(product, square)
-        covariance = 1.0 + alike
-        covariance += shared[np.ix_(rows.witness, rows.witness)] * (
-            kin.offset + kin.movement * alike
-        )
+        covariance = kin.covariance(alike, shared[np.ix_(rows.witness, rows.witness)])
         noise = kin.noise * np.where(rows.own, OWN_NOISE, 1.0)
         covariance[np.diag_indices_from(covariance)] += noise
         inverse = np.linalg.inv(covariance).astype(np.float64, copy=False)
-        coefficients = inverse @ targets
-        local = np.empty((len(asked), targets.shape[1]))
-        left = np.empty(len(asked))
-        for start in range(0, len(asked), CHUNK):
-            some = slice(start, start + CHUNK)
-            cross_product = asked[some] @ known.T
-            length = (asked[some] ** 2).sum(axis=1)
-            cross_square = squared_distances(cross_product, length, norm)
-            alike = kin.similarity(cross_product, cross_square)
-            cross = 1.0 + alike + shared[-1][rows.witness] * (kin.offset + kin.movement * alike)
-            itself = kin.linear * length + kin.radial
-            local[some] = cross @ coefficients
-            left[some] = 1.0 + itself + kin.offset + kin.movement * itself
-            left[some] -= np.einsum("qr,qr->q", cross @ inverse, cross)
+        local, left = _expect(kin, aligned, norm, shared[-1][rows.witness], inverse)
         least = float(noise.min())
         left = np.maximum(left + least, least)
-        positions = query_frames.to_world((local + centre).reshape(-1, markers, 3))
+        positions = aligned.frames.to_world((local + aligned.centre).reshape(-1, markers, 3))
         unit, missed = np.ones(markers), np.nan
         if judge:
-            unit, missed = _judge(inverse, targets, blocks, markers)
+            unit, missed = _judge(inverse, aligned.targets, blocks, markers)
         members.append((positions, left[:, None] * unit, missed))
     return members
+
+
+def _expect(
+    kin: Kin,
+    aligned: _Aligned,
+    norm: NDArray[np.float64],
+    shared: NDArray[np.float64],
+    inverse: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the process's mean and variance, without noise, for the queries.
+
+    Parameters
+    ----------
+    kin : Kin
+        The covariance.
+    aligned : _Aligned
+        Rows and queries.
+    norm : ndarray [shape=(rows,)]
+        Inner product of each row's features with themselves.
+    shared : ndarray [shape=(rows,)]
+        What each row's body shares with the clip's.
+    inverse : ndarray [shape=(rows, rows)]
+        Of the rows' covariance with noise.
+
+    Returns
+    -------
+    mean : ndarray [shape=(queries, missing * 3), mm]
+        In the queries' frames, from the targets' centre.
+    variance : ndarray [shape=(queries,)]
+        In units of the kernel.
+    """
+    asked = aligned.asked
+    coefficients = inverse @ aligned.targets
+    mean = np.empty((len(asked), aligned.targets.shape[1]))
+    variance = np.empty(len(asked))
+    for start in range(0, len(asked), CHUNK):
+        some = slice(start, start + CHUNK)
+        product = asked[some] @ aligned.known.T
+        length = (asked[some] ** 2).sum(axis=1)
+        alike = kin.similarity(product, squared_distances(product, length, norm))
+        cross = kin.covariance(alike, shared)
+        itself = kin.linear * length + kin.radial
+        mean[some] = cross @ coefficients
+        variance[some] = 1.0 + itself + kin.offset + kin.movement * itself
+        variance[some] -= np.einsum("qr,qr->q", cross @ inverse, cross)
+    return mean, variance
 
 
 def _judge(
