@@ -19,7 +19,7 @@ from priorfill.database import PriorDatabase
 from priorfill.errors import DatabaseNotFoundError, OptionError
 from priorfill.filling import FilledGap, LeftMissing, fill
 from priorfill.methods import METHODS
-from priorfill.methods.predict import Prediction
+from priorfill.methods.prediction import Prediction
 from priorfill.methods.task import Estimate, Note
 from priorfill.uncertainty import BOUND_FACTOR, MEAN_FACTOR
 

@@ -66,6 +66,28 @@ class Piece:
         """Whether enough markers are visible to say anything of the missing ones."""
         return len(self.visible) >= FEWEST_VISIBLE
 
+    def around(
+        self, valid: NDArray[np.bool_], visible: NDArray[np.intp], margin: int
+    ) -> NDArray[np.intp]:
+        """Return its frames and those beside it, as far as some markers are measured.
+
+        Parameters
+        ----------
+        valid : ndarray of bool [shape=(frames, markers)]
+            Which samples of the clip are measured.
+        visible : ndarray of int
+            The markers that must be.
+        margin : int
+            Frames on either side at most.
+        """
+        usable = np.logical_and.reduce(valid[:, visible], axis=1)
+        first, last = self.start, self.stop
+        while first > max(0, self.start - margin) and usable[first - 1]:
+            first -= 1
+        while last < min(len(usable), self.stop + margin) and usable[last]:
+            last += 1
+        return np.arange(first, last)
+
 
 def constant_spans(seen: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return (start, stop) of the runs of frames in which ``seen`` is constant.

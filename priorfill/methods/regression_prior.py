@@ -27,8 +27,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gaps import GapGroup, runs
+from priorfill.methods.options import Options
 from priorfill.methods.pieces import Piece, pieces_of
-from priorfill.methods.predict import Options, Prediction, Predictor, unfilled
+from priorfill.methods.predict import Predictor
+from priorfill.methods.prediction import Prediction, unfilled
 from priorfill.methods.task import Estimate, Note, Task
 from priorfill.multiresolution import levels_for, synthesise
 from priorfill.prior import Prior

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -48,7 +49,7 @@ class Task:
     name: str = "clip"
     subject: str = ""
 
-    @property
+    @cached_property
     def valid(self) -> NDArray[np.bool_]:
         """Which samples are measured [shape=(frames, markers)]."""
         return ~np.isnan(self.positions[..., 0])

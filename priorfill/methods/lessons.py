@@ -1,0 +1,111 @@
+"""The lessons that a piece is learnt from, and the members that read them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.methods.members import BASIC, FEW, FEW_MEMBERS, LIMB_MEMBERS
+from priorfill.methods.options import Options
+from priorfill.methods.own_lesson import OwnLessons
+from priorfill.methods.pieces import Piece
+from priorfill.methods.pose_search import PoseSearch
+from priorfill.methods.shared_lesson import shared_lesson
+from priorfill.methods.task import Task
+from priorfill.regression import Lesson, Member
+
+__all__ = ["Course", "Lessons"]
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """What a piece is learnt from.
+
+    Attributes
+    ----------
+    lessons : sequence of Lesson
+        All predict the same frames.
+    members : sequence of Member
+        Who reads them.
+    frames : ndarray of int
+        Of the clip: those to be predicted.
+    visible : ndarray of int
+        Visible markers of the clip's own frames, the nearest first.
+    complete : bool
+        Whether a second reading would gain nothing.
+    takes : tuple of str
+        Recordings of the database in the lessons.
+    """
+
+    lessons: Sequence[Lesson]
+    members: Sequence[Member]
+    frames: NDArray[np.intp]
+    visible: NDArray[np.intp]
+    complete: bool
+    takes: tuple[str, ...]
+
+    @property
+    def poses(self) -> int:
+        """Rows of the largest lesson."""
+        return max(len(lesson.rows.time) for lesson in self.lessons)
+
+
+class Lessons:
+    """Makes the lessons of a task's pieces.
+
+    Parameters
+    ----------
+    task : Task
+        The clip and the takes to learn from.
+    search : PoseSearch
+        Of these takes.
+    margin : int
+        Frames around a piece to be predicted too, where the visible markers allow.
+    options : Options
+        How many rows of what.
+
+    Attributes
+    ----------
+    own : OwnLessons
+        The clip's.
+    """
+
+    def __init__(self, task: Task, search: PoseSearch, margin: int, options: Options) -> None:
+        self.own = OwnLessons(task, margin, options)
+        self._task = task
+        self._search = search
+        self._options = options
+
+    def of(self, piece: Piece, completed: NDArray[np.float64] | None) -> Course | None:
+        """Return what a piece is learnt from; None where the clip shows too little of it.
+
+        Parameters
+        ----------
+        piece : Piece
+            What to predict.
+        completed : ndarray [shape=(frames, markers, 3), mm] or None
+            The clip after a first fill, to complete the poses that are learnt from.
+        """
+        own = self.own.read(piece, completed)
+        if own is None:
+            return None
+        takes: tuple[str, ...] = ()
+        members = LIMB_MEMBERS
+        if completed is None and not own.complete:
+            members = BASIC
+            lessons = [own.lesson]
+        elif len(piece.markers) <= FEW:
+            members = FEW_MEMBERS
+            lessons = [self.own.with_moments(own, members).lesson]
+        else:
+            limb = self.own.with_moments(self.own.with_mirror(own), members)
+            lessons = [limb.lesson]
+            shared = shared_lesson(limb, self._task, self._search, self._options)
+            if shared is not None:
+                lessons.append(shared[0])
+                takes = shared[1]
+        frames = np.round(own.lesson.query.time * self._task.rate).astype(np.intp)
+        return Course(lessons, members, frames, own.visible, own.complete, takes)

@@ -1,0 +1,193 @@
+"""A lesson of the clip's own frames, its mirror image beside it, and the moments around both."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.distances import pair_distances
+from priorfill.methods.kinship import MIRROR_KINSHIP
+from priorfill.methods.members import seconds_of
+from priorfill.methods.moments import standing_in
+from priorfill.methods.options import Options
+from priorfill.methods.pieces import FEWEST_VISIBLE, Piece
+from priorfill.methods.task import Task
+from priorfill.mirror import mirrored, partners
+from priorfill.poses import evenly, whole
+from priorfill.regression import Lesson, Member, Rows
+
+__all__ = ["IMAGE", "OWN", "OwnLesson", "OwnLessons"]
+
+OWN, IMAGE = 0, 1
+"""Numbers of the clip and its mirror image among the takes of rows; the database's follow."""
+
+FEWEST_KEPT = 4
+"""Visible markers that are not given up, however few frames show them together."""
+
+ENOUGH_SHOWN = 0.5
+"""Part of the frames that show the missing markers which is enough, where all are few."""
+
+
+@dataclass(frozen=True, eq=False)
+class OwnLesson:
+    """A lesson of the clip's own frames.
+
+    Attributes
+    ----------
+    lesson : Lesson
+        Rows of the clip, and of its mirror image if it has been added.
+    piece : Piece
+        What to predict.
+    visible : ndarray of int
+        The visible markers of the lesson, in its order: the nearest first.
+    near : ndarray of int
+        Frames right beside the piece, of which none is given up.
+    source : ndarray [shape=(frames, markers, 3), mm]
+        The clip, its holes completed on a second reading.
+    complete : bool
+        Whether a second reading would gain nothing.
+    """
+
+    lesson: Lesson
+    piece: Piece
+    visible: NDArray[np.intp]
+    near: NDArray[np.intp]
+    source: NDArray[np.float64]
+    complete: bool
+
+
+class OwnLessons:
+    """Makes lessons of the clip of a task.
+
+    Parameters
+    ----------
+    task : Task
+        The clip.
+    margin : int
+        Frames around a piece to be predicted too, where the visible markers allow.
+    options : Options
+        How many rows.
+
+    Attributes
+    ----------
+    valid : ndarray of bool [shape=(frames, markers)]
+        Which samples are measured.
+    distance, spread : ndarray [shape=(markers, markers), mm]
+        See `priorfill.distances.pair_distances`.
+    """
+
+    def __init__(self, task: Task, margin: int, options: Options) -> None:
+        self.valid = task.valid
+        self.distance, self.spread = pair_distances(task.positions)
+        self._task = task
+        self._margin = margin
+        self._options = options
+        self._image = mirrored(task.positions, partners(task.labels, task.marker_set))
+
+    def read(self, piece: Piece, completed: NDArray[np.float64] | None) -> OwnLesson | None:
+        """Make a lesson of the frames that show a piece's markers; None where they are too few.
+
+        Parameters
+        ----------
+        piece : Piece
+            What to predict.
+        completed : ndarray [shape=(frames, markers, 3), mm] or None
+            The clip after a first fill, to complete the rows.
+        """
+        options, rate = self._options, self._task.rate
+        source = self._task.positions if completed is None else completed
+        shown = np.logical_and.reduce(self.valid[:, piece.markers], axis=1)
+        nearest = self.distance[piece.markers].min(axis=0)
+        visible = piece.visible[np.isfinite(nearest[piece.visible])]
+        visible = visible[np.argsort(nearest[visible], kind="stable")]
+        known = ~np.isnan(source[:, visible, 0])
+        # how many frames show the markers together with the nearest n visible ones
+        count = (np.logical_and.accumulate(known, axis=1) & shown[:, None]).sum(axis=0)
+        enough = np.flatnonzero(count >= min(options.wished_rows, ENOUGH_SHOWN * shown.sum()))
+        kept = max(int(enough[-1]) + 1 if len(enough) else 0, min(FEWEST_KEPT, len(visible)))
+        if kept < FEWEST_VISIBLE:
+            return None
+        visible = visible[:kept]
+        usable = np.flatnonzero(np.logical_and.reduce(known[:, :kept], axis=1) & shown)
+        if len(usable) < options.fewest_rows:
+            return None
+
+        beside = int(options.beside * rate) + 1
+        near = usable[(usable >= piece.start - beside) & (usable < piece.stop + beside)]
+        frames = np.union1d(near, usable[evenly(len(usable), options.rows)])
+        asked = piece.around(self.valid, visible, self._margin)
+        rows = Rows(
+            source[np.ix_(frames, visible)],
+            self._task.positions[np.ix_(frames, piece.markers)],
+            frames / rate,
+            np.full(len(frames), OWN),
+        )
+        query = Rows(
+            self._task.positions[np.ix_(asked, visible)],
+            np.empty((len(asked), 0, 3)),
+            asked / rate,
+            np.full(len(asked), OWN),
+        )
+        spread = self.spread[np.ix_(piece.markers, visible)].min(axis=0)
+        return OwnLesson(
+            Lesson(rows, query, nearest[visible], spread),
+            piece,
+            visible,
+            near,
+            source,
+            kept == len(piece.visible) and len(usable) >= options.rereading * shown.sum(),
+        )
+
+    def with_mirror(self, own: OwnLesson) -> OwnLesson:
+        """Add the clip's mirror image to a lesson, unless it shows too little."""
+        options, rate = self._options, self._task.rate
+        lesson, markers, image = own.lesson, own.piece.markers, self._image
+        # visible markers without a partner are not in the mirror image
+        kept = np.flatnonzero(~np.isnan(image[:, own.visible, 0]).all(axis=0))
+        visible = own.visible[kept]
+        usable = np.flatnonzero(whole(image[:, np.concatenate([visible, markers])]))
+        if len(kept) < FEWEST_VISIBLE or len(usable) < options.fewest_rows:
+            return own
+        frames = usable[evenly(len(usable), options.mirrored_rows)]
+        rows = lesson.rows
+        beside = np.flatnonzero(np.isin(rows.time, own.near / rate))
+        some = np.union1d(beside, evenly(len(rows.time), options.rows - options.mirrored_rows))
+        added = Rows(
+            np.concatenate([rows.visible[np.ix_(some, kept)], image[np.ix_(frames, visible)]]),
+            np.concatenate([rows.missing[some], image[np.ix_(frames, markers)]]),
+            np.concatenate([rows.time[some], frames / rate]),
+            np.repeat([OWN, IMAGE], [len(some), len(frames)]),
+            np.repeat([1.0, MIRROR_KINSHIP], [len(some), len(frames)]),
+        )
+        query = replace(lesson.query, visible=lesson.query.visible[:, kept])
+        mixed = Lesson(added, query, lesson.distance[kept], lesson.spread[kept])
+        return replace(own, lesson=mixed, visible=visible)
+
+    def with_moments(self, own: OwnLesson, members: Sequence[Member]) -> OwnLesson:
+        """Add the moments to a lesson that members ask for."""
+        lesson = own.lesson
+        rows, query = (self._around(poses, own, members) for poses in (lesson.rows, lesson.query))
+        return replace(own, lesson=replace(lesson, rows=rows, query=query))
+
+    def _around(self, poses: Rows, own: OwnLesson, members: Sequence[Member]) -> Rows:
+        """Return poses of the clip or its mirror image with what is around them."""
+        rate, source = self._task.rate, own.source
+        frames = np.round(poses.time * rate).astype(np.intp)
+        image = (poses.take == IMAGE)[:, None, None]
+
+        def at(seconds: float) -> NDArray[np.float64]:
+            there = frames + round(seconds * rate)
+            where = np.ix_(np.clip(there, 0, len(source) - 1), own.visible)
+            positions = np.where(image, self._image[where], source[where])
+            outside = (there < 0) | (there >= len(source))
+            positions[outside] = np.nan
+            return positions
+
+        around = {
+            seconds: standing_in(poses.visible, at(-seconds), at(seconds))
+            for seconds in seconds_of(members)
+        }
+        return replace(poses, around=around)

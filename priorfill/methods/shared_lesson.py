@@ -1,0 +1,107 @@
+"""A lesson that the database shares with the clip: poses of other bodies beside its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from priorfill.methods.kinship import MIRROR_KINSHIP, STRANGER_KINSHIP
+from priorfill.methods.moments import standing_in
+from priorfill.methods.options import Options
+from priorfill.methods.own_lesson import IMAGE, OWN, OwnLesson
+from priorfill.methods.pieces import FEWEST_VISIBLE
+from priorfill.methods.pose_search import PoseSearch
+from priorfill.methods.task import Task, take_names
+from priorfill.poses import evenly
+from priorfill.regression import Lesson, Rows
+
+__all__ = ["shared_lesson"]
+
+MOVEMENT_RATE = 15.0
+"""Hz. Resolution of the database's poses that stand beside the clip's own: of as many rows, more
+different ones."""
+
+SELF_SUFFICIENT = 4.0
+"""s. A clip that shows the missing markers for longer is less in need of other bodies."""
+
+HANDICAP = 0.1
+"""By how much better other bodies must do for each doubling of that."""
+
+
+def shared_lesson(
+    own: OwnLesson, task: Task, search: PoseSearch, options: Options
+) -> tuple[Lesson, tuple[str, ...]] | None:
+    """Make a lesson of the clip and the database together; None where that shows too little.
+
+    Parameters
+    ----------
+    own : OwnLesson
+        With moments, and with the mirror image's poses where there are any.
+    task : Task
+        The clip and the takes to learn from.
+    search : PoseSearch
+        Of these takes.
+    options : Options
+        How many rows.
+
+    Returns
+    -------
+    lesson : Lesson
+    takes : tuple of str
+        Recordings of the database in it.
+    """
+    if not task.takes:
+        return None
+    lesson, piece, rate = own.lesson, own.piece, task.rate
+    kept = np.flatnonzero(search.shown_with(piece.markers)[own.visible])
+    markers = own.visible[kept]
+    root = task.root_among(markers)
+    if len(kept) < FEWEST_VISIBLE or root is None:
+        return None
+    needed = np.concatenate([piece.markers, markers])
+    bank = search.bank(root, markers[: options.visible], needed, MOVEMENT_RATE)
+    if len(bank) < options.fewest_rows:
+        return None
+
+    own_rows, image_rows, gap_rows, other_rows = options.shared_rows
+    clip, image = (np.flatnonzero(lesson.rows.take == take) for take in (OWN, IMAGE))
+    frames = np.round(lesson.rows.time * rate).astype(np.intp)
+    beside = clip[np.isin(frames[clip], own.near)]
+    clip = np.union1d(beside, clip[evenly(len(clip), own_rows)])
+    image = image[evenly(len(image), image_rows)]
+    here, asked = lesson.rows.visible[:, kept], lesson.query.visible[:, kept]
+    chosen = search.nearest(bank, root, markers, asked)[:gap_rows]
+    more = search.nearest(bank, root, markers, here[clip])
+    chosen = np.concatenate([chosen, more[~np.isin(more, chosen)][:other_rows]])
+    there = bank.positions(chosen, markers)
+
+    some = np.concatenate([clip, image])
+    around = {}
+    for seconds, now in lesson.rows.around.items():
+        step = round(seconds * bank.rate)
+        if step:  # a coarse resolution does not show short moments
+            moved = [bank.positions(bank.moved(chosen, d), markers) for d in (-step, step)]
+            moment = [now[:, some][:, :, kept], standing_in(there, *moved)]
+            around[seconds] = np.concatenate(moment, axis=1)
+    # as takes, so bodies: OWN and IMAGE are the clip and its mirror image
+    take = lesson.rows.take[some]
+    rows = Rows(
+        np.concatenate([here[some], there]),
+        np.concatenate([lesson.rows.missing[some], bank.positions(chosen, piece.markers)]),
+        np.concatenate([lesson.rows.time[some], chosen / bank.rate]),
+        np.concatenate([take, IMAGE + 1 + bank.take(chosen)]),
+        np.repeat([1.0, MIRROR_KINSHIP, STRANGER_KINSHIP], [len(clip), len(image), len(chosen)]),
+        np.concatenate([take, IMAGE + 1 + search.bodies[bank.take(chosen)]]),
+        around,
+    )
+    query = replace(
+        lesson.query,
+        visible=asked,
+        around={seconds: now[:, :, kept] for seconds, now in lesson.query.around.items()},
+    )
+    shown = np.logical_and.reduce(task.valid[:, piece.markers], axis=1).sum() / rate
+    handicap = 1.0 + HANDICAP * max(0.0, float(np.log2(shown / SELF_SUFFICIENT)))
+    distance, spread = lesson.distance[kept], lesson.spread[kept]
+    names = take_names(task.takes, bank.take(chosen))
+    return Lesson(rows, query, distance, spread, handicap), names
