@@ -1,0 +1,62 @@
+"""Data flow one way: what ARCHITECTURE.md says of imports."""
+
+from __future__ import annotations
+
+import ast
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import priorfill
+
+ROOT = Path(priorfill.__file__).parent
+METHODS = "priorfill.methods."
+ARRAYS_ONLY = (
+    *(f"blackout.{part}" for part in ("stencil", "windows", "curves", "mixture", "correction")),
+    "blackout.prediction",
+    *(f"dropout.{part}" for part in ("ties", "covariance", "prediction")),
+    "moments",
+)
+
+
+def imports() -> dict[str, set[str]]:
+    """What each module imports of priorfill when it is imported itself."""
+    files = {
+        ".".join(f.relative_to(ROOT.parent).with_suffix("").parts).removesuffix(".__init__"): f
+        for f in ROOT.rglob("*.py")
+    }
+    found = {}
+    for module, file in files.items():
+        found[module] = {
+            name if (name := f"{node.module}.{alias.name}") in files else node.module
+            for node in ast.parse(file.read_text(encoding="utf-8")).body
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("priorfill.")
+            for alias in node.names
+        }
+    return found
+
+
+def test_no_module_imports_itself_in_the_end() -> None:
+    # raises CycleError if one does
+    assert "priorfill.methods.predict" in list(TopologicalSorter(imports()).static_order())
+
+
+def test_kernels_see_arrays_only() -> None:
+    found = imports()
+    for part in ARRAYS_ONLY:
+        assert not found[METHODS + part] & {METHODS + "task", METHODS + "options"}, part
+
+
+def test_dropouts_and_blackouts_know_nothing_of_each_other() -> None:
+    built = {"dropout": "blackout", "blackout": "dropout"}
+    for module, names in imports().items():
+        for part, other in built.items():
+            if module.startswith(METHODS + part):
+                above = (other, "lessons", "predict.", "regression_prior")
+                assert not any(f"{n}.".startswith(METHODS + a) for n in names for a in above)
+
+
+def test_methods_import_neither_files_nor_databases() -> None:
+    banned = ("priorfill.formats", "priorfill.database", "priorfill.filling", "priorfill.cli")
+    for module, names in imports().items():
+        if module.startswith(METHODS):
+            assert not any(name.startswith(banned) for name in names), module
