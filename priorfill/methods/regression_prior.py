@@ -7,6 +7,8 @@ The energy, the levels and the solver are those of Baumann et al. 2011 (`priorfi
   where the clip has too few of them, for a marker that it never shows above all;
 * instead of the mean of the neighbours, the prior is a Gaussian-process regression from the
   visible markers (`priorfill.regression`), its weight the inverse of the predicted variance;
+* predictions below the floor are lifted, and calmed where they shake more than what is measured
+  (`priorfill.methods.finish`);
 * velocities and accelerations come from the same prediction, across the gap's edges too, so that
   the fill joins the measured signal without a seam;
 * frames with holes teach nothing at first; a second reading completes them with the first fill;
@@ -27,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gaps import GapGroup, runs
+from priorfill.methods.finish import Finish
 from priorfill.methods.options import Options
 from priorfill.methods.pieces import Piece, pieces_of
 from priorfill.methods.predict import Predictor
@@ -119,6 +122,7 @@ class _Filling:
     def __init__(self, task: Task, predictor: Predictor, levels: Sequence[Level]) -> None:
         self._groups = task.groups
         self._predictor = predictor
+        self._finish = Finish(task, predictor.spread)
         self._levels = levels
         self._bound = np.full(task.positions.shape[:2], np.nan)
         self.estimate = replace(Estimate.of(task), bound=self._bound)
@@ -130,9 +134,7 @@ class _Filling:
 
     def read(self, over_pieces: _Map, progress: Callable[[], None]) -> None:
         """Predict all pieces from what is measured."""
-        found = iter(
-            over_pieces(lambda slot: self._predictor.predict(slot.piece, None), self.slots)
-        )
+        found = iter(over_pieces(lambda slot: self._predict(slot, None), self.slots))
         for number in range(len(self._groups)):
             for slot in self._by_group[number]:
                 slot.parts = next(found)
@@ -143,11 +145,15 @@ class _Filling:
         """Predict once more what learnt from few frames, now that a first fill completes more."""
         again = [slot for slot in self.slots if not all(part.complete for part in slot.parts)]
         completed = self.estimate.positions.copy()
-        found = over_pieces(lambda slot: self._predictor.predict(slot.piece, completed), again)
+        found = over_pieces(lambda slot: self._predict(slot, completed), again)
         for slot, parts in zip(again, found, strict=True):
             slot.parts = parts
         for number in sorted({slot.group for slot in again}):
             self._synthesise(number)
+
+    def _predict(self, slot: _Slot, completed: NDArray[np.float64] | None) -> list[Prediction]:
+        """Predict a piece, and see to its looks; parameters as for `Predictor.predict`."""
+        return [self._finish(part) for part in self._predictor.predict(slot.piece, completed)]
 
     def bridge(self) -> None:
         """Bridge over time what the clip's own frames do not tell; all around it is filled."""
@@ -185,7 +191,7 @@ class _Filling:
             for slot in slots:
                 piece = slot.piece
                 slot.parts = [
-                    part
+                    self._finish.lift(part)  # curves over time do not shake
                     for part in found
                     if part.first == piece.start and part.piece.markers[0] in piece.markers
                 ]
