@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.methods.members import BASIC, FEW, FEW_MEMBERS, LIMB_MEMBERS
+from priorfill.methods.members import BASIC, LIMB_MEMBERS, MARKER_MEMBERS
 from priorfill.methods.options import Options
 from priorfill.methods.own_lesson import OwnLessons
 from priorfill.methods.pieces import Piece
@@ -97,8 +97,8 @@ class Lessons:
         if completed is None and not own.complete:
             members = BASIC
             lessons = [own.lesson]
-        elif len(piece.markers) <= FEW:
-            members = FEW_MEMBERS
+        elif len(piece.markers) == 1:
+            members = MARKER_MEMBERS
             lessons = [self.own.with_moments(own, members).lesson]
         else:
             limb = self.own.with_moments(self.own.with_mirror(own), members)

@@ -10,10 +10,7 @@ from collections.abc import Sequence
 
 from priorfill.regression import Kernel, Member, Moment, View
 
-__all__ = ["BASIC", "FEW", "FEW_MEMBERS", "LIMB_MEMBERS", "seconds_of"]
-
-FEW = 3
-"""Up to this many markers are predicted by the members for a few, more by those for limbs."""
+__all__ = ["BASIC", "LIMB_MEMBERS", "MARKER_MEMBERS", "seconds_of"]
 
 
 def _each(
@@ -37,32 +34,32 @@ _BODY = View("heading", 200.0, 0.1)
 _PLAIN = Kernel(1.0, 0.1, 1.0, 0.001, 0.1, smooth=False, noise=1e-4)
 _WIDE = Kernel(1.0, 1.0, 1.5, 0.001, 0.1, smooth=False, noise=1e-4)
 
-_FEW_KERNELS = (
+_MARKER_KERNELS = (
     _PLAIN,
     Kernel(1.0, 0.1, 1.0, 0.001, 0.1, smooth=False, noise=1e-3),
     _WIDE,
     Kernel(1.0, 0.1, 1.0, 0.001, 0.1, smooth=False, noise=1e-4, fading=3.0),
     Kernel(30.0, 0.0, 1.0, 0.01, 0.3, smooth=True, noise=1e-4),
 )
-_FEW_MOMENTS = (
+_MARKER_MOMENTS = (
     Moment(1.0 / 30.0, 0.4),
     Moment(1.0 / 15.0, 0.4),
     Moment(1.0 / 30.0, 2.0, velocity=True),
 )
 
 
-def _few() -> tuple[Member, ...]:
-    """Members for a few markers: moments with some of the views and kernels only."""
+def _marker() -> tuple[Member, ...]:
+    """Members for one marker: moments with some of the views and kernels only."""
     members: list[Member] = []
     for view in (_SEGMENT, _NEAR, _UPRIGHT, _PARTS):
-        members += _each([view], [None], _FEW_KERNELS)
+        members += _each([view], [None], _MARKER_KERNELS)
         if view is not _PARTS:
-            members += _each([view], _FEW_MOMENTS, [_PLAIN, _WIDE])
+            members += _each([view], _MARKER_MOMENTS, [_PLAIN, _WIDE])
     return tuple(members)
 
 
-FEW_MEMBERS = _few()
-"""For a few markers, whose neighbours on the same segment are mostly visible."""
+MARKER_MEMBERS = _marker()
+"""For one marker alone, whose neighbours on the same segment are mostly visible."""
 
 BASIC = _each([_SEGMENT, _UPRIGHT], [None], [_PLAIN])
 """For a first reading that a second will replace."""
@@ -95,5 +92,5 @@ LIMB_MEMBERS = (
     *_each([_NEAR], [None], _LIMB_KERNELS[:3]),
     *_each([_NEAR], _LIMB_MOMENTS[:1], _LIMB_KERNELS[:2]),
 )
-"""For limbs and other large parts of the body, which move against what is visible. Their moments
+"""For several markers at once: limbs above all, which move against what is visible. Their moments
 are whole steps of 1/15 s, which databases are read by."""

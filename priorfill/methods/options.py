@@ -21,7 +21,7 @@ class Options:
         As many of these come from the clip's mirror image in the lessons that it is part of.
     shared_rows : tuple of int
         In the lessons that the database adds to: rows of the clip, of its mirror image, of the
-        database near the gap, of the database near the clip's rows. As many as in a lesson
+        database near the gap, of the database near the clip's rows. About as many as in a lesson
         without the database, so that its lessons take no longer.
     fewest_rows : int
         With fewer poses of its own, a clip learns from other recordings alone.
@@ -40,7 +40,7 @@ class Options:
 
     rows: int = 250
     mirrored_rows: int = 90
-    shared_rows: tuple[int, int, int, int] = (100, 50, 70, 50)
+    shared_rows: tuple[int, int, int, int] = (60, 30, 120, 60)
     beside: float = 0.03
     fewest_rows: int = 12
     wished_rows: int = 150

@@ -61,10 +61,14 @@ class PoseSearch:
         poses: NDArray[np.float64],
     ) -> NDArray[np.intp]:
         """Return the rows of a bank nearest to poses of some markers, the nearest first."""
-        some = poses[evenly(len(poses), self._options.queries)]
-        whole = np.full((len(some), len(self.task.labels), 3), np.nan)
-        whole[:, markers] = some
-        return _in_turn(bank.nearest(whole, root.frames(whole), self._options.neighbours).row)
+        some = self.placed(markers, poses[evenly(len(poses), self._options.queries)])
+        return _in_turn(bank.nearest(some, root.frames(some), self._options.neighbours).row)
+
+    def placed(self, markers: NDArray[np.intp], poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return poses of some markers in the clip's order, with NaN for all other markers."""
+        placed = np.full((len(poses), len(self.task.labels), 3), np.nan)
+        placed[:, markers] = poses
+        return placed
 
     @cached_property
     def bodies(self) -> NDArray[np.intp]:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from priorfill.methods.body_fit import shifts
 from priorfill.methods.kinship import MIRROR_KINSHIP, STRANGER_KINSHIP
 from priorfill.methods.moments import standing_in
 from priorfill.methods.options import Options
@@ -75,13 +76,21 @@ def shared_lesson(
     more = search.nearest(bank, root, markers, here[clip])
     chosen = np.concatenate([chosen, more[~np.isin(more, chosen)][:other_rows]])
     there = bank.positions(chosen, markers)
-
     some = np.concatenate([clip, image])
+    body = search.bodies[bank.take(chosen)]
+    frames_here, frames_there = (
+        root.frames(search.placed(markers, poses)) for poses in (here[some], there)
+    )
+    local = shifts(frames_here.to_local(here[some]), frames_there.to_local(there), body)
+    shift = local @ np.swapaxes(frames_there.rotation, 1, 2)
+    there = there + shift
+
     around = {}
     for seconds, now in lesson.rows.around.items():
         step = round(seconds * bank.rate)
         if step:  # a coarse resolution does not show short moments
-            moved = [bank.positions(bank.moved(chosen, d), markers) for d in (-step, step)]
+            rows_at = [bank.moved(chosen, d) for d in (-step, step)]
+            moved = [bank.positions(at, markers) + shift for at in rows_at]
             moment = [now[:, some][:, :, kept], standing_in(there, *moved)]
             around[seconds] = np.concatenate(moment, axis=1)
     # as takes, so bodies: OWN and IMAGE are the clip and its mirror image
@@ -92,7 +101,7 @@ def shared_lesson(
         np.concatenate([lesson.rows.time[some], chosen / bank.rate]),
         np.concatenate([take, IMAGE + 1 + bank.take(chosen)]),
         np.repeat([1.0, MIRROR_KINSHIP, STRANGER_KINSHIP], [len(clip), len(image), len(chosen)]),
-        np.concatenate([take, IMAGE + 1 + search.bodies[bank.take(chosen)]]),
+        np.concatenate([take, IMAGE + 1 + body]),
         around,
     )
     query = replace(
