@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.methods.members import BASIC, LIMB_MEMBERS, MARKER_MEMBERS
+from priorfill.methods.members import BASIC, BRIEF_MEMBERS, LIMB_MEMBERS, MARKER_MEMBERS
 from priorfill.methods.options import Options
 from priorfill.methods.own_lesson import OwnLessons
 from priorfill.methods.pieces import Piece
@@ -18,6 +18,10 @@ from priorfill.methods.task import Task
 from priorfill.regression import Lesson, Member
 
 __all__ = ["Course", "Lessons"]
+
+
+BRIEF = 0.1
+"""s. Over no longer than this the seam says more than any way of learning."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +100,9 @@ class Lessons:
         members = LIMB_MEMBERS
         if completed is None and not own.complete:
             members = BASIC
+            lessons = [own.lesson]
+        elif (piece.stop - piece.start) / self._task.rate <= BRIEF:
+            members = BRIEF_MEMBERS
             lessons = [own.lesson]
         elif len(piece.markers) == 1:
             members = MARKER_MEMBERS

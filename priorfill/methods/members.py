@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from priorfill.regression import Kernel, Member, Moment, View
 
-__all__ = ["BASIC", "LIMB_MEMBERS", "MARKER_MEMBERS", "seconds_of"]
+__all__ = ["BASIC", "BRIEF_MEMBERS", "LIMB_MEMBERS", "MARKER_MEMBERS", "seconds_of"]
 
 
 def _each(
@@ -60,6 +60,10 @@ def _marker() -> tuple[Member, ...]:
 
 MARKER_MEMBERS = _marker()
 """For one marker alone, whose neighbours on the same segment are mostly visible."""
+
+BRIEF_MEMBERS = _each([_SEGMENT, _NEAR, _UPRIGHT, _PARTS], [None], _MARKER_KERNELS[::4])
+"""For pieces of a few frames: the seam says nearly all of them. Where gaps have ragged edges there
+are hundreds."""
 
 BASIC = _each([_SEGMENT, _UPRIGHT], [None], [_PLAIN])
 """For a first reading that a second will replace."""

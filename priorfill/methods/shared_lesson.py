@@ -27,7 +27,8 @@ SELF_SUFFICIENT = 4.0
 """s. A clip that shows the missing markers for longer is less in need of other bodies."""
 
 HANDICAP = 0.1
-"""By how much better other bodies must do for each doubling of that."""
+"""By how much better other bodies must do for each doubling of that; by how much worse they may do
+where it is half as long or less, for then few blocks can be left out to tell."""
 
 
 def shared_lesson(
@@ -110,7 +111,7 @@ def shared_lesson(
         around={seconds: now[:, :, kept] for seconds, now in lesson.query.around.items()},
     )
     shown = np.logical_and.reduce(task.valid[:, piece.markers], axis=1).sum() / rate
-    handicap = 1.0 + HANDICAP * max(0.0, float(np.log2(shown / SELF_SUFFICIENT)))
+    handicap = 1.0 + HANDICAP * max(-1.0, float(np.log2(shown / SELF_SUFFICIENT)))
     distance, spread = lesson.distance[kept], lesson.spread[kept]
     names = take_names(task.takes, bank.take(chosen))
     return Lesson(rows, query, distance, spread, handicap), names
