@@ -20,7 +20,7 @@ from priorfill.regression import Lesson, Member
 __all__ = ["Course", "Lessons"]
 
 
-BRIEF = 0.1
+MOMENTARY = 0.1
 """s. Over no longer than this the seam says more than any way of learning."""
 
 
@@ -101,7 +101,7 @@ class Lessons:
         if completed is None and not own.complete:
             members = BASIC
             lessons = [own.lesson]
-        elif (piece.stop - piece.start) / self._task.rate <= BRIEF:
+        elif (piece.stop - piece.start) / self._task.rate <= MOMENTARY:
             members = BRIEF_MEMBERS
             lessons = [own.lesson]
         elif len(piece.markers) == 1:
