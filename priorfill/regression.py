@@ -361,10 +361,14 @@ def block_residuals(
     weights = inverse @ targets
     residuals = np.full_like(targets, np.nan)
     variance = np.full(len(targets), np.nan)
+    by_length: dict[int, list[NDArray[np.intp]]] = {}
     for block in blocks:
-        covariance = np.linalg.inv(inverse[np.ix_(block, block)])
-        residuals[block] = covariance @ weights[block]
-        variance[block] = np.diag(covariance)
+        by_length.setdefault(len(block), []).append(block)
+    for alike in by_length.values():
+        rows = np.stack(alike)  # (blocks, rows of each)
+        covariance = np.linalg.inv(inverse[rows[:, :, None], rows[:, None, :]])
+        residuals[rows] = covariance @ weights[rows]
+        variance[rows] = np.diagonal(covariance, axis1=1, axis2=2)
     return residuals, variance
 
 
@@ -374,7 +378,9 @@ def _inverse(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     if failed:  # not positive definite to the last bit
         return np.linalg.inv(covariance).astype(np.float64, copy=False)
     half, _ = dpotri(factor, lower=True, overwrite_c=True)
-    inverse: NDArray[np.float64] = np.tril(half) + np.tril(half, -1).T
+    lower = np.tril(half)
+    inverse: NDArray[np.float64] = lower + lower.T
+    inverse[np.diag_indices_from(inverse)] *= 0.5
     return inverse
 
 
@@ -461,22 +467,24 @@ class _Shared:
 
     blocks: list[NDArray[np.intp]]
     judged: NDArray[np.intp]  # rows of the blocks, in order of time
-    correlations: tuple[NDArray[np.float64] | float, NDArray[np.float64] | float]
-    lags: tuple[NDArray[np.float64], NDArray[np.float64]]  # of rows, and of queries, to rows
-    offsets: tuple[NDArray[np.float64] | float, NDArray[np.float64] | float]
+    # by kernel, for rows and for queries: covariance in time with bodies' offsets; correlation
+    temporal: dict[Kernel, tuple[NDArray[np.float64], NDArray[np.float64]]]
+    correlation: dict[Kernel, tuple[NDArray[np.float64] | float, NDArray[np.float64] | float]]
     offset: float  # variance of a query's own
 
 
-def _share(lesson: Lesson, block_seconds: float) -> _Shared:
+def _share(lesson: Lesson, kernels: Iterable[Kernel], block_seconds: float) -> _Shared:
     rows, query = lesson.rows, lesson.query
     blocks = rows.blocks(block_seconds)
     judged = np.concatenate(blocks)
+    lag, asked_lag = rows.lag(rows), query.lag(rows)
+    offset, asked_offset = rows.offset(rows), query.offset(rows)
+    same, asked_same = rows.correlation(rows), query.correlation(rows)
     return _Shared(
         blocks,
         judged[np.argsort(rows.time[judged], kind="stable")],
-        (rows.correlation(rows), query.correlation(rows)),
-        (rows.lag(rows), query.lag(rows)),
-        (rows.offset(rows), query.offset(rows)),
+        {k: (k.decay(lag) + offset, k.decay(asked_lag) + asked_offset) for k in kernels},
+        {k: (same * k.memory(lag), asked_same * k.memory(asked_lag)) for k in kernels},
         BODY_OFFSET if rows.body is not None else 0.0,
     )
 
@@ -515,8 +523,8 @@ def _predict(
             covariance = kernel.covariance(
                 likeness.rows,
                 square,
-                kernel.decay(shared.lags[0]) + shared.offsets[0],
-                shared.correlations[0] * kernel.memory(shared.lags[0]),
+                shared.temporal[kernel][0],
+                shared.correlation[kernel][0],
             )
             covariance[np.diag_indices_from(covariance)] += kernel.noise
             inverse = _inverse(covariance)
@@ -530,8 +538,8 @@ def _predict(
             cross = kernel.covariance(
                 likeness.asked,
                 asked_square,
-                kernel.decay(shared.lags[1]) + shared.offsets[1],
-                shared.correlations[1] * kernel.memory(shared.lags[1]),
+                shared.temporal[kernel][1],
+                shared.correlation[kernel][1],
             )
             local = cross @ (inverse @ aligned.targets) + aligned.centre
             own = 1.0 + shared.offset + kernel.linear * likeness.asked_norm
@@ -619,7 +627,8 @@ def regress(
     """
     if inside is None:
         inside = np.ones(len(lessons[0].query.time), dtype=bool)
-    shared = [_share(lesson, block_seconds) for lesson in lessons]
+    kernels = dict.fromkeys(member.kernel for member in members)
+    shared = [_share(lesson, kernels, block_seconds) for lesson in lessons]
     able = [[m for m in members if lesson.shows(m.moment)] for lesson in lessons]
     tasks = [
         (view, lesson, list(some), share, inside)
