@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from priorfill.methods.body_fit import shifts
 from priorfill.methods.kinship import MIRROR_KINSHIP, STRANGER_KINSHIP
@@ -16,6 +17,7 @@ from priorfill.methods.pose_search import PoseSearch
 from priorfill.methods.task import Task, take_names
 from priorfill.poses import evenly
 from priorfill.regression import Lesson, Rows
+from priorfill.search.bank import PoseBank
 
 __all__ = ["shared_lesson"]
 
@@ -86,12 +88,12 @@ def shared_lesson(
     shift = local @ np.swapaxes(frames_there.rotation, 1, 2)
     there = there + shift
 
+    rates = bank.rates(chosen)
     around = {}
     for seconds, now in lesson.rows.around.items():
-        step = round(seconds * bank.rate)
-        if step:  # a coarse resolution does not show short moments
-            rows_at = [bank.moved(chosen, d) for d in (-step, step)]
-            moved = [bank.positions(at, markers) + shift for at in rows_at]
+        steps = seconds * rates
+        if np.round(steps).any():  # a coarse resolution does not show short moments
+            moved = [_moved(bank, chosen, markers, d) + shift for d in (-steps, steps)]
             moment = [now[:, some][:, :, kept], standing_in(there, *moved)]
             around[seconds] = np.concatenate(moment, axis=1)
     # as takes, so bodies: OWN and IMAGE are the clip and its mirror image
@@ -99,7 +101,7 @@ def shared_lesson(
     rows = Rows(
         np.concatenate([here[some], there]),
         np.concatenate([lesson.rows.missing[some], bank.positions(chosen, piece.markers)]),
-        np.concatenate([lesson.rows.time[some], chosen / bank.rate]),
+        np.concatenate([lesson.rows.time[some], chosen / rates]),
         np.concatenate([take, IMAGE + 1 + bank.take(chosen)]),
         np.repeat([1.0, MIRROR_KINSHIP, STRANGER_KINSHIP], [len(clip), len(image), len(chosen)]),
         np.concatenate([take, IMAGE + 1 + body]),
@@ -115,3 +117,17 @@ def shared_lesson(
     distance, spread = lesson.distance[kept], lesson.spread[kept]
     names = take_names(task.takes, bank.take(chosen))
     return Lesson(rows, query, distance, spread, handicap), names
+
+
+def _moved(
+    bank: PoseBank, rows: NDArray[np.intp], markers: NDArray[np.intp], steps: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return markers so many frames after rows of a bank, between frames on the line."""
+    near = np.trunc(steps).astype(np.intp)
+    rest = np.abs(steps - near)[:, None, None]
+    at = bank.moved(rows, near)
+    beyond = bank.moved(at, np.sign(steps).astype(np.intp))
+    moved: NDArray[np.float64] = bank.positions(at, markers)
+    between = (rest > 0.0)[:, 0, 0]
+    moved[between] += rest[between] * (bank.positions(beyond[between], markers) - moved[between])
+    return moved

@@ -75,7 +75,7 @@ class PoseBank:
     rows : ndarray of int
         The poses that are searched, among those of all the takes one after the other.
     rate : float
-        As given.
+        As given; recordings sampled more slowly have a rate of their own, see `rates`.
     """
 
     def __init__(
@@ -154,7 +154,12 @@ class PoseBank:
         """Index of the take that each row comes from."""
         return self._take[rows]
 
-    def moved(self, rows: NDArray[np.intp], step: int) -> NDArray[np.intp]:
+    def rates(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
+        """Frames per second (Hz) of what each row comes from."""
+        rates: NDArray[np.float64] = self.rate * self._rate_ratio[rows]
+        return rates
+
+    def moved(self, rows: NDArray[np.intp], step: int | NDArray[np.intp]) -> NDArray[np.intp]:
         """Rows of the same takes so many frames later; the same ones where there is none."""
         other = np.clip(rows + step, 0, len(self._inner) - 1)
         same = self._inner[other] & (self._take[other] == self._take[rows])

@@ -45,24 +45,28 @@ class _Stretch:
         From the frame before the blackout to the one after it.
     first, last : int
         Of all the frames, those beside the blackout included.
+    rate : float
+        Of what is read, Hz.
     """
 
     edges: tuple[tuple[int, int], ...]
     length: float
     first: int
     last: int
+    rate: float
 
     @classmethod
-    def of(cls, start: int, stop: int, frames: int, rate: float, bank_rate: float) -> _Stretch:
+    def of(cls, start: int, stop: int, frames: int, rate: float, read_rate: float) -> _Stretch:
         """Lay out the stretch for a blackout of a clip with so many frames."""
-        margin = int(np.ceil((REACH * rate + 2) / rate * bank_rate)) + SPLINE_MARGIN
-        length = (stop - start + 1) / rate * bank_rate
+        margin = int(np.ceil((REACH * rate + 2) / rate * read_rate)) + SPLINE_MARGIN
+        length = (stop - start + 1) / rate * read_rate
         edges = ((start - 1, 0), (stop, round(length)))
         return cls(
             tuple((frame, at) for frame, at in edges if 0 <= frame < frames),
             length,
             -margin if start > 0 else 0,
             int(np.ceil(length)) + (margin if stop < frames else 0),
+            read_rate,
         )
 
 
@@ -105,27 +109,33 @@ def similar_movements(
     bank = search.bank(root, by, markers, DATABASE_RATE)
     if not len(bank):
         return [], ()
-    stretch = _Stretch.of(start, stop, len(clip), task.rate, bank.rate)
-    begin = _candidates(bank, root, stretch, clip, SIMILAR * options.neighbours)
-    if not len(begin):
-        return [], ()
-    distance = _unlikeness(bank, root, stretch, clip, markers, begin)
-    order = np.argsort(distance, kind="stable")
-    alike = begin[order[distance[order] < OTHER_MOVEMENT]]
-    kept = _apart(alike, max(1.0, OVERLAP * stretch.length), options.movements)
-    recordings = _read(bank, stretch, kept, markers, clip.shape[1], task.rate)
-    names = take_names(task.takes, bank.take(np.array(kept, dtype=np.intp)))
+    found: list[tuple[float, int, _Stretch]] = []
+    # recordings that were sampled more slowly than the bank was asked for have shorter stretches
+    for rate in np.unique(bank.rates(bank.rows)):
+        stretch = _Stretch.of(start, stop, len(clip), task.rate, float(rate))
+        begin = _candidates(bank, root, stretch, clip, SIMILAR * options.neighbours)
+        distance = _unlikeness(bank, root, stretch, clip, markers, begin)
+        found += [
+            (float(away), int(row), stretch)
+            for away, row in zip(distance, begin, strict=True)
+            if away < OTHER_MOVEMENT
+        ]
+    found.sort(key=lambda one: one[0])
+    kept = _apart(found, options.movements)
+    recordings = _read(bank, kept, markers, clip.shape[1], task.rate)
+    names = take_names(task.takes, bank.take(np.array([row for row, _ in kept], dtype=np.intp)))
     return recordings, names if recordings else ()
 
 
 def _candidates(
     bank: PoseBank, root: RootGroup, stretch: _Stretch, clip: NDArray[np.float64], count: int
 ) -> NDArray[np.intp]:
-    """Return where whole stretches of a bank begin with a pose near one of the edges."""
+    """Return where whole stretches at their rate begin with a pose near one of the edges."""
     rows = []
     for frame, at in stretch.edges:
         here = clip[frame][None]
-        rows.append(bank.nearest(here, root.frames(here), count).row[0] - at)
+        near = bank.nearest(here, root.frames(here), count).row[0]
+        rows.append(near[bank.rates(near) == stretch.rate] - at)
     begin: NDArray[np.intp] = np.unique(np.concatenate(rows))
     begin = begin[begin + stretch.first >= 0]
     inside = begin + stretch.first
@@ -155,12 +165,13 @@ def _unlikeness(
     return distance
 
 
-def _apart(rows: Iterable[int], apart: float, most: int) -> list[int]:
-    """Return up to ``most`` rows, the first ones, none nearer to another than ``apart``."""
-    kept: list[int] = []
-    for row in rows:
-        if all(abs(row - other) >= apart for other in kept):
-            kept.append(int(row))
+def _apart(found: Iterable[tuple[float, int, _Stretch]], most: int) -> list[tuple[int, _Stretch]]:
+    """Return rows and stretches of up to ``most`` of what was found, none too near another."""
+    kept: list[tuple[int, _Stretch]] = []
+    for _, row, stretch in found:
+        apart = max(1.0, OVERLAP * stretch.length)
+        if all(abs(row - other) >= apart for other, _ in kept):
+            kept.append((row, stretch))
         if len(kept) == most:
             break
     return kept
@@ -168,20 +179,19 @@ def _apart(rows: Iterable[int], apart: float, most: int) -> list[int]:
 
 def _read(
     bank: PoseBank,
-    stretch: _Stretch,
-    begin: Iterable[int],
+    kept: Iterable[tuple[int, _Stretch]],
     markers: NDArray[np.intp],
     columns: int,
     rate: float,
 ) -> list[Recording]:
     """Read stretches of a bank at the clip's rate (Hz), its number of markers as columns."""
-    rows = np.arange(stretch.first, stretch.last + 1)
-    time = rows / bank.rate
-    # clip frames of the same stretch, counted from the blackout's first one
-    low = int(np.ceil(time[0] * rate)) if stretch.first < 0 else 1
-    frames = np.arange(low, int(time[-1] * rate) + 1) - 1
     recordings = []
-    for row in begin:
+    for row, stretch in kept:
+        rows = np.arange(stretch.first, stretch.last + 1)
+        time = rows / stretch.rate
+        # clip frames of the same stretch, counted from the blackout's first one
+        low = int(np.ceil(time[0] * rate)) if stretch.first < 0 else 1
+        frames = np.arange(low, int(time[-1] * rate) + 1) - 1
         there = bank.positions(row + rows, markers)
         if np.isnan(there).any():
             continue

@@ -1,0 +1,90 @@
+"""What a clip learns from recordings at low rates, and from other clips of the same person."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from gappy import ARM, person, with_gaps
+
+from priorfill.clip import Clip
+from priorfill.gaps import gap_groups
+from priorfill.markerset import describe
+from priorfill.methods.blackout.movements import similar_movements
+from priorfill.methods.lessons import Lessons
+from priorfill.methods.options import Options
+from priorfill.methods.pieces import Piece
+from priorfill.methods.pose_search import PoseSearch
+from priorfill.methods.task import Task
+from priorfill.regression import Lesson
+from priorfill.takes import companion_take
+
+SLOW = 10.0
+"""Hz. Below what is asked for; people walk with two steps a second."""
+
+
+def sampled(clip: Clip, rate: float) -> Clip:
+    """Every so many frames of a clip, which has a name of its own."""
+    every = round(clip.rate / rate)
+    return Clip(clip.positions[::every], clip.labels, clip.rate / every, clip.up, name="slow")
+
+
+def task_of(clip: Clip, other: Clip) -> Task:
+    return Task(
+        clip.positions,
+        clip.labels,
+        clip.rate,
+        describe(clip),
+        tuple(gap_groups(clip.missing)),
+        (companion_take(other, clip.labels),),
+        clip.name,
+    )
+
+
+def limb_lesson(task: Task) -> Lesson:
+    """The lesson of an arm that the other recording has a part in."""
+    markers = np.array([task.labels.index(label) for label in ARM])
+    start, stop = (int(f) for f in np.flatnonzero(~task.valid[:, markers[0]])[[0, -1]])
+    visible = np.setdiff1d(np.arange(len(task.labels)), markers)
+    options = Options()
+    lessons = Lessons(task, PoseSearch(task, options), 8, options)
+    course = lessons.of(Piece(markers, start, stop + 1, visible), None)
+    assert course is not None
+    _, shared = course.lessons
+    return shared
+
+
+def test_moments_of_a_slow_recording_are_as_long_as_asked_for() -> None:
+    whole = person(seconds=8.0)
+    fast, slow = (
+        limb_lesson(task_of(with_gaps(whole, (100, 190, ARM)), sampled(person(seconds=12.0), rate)))
+        for rate in (60.0, SLOW)
+    )
+    for seconds, around in slow.rows.around.items():
+        ways = [np.diff(x, axis=0)[0] for x in (around, fast.rows.around[seconds])]
+        lengths = [
+            np.sqrt((way[lesson.rows.take > 1] ** 2).mean())
+            for way, lesson in zip(ways, (slow, fast), strict=True)
+        ]
+        # between frames some of it is lost
+        assert lengths[0] == pytest.approx(lengths[1], rel=0.2), seconds
+    time = slow.rows.time[slow.rows.take > 1]
+    steps = (time - time.min()) * SLOW
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
+
+
+def test_movements_of_a_slow_recording_are_as_fast_as_they_were() -> None:
+    whole, start, stop = person(seconds=8.0), 199, 234  # edges that the other shows too
+    clip = with_gaps(whole, (start, stop, whole.labels))
+    task = task_of(clip, sampled(whole, SLOW))
+    options = Options()
+    found, takes = similar_movements(
+        task, PoseSearch(task, options), options, clip.positions, start, stop
+    )
+    assert takes == ("slow",)
+    best = found[0]
+    assert best.starts is not None
+    inside = best.positions[best.starts[0] : best.starts[0] + stop - start]
+    truth = whole.positions[start:stop]
+    # the other recording is the clip itself, and nothing is more like it
+    away = np.linalg.norm(inside - truth, axis=2)
+    assert away.mean() < 0.2 * np.linalg.norm(truth - truth[0], axis=2).mean()
