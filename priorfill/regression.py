@@ -277,16 +277,28 @@ class Rows:
         lag = np.abs(self.time[:, None] - other.time)
         return np.where(self.take[:, None] == other.take, lag, np.inf)
 
-    def blocks(self, seconds: float) -> list[NDArray[np.intp]]:
-        """Return indices of the poses of the queries' kin in blocks of some length."""
+    def blocks(self, seconds: float, queries: Rows | None = None) -> list[NDArray[np.intp]]:
+        """Return indices of the poses of the queries' kin in blocks of some length.
+
+        Parameters
+        ----------
+        seconds : float
+            Length of a block.
+        queries : Rows, optional
+            If given, only poses of their recordings, where there are any: in a gap, other
+            recordings of the same body are there to be learnt from.
+        """
         number = np.floor(self.time / max(seconds, 1e-3)).astype(np.intp)
         _, block = np.unique(np.stack([self.take, number]), axis=1, return_inverse=True)
         block = block.ravel()
         blocks = [np.flatnonzero(block == b) for b in range(block.max() + 1)]
         if self.kinship is None:
             return blocks
-        nearest = self.kinship.max()
-        return [b for b in blocks if self.kinship[b[0]] == nearest]
+        near = self.kinship == self.kinship.max()
+        if queries is not None:
+            own = near & np.isin(self.take, queries.take)
+            near = own if own.any() else near
+        return [b for b in blocks if near[b[0]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -475,7 +487,7 @@ class _Shared:
 
 def _share(lesson: Lesson, kernels: Iterable[Kernel], block_seconds: float) -> _Shared:
     rows, query = lesson.rows, lesson.query
-    blocks = rows.blocks(block_seconds)
+    blocks = rows.blocks(block_seconds, query)
     judged = np.concatenate(blocks)
     lag, asked_lag = rows.lag(rows), query.lag(rows)
     offset, asked_offset = rows.offset(rows), query.offset(rows)

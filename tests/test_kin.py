@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from gappy import ARM, person, with_gaps
 
 from priorfill.clip import Clip
+from priorfill.database import PriorDatabase
+from priorfill.filling import fill
 from priorfill.gaps import gap_groups
 from priorfill.markerset import describe
 from priorfill.methods.blackout.movements import similar_movements
@@ -88,3 +93,51 @@ def test_movements_of_a_slow_recording_are_as_fast_as_they_were() -> None:
     # the other recording is the clip itself, and nothing is more like it
     away = np.linalg.norm(inside - truth, axis=2)
     assert away.mean() < 0.2 * np.linalg.norm(truth - truth[0], axis=2).mean()
+
+
+def test_a_companion_is_of_the_clips_own_body_but_another_take() -> None:
+    clip = with_gaps(person(seconds=8.0), (100, 190, ARM))
+    task = task_of(clip, person(seconds=8.0, seed=9))
+    lesson = limb_lesson(task)
+    rows = lesson.rows
+    assert rows.body is not None and rows.kinship is not None
+    companion = rows.take > 1
+    assert companion.any()
+    assert set(rows.body[companion]) == set(lesson.query.take)
+    assert set(rows.kinship[companion]) == {1.0}
+    # it is never left out with the clip's blocks, nor judged as if it were the clip
+    blocks = np.concatenate(rows.blocks(1.5, lesson.query))
+    assert set(rows.take[blocks]) == set(lesson.query.take)
+    # its poses are as recorded: no marker sits elsewhere on the same body
+    take = task.takes[0]
+    recorded = take.positions(take.nearest_level(15.0))
+    for pose in rows.visible[companion][:5]:
+        assert np.abs(recorded - pose[0]).max(axis=2).min() < 1e-2
+
+
+def test_movements_of_a_companion_are_of_the_clips_own_body() -> None:
+    clip = with_gaps(person(seconds=8.0), (200, 236, person().labels))
+    task = task_of(clip, person(seconds=8.0, seed=9))
+    options = Options()
+    found, _ = similar_movements(task, PoseSearch(task, options), options, clip.positions, 200, 236)
+    assert found
+    assert {recording.kinship for recording in found} == {1.0}
+
+
+@pytest.mark.parametrize("labels", [ARM, person().labels])
+def test_what_is_told_by_companions_is_said(labels: tuple[str, ...], tmp_path: Path) -> None:
+    other = replace(person(seconds=6.0, seed=9), name="other")
+    clip = with_gaps(person(seconds=2.5), (50, 95, labels))
+    with PriorDatabase.create(tmp_path / "db") as made:
+        made.add(person(seconds=6.0, seed=11, body=11))
+    for given, said in (
+        ({"companions": [other]}, " and other clips of the same person"),
+        ({"database": tmp_path / "db"}, " and the database"),
+        (
+            {"companions": [other], "database": tmp_path / "db"},
+            ", other clips of the same person and the database",
+        ),
+    ):
+        gap = fill(clip, **given).gaps[0]
+        assert gap.how[0].removesuffix("'s").endswith(said), gap
+        assert ("other" in gap.takes) == ("companions" in given)

@@ -13,7 +13,7 @@ from priorfill.normalise import RootGroup
 from priorfill.poses import evenly
 from priorfill.search.bank import Banks, PoseBank
 
-__all__ = ["DATABASE_RATE", "PoseSearch"]
+__all__ = ["DATABASE_RATE", "OWN_BODY", "PoseSearch"]
 
 DATABASE_RATE = 30.0
 """Hz. Resolution at which the database's poses are searched: they speak for poses, not for
@@ -22,6 +22,10 @@ detail in time."""
 MOST_POSES = 1_000_000
 """Poses that are searched at most: of a larger database a coarser level, and of that every other
 pose, say. Poses follow each other so closely that a part of them says as much."""
+
+
+OWN_BODY = -1
+"""Number of the clip's own body among those of the takes."""
 
 
 class PoseSearch:
@@ -72,9 +76,15 @@ class PoseSearch:
 
     @cached_property
     def bodies(self) -> NDArray[np.intp]:
-        """Number of each take's subject; one whose subject is unknown has it to itself."""
+        """Number of each take's subject; one whose subject is unknown has it to itself.
+
+        Companions are of the clip's own body, which is none of these: their number is
+        `OWN_BODY`.
+        """
         subjects = [take.subject or f"\0{i}" for i, take in enumerate(self.task.takes)]
-        return np.unique(subjects, return_inverse=True)[1].astype(np.intp)
+        numbers = np.unique(subjects, return_inverse=True)[1].astype(np.intp)
+        companions = np.array([take.companion for take in self.task.takes], dtype=bool)
+        return np.where(companions, OWN_BODY, numbers)
 
     @cached_property
     def _highest_rate(self) -> float:

@@ -137,7 +137,7 @@ class Predictor:
             hold_lengths(found.positions, found.deviation, seen, edges),
             found.deviation,
             complete=course.complete,
-            how="the clip's own frames" + (" and the database's" if course.takes else ""),
+            how="the clip's own frames" + self.task.beside(course.takes, "the database's"),
             takes=(self.task.name, *course.takes),
             own=True,
             poses=course.poses,

@@ -1,4 +1,4 @@
-"""A lesson that the database shares with the clip: poses of other bodies beside its own."""
+"""A lesson that other recordings share with the clip: poses of other bodies beside its own."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from priorfill.methods.moments import standing_in
 from priorfill.methods.options import Options
 from priorfill.methods.own_lesson import IMAGE, OWN, OwnLesson
 from priorfill.methods.pieces import FEWEST_VISIBLE
-from priorfill.methods.pose_search import PoseSearch
+from priorfill.methods.pose_search import OWN_BODY, PoseSearch
 from priorfill.methods.task import Task, take_names
 from priorfill.poses import evenly
 from priorfill.regression import Lesson, Rows
@@ -85,6 +85,8 @@ def shared_lesson(
         root.frames(search.placed(markers, poses)) for poses in (here[some], there)
     )
     local = shifts(frames_here.to_local(here[some]), frames_there.to_local(there), body)
+    kin = body == OWN_BODY  # other clips of the same person: nothing is constantly off
+    local[kin] = 0.0
     shift = local @ np.swapaxes(frames_there.rotation, 1, 2)
     there = there + shift
 
@@ -97,14 +99,16 @@ def shared_lesson(
             moment = [now[:, some][:, :, kept], standing_in(there, *moved)]
             around[seconds] = np.concatenate(moment, axis=1)
     # as takes, so bodies: OWN and IMAGE are the clip and its mirror image
+    numbers = np.where(kin, OWN, IMAGE + 1 + body)
+    kinship = np.repeat([1.0, MIRROR_KINSHIP], [len(clip), len(image)])
     take = lesson.rows.take[some]
     rows = Rows(
         np.concatenate([here[some], there]),
         np.concatenate([lesson.rows.missing[some], bank.positions(chosen, piece.markers)]),
         np.concatenate([lesson.rows.time[some], chosen / rates]),
         np.concatenate([take, IMAGE + 1 + bank.take(chosen)]),
-        np.repeat([1.0, MIRROR_KINSHIP, STRANGER_KINSHIP], [len(clip), len(image), len(chosen)]),
-        np.concatenate([take, IMAGE + 1 + body]),
+        np.concatenate([kinship, np.where(kin, 1.0, STRANGER_KINSHIP)]),
+        np.concatenate([take, numbers]),
         around,
     )
     query = replace(

@@ -54,6 +54,25 @@ class Task:
         """Which samples are measured [shape=(frames, markers)]."""
         return ~np.isnan(self.positions[..., 0])
 
+    def beside(self, takes: Sequence[str], database: str) -> str:
+        """Say what was learnt from beside the clip itself.
+
+        Parameters
+        ----------
+        takes : sequence of str
+            Names of the recordings.
+        database : str
+            What to call those of the database.
+        """
+        companions = {take.name for take in self.takes if take.companion}
+        said = []
+        if any(name in companions for name in takes):
+            said.append("other clips of the same person")
+        if any(name not in companions for name in takes):
+            said.append(database)
+        joints = (",", " and") if len(said) > 1 else (" and",)
+        return "".join(f"{joint} {one}" for joint, one in zip(joints, said, strict=False))
+
     def root_among(self, markers: NDArray[np.intp]) -> RootGroup | None:
         """Choose a root group among some markers; None where they give none."""
         among = np.zeros(len(self.labels), dtype=bool)

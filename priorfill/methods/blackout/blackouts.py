@@ -66,7 +66,7 @@ class Blackouts:
         wanted = np.unique(np.concatenate([p.markers for p in pieces]))
         positions, deviation, windows = self._lead([Recording(clip), *others], start, stop, wanted)
         how = "similar movements of the clip" if windows else "bridged over time"
-        how += " and the database" if windows and takes else ""
+        how += self.task.beside(takes, "the database") if windows else ""
         predictions = []
         for piece in pieces:
             inside = slice(piece.start - start, piece.stop - start)

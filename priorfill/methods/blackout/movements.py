@@ -14,7 +14,7 @@ from priorfill.methods.blackout.windows import OVERLAP, Recording
 from priorfill.methods.kinship import STRANGER_KINSHIP
 from priorfill.methods.options import Options
 from priorfill.methods.pieces import FEWEST_VISIBLE
-from priorfill.methods.pose_search import DATABASE_RATE, PoseSearch
+from priorfill.methods.pose_search import DATABASE_RATE, OWN_BODY, PoseSearch
 from priorfill.methods.task import Task, take_names
 from priorfill.normalise import RootGroup
 from priorfill.poses import evenly
@@ -122,7 +122,7 @@ def similar_movements(
         ]
     found.sort(key=lambda one: one[0])
     kept = _apart(found, options.movements)
-    recordings = _read(bank, kept, markers, clip.shape[1], task.rate)
+    recordings = _read(bank, search.bodies, kept, markers, clip.shape[1], task.rate)
     names = take_names(task.takes, bank.take(np.array([row for row, _ in kept], dtype=np.intp)))
     return recordings, names if recordings else ()
 
@@ -179,6 +179,7 @@ def _apart(found: Iterable[tuple[float, int, _Stretch]], most: int) -> list[tupl
 
 def _read(
     bank: PoseBank,
+    bodies: NDArray[np.intp],
     kept: Iterable[tuple[int, _Stretch]],
     markers: NDArray[np.intp],
     columns: int,
@@ -198,5 +199,6 @@ def _read(
         positions = np.full((len(frames), columns, 3), np.nan)
         positions[:, markers] = CubicSpline(time, there)((frames + 1) / rate)
         at = np.array([-int(frames[0])], dtype=np.intp)
-        recordings.append(Recording(positions, STRANGER_KINSHIP, at))
+        own = bodies[bank.take(np.array([row]))[0]] == OWN_BODY
+        recordings.append(Recording(positions, 1.0 if own else STRANGER_KINSHIP, at))
     return recordings
