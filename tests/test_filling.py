@@ -19,6 +19,7 @@ from priorfill.database import PriorDatabase
 from priorfill.errors import DatabaseNotFoundError, OptionError
 from priorfill.filling import FilledGap, LeftMissing, fill
 from priorfill.methods import METHODS
+from priorfill.methods.dropout.witnesses import ROWS
 from priorfill.methods.prediction import Prediction
 from priorfill.methods.task import Estimate, Note
 from priorfill.uncertainty import BOUND_FACTOR, MEAN_FACTOR
@@ -77,7 +78,8 @@ def test_fields_of_the_result(folder):
         assert (bounds > inside).all()
         assert bounds.min() < gap.bound < bounds.max()
         assert gap.method == "prior"
-        assert gap.poses > 50
+        # of each of the database's people, here one, some poses tell of a marker never seen
+        assert gap.poses == ROWS if gap.label == "C7" else gap.poses > 50
         if gap.label == "C7":
             assert gap.how == ("the database's bodies",)
             assert gap.takes == ("synthetic_walking_011",)
@@ -178,9 +180,17 @@ def test_poses_of_the_searching_methods_are_k(method, poses, folder):
     assert 16 <= gap.poses <= poses
 
 
-def test_a_bridge_learns_from_no_poses():
+def test_a_blackout_learns_from_windows():
     clip = with_gaps(person(), (100, 110, person().labels))
     result = fill(clip)
+    assert {gap.how for gap in result.gaps} == {("similar movements of the clip",)}
+    assert min(gap.poses for gap in result.gaps) > 10
+
+
+def test_a_bridge_learns_from_no_poses():
+    """A second of a clip is too short for windows."""
+    short = person(seconds=1.0)
+    result = fill(with_gaps(short, (25, 35, short.labels)))
     assert {gap.poses for gap in result.gaps} == {0}
     assert {gap.how for gap in result.gaps} == {("bridged over time",)}
     np.testing.assert_allclose(

@@ -159,4 +159,5 @@ class Predictor:
             complete=True,
             how=told.how,
             takes=told.takes,
+            poses=told.poses,
         )

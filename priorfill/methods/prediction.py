@@ -37,7 +37,7 @@ class Prediction:
     own : bool
         Whether it was predicted from the clip's own poses.
     poses : int
-        Rows of the largest lesson; 0 where no poses were learnt from.
+        Rows of the largest lesson, or windows of a blackout; 0 where none were learnt from.
     bound_factor : float
         How many times the deviation 90 % of the errors are expected to lie below.
     """

@@ -95,7 +95,8 @@ class Note:
     takes : tuple of str
         Names of the recordings that were learnt from.
     poses : int
-        How many poses were learnt from; 0 where none were, as by a bridge over time.
+        How many poses, or stretches, were learnt from; 0 where none were, as by a bridge over
+        time.
     """
 
     marker: int

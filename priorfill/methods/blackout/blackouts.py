@@ -82,6 +82,7 @@ class Blackouts:
                         complete=True,
                         how=how,
                         takes=(self.task.name, *(takes if windows else ())),
+                        poses=windows,
                     )
                 )
         return predictions

@@ -39,12 +39,15 @@ class Told:
         Which witnesses.
     takes : tuple of str
         Recordings learnt from.
+    poses : int
+        Of all witnesses.
     """
 
     positions: NDArray[np.float64]
     deviation: NDArray[np.float64]
     how: str
     takes: tuple[str, ...]
+    poses: int
 
 
 class Dropouts:
@@ -97,6 +100,7 @@ class Dropouts:
             deviation,
             said_by(witnesses),
             tuple(dict.fromkeys(name for w in witnesses for name in w.takes)),
+            sum(len(w.visible) for w in witnesses),
         )
 
     def _stand_in_errors(
