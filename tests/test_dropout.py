@@ -179,6 +179,20 @@ def test_few_frames_fix_the_place_of_a_marker(database):
     assert errors[1] < 0.8 * errors[0]
 
 
+def test_a_few_frames_are_not_called_other_recordings(database):
+    """Five frames of its own, too few to learn from alone, and whoever else there is."""
+    whole = person(body=5, seed=6)
+    clip = with_gaps(whole, (0, 110, ("RELB",)), (115, whole.frames, ("RELB",)))
+    other = person(body=5, seed=9)
+    own, others = "the clip's own few frames", "other recordings of the same body"
+    for given, said in (
+        ({"database": database}, f"{own}, the clip's mirror image, the database's bodies"),
+        ({"companions": [other]}, f"{own}, {others}"),
+        ({}, f"{own}, the clip's mirror image"),
+    ):
+        assert {gap.how for gap in fill(clip, **given).gaps} == {(said,)}
+
+
 def test_a_companion_counts_more_than_strangers(database):
     clip = without(person(body=5, seed=6), "RELB")
     truth = person(body=5, seed=6).positions

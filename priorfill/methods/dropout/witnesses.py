@@ -44,6 +44,12 @@ tells nothing of what moves with what."""
 BESIDE = 120.0
 """mm. How near are the visible markers that tell it instead."""
 
+OWN_FRAMES = "the clip's own few frames"
+OTHER_RECORDINGS = "other recordings of the same body"
+OWN_IMAGE = "the clip's mirror image"
+OTHER_BODIES = "the database's bodies"
+"""What witnesses are called, in this order."""
+
 
 @dataclass(frozen=True, eq=False)
 class Witness:
@@ -61,6 +67,8 @@ class Witness:
         What is to be predicted of the clip.
     takes : tuple of str
         The recordings.
+    said : tuple of str
+        What to call it in reports.
     """
 
     body: int
@@ -68,6 +76,7 @@ class Witness:
     visible: NDArray[np.float64]
     missing: NDArray[np.float64]
     takes: tuple[str, ...] = ()
+    said: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -77,9 +86,10 @@ class Witness:
         rows: NDArray[np.float64],
         missing: int,
         takes: tuple[str, ...],
+        *said: str,
     ) -> Witness:
         """Return a witness by its rows, whose last markers are the missing ones."""
-        return cls(body, mirrored, rows[:, :-missing], rows[:, -missing:], takes)
+        return cls(body, mirrored, rows[:, :-missing], rows[:, -missing:], takes, said)
 
 
 class Witnesses:
@@ -199,9 +209,11 @@ class Witnesses:
         image = some_whole(mirrored(task.positions, self.bodies.partner)[:, columns], IMAGE_ROWS)
         found = []
         if len(seen):
-            found.append(Witness.of(OWN, False, seen, len(markers), told))
+            said = [OWN_FRAMES] if len(rows[0]) else []
+            said += [OTHER_RECORDINGS] if any(map(len, rows[1:])) else []
+            found.append(Witness.of(OWN, False, seen, len(markers), told, *said))
         if len(image):
-            found.append(Witness.of(OWN, True, image, len(markers), (task.name,)))
+            found.append(Witness.of(OWN, True, image, len(markers), (task.name,), OWN_IMAGE))
         return found
 
     def _read(
@@ -229,7 +241,8 @@ class Witnesses:
                 rows = np.concatenate(parts)
                 rows = rows[evenly(len(rows), ROWS)]
                 rows = reflected(rows) if image else rows
-                found.append(Witness.of(body, image, rows, len(markers), tuple(names)))
+                told = tuple(names)
+                found.append(Witness.of(body, image, rows, len(markers), told, OTHER_BODIES))
         return found
 
     def shown(self, markers: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -240,9 +253,6 @@ class Witnesses:
 
 def said_by(witnesses: Sequence[Witness]) -> str:
     """Say who the witnesses are."""
-    said = {
-        "other recordings of the same body": lambda w: w.body == OWN and not w.mirrored,
-        "the clip's mirror image": lambda w: w.body == OWN and w.mirrored,
-        "the database's bodies": lambda w: w.body != OWN,
-    }
-    return ", ".join(name for name, holds in said.items() if any(map(holds, witnesses)))
+    said = {name for witness in witnesses for name in witness.said}
+    names = (OWN_FRAMES, OTHER_RECORDINGS, OWN_IMAGE, OTHER_BODIES)
+    return ", ".join(name for name in names if name in said)
