@@ -80,7 +80,8 @@ def test_text(gappy: Path) -> None:
         " 1-200  2.00     4  LFIN LKNE RKNE (from the clip's start) (to the clip's end)\n"
         "\n"
         "From the clip itself (seen with 3 others or more): LKNE RKNE.\n"
-        "From nothing: LFIN; a database that has them can help (--database)."
+        "Never seen, so at best from the partner on the other side: LFIN; "
+        "a database can help (--database), or another clip of the person."
     )
 
 
@@ -160,7 +161,7 @@ def test_blackout_and_hardly_seen(tmp_path: Path) -> None:
     output = run("inspect", tmp_path / "x.c3d").output
     assert "Hardly from the clip itself (seen for less than 0.5 s): C7; a database" in output
     assert output.endswith(
-        "No marker at all is seen in 10 frames: only short ones can be bridged.\n"
+        "No marker at all is seen in 10 frames: the longer they last, the more of it is a guess.\n"
     )
 
 

@@ -318,21 +318,25 @@ def _fillable(facts: dict[str, Any]) -> list[str]:
             hardly.append(gap["marker"])
         else:
             nothing.append(gap["marker"])
-    more = "" if "database" in facts else "; a database that has them can help (--database)"
+    more = (
+        ""
+        if "database" in facts
+        else "; a database can help (--database), or another clip of the person"
+    )
     lines = [
         f"{text}: {_names(labels)}{end}."
         for text, labels, end in (
             (f"From the clip itself (seen with {MIN_OTHERS} others or more)", own, ""),
             ("From the database only", database, ""),
             (f"Hardly from the clip itself (seen for less than {MIN_SECONDS:g} s)", hardly, more),
-            ("From nothing", nothing, more),
+            ("Never seen, so at best from the partner on the other side", nothing, more),
         )
         if labels
     ]
     if facts["blackout_frames"]:
         lines.append(
             f"No marker at all is seen in {facts['blackout_frames']} frames: "
-            "only short ones can be bridged."
+            "the longer they last, the more of it is a guess."
         )
     return lines
 
