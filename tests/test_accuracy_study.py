@@ -294,8 +294,9 @@ def test_the_study_resumes(
     assert all(0 < float(row["error"]) < 300 for row in limb)
     assert all(float(row["error"]) <= float(row["rms"]) <= float(row["worst"]) for row in limb)
     dropped = {row["database"]: row for row in rows if row["kind"] == "dropout"}
-    assert (dropped["none"]["filled"], dropped["none"]["error"]) == ("0", "nan")
-    assert int(dropped["full"]["filled"]) == 300
+    # the partner on the other side tells where it is; other bodies tell better
+    assert {int(dropped[name]["filled"]) for name in ("none", "full")} == {300}
+    assert float(dropped["full"]["error"]) < float(dropped["none"]["error"])
 
     # nothing is filled again
     whole = (tmp_path / "accuracy.csv").read_bytes()
