@@ -201,3 +201,15 @@ def test_a_companion_counts_more_than_strangers(database):
     off = [error(r.clip.positions, truth, clip.missing) for r in (strangers, both)]
     assert off[1] < 0.6 * off[0]
     assert both.gaps[0].expected_error < strangers.gaps[0].expected_error
+
+
+@pytest.mark.parametrize("body", [11, 13, 17])
+def test_how_far_off_a_stranger_is_whom_nobody_can_judge(tmp_path, body):
+    """With one person in the database, visible markers tell how well that one knows the clip's."""
+    clip = without(person(), "C7")
+    with PriorDatabase.create(tmp_path / "db") as made:
+        made.add(person(seconds=6.0, seed=11, body=body))
+    result = fill(clip, database=tmp_path / "db")
+    assert result.gaps[0].how == ("the database's bodies",)
+    real = error(result.clip.positions, person().positions, clip.missing)
+    assert 0.2 < real / result.gaps[0].expected_mean < 1.5

@@ -223,7 +223,7 @@ def test_how_far_off_strangers_are_is_told_by_whole_bodies(tmp_path):
     np.testing.assert_array_equal(
         told("own", ["ben", "ben", "anna", "anna", "dan", "dan"]), [expected, real]
     )
-    # one stranger alone cannot be left out, and is no better known for that
+    # one stranger alone cannot be left out: visible markers tell
     expected, real = told("one", ["ben"] * 6)
     assert (real < 1.5 * expected).all()
 

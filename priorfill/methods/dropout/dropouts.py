@@ -92,8 +92,10 @@ class Dropouts:
         if not witnesses:
             return None
         query = self.task.positions[np.ix_(frames, visible)]
-        judged = any(w.body != OWN for w in witnesses)
-        errors = None if judged else self._stand_in_errors(markers, visible)
+        bodies = {w.body for w in witnesses}
+        # with a single body left out, nobody would be left to tell how far off it is
+        judged = len(bodies) > 1
+        errors = None if judged else self._stand_in_errors(markers, visible, OWN not in bodies)
         positions, deviation = testify(witnesses, query, ties, errors)
         return Told(
             positions,
@@ -104,12 +106,12 @@ class Dropouts:
         )
 
     def _stand_in_errors(
-        self, markers: NDArray[np.intp], visible: NDArray[np.intp]
+        self, markers: NDArray[np.intp], visible: NDArray[np.intp], stranger: bool
     ) -> NDArray[np.float64]:
         """Return the error (mm) of each member for visible markers nearby.
 
         They are predicted as the missing ones are: from the same frames, companions, and in the
-        mirror.
+        mirror; or from a stranger who is the only witness.
         """
         bodies = self._witnesses.bodies
         frames, same_body = self._witnesses.shown(markers), sorted(bodies.same_body)
@@ -118,7 +120,11 @@ class Dropouts:
             alone, others = np.array([marker]), visible[visible != marker]
             if len(others) < FEWEST_VISIBLE:
                 continue
-            found = self._witnesses.own(same_body, alone, others, frames)
+            if stranger:
+                speaking = self._witnesses.speaking_for(alone, others)[0]
+                found = [w for w in speaking if w.body != OWN]
+            else:
+                found = self._witnesses.own(same_body, alone, others, frames)
             if all(w.mirrored for w in found) and bodies.partner[marker] == marker:
                 continue  # a marker in the middle is its own image
             truth = self.task.positions[:, np.concatenate([others, alone])]
