@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from naive import turned
 from scipy.optimize import least_squares
@@ -153,6 +153,7 @@ def test_a_stair_is_no_floor():
 
 @settings(deadline=None, max_examples=10)
 @given(st.integers(0, 2**31))
+@example(336234)
 def test_it_is_the_minimum_of_its_least_squares(seed):
     rng = np.random.default_rng(seed)
     clip = leg(frames=1, seed=seed % 1000)
