@@ -34,8 +34,8 @@ regression of a few markers knows better. With 1, what is known to a millimetre 
 LEAST_SPREAD = 0.1
 """mm. No distance is known better."""
 
-STEPS = 3
-"""Gauss-Newton steps; further ones change nothing worth having."""
+STEPS = 8
+"""Gauss-Newton steps: to a part in a thousand of the least squares, nearly always in three."""
 
 LEAST_LENGTH = 1.0
 """mm. Markers nearer to each other have no direction."""
