@@ -20,6 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import convolve1d, maximum_filter1d
 
+from priorfill.springs import (
+    LEAST_LENGTH,
+    STIFF,
+    Spring,
+    coordinate_variance,
+    normal_equations,
+    step,
+)
+
 __all__ = ["floor_heights", "lift"]
 
 LOWEST = 1.0
@@ -41,9 +50,6 @@ STANDING = 150.0
 
 FIRMNESS = 1.0
 """mm. How far the floor gives way, against predictions that err by centimetres."""
-
-STIFF = 15.0
-"""mm. Distances that vary by more (rms) may change."""
 
 LEAST_SPREAD = 1.0
 """mm. A lift keeps no distance better than this: it need not."""
@@ -67,9 +73,6 @@ a floor that is met on the way turns the step."""
 
 AT_ONCE = 200
 """Frames lifted at once: the matrices of a whole body take 250 kB a frame."""
-
-LEAST_LENGTH = 1.0
-"""mm. Markers nearer to each other have no direction."""
 
 
 def floor_heights(positions: NDArray[np.float64], partner: NDArray[np.intp]) -> NDArray[np.float64]:
@@ -172,10 +175,10 @@ def _lifted(
 ) -> NDArray[np.float64]:
     """Minimise the least squares; parameters as for `lift`, and the least heights (mm)."""
     frames, markers = predicted.shape[:2]
-    variance = np.maximum(deviation**2, 1e-6) / 3.0  # of a coordinate, mm²
+    variance = coordinate_variance(deviation)
     points = np.concatenate([predicted, visible], axis=1)
     pairs = [(i, j) for i, j in np.argwhere(spread < STIFF) if j > i]
-    edges = []
+    edges: list[Spring] = []
     for one, other in pairs:
         apart = points[:, one] - points[:, other]
         length = np.linalg.norm(apart, axis=1)
@@ -193,34 +196,14 @@ def _lifted(
             sums += weight * (far - length) ** 2
         return sums
 
-    own = np.zeros((frames, markers, 3, markers, 3))
-    for i in range(markers):
-        own[:, i, :, i, :] = np.eye(3) / variance[:, i, None, None]
     for _ in range(STEPS):
-        matrix = own.copy()
-        force = (predicted - points[:, :markers]) / variance[..., None]
-        for one, other, length, weight in edges:
-            apart = points[:, one] - points[:, other]
-            far = np.maximum(np.linalg.norm(apart, axis=1), LEAST_LENGTH)
-            along = apart / far[:, None]
-            stiffness = weight[:, None, None] * along[:, :, None] * along[:, None, :]
-            pull = (weight * (length - far))[:, None] * along
-            matrix[:, one, :, one, :] += stiffness
-            force[:, one] += pull
-            if other < markers:
-                matrix[:, other, :, other, :] += stiffness
-                matrix[:, one, :, other, :] -= stiffness
-                matrix[:, other, :, one, :] -= stiffness
-                force[:, other] -= pull
+        matrix, force = normal_equations(points, predicted, variance, edges)
         sunk = np.maximum(least - points[:, :markers, 2], 0.0)
         firm = (sunk > 0) / FIRMNESS**2
         for i in range(markers):
             matrix[:, i, 2, i, 2] += firm[:, i]
         force[..., 2] += firm * sunk
-        step = np.linalg.solve(
-            matrix.reshape(frames, markers * 3, markers * 3), force.reshape(frames, -1, 1)
-        )
-        ahead = step.reshape(frames, markers, 3)
+        ahead = step(matrix, force)
         tried = [points[:, :markers] + part * ahead for part in SHORTER]
         best = np.argmin([squares(one) for one in tried], axis=0)
         points[:, :markers] = np.array(tried)[best, np.arange(frames)]

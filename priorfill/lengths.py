@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import minimum_spanning_tree
 
-__all__ = ["Edges", "hold_lengths", "stiff_edges"]
+from priorfill.springs import STIFF, coordinate_variance, normal_equations, step
 
-STIFF = 15.0
-"""mm. Distances that vary by more (rms) are not held."""
+__all__ = ["Edges", "hold_lengths", "stiff_edges"]
 
 SOFTNESS = 0.5
 """How far lengths give way, in deviations of what is predicted: predictions are better pulled
@@ -36,9 +35,6 @@ LEAST_SPREAD = 0.1
 
 STEPS = 8
 """Gauss-Newton steps: to a part in a thousand of the least squares, nearly always in three."""
-
-LEAST_LENGTH = 1.0
-"""mm. Markers nearer to each other have no direction."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,33 +109,14 @@ def hold_lengths(
     """
     if not len(edges.one):
         return predicted
-    frames, markers = predicted.shape[:2]
-    variance = np.maximum(deviation**2, 1e-6) / 3.0  # of a coordinate, mm²
+    markers = predicted.shape[1]
+    variance = coordinate_variance(deviation)
     points = np.concatenate([predicted, visible], axis=1)
-    own = np.zeros((frames, markers, 3, markers, 3))
-    for i in range(markers):
-        own[:, i, :, i, :] = np.eye(3) / variance[:, i, None, None]
+    held = zip(edges.one, edges.other, edges.length, edges.spread, strict=True)
+    springs = [
+        (one, other, length, 1.0 / ((CAUTION * spread) ** 2 + SOFTNESS**2 * variance[:, one]))
+        for one, other, length, spread in held
+    ]
     for _ in range(STEPS):
-        matrix = own.copy()
-        force = (predicted - points[:, :markers]) / variance[..., None]
-        for one, other, length, spread in zip(
-            edges.one, edges.other, edges.length, edges.spread, strict=True
-        ):
-            apart = points[:, one] - points[:, other]
-            far = np.maximum(np.linalg.norm(apart, axis=1), LEAST_LENGTH)
-            along = apart / far[:, None]
-            weight = 1.0 / ((CAUTION * spread) ** 2 + SOFTNESS**2 * variance[:, one])
-            stiffness = weight[:, None, None] * along[:, :, None] * along[:, None, :]
-            pull = (weight * (length - far))[:, None] * along
-            matrix[:, one, :, one, :] += stiffness
-            force[:, one] += pull
-            if other < markers:
-                matrix[:, other, :, other, :] += stiffness
-                matrix[:, one, :, other, :] -= stiffness
-                matrix[:, other, :, one, :] -= stiffness
-                force[:, other] -= pull
-        step = np.linalg.solve(
-            matrix.reshape(frames, markers * 3, markers * 3), force.reshape(frames, -1, 1)
-        )
-        points[:, :markers] += step.reshape(frames, markers, 3)
+        points[:, :markers] += step(*normal_equations(points, predicted, variance, springs))
     return points[:, :markers]

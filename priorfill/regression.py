@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotri
 
+from priorfill.gaussian import shares
 from priorfill.normalise import RootFrames, heading_frames, rigid_frames
 from priorfill.uncertainty import BOUND_FACTOR, BOUND_SHARE
 
@@ -657,8 +658,7 @@ def regress(
     handicap = np.array([lesson.handicap for lesson in lessons])[of_lesson]
     # mm; a clip that stands still has no error
     judged = np.maximum([x.error * x.doubt**DOUBT_POWER for x in found], 1e-6) * handicap
-    share = (judged.min() / judged) ** SELECTION_POWER
-    share /= share.sum()
+    share = shares(judged, SELECTION_POWER)
     positions = np.stack([one.positions for one in found])
     mean = np.einsum("k,kqmi->qmi", share, positions)
     disagreement = ((positions - mean) ** 2).sum(axis=3)

@@ -9,7 +9,8 @@ from naive import turned
 from scipy.optimize import least_squares
 
 from priorfill.distances import pair_distances
-from priorfill.lengths import CAUTION, LEAST_SPREAD, SOFTNESS, STIFF, hold_lengths, stiff_edges
+from priorfill.lengths import CAUTION, LEAST_SPREAD, SOFTNESS, hold_lengths, stiff_edges
+from priorfill.springs import STIFF
 
 
 def arm(frames=40, seed=0):

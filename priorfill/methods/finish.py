@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.calm import calm, shaking
-from priorfill.floor import STIFF, floor_heights, lift
+from priorfill.floor import floor_heights, lift
 from priorfill.methods.prediction import Prediction
 from priorfill.methods.task import Task
-from priorfill.mirror import partners
+from priorfill.springs import STIFF
 
 __all__ = ["Finish"]
 
@@ -59,8 +59,7 @@ class Finish:
     @cached_property
     def _floor(self) -> NDArray[np.float64]:
         """Where the floor stops each marker (mm)."""
-        partner = partners(self._task.labels, self._task.marker_set)
-        return floor_heights(self._task.positions, partner)
+        return floor_heights(self._task.positions, self._task.partner)
 
     def _usual(self, marker: int) -> float:
         """Return how much a marker shakes where it is measured."""

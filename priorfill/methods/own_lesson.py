@@ -15,7 +15,7 @@ from priorfill.methods.moments import standing_in
 from priorfill.methods.options import Options
 from priorfill.methods.pieces import FEWEST_VISIBLE, Piece
 from priorfill.methods.task import Task
-from priorfill.mirror import mirrored, partners
+from priorfill.mirror import mirrored
 from priorfill.poses import evenly, whole
 from priorfill.regression import Lesson, Member, Rows
 
@@ -85,7 +85,7 @@ class OwnLessons:
         self._task = task
         self._margin = margin
         self._options = options
-        self._image = mirrored(task.positions, partners(task.labels, task.marker_set))
+        self._image = mirrored(task.positions, task.partner)
 
     def read(self, piece: Piece, completed: NDArray[np.float64] | None) -> OwnLesson | None:
         """Make a lesson of the frames that show a piece's markers; None where they are too few.

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from priorfill.gaps import GapGroup
 from priorfill.markerset import MarkerSet
+from priorfill.mirror import partners
 from priorfill.normalise import RootGroup, choose_root
 from priorfill.takes import Take
 
@@ -53,6 +54,11 @@ class Task:
     def valid(self) -> NDArray[np.bool_]:
         """Which samples are measured [shape=(frames, markers)]."""
         return ~np.isnan(self.positions[..., 0])
+
+    @cached_property
+    def partner(self) -> NDArray[np.intp]:
+        """Each marker's partner on the other side; see `priorfill.mirror.partners`."""
+        return partners(self.labels, self.marker_set)
 
     def beside(self, takes: Sequence[str], database: str) -> str:
         """Say what was learnt from beside the clip itself.

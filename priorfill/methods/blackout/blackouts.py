@@ -16,7 +16,6 @@ from priorfill.methods.pieces import Piece
 from priorfill.methods.pose_search import PoseSearch
 from priorfill.methods.prediction import Prediction
 from priorfill.methods.task import Task
-from priorfill.mirror import partners
 
 __all__ = ["Blackouts"]
 
@@ -38,7 +37,6 @@ class Blackouts:
         self.task = task
         self._search = search
         self._options = options
-        self._partner = partners(task.labels, task.marker_set)
 
     def lead_through(
         self, pieces: Sequence[Piece], completed: NDArray[np.float64]
@@ -102,7 +100,7 @@ class Blackouts:
                 stop,
                 self.task.rate,
                 self.task.root_among,
-                self._partner,
+                self.task.partner,
                 wanted,
             )
             if found is None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from priorfill.distances import median_distances, pooled_distances
 from priorfill.methods.task import Task
-from priorfill.mirror import mirrored, partners
+from priorfill.mirror import mirrored
 from priorfill.poses import evenly, whole
 
 __all__ = ["CLIP", "OWN", "OWN_ROWS", "RATE", "Bodies", "Sample"]
@@ -77,12 +77,12 @@ class Bodies:
     Attributes
     ----------
     partner : ndarray of int [shape=(markers,)]
-        See `priorfill.mirror.partners`.
+        See `Task.partner`.
     """
 
     def __init__(self, task: Task) -> None:
         self.task = task
-        self.partner = partners(task.labels, task.marker_set)
+        self.partner = task.partner
 
     @cached_property
     def _takes(self) -> list[int]:
