@@ -7,6 +7,7 @@
     ├── ClipError (ValueError)           a clip whose contents make no sense
     ├── OptionError (ValueError)         an option that is out of range or contradicts another
     ├── MarkerSetError (ValueError)      a marker-set definition that is wrong or unknown
+    ├── MethodError (ValueError)         a method that cannot work on a clip
     ├── OutputError (OSError)            a result that cannot be written where it should go
     └── DatabaseError                    anything about a prior database
         ├── DatabaseNotFoundError (FileNotFoundError)
@@ -31,6 +32,7 @@ __all__ = [
     "DuplicateClipError",
     "FormatError",
     "MarkerSetError",
+    "MethodError",
     "OptionError",
     "OutputError",
     "PriorfillError",
@@ -55,6 +57,10 @@ class OptionError(PriorfillError, ValueError):
 
 class MarkerSetError(PriorfillError, ValueError):
     """A marker-set definition is malformed or unknown."""
+
+
+class MethodError(PriorfillError, ValueError):
+    """A method cannot work on a clip; the message says why and what would make it work."""
 
 
 class OutputError(PriorfillError, OSError):

@@ -17,7 +17,7 @@ from priorfill.database import PriorDatabase, Selection
 from priorfill.errors import OptionError
 from priorfill.gaps import Gap, find_gaps, gap_groups, runs
 from priorfill.markerset import MarkerSet, describe, recognise
-from priorfill.methods import DEFAULT_METHOD, get_method
+from priorfill.methods import get_method, resolve
 from priorfill.methods.task import Estimate, Note, Task
 from priorfill.takes import Take, companion_take, takes_from
 from priorfill.uncertainty import BOUND_FACTOR, MEAN_FACTOR, common_bound
@@ -174,6 +174,8 @@ def fill(
 
     Raises
     ------
+    MethodError
+        Where the method cannot work on the clip.
     OptionError
         Where there is no such method, or a companion is the clip itself.
     ClipError
@@ -212,8 +214,7 @@ def fill(
         stack.enter_context(threadpool_limits(1, user_api="blas"))
         estimate = run(task, one_more)
     place = database.path if database is not None else None
-    method = DEFAULT_METHOD if method == "auto" else method
-    return _assemble(clip, estimate, method, marker_set, place, prior.notes)
+    return _assemble(clip, estimate, resolve(method), marker_set, place, prior.notes)
 
 
 def _companion(clip: Clip, other: Clip, definition: MarkerSet | None) -> Take:

@@ -18,13 +18,12 @@ from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
 from priorfill.errors import DatabaseNotFoundError, OptionError
 from priorfill.filling import FilledGap, LeftMissing, fill
-from priorfill.methods import METHODS
 from priorfill.methods.dropout.witnesses import ROWS
 from priorfill.methods.prediction import Prediction
 from priorfill.methods.task import Estimate, Note
 from priorfill.uncertainty import BOUND_FACTOR, MEAN_FACTOR
 
-METHOD = pytest.mark.parametrize("method", sorted(METHODS))
+METHOD = pytest.mark.parametrize("method", ["baumann2011", "neighbours", "prior"])
 GAPS = ((60, 130, ARM), (90, 170, FOOT), (200, 240, ("LKNE",)), (0, 240, ("C7",)))
 
 

@@ -14,10 +14,10 @@ from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
 from priorfill.energy import energy
 from priorfill.filling import Result, fill
-from priorfill.methods import METHODS, baumann2011, regression_prior
+from priorfill.methods import baumann2011, regression_prior
 from priorfill.solver import Descent, minimise, solve_exactly
 
-METHOD = pytest.mark.parametrize("method", sorted(METHODS))
+METHOD = pytest.mark.parametrize("method", ["baumann2011", "neighbours", "prior"])
 
 GAPS = {
     "single": [(100, 130, ("LKNE",))],

@@ -63,7 +63,7 @@ MAX_NAMES = 6
     "-m",
     default="auto",
     show_default=True,
-    help="auto (which is prior), prior, neighbours, or baumann2011 (the published method).",
+    help="auto, which is prior, or one that `priorfill methods` lists.",
 )
 @click.option(
     "--exclude-motion",

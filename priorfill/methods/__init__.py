@@ -5,22 +5,73 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from importlib import import_module
 
 from priorfill.errors import OptionError
 from priorfill.methods.task import Method
 
-__all__ = ["DEFAULT_METHOD", "METHODS", "get_method"]
+__all__ = ["DEFAULT_METHOD", "METHODS", "Entry", "get_method", "resolve"]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Where a method is, and what it is in a line.
+
+    Attributes
+    ----------
+    place : str
+        ``module:function`` below `priorfill.methods`.
+    summary : str
+        What it does.
+    source : str
+        The publication, or whose method it is.
+    """
+
+    place: str
+    summary: str
+    source: str
+
 
 METHODS = {
-    "prior": "priorfill.methods.regression_prior",
-    "neighbours": "priorfill.methods.neighbours",
-    "baumann2011": "priorfill.methods.baumann2011",
+    "prior": Entry(
+        "regression_prior:fill",
+        "regression on the clip's own poses and the database's, then the energy",
+        "priorfill",
+    ),
+    "neighbours": Entry(
+        "neighbours:fill",
+        "baumann2011 with votes by nearness, the clip searched beside the database",
+        "priorfill, after Tautges et al. 2011",
+    ),
+    "baumann2011": Entry(
+        "baumann2011:fill",
+        "the nearest poses of a database vote on position, velocity, acceleration",
+        "Baumann et al. 2011",
+    ),
+    "linear": Entry("interpolation:linear", "straight lines over time", "SciPy"),
+    "pchip": Entry("interpolation:pchip", "monotone cubic curves over time", "SciPy"),
+    "spline": Entry("interpolation:spline", "cubic splines over time", "SciPy"),
 }
-"""Name of each method and the module that has it as ``fill``."""
+"""The methods by name."""
 
 DEFAULT_METHOD = "prior"
 """What ``auto`` stands for."""
+
+
+def resolve(name: str) -> str:
+    """Return the name of a method, that of the default one for ``auto``.
+
+    Raises
+    ------
+    OptionError
+        Where there is no such method.
+    """
+    if name == "auto":
+        return DEFAULT_METHOD
+    if name not in METHODS:
+        raise OptionError(f"there is no method {name!r}; use one of auto {' '.join(METHODS)}")
+    return name
 
 
 def get_method(name: str) -> Method:
@@ -31,8 +82,6 @@ def get_method(name: str) -> Method:
     OptionError
         Where there is no such method.
     """
-    name = DEFAULT_METHOD if name == "auto" else name
-    if name not in METHODS:
-        raise OptionError(f"there is no method {name!r}; use one of auto {' '.join(METHODS)}")
-    method: Method = import_module(METHODS[name]).fill
+    module, function = METHODS[resolve(name)].place.split(":")
+    method: Method = getattr(import_module(f"{__name__}.{module}"), function)
     return method

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.gaps import GapGroup
+from priorfill.gaps import Gap, GapGroup, find_gaps
 from priorfill.markerset import MarkerSet
 from priorfill.mirror import partners
 from priorfill.normalise import RootGroup, choose_root
@@ -140,6 +140,46 @@ class Estimate:
     def of(cls, task: Task) -> Estimate:
         """Return an estimate that holds what is measured and nothing else."""
         return cls(task.positions.copy(), np.full(task.positions.shape[:2], np.nan))
+
+    @classmethod
+    def told(
+        cls,
+        task: Task,
+        positions: NDArray[np.float64],
+        how: str | Callable[[Gap], str],
+        reason: str | Callable[[Gap], str],
+        takes: tuple[str, ...] = (),
+    ) -> Estimate:
+        """Return an estimate by a method that fills whole markers and knows no deviation.
+
+        Parameters
+        ----------
+        task : Task
+            What was asked.
+        positions : ndarray [shape=(frames, markers, 3), mm]
+            NaN where the method could not say.
+        how, reason : str or callable
+            What gaps were filled from, and why others were not: of all, or of one.
+        takes : tuple of str
+            Names of the recordings that were learnt from.
+        """
+        missing = ~task.valid
+        given = missing & np.isfinite(positions).all(axis=2)
+        notes = [
+            Note(gap.marker, gap.start, gap.stop, _of(how, gap), takes=takes)
+            for gap in find_gaps(given)
+        ]
+        notes += [
+            Note(gap.marker, gap.start, gap.stop, _of(reason, gap), filled=False)
+            for gap in find_gaps(missing & ~given)
+        ]
+        filled = np.where(given[..., None], positions, task.positions)
+        return cls(filled, np.full(missing.shape, np.nan), notes)
+
+
+def _of(said: str | Callable[[Gap], str], gap: Gap) -> str:
+    """Return what is said of a gap."""
+    return said if isinstance(said, str) else said(gap)
 
 
 class Method(Protocol):
