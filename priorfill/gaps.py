@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Gap", "GapGroup", "find_gaps", "gap_groups", "runs"]
+__all__ = ["Gap", "GapGroup", "constant_spans", "find_gaps", "gap_groups", "runs"]
 
 
 @dataclass(frozen=True, order=True)
@@ -65,6 +66,18 @@ def runs(mask: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     for start, stop in edges.reshape(-1, 2):
         yield int(start), int(stop)
+
+
+def constant_spans(seen: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return (start, stop) of the runs of frames in which the visible markers stay the same.
+
+    Parameters
+    ----------
+    seen : ndarray of bool [shape=(frames, markers)]
+        At least one frame.
+    """
+    changes = 1 + np.flatnonzero((seen[1:] != seen[:-1]).any(axis=1))
+    return list(pairwise([0, *changes.tolist(), len(seen)]))
 
 
 def find_gaps(missing: NDArray[np.bool_]) -> list[Gap]:

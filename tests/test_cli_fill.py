@@ -711,7 +711,7 @@ def test_other_files(folder: Path) -> None:
         (["walk.c3d", "-o", "folder.c3d", "--overwrite"], "folder.c3d"),
         (["walk.c3d", "-o", "nowhere/out.c3d"], "nowhere"),
         (["walk.c3d", "-o", "text.txt/out.c3d"], "text.txt"),
-        (["walk.c3d", "-o", "out.c3d", "-m", "spline"], "spline"),
+        (["walk.c3d", "-o", "out.c3d", "-m", "splien"], "splien"),
         (["walk.c3d", "-o", "out.c3d", "--up", "sideways"], "sideways"),
         (["walk.c3d", "-o", "out.c3d", "--rate", "-5"], "-5"),
         (["walk.c3d", "-o", "out.c3d", "--rate", "nan"], "nan"),

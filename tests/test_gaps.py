@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from priorfill.gaps import Gap, find_gaps, gap_groups
+from priorfill.gaps import Gap, constant_spans, find_gaps, gap_groups
 
 masks = arrays(np.bool_, st.tuples(st.integers(1, 20), st.integers(1, 4)))
 
@@ -42,3 +42,9 @@ def test_groups_hold_every_gap_once_and_are_apart(missing):
         assert all(group.start <= g.start and g.stop <= group.stop for g in group.gaps)
     for one, other in itertools.pairwise(groups):
         assert one.stop < other.start
+
+
+def test_constant_spans():
+    seen = np.array([[1, 1], [1, 1], [0, 1], [1, 1]], dtype=bool)
+    assert constant_spans(seen) == [(0, 2), (2, 3), (3, 4)]
+    assert constant_spans(seen[:1]) == [(0, 1)]

@@ -8,7 +8,6 @@ from priorfill.methods.pieces import (
     FEWEST_VISIBLE,
     JOINT_DISTANCE,
     MAX_PIECES,
-    constant_spans,
     pieces_of,
 )
 
@@ -107,9 +106,3 @@ def test_flickering_markers_do_not_make_many_pieces():
     ]
     assert sum(p.stop - p.start for p in mine) == 300
     assert len(mine) <= 3 * MAX_PIECES
-
-
-def test_constant_spans():
-    seen = np.array([[1, 1], [1, 1], [0, 1], [1, 1]], dtype=bool)
-    assert constant_spans(seen) == [(0, 2), (2, 3), (3, 4)]
-    assert constant_spans(seen[:1]) == [(0, 1)]

@@ -52,6 +52,9 @@ METHODS = {
     "linear": Entry("interpolation:linear", "straight lines over time", "SciPy"),
     "pchip": Entry("interpolation:pchip", "monotone cubic curves over time", "SciPy"),
     "spline": Entry("interpolation:spline", "cubic splines over time", "SciPy"),
+    "rigid": Entry(
+        "rigid_body:fill", "the marker moves with those that keep their distances", "Kabsch 1976"
+    ),
 }
 """The methods by name."""
 

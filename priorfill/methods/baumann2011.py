@@ -26,8 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.gaps import GapGroup, runs
-from priorfill.methods.pieces import constant_spans
+from priorfill.gaps import GapGroup, constant_spans, runs
 from priorfill.methods.task import Estimate, Note, Task, take_names
 from priorfill.multiresolution import levels_for, synthesise
 from priorfill.normalise import RootFrames, RootGroup

@@ -45,12 +45,12 @@ def _interpolated(task: Task, progress: Callable[[], None], curve: Curve, how: s
         seen = task.valid[:, marker]
         if seen.all() or not seen.any():
             continue
-        times = frames[seen]
-        # within the samples' span the curve, beyond it the sample at its end
-        asked = np.clip(frames[~seen], times[0], times[-1])
-        samples = positions[seen, marker]
-        through = curve if len(times) > 1 else _line
-        positions[~seen, marker] = through(times, samples, asked)
+        times, samples = frames[seen], positions[seen, marker]
+        inside = ~seen & (frames > times[0]) & (frames < times[-1])
+        if inside.any():
+            positions[inside, marker] = curve(times, samples, frames[inside])
+        positions[frames < times[0], marker] = samples[0]
+        positions[frames > times[-1], marker] = samples[-1]
     for _ in task.groups:
         progress()
 

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import squareform
 
-from priorfill.gaps import GapGroup
+from priorfill.gaps import GapGroup, constant_spans
 
-__all__ = ["Piece", "constant_spans", "pieces_of"]
+__all__ = ["Piece", "pieces_of"]
 
 JOINT_DISTANCE = 350.0
 """mm; markers missing in the same frames are predicted jointly when a chain of them is no further
@@ -87,15 +87,6 @@ class Piece:
         while last < min(len(usable), self.stop + margin) and usable[last]:
             last += 1
         return np.arange(first, last)
-
-
-def constant_spans(seen: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return (start, stop) of the runs of frames in which ``seen`` is constant.
-
-    ``seen`` has a row a frame and a column a marker.
-    """
-    changes = 1 + np.flatnonzero((seen[1:] != seen[:-1]).any(axis=1))
-    return list(pairwise([0, *changes.tolist(), len(seen)]))
 
 
 def _joint_gaps(
