@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from priorfill.formats import read, write, write_uncertainty
     from priorfill.gaps import Gap, GapGroup, find_gaps, gap_groups
     from priorfill.markerset import MarkerSet
+    from priorfill.scope import Scope
 
 __version__ = version("priorfill")
 
@@ -37,6 +38,7 @@ _PLACES = {
     "PriorDatabase": "priorfill.database",
     "PriorfillError": "priorfill.errors",
     "Result": "priorfill.filling",
+    "Scope": "priorfill.scope",
     "Selection": "priorfill.database",
     "fill": "priorfill.filling",
     "find_gaps": "priorfill.gaps",
@@ -55,6 +57,7 @@ __all__ = [
     "PriorDatabase",
     "PriorfillError",
     "Result",
+    "Scope",
     "Selection",
     "__version__",
     "fill",

@@ -19,6 +19,7 @@ from priorfill.gaps import Gap, find_gaps, gap_groups, runs
 from priorfill.markerset import MarkerSet, describe, recognise
 from priorfill.methods import get_method, resolve
 from priorfill.methods.task import Estimate, Note, Task
+from priorfill.scope import Scope
 from priorfill.takes import Take, companion_take, takes_from
 from priorfill.uncertainty import BOUND_FACTOR, MEAN_FACTOR, common_bound
 
@@ -27,11 +28,22 @@ __all__ = ["FilledGap", "LeftMissing", "Result", "fill"]
 
 @dataclass(frozen=True)
 class LeftMissing:
-    """Frames ``start <= frame < stop`` of a gap that were not filled, and why."""
+    """Frames ``start <= frame < stop`` of a gap that were not filled, and why.
+
+    Attributes
+    ----------
+    start, stop : int
+        Frames.
+    reason : str
+        Why they were not filled.
+    asked : bool
+        Whether they were to be filled; False where the scope leaves them alone.
+    """
 
     start: int
     stop: int
     reason: str
+    asked: bool = True
 
 
 @dataclass(frozen=True)
@@ -86,8 +98,8 @@ class FilledGap:
 
     @property
     def complete(self) -> bool:
-        """Whether every frame of the gap was filled."""
-        return self.filled == self.frames
+        """Whether every frame of the gap was filled that was to be."""
+        return not any(part.asked for part in self.left)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +141,7 @@ class Result:
 
     @property
     def complete(self) -> bool:
-        """Whether every gap was filled."""
+        """Whether everything was filled that was to be."""
         return all(gap.complete for gap in self.gaps)
 
 
@@ -143,6 +155,7 @@ def fill(
     selection: Selection | None = None,
     trust_filled: bool = False,
     companions: Sequence[Clip] = (),
+    scope: Scope | None = None,
 ) -> Result:
     """Fill the gaps of a clip.
 
@@ -166,6 +179,8 @@ def fill(
     companions : sequence of Clip, optional
         Other clips of the same person with the same markers on: a static trial, other takes of the
         session. What is best known of a marker that the clip never shows.
+    scope : Scope, optional
+        Which gaps to fill; all by default.
 
     Returns
     -------
@@ -177,13 +192,15 @@ def fill(
     MethodError
         Where the method cannot work on the clip.
     OptionError
-        Where there is no such method, or a companion is the clip itself.
+        Where there is no such method, a companion is the clip itself, or the scope names what
+        the clip does not have.
     ClipError
         Where a companion has no marker in common with the clip.
     DatabaseError
         Where the database cannot be read.
     """
     run = get_method(method)
+    alone = (scope or Scope()).left_alone(clip)
     definition = marker_set or recognise(clip.labels)
     marker_set = describe(clip, marker_set)
     kin = tuple(_companion(clip, other, definition) for other in companions)
@@ -191,7 +208,13 @@ def fill(
         if isinstance(database, (str, Path)):
             database = stack.enter_context(PriorDatabase.open(database))
         prior = _Prior(clip, database, definition, selection or Selection(), trust_filled)
-        groups = tuple(gap_groups(clip.missing))
+        # a method sees gap groups whole: what is left alone in them is left out afterwards
+        idle = {(gap.start, gap.stop, gap.marker) for gap, _ in alone}
+        groups = tuple(
+            group
+            for group in gap_groups(clip.missing)
+            if not all((gap.start, gap.stop, gap.marker) in idle for gap in group.gaps)
+        )
         task = Task(
             to_upright(clip.positions, clip.up),
             clip.labels,
@@ -214,7 +237,7 @@ def fill(
         stack.enter_context(threadpool_limits(1, user_api="blas"))
         estimate = run(task, one_more)
     place = database.path if database is not None else None
-    return _assemble(clip, estimate, resolve(method), marker_set, place, prior.notes)
+    return _assemble(clip, estimate, resolve(method), marker_set, place, prior.notes, alone)
 
 
 def _companion(clip: Clip, other: Clip, definition: MarkerSet | None) -> Take:
@@ -291,11 +314,19 @@ def _assemble(
     marker_set: MarkerSet,
     database: Path | None,
     notes: tuple[str, ...],
+    alone: Sequence[tuple[Gap, str]],
 ) -> Result:
-    """Put an estimate's filled samples into the clip, and nothing else."""
+    """Put an estimate's filled samples into the clip, but for those that are left alone."""
     missing = clip.missing
+    asked = missing.copy()
+    left: dict[int, list[LeftMissing]] = {}
+    for gap, reason in alone:
+        asked[gap.start : gap.stop, gap.marker] = False
+        left.setdefault(gap.marker, []).append(
+            LeftMissing(gap.start, gap.stop, reason, asked=False)
+        )
     estimated = from_upright(estimate.positions, clip.up)
-    filled = missing & np.isfinite(estimated).all(axis=2)
+    filled = asked & np.isfinite(estimated).all(axis=2)
     positions = np.where(filled[..., None], estimated, clip.positions)
     deviation = np.where(filled, estimate.deviation, np.nan)
     told = BOUND_FACTOR * deviation if estimate.bound is None else estimate.bound
@@ -304,7 +335,16 @@ def _assemble(
     for note in estimate.notes:
         by_marker.setdefault(note.marker, []).append(note)
     gaps = tuple(
-        _filled_gap(clip, gap, filled, deviation, bound, method, by_marker.get(gap.marker, []))
+        _filled_gap(
+            clip,
+            gap,
+            filled,
+            deviation,
+            bound,
+            method,
+            by_marker.get(gap.marker, []),
+            [part for part in left.get(gap.marker, []) if gap.start <= part.start < gap.stop],
+        )
         for gap in find_gaps(missing)
     )
     return Result(
@@ -328,16 +368,20 @@ def _filled_gap(
     bound: NDArray[np.float64],
     method: str,
     notes: list[Note],
+    alone: list[LeftMissing],
 ) -> FilledGap:
     """Sum up one gap."""
     inside = [n for n in notes if n.start < gap.stop and n.stop > gap.start]
     known = _finite(deviation[gap.start : gap.stop, gap.marker])
     bounds = _finite(bound[gap.start : gap.stop, gap.marker])
     here = filled[gap.start : gap.stop, gap.marker]
-    left = tuple(
+    failed = ~here
+    for part in alone:
+        failed[part.start - gap.start : part.stop - gap.start] = False
+    left = alone + [
         LeftMissing(gap.start + start, gap.start + stop, _reason(inside, gap.start + start))
-        for start, stop in runs(~here)
-    )
+        for start, stop in runs(failed)
+    ]
     return FilledGap(
         label=clip.labels[gap.marker],
         start=gap.start,
@@ -349,7 +393,7 @@ def _filled_gap(
         method=method,
         how=tuple(dict.fromkeys(n.how for n in inside if n.filled)) if here.any() else (),
         poses=max((n.poses for n in inside if n.filled), default=0) if here.any() else 0,
-        left=left,
+        left=tuple(sorted(left, key=lambda part: part.start)),
         takes=tuple(dict.fromkeys(name for n in inside for name in n.takes)),
     )
 

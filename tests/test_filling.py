@@ -142,11 +142,11 @@ def test_a_method_may_give_bounds_or_not(monkeypatch):
     own[60:70] = np.nan
     for bound, expected in ((None, 2.0 * BOUND_FACTOR), (own, 9.0)):
         monkeypatch.setattr("priorfill.filling.get_method", lambda name, b=bound: told(b))
-        result = fill(clip, method="told")
+        result = fill(clip, method="prior")
         (gap,) = result.gaps
         assert gap.bound == pytest.approx(expected)
         assert gap.expected_mean == pytest.approx(2.0 * MEAN_FACTOR)
-        assert (gap.method, gap.poses) == ("told", 30)
+        assert (gap.method, gap.poses) == ("prior", 30)
         assert (result.bound[70:90, 0] == expected).all()
         assert np.isnan(result.bound[:60]).all() and np.isnan(result.bound[:, 1:]).all()
         assert np.isnan(result.bound[60:70, 0]).all() == (bound is not None)
@@ -265,8 +265,8 @@ def test_no_database_there(tmp_path):
 
 
 def test_no_such_method():
-    with pytest.raises(OptionError, match="no method 'spline'; use one of auto prior "):
-        fill(person(), method="spline")
+    with pytest.raises(OptionError, match="no method 'splien'; use one of auto prior "):
+        fill(person(), method="splien")
 
 
 @METHOD
@@ -300,7 +300,7 @@ def test_what_a_method_says_of_measured_samples_is_not_heard(monkeypatch):
 
     monkeypatch.setattr("priorfill.filling.get_method", lambda name: wild)
     clip = with_gaps(person(), (60, 90, person().labels[:1]))
-    result = fill(clip, method="wild")
+    result = fill(clip, method="prior")
     measured = ~clip.missing
     assert result.clip.positions[measured].tobytes() == clip.positions[measured].tobytes()
     (gap,) = result.gaps

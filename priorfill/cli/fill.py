@@ -32,6 +32,19 @@ MAX_NAMES = 6
 """Markers named in a line."""
 
 
+def _frames(
+    context: click.Context, parameter: click.Parameter, value: str | None
+) -> tuple[int | None, int | None] | None:
+    """Understand ``A:B``, ``A:`` and ``:B``."""
+    if value is None:
+        return None
+    try:
+        first, last = (int(part) if part.strip() else None for part in value.split(":"))
+    except ValueError:
+        raise click.BadParameter(f"{value!r} is not of the form A:B, as in 100:250") from None
+    return first, last
+
+
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option(
@@ -65,6 +78,25 @@ MAX_NAMES = 6
     show_default=True,
     help="auto, which is prior, or one that `priorfill methods` lists.",
 )
+@click.option(
+    "--markers",
+    metavar="PATTERN",
+    multiple=True,
+    help="Fill these markers only ('L*'); may be given again.",
+)
+@click.option(
+    "--frames",
+    metavar="A:B",
+    callback=_frames,
+    help="Fill frames A to B only, as the file numbers them; either may be left out.",
+)
+@click.option(
+    "--max-gap",
+    metavar="SECONDS",
+    type=float,
+    help="Leave longer gaps alone, each as a whole.",
+)
+@click.option("--skip-edges", is_flag=True, help="Leave gaps at the clip's start and end alone.")
 @click.option(
     "--exclude-motion",
     "not_names",
@@ -112,6 +144,10 @@ def fill(
     database: Path | None,
     companions: tuple[Path, ...],
     method: str,
+    markers: tuple[str, ...],
+    frames: tuple[int | None, int | None] | None,
+    max_gap: float | None,
+    skip_edges: bool,
     not_names: tuple[str, ...],
     not_subjects: tuple[str, ...],
     subjects: tuple[str, ...],
@@ -133,6 +169,7 @@ def fill(
     from priorfill.database import Selection
     from priorfill.filling import fill as fill_clip
     from priorfill.methods import get_method
+    from priorfill.scope import Scope
 
     for option, given in (
         ("--exclude-motion", not_names),
@@ -145,6 +182,7 @@ def fill(
             raise click.UsageError(f"{option} says something of a database; give one (--database)")
     # whatever would make the work be in vain is found out before it is done
     get_method(method)
+    scope = Scope(markers, frames, max_gap, skip_edges)
     formats.check_output(output, source=file, overwrite=overwrite)
     if uncertainty is not None:
         formats.check_uncertainty(uncertainty, source=file, output=output, overwrite=overwrite)
@@ -164,6 +202,7 @@ def fill(
             selection=selection,
             trust_filled=trust_filled,
             companions=others,
+            scope=scope,
         )
     with ExitStack() as stack:
         if uncertainty is not None:  # both files appear, or none
@@ -253,6 +292,7 @@ def _facts(
                         "first_frame": first + piece.start,
                         "last_frame": first + piece.stop - 1,
                         "reason": piece.reason,
+                        "asked": piece.asked,
                     }
                     for piece in gap.left
                 ],
@@ -291,10 +331,12 @@ def _print(output: Path, result: Result, written: WriteReport | None) -> None:
     _print_gaps(result)
     click.echo()
     filled = int(result.filled.sum())
-    whole = sum(gap.complete for gap in result.gaps)
+    asked = [gap for gap in result.gaps if gap.filled or any(part.asked for part in gap.left)]
+    whole = sum(gap.complete for gap in asked)
+    alone = len(result.gaps) - len(asked)
     click.echo(
-        f"{filled} samples filled by {result.method}, {whole} of {len(result.gaps)} gaps wholly; "
-        f"written to {output}"
+        f"{filled} samples filled by {result.method}, {whole} of {len(asked)} gaps wholly"
+        f"{f', {alone} left alone' if alone else ''}; written to {output}"
     )
     if written is not None and written.worst_error_mm > 0.001:
         click.echo(
@@ -307,7 +349,8 @@ def print_left_missing(result: Result) -> None:
     """Say what stays missing: for each reason which markers, and in which frames."""
     left = [(piece, gap.label) for gap in result.gaps for piece in gap.left]
     first = result.clip.first_frame
-    for reason in dict.fromkeys(piece.reason for piece, _ in left):
+    for asked, reason in dict.fromkeys((piece.asked, piece.reason) for piece, _ in left):
+        verb = "left missing" if asked else "left alone"
         some = [(piece, label) for piece, label in left if piece.reason == reason]
         labels = list(dict.fromkeys(label for _, label in some))
         samples = sum(piece.stop - piece.start for piece, _ in some)
@@ -316,7 +359,7 @@ def print_left_missing(result: Result) -> None:
         markers = f"{len(labels)} marker{'s' if len(labels) > 1 else ''}"
         names = ", ".join(labels[:MAX_NAMES]) + (", ..." if len(labels) > MAX_NAMES else "")
         click.echo(
-            f"left missing: {samples} samples of {markers} ({names}) "
+            f"{verb}: {samples} samples of {markers} ({names}) "
             f"within frames {first + start}-{first + stop - 1}: {reason}",
             err=True,
         )
