@@ -387,7 +387,7 @@ def test_a_failure_is_named_and_the_rest_goes_on(
     [
         (["--kinds", "limb,hole"], "--kinds: hole is none of single"),
         (["--databases", "some"], "--databases: some is none of none full no-person"),
-        (["--methods", "spline"], "--methods: there is no method 'spline'"),
+        (["--methods", "splien"], "--methods: there is no method 'splien'"),
     ],
 )
 def test_wrong_usage(
