@@ -55,6 +55,10 @@ METHODS = {
     "rigid": Entry(
         "rigid_body:fill", "the marker moves with those that keep their distances", "Kabsch 1976"
     ),
+    "r1": Entry(
+        "gloersen2016:r1", "weighted PCA, all markers at once", "Gløersen and Federolf 2016"
+    ),
+    "r2": Entry("gloersen2016:r2", "weighted PCA, marker by marker", "Gløersen and Federolf 2016"),
 }
 """The methods by name."""
 
