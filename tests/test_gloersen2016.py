@@ -15,7 +15,7 @@ from priorfill.clip import Clip
 from priorfill.errors import MethodError
 from priorfill.filling import fill
 from priorfill.formats import read
-from priorfill.methods.gloersen2016 import Moments, mean_distances, regression
+from priorfill.methods.gloersen2016.weighted_pca import Moments, mean_distances, regression
 
 METHOD = pytest.mark.parametrize("method", ["r1", "r2"])
 SIGMA, LOST, CUTOFF, EXPLAINED = 200.0, 0.02, 0.5, 0.99
@@ -304,8 +304,26 @@ def test_what_cannot_be_told_is_an_error_that_says_why(method):
         fill(dropout, method=method)
     labels = person().labels
     nobody = with_gaps(person(), *((5 * i, 5 * i + 4, (x,)) for i, x in enumerate(labels)))
-    with pytest.raises(MethodError, match="no marker is seen in every frame"):
+    with pytest.raises(MethodError, match="no marker is seen in all frames with gaps"):
         fill(nobody, method=method)
+
+
+@METHOD
+def test_frames_in_which_a_body_walks_in_and_out_are_left(method):
+    labels = person().labels
+    gaps = (60, 130, ("LELB",)), (150, 190, FOOT)
+    seen = {0: labels[:2], 200: labels[5:7]}  # who is seen in the frames left
+    out = [(a, a + 40, [x for x in labels if x not in seen[a]]) for a in seen]
+    result = fill(with_gaps(person(), *gaps, *out), method=method)
+    left = {(p.start, p.stop, p.reason) for gap in result.gaps for p in gap.left}
+    assert left == {(a, a + 40, "too few markers are seen; use auto") for a in seen}
+    middle = person().with_positions(with_gaps(person(), *gaps).positions[40:200])
+    np.testing.assert_allclose(
+        result.clip.positions[40:200],
+        fill(middle, method=method).clip.positions,
+        rtol=0,
+        atol=1e-6,
+    )
 
 
 def test_too_few_frames_to_learn_from():

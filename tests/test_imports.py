@@ -14,6 +14,7 @@ ARRAYS_ONLY = (
     *(f"blackout.{part}" for part in ("stencil", "windows", "curves", "mixture", "correction")),
     "blackout.prediction",
     *(f"dropout.{part}" for part in ("ties", "covariance", "prediction")),
+    "gloersen2016.weighted_pca",
     "moments",
 )
 
