@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from priorfill.clip import Clip
     from priorfill.database import PriorDatabase, Selection
     from priorfill.errors import PriorfillError
+    from priorfill.evaluation import Evaluation, evaluate
     from priorfill.filling import FilledGap, Result, fill
     from priorfill.formats import read, write, write_uncertainty
     from priorfill.gaps import Gap, GapGroup, find_gaps, gap_groups
@@ -31,6 +32,7 @@ __version__ = version("priorfill")
 
 _PLACES = {
     "Clip": "priorfill.clip",
+    "Evaluation": "priorfill.evaluation",
     "FilledGap": "priorfill.filling",
     "Gap": "priorfill.gaps",
     "GapGroup": "priorfill.gaps",
@@ -40,6 +42,7 @@ _PLACES = {
     "Result": "priorfill.filling",
     "Scope": "priorfill.scope",
     "Selection": "priorfill.database",
+    "evaluate": "priorfill.evaluation",
     "fill": "priorfill.filling",
     "find_gaps": "priorfill.gaps",
     "gap_groups": "priorfill.gaps",
@@ -50,6 +53,7 @@ _PLACES = {
 
 __all__ = [
     "Clip",
+    "Evaluation",
     "FilledGap",
     "Gap",
     "GapGroup",
@@ -60,6 +64,7 @@ __all__ = [
     "Scope",
     "Selection",
     "__version__",
+    "evaluate",
     "fill",
     "find_gaps",
     "gap_groups",

@@ -8,6 +8,7 @@
     ├── OptionError (ValueError)         an option that is out of range or contradicts another
     ├── MarkerSetError (ValueError)      a marker-set definition that is wrong or unknown
     ├── MethodError (ValueError)         a method that cannot work on a clip
+    ├── EvaluationError (RuntimeError)   an evaluation that cannot go on
     ├── OutputError (OSError)            a result that cannot be written where it should go
     └── DatabaseError                    anything about a prior database
         ├── DatabaseNotFoundError (FileNotFoundError)
@@ -30,6 +31,7 @@ __all__ = [
     "DatabaseLockedError",
     "DatabaseNotFoundError",
     "DuplicateClipError",
+    "EvaluationError",
     "FormatError",
     "MarkerSetError",
     "MethodError",
@@ -61,6 +63,10 @@ class MarkerSetError(PriorfillError, ValueError):
 
 class MethodError(PriorfillError, ValueError):
     """A method cannot work on a clip; the message says why and what would make it work."""
+
+
+class EvaluationError(PriorfillError, RuntimeError):
+    """An evaluation cannot go on: a process of it was ended from outside."""
 
 
 class OutputError(PriorfillError, OSError):

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,12 +67,22 @@ MOSTLY_SEEN = 0.5
 ENV_FOLDER = "PRIORFILL_MARKERSETS"
 """Environment variable that names a folder with a user's definitions."""
 
+JOINT_POINTS = 3
+"""Points of an angle: above the joint, the joint, below it."""
+
 MIRROR_RULE = "L/R"
 """The mirror rule of definition files: L... and R... are mirror images."""
 
-_KEYS = {"name", "title", "source", "root_segments", "mirror", "midline", "markers", "aliases"}
+_KEYS = {
+    *("name", "title", "source", "root_segments", "mirror", "midline", "markers", "aliases"),
+    "joints",
+}
 _MARKER_KEYS = {"segment", "reliable", "optional"}
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+
+
+Joint = tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]
+"""Markers of three points, the middle one at the joint."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +111,9 @@ class MarkerSet:
         Other spellings and the labels they stand for.
     optional : frozenset of str
         Markers that a clip of this set need not have.
+    joints : dict of str to three tuples of str
+        Angles to compare fills by: the markers whose mean is the first point, the joint, and the
+        last point.
     """
 
     name: str
@@ -113,6 +126,7 @@ class MarkerSet:
     source: str = ""
     aliases: dict[str, str] = field(default_factory=dict)
     optional: frozenset[str] = frozenset()
+    joints: dict[str, Joint] = field(default_factory=dict)
 
     @property
     def segments(self) -> dict[str, tuple[str, ...]]:
@@ -354,6 +368,11 @@ def describe(clip: Clip, markerset: MarkerSet | None = None) -> MarkerSet:
         root_segments=tuple(s for s in markerset.root_segments if s in present),
         title=markerset.title,
         source=markerset.source,
+        joints={
+            joint: cast(Joint, tuple(tuple(own[name] for name in point) for point in points))
+            for joint, points in markerset.joints.items()
+            if all(name in own for point in points for name in point)
+        },
     )
 
 
@@ -545,6 +564,7 @@ def _parse(content: dict[str, Any], path: Path) -> MarkerSet:
         source=_text(content, "source", path, required=False),
         aliases=_parse_aliases(content, path, segment),
         optional=frozenset(optional),
+        joints=_parse_joints(content, path, segment),
     )
 
 
@@ -594,6 +614,32 @@ def _parse_aliases(
                 )
             aliases[alias] = label
     return aliases
+
+
+def _parse_joints(
+    content: dict[str, Any], path: Path, labels: Mapping[str, str]
+) -> dict[str, Joint]:
+    table = content.get("joints", {})
+    if not isinstance(table, dict):
+        raise MarkerSetError(
+            f'{path}: joints is no table; write [joints] and NAME = [["..."], ["..."], ["..."]]'
+        )
+    joints: dict[str, Joint] = {}
+    for name, points in table.items():
+        lists = isinstance(points, list) and all(
+            isinstance(point, list) and point and all(isinstance(m, str) for m in point)
+            for point in points
+        )
+        if not lists or len(points) != JOINT_POINTS:
+            raise MarkerSetError(
+                f"{path}: joint {name} is not three lists of markers; "
+                'write [["HIP"], ["KNEE"], ["ANKLE"]]'
+            )
+        for point in points:
+            for label in point:
+                _check_known(label, labels, "joints", path)
+        joints[name] = cast(Joint, tuple(tuple(point) for point in points))
+    return joints
 
 
 def _check_known(label: object, labels: Mapping[str, str], where: str, path: Path) -> None:

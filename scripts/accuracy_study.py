@@ -37,14 +37,15 @@ from accuracy_tables import (
     print_uncertainty,
     print_worst,
 )
-from artificial_gaps import KINDS, Parts, cut_gaps, parts_of
+from artificial_gaps import KINDS, cut_gaps
 from looks import depth, edge_step, shake, usual_step
 from numpy.typing import NDArray
-from recordings import FEET, PERSON, SETS, add_data_option, person_of
+from recordings import PERSON, SETS, add_data_option, person_of
 
 import priorfill as pf
 from priorfill.axes import to_upright
 from priorfill.cli.progress import progress
+from priorfill.evaluation.parts import FEET, Parts, parts_of
 from priorfill.gaps import find_gaps
 from priorfill.methods import get_method
 

@@ -26,9 +26,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from recordings import LIMBS, add_data_option, person_of
+from recordings import add_data_option, person_of
 
 import priorfill as pf
+from priorfill.evaluation.parts import LIMBS
 from priorfill.markerset import load
 
 SETS = {"gait": ("gait59", ("gait",)), "baumann41": ("baumann41", ("cmu", "hdm05"))}

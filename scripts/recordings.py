@@ -1,4 +1,4 @@
-"""Recordings that the studies are made with: where they are, whose, and what makes a limb."""
+"""Recordings that the studies are made with: where they are, and whose."""
 
 from __future__ import annotations
 
@@ -23,15 +23,6 @@ PERSON = {
     "walkl": slice(None),
 }
 """Where a file's name has the person, by folder."""
-
-LIMBS = {
-    "leg": ("thigh", "shank", "foot", "hindfoot", "forefoot", "hallux"),
-    "arm": ("upper_arm", "forearm", "hand"),
-}
-"""Segments of a limb, without their side."""
-
-FEET = ("foot", "hindfoot", "forefoot", "hallux")
-"""Segments that touch the floor."""
 
 
 def add_data_option(parser: argparse.ArgumentParser) -> None:

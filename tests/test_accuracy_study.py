@@ -13,6 +13,8 @@ from scripted import load_script
 
 import priorfill as pf
 from priorfill.clip import Clip
+from priorfill.evaluation.cutter import EDGE
+from priorfill.evaluation.parts import LIMB_MARKERS, parts_of
 from priorfill.formats import write
 from priorfill.gaps import find_gaps
 
@@ -52,7 +54,7 @@ def unknown_person() -> Clip:
 @pytest.mark.parametrize("clip", [long_person(), unknown_person()], ids=["known", "unknown"])
 @pytest.mark.parametrize("kind", gaps.KINDS)
 def test_gaps_of_a_kind(kind: str, clip: Clip) -> None:
-    parts = gaps.parts_of(clip)
+    parts = parts_of(clip)
     found = [gaps.cut_gaps(kind, clip, parts, np.random.default_rng(seed)) for seed in range(8)]
     cut = [result for result in found if result is not None]
     assert len(cut) >= 5
@@ -92,8 +94,8 @@ def test_gaps_of_a_kind(kind: str, clip: Clip) -> None:
         if kind == "short":
             assert (~gone.any(axis=1)).sum() == round(gaps.SHORT_REST * truth.rate)
         elif kind not in ("ends", "dropout"):
-            assert not gone[: round(gaps.EDGE * truth.rate) - 1].any()
-            assert not gone[-round(gaps.EDGE * truth.rate) + 1 :].any()
+            assert not gone[: round(EDGE * truth.rate) - 1].any()
+            assert not gone[-round(EDGE * truth.rate) + 1 :].any()
     masks = {gone.tobytes() for _, gone in cut}
     assert len(masks) > 1 or kind == "dropout"
     again = gaps.cut_gaps(kind, clip, parts, np.random.default_rng(7))
@@ -104,7 +106,7 @@ def test_gaps_of_a_kind(kind: str, clip: Clip) -> None:
 
 def test_no_gap_longer_than_half_of_the_clip() -> None:
     clip = person(seconds=3.0)
-    parts = gaps.parts_of(clip)
+    parts = parts_of(clip)
     rng = np.random.default_rng(0)
     assert gaps.cut_gaps("long", clip, parts, rng) is None
     for _ in range(10):
@@ -114,7 +116,7 @@ def test_no_gap_longer_than_half_of_the_clip() -> None:
 
 def test_limbs_of_a_known_body() -> None:
     clip = person()
-    parts = gaps.parts_of(clip)
+    parts = parts_of(clip)
     names = [{clip.labels[i] for i in limb} for limb in parts.limbs]
     assert len(names) == 4
     assert {"LUPA", "LELB", "LFRM", "LWRA", "LWRB", "LFIN"} in names
@@ -123,11 +125,11 @@ def test_limbs_of_a_known_body() -> None:
 
 def test_limbs_of_an_unknown_body_are_near_each_other() -> None:
     clip = unknown_person()
-    parts = gaps.parts_of(clip)
+    parts = parts_of(clip)
     assert parts.limbs
     size = np.linalg.norm(np.ptp(clip.positions[0], axis=0))
     for limb in parts.limbs:
-        assert len(set(limb)) == len(limb) >= gaps.LIMB_MARKERS
+        assert len(set(limb)) == len(limb) >= LIMB_MARKERS
         assert np.linalg.norm(np.ptp(clip.positions[0, limb], axis=0)) < 0.6 * size
 
 

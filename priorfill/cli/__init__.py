@@ -30,6 +30,10 @@ _COMMANDS = {
     "fill": ("priorfill.cli.fill:fill", "Fill the gaps of a C3D file."),
     "inspect": ("priorfill.cli.inspect:inspect", "Show what is in a file and which gaps it has."),
     "db": ("priorfill.cli.db:db", "Build and look at prior databases."),
+    "evaluate": (
+        "priorfill.cli.evaluate:evaluate",
+        "Compare the methods on artificial gaps in files of yours.",
+    ),
     "methods": ("priorfill.cli.methods:methods", "List the methods that fill knows."),
     "demo": ("priorfill.cli.demo:demo", "Make a clip with gaps, fill it, and compare."),
 }

@@ -19,7 +19,6 @@ The energy, the levels and the solver are those of Baumann et al. 2011 (`priorfi
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -39,6 +38,7 @@ from priorfill.multiresolution import levels_for, synthesise
 from priorfill.prior import Prior
 from priorfill.resample import Level, pyramid
 from priorfill.solver import minimise
+from priorfill.threads import thread_count
 
 __all__ = ["Options", "fill"]
 
@@ -89,7 +89,7 @@ def fill(
     # the coarsest level's differences reach two of its steps beyond a piece
     predictor = Predictor(task, 2 * 2 ** (count - 1), options or Options())
     filling = _Filling(task, predictor, pyramid(task.positions, task.rate, count))
-    cores = os.cpu_count() or 1
+    cores = thread_count()
     # Pieces know nothing of each other, so however many are predicted at a time, each comes
     # out the same.
     with ThreadPoolExecutor(max_workers=cores) as pool:

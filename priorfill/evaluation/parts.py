@@ -1,0 +1,97 @@
+"""Which markers of a clip belong together: segments and limbs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from priorfill.clip import Clip
+from priorfill.distances import pair_distances
+from priorfill.markerset import MarkerSet, describe
+
+__all__ = ["FEET", "LIMBS", "LIMB_MARKERS", "SIDES", "Parts", "parts_of"]
+
+LIMBS = {
+    "leg": ("thigh", "shank", "foot", "hindfoot", "forefoot", "hallux"),
+    "arm": ("upper_arm", "forearm", "hand"),
+}
+"""Segments of a limb, without their side."""
+
+SIDES = ("left", "right")
+"""What the names of a limb's segments begin with."""
+
+FEET = ("foot", "hindfoot", "forefoot", "hallux")
+"""Segments that touch the floor."""
+
+LIMB_MARKERS = 4
+"""A limb has so many markers at least, and where segments are found from data it is made of
+neighbouring segments until it has."""
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """Which markers of a clip belong together.
+
+    Attributes
+    ----------
+    segments, limbs : list of list of int
+        Markers of each segment of more than one, and of each limb.
+    segment_of : dict of str to str
+        Each marker's segment.
+    limb_names : list of str
+        What each limb is called: ``left_leg``, or where segments were found from the data the
+        segment that it was grown from.
+    known : bool
+        Whether limbs are those of a marker set.
+    """
+
+    segments: list[list[int]]
+    limbs: list[list[int]]
+    segment_of: dict[str, str]
+    limb_names: list[str]
+    known: bool
+
+
+def parts_of(clip: Clip, marker_set: MarkerSet | None = None) -> Parts:
+    """Return the parts of a body: by its marker set, or found from the data.
+
+    Parameters
+    ----------
+    clip : Clip
+        The clip.
+    marker_set : MarkerSet, optional
+        The set that it belongs to; recognised by the labels if not given.
+    """
+    described = describe(clip, marker_set)
+    segment_of = {label: described.segment.get(label, "") for label in clip.labels}
+    by_name: dict[str, list[int]] = {}
+    for i, label in enumerate(clip.labels):
+        if segment_of[label]:
+            by_name.setdefault(segment_of[label], []).append(i)
+    limbs = {
+        f"{side}_{limb}": [i for name in names for i in by_name.get(f"{side}_{name}", [])]
+        for limb, names in LIMBS.items()
+        for side in SIDES
+    }
+    limbs = {name: limb for name, limb in limbs.items() if len(limb) >= LIMB_MARKERS}
+    known = bool(limbs)
+    if not known:
+        limbs = dict(zip(by_name, _grown(clip, list(by_name.values())), strict=True))
+    segments = [some for some in by_name.values() if len(some) > 1]
+    return Parts(segments, list(limbs.values()), segment_of, list(limbs), known)
+
+
+def _grown(clip: Clip, segments: list[list[int]]) -> list[list[int]]:
+    """Return each segment with its nearest ones, until they have the markers of a limb."""
+    distance, _ = pair_distances(clip.positions)
+    limbs = []
+    for segment in segments:
+        apart = [float(distance[np.ix_(segment, other)].mean()) for other in segments]
+        limb = list(segment)
+        for _, other in sorted(zip(apart, segments, strict=True), key=lambda pair: pair[0]):
+            if len(limb) >= LIMB_MARKERS:
+                break
+            limb += [i for i in other if i not in limb]
+        limbs.append(limb)
+    return limbs

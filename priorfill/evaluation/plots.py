@@ -1,0 +1,252 @@
+"""Plots of an evaluation: errors by method, by length of gap, by marker.
+
+matplotlib is an extra, and is imported when something is drawn. Methods have the same order, colour
+and sign in every plot.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from priorfill.errors import OptionError
+from priorfill.evaluation.results import Evaluation
+from priorfill.evaluation.tables import LENGTHS, GapRow, length_class
+from priorfill.formats.atomic import replace_file
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["check_plots", "draw_plots"]
+
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000", "#999999")
+"""Colours that people with any kind of colour vision tell apart (Okabe and Ito, without yellow,
+which is hard to see on white, and with grey)."""
+
+SIGNS = "osD^vP"
+LINES = ("-", "--", ":", "-.")
+"""Where there are more methods than colours, signs and lines tell them apart."""
+
+WIDE = 10.0
+"""Ratio of the greatest to the least value from which an axis is logarithmic."""
+
+LEAST = 1e-3
+"""mm. A gap filled as well as this is drawn as so well: a logarithm knows no zero."""
+
+DPI = 150
+MOST_LABELS = 12
+"""Columns of a heat map up to which every cell has its number in it, with more it is too narrow."""
+
+DARK = 0.55
+"""Place on the colour scale up to which numbers on it are white."""
+
+
+def check_plots() -> None:
+    """Make sure that plots can be drawn.
+
+    Raises
+    ------
+    OptionError
+        Where matplotlib is not installed.
+    """
+    if find_spec("matplotlib") is None:
+        raise OptionError(
+            "plots need matplotlib, which is not installed; "
+            'install it with: pip install "priorfill[plots]"'
+        )
+
+
+def draw_plots(folder: Path, evaluation: Evaluation) -> list[Path]:
+    """Draw all plots of an evaluation into a folder; return their files."""
+    rows = [row for row in evaluation.gaps if row.errors.filled]
+    if not rows:
+        return []
+    plots: list[tuple[str, Callable[[], Figure]]] = [
+        ("errors_by_method.png", lambda: _by_method(evaluation, rows)),
+        ("error_by_length.png", lambda: _by_length(evaluation, rows)),
+    ]
+    sets = list(dict.fromkeys(name for name, _, _ in evaluation.markers))
+    for name in sets:
+        end = f"_{re.sub('[^A-Za-z0-9._-]', '_', name)}" if len(sets) > 1 else ""
+        plots.append(
+            (f"error_by_marker{end}.png", lambda name=name: _by_marker(evaluation, name))  # type: ignore[misc]
+        )
+    files = []
+    for file, draw in plots:
+        with replace_file(folder / file, overwrite=True) as temporary:
+            draw().savefig(temporary, dpi=DPI)
+        files.append(folder / file)
+    return files
+
+
+def _figure(width: float, height: float) -> tuple[Figure, Axes]:
+    """Return a figure that knows nothing of windows, and its axes."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots()
+
+
+def _what(evaluation: Evaluation) -> str:
+    """Return what was filled, for a title."""
+    clips = list(evaluation.clips)
+    named = clips[0] if len(clips) == 1 else f"{len(clips)} clips"
+    return f"{named}, protocol {evaluation.settings['protocol']['name']}"
+
+
+def _scale(axes: Axes, values: Sequence[float], axis: str) -> None:
+    """Make an axis logarithmic where values span much, with plain numbers at its ticks."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    one = axes.xaxis if axis == "x" else axes.yaxis
+    if max(values) < WIDE * min(values):
+        (axes.set_xlim if axis == "x" else axes.set_ylim)(0, None)
+        return
+    (axes.set_xscale if axis == "x" else axes.set_yscale)("log")
+    one.set_major_locator(LogLocator(10, subs=(1.0, 2.0, 5.0), numticks=30))
+    one.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    one.set_minor_formatter(NullFormatter())
+
+
+def _error(row: GapRow) -> float:
+    return max(row.errors.mean, LEAST)
+
+
+def _by_method(evaluation: Evaluation, rows: Sequence[GapRow]) -> Figure:
+    """Draw a box for each method, of the mean errors of its gaps."""
+    methods = list(evaluation.methods)
+    figure, axes = _figure(8.5, 1.6 + 0.42 * len(methods))
+    for place, method in enumerate(methods):
+        of_method = [_error(row) for row in rows if row.method == method]
+        share = evaluation.methods[method].errors.share
+        if not of_method:
+            continue
+        colour = COLOURS[place % len(COLOURS)]
+        axes.boxplot(
+            of_method,
+            positions=[place],
+            orientation="horizontal",
+            widths=0.6,
+            whis=(5, 95),
+            patch_artist=True,
+            boxprops={"facecolor": colour, "alpha": 0.45, "edgecolor": "black"},
+            medianprops={"color": "black", "linewidth": 2},
+            flierprops={"marker": ".", "markersize": 3, "markeredgecolor": colour, "alpha": 0.6},
+        )
+        axes.plot(np.mean(of_method), place, "D", color="white", markeredgecolor="black", ms=5)
+        del share
+    axes.set_yticks(range(len(methods)), [_with_filled(evaluation, m) for m in methods])
+    axes.set_ylim(len(methods) - 0.5, -0.5)
+    _scale(axes, [_error(row) for row in rows], "x")
+    axes.grid(axis="x", color="0.88")
+    axes.set_axisbelow(True)
+    axes.set_xlabel("mean error of a gap (mm)")
+    axes.set_title(
+        f"{_what(evaluation)}\nbox: half of the gaps, line: median, diamond: mean, "
+        "whiskers: 5 and 95 %",
+        fontsize=10,
+    )
+    return figure
+
+
+def _with_filled(evaluation: Evaluation, method: str) -> str:
+    """Return a method's name, with the share filled where that is not all."""
+    share = evaluation.methods[method].errors.share
+    if share == 1:
+        return method
+    return f"{method} ({math.floor(100 * share)} % filled)"
+
+
+def _by_length(evaluation: Evaluation, rows: Sequence[GapRow]) -> Figure:
+    """Draw a line for each method: the median of its gaps' errors, by class of length."""
+    classes = [length_class(high) for high in LENGTHS[1:]] + [length_class(math.inf)]
+    counts = {
+        n: len({_key(row) for row in rows if length_class(row.seconds) == n}) for n in classes
+    }
+    there = [name for name in classes if counts[name]]
+    methods = list(evaluation.methods)
+    figure, axes = _figure(9.5, 5.2 + 0.12 * max(len(methods) - 12, 0))
+    medians: list[float] = []
+    wide = 0.6 / max(len(methods), 1)
+    for place, method in enumerate(methods):
+        points = []
+        for x, name in enumerate(there):
+            errors = [
+                _error(row)
+                for row in rows
+                if row.method == method and length_class(row.seconds) == name
+            ]
+            if errors:
+                points.append((x + (place - (len(methods) - 1) / 2) * wide,
+                               *np.percentile(errors, [50, 25, 75])))  # fmt: skip
+        if not points:
+            continue
+        x_at, middle, low, high = np.array(points).T
+        medians += [*middle, *low, *high]
+        style = _style(place)
+        axes.plot(x_at, middle, label=_with_filled(evaluation, method), **style)
+        axes.vlines(x_at, low, high, color=style["color"], alpha=0.35, linewidth=2)
+    axes.set_xticks(range(len(there)), [f"{name}\n{counts[name]} gaps" for name in there])
+    axes.set_xlim(-0.6, len(there) - 0.4)
+    _scale(axes, medians, "y")
+    axes.grid(axis="y", color="0.88")
+    axes.set_axisbelow(True)
+    axes.set_xlabel("length of the gap")
+    axes.set_ylabel("mean error of a gap (mm)")
+    axes.set_title(f"{_what(evaluation)}\nsign: median gap, bar: half of the gaps", fontsize=10)
+    figure.legend(loc="outside right upper", fontsize=9)
+    return figure
+
+
+def _key(row: GapRow) -> tuple[str, str, int, str, int]:
+    return row.clip, row.case, row.copy, row.marker, row.start
+
+
+def _style(place: int) -> dict[str, Any]:
+    """Return how the method of a place in the order is drawn."""
+    again = place // len(COLOURS)
+    return {
+        "color": COLOURS[place % len(COLOURS)],
+        "marker": SIGNS[(place + again) % len(SIGNS)],
+        "linestyle": LINES[again % len(LINES)],
+        "markersize": 6,
+        "linewidth": 1.4,
+    }
+
+
+def _by_marker(evaluation: Evaluation, marker_set: str) -> Figure:
+    """Draw a heat map: the mean error of each marker of a set by each method."""
+    from matplotlib.colors import LogNorm, Normalize
+
+    methods = list(evaluation.methods)
+    markers = list(dict.fromkeys(m for name, m, _ in evaluation.markers if name == marker_set))
+    table = np.full((len(markers), len(methods)), np.nan)
+    for (name, marker, method), (_, errors) in evaluation.markers.items():
+        if name == marker_set:
+            table[markers.index(marker), methods.index(method)] = errors.mean
+    known = np.maximum(table[np.isfinite(table)], LEAST)
+    figure, axes = _figure(2.6 + 0.62 * len(methods), 1.9 + 0.2 * len(markers))
+    low, high = (float(known.min()), float(known.max())) if known.size else (LEAST, 1.0)
+    norm = LogNorm(low, high) if high > WIDE * low else Normalize(0.0, high)
+    image = axes.imshow(np.maximum(table, LEAST), aspect="auto", cmap="cividis", norm=norm)
+    axes.set_facecolor("0.85")
+    axes.set_yticks(range(len(markers)), markers, fontsize=8)
+    axes.set_xticks(range(len(methods)), methods, rotation=45, ha="right", rotation_mode="anchor")
+    size = 7 if len(methods) <= MOST_LABELS else 6
+    for i, j in np.argwhere(np.isfinite(table)):
+        value = table[i, j]
+        text = f"{value:.0f}" if value >= 9.95 else f"{value:.1f}"
+        colour = "white" if norm(max(value, LEAST)) < DARK else "black"
+        axes.text(j, i, text, ha="center", va="center", fontsize=size, color=colour)
+    bar = figure.colorbar(image, ax=axes, shrink=0.6, pad=0.02)
+    bar.set_label("mean error (mm)")
+    axes.set_title(f"{_what(evaluation)}\nmarker set {marker_set}; grey: nothing filled",
+                   fontsize=10)  # fmt: skip
+    return figure

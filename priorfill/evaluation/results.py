@@ -1,0 +1,240 @@
+"""The result of an evaluation, and the files that are made of it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from priorfill.evaluation import tables
+from priorfill.evaluation.case import Outcome
+from priorfill.evaluation.metrics import Summary
+from priorfill.evaluation.plan import Job, Plan
+from priorfill.evaluation.tables import Comparison, GapRow, MethodRow, Pair
+from priorfill.formats.atomic import replace_file
+
+__all__ = ["FILES", "Evaluation", "write_results"]
+
+FILES = ("gaps.csv", "methods.csv", "markers.csv", "lengths.csv", "results.json")
+"""What `write_results` writes."""
+
+DIGITS = 6
+"""Significant digits of figures in files."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What methods made of artificial gaps.
+
+    Attributes
+    ----------
+    plan : Plan
+        Clips, cases, methods and settings.
+    outcomes : dict of Job to Outcome
+        What each method made of each case.
+    """
+
+    plan: Plan
+    outcomes: dict[Job, Outcome]
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """All that the errors depend on: options, versions, seed, checksums of the clips."""
+        return self.plan.settings
+
+    @cached_property
+    def methods(self) -> dict[str, MethodRow]:
+        """Each method over all cases, by name."""
+        return {
+            method: tables.method_row(self.outcomes, self.plan, method)
+            for method in self.plan.methods
+        }
+
+    @cached_property
+    def clips(self) -> dict[str, dict[str, MethodRow]]:
+        """Each method on each clip that there are cases of, by the names of clip and method."""
+        there = dict.fromkeys(case.clip for case in self.plan.cases)
+        return {
+            self.plan.sources[clip].clip.name: {
+                method: tables.method_row(self.outcomes, self.plan, method, clip)
+                for method in self.plan.methods
+            }
+            for clip in there
+        }
+
+    @cached_property
+    def gaps(self) -> list[GapRow]:
+        """Each gap filled by each method."""
+        return tables.gap_rows(self.outcomes, self.plan)
+
+    @cached_property
+    def markers(self) -> dict[tuple[str, str, str], tuple[int, Summary]]:
+        """Gaps and errors by marker set, marker and method."""
+        return tables.marker_rows(self.outcomes, self.plan)
+
+    @cached_property
+    def lengths(self) -> dict[tuple[str, str], tuple[int, Summary]]:
+        """Gaps and errors by class of length and method."""
+        return tables.length_rows(self.outcomes, self.plan)
+
+    @cached_property
+    def comparison(self) -> Comparison:
+        """The methods over the samples that all of them filled."""
+        return tables.compare(self.outcomes, self.plan)
+
+    @cached_property
+    def pairs(self) -> list[Pair]:
+        """Every two methods over the samples that both filled."""
+        return tables.pairs(self.outcomes, self.plan)
+
+    @property
+    def best(self) -> str | None:
+        """The method of the least mean error over the samples that all filled."""
+        return self.comparison.best
+
+    @property
+    def worked(self) -> bool:
+        """Whether every method could work on every case."""
+        return not any(row.refused for row in self.methods.values())
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """Cases that could not be made, and what of the database was not learnt from."""
+        told = (note for outcome in self.outcomes.values() for note in outcome.notes)
+        return (*self.plan.notes, *dict.fromkeys(told))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return settings and summaries, as they go into a JSON file; unknown is None."""
+        comparison = self.comparison
+        facts = {
+            "settings": self.settings,
+            "cases": len(self.plan.cases),
+            "gaps": sum(len(case.gaps) for case in self.plan.cases),
+            "samples": sum(case.samples for case in self.plan.cases),
+            "methods": {name: _method(row) for name, row in self.methods.items()},
+            "clips": {
+                clip: {name: _method(row) for name, row in rows.items()}
+                for clip, rows in self.clips.items()
+            },
+            "lengths": [
+                {"length": length, "method": method, "gaps": gaps} | errors_of(errors)
+                for (length, method), (gaps, errors) in self.lengths.items()
+            ],
+            "comparison": {
+                "samples": comparison.samples,
+                "of": comparison.of,
+                "best": comparison.best,
+                "left_out": list(comparison.left_out),
+                "mean_mm": {name: one.mean for name, one in comparison.methods.items()},
+                "rmse_mm": {name: one.rmse for name, one in comparison.methods.items()},
+            },
+            "pairs": [asdict(pair) for pair in self.pairs],
+            "notes": list(self.notes),
+        }
+        return _known(facts)  # type: ignore[no-any-return]
+
+
+def errors_of(errors: Summary) -> dict[str, Any]:
+    """Return errors under the names that they have in files."""
+    return {
+        "samples": errors.samples,
+        "filled": errors.filled,
+        "filled_share": errors.share,
+        "mean_mm": errors.mean,
+        "rmse_mm": errors.rmse,
+        "median_mm": errors.median,
+        "p95_mm": errors.p95,
+        "max_mm": errors.maximum,
+        "mae_mm": errors.mae,
+        "velocity_mm_s": errors.velocity,
+        "acceleration_m_s2": errors.acceleration,
+        "expected_mm": errors.expected,
+        "bound_90_cover": errors.cover,
+    }
+
+
+def _method(row: MethodRow) -> dict[str, Any]:
+    """Return a method's figures under the names that they have in files."""
+    return {
+        "cases": row.cases,
+        "gaps": row.gaps,
+        **errors_of(row.errors),
+        "joint_angle_deg": row.joint_angle,
+        "joints_deg": row.joints,
+        "seconds": row.seconds,
+        "refused_cases": sum(row.refused.values()),
+        "refused": row.refused,
+    }
+
+
+def _known(value: Any) -> Any:
+    """Return a value with None for every NaN, which JSON does not have, and rounded numbers."""
+    if isinstance(value, dict):
+        return {key: _known(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_known(inner) for inner in value]
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None
+    return value
+
+
+def write_results(folder: Path, evaluation: Evaluation) -> None:
+    """Write `FILES` into a folder, each whole or not at all; older ones are replaced."""
+    gaps = [
+        {
+            "method": row.method,
+            "clip": row.clip,
+            "case": row.case,
+            "copy": row.copy,
+            "marker": row.marker,
+            "segment": row.segment,
+            "first_frame": row.start,
+            "frames": row.frames,
+            "seconds": row.seconds,
+            **errors_of(row.errors),
+            "from": row.how,
+        }
+        for row in evaluation.gaps
+    ]
+    by_clip = [row for rows in evaluation.clips.values() for row in rows.values()]
+    methods = [
+        {"method": row.method, "clip": row.clip}
+        | {k: v for k, v in _method(row).items() if k not in ("joints_deg", "refused")}
+        | {"why_refused": "; ".join(row.refused)}
+        for row in [*evaluation.methods.values(), *by_clip]
+    ]
+    markers = [
+        {"marker_set": name, "marker": marker, "method": method, "gaps": count} | errors_of(errors)
+        for (name, marker, method), (count, errors) in evaluation.markers.items()
+    ]
+    lengths = [
+        {"length": length, "method": method, "gaps": count} | errors_of(errors)
+        for (length, method), (count, errors) in evaluation.lengths.items()
+    ]
+    for name, rows in zip(FILES, (gaps, methods, markers, lengths), strict=False):
+        _write_csv(folder / name, rows)
+    with replace_file(folder / FILES[-1], overwrite=True) as temporary:
+        text = json.dumps(evaluation.to_dict(), indent=2, ensure_ascii=False)
+        temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def _write_csv(file: Path, rows: Sequence[dict[str, Any]]) -> None:
+    """Write rows, which have the same columns; what is unknown stays empty."""
+
+    def cells(row: dict[str, Any]) -> Iterable[Any]:
+        for value in row.values():
+            known = _known(value)
+            yield "" if known is None else known
+
+    with (
+        replace_file(file, overwrite=True) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as lines,
+    ):
+        writer = csv.writer(lines)
+        writer.writerow(rows[0])
+        writer.writerows(cells(row) for row in rows)
