@@ -68,9 +68,7 @@ def _ranged(name: str, target: str, number: type[int] | type[float], text: str) 
     "--protocol",
     "-p",
     metavar="NAME",
-    default="random",
-    show_default=True,
-    help="What is removed: random markers at random times; markers, each in turn; groups, arms "
+    help="What is removed (random by default): random markers at random times; markers, each in turn; groups, arms "
     "and legs; periodic, again and again; frames, every marker at once; like, as --like says.",
 )
 @click.option("--copies", metavar="N", type=int, help="How often; of random 10.")
@@ -138,7 +136,7 @@ def _ranged(name: str, target: str, number: type[int] | type[float], text: str) 
 def evaluate(
     files: tuple[Path, ...],
     methods: str,
-    protocol: str,
+    protocol: str | None,
     like: Path | None,
     database: Path | None,
     not_names: tuple[str, ...],
@@ -162,16 +160,18 @@ def evaluate(
     from priorfill.evaluation import evaluate as run
     from priorfill.evaluation.plan import choose_methods
     from priorfill.evaluation.plots import check_plots, draw_plots
-    from priorfill.evaluation.protocols import PROTOCOLS, make_protocol
+    from priorfill.evaluation.protocols import DEFAULT_PROTOCOL, PROTOCOLS, make_protocol
 
     names = ("copies", "seconds", "number", "share", "period", "markers", "groups")
     of_protocol = {name: options.pop(name) for name in names}
     # whatever would make the work be in vain is found out before it is done
     choose_methods(methods)
+    if protocol is None:
+        protocol = DEFAULT_PROTOCOL if like is None else "like"
+    if protocol not in PROTOCOLS:
+        make_protocol(protocol)  # which says so
     if like is not None and protocol != "like":
-        if protocol in PROTOCOLS and protocol != "random":
-            raise OptionError(f"--like goes with the protocol like, not with {protocol}")
-        protocol = "like"
+        raise OptionError(f"--like goes with the protocol like, not with {protocol}")
     if plots and output is None:
         raise click.UsageError("--plots are drawn into a folder; give one (--output)")
     if plots:
@@ -282,8 +282,11 @@ def _print_comparison(evaluation: Evaluation) -> None:
         return
     ranking = ", ".join(f"{name} {_number(one.mean)}" for name, one in comparison.methods.items())
     share = _percent(comparison.samples / comparison.of)
+    over = f"the {share} of the samples that all of these filled"
+    if comparison.samples == comparison.of:
+        over = "all samples"
     click.echo(
-        f"\nMean error (mm) over the {share} of the samples that all filled, the best first: "
+        f"\nMean error (mm) over {over}, the best first: "
         f"{ranking}{left_out if comparison.left_out else ''}"
     )
 

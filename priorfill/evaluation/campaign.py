@@ -6,10 +6,10 @@ import multiprocessing as mp
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from multiprocessing.connection import wait
 
 from threadpoolctl import threadpool_limits
@@ -26,6 +26,8 @@ AHEAD = 2
 """Jobs handed out for each process, so that none waits for its next."""
 
 Progress = Callable[[int, int], None]
+
+_Outcomes = Generator[tuple[Job, Outcome], None, None]
 
 
 def carry_out(
@@ -60,11 +62,12 @@ def carry_out(
     report(len(done), len(plan.jobs))
     outcomes = _in_processes(plan, rest, jobs) if jobs else _here(plan, rest)
     try:
-        for job, outcome in outcomes:
-            if store is not None:
-                store.keep(job, outcome)
-            done[job] = outcome
-            report(len(done), len(plan.jobs))
+        with closing(outcomes):  # an interrupt here ends the other processes too
+            for job, outcome in outcomes:
+                if store is not None:
+                    store.keep(job, outcome)
+                done[job] = outcome
+                report(len(done), len(plan.jobs))
     except BrokenProcessPool as error:
         kept = "" if store is None else f"; what is finished is kept in {store.folder}"
         raise EvaluationError(
@@ -74,14 +77,14 @@ def carry_out(
     return {job: done[job] for job in plan.jobs}
 
 
-def _here(plan: Plan, rest: Sequence[Job]) -> Iterator[tuple[Job, Outcome]]:
+def _here(plan: Plan, rest: Sequence[Job]) -> _Outcomes:
     """Do jobs in this process."""
     for job in rest:
         case = plan.cases[job.case]
         yield job, run_case(plan.sources[case.clip], case, job.method)
 
 
-def _in_processes(plan: Plan, rest: Sequence[Job], processes: int) -> Iterator[tuple[Job, Outcome]]:
+def _in_processes(plan: Plan, rest: Sequence[Job], processes: int) -> _Outcomes:
     """Do jobs in other processes; give them as they are finished."""
     waiting = iter(rest)
     with _pool(plan.sources, min(processes, max(len(rest), 1))) as pool:

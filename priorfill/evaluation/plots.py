@@ -40,6 +40,9 @@ WIDE = 10.0
 LEAST = 1e-3
 """mm. A gap filled as well as this is drawn as so well: a logarithm knows no zero."""
 
+STEPS = (1.0, 2.0, 5.0)
+"""Ticks in each decade of a logarithmic axis."""
+
 DPI = 150
 MOST_LABELS = 12
 """Columns of a heat map up to which every cell has its number in it, with more it is too narrow."""
@@ -110,7 +113,7 @@ def _scale(axes: Axes, values: Sequence[float], axis: str) -> None:
         (axes.set_xlim if axis == "x" else axes.set_ylim)(0, None)
         return
     (axes.set_xscale if axis == "x" else axes.set_yscale)("log")
-    one.set_major_locator(LogLocator(10, subs=(1.0, 2.0, 5.0), numticks=30))
+    one.set_major_locator(LogLocator(10, subs=STEPS, numticks=30))
     one.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     one.set_minor_formatter(NullFormatter())
 
@@ -125,7 +128,6 @@ def _by_method(evaluation: Evaluation, rows: Sequence[GapRow]) -> Figure:
     figure, axes = _figure(8.5, 1.6 + 0.42 * len(methods))
     for place, method in enumerate(methods):
         of_method = [_error(row) for row in rows if row.method == method]
-        share = evaluation.methods[method].errors.share
         if not of_method:
             continue
         colour = COLOURS[place % len(COLOURS)]
@@ -141,7 +143,6 @@ def _by_method(evaluation: Evaluation, rows: Sequence[GapRow]) -> Figure:
             flierprops={"marker": ".", "markersize": 3, "markeredgecolor": colour, "alpha": 0.6},
         )
         axes.plot(np.mean(of_method), place, "D", color="white", markeredgecolor="black", ms=5)
-        del share
     axes.set_yticks(range(len(methods)), [_with_filled(evaluation, m) for m in methods])
     axes.set_ylim(len(methods) - 0.5, -0.5)
     _scale(axes, [_error(row) for row in rows], "x")
@@ -224,6 +225,7 @@ def _style(place: int) -> dict[str, Any]:
 def _by_marker(evaluation: Evaluation, marker_set: str) -> Figure:
     """Draw a heat map: the mean error of each marker of a set by each method."""
     from matplotlib.colors import LogNorm, Normalize
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     methods = list(evaluation.methods)
     markers = list(dict.fromkeys(m for name, m, _ in evaluation.markers if name == marker_set))
@@ -245,8 +247,11 @@ def _by_marker(evaluation: Evaluation, marker_set: str) -> Figure:
         text = f"{value:.0f}" if value >= 9.95 else f"{value:.1f}"
         colour = "white" if norm(max(value, LEAST)) < DARK else "black"
         axes.text(j, i, text, ha="center", va="center", fontsize=size, color=colour)
-    bar = figure.colorbar(image, ax=axes, shrink=0.6, pad=0.02)
-    bar.set_label("mean error (mm)")
+    bar = figure.colorbar(image, ax=axes, shrink=0.6, pad=0.02, label="mean error (mm)")
+    if isinstance(norm, LogNorm):
+        bar.ax.yaxis.set_major_locator(LogLocator(10, subs=STEPS, numticks=30))
+        bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        bar.ax.yaxis.set_minor_formatter(NullFormatter())
     axes.set_title(f"{_what(evaluation)}\nmarker set {marker_set}; grey: nothing filled",
                    fontsize=10)  # fmt: skip
     return figure

@@ -22,12 +22,14 @@ from priorfill.errors import OptionError, OutputError
 from priorfill.evaluation.case import Outcome
 from priorfill.evaluation.metrics import MEASURES
 from priorfill.evaluation.plan import Job, Plan
+from priorfill.evaluation.results import FILES
 from priorfill.formats.atomic import replace_file
 
 __all__ = ["Store"]
 
 SETTINGS = "evaluation.json"
 CASES = "cases"
+PLOTS = "error*_by_*.png"
 
 JOINT = "joint "
 """What the names of arrays of joint angles begin with."""
@@ -73,6 +75,10 @@ class Store:
             # of a process that was killed; or, to begin anew, all
             for file in (folder / CASES).glob("*" if overwrite else ".*.part.npz"):
                 file.unlink()
+            if overwrite:  # no results of an evaluation that is no more
+                for name in (*FILES, PLOTS):
+                    for file in folder.glob(name):
+                        file.unlink()
         except OSError as error:
             raise OutputError(
                 f"{folder}: cannot be written ({error.strerror}); check its permissions"
@@ -107,7 +113,7 @@ class Store:
                     yield job, outcome
 
     def _read(self, job: Job) -> Outcome:
-        with np.load(self._file(job), allow_pickle=False) as arrays:
+        with self._file(job).open("rb") as file, np.load(file, allow_pickle=False) as arrays:
             facts = json.loads(str(arrays["facts"]))
             return Outcome(
                 seconds=facts["seconds"],
