@@ -68,8 +68,9 @@ def _ranged(name: str, target: str, number: type[int] | type[float], text: str) 
     "--protocol",
     "-p",
     metavar="NAME",
-    help="What is removed (random by default): random markers at random times; markers, each in turn; groups, arms "
-    "and legs; periodic, again and again; frames, every marker at once; like, as --like says.",
+    help="What is removed (random by default): random markers at random times; markers, each in "
+    "turn; groups, arms and legs; periodic, again and again; frames, every marker at once; like, "
+    "as --like says.",
 )
 @click.option("--copies", metavar="N", type=int, help="How often; of random 10.")
 @_ranged("--length", "seconds", float, "Lengths of gaps (s).")
