@@ -61,3 +61,20 @@ def test_methods_import_neither_files_nor_databases() -> None:
     for module, names in imports().items():
         if module.startswith(METHODS):
             assert not any(name.startswith(banned) for name in names), module
+
+
+def test_evaluation_stands_above_filling_and_below_the_command_line() -> None:
+    evaluation, found = "priorfill.evaluation", imports()
+    for module, names in found.items():
+        if module.startswith(evaluation):
+            assert not any(f"{name}.".startswith("priorfill.cli.") for name in names), module
+            files = {name for name in names if name.startswith("priorfill.formats")}
+            assert files <= {"priorfill.formats.atomic", "priorfill.formats.atomic.replace_file"}
+        else:
+            assert not any(name.startswith(evaluation) for name in names), module
+    order = ("parts", "cutter", "protocols", "joints", "metrics", "case", "plan", "tables",
+             "results", "store", "campaign")  # fmt: skip
+    for place, part in enumerate(order):
+        above = {f"{evaluation}.{name}" for name in order[:place]}
+        own = {name for name in found[f"{evaluation}.{part}"] if name.startswith(evaluation)}
+        assert own <= above, part

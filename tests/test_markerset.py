@@ -231,6 +231,10 @@ def test_two_definitions_of_one_name(tmp_path: Path, monkeypatch: pytest.MonkeyP
         (("[markers]", '[aliases]\nA = ["B"]\n[markers]'), "alias B of A is another marker"),
         (("[markers]", '[aliases]\nA = "C"\n[markers]'), "A is no list of names"),
         (("[markers]", 'aliases = "A"\n[markers]'), "aliases is no table"),
+        (("[markers]", 'joints = "A"\n[markers]'), "joints is no table"),
+        (("[markers]", '[joints]\nknee = [["A"], ["B"]]\n[markers]'), "knee is not three lists"),
+        (("[markers]", '[joints]\nk = [["A"], [], ["B"]]\n[markers]'), "k is not three lists"),
+        (("[markers]", '[joints]\nk = [["A"], ["Z"], ["B"]]\n[markers]'), "joints names Z"),
         (("[markers]", '[mirror]\nA = "Z"\n[markers]'), "mirror names Z"),
         (("[markers]", '[mirror]\nA = "B"\nB = "LC"\n[markers]'), "two mirror images"),
         (
@@ -496,3 +500,26 @@ def test_treadmill_without_names() -> None:
         middle = positions[0, [labels.index(label) for label in root]].mean(axis=0)
         body_size = np.ptp(positions[0], axis=0).max()
         assert np.linalg.norm(middle - positions[0].mean(axis=0)) < 0.35 * body_size
+
+
+@pytest.mark.parametrize("name", ["baumann41", "plug-in-gait", "gait59"])
+def test_joints_of_both_sides_are_mirror_images(name: str) -> None:
+    known = load(name)
+    assert len(known.joints) == 12
+    for joint, points in known.joints.items():
+        other = (
+            joint.replace("left", "right") if "left" in joint else joint.replace("right", "left")
+        )
+        assert known.joints[other] == tuple(
+            tuple(known.mirror[marker] for marker in point) for point in points
+        )
+
+
+def test_joints_of_a_clip_have_its_labels() -> None:
+    known = load("baumann41")
+    labels = [label.lower() for label in known.labels if label != "LANK"]
+    clip = Clip(np.zeros((3, len(labels), 3)), tuple(labels), 100.0)
+    joints = describe(clip).joints
+    assert joints["left_elbow"] == (("lsho",), ("lelb",), ("lwra", "lwrb"))
+    assert "left_knee" not in joints  # its ankle is not there
+    assert "right_knee" in joints

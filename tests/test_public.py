@@ -8,7 +8,7 @@ import pytest
 
 import priorfill
 
-SLOW = ("numba", "scipy", "ezc3d", "rich")
+SLOW = ("numba", "scipy", "ezc3d", "rich", "matplotlib")
 
 
 def loaded_after(statement: str) -> set[str]:
@@ -23,7 +23,7 @@ def test_all_is_sorted_and_complete():
     assert dir(priorfill) == priorfill.__all__
     for name in priorfill.__all__:
         assert getattr(priorfill, name) is not None
-    for module in ("filling", "formats", "gaps", "clip", "database"):
+    for module in ("filling", "formats", "gaps", "clip", "database", "evaluation"):
         names = import_module(f"priorfill.{module}").__all__
         assert len(set(names)) == len(names)
 
@@ -34,10 +34,17 @@ def test_no_such_name():
 
 
 def test_fill_stays_a_function():
-    for module in ("filling", "methods.regression_prior", "methods.baumann2011", "cli.fill"):
+    for module in (
+        "filling",
+        "methods.regression_prior",
+        "methods.baumann2011",
+        "cli.fill",
+        "cli.evaluate",
+    ):
         import_module(f"priorfill.{module}")
     assert callable(priorfill.fill)
     assert priorfill.fill.__module__ == "priorfill.filling"
+    assert callable(priorfill.evaluate)
 
 
 def test_import_is_cheap():
@@ -45,7 +52,7 @@ def test_import_is_cheap():
 
 
 def test_help_is_cheap():
-    for arguments in (["--help"], ["--version"]):
+    for arguments in (["--help"], ["--version"], ["evaluate", "--help"]):
         statement = (
             "from priorfill.cli import main\n"
             f"try: main({arguments})\n"

@@ -147,7 +147,7 @@ def _cut_out(
 
 @dataclass(frozen=True)
 class Random:
-    """Gaps of random markers at random times ([G16], table 1 and fig. 4).
+    """Gaps of random markers at random times ([G16], fig. 4).
 
     The paper has 50 copies of a recording, each with gaps at random. The defaults are those of
     the 50 patterns that it published, but for the number of copies.
