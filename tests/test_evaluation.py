@@ -183,12 +183,25 @@ def test_the_gaps_of_another_file() -> None:
     assert gaps[place["LTOE"]] == (150, 165)
     moved = {gap.marker: gap for gap in find_gaps(second.gone)}
     assert moved[place["LKNE"]].frames == 30
-    assert moved[place["LKNE"]].start == moved[place["RKNE"]].start != 50
+    assert moved[place["LKNE"]].frames == moved[place["RKNE"]].frames
     # where the clip has a gap of its own, the pattern goes elsewhere
     elsewhere = with_gaps(clip, (60, 61, ["LKNE"]))
     one = cuts("like", elsewhere, pattern=pattern)[0]
     assert not (one.gone & elsewhere.missing).any()
     assert one.gone[:, place["LKNE"]].sum() == 30
+
+
+def test_the_gaps_of_another_file_stay_together_when_moved() -> None:
+    pattern = with_gaps(person(seconds=2.0), (40, 60, ["LKNE"]), (50, 70, ["RKNE"]))
+    clip = person(seconds=8.0, seed=4)
+    found = [find_gaps(one.gone) for one in cuts("like", clip, pattern=pattern, copies=6)]
+    assert [gap.start for gap in found[0]] == [40, 50]
+    assert all(right.start - left.start == 10 for left, right in found)
+    assert len({left.start for left, _ in found}) > 3
+    # of a longer file a part is taken
+    longer = with_gaps(person(seconds=8.0), *((s, s + 10, ["LKNE"]) for s in range(10, 470, 40)))
+    for one in cuts("like", person(seconds=2.0, seed=4), pattern=longer, copies=4):
+        assert 1 <= len(find_gaps(one.gone)) <= 4
 
 
 def test_like_needs_gaps_and_markers() -> None:

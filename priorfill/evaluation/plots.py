@@ -174,6 +174,7 @@ def _by_length(evaluation: Evaluation, rows: Sequence[GapRow]) -> Figure:
     there = [name for name in classes if counts[name]]
     methods = list(evaluation.methods)
     figure, axes = _figure(9.5, 5.2 + 0.12 * max(len(methods) - 12, 0))
+    barred = len(methods) <= len(COLOURS)  # of more, bars would hide the lines
     medians: list[float] = []
     wide = 0.6 / max(len(methods), 1)
     for place, method in enumerate(methods):
@@ -190,20 +191,26 @@ def _by_length(evaluation: Evaluation, rows: Sequence[GapRow]) -> Figure:
         if not points:
             continue
         x_at, middle, low, high = np.array(points).T
-        medians += [*middle, *low, *high]
+        medians += [*middle, *low, *high] if barred else [*middle]
         style = _style(place)
         axes.plot(x_at, middle, label=_with_filled(evaluation, method), **style)
-        axes.vlines(x_at, low, high, color=style["color"], alpha=0.35, linewidth=2)
-    axes.set_xticks(range(len(there)), [f"{name}\n{counts[name]} gaps" for name in there])
+        if barred:
+            axes.vlines(x_at, low, high, color=style["color"], alpha=0.35, linewidth=2)
+    axes.set_xticks(range(len(there)), [f"{name}\n{_gaps(counts[name])}" for name in there])
     axes.set_xlim(-0.6, len(there) - 0.4)
     _scale(axes, medians, "y")
     axes.grid(axis="y", color="0.88")
     axes.set_axisbelow(True)
     axes.set_xlabel("length of the gap")
     axes.set_ylabel("mean error of a gap (mm)")
-    axes.set_title(f"{_what(evaluation)}\nsign: median gap, bar: half of the gaps", fontsize=10)
+    bars = ", bar: half of the gaps" if barred else ""
+    axes.set_title(f"{_what(evaluation)}\nsign: median gap{bars}", fontsize=10)
     figure.legend(loc="outside right upper", fontsize=9)
     return figure
+
+
+def _gaps(count: int) -> str:
+    return f"{count} gap" if count == 1 else f"{count} gaps"
 
 
 def _key(row: GapRow) -> tuple[str, str, int, str, int]:

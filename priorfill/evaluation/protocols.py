@@ -22,12 +22,13 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any, Protocol, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from priorfill.clip import Clip
 from priorfill.errors import OptionError
 from priorfill.evaluation.cutter import MOST, TRIES, Cutter, Mask, measured_in
 from priorfill.evaluation.parts import LIMBS, SIDES, Parts
-from priorfill.gaps import gap_groups
+from priorfill.gaps import find_gaps
 
 __all__ = [
     "DEFAULT_PROTOCOL",
@@ -382,9 +383,9 @@ class Frames:
 class Like:
     """The gaps of another file, placed where the clip is whole.
 
-    Gaps that belong together (a gap group) stay together. In the first copy they are at the same
-    time as in the file where the clip is whole there, in others anywhere; markers are the same by
-    label. What finds no place is left out.
+    In the first copy they are where they are in the file, in others all are moved by the same time.
+    A gap that the clip has no whole place for there goes anywhere. Markers are the same by label.
+    What finds no place is left out.
 
     Attributes
     ----------
@@ -429,35 +430,23 @@ class Like:
         nearest = np.minimum(nearest, self.pattern.frames - 1)
         return self.pattern.missing[nearest][:, markers]
 
-    def _place(self, cutter: Cutter, asked: Mask, here: np.ndarray[Any, Any], copy: int) -> None:
-        """Cut the pattern's gaps out, group by group."""
+    def _place(self, cutter: Cutter, asked: Mask, here: NDArray[np.intp], copy: int) -> None:
+        """Cut the pattern's gaps out of a clip, each where it is in the pattern if it can be."""
         frames = cutter.clip.frames
         never = asked.all(axis=0)
         cutter.gone[:, here[never]] = cutter.known[:, here[never]]
-        asked = asked & ~never
-        for group in gap_groups(asked):
-            part = asked[group.start : group.stop]
-            length = len(part)
+        # the first frames of both come together, or in further copies any
+        late = 0 if copy == 1 else int(cutter.rng.integers(abs(frames - len(asked)) + 1))
+        seen, moved = (asked[late : late + frames], 0) if len(asked) > frames else (asked, late)
+        for gap in find_gaps(seen & ~never):
+            marker, length = [int(here[gap.marker])], gap.frames
+            start = gap.start + moved
             if length > MOST * frames:
                 continue
-            for attempt in range(TRIES):
-                at_same = copy == 1 and attempt == 0
-                start = group.start if at_same else cutter.start(length)
-                if start + length <= frames and _fits(cutter, part, here, start):
-                    inside = cutter.gone[start : start + length]
-                    inside[:, here] |= part
-                    break
-
-
-def _fits(cutter: Cutter, part: Mask, here: np.ndarray[Any, Any], start: int) -> bool:
-    """Return whether all samples of a pattern, and those beside, may be cut out."""
-    free = cutter.known[:, here] & ~cutter.gone[:, here]
-    wide = np.zeros_like(free)
-    wide[start : start + len(part)] = part
-    beside = wide.copy()
-    beside[1:] |= wide[:-1]
-    beside[:-1] |= wide[1:]
-    return bool(free[beside].all())
+            if cutter.free(marker, start, start + length):
+                cutter.gone[start : start + length, marker] = True
+            else:
+                cutter.cut(marker, length)
 
 
 PROTOCOLS: dict[str, type[Any]] = {

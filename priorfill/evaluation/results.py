@@ -113,6 +113,11 @@ class Evaluation:
         comparison = self.comparison
         facts = {
             "settings": self.settings,
+            "files": {
+                source.clip.name: str(source.clip.source.path)
+                for source in self.plan.sources
+                if source.clip.source is not None
+            },
             "cases": len(self.plan.cases),
             "gaps": sum(len(case.gaps) for case in self.plan.cases),
             "samples": sum(case.samples for case in self.plan.cases),
