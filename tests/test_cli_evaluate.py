@@ -50,7 +50,8 @@ def test_json(walk: Path) -> None:
 
 def test_a_folder_with_plots(walk: Path, here: Path) -> None:
     pytest.importorskip("matplotlib")
-    given = (walk, "-m", "linear", "-p", "frames", "--copies", "1", "-o", here / "out", "--plots")
+    few = ("-p", "markers", "--markers", "LKNE,LTOE")
+    given = (walk, "-m", "linear", *few, "-o", here / "out", "--plots")
     done = run(*given)
     assert done.exit_code == 0, done.output
     assert f"every gap, and what was done: {here / 'out'}" in done.stdout

@@ -89,7 +89,7 @@ class Outcome:
     Attributes
     ----------
     seconds : float
-        How long it took.
+        Of computing: what else the machine does meanwhile is no concern of the method.
     samples : ndarray [shape=(6, samples)]
         `priorfill.evaluation.metrics.MEASURES` of the samples removed, gap by gap.
     joints : dict of str to ndarray [degrees]
@@ -125,7 +125,7 @@ def run_case(source: Source, case: Case, method: str) -> Outcome:
     gone = case.mask(truth)
     positions = truth.positions.copy()
     positions[gone] = np.nan
-    begin = time.perf_counter()
+    begin = time.process_time()
     try:
         result = fill(
             truth.with_positions(positions),
@@ -142,7 +142,7 @@ def run_case(source: Source, case: Case, method: str) -> Outcome:
     except Exception as error:  # one method's fault is not that of the others
         text = " ".join(f"{type(error).__name__}: {error}".split())
         return _refusal(case, begin, f"a fault of the method ({text})")
-    seconds = time.perf_counter() - begin
+    seconds = time.process_time() - begin
     marker_set = describe(truth, source.marker_set)
     return Outcome(
         seconds=seconds,
@@ -162,7 +162,7 @@ def run_case(source: Source, case: Case, method: str) -> Outcome:
 
 def _refusal(case: Case, begin: float, reason: str) -> Outcome:
     samples = np.full((len(MEASURES), case.samples), np.nan, dtype=np.float32)
-    return Outcome(time.perf_counter() - begin, samples, refused=reason)
+    return Outcome(time.process_time() - begin, samples, refused=reason)
 
 
 def _how(result: Result, gaps: Sequence[Gap], labels: Sequence[str]) -> list[str]:
