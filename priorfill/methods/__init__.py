@@ -59,6 +59,36 @@ METHODS = {
         "gloersen2016:r1", "weighted PCA, all markers at once", "Gløersen and Federolf 2016"
     ),
     "r2": Entry("gloersen2016:r2", "weighted PCA, marker by marker", "Gløersen and Federolf 2016"),
+    "li": Entry(
+        "tits2018:li",
+        "straight lines over time in the frame of three stiffly linked markers",
+        "Tits et al. 2018",
+    ),
+    "lpr": Entry(
+        "tits2018:lpr",
+        "polynomial regression on the shape of three stiffly linked markers",
+        "Tits et al. 2018",
+    ),
+    "lgrnn": Entry(
+        "tits2018:lgrnn",
+        "frames in which three stiffly linked markers have a like shape",
+        "Tits et al. 2018",
+    ),
+    "glr": Entry(
+        "tits2018:glr",
+        "linear regression on all markers that are seen throughout a gap",
+        "Tits et al. 2018",
+    ),
+    "wpca": Entry(
+        "tits2018:wpca",
+        "weighted PCA, held to distances from three markers",
+        "Tits et al. 2018",
+    ),
+    "pma": Entry(
+        "tits2018:pma",
+        "li, lpr, lgrnn, glr and wpca averaged by how likely their distances are",
+        "Tits et al. 2018",
+    ),
 }
 """The methods by name."""
 

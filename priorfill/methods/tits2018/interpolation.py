@@ -1,0 +1,31 @@
+"""LI, local interpolation: straight lines over time in the frame of the triad."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["interpolate"]
+
+Array = NDArray[np.float64]
+
+
+def interpolate(local: Array) -> Array:
+    """Lead straight lines through a gap.
+
+    Parameters
+    ----------
+    local : ndarray [shape=(frames, 3), mm]
+        The marker in the frame of its triad; NaN where missing. Before the first measured frame
+        and after the last one it is held.
+
+    Returns
+    -------
+    ndarray [shape=(frames, 3), mm]
+        NaN where nothing at all is measured.
+    """
+    seen = ~np.isnan(local).any(axis=1)
+    if not seen.any():
+        return local.copy()
+    frames = np.arange(len(local))
+    return np.stack([np.interp(frames, frames[seen], local[seen, i]) for i in range(3)], axis=1)

@@ -1,0 +1,102 @@
+"""Every constant of the method, with the figure of the published program."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Options", "thinned"]
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of Tits et al. 2018; the defaults are those of their program.
+
+    Attributes
+    ----------
+    presence : float
+        Markers seen in less than this share of the frames are neither filled nor used.
+    window : float
+        Seconds: length of the moving median and mean.
+    complete : int
+        With more frames that show every marker, distances are judged by these alone.
+    distance_rows : int
+        Frames that distances are judged by, at most.
+    stiff : float
+        mm: the global regression uses markers whose distance from the missing one has at most
+        this standard deviation, or all where there is none.
+    global_rows, local_rows, density_rows : int
+        Frames to learn from: of the global regression, of the local models, of the densities
+        of distances. See `thinned`.
+    spread : float
+        Distance, in standard deviations of a feature, at which a frame's say in the
+        generalised regression network is half.
+    narrow, wide : float
+        Quantiles of a distance between which the skeleton constraint keeps it.
+    rounds : int
+        How often the skeleton constraint goes round the three references.
+    pca_sigma : float
+        mm: markers count by exp(-d²/2σ²) in the weighted PCA, d their mean distance from the
+        missing one.
+    pca_own : float
+        Weight of the missing marker itself.
+    pca_cut : float
+        Markers with gaps are left out of the PCA beyond this share of the mean distance.
+    pca_kept : float
+        Share of the sum of singular values that the components kept must reach.
+    pca_distance_rows : int
+        Frames that the PCA's distances are taken from.
+    """
+
+    presence: float = 0.3
+    window: float = 0.07
+    complete: int = 300
+    distance_rows: int = 5000
+    stiff: float = 50.0
+    global_rows: int = 500
+    local_rows: int = 1000
+    density_rows: int = 500
+    spread: float = 0.3
+    narrow: float = 0.01
+    wide: float = 0.99
+    rounds: int = 5
+    pca_sigma: float = 200.0
+    pca_own: float = 0.02
+    pca_cut: float = 0.5
+    pca_kept: float = 0.99
+    pca_distance_rows: int = 500
+
+
+def thinned(count: int, most: int) -> NDArray[np.intp]:
+    """Choose rows to learn from as the published program does.
+
+    Fewer than ``most`` are all taken; of twice as many and more every n-th, n as large as leaves
+    at least ``most``. Between the two the program draws ``most`` at random; here they are spread
+    evenly, so that the result is the same every time.
+
+    Parameters
+    ----------
+    count : int
+        How many there are.
+    most : int
+        How many are enough.
+
+    Returns
+    -------
+    ndarray of int [shape=(chosen,)]
+        In rising order.
+    """
+    if count < most:
+        return np.arange(count)
+    if count < 2 * most:
+        return spread_evenly(count, most)
+    return np.arange(0, count, count // most)
+
+
+def spread_evenly(count: int, most: int) -> NDArray[np.intp]:
+    """Choose at most ``most`` of ``count`` rows, the same distance apart but for rounding."""
+    if count <= most:
+        return np.arange(count)
+    return np.linspace(0, count - 1, most).round().astype(np.intp)
