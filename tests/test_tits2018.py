@@ -233,8 +233,6 @@ def test_choose_against_twin(seed, share):
     def fits(three, gap):
         three = list(three)
         beside = [f for f in (gap.start - 1, gap.stop) if 0 <= f < 12]
-        # at an end of the clip, its last frame stands for the one beyond
-        beside += [0] * (gap.start == 0) + [11] * (gap.stop == 12)
         return seen[beside][:, three].all() and any(
             seen[f, three].all() for f in range(gap.start, gap.stop)
         )
@@ -418,12 +416,12 @@ def test_pca_chooses_markers_and_frames(monkeypatch):
 @given(seed=seeds)
 def test_density_against_twin(seed):
     rng = np.random.default_rng(seed)
-    sample, at = rng.normal(size=30), np.append(rng.normal(size=8), np.nan)
+    sample, at = rng.normal(size=30), rng.normal(size=8)
     spread = np.median(np.abs(sample - np.median(sample))) / 0.6745
     width = spread * (4 / (3 * 30)) ** (1 / 5)
     for point, got in zip(at, averaging.density(sample, at), strict=True):
         each = np.exp(-0.5 * ((point - sample) / width) ** 2) / (width * np.sqrt(2 * np.pi))
-        assert got == pytest.approx(0.0 if np.isnan(point) else each.mean())
+        assert got == pytest.approx(each.mean())
     assert averaging.bandwidth(np.ones(5)) > 0.0
 
 
@@ -436,6 +434,10 @@ def test_average_believes_who_keeps_the_distances():
     samples = [truth[:, i].mean() + noise[:, i] for i in range(3)]
     curves = np.stack([right, right + 40.0, right + np.array([0.0, 0.0, 90.0])])
     np.testing.assert_allclose(averaging.average(curves, references, samples, 3), right, atol=1e-6)
+    curves[0, 4:7] = references[12, 1] = np.nan
+    got = averaging.average(curves, references, samples, 3)
+    assert np.flatnonzero(np.isnan(got[:, 0])).tolist() == [4, 5, 6, 12]
+    references[12, 1] = references[11, 1]
     # models that are all as unlikely count the same
     far = np.stack([right + 4e4, right + 2e4])
     got = averaging.average(far, references, samples, 3)
@@ -485,6 +487,26 @@ def test_rigid_bodies_are_filled_exactly():
     # less what the smoothing takes off a curve: one frame turns by 0.01
     got = recover(gappy, 60.0, ("li",), Options()).positions
     np.testing.assert_allclose(got, truth, atol=0.1)
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_somebody_who_walks_in(method):
+    """Nobody is seen at first, and then one marker after the other."""
+    clip = person()
+    gaps = [(0, 20 + 2 * (i % 15), (label,)) for i, label in enumerate(clip.labels[:40])]
+    gappy = with_gaps(clip, (0, 20, clip.labels), *gaps)
+    try:
+        result = fill(gappy, method=method)
+    except MethodError:
+        assert method == "wpca"
+        return
+    assert not result.filled[:20].any()
+    late = gappy.missing & (np.arange(240) >= 26)[:, None]
+    if method == "glr":  # nobody is seen throughout any of the gaps
+        assert not result.filled.any()
+        return
+    assert result.filled[late].mean() > 0.9
+    assert error(result.clip.positions, clip.positions, result.filled) < 50.0
 
 
 def test_measured_samples_stay_and_help():

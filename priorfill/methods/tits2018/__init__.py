@@ -28,6 +28,8 @@ Where it departs from paper and program:
   the program draws rows by chance; here they are spread evenly. See `options.thinned`.
 * A gap that starts in the clip's second frame, or ends in the last but one, is joined to the sample
   beside it; the program takes it for one at the clip's end.
+* References of a gap at an end of the clip must be seen beside it on the measured side; the program
+  wants them in the clip's first or last frame, too, and fills nothing where a person walks in.
 * Each gap of ``glr`` is joined by the prediction as it was; the program joins two gaps with a
   single frame between one after the other.
 * A marker that helps to fill a gap piece by piece is smoothed once, not once more for each piece.

@@ -45,11 +45,11 @@ def density(sample: Array, at: Array) -> Array:
     Returns
     -------
     ndarray [shape of at, 1/mm]
-        The density; 0 where ``at`` is NaN.
+        The density.
     """
     width = bandwidth(sample)
     # in place: the table is large, and copies of it cost more than its exponentials
-    table = np.nan_to_num(at, nan=np.inf)[..., None] / width - sample / width
+    table = at[..., None] / width - sample / width
     np.square(table, out=table)
     table *= -0.5
     np.exp(table, out=table)
@@ -77,13 +77,16 @@ def average(curves: Array, references: Array, samples: list[Array], window: int)
     """
     curves = np.stack([smooth(curve, window) for curve in curves])
     distance = np.linalg.norm(curves[:, :, None] - references, axis=3)
-    weight = np.ones(curves.shape[:2])
+    known = ~np.isnan(distance).any(axis=(0, 2))
+    weight = np.full(distance.shape[:2], np.nan)
+    weight[:, known] = 1.0
     for reference, sample in enumerate(samples):
-        weight *= density(sample, distance[:, :, reference])
-    weight = np.maximum(weight, LEAST_WEIGHT)
+        weight[:, known] *= density(sample, distance[:, known, reference])
+    weight[:, known] = np.maximum(weight[:, known], LEAST_WEIGHT)
     # half a short gap at most: its weights must be free to change
     shorter = min(window, -(-(curves.shape[1] - 2) // 2))
     weight = smooth(weight.T, shorter).T
-    weight /= weight.max(axis=0)
+    # relative to the largest, lest products be too small for a float
+    weight[:, known] /= weight[:, known].max(axis=0)
     mixed = (weight[..., None] * curves).sum(axis=0) / weight.sum(axis=0)[:, None]
-    return np.where(np.isnan(distance).any(axis=(0, 2))[:, None], np.nan, mixed)
+    return np.asarray(mixed)

@@ -109,9 +109,15 @@ def choose(seen: Mask, marker: int, gaps: list[Gap], deviation: Array) -> Triad 
 
 
 def _usable(seen: Mask, gap: Gap, order: NDArray[np.intp]) -> tuple[Mask, Mask]:
-    """Return which markers are seen beside a gap, and which in each of its frames."""
-    last = min(gap.stop, len(seen) - 1)
-    beside = seen[max(gap.start - 1, 0), order] & seen[last, order]
+    """Return which markers are seen beside a gap, and which in each of its frames.
+
+    Beyond an end of the clip there is nothing to be seen.
+    """
+    beside = np.ones(len(order), dtype=bool)
+    if gap.start > 0:
+        beside &= seen[gap.start - 1, order]
+    if gap.stop < len(seen):
+        beside &= seen[gap.stop, order]
     return beside, seen[gap.start : gap.stop][:, order]
 
 
