@@ -4,9 +4,10 @@
 averaging*, PLoS ONE 13(7) e0199744, doi 10.1371/journal.pone.0199744, and the authors' program
 MocapRecovery.
 
-Markers are filled one after the other, those with the fewest missing frames first; a marker that is
-filled helps the next. Each is held to three *references*, the markers whose distance from it varies
-least (standard deviation) among those seen beside the gap and, all together, in some of its frames.
+Markers are filled one after the other, those with the fewest missing frames first, else in the
+clip's order; a marker that is filled helps the next (which makes limbs depend on that order).
+Each is held to three *references*, the markers whose distance from it varies least (standard
+deviation) among those seen beside the gap and, all together, in some of its frames.
 
 1. A model predicts the gap. *Local* ones work in the frame of the references (`triad`): straight
    lines over time (``li``), a polynomial of degree two of the references' shape (``lpr``), a mean
