@@ -89,6 +89,9 @@ METHODS = {
         "li, lpr, lgrnn, glr and wpca averaged by how likely their distances are",
         "Tits et al. 2018",
     ),
+    "pca-train": Entry("li2020:pca_train", "eigenspaces of training pieces", "Li et al. 2020"),
+    "pca-pieces": Entry("li2020:pca_pieces", "eigenspaces of each piece", "Li et al. 2020"),
+    "pca-frames": Entry("li2020:pca_frames", "eigenspaces of trajectories", "Li et al. 2020"),
 }
 """The methods by name."""
 

@@ -1,0 +1,404 @@
+"""The methods of Li et al. 2020 on a task.
+
+Where they depart from the paper, and from the program that its authors published:
+
+* Eq. (3) is solved as least squares; see `core.transformation`.
+* U_i0 and U_10 of `pca_pieces` are turned to be nearest to U_N0; see `core.train_pieces`. (The
+  published program learns T with the U_i0 and applies it to U_N0.)
+* Pieces of the database are chosen by their likeness to the clip; see `training`. The clip's own
+  whole frames are one piece more, and the only one without a database.
+* The clip's template masks markers, not samples: a marker with a gap is masked in all frames of all
+  pieces, as in the published comparison. Where that leaves fewer than three markers, each gap group
+  has a template of its own, and where it still does, each set of missing markers.
+* Before that, as in the published comparison: the mean of the visible markers is taken out of each
+  frame, coordinates are divided by their deviation, and markers weighted by nearness to gaps.
+* Trajectories of `pca_frames` are pieces around each gap, not of the clip's length, and are centred
+  on the frames that are measured; the published scripts take the truth's mean in one place and the
+  last measured frame in another, and as many eigenvectors as a frame has coordinates: hardly fewer
+  than there are measured frames. A gap in some markers is filled as well, by each marker's own
+  trajectory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.errors import MethodError
+from priorfill.gaps import Gap, find_gaps, runs
+from priorfill.methods.li2020 import core
+from priorfill.methods.li2020.options import Options
+from priorfill.methods.li2020.training import Piece, chosen_pieces, is_learnable
+from priorfill.methods.task import Estimate, Task
+from priorfill.resample import resample
+
+__all__ = ["pca_frames", "pca_pieces", "pca_train"]
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.intp]
+
+Solve = Callable[[list[Array], list[Array], Array, Options], Array]
+"""Completes a masked clip, from pieces and masked pieces."""
+
+FEWEST_VISIBLE = 3
+"""A template that leaves fewer markers is split, if it can be: they tell next to nothing."""
+
+FEWEST_TRAINING = 2
+"""Frames; of one alone nothing can be said but itself."""
+
+CHUNK = 256
+"""Frames whose distances are held at once: some MB."""
+
+MOST_TRAJECTORIES = 6000
+"""As many are learnt from at most; they lie close to each other in time."""
+
+
+def _train(full: list[Array], masked: list[Array], clip: Array, options: Options) -> Array:
+    spaces = core.train(
+        np.concatenate(full), np.concatenate(masked), share=options.share, rank=options.rank
+    )
+    return spaces.complete(clip)
+
+
+def _train_pieces(full: list[Array], masked: list[Array], clip: Array, options: Options) -> Array:
+    spaces = core.train_pieces(full, masked, share=options.share, rank=options.rank)
+    return spaces.complete(clip)
+
+
+def _coordinates(positions: Array) -> Array:
+    return positions.reshape(len(positions), -1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Training:
+    """What is learnt from.
+
+    Attributes
+    ----------
+    markers : ndarray of int
+        Those of the clip that all frames of all pieces show.
+    pieces : list of ndarray [shape=(rows, 1 + 3 markers)]
+        Each as the triangular factor of its frames, with a 1 before each: sums and products over
+        rows are those over frames.
+    apart : ndarray [shape=(markers, markers), mm]
+        Mean distances of markers.
+    takes : tuple of str
+        Names of the recordings, the clip left out.
+    """
+
+    markers: Ints
+    pieces: list[Array]
+    apart: Array
+    takes: tuple[str, ...]
+
+
+def _condensed(frames: Array) -> Array:
+    rows = np.concatenate([np.ones((len(frames), 1)), _coordinates(frames)], axis=1)
+    return core.triangular(rows)
+
+
+def _mean_distances(pieces: list[Array]) -> Array:
+    """Return mean distances of markers over all frames of some pieces."""
+    markers = pieces[0].shape[1]
+    total = np.zeros((markers, markers))
+    for piece in pieces:
+        for start in range(0, len(piece), CHUNK):
+            some = piece[start : start + CHUNK]
+            total += np.linalg.norm(some[:, :, None] - some[:, None], axis=3).sum(axis=0)
+    distances: Array = total / sum(len(piece) for piece in pieces)
+    return distances
+
+
+def _whole(positions: Array) -> Array:
+    """Return the frames that show every marker."""
+    return positions[~np.isnan(positions[..., 0]).any(axis=1)]
+
+
+def _marker_sets(task: Task) -> Iterator[Ints]:
+    """Yield sets of markers to fill, the fullest first: takes need not show all of them."""
+    seen = task.valid.any(axis=0)
+    fullest = seen.copy()
+    for take in task.takes:
+        if is_learnable(take, np.flatnonzero(seen)):
+            fullest |= take.shown > 0
+    yield np.flatnonzero(fullest)
+    if fullest.sum() > seen.sum():
+        yield np.flatnonzero(seen)
+
+
+def _training(task: Task, options: Options) -> _Training:
+    """Collect what is learnt from."""
+    if not task.valid.any():
+        raise MethodError(
+            f"{task.name}: no marker is visible in any frame; give a clip that shows something"
+        )
+    for markers in _marker_sets(task):
+        clip = task.positions[:, markers]
+        chosen = chosen_pieces(clip, task.rate, task.takes, markers, options)
+        pieces = [
+            frames
+            for frames in [_whole(clip), *(_whole(piece.positions) for piece in chosen)]
+            if len(frames)
+        ]
+        if sum(len(frames) for frames in pieces) >= FEWEST_TRAINING:
+            return _Training(
+                markers,
+                [_condensed(frames) for frames in pieces],
+                _mean_distances(pieces),
+                tuple(dict.fromkeys(piece.name for piece in chosen)),
+            )
+    raise MethodError(
+        f"{task.name}: fewer than {FEWEST_TRAINING} frames, of the clip and of the recordings "
+        "beside it, show all its markers; give a database with recordings that do"
+    )
+
+
+def _parts(missing: Bools) -> Iterator[tuple[Ints, Bools]]:
+    """Yield frames that are filled together, and which markers their template masks."""
+    seen = ~np.logical_and.reduce(missing, axis=1)
+    if not missing[seen].any():
+        return
+    template = np.logical_or.reduce(missing[seen], axis=0)
+    if (~template).sum() >= FEWEST_VISIBLE:
+        yield np.flatnonzero(seen & missing.any(axis=1)), template
+        return
+    rest = []
+    for start, stop in runs(np.logical_or.reduce(missing, axis=1) & seen):
+        template = np.logical_or.reduce(missing[start:stop], axis=0)
+        if (~template).sum() >= FEWEST_VISIBLE:
+            yield np.arange(start, stop), template
+        else:
+            rest.append(np.arange(start, stop))
+    if rest:
+        frames = np.concatenate(rest)
+        patterns, which = np.unique(missing[frames], axis=0, return_inverse=True)
+        for number, pattern in enumerate(patterns):
+            yield frames[which.ravel() == number], pattern
+
+
+def _without_mean(rows: Array, visible: Bools) -> tuple[Array, Array]:
+    """Take the mean of the visible markers out of rows of coordinates.
+
+    Returns
+    -------
+    rest, mean : ndarray [shape=(rows, markers, 3)], [shape=(rows, 1, 3)]
+    """
+    points = rows.reshape(len(rows), -1, 3)
+    mean = points[:, visible].mean(axis=1, keepdims=True)
+    return points - mean, mean
+
+
+def _filled_part(
+    clip: Array, template: Bools, training: _Training, solve: Solve, options: Options
+) -> Array:
+    """Complete the masked markers of some frames [shape=(frames, markers, 3)]."""
+    visible = ~template
+    ones = [piece[:, :1] for piece in training.pieces]
+    frames = sum(float((one**2).sum()) for one in ones)
+    rests = [_coordinates(_without_mean(piece[:, 1:], visible)[0]) for piece in training.pieces]
+    mean = np.sum([one.T @ rest for one, rest in zip(ones, rests, strict=True)], axis=0) / frames
+    centred = [rest - one @ mean for one, rest in zip(ones, rests, strict=True)]
+    squares = np.sum([(rows**2).sum(axis=0) for rows in centred], axis=0)
+    deviation = np.sqrt(squares / max(frames - 1.0, 1.0))
+    # a coordinate that never moves has rounding errors only
+    deviation[deviation <= core.SMALLEST * max(deviation.max(), 1.0)] = 1.0
+
+    distance = training.apart[template].min(axis=0)
+    weight = np.where(
+        template, options.gap_weight, np.exp(-(distance**2) / (2.0 * options.sigma**2))
+    )
+    scale = np.repeat(weight, 3) / deviation
+    shown = np.repeat(visible, 3)
+    full = [rows * scale for rows in centred]
+    masked = [rows * shown for rows in full]
+    rest, middle = _without_mean(_coordinates(clip), visible)
+    own = np.where(shown, (_coordinates(rest) - mean) * scale, 0.0)
+    completed = solve(full, masked, own, options)
+    filled = np.full_like(completed, np.nan)
+    filled[:, ~shown] = completed[:, ~shown] / scale[~shown] + mean[0, ~shown]
+    return filled.reshape(clip.shape) + middle
+
+
+def _by_markers(
+    task: Task, progress: Callable[[], None], options: Options, solve: Solve, how: str
+) -> Estimate:
+    """Fill from the markers that are visible beside those that are missing."""
+    positions = task.positions.copy()
+    takes: tuple[str, ...] = ()
+    if task.groups:
+        training = _training(task, options)
+        takes = training.takes
+        clip = task.positions[:, training.markers]
+        for frames, template in _parts(np.isnan(clip[..., 0])):
+            found = _filled_part(clip[frames], template, training, solve, options)
+            here = np.ix_(frames, training.markers)
+            positions[here] = np.where(np.isnan(positions[here]), found, positions[here])
+    for _ in task.groups:
+        progress()
+
+    def reason(gap: Gap) -> str:
+        if task.valid[:, gap.marker].any():
+            return "no marker is visible; pca-frames fills whole frames"
+        return "it is never seen, and no recording beside the clip shows it with the others"
+
+    beside = f", with {len(takes)} recordings beside the clip" if takes else ""
+    return Estimate.told(task, positions, how + beside, reason, takes)
+
+
+def pca_train(
+    task: Task, progress: Callable[[], None] = lambda: None, options: Options | None = None
+) -> Estimate:
+    """Fill by the eigenvectors of training pieces, Eqs. (1)-(4).
+
+    Parameters
+    ----------
+    task : Task
+        The clip, and the takes to choose pieces from.
+    progress : callable
+        Called once a gap group.
+    options : Options, optional
+        The constants.
+
+    Returns
+    -------
+    Estimate
+        Frames without any marker stay missing.
+
+    Raises
+    ------
+    MethodError
+        Where no two frames, of the clip and the takes, show all markers.
+    """
+    return _by_markers(task, progress, options or Options(), _train, "eigenspaces of whole frames")
+
+
+def pca_pieces(
+    task: Task, progress: Callable[[], None] = lambda: None, options: Options | None = None
+) -> Estimate:
+    """Fill by eigenvectors of its own for each masked piece, Eqs. (5)-(8); see `pca_train`."""
+    how = "eigenspaces of each piece"
+    return _by_markers(task, progress, options or Options(), _train_pieces, how)
+
+
+class _Trajectories:
+    """Trajectories of a length to learn from: of the clip itself, and of pieces of the database."""
+
+    def __init__(self, task: Task, options: Options) -> None:
+        self._options = options
+        self._sources = [task.positions]
+        self.takes: tuple[str, ...] = ()
+        seen = np.flatnonzero(task.valid.any(axis=0))
+        if len(seen):
+            chosen = chosen_pieces(task.positions[:, seen], task.rate, task.takes, seen, options)
+            self._sources += [_at_rate(piece, task.rate) for piece in chosen]
+            self.takes = tuple(dict.fromkeys(piece.name for piece in chosen))
+        self._known: dict[int, Array] = {}
+
+    def of(self, length: int) -> Array:
+        """Return the triangular factor of all trajectories of a length [shape=(n, length)]."""
+        if length not in self._known:
+            found = [
+                part
+                for positions in self._sources
+                for start in range(
+                    0,
+                    len(positions) - length + 1,
+                    max(1, int(self._options.stride * length)),
+                )
+                if (part := _unbroken(positions[start : start + length])).size
+            ]
+            rows = np.concatenate(found) if found else np.empty((0, length))
+            rows = rows[:: 1 + len(rows) // MOST_TRAJECTORIES]
+            self._known[length] = core.triangular(rows)
+        return self._known[length]
+
+
+def _unbroken(window: Array) -> Array:
+    """Return the trajectories of markers visible throughout, a row each."""
+    visible = ~np.isnan(window[..., 0]).any(axis=0)
+    return window[:, visible].reshape(len(window), -1).T
+
+
+def _at_rate(piece: Piece, rate: float) -> Array:
+    """Return a piece's positions at a rate (Hz)."""
+    return resample(piece.positions, piece.rate, rate)
+
+
+def pca_frames(
+    task: Task, progress: Callable[[], None] = lambda: None, options: Options | None = None
+) -> Estimate:
+    """Fill missing frames by the eigenvectors of trajectories, Eqs. (9)-(16).
+
+    Parameters
+    ----------
+    task : Task
+        The clip, and the takes to choose pieces from.
+    progress : callable
+        Called once a gap group.
+    options : Options, optional
+        The constants.
+
+    Returns
+    -------
+    Estimate
+        Gaps longer than anything to learn from, and markers never seen, stay missing.
+
+    Raises
+    ------
+    MethodError
+        Where the clip shows nothing.
+    """
+    options = options or Options()
+    if task.groups and not task.valid.any():
+        raise MethodError(
+            f"{task.name}: no marker is visible in any frame; give a clip that shows something"
+        )
+    learnt = _Trajectories(task, options) if task.groups else None
+    positions = task.positions.copy()
+    spans: dict[tuple[int, int], list[int]] = {}
+    for gap in find_gaps(~task.valid):
+        spans.setdefault((gap.start, gap.stop), []).append(gap.marker)
+    for (start, stop), markers in spans.items():
+        context = max(options.fewest_context, round(options.context * (stop - start)))
+        begin, end = max(start - context, 0), min(stop + context, len(positions))
+        window = task.positions[begin:end]
+        assert learnt is not None
+        rows = learnt.of(end - begin)
+        if len(rows) == 0:
+            continue
+        patterns, which = np.unique(task.valid[begin:end, markers], axis=1, return_inverse=True)
+        for number, shown in enumerate(patterns.T):
+            if not shown.any():
+                continue
+            those = np.array(markers)[which.ravel() == number]
+            found = _completed(window[:, those], shown, rows, options)
+            positions[start:stop, those] = found[start - begin : stop - begin]
+    for _ in task.groups:
+        progress()
+
+    def reason(gap: Gap) -> str:
+        if task.valid[:, gap.marker].any():
+            return (
+                f"no recording shows a marker for the {gap.frames} frames and those about them; "
+                "give longer recordings"
+            )
+        return "it is never seen; use a method that learns from other markers"
+
+    takes = learnt.takes if learnt is not None else ()
+    return Estimate.told(task, positions, "eigenspaces of trajectories", reason, takes)
+
+
+def _completed(window: Array, shown: Bools, rows: Array, options: Options) -> Array:
+    """Complete markers that are missing in the same frames [shape=(frames, markers, 3)]."""
+    centred = rows - rows[:, shown].mean(axis=1, keepdims=True)
+    space = core.trajectory_space(centred, share=options.trajectory_share, rank=options.rank)
+    visible = window[shown].reshape(int(shown.sum()), -1)
+    middle = visible.mean(axis=0)
+    completed = np.array(window)
+    found = core.whole_frames(visible - middle, space, shown)
+    completed[~shown] = (found + middle).reshape(-1, *window.shape[1:])
+    return completed
