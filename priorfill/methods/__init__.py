@@ -92,6 +92,7 @@ METHODS = {
     "pca-train": Entry("li2020:pca_train", "eigenspaces of training pieces", "Li et al. 2020"),
     "pca-pieces": Entry("li2020:pca_pieces", "eigenspaces of each piece", "Li et al. 2020"),
     "pca-frames": Entry("li2020:pca_frames", "eigenspaces of trajectories", "Li et al. 2020"),
+    "lds": Entry("lds:fill", "linear dynamical system, learnt by EM", "Li et al. 2009"),
 }
 """The methods by name."""
 
