@@ -141,7 +141,7 @@ def chosen_pieces(
     list of Piece
         At their finest resolution, the most alike first; none longer than the clip.
     """
-    if not (~np.isnan(positions[..., 0])).any():
+    if not takes or np.isnan(positions[..., 0]).all():
         return []
     likeness = _Likeness(positions, options)
     seconds = len(positions) / rate
