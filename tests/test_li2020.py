@@ -17,7 +17,7 @@ from priorfill.errors import MethodError
 from priorfill.filling import fill
 from priorfill.gaps import gap_groups
 from priorfill.markerset import describe
-from priorfill.methods.li2020 import Options, core, pca_frames, pca_pieces, pca_train
+from priorfill.methods.li2020 import Options, core, fills, pca_frames, pca_pieces, pca_train
 from priorfill.methods.task import Task
 
 MARKERS = pytest.mark.parametrize("method", ["pca-train", "pca-pieces"])
@@ -219,6 +219,26 @@ def test_whole_frames():
     assert result.complete
     off = error(result.clip.positions, truth.positions, result.filled)
     assert off < 40.0  # the body goes 310 mm meanwhile
+
+
+@pytest.mark.parametrize("bounded", [True, False])
+def test_errors_are_not_multiplied_at_the_ends(bounded, monkeypatch):
+    """Sums of slow waves, of which the first half is measured with a small error."""
+    if not bounded:
+        monkeypatch.setattr(fills, "WELL_TOLD", 0.0)
+    rng = np.random.default_rng(3)
+    waves = np.cos(np.pi * np.outer(np.arange(80) + 0.5, np.arange(1, 9)) / 80)
+    rows = rng.normal(size=(200, 8)) @ waves.T
+    shown = np.arange(80) < 40
+    window = 100.0 * rows[:2].T[:, :, None] * np.ones(3)
+    noise = rng.normal(size=window.shape) * shown[:, None, None]
+    options = Options(trajectory_share=0.999)
+    change = fills._completed(window + noise, shown, rows, options) - fills._completed(
+        window, shown, rows, options
+    )
+    # 1 / WELL_TOLD of the fit, and the mean
+    multiplied = np.linalg.norm(change[~shown]) / np.linalg.norm(noise)
+    assert (multiplied < 1.0 / 0.2 + 1.0) == bounded
 
 
 @MARKERS

@@ -15,8 +15,8 @@ Where they depart from the paper, and from the program that its authors publishe
 * Trajectories of `pca_frames` are pieces around each gap, not of the clip's length, and are centred
   on the frames that are measured; the published scripts take the truth's mean in one place and the
   last measured frame in another, and as many eigenvectors as a frame has coordinates: hardly fewer
-  than there are measured frames. A gap in some markers is filled as well, by each marker's own
-  trajectory.
+  than there are measured frames. Those that these do not tell apart are left out. A gap in some
+  markers is filled as well, by each marker's own trajectory.
 """
 
 from __future__ import annotations
@@ -52,6 +52,10 @@ FEWEST_TRAINING = 2
 
 CHUNK = 256
 """Frames whose distances are held at once: some MB."""
+
+WELL_TOLD = 0.2
+"""The measured frames must show this much of each combination of eigenvectors of unit length; else
+the last are left out: errors would be multiplied by more than five."""
 
 MOST_TRAJECTORIES = 6000
 """As many are learnt from at most; they lie close to each other in time."""
@@ -396,6 +400,11 @@ def _completed(window: Array, shown: Bools, rows: Array, options: Options) -> Ar
     """Complete markers that are missing in the same frames [shape=(frames, markers, 3)]."""
     centred = rows - rows[:, shown].mean(axis=1, keepdims=True)
     space = core.trajectory_space(centred, share=options.trajectory_share, rank=options.rank)
+    # an end of the clip has frames on one side only: fewer eigenvectors can be told apart there
+    while options.rank is None and space.shape[1] > 1:
+        if np.linalg.svd(space[shown], compute_uv=False)[-1] >= WELL_TOLD:
+            break
+        space = space[:, :-1]
     visible = window[shown].reshape(int(shown.sum()), -1)
     middle = visible.mean(axis=0)
     completed = np.array(window)
