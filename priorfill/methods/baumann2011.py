@@ -26,15 +26,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.gaps import GapGroup, constant_spans, runs
+from priorfill.gaps import GapGroup, runs
+from priorfill.methods.searches import (
+    CHUNK,
+    FEWEST_POSES,
+    FEWEST_VIABLE,
+    NEIGHBOURS,
+    Planner,
+    Search,
+)
 from priorfill.methods.task import Estimate, Note, Task, take_names
 from priorfill.multiresolution import levels_for, synthesise
 from priorfill.normalise import RootFrames, RootGroup
 from priorfill.prior import Prior, fold, to_world
 from priorfill.resample import Level, pyramid
-from priorfill.search.bank import Banks, PoseBank
+from priorfill.search.bank import PoseBank
 from priorfill.solver import Solution, minimise
-from priorfill.takes import Take, own_take
+from priorfill.takes import own_take
 
 __all__ = ["Options", "fill", "vote_weights"]
 
@@ -46,10 +54,9 @@ class Options:
     Attributes
     ----------
     neighbours : int
-        k. Krüger et al. 2010 and Tautges et al. 2011 search for 256 poses.
+        k; see `NEIGHBOURS`.
     fewest_viable : int
-        A gap group is split rather than searched with fewer viable markers: four reliable
-        markers fix the root and leave something to tell poses apart.
+        A gap group is split rather than searched with fewer viable markers; see `FEWEST_VIABLE`.
     fewest_poses : int
         With fewer poses that have all the wanted markers, they are looked for one by one.
     kernel : bool
@@ -58,26 +65,24 @@ class Options:
     own : bool
         Search the clip's own frames beside the database.
     chunk : int
-        Frames whose neighbours are gathered at once; bounds the memory to some 100 MB.
+        Frames whose neighbours are gathered at once; see `CHUNK`.
     """
 
-    neighbours: int = 256
-    fewest_viable: int = 4
-    fewest_poses: int = 16
+    neighbours: int = NEIGHBOURS
+    fewest_viable: int = FEWEST_VIABLE
+    fewest_poses: int = FEWEST_POSES
     kernel: bool = False
     own: bool = False
-    chunk: int = 64
+    chunk: int = CHUNK
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _Part:
     """Frames ``start <= frame < stop`` searched for together, and how."""
 
     start: int
     stop: int
-    root: RootGroup
-    viable: NDArray[np.intp]
-    wanted: NDArray[np.intp]
+    search: Search
 
 
 def _stretches(
@@ -100,78 +105,21 @@ def _stretches(
     return stretches
 
 
-class _Planner:
-    """Finds the searches of gap groups and keeps the banks that they use."""
-
-    def __init__(self, task: Task, takes: tuple[Take, ...], options: Options) -> None:
-        self._task = task
-        self._options = options
-        labels = task.labels
-        self._reliable = np.array([task.marker_set.reliable.get(label, False) for label in labels])
-        # how often the takes have each marker: the rarest are the first to be searched without
-        self._seen = np.zeros(len(labels))
-        for take in takes:
-            self._seen += take.shown * (take.lengths[-1] / take.lengths[0])
-        self._banks = Banks(takes)
-
-    def bank(self, search: _Search, rate: float) -> PoseBank:
-        """Return the bank of a search at a rate."""
-        return self._banks.get(search.root, search.viable, search.wanted, rate)
-
-    def searches(self, group: GapGroup) -> tuple[list[_Search], list[Note]]:
-        """Plan the searches of a gap group, and note what cannot be searched for."""
-        valid = self._task.valid
-        searches: list[_Search] = []
-        notes: list[Note] = []
-        for start, stop in _stretches(valid, self._reliable, group, self._options):
-            throughout = np.logical_and.reduce(valid[start:stop], axis=0)
-            wanted = np.flatnonzero(~valid[start:stop].all(axis=0))
-            viable = np.flatnonzero(throughout & self._reliable)
-            if len(viable) < self._options.fewest_viable:
-                viable = np.flatnonzero(throughout)
-            root = self._task.root_among(np.flatnonzero(throughout))
-            if root is None:
-                reason = "fewer than two markers are visible"
-                notes += [Note(int(m), start, stop, reason, filled=False) for m in wanted]
-                continue
-            for found in self._with_poses(_Search(start, stop, root, viable, wanted)):
-                if len(found.viable):
-                    searches.append(found)
-                else:
-                    reason = "no prior pose has this marker together with visible ones"
-                    notes += [Note(int(m), start, stop, reason, filled=False) for m in found.wanted]
-        return searches, notes
-
-    def _with_poses(self, search: _Search) -> list[_Search]:
-        """Split a search or drop markers until the takes hold enough poses for it.
-
-        A search that finds no pose however small comes back without viable markers.
-        """
-        bank = self.bank(search, self._task.rate)
-        fewest = self._options.fewest_poses
-        if len(bank) >= fewest:
-            return [search]
-        if len(search.wanted) > 1:
-            return [
-                part
-                for marker in search.wanted
-                for part in self._with_poses(
-                    _Search(search.start, search.stop, search.root, search.viable, marker[None])
-                )
-            ]
-        if len(search.viable) > 2:
-            kept = np.sort(
-                search.viable[np.argsort(-self._seen[search.viable], kind="stable")][
-                    : max(2, len(search.viable) * 3 // 4)
-                ]
-            )
-            root = self._task.root_among(kept)
-            if root is not None:
-                smaller = _Search(search.start, search.stop, root, kept, search.wanted)
-                return self._with_poses(smaller)
-        if len(bank):
-            return [search]
-        return [_Search(search.start, search.stop, search.root, search.viable[:0], search.wanted)]
+def _parts(
+    task: Task, planner: Planner, group: GapGroup, options: Options
+) -> tuple[list[_Part], list[Note]]:
+    """Plan the searches of a gap group, and note what cannot be searched for."""
+    parts: list[_Part] = []
+    notes: list[Note] = []
+    for start, stop in _stretches(task.valid, planner.reliable, group, options):
+        plan = planner.plan(np.logical_and.reduce(task.valid[start:stop], axis=0))
+        parts += [_Part(start, stop, search) for search in plan.searches]
+        notes += [
+            Note(int(marker), start, stop, reason, filled=False)
+            for markers, reason in plan.left
+            for marker in markers
+        ]
+    return parts, notes
 
 
 def _frames_at(
@@ -216,7 +164,7 @@ def vote_weights(distance: NDArray[np.float64], *, kernel: bool) -> NDArray[np.f
 def _votes(
     level: Level,
     numbers: NDArray[np.intp],
-    search: _Search,
+    search: Search,
     bank: PoseBank,
     options: Options,
 ) -> tuple[Prior, NDArray[np.float64], NDArray[np.intp]]:
@@ -271,25 +219,26 @@ def fill(
     levels = pyramid(task.positions, task.rate, levels_for(task.rate))
     own = own_take(levels, task.name, task.subject)
     takes = (*task.takes, own) if options.own else task.takes or (own,)
-    planner = _Planner(task, takes, options)
+    planner = Planner(task, takes, options.fewest_viable, options.fewest_poses)
     estimate = Estimate.of(task)
     for group in task.groups:
-        searches, notes = planner.searches(group)
-        used: dict[int, list[NDArray[np.intp]]] = {i: [] for i in range(len(searches))}
+        parts, notes = _parts(task, planner, group, options)
+        used: dict[int, list[NDArray[np.intp]]] = {i: [] for i in range(len(parts))}
 
         def prior_at(
             level: Level,
             window: NDArray[np.intp],
             group: GapGroup = group,
-            searches: list[_Search] = searches,
+            parts: list[_Part] = parts,
             used: dict[int, list[NDArray[np.intp]]] = used,
         ) -> Prior:
             prior = Prior.empty(len(window), len(group.markers))
-            for i, search in enumerate(searches):
+            for i, part in enumerate(parts):
+                search = part.search
                 bank = planner.bank(search, level.rate)
                 columns = np.searchsorted(group.markers, search.wanted)
                 frames = window * level.step
-                rows = np.flatnonzero((frames >= search.start) & (frames < search.stop))
+                rows = np.flatnonzero((frames >= part.start) & (frames < part.stop))
                 if len(bank) == 0:
                     continue
                 for at in range(0, len(rows), options.chunk):
@@ -301,15 +250,15 @@ def fill(
                         estimate.deviation[np.ix_(window[some], search.wanted)] = spread
             return prior
 
-        if searches:
+        if parts:
             inside = synthesise(levels, group, prior_at, _solver)
             estimate.positions[group.start : group.stop, list(group.markers)] = inside
         estimate.notes.extend(notes)
-        for i, search in enumerate(searches):
+        for i, part in enumerate(parts):
             votes = np.concatenate(used[i] or [np.empty((0, options.neighbours), np.intp)])
             names = take_names(takes, votes)
             # a bank may hold fewer poses than neighbours are asked for
-            estimate.notes.extend(_notes(task, search, names, options, votes.shape[1]))
+            estimate.notes.extend(_notes(task, part, names, options, votes.shape[1]))
         progress()
     return estimate
 
@@ -319,13 +268,13 @@ def _solver(positions: NDArray[np.float64], free: NDArray[np.bool_], prior: Prio
 
 
 def _notes(
-    task: Task, search: _Search, names: tuple[str, ...], options: Options, poses: int
+    task: Task, part: _Part, names: tuple[str, ...], options: Options, poses: int
 ) -> list[Note]:
-    """Say for each run of missing samples of a search what it was filled from."""
-    how = f"{options.neighbours} nearest poses by {len(search.viable)} markers"
+    """Say for each run of missing samples of a part what it was filled from."""
+    how = f"{options.neighbours} nearest poses by {len(part.search.viable)} markers"
     missing = ~task.valid
     return [
-        Note(int(marker), search.start + start, search.start + stop, how, takes=names, poses=poses)
-        for marker in search.wanted
-        for start, stop in runs(missing[search.start : search.stop, marker])
+        Note(int(marker), part.start + start, part.start + stop, how, takes=names, poses=poses)
+        for marker in part.search.wanted
+        for start, stop in runs(missing[part.start : part.stop, marker])
     ]

@@ -66,7 +66,7 @@ class PoseSearch:
     ) -> NDArray[np.intp]:
         """Return the rows of a bank nearest to poses of some markers, the nearest first."""
         some = self.placed(markers, poses[evenly(len(poses), self._options.queries)])
-        return _in_turn(bank.nearest(some, root.frames(some), self._options.neighbours).row)
+        return _in_turn(bank.search(some, root.frames(some), self._options.neighbours)[1])
 
     def placed(self, markers: NDArray[np.intp], poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return poses of some markers in the clip's order, with NaN for all other markers."""

@@ -138,7 +138,7 @@ class PoseBank:
     def _frames_of(self, rows: NDArray[np.intp]) -> RootFrames:
         return RootFrames(self._frames.origin[rows], self._frames.rotation[rows])
 
-    def _wanted(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
+    def wanted(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
         """Return the wanted markers of rows in root frames [shape=(rows, wanted, 3), mm]."""
         return self._frames_of(rows).to_local(self._positions[np.ix_(rows, self._wanted_columns)])
 
@@ -165,8 +165,10 @@ class PoseBank:
         same = self._inner[other] & (self._take[other] == self._take[rows])
         return np.where(same, other, rows)
 
-    def nearest(self, positions: NDArray[np.float64], frames: RootFrames, k: int) -> Neighbours:
-        """Find the k nearest poses of each query and read off the wanted markers.
+    def search(
+        self, positions: NDArray[np.float64], frames: RootFrames, k: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+        """Find the k nearest poses of each query.
 
         Parameters
         ----------
@@ -179,8 +181,10 @@ class PoseBank:
 
         Returns
         -------
-        Neighbours
-            Of all queries.
+        distance : ndarray [shape=(frames, k), mm]
+            Rms distance a viable marker, ascending.
+        rows : ndarray of int [shape=(frames, k)]
+            The bank's row of each.
 
         Raises
         ------
@@ -191,16 +195,24 @@ class PoseBank:
             raise ValueError("the bank has no pose; ask for its length first")
         queries = frames.to_local(positions[:, self._viable])
         distance, found = self._tree.nearest(queries.reshape(len(queries), -1), k)
-        rows = self.rows[found].ravel()
+        return distance / np.sqrt(len(self._viable)), self.rows[found]
+
+    def nearest(self, positions: NDArray[np.float64], frames: RootFrames, k: int) -> Neighbours:
+        """Find the k nearest poses of each query and read off the wanted markers.
+
+        Parameters and errors are those of `search`.
+        """
+        distance, found = self.search(positions, frames, k)
+        rows = found.ravel()
         shape = (*found.shape, len(self._wanted_columns), 3)
-        here = self._wanted(rows)
-        before, after = self._wanted(rows - 1), self._wanted(rows + 1)
+        here = self.wanted(rows)
+        before, after = self.wanted(rows - 1), self.wanted(rows + 1)
         # a take sampled at another rate makes longer or shorter steps
         ratio = self._rate_ratio[rows][:, None, None]
         return Neighbours(
-            distance / np.sqrt(len(self._viable)),
-            rows.reshape(found.shape),
-            self._take[rows].reshape(found.shape),
+            distance,
+            found,
+            self._take[found],
             here.reshape(shape),
             (0.5 * ratio * (after - before)).reshape(shape),
             (ratio**2 * (after - 2.0 * here + before)).reshape(shape),

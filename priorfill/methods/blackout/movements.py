@@ -134,7 +134,7 @@ def _candidates(
     rows = []
     for frame, at in stretch.edges:
         here = clip[frame][None]
-        near = bank.nearest(here, root.frames(here), count).row[0]
+        near = bank.search(here, root.frames(here), count)[1][0]
         rows.append(near[bank.rates(near) == stretch.rate] - at)
     begin: NDArray[np.intp] = np.unique(np.concatenate(rows))
     begin = begin[begin + stretch.first >= 0]
