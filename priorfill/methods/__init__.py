@@ -49,6 +49,11 @@ METHODS = {
         "the nearest poses of a database vote on position, velocity, acceleration",
         "Baumann et al. 2011",
     ),
+    "krueger2010": Entry(
+        "krueger2010:fill",
+        "each frame by itself: the mean of the nearest poses of a database",
+        "Krüger et al. 2010",
+    ),
     "linear": Entry("interpolation:linear", "straight lines over time", "SciPy"),
     "pchip": Entry("interpolation:pchip", "monotone cubic curves over time", "SciPy"),
     "spline": Entry("interpolation:spline", "cubic splines over time", "SciPy"),
