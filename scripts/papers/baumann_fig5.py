@@ -1,0 +1,84 @@
+#!/usr/bin/env python
+"""Baumann et al. 2011, figure 5: the error by how the body's size differs from the database's.
+
+    python scripts/papers/baumann_fig5.py [--data DIR] [--recording FILE] [--full]
+
+Recordings are scaled about the origin; an arm and the other side's leg are taken out of their
+middle at once, and filled from all other recordings of the library as they are. Errors are divided
+by the scale, so that they can be compared. ``--full``: more scales.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from baumann import (
+    METHODS,
+    RECORDING,
+    Take,
+    database_of,
+    examples,
+    library,
+    limb,
+    middle,
+    tell_data,
+)
+from paper import beside, error, in_processes, options
+
+import priorfill as pf
+
+SCALES = (0.8, 0.9, 1.0, 1.1, 1.2)
+MORE_SCALES = (0.7, 0.85, 0.95, 1.05, 1.15, 1.3)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A recording and the scale of its body."""
+
+    take: Take
+    scale: float
+    database: Path
+
+
+def errors(case: Case) -> list[float]:
+    """Return the error of each method, in mm of the body as it was."""
+    clip = pf.read(case.take.file)
+    truth = clip.with_positions(case.scale * clip.positions)
+    gappy = middle(truth, [*limb("arm", "right"), *limb("leg", "left")])
+    others = pf.Selection(not_names=(case.take.file.stem,))
+    return [
+        error(
+            pf.fill(gappy, database=case.database, method=method, selection=others).clip,
+            truth,
+            gappy,
+        )
+        / case.scale
+        for method in METHODS
+    ]
+
+
+def main() -> int:
+    """Print the figure."""
+    parser = options(__doc__, recording=RECORDING, full="more scales")
+    arguments = parser.parse_args()
+    takes = library(arguments.data)
+    filled = examples(takes, arguments.recording, full=False)
+    tell_data(takes, filled, arguments.recording)
+    scales = sorted(SCALES + MORE_SCALES * arguments.full)
+    with database_of(takes) as database:
+        cases = [Case(take, scale, database) for scale in scales for take in filled]
+        found = np.array(in_processes(errors, cases))
+    by_scale = found.reshape(len(scales), len(filled), len(METHODS)).mean(axis=1)
+    beside(
+        "Mean error in mm, divided by the scale (paper: a plot, not stated in the text)",
+        ["scale", *METHODS, "paper"],
+        [[f"{s:.2f}", *map(float, m), None] for s, m in zip(scales, by_scale, strict=True)],
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
