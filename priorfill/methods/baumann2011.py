@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.gaps import GapGroup, runs
+from priorfill.gaps import GapGroup, constant_spans, runs
 from priorfill.methods.searches import (
     CHUNK,
     FEWEST_POSES,
