@@ -152,7 +152,7 @@ def test_nothing_known_is_left_missing() -> None:
 
 
 def test_what_is_hopeless_is_left_missing() -> None:
-    clip = with_gaps(person(seconds=20.0), (40, 1201, ALL))
+    clip = with_gaps(person(seconds=6.0), (40, 361, ALL))
     result = fill(clip)
     assert result.filled[40:50].all()
     assert not result.filled[-1].any()

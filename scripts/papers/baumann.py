@@ -158,8 +158,7 @@ def tell_data(takes: Sequence[Take], filled: Sequence[Take], recording: Path | N
     if synthesised:
         print(
             f"       {len(synthesised)} of the library are short cuts whose markers were put on the"
-            " recorded skeleton:\n       motion and bodies are real, soft tissue is missing, "
-            "so errors come out lower than the paper's."
+            " recorded skeleton:\n       motion and bodies are real, soft tissue is missing."
         )
     if recording is None:
         print(
