@@ -14,7 +14,7 @@ from priorfill.bridge import dying_velocity, process_in_time
 from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
 from priorfill.filling import Result, fill
-from priorfill.methods.blackout import Recording, fill_blackout
+from priorfill.methods.prior.blackout import Recording, fill_blackout
 from priorfill.normalise import RootGroup, root_group
 
 TRUTH = person(seconds=8.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from priorfill.methods.body_fit import DOUBT, shifts
+from priorfill.methods.prior.body_fit import DOUBT, shifts
 
 
 def swing(time):

@@ -24,7 +24,7 @@ from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
 from priorfill.errors import FormatError, OutputError
 from priorfill.formats import read, write
-from priorfill.methods.dropout.witnesses import ROWS
+from priorfill.methods.prior.dropout.witnesses import ROWS
 
 GAPS = ((60, 90, ARM), (200, 240, ("LKNE",)))
 

@@ -15,7 +15,7 @@ from priorfill.database import PriorDatabase
 from priorfill.errors import ClipError, OptionError
 from priorfill.filling import fill
 from priorfill.markerset import discover
-from priorfill.methods.dropout import Dropouts
+from priorfill.methods.prior.dropout import Dropouts
 from priorfill.methods.task import Task
 from priorfill.takes import companion_take
 

@@ -18,8 +18,8 @@ from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
 from priorfill.errors import DatabaseNotFoundError, OptionError
 from priorfill.filling import FilledGap, LeftMissing, fill
-from priorfill.methods.dropout.witnesses import ROWS
-from priorfill.methods.prediction import Prediction
+from priorfill.methods.prior.dropout.witnesses import ROWS
+from priorfill.methods.prior.prediction import Prediction
 from priorfill.methods.task import Estimate, Note
 from priorfill.uncertainty import BOUND_FACTOR, MEAN_FACTOR
 

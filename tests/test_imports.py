@@ -10,12 +10,16 @@ import priorfill
 
 ROOT = Path(priorfill.__file__).parent
 METHODS = "priorfill.methods."
+PRIOR = METHODS + "prior."
 ARRAYS_ONLY = (
-    *(f"blackout.{part}" for part in ("stencil", "windows", "curves", "mixture", "correction")),
-    "blackout.prediction",
-    *(f"dropout.{part}" for part in ("ties", "covariance", "prediction")),
+    *(
+        f"prior.blackout.{part}"
+        for part in ("stencil", "windows", "curves", "mixture", "correction")
+    ),
+    "prior.blackout.prediction",
+    *(f"prior.dropout.{part}" for part in ("ties", "covariance", "prediction")),
     "gloersen2016.weighted_pca",
-    "moments",
+    "prior.moments",
 )
 
 
@@ -38,22 +42,29 @@ def imports() -> dict[str, set[str]]:
 
 def test_no_module_imports_itself_in_the_end() -> None:
     # raises CycleError if one does
-    assert "priorfill.methods.predict" in list(TopologicalSorter(imports()).static_order())
+    assert "priorfill.methods.prior.predict" in list(TopologicalSorter(imports()).static_order())
 
 
 def test_kernels_see_arrays_only() -> None:
     found = imports()
     for part in ARRAYS_ONLY:
-        assert not found[METHODS + part] & {METHODS + "task", METHODS + "options"}, part
+        above = {METHODS + "task", METHODS + "prior.options"}
+        assert not found[METHODS + part] & above, part
 
 
 def test_dropouts_and_blackouts_know_nothing_of_each_other() -> None:
     built = {"dropout": "blackout", "blackout": "dropout"}
     for module, names in imports().items():
         for part, other in built.items():
-            if module.startswith(METHODS + part):
+            if module.startswith(PRIOR + part):
                 above = (other, "lessons", "predict.", "regression_prior")
-                assert not any(f"{n}.".startswith(METHODS + a) for n in names for a in above)
+                assert not any(f"{n}.".startswith(PRIOR + a) for n in names for a in above)
+
+
+def test_the_methods_of_the_field_know_nothing_of_prior() -> None:
+    for module, names in imports().items():
+        if module.startswith(METHODS) and not module.startswith(PRIOR):
+            assert not any(name.startswith(PRIOR) for name in names), module
 
 
 def test_methods_import_neither_files_nor_databases() -> None:

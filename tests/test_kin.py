@@ -14,11 +14,11 @@ from priorfill.database import PriorDatabase
 from priorfill.filling import fill
 from priorfill.gaps import gap_groups
 from priorfill.markerset import describe
-from priorfill.methods.blackout.movements import similar_movements
-from priorfill.methods.lessons import Lessons
-from priorfill.methods.options import Options
-from priorfill.methods.pieces import Piece
-from priorfill.methods.pose_search import PoseSearch
+from priorfill.methods.prior.blackout.movements import similar_movements
+from priorfill.methods.prior.lessons import Lessons
+from priorfill.methods.prior.options import Options
+from priorfill.methods.prior.pieces import Piece
+from priorfill.methods.prior.pose_search import PoseSearch
 from priorfill.methods.task import Task
 from priorfill.regression import Lesson
 from priorfill.takes import companion_take

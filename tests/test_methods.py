@@ -14,7 +14,8 @@ from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
 from priorfill.energy import energy
 from priorfill.filling import Result, fill
-from priorfill.methods import baumann2011, regression_prior
+from priorfill.methods import baumann2011
+from priorfill.methods.prior import regression_prior
 from priorfill.solver import Descent, minimise, solve_exactly
 
 METHOD = pytest.mark.parametrize("method", ["baumann2011", "neighbours", "prior"])

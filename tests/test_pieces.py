@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 from scipy.sparse.csgraph import connected_components
 
 from priorfill.gaps import gap_groups
-from priorfill.methods.pieces import (
+from priorfill.methods.prior.pieces import (
     FEWEST_VISIBLE,
     JOINT_DISTANCE,
     MAX_PIECES,

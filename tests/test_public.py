@@ -36,7 +36,7 @@ def test_no_such_name():
 def test_fill_stays_a_function():
     for module in (
         "filling",
-        "methods.regression_prior",
+        "methods.prior.regression_prior",
         "methods.baumann2011",
         "cli.fill",
         "cli.evaluate",

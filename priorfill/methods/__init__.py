@@ -35,7 +35,7 @@ class Entry:
 
 METHODS = {
     "prior": Entry(
-        "regression_prior:fill",
+        "prior.regression_prior:fill",
         "regression on the clip's own poses and the database's, then the energy",
         "priorfill",
     ),

@@ -21,8 +21,8 @@ References
 .. [R06] Rasmussen and Williams, Gaussian Processes for Machine Learning, MIT Press 2006.
 """
 
-from priorfill.methods.blackout.blackouts import Blackouts
-from priorfill.methods.blackout.prediction import fill_blackout
-from priorfill.methods.blackout.windows import Recording
+from priorfill.methods.prior.blackout.blackouts import Blackouts
+from priorfill.methods.prior.blackout.prediction import fill_blackout
+from priorfill.methods.prior.blackout.windows import Recording
 
 __all__ = ["Blackouts", "Recording", "fill_blackout"]

@@ -8,13 +8,13 @@ The energy, the levels and the solver are those of Baumann et al. 2011 (`priorfi
 * instead of the mean of the neighbours, the prior is a Gaussian-process regression from the
   visible markers (`priorfill.regression`), its weight the inverse of the predicted variance;
 * predictions below the floor are lifted, and calmed where they shake more than what is measured
-  (`priorfill.methods.finish`);
+  (`priorfill.methods.prior.finish`);
 * velocities and accelerations come from the same prediction, across the gap's edges too, so that
   the fill joins the measured signal without a seam;
 * frames with holes teach nothing at first; a second reading completes them with the first fill;
 * short gaps that nothing else predicts are bridged over time (`priorfill.bridge`);
 * blackouts are filled by how the body moves before, after, and elsewhere
-  (`priorfill.methods.blackout`).
+  (`priorfill.methods.prior.blackout`).
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gaps import GapGroup, runs
-from priorfill.methods.finish import Finish
-from priorfill.methods.options import Options
-from priorfill.methods.pieces import Piece, pieces_of
-from priorfill.methods.predict import Predictor
-from priorfill.methods.prediction import Prediction, unfilled
+from priorfill.methods.prior.finish import Finish
+from priorfill.methods.prior.options import Options
+from priorfill.methods.prior.pieces import Piece, pieces_of
+from priorfill.methods.prior.predict import Predictor
+from priorfill.methods.prior.prediction import Prediction, unfilled
 from priorfill.methods.task import Estimate, Note, Task
 from priorfill.multiresolution import levels_for, synthesise
 from priorfill.prior import Prior

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.methods.members import BASIC, BRIEF_MEMBERS, LIMB_MEMBERS, MARKER_MEMBERS
-from priorfill.methods.options import Options
-from priorfill.methods.own_lesson import OwnLessons
-from priorfill.methods.pieces import Piece
-from priorfill.methods.pose_search import PoseSearch
-from priorfill.methods.shared_lesson import shared_lesson
+from priorfill.methods.prior.members import BASIC, BRIEF_MEMBERS, LIMB_MEMBERS, MARKER_MEMBERS
+from priorfill.methods.prior.options import Options
+from priorfill.methods.prior.own_lesson import OwnLessons
+from priorfill.methods.prior.pieces import Piece
+from priorfill.methods.prior.pose_search import PoseSearch
+from priorfill.methods.prior.shared_lesson import shared_lesson
 from priorfill.methods.task import Task
 from priorfill.regression import Lesson, Member
 

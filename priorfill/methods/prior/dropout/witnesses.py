@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.methods.dropout.bodies import OWN, OWN_ROWS, RATE, Bodies, Sample
-from priorfill.methods.dropout.ties import Ties
+from priorfill.methods.prior.dropout.bodies import OWN, OWN_ROWS, RATE, Bodies, Sample
+from priorfill.methods.prior.dropout.ties import Ties
 from priorfill.methods.task import Task
 from priorfill.mirror import mirrored, reflected
 from priorfill.poses import evenly, some_whole, whole

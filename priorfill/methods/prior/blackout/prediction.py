@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.methods.blackout.correction import correct
-from priorfill.methods.blackout.curves import curves_of, draw, profile, through
-from priorfill.methods.blackout.mixture import mix
-from priorfill.methods.blackout.stencil import Stencil, stencil_of
-from priorfill.methods.blackout.windows import (
+from priorfill.methods.prior.blackout.correction import correct
+from priorfill.methods.prior.blackout.curves import curves_of, draw, profile, through
+from priorfill.methods.prior.blackout.mixture import mix
+from priorfill.methods.prior.blackout.stencil import Stencil, stencil_of
+from priorfill.methods.prior.blackout.windows import (
     FEWEST_WINDOWS,
     Recording,
     Windows,

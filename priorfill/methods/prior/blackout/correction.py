@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gaussian import shares, squared_distances
-from priorfill.methods.blackout.mixture import SHARPNESS
-from priorfill.methods.blackout.windows import FEWEST_WINDOWS, Windows
+from priorfill.methods.prior.blackout.mixture import SHARPNESS
+from priorfill.methods.prior.blackout.windows import FEWEST_WINDOWS, Windows
 
 __all__ = ["correct"]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.methods.pieces import Piece
+from priorfill.methods.prior.pieces import Piece
 from priorfill.methods.task import Note, Task
 from priorfill.uncertainty import BOUND_FACTOR
 

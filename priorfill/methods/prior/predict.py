@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from priorfill.bridge import bridge
 from priorfill.lengths import hold_lengths, stiff_edges
-from priorfill.methods.blackout import Blackouts
-from priorfill.methods.dropout import Dropouts
-from priorfill.methods.lessons import Lessons
-from priorfill.methods.options import Options
-from priorfill.methods.pieces import Piece
-from priorfill.methods.pose_search import PoseSearch
-from priorfill.methods.prediction import Prediction
+from priorfill.methods.prior.blackout import Blackouts
+from priorfill.methods.prior.dropout import Dropouts
+from priorfill.methods.prior.lessons import Lessons
+from priorfill.methods.prior.options import Options
+from priorfill.methods.prior.pieces import Piece
+from priorfill.methods.prior.pose_search import PoseSearch
+from priorfill.methods.prior.prediction import Prediction
 from priorfill.methods.task import Task
 from priorfill.regression import regress
 

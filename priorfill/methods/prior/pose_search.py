@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.methods.options import Options
+from priorfill.methods.prior.options import Options
 from priorfill.methods.task import Task
 from priorfill.normalise import RootGroup
 from priorfill.poses import evenly

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from priorfill.calm import calm, shaking
 from priorfill.floor import floor_heights, lift
-from priorfill.methods.prediction import Prediction
+from priorfill.methods.prior.prediction import Prediction
 from priorfill.methods.task import Task
 from priorfill.springs import STIFF
 

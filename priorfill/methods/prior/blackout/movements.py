@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from priorfill.methods.blackout.stencil import REACH
-from priorfill.methods.blackout.windows import OVERLAP, Recording
-from priorfill.methods.kinship import STRANGER_KINSHIP
-from priorfill.methods.options import Options
-from priorfill.methods.pieces import FEWEST_VISIBLE
-from priorfill.methods.pose_search import DATABASE_RATE, OWN_BODY, PoseSearch
+from priorfill.methods.prior.blackout.stencil import REACH
+from priorfill.methods.prior.blackout.windows import OVERLAP, Recording
+from priorfill.methods.prior.kinship import STRANGER_KINSHIP
+from priorfill.methods.prior.options import Options
+from priorfill.methods.prior.pieces import FEWEST_VISIBLE
+from priorfill.methods.prior.pose_search import DATABASE_RATE, OWN_BODY, PoseSearch
 from priorfill.methods.task import Task, take_names
 from priorfill.normalise import RootGroup
 from priorfill.poses import evenly

@@ -16,6 +16,6 @@ and its mirror image. How far a prediction is off is told by leaving whole bodie
 predicted from the others and its own image as the clip is. Several members are mixed by that.
 """
 
-from priorfill.methods.dropout.dropouts import Dropouts
+from priorfill.methods.prior.dropout.dropouts import Dropouts
 
 __all__ = ["Dropouts"]

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gaussian import shares, squared_distances
-from priorfill.methods.dropout.bodies import OWN
-from priorfill.methods.dropout.covariance import KINDS, Kin
-from priorfill.methods.dropout.ties import Ties
-from priorfill.methods.dropout.witnesses import Witness
+from priorfill.methods.prior.dropout.bodies import OWN
+from priorfill.methods.prior.dropout.covariance import KINDS, Kin
+from priorfill.methods.prior.dropout.ties import Ties
+from priorfill.methods.prior.dropout.witnesses import Witness
 from priorfill.normalise import RootFrames, heading_frames, rigid_frames
 from priorfill.regression import ALIGNMENT_FLOOR, View, block_residuals
 from priorfill.uncertainty import LEAST_DEVIATION

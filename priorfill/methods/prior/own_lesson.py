@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.distances import pair_distances
-from priorfill.methods.kinship import MIRROR_KINSHIP
-from priorfill.methods.members import seconds_of
-from priorfill.methods.moments import standing_in
-from priorfill.methods.options import Options
-from priorfill.methods.pieces import FEWEST_VISIBLE, Piece
+from priorfill.methods.prior.kinship import MIRROR_KINSHIP
+from priorfill.methods.prior.members import seconds_of
+from priorfill.methods.prior.moments import standing_in
+from priorfill.methods.prior.options import Options
+from priorfill.methods.prior.pieces import FEWEST_VISIBLE, Piece
 from priorfill.methods.task import Task
 from priorfill.mirror import mirrored
 from priorfill.poses import evenly, whole

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.methods.dropout.bodies import OWN
-from priorfill.methods.dropout.covariance import KINDS
-from priorfill.methods.dropout.prediction import VIEWS, predict_by_all, testify
-from priorfill.methods.dropout.witnesses import IMAGE_ROWS, Witnesses, said_by
-from priorfill.methods.pieces import FEWEST_VISIBLE
+from priorfill.methods.prior.dropout.bodies import OWN
+from priorfill.methods.prior.dropout.covariance import KINDS
+from priorfill.methods.prior.dropout.prediction import VIEWS, predict_by_all, testify
+from priorfill.methods.prior.dropout.witnesses import IMAGE_ROWS, Witnesses, said_by
+from priorfill.methods.prior.pieces import FEWEST_VISIBLE
 from priorfill.methods.task import Task
 from priorfill.poses import some_whole
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from priorfill.bridge import Curve, dying_velocity, process_in_time
-from priorfill.methods.blackout.stencil import Stencil
+from priorfill.methods.prior.blackout.stencil import Stencil
 from priorfill.uncertainty import LEAST_DEVIATION
 
 __all__ = ["curves_of", "draw", "profile", "through"]

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.methods.body_fit import shifts
-from priorfill.methods.kinship import MIRROR_KINSHIP, STRANGER_KINSHIP
-from priorfill.methods.moments import standing_in
-from priorfill.methods.options import Options
-from priorfill.methods.own_lesson import IMAGE, OWN, OwnLesson
-from priorfill.methods.pieces import FEWEST_VISIBLE
-from priorfill.methods.pose_search import OWN_BODY, PoseSearch
+from priorfill.methods.prior.body_fit import shifts
+from priorfill.methods.prior.kinship import MIRROR_KINSHIP, STRANGER_KINSHIP
+from priorfill.methods.prior.moments import standing_in
+from priorfill.methods.prior.options import Options
+from priorfill.methods.prior.own_lesson import IMAGE, OWN, OwnLesson
+from priorfill.methods.prior.pieces import FEWEST_VISIBLE
+from priorfill.methods.prior.pose_search import OWN_BODY, PoseSearch
 from priorfill.methods.task import Task, take_names
 from priorfill.poses import evenly
 from priorfill.regression import Lesson, Rows

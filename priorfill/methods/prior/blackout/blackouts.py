@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.methods.blackout.movements import similar_movements
-from priorfill.methods.blackout.prediction import fill_blackout
-from priorfill.methods.blackout.windows import Recording
-from priorfill.methods.options import Options
-from priorfill.methods.pieces import Piece
-from priorfill.methods.pose_search import PoseSearch
-from priorfill.methods.prediction import Prediction
+from priorfill.methods.prior.blackout.movements import similar_movements
+from priorfill.methods.prior.blackout.prediction import fill_blackout
+from priorfill.methods.prior.blackout.windows import Recording
+from priorfill.methods.prior.options import Options
+from priorfill.methods.prior.pieces import Piece
+from priorfill.methods.prior.pose_search import PoseSearch
+from priorfill.methods.prior.prediction import Prediction
 from priorfill.methods.task import Task
 
 __all__ = ["Blackouts"]

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.methods.blackout.stencil import EDGE_STEP, Stencil
-from priorfill.methods.kinship import MIRROR_KINSHIP
+from priorfill.methods.prior.blackout.stencil import EDGE_STEP, Stencil
+from priorfill.methods.prior.kinship import MIRROR_KINSHIP
 from priorfill.mirror import reflected
 from priorfill.normalise import RootGroup, about_vertical
 from priorfill.poses import evenly

@@ -1,0 +1,1 @@
+"""The parts of the method ``prior``; `priorfill.methods.prior.regression_prior` joins them."""
