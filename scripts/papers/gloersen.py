@@ -1,0 +1,212 @@
+"""Recordings, gaps and errors for the tables of Gløersen and Federolf 2016.
+
+The paper's own recording ``WalkL`` (walking on a treadmill, 37 markers, 18 s at 240 Hz) is among
+its supplementary files, as are 50 gap patterns for it. The scripts were written from the paper's
+abstract, its program, and figures quoted from it: how its gaps were drawn, and what each of its
+tables counts, is our reading, which each script tells.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from paper import find
+from threadpoolctl import threadpool_limits
+
+import priorfill as pf
+from priorfill.axes import from_upright, to_upright
+from priorfill.errors import MethodError
+from priorfill.evaluation.cutter import Cutter, Mask, measured_in
+from priorfill.evaluation.protocols import ENOUGH, SCATTER_AT_ONCE, SCATTER_SECONDS
+from priorfill.gaps import gap_groups
+from priorfill.markerset import describe
+from priorfill.methods.gloersen2016 import Options, r1, r2
+from priorfill.methods.task import Estimate, Task
+
+__all__ = [
+    "METHODS",
+    "RECORDING",
+    "SEED",
+    "deviations",
+    "distances",
+    "is_the_papers",
+    "mean_distance",
+    "one_run",
+    "published",
+    "quartiles",
+    "read",
+    "recording",
+    "runs_in_frames",
+    "spread",
+    "tell_data",
+]
+
+Array = NDArray[np.float64]
+
+METHODS: dict[str, Callable[..., Estimate]] = {"r1": r1, "r2": r2}
+"""The paper's two strategies: all markers at once, one after the other."""
+
+RECORDING = "WalkL of the paper's supplement as C3D, or any other recording"
+
+NAMES = ("walkl/WalkL.c3d", "hdm05/HDM_bd_01-02_01_120.c3d")
+"""The paper's own, and the longest walk of HDM05 that is at hand."""
+
+PATTERNS = "missing_masks.npz"
+"""File beside the recording with the published patterns."""
+
+SEED = 2016
+
+QUARTILES = (25.0, 75.0)
+
+FRINGE = (5.0, 95.0)
+"""Percentiles between which nine in ten lie."""
+
+
+def recording(arguments: argparse.Namespace) -> Path:
+    """Return the recording to be used, by the script's options."""
+    return find(NAMES, arguments.data, arguments.recording)
+
+
+def is_the_papers(file: Path) -> bool:
+    """Tell whether a recording is the paper's own, by its name."""
+    return file.name == Path(NAMES[0]).name
+
+
+@cache
+def read(file: Path) -> pf.Clip:
+    """Read a recording, once in each process."""
+    return pf.read(file)
+
+
+def published(file: Path) -> list[Mask]:
+    """Return the published patterns that lie beside a recording and are of its size; or none."""
+    beside = file.parent / PATTERNS
+    if not beside.is_file():
+        return []
+    shape = read(file).missing.shape
+    with np.load(beside) as stored:
+        copies, frames, markers = (int(size) for size in stored["shape"])
+        if (frames, markers) != shape:
+            return []
+        gone = np.unpackbits(stored["missing"], axis=1)[:copies, :frames].astype(bool)
+    return [mask & measured_in(read(file)) for mask in gone]
+
+
+def one_run(clip: pf.Clip, marker: int, share: float, copy: int) -> Mask | None:
+    """Remove a marker in a share of the frames, one run at random; None if there is no place."""
+    rng = np.random.default_rng([SEED, marker, round(100 * share), copy])
+    cutter = Cutter(clip, rng, measured_in(clip))
+    return cutter.gone if cutter.cut([marker], round(share * clip.frames)) else None
+
+
+def runs_in_frames(clip: pf.Clip, share: float, copy: int) -> Mask:
+    """Remove random markers at random times until a share of the frames lacks a marker.
+
+    Lengths are those of the published patterns. Copies of other shares go on where those of a
+    lower one stopped, so that shares can be compared.
+    """
+    cutter = Cutter(clip, np.random.default_rng([SEED, copy]), measured_in(clip))
+    for _ in range(ENOUGH * clip.frames):
+        if cutter.gone.any(axis=1).mean() >= share:
+            break
+        if cutter.scatter_one(SCATTER_SECONDS, SCATTER_AT_ONCE) is None:
+            break
+    return cutter.gone
+
+
+def deviations(
+    clip: pf.Clip, gone: Mask, method: str, options: Options | None = None
+) -> Array | None:
+    """Remove samples, fill them by a method, and take the truth from the fill.
+
+    Parameters
+    ----------
+    clip : Clip
+        The truth.
+    gone : ndarray of bool [shape=(frames, markers)]
+        What is removed.
+    method : str
+        Name of a method.
+    options : Options, optional
+        Constants of the paper's methods; those of the paper if not given.
+
+    Returns
+    -------
+    ndarray [shape=(samples, 3), mm] or None
+        By coordinate, in the file's axes, in the order of ``gone``. None where the method left
+        any sample missing: a mean over some could not be compared with others.
+    """
+    positions = clip.positions.copy()
+    positions[gone] = np.nan
+    gappy = clip.with_positions(positions)
+    try:
+        with threadpool_limits(1):  # the other cores have other cases
+            if options is None:
+                found = pf.fill(gappy, method=method).clip.positions
+            else:
+                found = from_upright(
+                    METHODS[method](_task(gappy), options=options).positions, clip.up
+                )
+    except MethodError:
+        return None
+    off: Array = (found - clip.positions)[gone]
+    return off if np.isfinite(off).all() else None
+
+
+def _task(gappy: pf.Clip) -> Task:
+    return Task(
+        to_upright(gappy.positions, gappy.up),
+        gappy.labels,
+        gappy.rate,
+        describe(gappy),
+        tuple(gap_groups(gappy.missing)),
+    )
+
+
+def distances(
+    clip: pf.Clip, gone: Mask, method: str, options: Options | None = None
+) -> Array | None:
+    """Return the distance of each removed sample from the truth (mm); see `deviations`."""
+    off = deviations(clip, gone, method, options)
+    return None if off is None else np.asarray(np.linalg.norm(off, axis=1))
+
+
+def mean_distance(clip: pf.Clip, gone: Mask, method: str, options: Options | None = None) -> float:
+    """Return the mean error (mm) over the removed samples; NaN if any is left missing."""
+    found = distances(clip, gone, method, options)
+    return float("nan") if found is None or not found.size else float(found.mean())
+
+
+def quartiles(values: Array) -> tuple[float, str]:
+    """Return the median of the values that are known, and their quartiles as text."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return float("nan"), "-"
+    low, high = np.percentile(known, QUARTILES)
+    return float(np.median(known)), f"{low:.1f}-{high:.1f}"
+
+
+def spread(values: Array) -> str:
+    """Return between which values nine in ten of the known ones lie, as text."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return "-"
+    low, high = np.percentile(known, FRINGE)
+    return f"{low:.1f}-{high:.1f}"
+
+
+def tell_data(file: Path, what: str) -> None:
+    """Say what the paper filled, and what is filled here."""
+    clip = read(file)
+    print("Paper: WalkL, walking on a treadmill, 37 markers, 18 s at 240 Hz (its supplement).")
+    print(
+        f"Here:  {file.name}, {len(clip.labels)} markers, {clip.duration:.0f} s at "
+        f"{clip.rate:g} Hz; {what}."
+    )
+    if not is_the_papers(file):
+        print("       Not the paper's recording: only the kind of figure can be compared.")
