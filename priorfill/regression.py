@@ -18,6 +18,10 @@ sure of the gap than of those blocks counts less.
 
 The mixture's own residuals of the blocks say how far its deviation is to be trusted.
 
+Rows may also say how fast the missing markers move. Velocities are predicted in the same way,
+from the same matrices, and mixed by their own errors. `priorfill.motion` joins them with the
+positions.
+
 References
 ----------
 .. [R06] Rasmussen and Williams, Gaussian Processes for Machine Learning, MIT Press 2006.
@@ -36,6 +40,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotri
 
 from priorfill.gaussian import shares
+from priorfill.motion import Motion, by_speed
 from priorfill.normalise import RootFrames, heading_frames, rigid_frames
 from priorfill.uncertainty import BOUND_FACTOR, BOUND_SHARE
 
@@ -55,10 +60,10 @@ SELECTION_POWER = 8.0
 """Members count by (least error / own error) to this power: between the mean of all (0) and the
 best alone (infinite), both of which fill worse."""
 
-DOUBT_POWER = 0.25
-"""Members count by their left-out error times (deviation predicted in the gap / in the blocks left
-out) to this power: 0.25 to 0.5 fill best, 0 and 1 worse by one part in a hundred, and far worse in
-the worst case."""
+DOUBT_POWER = 0.35
+"""In each frame members count by their left-out error times (deviation predicted there / in the
+blocks left out) to this power: 0.25 to 0.5 fill alike, 0 and 1 worse by one or two parts in a
+hundred, and far worse in the worst case."""
 
 FADED = 0.5
 """What is left of the covariance of poses far apart in time, for kernels that fade."""
@@ -244,6 +249,8 @@ class Rows:
     around : mapping, optional
         By seconds of a moment: the visible markers so long before and after
         [shape=(2, poses, visible markers, 3), mm], none missing.
+    moving : ndarray [shape=(poses, missing markers, 3), mm/s], optional
+        Velocities of the missing markers, if these are to be predicted too.
     """
 
     visible: NDArray[np.float64]
@@ -253,6 +260,7 @@ class Rows:
     kinship: NDArray[np.float64] | None = None
     body: NDArray[np.intp] | None = None
     around: Mapping[float, NDArray[np.float64]] = field(default_factory=dict)
+    moving: NDArray[np.float64] | None = None
 
     def _same_body(self, other: Rows) -> NDArray[np.bool_]:
         mine = self.take if self.body is None else self.body
@@ -346,11 +354,14 @@ class Regression:
         Expected rms Euclidean error.
     bound_factor : float
         Times the deviation: what 90 % of the errors are expected to lie within.
+    motion : Motion or None
+        How the missing markers move, if all lessons' rows say so.
     """
 
     positions: NDArray[np.float64]
     deviation: NDArray[np.float64]
     bound_factor: float
+    motion: Motion | None = None
 
 
 def block_residuals(
@@ -436,8 +447,16 @@ class _Aligned:
     weight: NDArray[np.float64]  # (visible,), of the features
     row_frames: RootFrames
     frames: RootFrames  # of the queries
-    targets: NDArray[np.float64]  # (rows, missing * 3), mm, centred
-    centre: NDArray[np.float64]  # (missing * 3,), mm
+    targets: NDArray[np.float64]  # (rows, targets * 3), centred: positions (mm), then velocities
+    centre: NDArray[np.float64]  # (targets * 3,)
+
+    def to_world(self, local: NDArray[np.float64], positions: int) -> NDArray[np.float64]:
+        """Turn what is predicted of so many positions, and velocities, into the world."""
+        told = local + self.centre
+        told = told.reshape(len(told), -1, 3)
+        world = told @ np.swapaxes(self.frames.rotation, 1, 2)
+        world[:, :positions] += self.frames.origin[:, None, :]
+        return world
 
     def likeness(self, lesson: Lesson, moment: Moment | None) -> _Likeness:
         """Compare poses, or the moments around them."""
@@ -474,7 +493,10 @@ def _align(view: View, lesson: Lesson) -> _Aligned:
     template = rows.visible[len(rows.visible) // 2]
     row_frames = align(rows.visible, template, alignment)
     query_frames = align(query.visible, template, alignment)
-    targets = row_frames.to_local(rows.missing).reshape(len(rows.time), -1)
+    targets = row_frames.to_local(rows.missing)
+    if rows.moving is not None:
+        targets = np.concatenate([targets, rows.moving @ row_frames.rotation], axis=1)
+    targets = targets.reshape(len(rows.time), -1)
     centre = targets.mean(axis=0)
     return _Aligned(weight, row_frames, query_frames, targets - centre, centre)
 
@@ -509,14 +531,13 @@ def _share(lesson: Lesson, kernels: Iterable[Kernel], block_seconds: float) -> _
 
 @dataclass(frozen=True, eq=False)
 class _Prediction:
-    """What a member says."""
+    """What a member says of targets: the positions (mm), then the velocities (mm/s)."""
 
-    positions: NDArray[np.float64]  # (queries, missing, 3), mm, upright
-    variance: NDArray[np.float64]  # (queries, missing), mm²
-    residuals: NDArray[np.float64]  # (judged rows, missing, 3), mm, upright, blocks left out
-    left_out: NDArray[np.float64]  # (judged rows, missing), mm², their predicted variance
-    error: float  # rms of the residuals' lengths, mm
-    doubt: float  # deviation predicted in the gap / in the blocks left out
+    told: NDArray[np.float64]  # (queries, targets, 3), upright
+    variance: NDArray[np.float64]  # (queries, targets)
+    residuals: NDArray[np.float64]  # (judged rows, targets, 3), upright, blocks left out
+    left_out: NDArray[np.float64]  # (judged rows, targets), their predicted variance
+    doubt: NDArray[np.float64]  # (queries,), deviation predicted / in the blocks left out
 
 
 def _predict(
@@ -524,12 +545,11 @@ def _predict(
     lesson: Lesson,
     members: Sequence[Member],
     shared: _Shared,
-    inside: NDArray[np.bool_],
 ) -> list[_Prediction]:
-    """Predict by the members of one view; ``inside`` are the queries within the gap."""
+    """Predict by the members of one view."""
     aligned = _align(view, lesson)
     poses = aligned.likeness(lesson, None)
-    markers = aligned.targets.shape[1] // 3
+    markers, targets = lesson.rows.missing.shape[1], aligned.targets.shape[1] // 3
     predictions = []
     for moment, some in groupby(members, key=lambda member: member.moment):
         likeness = poses if moment is None else poses + aligned.likeness(lesson, moment)
@@ -547,10 +567,10 @@ def _predict(
             covariance[np.diag_indices_from(covariance)] += kernel.noise
             inverse = _inverse(covariance)
             residuals, left_out = block_residuals(inverse, aligned.targets, shared.blocks)
-            residuals = residuals[shared.judged].reshape(-1, markers, 3)
+            residuals = residuals[shared.judged].reshape(-1, targets, 3)
             left_out = left_out[shared.judged, None]
             error = (residuals**2).sum(axis=2)
-            # what one unit of the kernel's variance is in mm², marker by marker
+            # what one unit of the kernel's variance is in mm² or (mm/s)², target by target
             unit = (error / left_out).mean(axis=0)
 
             cross = kernel.covariance(
@@ -559,19 +579,18 @@ def _predict(
                 shared.temporal[kernel][1],
                 shared.correlation[kernel][1],
             )
-            local = cross @ (inverse @ aligned.targets) + aligned.centre
+            local = cross @ (inverse @ aligned.targets)
             own = 1.0 + shared.offset + kernel.linear * likeness.asked_norm
             own += kernel.radial + kernel.temporal
             left = own - np.einsum("qr,qr->q", cross @ inverse, cross) + kernel.noise
             variance = np.maximum(left, kernel.noise)[:, None]
             predictions.append(
                 _Prediction(
-                    aligned.frames.to_world(local.reshape(-1, markers, 3)),
+                    aligned.to_world(local, markers),
                     variance * unit,
                     residuals @ np.swapaxes(aligned.row_frames.rotation[shared.judged], 1, 2),
                     left_out * unit,
-                    float(np.sqrt(error.mean())),
-                    float(np.sqrt(variance[inside].mean() / left_out.mean())),
+                    np.sqrt(variance[:, 0] / left_out.mean()),
                 )
             )
     return predictions
@@ -615,6 +634,75 @@ def _calibrate(
     return factor**known, bound**known * BOUND_FACTOR ** (1.0 - known)
 
 
+@dataclass(frozen=True, eq=False)
+class _Mixture:
+    """What members say together of some of the targets, and what they got wrong of them."""
+
+    mean: NDArray[np.float64]  # (queries, targets, 3)
+    deviation: NDArray[np.float64]  # (queries, targets), as they predict it
+    beside: float  # how much lessons beside the first count
+    # of the members and rows by which the mixture can be judged
+    share: NDArray[np.float64]  # (members,)
+    residuals: NDArray[np.float64]  # (members, rows, targets, 3)
+    left_out: NDArray[np.float64]  # (members, rows, targets)
+    known: NDArray[np.float64]  # (rows, targets, 3), velocities; empty of positions
+    blocks: int
+
+    @property
+    def wrong(self) -> NDArray[np.float64]:
+        """The mixture's residuals [shape=(rows, targets, 3)]."""
+        residuals: NDArray[np.float64] = np.einsum("k,krmi->rmi", self.share, self.residuals)
+        return residuals
+
+
+def _mix(
+    lessons: Sequence[Lesson],
+    shared: Sequence[_Shared],
+    found: Sequence[_Prediction],
+    of_lesson: NDArray[np.intp],
+    inside: NDArray[np.bool_],
+    targets: slice,
+) -> _Mixture:
+    """Mix members, frame by frame, by their left-out errors of some targets and their doubt."""
+    handicap = np.array([lesson.handicap for lesson in lessons])[of_lesson, None]
+    error = np.array([np.sqrt((x.residuals[:, targets] ** 2).sum(axis=2).mean()) for x in found])
+    doubt = np.stack([x.doubt for x in found])
+    # a clip that stands still has no error
+    judged = np.maximum(error[:, None] * doubt**DOUBT_POWER, 1e-6) * handicap
+    share = shares(judged, SELECTION_POWER)
+    told = np.stack([x.told[:, targets] for x in found])
+    mean = np.einsum("kq,kqmi->qmi", share, told)
+    disagreement = ((told - mean) ** 2).sum(axis=3)
+    variance = np.stack([x.variance[:, targets] for x in found]) + disagreement
+    deviation = np.sqrt(np.einsum("kq,kqm->qm", share, variance))
+
+    # judge the mixture by the rows that all lessons have, or else by those of the weightiest
+    usual = share[:, inside].mean(axis=1)
+    times = [lesson.rows.time[s.judged] for lesson, s in zip(lessons, shared, strict=True)]
+    common = reduce(np.intersect1d, times)
+    if len(lessons) > 1 and len(common) >= FEWEST_JUDGED:
+        counted, by = np.arange(len(found)), 0
+        rows = [np.searchsorted(time, common) for time in times]
+    else:
+        by = int(np.argmax(np.bincount(of_lesson, usual)))
+        counted = np.flatnonzero(of_lesson == by)
+        rows = [np.arange(len(time)) for time in times]
+    moving = lessons[by].rows.moving
+    known = np.empty((len(rows[by]), 0, 3))
+    if moving is not None and targets.start:
+        known = moving[shared[by].judged[rows[by]]]
+    return _Mixture(
+        mean,
+        deviation,
+        float(usual[of_lesson > 0].sum()),
+        usual[counted] / usual[counted].sum(),
+        np.stack([found[int(k)].residuals[rows[of_lesson[k]], targets] for k in counted]),
+        np.stack([found[int(k)].left_out[rows[of_lesson[k]], targets] for k in counted]),
+        known,
+        min(len(s.blocks) for s in shared),
+    )
+
+
 def regress(
     lessons: Sequence[Lesson],
     members: Sequence[Member],
@@ -649,36 +737,23 @@ def regress(
     shared = [_share(lesson, kernels, block_seconds) for lesson in lessons]
     able = [[m for m in members if lesson.shows(m.moment)] for lesson in lessons]
     tasks = [
-        (view, lesson, list(some), share, inside)
+        (view, lesson, list(some), share)
         for lesson, share, readers in zip(lessons, shared, able, strict=True)
         for view, some in groupby(readers, key=lambda member: member.view)
     ]
     found = [one for some in each(_predict, *zip(*tasks, strict=True)) for one in some]
     of_lesson = np.repeat(np.arange(len(lessons)), [len(readers) for readers in able])
-    handicap = np.array([lesson.handicap for lesson in lessons])[of_lesson]
-    # mm; a clip that stands still has no error
-    judged = np.maximum([x.error * x.doubt**DOUBT_POWER for x in found], 1e-6) * handicap
-    share = shares(judged, SELECTION_POWER)
-    positions = np.stack([one.positions for one in found])
-    mean = np.einsum("k,kqmi->qmi", share, positions)
-    disagreement = ((positions - mean) ** 2).sum(axis=3)
-    variance = np.stack([one.variance for one in found]) + disagreement
-    deviation = np.sqrt(np.einsum("k,kqm->qm", share, variance))
-
-    # judge the mixture by the rows that all lessons have, or else by those of the weightiest
-    times = [lesson.rows.time[s.judged] for lesson, s in zip(lessons, shared, strict=True)]
-    common = reduce(np.intersect1d, times)
-    if len(lessons) > 1 and len(common) >= FEWEST_JUDGED:
-        counted = np.arange(len(found))
-        rows = [np.searchsorted(time, common) for time in times]
-    else:
-        counted = np.flatnonzero(of_lesson == np.argmax(np.bincount(of_lesson, share)))
-        rows = [np.arange(len(time)) for time in times]
-    factor, bound = _calibrate(
-        share[counted] / share[counted].sum(),
-        np.stack([found[k].residuals[rows[of_lesson[k]]] for k in counted]),
-        np.stack([found[k].left_out[rows[of_lesson[k]]] for k in counted]),
-        min(len(s.blocks) for s in shared),
-    )
-    factor *= CHOICE ** float(share[of_lesson > 0].sum())
-    return Regression(mean, np.maximum(deviation * factor, LEAST_DEVIATION), bound)
+    markers = lessons[0].rows.missing.shape[1]
+    place = _mix(lessons, shared, found, of_lesson, inside, slice(0, markers))
+    factor, bound = _calibrate(place.share, place.residuals, place.left_out, place.blocks)
+    factor *= CHOICE**place.beside
+    deviation = np.maximum(place.deviation * factor, LEAST_DEVIATION)
+    motion = None
+    if all(lesson.rows.moving is not None for lesson in lessons):
+        pace = _mix(lessons, shared, found, of_lesson, inside, slice(markers, None))
+        motion = Motion(
+            pace.mean,
+            np.sqrt(pace.deviation * by_speed(pace.mean, pace.known - pace.wrong, pace.wrong)),
+            np.maximum(np.sqrt((place.wrong**2).sum(axis=2).mean(axis=0)), LEAST_DEVIATION),
+        )
+    return Regression(place.mean, deviation, bound, motion)

@@ -218,6 +218,8 @@ def test_a_member_predicts_as_the_textbook_says(seed, velocity, fading):
         return replace(part, around={0.03: around})
 
     rows, query = with_moment(rows), with_moment(query)
+    moving = np.random.default_rng(seed).normal(0, 100, rows.missing.shape)
+    rows = replace(rows, moving=moving)
     distance, spread = np.linalg.norm(poses[0, 1:] - poses[0, :1], axis=1), np.full(4, 2.0)
     moment = Moment(0.03, 0.7, velocity=velocity)
     kernel = replace(KERNEL, fading=fading)
@@ -250,7 +252,8 @@ def test_a_member_predicts_as_the_textbook_says(seed, velocity, fading):
             value *= FADED + (1 - FADED) * np.exp(-lag / fading)
         return value + 0.001 * np.exp(-lag / 0.1)
 
-    targets = row_frames.to_local(rows.missing)[:, 0]
+    turned = np.einsum("ri,rij->rj", moving[:, 0], row_frames.rotation)
+    targets = np.concatenate([row_frames.to_local(rows.missing)[:, 0], turned], axis=1)
     matrix = np.array(
         [
             [covariance(a, b, abs(s - t)) for b, t in zip(known, rows.time, strict=True)]
@@ -265,7 +268,45 @@ def test_a_member_predicts_as_the_textbook_says(seed, velocity, fading):
         ]
         expected = cross @ solved + targets.mean(axis=0)
         local = query_frames.to_local(found.positions)[i, 0]
-        np.testing.assert_allclose(local, expected, atol=1e-6)
+        np.testing.assert_allclose(local, expected[:3], atol=1e-6)
+        velocity = found.motion.velocity[i, 0] @ query_frames.rotation[i]
+        np.testing.assert_allclose(velocity, expected[3:], atol=1e-6)
+
+
+def test_members_count_less_in_frames_that_they_doubt():
+    """Two members err alike on rows; one has seen nothing like the second half of the gap."""
+    poses, time = rigid_clip(4, noise=2.0)
+    rows, query = split(poses, time, np.arange(40, 60))
+    lesson = Lesson(rows, query, np.full(4, 80.0), np.full(4, 2.0))
+    near = replace(KERNEL, radial=10.0, length=0.05)
+    wide = replace(KERNEL, radial=10.0)
+    members = [Member(VIEW, None, kernel) for kernel in (near, wide)]
+    alone = [regress([lesson], [member], 0.2).positions for member in members]
+    both = regress([lesson], members, 0.2).positions
+    span = alone[0] - alone[1]
+    share = ((both - alone[1]) * span).sum(axis=(1, 2)) / (span**2).sum(axis=(1, 2))
+    assert ((share >= 0.0) & (share <= 1.0)).all()
+    assert np.ptp(share) > 0.0  # not the same in all frames
+
+
+def test_velocities_are_told_only_if_rows_say_them():
+    poses, time = rigid_clip(5, noise=1.0)
+    rows, query = split(poses, time, np.arange(40, 60))
+    lesson = Lesson(rows, query, np.full(4, 80.0), np.full(4, 2.0))
+    assert regress([lesson], MEMBERS, 0.2).motion is None
+    velocity = np.gradient(poses[:, :1], time, axis=0)
+    seen = np.setdiff1d(np.arange(len(poses)), np.arange(40, 60))
+    told = replace(lesson, rows=replace(rows, moving=velocity[seen]))
+    assert regress([told, lesson], MEMBERS, 0.2).motion is None
+    found = regress([told], MEMBERS, 0.2)
+    alone = regress([lesson], MEMBERS, 0.2)
+    np.testing.assert_allclose(found.positions, alone.positions, atol=1e-9)
+    speed = np.linalg.norm(velocity[40:60], axis=2)
+    wrong = np.linalg.norm(found.motion.velocity - velocity[40:60], axis=2)
+    assert wrong.mean() < 0.5 * speed.mean()
+    assert (found.motion.deviation > 0.0).all()
+    off = np.sqrt(((found.positions - poses[40:60, :1]) ** 2).sum(axis=2).mean())
+    assert off / 3.0 < found.motion.error[0] < off * 3.0
 
 
 def test_a_lesson_without_a_moment_is_read_by_the_others():

@@ -109,6 +109,7 @@ class Lessons:
             lessons = [self.own.with_moments(own, members).lesson]
         else:
             limb = self.own.with_moments(self.own.with_mirror(own), members)
+            limb = self.own.with_velocities(limb)
             lessons = [limb.lesson]
             shared = shared_lesson(limb, self._task, self._search, self._options)
             if shared is not None:

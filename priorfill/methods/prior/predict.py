@@ -19,6 +19,7 @@ from priorfill.methods.prior.pieces import Piece
 from priorfill.methods.prior.pose_search import PoseSearch
 from priorfill.methods.prior.prediction import Prediction
 from priorfill.methods.task import Task
+from priorfill.motion import follow
 from priorfill.regression import regress
 
 __all__ = ["Predictor"]
@@ -129,12 +130,16 @@ class Predictor:
         seconds = (piece.stop - piece.start) / self.task.rate
         inside = (frames >= piece.start) & (frames < piece.stop)
         found = regress(course.lessons, course.members, seconds, inside, self.each)
+        positions = found.positions
+        if found.motion is not None:
+            known = self.task.positions[np.ix_(frames, piece.markers)]
+            positions = follow(positions, found.motion, known, self.task.rate)
         edges = stiff_edges(self.distance, self.spread, piece.markers, visible)
         seen = self.task.positions[np.ix_(frames, visible)]
         return Prediction(
             piece,
             int(frames[0]),
-            hold_lengths(found.positions, found.deviation, seen, edges),
+            hold_lengths(positions, found.deviation, seen, edges),
             found.deviation,
             complete=course.complete,
             how="the clip's own frames" + self.task.beside(course.takes, "the database's"),

@@ -11,7 +11,7 @@ from priorfill.methods.prior.body_fit import shifts
 from priorfill.methods.prior.kinship import MIRROR_KINSHIP, STRANGER_KINSHIP
 from priorfill.methods.prior.moments import standing_in
 from priorfill.methods.prior.options import Options
-from priorfill.methods.prior.own_lesson import IMAGE, OWN, OwnLesson
+from priorfill.methods.prior.own_lesson import IMAGE, OWN, VELOCITY_SECONDS, OwnLesson
 from priorfill.methods.prior.pieces import FEWEST_VISIBLE
 from priorfill.methods.prior.pose_search import OWN_BODY, PoseSearch
 from priorfill.methods.task import Task, take_names
@@ -98,6 +98,16 @@ def shared_lesson(
             moved = [_moved(bank, chosen, markers, d) + shift for d in (-steps, steps)]
             moment = [now[:, some][:, :, kept], standing_in(there, *moved)]
             around[seconds] = np.concatenate(moment, axis=1)
+    moving = None
+    if lesson.rows.moving is not None:
+        steps = VELOCITY_SECONDS * rates
+        before, after = standing_in(
+            bank.positions(chosen, piece.markers),
+            *(_moved(bank, chosen, piece.markers, d) for d in (-steps, steps)),
+        )
+        moving = np.concatenate(
+            [lesson.rows.moving[some], (after - before) / (2.0 * VELOCITY_SECONDS)]
+        )
     # as takes, so bodies: OWN and IMAGE are the clip and its mirror image
     numbers = np.where(kin, OWN, IMAGE + 1 + body)
     kinship = np.repeat([1.0, MIRROR_KINSHIP], [len(clip), len(image)])
@@ -110,6 +120,7 @@ def shared_lesson(
         np.concatenate([kinship, np.where(kin, 1.0, STRANGER_KINSHIP)]),
         np.concatenate([take, numbers]),
         around,
+        moving,
     )
     query = replace(
         lesson.query,
