@@ -77,6 +77,34 @@ def test_moments_of_a_slow_recording_are_as_long_as_asked_for() -> None:
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
 
 
+def test_velocities_are_those_of_clip_mirror_image_and_companion() -> None:
+    whole, other = person(seconds=8.0), person(seconds=8.0, seed=9)
+    lesson = limb_lesson(task_of(with_gaps(whole, (100, 190, ARM)), other))
+    rows = lesson.rows
+    assert rows.moving is not None and not np.isnan(rows.moving).any()
+    markers = [whole.labels.index(label) for label in ARM]
+    opposite = [describe(whole).mirror[label] for label in ARM]
+    partners = [whole.labels.index(label) for label in opposite]
+    step = 2  # of 60 Hz: 1/30 s
+    away = []
+    for row in range(len(rows.time)):
+        source, wanted = (other if rows.take[row] > 1 else whole), rows.missing[row].copy()
+        columns, sign = (markers, 1.0) if rows.take[row] != 1 else (partners, [-1.0, 1.0, 1.0])
+        shown = source.positions[:, columns] * sign
+        frame = int(np.argmin(np.abs(shown - wanted).max(axis=(1, 2))))
+        if not step <= frame < len(shown) - step:
+            continue
+        moved = shown[frame + step] - shown[frame - step]
+        if rows.take[row] == 0 and np.isin([frame - step, frame + step], range(100, 190)).any():
+            continue  # right beside the gap they are those of one side
+        away.append(np.linalg.norm(rows.moving[row] - moved * 60 / (2 * step), axis=1).max())
+        if rows.take[row] <= 1:
+            assert away[-1] < 1e-6
+    speed = np.linalg.norm(rows.moving, axis=2).max(axis=1)
+    # at 15 Hz the other one's are those of straight lines
+    assert np.mean(away) < 0.2 * speed.mean()
+
+
 def test_movements_of_a_slow_recording_are_as_fast_as_they_were() -> None:
     whole, start, stop = person(seconds=8.0), 199, 234  # edges that the other shows too
     clip = with_gaps(whole, (start, stop, whole.labels))

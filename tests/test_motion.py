@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from priorfill.motion import (
+    BEARABLE,
     CHANGE,
     HELD,
     LEAST_WIDTH,
@@ -43,7 +44,9 @@ def test_the_minimum_of_what_the_docs_say(seed):
         for i in range(3):
             equations, side = [], []
             slope = np.gradient(positions[:, m, i]) * 100.0
-            told = 1 / motion.deviation[:, m] ** 2
+            expected = motion.deviation[:, m]
+            ratio = expected / (motion.error[m] / CHANGE)
+            told = 1 / (expected**2 * (1 + (ratio / BEARABLE) ** 2))
             derived = (CHANGE / motion.error[m]) ** 2
             u = (told * motion.velocity[:, m, i] + derived * slope) / (told + derived)
             for t in range(frames):
