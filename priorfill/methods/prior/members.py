@@ -81,6 +81,12 @@ _LIMB_MOMENTS = (
     Moment(2.0 / 15.0, 1.5, velocity=True),
 )
 
+_WINDING = (
+    Kernel(3.0, 10.0, 0.6, 0.05, 0.4, smooth=True, noise=1e-5),
+    Kernel(3.0, 10.0, 0.4, 0.05, 0.4, smooth=True, noise=1e-5),
+)
+"""Hardly linear: they follow the poses closely."""
+
 _FORGETFUL = Kernel(0.1, 0.1, 0.4, 0.05, 0.4, smooth=True, noise=1e-4)
 """Goes back to the mean pose where nothing like it was seen."""
 
@@ -89,7 +95,7 @@ LIMB_MEMBERS = (
         member
         for view in (_SEGMENT, _UPRIGHT, _BODY)
         for member in (
-            *_each([view], [None], [*_LIMB_KERNELS, _FORGETFUL]),
+            *_each([view], [None], [*_LIMB_KERNELS, *_WINDING, _FORGETFUL]),
             *_each([view], _LIMB_MOMENTS, _LIMB_KERNELS),
         )
     ),
