@@ -1,5 +1,7 @@
 """What all methods of the field keep to, whatever they do."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gappy import ARM, FOOT, person, with_gaps
@@ -61,6 +63,22 @@ def test_hard_clips(method, name):
         assert name != "gaps"
         return
     check(clip, result)
+
+
+NEEDS_MORE = {"li", "lpr", "lgrnn", "glr", "wpca", "pma"}
+"""Need four markers: with fewer they cannot work on a clip as a whole."""
+
+
+@FIELD
+def test_a_method_that_could_work_gives_a_reason_for_each_gap(method):
+    if method in NEEDS_MORE:
+        with pytest.raises(MethodError, match=r"^nobody: .*\w"):
+            fill(replace(HARD["nothing"], name="nobody"), method=method)
+        return
+    for name in ("nothing", "dropout", "blackout"):
+        result = fill(HARD[name], method=method)
+        assert result.complete == (not result.clip.missing.any())
+        assert all(part.reason for gap in result.gaps for part in gap.left)
 
 
 @FIELD

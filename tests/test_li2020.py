@@ -273,12 +273,6 @@ def test_no_frame_is_whole(method, database):
 
 
 @ALL
-def test_nothing_is_measured(method):
-    with pytest.raises(MethodError, match="no marker is visible"):
-        fill(replace(person(), positions=np.full((20, 41, 3), np.nan)), method=method)
-
-
-@ALL
 @pytest.mark.parametrize("frames", [1, 2, 3, 20])
 @pytest.mark.parametrize("markers", [1, 2, 5])
 def test_small_clips(method, frames, markers, database):

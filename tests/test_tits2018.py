@@ -1,4 +1,5 @@
-from itertools import combinations, product
+from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -351,63 +352,19 @@ def test_regression_by_stiff_markers_alone():
     assert np.isnan(regression.predict(few, 0, [Gap(20, 30, 0)], deviation[:4], Options())).all()
 
 
-def published_pca(others, own, asked, weight, signs, options):
-    """Gløersen and Federolf's equations, with some signs of the components."""
-    full = np.column_stack([others.reshape(len(others), -1), own])
-    mean, deviation = full.mean(axis=0), full.std(axis=0)
-    scale = np.append(np.repeat(weight, 3), [options.pca_own] * 3) / deviation
-    whole = (full - mean) * scale
-    zeroed = whole.copy()
-    zeroed[:, -3:] = 0.0
-    bases = [np.linalg.svd(rows, full_matrices=False) for rows in (whole, zeroed)]
-    needed = [
-        next(k for k in range(1, 99) if s[:k].sum() >= options.pca_kept * s.sum())
-        for _, s, _ in bases
-    ]
-    count = max(needed)
-    assert count == len(signs)
-    one, two = bases[0][2][:count].T, bases[1][2][:count].T * signs
-    measured = np.column_stack([asked.reshape(len(asked), -1), np.zeros((len(asked), 3))])
-    measured = (measured - np.append(mean[:-3], np.zeros(3))) * scale
-    return (measured @ two @ (one.T @ two) @ one.T / scale + mean)[:, -3:]
-
-
-def test_pca_is_the_mean_of_the_published_one_over_all_signs():
-    rng = np.random.default_rng(2)
-    motion = rng.normal(size=(40, 4)) * [30.0, 20.0, 15.0, 12.0]
-    positions = (motion @ rng.normal(size=(4, 15)) + 100.0 * rng.normal(size=15)).reshape(40, 5, 3)
-    others, own = positions[:, 1:], positions[:, 0]
-    weight, options = np.array([1.0, 0.8, 0.6, 0.3]), Options()
-    got = pca._rebuilt(others[:30], own[:30], others[30:], weight, options)
-    results = [
-        published_pca(others[:30], own[:30], others[30:], weight, np.array(signs), options)
-        for signs in product((-1.0, 1.0), repeat=4)
-    ]
-    np.testing.assert_allclose(got, np.mean(results, axis=0), atol=1e-9)
-
-
-def test_pca_chooses_markers_and_frames(monkeypatch):
-    rng = np.random.default_rng(3)
-    base = np.array([[0, 0, 0], [50, 0, 0], [0, 60, 0], [90, 0, 0], [0, 0, 70], [3000, 0, 0]])
-    positions = base + rng.normal(size=(40, 6, 3))
-    positions[5:9, 0] = np.nan  # asked for
-    positions[7:12, 1] = np.nan  # near, but missing in the gap
-    positions[20:25, 2] = np.nan  # near: used
-    positions[30:35, 5] = np.nan  # far, and has gaps
-    calls = []
-
-    def spy(others, own, asked, weight, options):
-        calls.append((others.shape, len(asked), weight))
-        return np.zeros((len(asked), 3))
-
-    monkeypatch.setattr(pca, "_rebuilt", spy)
-    got = pca.predict(positions, Options())
-    shape, asked, weight = calls[0]
-    assert shape == (40 - 4 - 5, 3, 3)
-    assert asked == 4
-    apart = np.nanmean(np.linalg.norm(positions[:, [2, 3, 4]] - positions[:, :1], axis=2), axis=0)
-    np.testing.assert_allclose(weight, np.exp(-(apart**2) / (2 * 200.0**2)))
-    np.testing.assert_array_equal(np.isnan(got[..., 0]), ~np.isnan(positions[..., 0]))
+def test_pca_is_that_of_gloersen_about_the_centre():
+    truth = person().positions
+    positions = truth - truth[:, 20:].mean(axis=1, keepdims=True)
+    positions[60:90, :2] = np.nan  # near each other, and missing together
+    positions[120:150, 5] = np.nan
+    constant = ~np.isnan(positions[..., 0]).any(axis=0)
+    about = np.zeros((len(positions), 1, 3)) + positions[:, constant].mean(axis=1, keepdims=True)
+    got = pca.predict(positions - about, Options())
+    missing = np.isnan(positions[..., 0])
+    np.testing.assert_array_equal(np.isnan(got[..., 0]), ~missing)
+    clip = replace(person(), positions=positions)
+    want = fill(clip, method="r2").clip.positions
+    np.testing.assert_allclose((got + about)[missing], want[missing], atol=1e-6)
 
 
 # averaging

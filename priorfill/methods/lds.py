@@ -30,7 +30,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.errors import MethodError
 from priorfill.methods.task import Estimate, Task
 
 __all__ = ["Model", "Options", "Smoothed", "Visible", "fill", "first_model", "learn", "smooth"]
@@ -389,20 +388,11 @@ def fill(
     -------
     Estimate
         Only markers that are never seen stay missing.
-
-    Raises
-    ------
-    MethodError
-        Where the clip shows nothing.
     """
     options = options or Options()
     positions = task.positions.copy()
-    if task.groups:
+    if task.groups and task.valid.any():
         seen = task.valid.any(axis=0)
-        if not seen.any():
-            raise MethodError(
-                f"{task.name}: no marker is visible in any frame; give a clip that shows something"
-            )
         observed = positions[:, seen].reshape(len(positions), -1)
         middle = np.nanmean(observed, axis=0)
         model, smoothed = learn(observed - middle, options)

@@ -186,7 +186,12 @@ class Method(Protocol):
     """A method: a function of a task."""
 
     def __call__(self, task: Task, progress: Callable[[], None]) -> Estimate:
-        """Fill the gaps of a task; ``progress`` is to be called once a gap group."""
+        """Fill the gaps of a task; ``progress`` is to be called once a gap group.
+
+        Gaps that it cannot fill stay missing, each with its reason. It raises a `MethodError` only
+        where what it needs of the clip or the takes as a whole is not there: whole frames, a
+        number of markers, a database.
+        """
         ...
 
 

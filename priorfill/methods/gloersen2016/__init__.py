@@ -31,7 +31,7 @@ Where it departs from the publication's program (PredictMissingMarkers.m):
 * Frames that show no marker and markers that are never seen are left out. There the program's
   means and distances are NaN, and it fills nothing. Where no marker is seen in all frames left,
   those that show fewest are left out too, as of a body that walks in and out, until some markers
-  (`strategies.ANCHORS`) are seen in all of them.
+  (`methods.ANCHORS`) are seen in all of them.
 * A pair of markers never seen together is infinitely far apart; the program's cut-off is NaN then.
 * A column is still below `weighted_pca.STILL`, not only at a deviation of exactly 0, which
   rounding misses.
@@ -46,6 +46,7 @@ References
    marker intercorrelations, PLoS ONE 11(3), e0152616, 2016. DOI 10.1371/journal.pone.0152616.
 """
 
-from priorfill.methods.gloersen2016.strategies import Options, r1, r2
+from priorfill.methods.gloersen2016.methods import r1, r2
+from priorfill.methods.gloersen2016.strategies import Options
 
 __all__ = ["Options", "r1", "r2"]

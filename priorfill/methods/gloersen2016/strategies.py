@@ -1,22 +1,25 @@
-"""The two strategies: which markers are lost together, and what they are told from."""
+"""The two strategies: which markers are lost together, and what they are told from.
+
+Arrays only: `methods` has the task, and `priorfill.methods.tits2018` a model that is `one_by_one`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.errors import MethodError
-from priorfill.gaps import Gap
 from priorfill.methods.gloersen2016.weighted_pca import Moments, mean_distances, regression
-from priorfill.methods.task import Estimate, Task
 
-__all__ = ["Options", "r1", "r2"]
+__all__ = ["Frames", "Lost", "Options", "at_once", "one_by_one"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+FEWEST_FRAMES = 2
+"""Frames to learn from: one has no deviation."""
 
 
 @dataclass(frozen=True)
@@ -43,202 +46,92 @@ class Options:
     explained: float = 0.99
 
 
-FEWEST_FRAMES = 2
-"""Frames to learn from: one has no deviation."""
-
-ANCHORS = 3
-"""Markers whose mean stands for the place of the body where frames are left out for it: one or two
-may be of a limb that swings. (Where frames need not be left out one will do, as published.)"""
-
-HOW = "correlations with other markers"
-NEVER = "never seen in the clip; use auto with a database or a static trial"
-BLACKOUT = "no marker is seen; use auto, which finds similar movements elsewhere"
-FEWER = "too few markers are seen; use auto"
-FEW = {
-    "r1": "no two frames show all markers; use r2 or auto",
-    "r2": "seen in no two frames beside the markers that are seen in its gaps; use auto",
-}
-ANCHOR = (
-    "{}: no marker is seen in all frames with gaps, and this method tells positions from the mean "
-    "of those that are; fill short gaps by pchip first, or use auto"
-)
-NOTHING = "{}: nothing can be filled: {}"
-
-
 @dataclass(frozen=True, eq=False)
-class _Job:
+class Lost:
     """Markers lost together, and what they are told from.
 
     Attributes
     ----------
-    lost : ndarray of int [shape=(lost,)]
-        The markers.
+    markers : ndarray of int [shape=(lost,)]
+        The lost ones.
     used : ndarray of bool [shape=(markers,)]
         The markers looked at, the lost ones among them.
     distances : ndarray [shape=(markers,), mm]
         From the nearest lost marker.
     """
 
-    lost: NDArray[np.intp]
+    markers: NDArray[np.intp]
     used: Mask
     distances: Array
 
 
-def _workable(valid: Mask) -> Mask:
-    """Choose the frames that show a marker, or many enough that some markers are in all of them.
+class Frames:
+    """Frames to learn from and to fill, and their moments.
 
     Parameters
     ----------
-    valid : ndarray of bool [shape=(frames, markers)]
-        Of markers that are seen at all.
-
-    Returns
-    -------
-    ndarray of bool [shape=(frames,)]
-        None where no marker is in all frames that have gaps to be filled.
-    """
-    shown = valid.sum(axis=1)
-    if valid[shown > 0].all(axis=0).any():
-        return np.asarray(shown > 0)
-    for fewest in np.unique(shown[shown < valid.shape[1]]):
-        if valid[shown >= fewest].all(axis=0).sum() >= ANCHORS:
-            return np.asarray(shown >= fewest)
-    return np.zeros(len(valid), dtype=bool)
-
-
-class _Clip:
-    """The frames and markers that can be worked with, free of the mean of the constant markers.
+    positions : ndarray [shape=(frames, markers, 3), mm]
+        From an origin that moves with the body; NaN where missing. Every marker is seen somewhere.
 
     Attributes
     ----------
-    frames, markers : ndarray of int
-        Which of the task's they are.
     valid : ndarray of bool [shape=(frames, markers)]
         Which samples are measured.
-    origin : ndarray [shape=(frames, 1, 3), mm]
-        Mean of the markers that are seen in every frame.
-    centre : ndarray [shape=(markers, 3), mm]
-        Mean of each marker from there.
-    offsets : ndarray [shape=(frames, markers, 3), mm]
-        Positions from origin and centre; 0 where missing.
+    constant : ndarray of bool [shape=(markers,)]
+        Which markers are seen in every frame.
     """
 
-    def __init__(self, task: Task) -> None:
-        self.markers = np.flatnonzero(task.valid.any(axis=0))
-        self.frames = np.flatnonzero(_workable(task.valid[:, self.markers]))
-        self.valid = task.valid[np.ix_(self.frames, self.markers)]
-        self.constant = self.valid.all(axis=0)
-        if not len(self.frames):
-            raise MethodError(ANCHOR.format(task.name))
-        positions = task.positions[np.ix_(self.frames, self.markers)]
-        self.origin = positions[:, self.constant].mean(axis=1, keepdims=True, dtype=np.float64)
-        shown = np.where(self.valid[..., None], positions - self.origin, 0.0)
-        self.centre = shown.sum(axis=0) / self.valid.sum(axis=0)[:, None]
-        self.offsets = np.where(self.valid[..., None], shown - self.centre, 0.0)
+    def __init__(self, positions: Array) -> None:
+        self.valid = ~np.isnan(positions[..., 0])
+        self.constant: Mask = np.asarray(self.valid.all(axis=0))
+        self._shown = np.where(self.valid[..., None], positions, 0.0)
+        self._centre = self._shown.sum(axis=0) / self.valid.sum(axis=0)[:, None]
+        offsets = np.where(self.valid[..., None], self._shown - self._centre, 0.0)
+        self._columns = offsets.reshape(len(offsets), -1)
+        self._moments = Moments(self._columns, np.asarray(self.valid.all(axis=1)))
 
-    def shows(self, markers: Mask) -> Mask:
-        """Tell which frames show all of some markers [shape=(frames,)]."""
-        return np.asarray(self.valid[:, markers].all(axis=1))
+    def distances(self, markers: NDArray[np.intp]) -> Array:
+        """Return the mean distances of some markers from all; see `mean_distances`."""
+        return mean_distances(self._shown, self.valid, markers)
 
-    def at_once(self, options: Options) -> Iterator[_Job]:
-        """All markers with gaps lost together."""
-        lost = np.flatnonzero(~self.constant)
-        if not len(lost):
-            return
-        distances = mean_distances(self.offsets + self.centre, self.valid, lost)
-        yield _Job(lost, np.ones(len(self.markers), dtype=bool), distances.min(axis=0))
+    def told(self, lost: Lost, options: Options) -> tuple[NDArray[np.intp], Array] | None:
+        """Tell lost markers from the others.
 
-    def one_by_one(self, options: Options) -> Iterator[_Job]:
-        """Each marker with gaps lost alone."""
-        lost = np.flatnonzero(~self.constant)
-        measured = mean_distances(self.offsets + self.centre, self.valid, lost)
-        for marker, distances in zip(lost, measured, strict=True):
-            near = distances <= options.cutoff * distances[np.isfinite(distances)].mean()
-            beside = self.valid[~self.valid[:, marker]].all(axis=0)
-            used = self.constant | (near & beside)
-            used[marker] = True
-            yield _Job(np.array([marker]), used, distances)
-
-
-def _filled(
-    task: Task,
-    progress: Callable[[], None],
-    options: Options,
-    name: str,
-    jobs: Callable[[_Clip, Options], Iterator[_Job]],
-) -> Estimate:
-    """Fill what can be filled by a strategy, and say why of the rest."""
-    positions = task.positions.copy()
-    few = np.zeros(positions.shape[1], dtype=bool)
-    if task.valid.any() and not task.valid.all():
-        clip = _Clip(task)
-        columns = clip.offsets.reshape(len(clip.frames), -1)
-        moments = Moments(columns, clip.shows(np.ones(len(clip.markers), dtype=bool)))
-        for job in jobs(clip, options):
-            shown = clip.shows(job.used)
-            if shown.sum() < FEWEST_FRAMES:
-                few[clip.markers[job.lost]] = True
-                continue
-            used = np.repeat(job.used, 3)
-            lost = np.repeat(np.isin(np.flatnonzero(job.used), job.lost), 3)
-            weights = np.repeat(np.exp(-((job.distances / options.sigma) ** 2) / 2), 3)[used]
-            weights[lost] = options.lost_weight
-            mean, covariance = moments.over(shown, used)
-            slopes = regression(covariance, weights, lost, options.explained)
-            gaps = np.flatnonzero(~clip.valid[:, job.lost].all(axis=1))
-            told = mean[lost] + (columns[gaps][:, used][:, ~lost] - mean[~lost]) @ slopes
-            told = told.reshape(len(gaps), len(job.lost), 3)
-            told += clip.centre[job.lost] + clip.origin[gaps]
-            positions[np.ix_(clip.frames[gaps], clip.markers[job.lost])] = told
-    for _ in task.groups:
-        progress()
-
-    def reason(gap: Gap) -> str:
-        if not task.valid[:, gap.marker].any():
-            return NEVER
-        if few[gap.marker]:
-            return FEW[name]
-        return FEWER if task.valid[gap.start : gap.stop].any() else BLACKOUT
-
-    estimate = Estimate.told(task, positions, HOW, reason)
-    if estimate.notes and not any(note.filled for note in estimate.notes):
-        reasons = dict.fromkeys(note.how for note in estimate.notes)
-        raise MethodError(NOTHING.format(task.name, "; ".join(reasons)))
-    return estimate
+        Returns
+        -------
+        frames : ndarray of int [shape=(gappy,)]
+            Those in which any of the lost markers is missing.
+        positions : ndarray [shape=(gappy, lost, 3), mm]
+            None of both where fewer than `FEWEST_FRAMES` show all that is used.
+        """
+        shown = np.asarray(self.valid[:, lost.used].all(axis=1))
+        if shown.sum() < FEWEST_FRAMES:
+            return None
+        used = np.repeat(lost.used, 3)
+        hidden = np.repeat(np.isin(np.flatnonzero(lost.used), lost.markers), 3)
+        weights = np.repeat(np.exp(-((lost.distances / options.sigma) ** 2) / 2), 3)[used]
+        weights[hidden] = options.lost_weight
+        mean, covariance = self._moments.over(shown, used)
+        slopes = regression(covariance, weights, hidden, options.explained)
+        gaps = np.flatnonzero(~self.valid[:, lost.markers].all(axis=1))
+        found = mean[hidden] + (self._columns[gaps][:, used][:, ~hidden] - mean[~hidden]) @ slopes
+        return gaps, found.reshape(len(gaps), -1, 3) + self._centre[lost.markers]
 
 
-def r1(
-    task: Task, progress: Callable[[], None] = lambda: None, options: Options | None = None
-) -> Estimate:
-    """Fill all markers with gaps at once (simultaneous strategy, R1 of the publication).
-
-    Parameters
-    ----------
-    task : Task
-        The clip; takes are not looked at.
-    progress : callable
-        Called once a gap group.
-    options : Options, optional
-        The publication's constants by default.
-
-    Returns
-    -------
-    Estimate
-        Markers that are never seen and frames that show none or few stay missing.
-
-    Raises
-    ------
-    MethodError
-        Where no marker is seen in all of these frames, or nothing can be filled.
-    """
-    return _filled(task, progress, options or Options(), "r1", _Clip.at_once)
+def at_once(frames: Frames, options: Options) -> Iterator[Lost]:
+    """All markers with gaps lost together."""
+    lost = np.flatnonzero(~frames.constant)
+    if len(lost):
+        every = np.ones(len(frames.constant), dtype=bool)
+        yield Lost(lost, every, frames.distances(lost).min(axis=0))
 
 
-def r2(
-    task: Task, progress: Callable[[], None] = lambda: None, options: Options | None = None
-) -> Estimate:
-    """Fill one marker after the other (consecutive strategy, R2 of the publication); see `r1`.
-
-    What two frames or more do not show beside the markers seen in its gaps stays missing, too.
-    """
-    return _filled(task, progress, options or Options(), "r2", _Clip.one_by_one)
+def one_by_one(frames: Frames, options: Options) -> Iterator[Lost]:
+    """Each marker with gaps lost alone."""
+    lost = np.flatnonzero(~frames.constant)
+    for marker, distances in zip(lost, frames.distances(lost), strict=True):
+        near = distances <= options.cutoff * distances[np.isfinite(distances)].mean()
+        beside = frames.valid[~frames.valid[:, marker]].all(axis=0)
+        used = frames.constant | (near & beside)
+        used[marker] = True
+        yield Lost(np.array([marker]), used, distances)

@@ -136,10 +136,6 @@ def _marker_sets(task: Task) -> Iterator[Ints]:
 
 def _training(task: Task, options: Options) -> _Training:
     """Collect what is learnt from."""
-    if not task.valid.any():
-        raise MethodError(
-            f"{task.name}: no marker is visible in any frame; give a clip that shows something"
-        )
     for markers in _marker_sets(task):
         clip = task.positions[:, markers]
         chosen = chosen_pieces(clip, task.rate, task.takes, markers, options)
@@ -350,17 +346,8 @@ def pca_frames(
     -------
     Estimate
         Gaps longer than anything to learn from, and markers never seen, stay missing.
-
-    Raises
-    ------
-    MethodError
-        Where the clip shows nothing.
     """
     options = options or Options()
-    if task.groups and not task.valid.any():
-        raise MethodError(
-            f"{task.name}: no marker is visible in any frame; give a clip that shows something"
-        )
     learnt = _Trajectories(task, options) if task.groups else None
     positions = task.positions.copy()
     spans: dict[tuple[int, int], list[int]] = {}

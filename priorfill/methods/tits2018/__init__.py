@@ -34,10 +34,8 @@ Where it departs from paper and program:
 * Each gap of ``glr`` is joined by the prediction as it was; the program joins two gaps with a
   single frame between one after the other.
 * A marker that helps to fill a gap piece by piece is smoothed once, not once more for each piece.
-* The PCA hands each component's score to the component of the same rank in the full basis. The
-  published product of transition and bases has its factors in an order in which all other terms
-  change sign with the arbitrary signs that a singular value decomposition gives its vectors. What
-  is kept is the mean over all signs.
+* The PCA is that of `priorfill.methods.gloersen2016`, with what it departs in; distances are means
+  over all frames, of which the program takes 500.
 * References of gaps are looked for anew for each piece of a gap. The program forgets a reference
   that did not fit an earlier piece.
 * Markers that were never seen together are no references of each other; the program stops.

@@ -52,15 +52,16 @@ def _filled(
     enough = often(task.positions, options)
     if enough.sum() < FEWEST_MARKERS:
         raise MethodError(
-            f"{enough.sum()} markers are seen in at least {options.presence:.0%} of the frames; "
-            f"this method needs {FEWEST_MARKERS}: one to be filled and three that it is held to"
+            f"{task.name}: {enough.sum()} markers are seen in at least {options.presence:.0%} of "
+            f"the frames; this method needs {FEWEST_MARKERS}: one to be filled and three that it "
+            "is held to"
         )
     if "wpca" in models and centre(task.positions) is None:
         models = tuple(model for model in models if model != "wpca")
         if not models:
             raise MethodError(
-                "no marker is seen in every frame, and poses are centred by those that are; "
-                "use pma, which goes on without the PCA, or fill one marker first"
+                f"{task.name}: no marker is seen in every frame, and poses are centred by those "
+                "that are; use pma, which goes on without the PCA, or fill one marker first"
             )
     recovery = recover(task.positions, task.rate, models, options)
     for _ in task.groups:

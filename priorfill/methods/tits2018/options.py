@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+
+from priorfill.methods.gloersen2016.strategies import Options as PcaOptions
 
 __all__ = ["Options", "thinned"]
 
@@ -37,17 +39,8 @@ class Options:
         Quantiles of a distance between which the skeleton constraint keeps it.
     rounds : int
         How often the skeleton constraint goes round the three references.
-    pca_sigma : float
-        mm: markers count by exp(-d²/2σ²) in the weighted PCA, d their mean distance from the
-        missing one.
-    pca_own : float
-        Weight of the missing marker itself.
-    pca_cut : float
-        Markers with gaps are left out of the PCA beyond this share of the mean distance.
-    pca_kept : float
-        Share of the sum of singular values that the components kept must reach.
-    pca_distance_rows : int
-        Frames that the PCA's distances are taken from.
+    pca : Options of `priorfill.methods.gloersen2016`
+        Weights and components of the weighted PCA: those of its publication, here too.
     """
 
     presence: float = 0.3
@@ -62,11 +55,7 @@ class Options:
     narrow: float = 0.01
     wide: float = 0.99
     rounds: int = 5
-    pca_sigma: float = 200.0
-    pca_own: float = 0.02
-    pca_cut: float = 0.5
-    pca_kept: float = 0.99
-    pca_distance_rows: int = 500
+    pca: PcaOptions = field(default_factory=PcaOptions)
 
 
 def thinned(count: int, most: int) -> NDArray[np.intp]:
