@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 __all__ = [
     "PieceSpaces",
     "Spaces",
+    "TrajectorySpace",
     "components",
     "eigenspace",
     "nearest_basis",
@@ -234,7 +235,26 @@ def train_pieces(
     return PieceSpaces(u, u0, transformation(coordinates, target))
 
 
-def trajectory_space(trajectories: Array, *, share: float = 0.99, rank: int | None = None) -> Array:
+@dataclass(frozen=True, eq=False)
+class TrajectorySpace:
+    """What trajectories have in common.
+
+    Attributes
+    ----------
+    vectors : ndarray [shape=(frames, r)]
+        U, the eigenvectors, a column each.
+    doubt : ndarray [shape=(r,)]
+        How large what the eigenvectors leave over is, in one frame, beside each coordinate: both
+        root mean squares over the trajectories.
+    """
+
+    vectors: Array
+    doubt: Array
+
+
+def trajectory_space(
+    trajectories: Array, *, share: float = 0.99, rank: int | None = None
+) -> TrajectorySpace:
     """Return the eigenvectors of trajectories, Eqs. (9)-(11).
 
     Parameters
@@ -243,33 +263,45 @@ def trajectory_space(trajectories: Array, *, share: float = 0.99, rank: int | No
         Each a coordinate of a marker in a piece, centred.
     share, rank
         See `Options`.
-
-    Returns
-    -------
-    ndarray [shape=(frames, r)]
-        A column each.
     """
     values, vectors = eigenspace(trajectories)
-    return vectors[:, : _rank(share, rank, values)]
+    r = _rank(share, rank, values)
+    left_over = np.sqrt((values[r:] ** 2).sum() / len(vectors))
+    least = max(SMALLEST * values.max(initial=0.0), np.finfo(np.float64).tiny)
+    return TrajectorySpace(vectors[:, :r], left_over / np.maximum(values[:r], least))
 
 
-def whole_frames(visible: Array, space: Array, shown: NDArray[np.bool_]) -> Array:
+def whole_frames(
+    visible: Array, space: TrajectorySpace, shown: NDArray[np.bool_], caution: float = 1.0
+) -> Array:
     """Complete trajectories of which some frames are missing, Eqs. (12)-(16).
 
     Parameters
     ----------
     visible : ndarray [shape=(shown frames, n)]
         What is measured of n trajectories, centred.
-    space : ndarray [shape=(frames, r)]
-        U, the eigenvectors of trajectories; U_1 is its rows of the shown frames, U_2 the others.
+    space : TrajectorySpace
+        U_1 is the rows of its U in the shown frames, U_2 the others.
     shown : ndarray of bool [shape=(frames,)]
         Which frames are measured.
+    caution : float
+        What doubts are multiplied by.
 
     Returns
     -------
     ndarray [shape=(missing frames, n)]
-        U_2 a, with the least squares a = (U_1' U_1)^-1 U_1' A_1 of the measured frames.
+        U_2 a, with the least squares a of U_1 a = A_1 in the measured frames and of D a = 0, D the
+        diagonal matrix of doubts: a = (U_1' U_1 + D²)^-1 U_1' A_1.
+
+    Notes
+    -----
+    The paper has no D: what the measured frames do not tell apart, as where all are on one side,
+    is then without bounds. With it, a is what is most likely, if coordinates and what is left over
+    are Gaussian and as large as they are in the trajectories that were learnt from.
     """
-    coordinates = np.linalg.lstsq(space[shown], visible, rcond=SMALLEST)[0]
-    completed: Array = space[~shown] @ coordinates
+    r = space.vectors.shape[1]
+    rows = np.concatenate([space.vectors[shown], np.diag(caution * space.doubt)])
+    asked = np.concatenate([visible, np.zeros((r, visible.shape[1]))])
+    coordinates = np.linalg.lstsq(rows, asked, rcond=SMALLEST)[0]
+    completed: Array = space.vectors[~shown] @ coordinates
     return completed

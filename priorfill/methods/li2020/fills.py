@@ -15,14 +15,17 @@ Where they depart from the paper, and from the program that its authors publishe
 * Trajectories of `pca_frames` are pieces around each gap, not of the clip's length, and are centred
   on the frames that are measured; the published scripts take the truth's mean in one place and the
   last measured frame in another, and as many eigenvectors as a frame has coordinates: hardly fewer
-  than there are measured frames. Those that these do not tell apart are left out. A gap in some
-  markers is filled as well, by each marker's own trajectory.
+  than there are measured frames. Coordinates that these tell little of are held back by how large
+  they usually are, the more the worse each half of the trajectories completes the other, and until
+  errors are not multiplied by more than `MOST_GAIN`; see `core.whole_frames`. A gap in some markers is filled as well, by each
+  marker's own trajectory.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,9 +56,13 @@ FEWEST_TRAINING = 2
 CHUNK = 256
 """Frames whose distances are held at once: some MB."""
 
-WELL_TOLD = 0.2
-"""The measured frames must show this much of each combination of eigenvectors of unit length; else
-the last are left out: errors would be multiplied by more than five."""
+CAUTIONS = (1.0, 3.0, 10.0, 30.0, 100.0)
+"""Where trajectories are few, as those of long gaps, others are less like them than they are like
+each other: what is left over is larger by one of these."""
+
+MOST_GAIN = 15.0
+"""Errors of the measured frames are multiplied by no more in the missing ones: caution is doubled
+until they are not."""
 
 MOST_TRAJECTORIES = 6000
 """As many are learnt from at most; they lie close to each other in time."""
@@ -296,10 +303,16 @@ class _Trajectories:
             chosen = chosen_pieces(task.positions[:, seen], task.rate, task.takes, seen, options)
             self._sources += [_at_rate(piece, task.rate) for piece in chosen]
             self.takes = tuple(dict.fromkeys(piece.name for piece in chosen))
-        self._known: dict[int, Array] = {}
+        self._known: dict[int, list[Array]] = {}
 
-    def of(self, length: int) -> Array:
-        """Return the triangular factor of all trajectories of a length [shape=(n, length)]."""
+    def of(self, length: int) -> list[Array]:
+        """Return the triangular factors of the two halves of all trajectories of a length.
+
+        Returns
+        -------
+        list of ndarray [shape=(n, length)]
+            The earlier and the later ones; empty without any.
+        """
         if length not in self._known:
             found = [
                 part
@@ -313,7 +326,8 @@ class _Trajectories:
             ]
             rows = np.concatenate(found) if found else np.empty((0, length))
             rows = rows[:: 1 + len(rows) // MOST_TRAJECTORIES]
-            self._known[length] = core.triangular(rows)
+            halves = np.array_split(rows, 2) if len(rows) else []
+            self._known[length] = [core.triangular(half) for half in halves]
         return self._known[length]
 
 
@@ -358,15 +372,15 @@ def pca_frames(
         begin, end = max(start - context, 0), min(stop + context, len(positions))
         window = task.positions[begin:end]
         assert learnt is not None
-        rows = learnt.of(end - begin)
-        if len(rows) == 0:
+        halves = learnt.of(end - begin)
+        if not halves:
             continue
         patterns, which = np.unique(task.valid[begin:end, markers], axis=1, return_inverse=True)
         for number, shown in enumerate(patterns.T):
             if not shown.any():
                 continue
             those = np.array(markers)[which.ravel() == number]
-            found = _completed(window[:, those], shown, rows, options)
+            found = _completed(window[:, those], shown, halves, options)
             positions[start:stop, those] = found[start - begin : stop - begin]
     for _ in task.groups:
         progress()
@@ -383,18 +397,35 @@ def pca_frames(
     return Estimate.told(task, positions, "eigenspaces of trajectories", reason, takes)
 
 
-def _completed(window: Array, shown: Bools, rows: Array, options: Options) -> Array:
+def _caution(halves: list[Array], shown: Bools, options: Options) -> float:
+    """Return the caution by which each half of some trajectories completes the other best."""
+    errors = np.zeros(len(CAUTIONS))
+    for one, other in permutations(halves, 2):
+        space = core.trajectory_space(one, share=options.trajectory_share, rank=options.rank)
+        for number, caution in enumerate(CAUTIONS):
+            found = core.whole_frames(other[:, shown].T, space, shown, caution)
+            errors[number] += ((found - other[:, ~shown].T) ** 2).sum()
+    return CAUTIONS[int(errors.argmin())]
+
+
+def _gain(space: core.TrajectorySpace, shown: Bools, caution: float) -> float:
+    """Return what errors of the measured frames are multiplied by in the others, at most."""
+    unit = np.eye(int(shown.sum()))
+    return float(np.linalg.norm(core.whole_frames(unit, space, shown, caution), 2))
+
+
+def _completed(window: Array, shown: Bools, halves: list[Array], options: Options) -> Array:
     """Complete markers that are missing in the same frames [shape=(frames, markers, 3)]."""
-    centred = rows - rows[:, shown].mean(axis=1, keepdims=True)
-    space = core.trajectory_space(centred, share=options.trajectory_share, rank=options.rank)
-    # an end of the clip has frames on one side only: fewer eigenvectors can be told apart there
-    while options.rank is None and space.shape[1] > 1:
-        if np.linalg.svd(space[shown], compute_uv=False)[-1] >= WELL_TOLD:
-            break
-        space = space[:, :-1]
+    centred = [half - half[:, shown].mean(axis=1, keepdims=True) for half in halves]
+    space = core.trajectory_space(
+        np.concatenate(centred), share=options.trajectory_share, rank=options.rank
+    )
+    caution = _caution(centred, shown, options)
+    while _gain(space, shown, caution) > MOST_GAIN and (space.doubt > 0).any():
+        caution *= 2.0
     visible = window[shown].reshape(int(shown.sum()), -1)
     middle = visible.mean(axis=0)
     completed = np.array(window)
-    found = core.whole_frames(visible - middle, space, shown)
+    found = core.whole_frames(visible - middle, space, shown, caution)
     completed[~shown] = (found + middle).reshape(-1, *window.shape[1:])
     return completed
