@@ -17,8 +17,8 @@ Where they depart from the paper, and from the program that its authors publishe
   last measured frame in another, and as many eigenvectors as a frame has coordinates: hardly fewer
   than there are measured frames. Coordinates that these tell little of are held back by how large
   they usually are, the more the worse each half of the trajectories completes the other, and until
-  errors are not multiplied by more than `MOST_GAIN`; see `core.whole_frames`. A gap in some markers is filled as well, by each
-  marker's own trajectory.
+  errors are not multiplied by more than `MOST_GAIN`; see `core.whole_frames`. A gap in
+  some markers is filled as well, by each marker's own trajectory.
 """
 
 from __future__ import annotations
