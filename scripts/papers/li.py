@@ -1,0 +1,385 @@
+"""Recordings, gaps and errors for the tables of Li, Yu, Kieu, Vuong and Zhang 2020.
+
+The paper's recordings are Malay dances of the AniAge project, 15 joints at 30 Hz, which cannot be
+had here; nor can its text. What is known is its abstract and its published program
+(github.com/lizhuorong/Mocap-Data-Completion), without masks or data: so every figure of the paper
+is a dash here, and which table has which experiment is our reading, which each script tells. The
+experiments are those of the program, on the nearest recordings: long ones of moves of the whole
+body, as 15 markers that sit near those joints, at 30 Hz.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from paper import Cell, beside, find, options
+
+import priorfill as pf
+from priorfill.evaluation import Evaluation
+from priorfill.evaluation.cutter import measured_in
+from priorfill.evaluation.parts import Parts
+from priorfill.evaluation.protocols import Cut, GapProtocol, NoPlace
+from priorfill.methods import METHODS
+from priorfill.resample import resample
+
+__all__ = [
+    "PIECE",
+    "RATE",
+    "SAMPLE",
+    "SEEN",
+    "UNKNOWN",
+    "Material",
+    "Onward",
+    "Several",
+    "Throughout",
+    "by_experiment",
+    "by_part",
+    "cell",
+    "evaluated",
+    "mae",
+    "material",
+    "parser_of",
+    "refusals",
+    "tell",
+]
+
+RATE = 30.0
+"""Hz, of the paper's recordings."""
+
+JOINTS = (
+    *("LFHD", "C7", "STRN"),
+    *("LSHO", "LELB", "LWRA", "RSHO", "RELB", "RWRA"),
+    *("LFWT", "LKNE", "LANK", "RFWT", "RKNE", "RANK"),
+)
+"""Fifteen of the 41 markers: as many as the paper has, one near each of its skeleton's joints."""
+
+NAMES = (
+    "cmu/135_07.c3d",
+    "hdm05/HDM_bd_05-01_01_120.c3d",
+    "cmu/135_02.c3d",
+    "hdm05/HDM_bd_01-02_01_120.c3d",
+    "cmu/01_01.c3d",
+)
+"""Recordings taken for the paper's dances: karate, and what else is long and has those markers."""
+
+SAMPLE = 200
+"""Frames of a sample, and of the stretch after it that is learnt from: the program reads 1 to 200
+of each test recording, and trains on recordings from frame 101 on."""
+
+SEEN = 100
+"""Frames that a sample shows before gaps that go on to its end begin."""
+
+PIECE = 100
+"""Frames of a piece in the other programs: the paper's pieces of training are as long."""
+
+FEW = 4
+"""Samples that are filled, unless all are."""
+
+DEFAULT = "pca-train,pca-pieces,pca-frames,r1,r2,linear,lds,auto"
+"""The paper's methods, those that it compares with or that others do, and ours."""
+
+UNKNOWN = "paper's figures: not stated in the text at hand"
+
+RECORDING = "a recording to fill instead, longer than 7 s, of the 41 markers or of any others"
+
+
+@dataclass(frozen=True)
+class Material:
+    """What is filled, and what is learnt from.
+
+    Attributes
+    ----------
+    samples : list of Clip
+        Each of `SAMPLE` frames at `RATE`.
+    training : list of Clip
+        The rest of their recordings.
+    files : list of Path
+        These recordings.
+    """
+
+    samples: list[pf.Clip]
+    training: list[pf.Clip]
+    files: list[Path]
+
+    def first(self, frames: int) -> Material:
+        """Return the same with the first frames of each sample; nobody learns from the others."""
+        cut = [clip.with_positions(clip.positions[:frames]) for clip in self.samples]
+        return Material(cut, self.training, self.files)
+
+
+def parser_of(doc: str | None, full: str, methods: str = DEFAULT) -> argparse.ArgumentParser:
+    """Return a script's parser, with the methods that fill if none are named."""
+    parser = options(doc, recording=RECORDING, full=full)
+    parser.add_argument(
+        "--methods",
+        metavar="NAMES",
+        default=methods,
+        help="methods, separated by commas; %(default)s if not given",
+    )
+    return parser
+
+
+def material(arguments: argparse.Namespace, *, few: int | None = FEW) -> Material:
+    """Return samples and what is learnt from.
+
+    Recordings are cut into stretches of `SAMPLE` frames, of which every other one is a sample; what
+    is too short for one is learnt from. Of the samples that show every marker throughout some are
+    filled, recordings taken in turn, or all, if ``--full``.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        ``data``, ``recording``, ``full``.
+    few : int, optional
+        So many samples, unless ``--full``; all if None.
+    """
+    known = [file for name in NAMES if (file := _there(name, arguments.data)) is not None]
+    own = arguments.recording
+    if own is None and not known:
+        find(NAMES, arguments.data)  # says what was looked for
+    first = find((), arguments.data, own) if own is not None else known[0]
+    markers = _markers(pf.read(first))
+    files = [first, *(file for file in known if file.resolve() != first.resolve())]
+    parts = {file: list(_stretches(file, markers)) for file in files}
+    samples = [
+        [part for part in parts[file][::2] if part.frames == SAMPLE and not part.missing.any()]
+        for file in (files[:1] if own is not None else files)
+    ]
+    deepest = max(map(len, samples))
+    chosen = [some[i] for i in range(deepest) for some in samples if i < len(some)]
+    if not chosen:
+        raise SystemExit(
+            f"{first}: shows its {len(markers)} markers nowhere throughout a sample of "
+            f"{SAMPLE / RATE:.1f} s; give another --recording"
+        )
+    names = {part.name for part in chosen}
+    training = [part for file in files for part in parts[file] if part.name not in names]
+    return Material(chosen if arguments.full else chosen[:few], training, files)
+
+
+def _there(name: str, data: Path) -> Path | None:
+    """Return a file of the folder, if it is there."""
+    try:
+        return find((name,), data)
+    except SystemExit:
+        return None
+
+
+def _markers(clip: pf.Clip) -> tuple[str, ...]:
+    """Return the fifteen markers, or all that are measured where some of them are lacking."""
+    if set(JOINTS) <= set(clip.labels):
+        return JOINTS
+    seen = measured_in(clip).any(axis=0)
+    return tuple(label for label, shown in zip(clip.labels, seen, strict=True) if shown)
+
+
+def _stretches(file: Path, markers: Sequence[str]) -> Iterator[pf.Clip]:
+    """Cut a recording into stretches; none where it lacks a marker."""
+    clip = pf.read(file)
+    if not set(markers) <= set(clip.labels):
+        return
+    positions = np.where(measured_in(clip)[..., None], clip.positions, np.nan)
+    at = [clip.labels.index(label) for label in markers]
+    positions = resample(positions[:, at], clip.rate, RATE)
+    for number, start in enumerate(range(0, len(positions), SAMPLE)):
+        yield pf.Clip(
+            positions=positions[start : start + SAMPLE],
+            labels=tuple(markers),
+            rate=RATE,
+            up=clip.up,
+            name=f"{file.stem} {number + 1}",
+            subject=clip.subject,
+        )
+
+
+@dataclass(frozen=True)
+class Onward:
+    """Some markers are missing from a frame on, to the end of the clip.
+
+    Attributes
+    ----------
+    numbers : tuple of int
+        How many markers, drawn for each clip, are missing together; each number a case.
+    start : int
+        First frame without them.
+    copies : int
+        Copies of each clip, with other markers.
+    """
+
+    numbers: tuple[int, ...] = (1,)
+    start: int = SEEN
+    copies: int = 1
+
+    def cases(
+        self, clip: pf.Clip, parts: Parts, draw: Callable[[str, int], np.random.Generator]
+    ) -> Iterator[Cut | NoPlace]:
+        """Make the cases of a clip."""
+        del parts
+        for copy in range(1, self.copies + 1):
+            # the same markers, and more of them where more are asked for
+            order = draw("onward", copy).permutation(len(clip.labels))
+            for number in self.numbers:
+                if number >= len(clip.labels):
+                    yield NoPlace(str(number), copy, "no marker would be left")
+                    continue
+                gone = np.zeros_like(clip.missing)
+                gone[self.start :, order[:number]] = True
+                yield Cut(str(number), copy, gone)
+
+
+@dataclass(frozen=True)
+class Several:
+    """The cases of several protocols, each under a name of its own.
+
+    Attributes
+    ----------
+    protocols : dict of str to protocol
+        All draw alike: of the same protocol with another length, the same markers.
+    """
+
+    protocols: Mapping[str, GapProtocol]
+
+    def cases(
+        self, clip: pf.Clip, parts: Parts, draw: Callable[[str, int], np.random.Generator]
+    ) -> Iterator[Cut | NoPlace]:
+        """Make the cases of a clip."""
+        for name, protocol in self.protocols.items():
+            for made in protocol.cases(clip, parts, draw):
+                yield replace(made, name=name)
+
+
+@dataclass(frozen=True)
+class Throughout:
+    """Each marker in turn is missing in the whole clip."""
+
+    def cases(
+        self, clip: pf.Clip, parts: Parts, draw: Callable[[str, int], np.random.Generator]
+    ) -> Iterator[Cut | NoPlace]:
+        """Make the cases of a clip."""
+        del parts, draw
+        for marker, label in enumerate(clip.labels):
+            gone = np.zeros_like(clip.missing)
+            gone[:, marker] = True
+            yield Cut(label, 1, gone)
+
+
+def evaluated(some: Material, protocol: GapProtocol, methods: str) -> Evaluation:
+    """Cut gaps into all samples and fill them by each method, from all of the training."""
+    asked = [name.strip() for name in methods.split(",")]
+    if not set(asked) <= {"auto", *METHODS}:
+        raise SystemExit(f"unknown method; use some of auto {' '.join(METHODS)}")
+    with tempfile.TemporaryDirectory() as folder:
+        path = None
+        if some.training:
+            path = Path(folder) / "priors"
+            with pf.PriorDatabase.create(path, rate=RATE) as writer:
+                for clip in some.training:
+                    writer.add(clip)
+        return pf.evaluate(
+            some.samples, methods=asked, protocol=protocol, database=path, jobs=processes()
+        )
+
+
+def processes() -> int:
+    """Return how many processes fill."""
+    return os.cpu_count() or 1
+
+
+def mae(evaluation: Evaluation, method: str, **where: str) -> tuple[float, float]:
+    """Return the MAE (mm) as the published ``mae.m`` has it, and the share that was filled.
+
+    The mean distance from the truth over the frames of each gap, and of these the mean over gaps.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+        What was filled.
+    method : str
+        By which.
+    where : str
+        ``clip``, ``case`` or ``marker``: of these gaps only.
+
+    Returns
+    -------
+    (float, float)
+        Over the filled frames of the gaps, NaN if there are none; their share of all.
+    """
+    rows = [
+        row.errors
+        for row in evaluation.gaps
+        if row.method == method and all(getattr(row, key) == name for key, name in where.items())
+    ]
+    means = [errors.mean for errors in rows if errors.filled]
+    samples = sum(errors.samples for errors in rows)
+    share = sum(errors.filled for errors in rows) / samples if samples else 0.0
+    return (float(np.mean(means)) if means else float("nan")), share
+
+
+def cell(evaluation: Evaluation, method: str, **where: str) -> Cell:
+    """Return the MAE as it stands in a table: with the share, unless everything was filled."""
+    error, share = mae(evaluation, method, **where)
+    return error if share in (0.0, 1.0) else f"{error:.1f} ({floored(share)} %)"
+
+
+def floored(share: float) -> int:
+    """Return a share in whole percent, 100 only where nothing is lacking."""
+    return int(100 * share)
+
+
+def by_part(evaluation: Evaluation, key: str, title: str) -> None:
+    """Print the MAE of each method for each clip, case or marker, and all, beside the paper's.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+        What was filled.
+    key : str
+        ``clip``, ``case`` or ``marker``.
+    title : str
+        What the table shows.
+    """
+    methods = evaluation.plan.methods
+    names = dict.fromkeys(getattr(row, key) for row in evaluation.gaps)
+    rows: list[list[Cell]] = [
+        [name, *(cell(evaluation, method, **{key: name}) for method in methods), None]
+        for name in names
+    ]
+    rows.append(["all", *(cell(evaluation, method) for method in methods), None])
+    beside(f"{title} ({UNKNOWN})", [key, *methods, "paper"], rows)
+
+
+def by_experiment(evaluations: dict[str, Evaluation], head: str, title: str) -> None:
+    """Print the MAE of each method in several experiments, a row each, beside the paper's."""
+    methods = next(iter(evaluations.values())).plan.methods
+    rows: list[list[Cell]] = [
+        [name, *(cell(evaluation, method) for method in methods), None]
+        for name, evaluation in evaluations.items()
+    ]
+    beside(f"{title} ({UNKNOWN})", [head, *methods, "paper"], rows)
+
+
+def tell(some: Material, paper: str) -> None:
+    """Say what was filled from what, and how that differs from the paper."""
+    print(f"Paper: {paper}")
+    print(
+        f"Here:  {len(some.samples)} samples of {some.samples[0].frames} frames at {RATE:.0f} Hz, "
+        f"{len(some.samples[0].labels)} markers, learnt from {len(some.training)} other stretches "
+        f"of:\n       {', '.join(file.stem for file in some.files)}.\n"
+        "       --recording fills one of yours. A dash: not known, or nothing was filled;\n"
+        "       (n %): only that much was."
+    )
+
+
+def refusals(evaluation: Evaluation) -> None:
+    """Say which methods could not work on which cases."""
+    for method in evaluation.plan.methods:
+        told = [o.refused for job, o in evaluation.outcomes.items() if job.method == method]
+        some = [text for text in told if text]
+        if some:
+            print(f"{method}: could not work on {len(some)} of {len(told)} cases: {some[0]}")
