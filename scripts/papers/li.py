@@ -332,8 +332,10 @@ def floored(share: float) -> int:
     return int(100 * share)
 
 
-def by_part(evaluation: Evaluation, key: str, title: str) -> None:
-    """Print the MAE of each method for each clip, case or marker, and all, beside the paper's.
+def by_part(
+    evaluation: Evaluation, key: str, title: str, head: str = "", *, together: bool = True
+) -> None:
+    """Print the MAE of each method for each clip, case or marker, beside the paper's.
 
     Parameters
     ----------
@@ -343,6 +345,10 @@ def by_part(evaluation: Evaluation, key: str, title: str) -> None:
         ``clip``, ``case`` or ``marker``.
     title : str
         What the table shows.
+    head : str
+        What they are called; `key` if empty.
+    together : bool
+        Whether all of them together come last.
     """
     methods = evaluation.plan.methods
     names = dict.fromkeys(getattr(row, key) for row in evaluation.gaps)
@@ -350,8 +356,9 @@ def by_part(evaluation: Evaluation, key: str, title: str) -> None:
         [name, *(cell(evaluation, method, **{key: name}) for method in methods), None]
         for name in names
     ]
-    rows.append(["all", *(cell(evaluation, method) for method in methods), None])
-    beside(f"{title} ({UNKNOWN})", [key, *methods, "paper"], rows)
+    if together:
+        rows.append(["all", *(cell(evaluation, method) for method in methods), None])
+    beside(f"{title} ({UNKNOWN})", [head or key, *methods, "paper"], rows)
 
 
 def by_experiment(evaluations: dict[str, Evaluation], head: str, title: str) -> None:

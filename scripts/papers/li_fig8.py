@@ -40,7 +40,13 @@ def main() -> int:
         for frames in (MORE_MISSING if arguments.full else MISSING)
     }
     found = evaluated(some, Several(protocols), arguments.methods)
-    by_part(found, "case", f"MAE in mm by the number of frames missing of {PIECE}")
+    by_part(
+        found,
+        "case",
+        f"MAE in mm by the number of frames missing of {PIECE}",
+        "frames",
+        together=False,
+    )
     refusals(found)
     return 0
 

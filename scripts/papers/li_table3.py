@@ -29,7 +29,13 @@ def main() -> int:
     tell(some, "the first 200 frames of twenty Malay dances, 1 to 14 of 15 markers missing.")
     protocol = Onward(numbers=ALL_NUMBERS if arguments.full else NUMBERS)
     found = evaluated(some, protocol, arguments.methods)
-    by_part(found, "case", "MAE in mm by the number of markers missing in the last 100 frames")
+    by_part(
+        found,
+        "case",
+        "MAE in mm by the number of markers missing in the last 100 frames",
+        "markers",
+        together=False,
+    )
     refusals(found)
     return 0
 

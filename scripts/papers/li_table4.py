@@ -45,7 +45,13 @@ def main() -> int:
         for frames in INTERVALS
     }
     found = evaluated(some, Several(protocols), arguments.methods)
-    by_part(found, "case", f"MAE in mm of {number} markers by the frames of each of their gaps")
+    by_part(
+        found,
+        "case",
+        f"MAE in mm of {number} markers by the frames of each of their gaps",
+        "frames",
+        together=False,
+    )
     refusals(found)
     return 0
 
