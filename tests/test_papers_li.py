@@ -158,6 +158,31 @@ def test_other_markers_are_all_used(tmp_path: Path) -> None:
     assert sample.labels == clip.labels[:12]
 
 
+def test_other_recordings_are_learnt_from_but_not_the_truth(
+    recording: Path, tmp_path: Path
+) -> None:
+    clip = person(seconds=28.0, rate=30.0)
+    for name in ("walk.c3d", "beside.c3d"):  # the first is what is filled
+        write(tmp_path / name, clip)
+    write(tmp_path / "fewer.c3d", Clip(clip.positions[:, :9], clip.labels[:9], clip.rate, clip.up))
+    some = material(recording, "--training", str(tmp_path))
+    assert [part.name for part in some.samples] == ["walk 1", "walk 3"]
+    assert [part.name for part in some.training] == [f"beside {i}" for i in range(1, 6)]
+    assert [file.name for file in some.files] == ["beside.c3d"]
+    (tmp_path / "beside.c3d").unlink()
+    with pytest.raises(SystemExit, match="give another --training"):
+        material(recording, "--training", str(tmp_path))
+
+
+@pytest.mark.usefixtures("here")
+def test_seconds_are_the_mean_over_cases(recording: Path) -> None:
+    found = li.evaluated(material(recording), li.Onward(copies=2), "linear")
+    taken = [made.seconds for made in found.outcomes.values()]
+    assert len(taken) == 4
+    assert li.seconds(found, "linear") == pytest.approx(sum(taken) / 4)
+    assert np.isnan(li.seconds(found, "spline"))
+
+
 def test_what_is_too_short_is_refused(tmp_path: Path) -> None:
     write(tmp_path / "short.c3d", person(seconds=3.0, rate=30.0))
     with pytest.raises(SystemExit, match=r"throughout a sample of 6\.7 s"):

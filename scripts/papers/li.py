@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from priorfill.evaluation import Evaluation
 from priorfill.evaluation.cutter import measured_in
 from priorfill.evaluation.parts import Parts
 from priorfill.evaluation.protocols import Cut, GapProtocol, NoPlace
+from priorfill.formats import SUFFIXES
 from priorfill.methods import METHODS
 from priorfill.resample import resample
 
@@ -46,6 +47,7 @@ __all__ = [
     "material",
     "parser_of",
     "refusals",
+    "seconds",
     "tell",
 ]
 
@@ -98,9 +100,9 @@ class Material:
     samples : list of Clip
         Each of `SAMPLE` frames at `RATE`.
     training : list of Clip
-        The rest of their recordings.
+        What is learnt from: the rest of their recordings, or others.
     files : list of Path
-        These recordings.
+        The recordings that it is of.
     """
 
     samples: list[pf.Clip]
@@ -122,6 +124,12 @@ def parser_of(doc: str | None, full: str, methods: str = DEFAULT) -> argparse.Ar
         default=methods,
         help="methods, separated by commas; %(default)s if not given",
     )
+    parser.add_argument(
+        "--training",
+        type=Path,
+        metavar="DIR",
+        help="folder of recordings to learn from instead, of the same markers",
+    )
     return parser
 
 
@@ -132,10 +140,13 @@ def material(arguments: argparse.Namespace, *, few: int | None = FEW) -> Materia
     is too short for one is learnt from. Of the samples that show every marker throughout some are
     filled, recordings taken in turn, or all, if ``--full``.
 
+    With ``--training`` the recordings below its folder are learnt from, and nothing else. One that
+    has the name of a filled one is left out: it would be the truth.
+
     Parameters
     ----------
     arguments : Namespace
-        ``data``, ``recording``, ``full``.
+        ``data``, ``recording``, ``training``, ``full``.
     few : int, optional
         So many samples, unless ``--full``; all if None.
     """
@@ -158,9 +169,31 @@ def material(arguments: argparse.Namespace, *, few: int | None = FEW) -> Materia
             f"{first}: shows its {len(markers)} markers nowhere throughout a sample of "
             f"{SAMPLE / RATE:.1f} s; give another --recording"
         )
+    if arguments.training is not None:
+        filled = {file.stem for file in (files[:1] if own is not None else files)}
+        parts = _learnt(arguments.training, markers, filled)
+        files = [*parts]
     names = {part.name for part in chosen}
     training = [part for file in files for part in parts[file] if part.name not in names]
     return Material(chosen if arguments.full else chosen[:few], training, files)
+
+
+def _learnt(
+    folder: Path, markers: Sequence[str], filled: Collection[str]
+) -> dict[Path, list[pf.Clip]]:
+    """Read the recordings below a folder that have the markers, but for those that are filled."""
+    parts = {}
+    for file in sorted(folder.rglob("*")):
+        if file.suffix.lower() in SUFFIXES and file.stem not in filled:
+            found = list(_stretches(file, markers))
+            if found:
+                parts[file] = found
+    if not parts:
+        raise SystemExit(
+            f"{folder}: has no recording with all of {' '.join(markers)} but those that are "
+            "filled; give another --training"
+        )
+    return parts
 
 
 def _there(name: str, data: Path) -> Path | None:
@@ -325,6 +358,12 @@ def cell(evaluation: Evaluation, method: str, **where: str) -> Cell:
     """Return the MAE as it stands in a table: with the share, unless everything was filled."""
     error, share = mae(evaluation, method, **where)
     return error if share in (0.0, 1.0) else f"{error:.1f} ({floored(share)} %)"
+
+
+def seconds(evaluation: Evaluation, method: str) -> float:
+    """Return the mean processor time (s) of a method for a case."""
+    taken = [made.seconds for job, made in evaluation.outcomes.items() if job.method == method]
+    return float(np.mean(taken)) if taken else float("nan")
 
 
 def floored(share: float) -> int:

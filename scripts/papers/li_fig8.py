@@ -2,7 +2,7 @@
 """Li, Yu, Kieu, Vuong and Zhang 2020, figure 8: whole frames missing.
 
     python scripts/papers/li_fig8.py [--data DIR] [--recording FILE] [--full]
-        [--methods NAME,NAME...]
+        [--training DIR] [--methods NAME,NAME...]
 
 Every marker is missing at once for 1 to 40 of 100 frames. The program ``F1`` has these gaps begin
 at frame 51; here they are anywhere (the protocol ``frames``). Methods that need some marker to be

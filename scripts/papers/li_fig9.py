@@ -2,7 +2,7 @@
 """Li, Yu, Kieu, Vuong and Zhang 2020, figure 9: each marker missing throughout.
 
     python scripts/papers/li_fig9.py [--data DIR] [--recording FILE] [--full]
-        [--methods NAME,NAME...]
+        [--training DIR] [--methods NAME,NAME...]
 
 Our reading, since the text is not at hand: the program's other "extreme case", ``T``, in which one
 joint at a time is missing in all of 100 frames, and is known from the training alone. Methods

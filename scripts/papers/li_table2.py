@@ -2,7 +2,7 @@
 """Li, Yu, Kieu, Vuong and Zhang 2020, table 2: one marker missing ever longer.
 
     python scripts/papers/li_table2.py [--data DIR] [--recording FILE] [--full]
-        [--methods NAME,NAME...]
+        [--training DIR] [--methods NAME,NAME...]
 
 Our reading, since the text is not at hand: the program's readme says that ``test4data`` is run with
 other lengths of the data to see what longer gaps do. One marker, drawn for each sample, is missing

@@ -2,7 +2,7 @@
 """Li, Yu, Kieu, Vuong and Zhang 2020, table 3: ever more markers missing.
 
     python scripts/papers/li_table3.py [--data DIR] [--recording FILE] [--full]
-        [--methods NAME,NAME...]
+        [--training DIR] [--methods NAME,NAME...]
 
 Our reading, since the text is not at hand: the program's ``test_marker_num`` fills samples of 200
 frames in which 1 to 14 of 15 markers are missing, by masks that are not published. Here they are

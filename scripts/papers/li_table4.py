@@ -2,7 +2,7 @@
 """Li, Yu, Kieu, Vuong and Zhang 2020, table 4: some markers missing again and again.
 
     python scripts/papers/li_table4.py [--data DIR] [--recording FILE] [--full]
-        [--methods NAME,NAME...]
+        [--training DIR] [--methods NAME,NAME...]
 
 Our reading, since the text is not at hand: the programs ``T0`` and ``F0`` fill pieces of 100 frames
 under masks called ``interval2``, ``interval10`` and ``interval25``, which are not published. Here a
