@@ -56,7 +56,7 @@ FEWEST_TRAINING = 2
 CHUNK = 256
 """Frames whose distances are held at once: some MB."""
 
-CAUTIONS = (1.0, 3.0, 10.0, 30.0, 100.0)
+CAUTIONS = (1.0, 10.0, 100.0)
 """Where trajectories are few, as those of long gaps, others are less like them than they are like
 each other: what is left over is larger by one of these."""
 
@@ -306,12 +306,13 @@ class _Trajectories:
         self._known: dict[int, list[Array]] = {}
 
     def of(self, length: int) -> list[Array]:
-        """Return the triangular factors of the two halves of all trajectories of a length.
+        """Return the triangular factors of the earlier and the later trajectories of a length.
 
         Returns
         -------
         list of ndarray [shape=(n, length)]
-            The earlier and the later ones; empty without any.
+            Two, of different frames; one where so long a stretch fits in but once; empty where
+            there is none.
         """
         if length not in self._known:
             found = [
@@ -324,10 +325,10 @@ class _Trajectories:
                 )
                 if (part := _unbroken(positions[start : start + length])).size
             ]
-            rows = np.concatenate(found) if found else np.empty((0, length))
-            rows = rows[:: 1 + len(rows) // MOST_TRAJECTORIES]
-            halves = np.array_split(rows, 2) if len(rows) else []
-            self._known[length] = [core.triangular(half) for half in halves]
+            found = found[:: 1 + sum(map(len, found)) // MOST_TRAJECTORIES]
+            middle = (len(found) + 1) // 2
+            halves = [found[:middle], found[middle:]]
+            self._known[length] = [core.triangular(np.concatenate(half)) for half in halves if half]
         return self._known[length]
 
 
@@ -398,7 +399,13 @@ def pca_frames(
 
 
 def _caution(halves: list[Array], shown: Bools, options: Options) -> float:
-    """Return the caution by which each half of some trajectories completes the other best."""
+    """Return the caution by which each half of some trajectories completes the other best.
+
+    Trajectories of the same frames complete each other far too well: with one half alone it is the
+    greatest.
+    """
+    if len(halves) < 2:
+        return CAUTIONS[-1]
     errors = np.zeros(len(CAUTIONS))
     for one, other in permutations(halves, 2):
         space = core.trajectory_space(one, share=options.trajectory_share, rank=options.rank)
