@@ -140,6 +140,15 @@ def test_samples_and_training_share_no_frame(recording: Path) -> None:
     assert [part.frames for part in some.first(130).samples] == [130, 130]
 
 
+@pytest.mark.usefixtures("here")
+def test_what_is_left_is_not_learnt_from_where_it_is_too_little(tmp_path: Path) -> None:
+    write(tmp_path / "rest.c3d", person(seconds=6.8, rate=30.0))
+    some = material(tmp_path / "rest.c3d")
+    assert (len(some.samples), some.training) == (1, [])
+    [row] = li.evaluated(some, li.Onward(), "r2").gaps
+    assert row.errors.filled == li.SAMPLE - li.SEEN
+
+
 def test_recordings_come_to_the_papers_rate(tmp_path: Path) -> None:
     write(tmp_path / "fast.c3d", person(seconds=8.0, rate=60.0))
     [sample] = material(tmp_path / "fast.c3d").samples

@@ -14,6 +14,7 @@ import argparse
 import os
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,6 +22,7 @@ import numpy as np
 from paper import Cell, beside, find, options
 
 import priorfill as pf
+from priorfill.errors import ClipError
 from priorfill.evaluation import Evaluation
 from priorfill.evaluation.cutter import measured_in
 from priorfill.evaluation.parts import Parts
@@ -79,6 +81,9 @@ SEEN = 100
 
 PIECE = 100
 """Frames of a piece in the other programs: the paper's pieces of training are as long."""
+
+LEAST = 30
+"""Frames of a stretch that is learnt from: of less than a second a database has nothing to say."""
 
 FEW = 4
 """Samples that are filled, unless all are."""
@@ -174,7 +179,12 @@ def material(arguments: argparse.Namespace, *, few: int | None = FEW) -> Materia
         parts = _learnt(arguments.training, markers, filled)
         files = [*parts]
     names = {part.name for part in chosen}
-    training = [part for file in files for part in parts[file] if part.name not in names]
+    training = [
+        part
+        for file in files
+        for part in parts[file]
+        if part.name not in names and part.frames >= LEAST and not part.missing.all()
+    ]
     return Material(chosen if arguments.full else chosen[:few], training, files)
 
 
@@ -313,7 +323,8 @@ def evaluated(some: Material, protocol: GapProtocol, methods: str) -> Evaluation
             path = Path(folder) / "priors"
             with pf.PriorDatabase.create(path, rate=RATE) as writer:
                 for clip in some.training:
-                    writer.add(clip)
+                    with suppress(ClipError):  # nobody moves in it
+                        writer.add(clip)
         return pf.evaluate(
             some.samples, methods=asked, protocol=protocol, database=path, jobs=processes()
         )
