@@ -48,6 +48,8 @@ class Source:
     interpolated : ndarray of bool [shape=(frames, markers)] or None
         Which samples the file says are interpolated, not measured; missing ones are not among
         them. None where the file does not tell.
+    format : str
+        The name of the file's format in `priorfill.formats.FORMATS`.
     """
 
     path: Path
@@ -61,6 +63,7 @@ class Source:
     left_out: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     interpolated: NDArray[np.bool_] | None = field(default=None, repr=False, compare=False)
+    format: str = "c3d"
 
 
 @dataclass(frozen=True, eq=False)

@@ -270,7 +270,7 @@ def test_write_chooses(tmp_path, source):
     with pytest.raises(OptionError, match="say which samples are filled"):
         formats.write(tmp_path / "out2.c3d", clip)
     with pytest.raises(FormatError, match=r"is unknown; known are \.c3d"):
-        formats.write(tmp_path / "out.txt", clip, filled)
+        formats.write(tmp_path / "out.xyz", clip, filled)
     in_memory = replace(clip, source=None)
     assert formats.write(tmp_path / "new.c3d", in_memory, filled).samples == 3
     with pytest.raises(OutputError, match="comes from no file"):

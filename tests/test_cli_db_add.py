@@ -19,7 +19,9 @@ from db_cli import gappy_and_filled, run, small_clip, with_residuals, write_clip
 
 from priorfill.database import PriorDatabase
 from priorfill.errors import DatabaseError
-from priorfill.formats import read, write
+from priorfill.formats import SUFFIXES, read, write
+
+READ = ", ".join(SUFFIXES)
 
 
 def names(place: str | Path = "db") -> list[str]:
@@ -71,7 +73,7 @@ def test_patterns_that_the_shell_left(here: Path) -> None:
     assert names() == ["walk1", "walk2", "walk3", "walk[1]"]
     result = run("db", "add", "-d", "all", str(here / "*"))
     assert result.exit_code == 1  # the pattern fits the database db, too
-    assert result.stderr == f"priorfill: {here / 'db'}: has no files that can be read (.c3d)\n"
+    assert result.stderr == f"priorfill: {here / 'db'}: has no files that can be read ({READ})\n"
     assert len(names("all")) == 5
     result = run("db", "add", "-d", "db", "jump*.c3d")
     assert result.exit_code == 1
@@ -92,7 +94,7 @@ def test_what_cannot_be_added_is_reported_and_the_others_go_on(here: Path) -> No
     assert result.stdout == "added good.c3d\nadded 1 clip (1.00 s), could not add 4\n"
     errors = result.stderr.splitlines()
     assert errors[0] == "priorfill: no.c3d: there is no such file or folder; check the name"
-    assert errors[1] == "priorfill: empty: has no files that can be read (.c3d)"
+    assert errors[1] == f"priorfill: empty: has no files that can be read ({READ})"
     assert errors[2].startswith("priorfill: bad.c3d: ")
     assert errors[3] == (
         "priorfill: still.c3d: is static (no marker moves by 10 mm); add clips with motion"

@@ -705,8 +705,9 @@ def test_other_files(folder: Path) -> None:
     for arguments, word in (
         (["no.c3d", "-o", "out.c3d"], "no such file"),
         (["folder.c3d", "-o", "out.c3d"], "folder"),
-        (["text.txt", "-o", "out.c3d"], "suffix"),
-        (["walk.c3d", "-o", "out.txt"], "suffix"),
+        (["text.txt", "-o", "out.c3d"], "begins like none of the .txt files"),
+        (["walk.c3d", "-o", "out.txt"], "only as a copy of a .txt file"),
+        (["walk.c3d", "-o", "out.doc"], "suffix"),
         (["walk.c3d", "-o", "folder.c3d"], "folder.c3d"),
         (["walk.c3d", "-o", "folder.c3d", "--overwrite"], "folder.c3d"),
         (["walk.c3d", "-o", "nowhere/out.c3d"], "nowhere"),

@@ -50,10 +50,11 @@ def _frames(
 @click.option(
     "--output",
     "-o",
-    metavar="OUT.c3d",
+    metavar="OUT",
     type=click.Path(path_type=Path),
     required=True,
-    help="Where to write the filled clip: a copy of FILE with the gaps filled.",
+    help="Where to write the filled clip: a copy of FILE with the gaps filled, or a new file if "
+    "its suffix is of another format (.c3d .trc .npz .mat).",
 )
 @click.option(
     "--database",
@@ -65,7 +66,7 @@ def _frames(
 @click.option(
     "--with",
     "companions",
-    metavar="OTHER.c3d",
+    metavar="OTHER",
     type=click.Path(path_type=Path),
     multiple=True,
     help="Another clip of the same person with the same markers on, such as the static trial, "

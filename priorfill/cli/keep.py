@@ -73,8 +73,12 @@ def keep(folder: Path, clip: Clip, output: Path, result: Result, reading: dict[s
     """
     import numpy as np
 
+    from priorfill import formats
     from priorfill.database import PriorDatabase
 
+    if clip.source is not None and clip.source.format != formats.format_of(output):
+        # a new file, which says itself what the options said of the first one
+        reading = reading | {"unit": None, "rate": None}
     written, _ = read_clip(output, **reading)
     # what was interpolated before is no more measured than what was filled now
     says = clip.source.interpolated if clip.source is not None else None

@@ -1,7 +1,13 @@
-"""Files of motion capture: read them into clips, write clips into them."""
+"""Files of motion capture: read them into clips, write clips into them.
+
+`FORMATS` says which there are. A file's suffix tells its format; where several share a suffix, what
+it begins with.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +19,14 @@ from priorfill.formats.atomic import check_target
 from priorfill.formats.c3d_new import create_c3d
 from priorfill.formats.c3d_patch import WriteReport, write_c3d
 from priorfill.formats.c3d_read import read_c3d
+from priorfill.formats.mat import create_mat, read_mat, recognise_mat
+from priorfill.formats.motive_csv import copy_motive, read_motive, recognise_motive
+from priorfill.formats.nexus_csv import copy_nexus, read_nexus, recognise_nexus
+from priorfill.formats.npz import create_npz_clip, read_npz, recognise_npz
 from priorfill.formats.npz_new import create_npz
+from priorfill.formats.qualisys_tsv import copy_qualisys, read_qualisys, recognise_qualisys
+from priorfill.formats.recording import Reading
+from priorfill.formats.trc import copy_trc, create_trc, read_trc, recognise_trc
 from priorfill.formats.uncertainty import (
     UNCERTAINTY_SUFFIXES,
     check_uncertainty,
@@ -22,23 +35,171 @@ from priorfill.formats.uncertainty import (
 )
 
 __all__ = [
+    "FORMATS",
     "SUFFIXES",
     "UNCERTAINTY_SUFFIXES",
+    "Format",
     "WriteReport",
     "check_output",
     "check_uncertainty",
     "create_c3d",
     "create_npz",
+    "format_of",
     "read",
     "read_c3d",
+    "recognised",
     "uncertainty_file",
     "write",
     "write_c3d",
     "write_uncertainty",
 ]
 
-SUFFIXES = (".c3d",)
-"""Suffixes of the files that can be read and written, lower case."""
+_HEAD = 1 << 16
+"""Bytes of a text file that tell its format."""
+
+_READ_AND_WRITTEN = ("c3d", "trc", "npz", "mat")
+"""Formats that a new file can have, for messages."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format of files.
+
+    Attributes
+    ----------
+    title : str
+        What it is called in messages.
+    suffixes : tuple of str
+        Its suffixes, lower case.
+    read : callable
+        Reads the markers of a file.
+    recognise : callable
+        Tells by its path if a file is one, or none of others that share the suffix.
+    copy : callable or None
+        Writes a clip that was read from such a file as a copy with the filled samples, all else
+        as it was.
+    create : callable or None
+        Writes any clip as a new file.
+    alone : bool
+        Whether its suffixes are used for recordings only: no look into the file is needed.
+    """
+
+    title: str
+    suffixes: tuple[str, ...]
+    read: Callable[[Path, Reading], Clip]
+    recognise: Callable[[Path], bool]
+    copy: Callable[..., WriteReport] | None = None
+    create: Callable[..., WriteReport] | None = None
+    alone: bool = False
+
+
+def _c3d(path: Path, reading: Reading) -> Clip:
+    return read_c3d(
+        path,
+        zeros_missing=reading.zeros_missing,
+        up=reading.up,
+        rate=reading.rate,
+        unit=reading.unit,
+        subject=reading.subject,
+    )
+
+
+def _by_head(recognise: Callable[[bytes], bool]) -> Callable[[Path], bool]:
+    """Return what tells a file's format by its first bytes."""
+
+    def look(path: Path) -> bool:
+        try:
+            with path.open("rb") as file:
+                return recognise(file.read(_HEAD))
+        except OSError:
+            return False  # reading says why
+
+    return look
+
+
+_TEXT = (".csv", ".tsv", ".txt")
+
+FORMATS = {
+    "c3d": Format("C3D", (".c3d",), _c3d, lambda path: True, write_c3d, create_c3d, alone=True),
+    "trc": Format(
+        "TRC", (".trc",), read_trc, _by_head(recognise_trc), copy_trc, create_trc, alone=True
+    ),
+    "nexus": Format(
+        "text of Vicon Nexus (section Trajectories)",
+        _TEXT,
+        read_nexus,
+        _by_head(recognise_nexus),
+        copy_nexus,
+    ),
+    "qualisys": Format(
+        "TSV of Qualisys (NO_OF_FRAMES ...)",
+        _TEXT,
+        read_qualisys,
+        _by_head(recognise_qualisys),
+        copy_qualisys,
+    ),
+    "motive": Format(
+        "CSV of OptiTrack Motive (Format Version ...)",
+        _TEXT,
+        read_motive,
+        _by_head(recognise_motive),
+        copy_motive,
+    ),
+    "npz": Format("NumPy archive", (".npz",), read_npz, recognise_npz, create=create_npz_clip),
+    "mat": Format("MATLAB file", (".mat",), read_mat, recognise_mat, create=create_mat),
+}
+"""The formats by name."""
+
+SUFFIXES = tuple(dict.fromkeys(s for one in FORMATS.values() for s in one.suffixes))
+"""Suffixes of the files that can be read, lower case."""
+
+
+def format_of(path: Path | str) -> str:
+    """Return the name of a file's format.
+
+    Parameters
+    ----------
+    path : Path or str
+        The file.
+
+    Returns
+    -------
+    str
+        One of `FORMATS`.
+
+    Raises
+    ------
+    FormatError
+        If it is unknown.
+    """
+    path = Path(path)
+    _check_suffix(path)
+    names = [name for name, one in FORMATS.items() if path.suffix.lower() in one.suffixes]
+    if len(names) == 1:
+        return names[0]
+    for name in names:
+        if FORMATS[name].recognise(path):
+            return name
+    known = "; ".join(FORMATS[name].title for name in names)
+    raise FormatError(
+        f"{path}: begins like none of the {path.suffix} files that are known: {known}; "
+        "export it as one of these, or as C3D"
+    )
+
+
+def recognised(path: Path | str) -> bool:
+    """Tell if a file is likely a recording: many a .csv, .npz or .mat is not.
+
+    Parameters
+    ----------
+    path : Path or str
+        The file.
+    """
+    path = Path(path)
+    return any(
+        path.suffix.lower() in one.suffixes and (one.alone or one.recognise(path))
+        for one in FORMATS.values()
+    )
 
 
 def read(
@@ -86,8 +247,7 @@ def read(
         raise FormatError(f"{path}: is a folder; give the name of a file")
     if not path.exists():
         raise FormatError(f"{path}: there is no such file; check the name")
-    _check_suffix(path)
-    return read_c3d(path, zeros_missing=zeros_missing, up=up, rate=rate, unit=unit, subject=subject)
+    return FORMATS[format_of(path)].read(path, Reading(zeros_missing, up, rate, unit, subject))
 
 
 def write(
@@ -99,8 +259,8 @@ def write(
 ) -> WriteReport:
     """Write a clip.
 
-    A clip that was read from a C3D file is written as a copy of that file in which only the
-    filled samples differ; any other clip as a new file.
+    A clip that was read from a C3D or text file is written as a copy of that file in which only the
+    filled samples differ, if `path` has a suffix of the same format; else as a new file.
 
     Parameters
     ----------
@@ -109,7 +269,7 @@ def write(
     clip : Clip
         The clip.
     filled : ndarray [shape=(frames, markers), bool] or None
-        Which samples were filled; needed if the clip was read from a file.
+        Which samples were filled; needed if a copy is written.
     overwrite : bool
         Replace an existing file.
 
@@ -123,20 +283,25 @@ def write(
     FormatError
         If the format is unknown, or the source cannot be read any more.
     OptionError
-        If the clip was read from a file and `filled` is not given.
+        If a copy is to be written and `filled` is not given.
     OutputError
         If the file cannot be written, exists already, or is the clip's own source.
     """
     path = Path(path)
-    _check_suffix(path)
-    if clip.source is not None and clip.source.path.suffix.lower() in SUFFIXES:
+    source = clip.source
+    form = _output_format(path, source.format if source is not None else None)
+    copy, create = FORMATS[form].copy, FORMATS[form].create
+    if source is not None and form == source.format and copy is not None:
         if filled is None:
             raise OptionError(
                 f"{clip.name}: was read from a file, of which a copy is written; "
                 "say which samples are filled"
             )
-        return write_c3d(path, clip, filled, overwrite=overwrite)
-    return create_c3d(path, clip, filled=filled, overwrite=overwrite)
+        return copy(path, clip, filled, overwrite=overwrite)
+    if source is not None:
+        check_target(path, overwrite=overwrite, source=source.path)
+    assert create is not None  # or there is a copy
+    return create(path, clip, filled=filled, overwrite=overwrite)
 
 
 def check_output(path: Path | str, *, source: Path, overwrite: bool = False) -> None:
@@ -154,12 +319,27 @@ def check_output(path: Path | str, *, source: Path, overwrite: bool = False) -> 
     Raises
     ------
     FormatError
-        If the format is unknown.
+        If the format is unknown, or cannot be written.
     OutputError
         If the folder is missing, the file exists already, or is the source.
     """
-    _check_suffix(Path(path))
+    _output_format(Path(path), format_of(source) if source.is_file() else None)
     check_target(path, overwrite=overwrite, source=source)
+
+
+def _output_format(path: Path, source: str | None) -> str:
+    """Return which format to write: the source's if the suffix is one of its, else a new one."""
+    _check_suffix(path)
+    suffix = path.suffix.lower()
+    if source is not None and suffix in FORMATS[source].suffixes:
+        return source
+    for name, one in FORMATS.items():
+        if suffix in one.suffixes and one.create is not None:
+            return name
+    raise FormatError(
+        f"{path}: {suffix} is written only as a copy of a {suffix} file with its gaps filled; "
+        f"a new file can be {', '.join(f'.{name}' for name in _READ_AND_WRITTEN)}"
+    )
 
 
 def _check_suffix(path: Path) -> None:

@@ -98,7 +98,7 @@ def put_files(
     """
     from priorfill import formats
 
-    files, failed = find_files(paths, formats.SUFFIXES)
+    files, failed = find_files(paths, formats.SUFFIXES, formats.recognised)
     for reason in failed:
         click.echo(f"priorfill: {reason}", err=True)
     failures = len(failed)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 __all__ = ["find_files"]
 
 
-def find_files(paths: Sequence[Path], suffixes: Sequence[str]) -> tuple[list[Path], list[str]]:
+def find_files(
+    paths: Sequence[Path], suffixes: Sequence[str], recognised: Callable[[Path], bool]
+) -> tuple[list[Path], list[str]]:
     """Return the files that arguments stand for, and what is wrong with the others.
 
     Parameters
@@ -19,6 +21,8 @@ def find_files(paths: Sequence[Path], suffixes: Sequence[str]) -> tuple[list[Pat
         patterns, for shells that do not expand them; ``**`` stands for folders of any depth.
     suffixes : sequence of str
         Lower-case suffixes of the files that are taken from folders.
+    recognised : callable
+        Tells which of those are recordings; for files that are named it is not asked.
 
     Returns
     -------
@@ -41,7 +45,7 @@ def find_files(paths: Sequence[Path], suffixes: Sequence[str]) -> tuple[list[Pat
             if not one.is_dir():
                 files[one] = None
                 continue
-            inside = _inside(one, suffixes)
+            inside = _inside(one, suffixes, recognised)
             if not inside:
                 failed.append(f"{one}: has no files that can be read ({', '.join(suffixes)})")
             files |= dict.fromkeys(inside)
@@ -54,10 +58,15 @@ def _matches(pattern: Path) -> list[Path]:
     return [Path(name) for name in sorted(names)]
 
 
-def _inside(folder: Path, suffixes: Sequence[str]) -> list[Path]:
+def _inside(
+    folder: Path, suffixes: Sequence[str], recognised: Callable[[Path], bool]
+) -> list[Path]:
     # hidden ones are other programs' notes (macOS puts ._walk.c3d beside walk.c3d) or unfinished
     return sorted(
         path
         for path in folder.rglob("*")
-        if path.suffix.lower() in suffixes and not path.name.startswith(".") and path.is_file()
+        if path.suffix.lower() in suffixes
+        and not path.name.startswith(".")
+        and path.is_file()
+        and recognised(path)
     )
