@@ -1,0 +1,163 @@
+"""Clips from and to what other programs hold positions in; stand-ins take their place."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from text_files import LABELS, standing
+
+from priorfill import interop
+from priorfill.clip import Clip
+from priorfill.errors import ClipError
+
+
+class TimeSeries:
+    """The attributes of Kinetics Toolkit's that are used."""
+
+    def __init__(self, *, time: Any, data: dict[str, Any]) -> None:
+        self.time = np.asarray(time)
+        self.data = {key: np.asarray(value) for key, value in data.items()}
+        self.info: dict[str, Any] = {"Time": {"Unit": "s"}}
+
+
+class DataArray:
+    """The attributes of xarray's that are used."""
+
+    def __init__(self, data, dims, coords, name="", attrs=None) -> None:
+        self.values, self.dims, self.name = np.asarray(data), tuple(dims), name
+        self.coords = {k: SimpleNamespace(values=np.asarray(v)) for k, v in coords.items()}
+        self.attrs = attrs or {}
+
+    def transpose(self, *dims: str) -> DataArray:
+        order = [self.dims.index(dim) for dim in dims]
+        coords = {key: value.values for key, value in self.coords.items()}
+        return DataArray(self.values.transpose(order), dims, coords, self.name, self.attrs)
+
+
+class DataFrame:
+    """The attributes of pandas' that are used."""
+
+    def __init__(self, data, columns, index) -> None:
+        self.values, self.columns, self._index = np.asarray(data), list(columns), np.asarray(index)
+
+    @property
+    def index(self):
+        return SimpleNamespace(to_numpy=lambda: self._index)
+
+    @property
+    def iloc(self):
+        return self
+
+    def __getitem__(self, key):
+        return SimpleNamespace(to_numpy=lambda: self.values[key])
+
+
+def with_gap() -> Clip:
+    positions = standing()
+    positions[4:7, 2] = np.nan
+    return Clip(positions, LABELS, 120.0, "+Z", "walk")
+
+
+def same(one: Clip, other: Clip) -> bool:
+    return (
+        one.labels == other.labels
+        and np.allclose(one.positions, other.positions, rtol=0, atol=1e-9, equal_nan=True)
+        and abs(one.rate - other.rate) < 1e-6
+        and one.up == other.up
+    )
+
+
+@pytest.mark.parametrize("unit", ["mm", "m"])
+def test_there_and_back(unit):
+    clip = with_gap()
+    series = interop.to_timeseries(clip, TimeSeries, unit)
+    assert same(interop.from_timeseries(series), clip)
+    assert same(interop.from_xarray(interop.to_xarray(clip, DataArray, unit)), clip)
+    frame = interop.to_dataframe(clip, DataFrame, unit)
+    assert same(interop.from_dataframe(frame, unit=unit), clip)
+    assert same(interop.from_dataframe(frame), clip)  # the unit by the markers' spread
+    assert same(interop.from_arrays(clip.positions.reshape(12, 18), LABELS, 120), clip)
+
+
+def test_timeseries_is_homogeneous_and_leaves_other_data_out():
+    series = interop.to_timeseries(with_gap(), TimeSeries)
+    assert series.data["LTOE"].shape == (12, 4)
+    assert (series.data["LTOE"][:, 3] == 1).all()
+    assert np.isnan(series.data["LKNE"][4:7]).all()
+    assert series.data["LFHD"][0] == pytest.approx([*(standing()[0, 5] / 1000), 1])
+    series.data |= {"EMG": np.arange(12.0), "Frame": np.zeros((12, 4, 4))}
+    assert interop.from_timeseries(series).labels == LABELS
+
+
+def test_xarray_in_pyomecas_layout():
+    array = interop.to_xarray(with_gap(), DataArray)
+    assert array.dims == ("axis", "channel", "time")
+    assert array.values.shape == (4, 6, 12)
+    turned = array.transpose("channel", "time", "axis")
+    turned.coords["axis"].values = np.array(["ones", "y", "x", "z"])
+    turned.values = turned.values[..., [3, 1, 0, 2]]
+    assert same(interop.from_xarray(turned), with_gap())
+    array.attrs = {}
+    assert same(interop.from_xarray(array), with_gap())
+
+
+@pytest.mark.parametrize("form", ["{}_X {}_Y {}_Z", "{}.x {}.y {}.z", "{}[0] {}[1] {}[2]", ""])
+def test_names_of_columns(form):
+    clip = with_gap()
+    names = [name for label in LABELS for name in form.format(*[label] * 3).split()]
+    columns = names or [(label, axis) for label in LABELS for axis in "xyz"]
+    values = np.column_stack([clip.positions.reshape(12, 18), np.zeros(12)])
+    frame = DataFrame(values, [*columns, "EMG"], np.arange(12))
+    assert same(interop.from_dataframe(frame, 120), clip)
+    with pytest.raises(ClipError, match="index counts rows and is no time; give the rate"):
+        interop.from_dataframe(frame)
+
+
+def test_subjects_units_and_options():
+    labels = [f"{who}:{name}" for who in ("Ann", "Bob") for name in LABELS[:3]]
+    positions = standing() / 10
+    clip = interop.from_arrays(positions, labels, 50, unit="cm", subject="Bob", first_frame=4)
+    assert (clip.subject, clip.first_frame, clip.labels) == ("Bob", 4, LABELS[:3])
+    assert np.allclose(clip.positions, standing()[:, 3:])
+    zero = standing()
+    zero[2, 2] = 0
+    assert interop.from_arrays(zero, LABELS, 50).missing.sum() == 1
+    assert interop.from_arrays(zero, LABELS, 50, zeros_missing=False).missing.sum() == 0
+
+
+def test_what_makes_no_sense():
+    with pytest.raises(ClipError, match=r"shape \(12, 6, 3\); \(frames, 2, 3\) or \(frames, 6\)"):
+        interop.from_arrays(standing(), ["a", "b"], 100)
+    with pytest.raises(ClipError, match="no data of shape"):
+        interop.from_timeseries(TimeSeries(time=[0, 1], data={"EMG": [1, 2]}))
+    series = interop.to_timeseries(with_gap(), TimeSeries)
+    series.time = np.append(series.time[:-1], 9.0)
+    with pytest.raises(ClipError, match="times are not evenly spaced"):
+        interop.from_timeseries(series)
+    with pytest.raises(ClipError, match="has the dimensions x, y; axis, channel, time are needed"):
+        interop.from_xarray(DataArray(np.zeros((2, 2)), ("x", "y"), {}))
+    with pytest.raises(ClipError, match="no marker with columns for x, y and z, only a, b"):
+        interop.from_dataframe(DataFrame(np.zeros((3, 2)), ["a", "b"], [0, 1, 2]))
+
+
+def test_the_packages_themselves(tmp_path):
+    """With what is installed; none is needed for the other tests."""
+    clip = with_gap()
+    pandas = pytest.importorskip("pandas")
+    frame = interop.to_dataframe(clip, pandas.DataFrame)
+    assert same(interop.from_dataframe(frame), clip)
+    pairs = pandas.MultiIndex.from_product([LABELS, ["x", "y", "z"]])
+    frame.columns = pairs
+    assert same(interop.from_dataframe(frame), clip)
+    xarray = pytest.importorskip("xarray")
+    array = interop.to_xarray(clip, xarray.DataArray)
+    assert array.sel(axis="z", channel="C7").dims == ("time",)
+    assert same(interop.from_xarray(array.transpose("time", "axis", "channel")), clip)
+    toolkit = pytest.importorskip("kineticstoolkit")
+    series = interop.to_timeseries(clip, toolkit.TimeSeries)
+    assert series.info["LTOE"]["Unit"] == "m"
+    assert same(interop.from_timeseries(series), clip)
+    assert same(interop.from_timeseries(series.copy()), clip)
