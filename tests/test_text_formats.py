@@ -140,6 +140,14 @@ def test_a_filled_sample_at_the_origin_does_not_read_as_missing(tmp_path):
     assert b"\t0.00000\t0.00000\t0.00001" in (tmp_path / "out.trc").read_bytes()
 
 
+def test_nor_does_it_in_a_new_file(tmp_path):
+    path = tmp_path / "walk.csv"
+    path.write_bytes(files.nexus(with_gap()))
+    clip, filled = filled_in(formats.read(path), -1e-9)
+    formats.write(tmp_path / "out.trc", clip, filled)
+    assert not formats.read(tmp_path / "out.trc").missing.any()
+
+
 def test_zeros_are_kept_if_so_asked(tmp_path):
     path = tmp_path / "walk.tsv"
     path.write_bytes(files.qualisys(with_gap()))

@@ -353,7 +353,8 @@ def write_table(
     filled = check_filled(clip, filled)
     check_target(path, overwrite=overwrite, source=source.path)
     original = read_source(source)
-    table = parse(original, source.path.name).table
+    parsed = parse(original, source.path.name)
+    table = parsed.table
     frames, markers = np.nonzero(filled)
     points = np.asarray(source.points, dtype=np.intp)[markers]
     in_units = clip.positions[frames, markers] / source.mm_per_unit
@@ -364,7 +365,7 @@ def write_table(
         lines[row] = _with_cells(lines[row], cells, table.delimiter)
     with replace_file(path, overwrite=overwrite) as temporary:
         temporary.write_bytes(b"".join(lines))
-        _verify(temporary, original, table, parse, frames, points, rounded)
+        _verify(temporary, parsed, parse, frames, points, rounded)
     worst = float(np.abs(rounded - in_units).max(initial=0.0))
     return WriteReport(samples=len(frames), worst_error_mm=worst * source.mm_per_unit)
 
@@ -491,8 +492,7 @@ def _with_cells(line: bytes, new: dict[int, bytes], delimiter: bytes) -> bytes:
 
 def _verify(
     temporary: Path,
-    original: bytes,
-    table: Table,
+    source: TableRecording,
     parse: Callable[[bytes, str], TableRecording],
     frames: NDArray[np.intp],
     points: NDArray[np.intp],
@@ -515,8 +515,8 @@ def _verify(
         again = parse(written, temporary.name)
     except PriorfillError:
         raise failed from None
-    before = parse(original, temporary.name).recording.positions
-    expected = before.copy()
+    table = source.table
+    expected = source.recording.positions.copy()
     expected[frames, points] = rounded
     if not np.array_equal(again.recording.positions, expected, equal_nan=True):
         raise failed

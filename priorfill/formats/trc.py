@@ -49,6 +49,8 @@ _FIRST = 2
 _DECIMALS = 6
 """Decimals of a new file: nanometres; 32 bit floats, as C3D has them, are coarser."""
 
+_STEP = 10.0**-_DECIMALS
+
 
 def recognise_trc(head: bytes) -> bool:
     """Tell by a file's first bytes if it is TRC."""
@@ -157,16 +159,19 @@ def create_trc(
         "\t\t" + "\t".join(f"X{n}\tY{n}\tZ{n}" for n in range(1, count + 1)),
         "",
     ]
+    positions = clip.positions.copy()
+    at_origin = written & (np.abs(positions).max(axis=2) < _STEP)
+    positions[at_origin] = (0, 0, _STEP)  # all zeros would read as missing
     body = [
         f"{clip.first_frame + frame}\t{frame / clip.rate:.{_DECIMALS}f}\t"
         + "\t".join("" if value != value else f"{value:.{_DECIMALS}f}" for value in row)
-        for frame, row in enumerate(clip.positions.reshape(frames, -1).tolist())
+        for frame, row in enumerate(positions.reshape(frames, -1).tolist())
     ]
     with replace_file(path, overwrite=overwrite) as temporary:
         temporary.write_bytes("".join(f"{line}\r\n" for line in head + body).encode())
         again = parse_trc(temporary.read_bytes(), temporary.name).recording
         if again.labels != clip.labels or not np.allclose(
-            again.positions, clip.positions, rtol=0, atol=10.0**-_DECIMALS, equal_nan=True
+            again.positions, clip.positions, rtol=0, atol=2 * _STEP, equal_nan=True
         ):
             raise OutputError(
                 f"{path}: what was written there is not what should be; "
