@@ -277,6 +277,16 @@ def test_no_rate(save):
         read_c3d(path, rate=-1)
 
 
+def test_rates_that_contradict_each_other(save):
+    file = C3DFile(standing(), LABELS)
+    for stated, believed in ((0.0, 100.0), (50.0, 50.0), (100.4, 100.4)):
+        file.parameters = {"POINT": {"RATE": stated}}
+        clip = read_c3d(save(file))
+        assert clip.rate == pytest.approx(believed)
+        noted = [note for note in clip.source.notes if "on its rate; believed is 50 Hz" in note]
+        assert len(noted) == (stated == 50.0)
+
+
 def test_duplicate_labels(save):
     labels = ["RKNE" if label == "LKNE" else label for label in LABELS]
     with pytest.raises(ClipError, match="points 6 and 7 are both labelled RKNE; rename"):

@@ -27,6 +27,9 @@ WORDS_PER_POINT = 4
 
 _T = TypeVar("_T")
 
+_SAME_RATE = 0.01
+"""Relative difference up to which two rates are one, rounded: 59.94 and 60 Hz."""
+
 _SATURATED = 65535
 """Largest count that 16 bits hold; written in place of any larger one."""
 
@@ -172,20 +175,20 @@ def parse_layout(data: bytes, name: str) -> Layout:
         raise FormatError(
             f"{name}: POINT:SCALE is {scale:g}, so coordinates are unknown; export it again"
         )
-    rate = _given(parameters.number("POINT", "RATE"), header.rate)
+    rate, doubt = _rate(header, parameters)
     return Layout(
         processor=processor,
         points=points,
         analog_words=geometry.analog_words,
         frames=geometry.frames,
         first_frame=_first_frame(header, parameters),
-        rate=rate if math.isfinite(rate) and rate > 0 else 0.0,
+        rate=rate,
         is_float=geometry.is_float,
         scale=abs(scale),
         data_start=geometry.data_start,
         labels=tuple(labels),
         parameters=parameters,
-        contradictions=tuple(contradictions),
+        contradictions=(*contradictions, *doubt),
     )
 
 
@@ -301,6 +304,24 @@ def _room(data: bytes, start: int, frame_bytes: int) -> int:
     return max(0, min(-(-used // frame_bytes), (len(data) - start) // frame_bytes))
 
 
+def _rate(header: Header, parameters: Parameters) -> tuple[float, list[str]]:
+    """Return the frames per second, 0 if nothing says them, and a contradiction if there is one."""
+    stated = [
+        rate
+        for rate in (parameters.number("POINT", "RATE"), header.rate)
+        if rate is not None and math.isfinite(rate) and rate > 0
+    ]
+    if not stated:
+        return 0.0, []
+    rate = stated[0]
+    if math.isclose(rate, stated[-1], rel_tol=_SAME_RATE):
+        return rate, []
+    return rate, [
+        f"The file contradicts itself on its rate; believed is {rate:g} Hz, which its parameters "
+        f"say, not {stated[-1]:g} Hz of its header (--rate says another)."
+    ]
+
+
 def _first_frame(header: Header, parameters: Parameters) -> int:
     """Return the number of the first frame, in full where 16 bits have cut it."""
     begin = parameters.numbers("TRIAL", "ACTUAL_START_FIELD")
@@ -322,9 +343,11 @@ def _analog_words(header: Header, parameters: Parameters) -> int:
         return header.analog_words
     point_rate = parameters.number("POINT", "RATE")
     analog_rate = parameters.number("ANALOG", "RATE")
-    if point_rate and analog_rate:
-        return channels * max(1, round(analog_rate / point_rate))
-    return channels * header.analog_samples
+    if not (point_rate and analog_rate):
+        return channels * header.analog_samples
+    samples = analog_rate / point_rate
+    # beyond 16 bits it is damage, and may be infinite
+    return channels * max(1, round(min(samples, _SATURATED)))
 
 
 def _frame_bytes(points: int, analog_words: int, is_float: bool) -> int:

@@ -77,6 +77,10 @@ _SQUARE = 0.01
 """Largest cosine between computed axes: real markers are never so square in every frame, and
 integer files round the ends of 50 mm axes by up to 0.1 mm."""
 
+_MOST_CENTRES = 500
+"""Points of a file beyond which the centre of numbered axes is not looked for among them all: no
+model has so many, and the time grows with their square."""
+
 _FRAMES_CHECKED = 50
 """Frames, spread over the clip, in which axes are checked."""
 
@@ -203,8 +207,10 @@ def _axis_points(names: Sequence[str], positions: NDArray[np.float64]) -> dict[i
             else:
                 # numbered axes may start at a point of another name, such as a joint centre
                 family = axes
-                computed = suffixes == _NUMBERED and bool(
-                    _is_square(sample, axes, list(range(len(names))))
+                computed = (
+                    suffixes == _NUMBERED
+                    and len(names) <= _MOST_CENTRES
+                    and bool(_is_square(sample, axes, list(range(len(names)))))
                 )
             if computed:
                 found.update(dict.fromkeys(family, f"axis of the computed segment {base}"))

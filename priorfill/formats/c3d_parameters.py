@@ -25,6 +25,8 @@ _CHARACTER = -1
 
 _SIZES = {_CHARACTER: 1, 1: 1, 2: 2, 4: 4}
 
+_SHORT = np.iinfo(np.int16)
+
 Value = list[str] | NDArray[np.float64]
 
 
@@ -86,11 +88,14 @@ class Parameters:
         return float(values[0]) if values.size and math.isfinite(values[0]) else None
 
     def count(self, group: str, name: str) -> int | None:
-        """Return a parameter's first number as a count, its 16 bits taken as unsigned."""
+        """Return a parameter's first number as a count, its 16 bits taken as unsigned.
+
+        None if there is none, or it is no count.
+        """
         value = self.number(group, name)
-        if value is None:
+        if value is None or value < _SHORT.min:
             return None
-        return int(value) + 65536 if -32768 <= value < 0 else int(value)
+        return int(value) + 65536 if value < 0 else int(value)
 
     def texts(self, group: str, name: str) -> list[str]:
         """Return a parameter's strings, followed by those of NAME2, NAME3, ...
@@ -253,7 +258,8 @@ def _value(body: bytes, processor: Processor, what: str) -> tuple[Value, int]:
     raw = body[start:stop]
     if kind == _CHARACTER:
         width = dimensions[0] if dimensions else 1
-        entries = math.prod(dimensions[1:])
+        # texts of no width take no bytes, so nothing would bound how many there are
+        entries = math.prod(dimensions[1:]) if width else 0
         return [_text(raw[i * width : (i + 1) * width]) for i in range(entries)], stop
     if kind == 1:
         return np.frombuffer(raw, dtype=np.uint8).astype(np.float64), stop

@@ -39,11 +39,14 @@ def encode_integers(values: NDArray[np.int16], processor: Processor) -> NDArray[
 
 def decode_floats(raw: bytes | memoryview, processor: Processor) -> NDArray[np.float64]:
     """Return 32 bit floats, widened [shape=(len(raw) / 4,)]."""
-    if processor is not Processor.DEC:
-        return np.frombuffer(raw, dtype=processor.order + "f4").astype(np.float64)
-    bits = np.frombuffer(raw, dtype="<u2").reshape(-1, 2)
-    swapped = np.ascontiguousarray(bits[:, ::-1])  # the word with the sign comes first
-    return swapped.view("<f4")[:, 0].astype(np.float64) / _DEC_FACTOR
+    if processor is Processor.DEC:
+        bits = np.frombuffer(raw, dtype="<u2").reshape(-1, 2)
+        # the word with the sign comes first
+        words, factor = np.ascontiguousarray(bits[:, ::-1]).view("<f4")[:, 0], _DEC_FACTOR
+    else:
+        words, factor = np.frombuffer(raw, dtype=processor.order + "f4"), 1.0
+    with np.errstate(invalid="ignore"):  # a NaN of the kind that signals
+        return words.astype(np.float64) / factor
 
 
 def encode_floats(values: NDArray[np.float64], processor: Processor) -> NDArray[np.uint8]:
