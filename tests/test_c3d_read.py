@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import os
+import time
+import tracemalloc
 from pathlib import Path
 
 import ezc3d
@@ -296,6 +299,103 @@ def test_duplicate_labels(save):
 def test_no_labels_at_all(save):
     with pytest.raises(ClipError, match="none of its 10 points is a labelled marker"):
         read_c3d(save(C3DFile(standing(), [])))
+
+
+def wrong_record(name: bytes, body: bytes) -> bytes:
+    """A good file in which a parameter's type, dimensions and values begin otherwise."""
+    whole = bytearray(C3DFile(standing(), LABELS).bytes())
+    at = whole.index(name) + len(name) + 2
+    whole[at : at + len(body)] = body
+    return bytes(whole)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        # frames: a billion by two words of TRIAL, by a float, and 65534 of the header
+        (
+            C3DFile(
+                standing(),
+                LABELS,
+                parameters={
+                    "TRIAL": {"ACTUAL_START_FIELD": [1, 0], "ACTUAL_END_FIELD": [51712, 15258]},
+                    "POINT": {"FRAMES": 65534},
+                },
+                header={"last": 65534},
+            ),
+            r"is cut short: it holds \d+ of its 1000000000 frames",
+        ),
+        (
+            C3DFile(
+                standing(),
+                LABELS,
+                parameters={"POINT": {"LONG_FRAMES": 1e30, "FRAMES": 65534}},
+                header={"last": 65534},
+            ),
+            "is cut short",
+        ),
+        (
+            C3DFile(
+                standing(), LABELS, header={"last": 65534}, parameters={"POINT": {"FRAMES": 65534}}
+            ),
+            "is cut short: it holds 12 of its 65534 frames",
+        ),
+        # points and analog numbers
+        (C3DFile(standing(), LABELS, parameters={"POINT": {"USED": -1}}), "is cut short"),
+        (C3DFile(standing(), LABELS, parameters={"POINT": {"USED": 1e30}}), "is cut short"),
+        (
+            C3DFile(
+                standing(),
+                LABELS,
+                parameters={"ANALOG": {"USED": -1, "RATE": 1e30}, "POINT": {"RATE": 1e-30}},
+                header={"analog": 65535},
+            ),
+            "is cut short",
+        ),
+        # parameters: 255^7 values, and texts of no width
+        (wrong_record(b"LABELS", bytes([255, 7, *[255] * 7])), "LABELS is damaged"),
+        (wrong_record(b"LABELS", bytes([255, 7, 0, *[255] * 6])), "labelled marker|damaged"),
+        (wrong_record(b"LABELS", bytes([255, 255, 0, *[255] * 90])), "labelled marker|damaged"),
+        # data that begin beyond the file
+        (
+            C3DFile(
+                standing(),
+                LABELS,
+                header={"data_block": 65535},
+                parameters={"POINT": {"DATA_START": -1}},
+            ),
+            "is cut short",
+        ),
+    ],
+)
+def test_what_a_file_claims_takes_neither_time_nor_memory(save, content, message):
+    path = save(content)
+    tracemalloc.start()
+    start = time.process_time()
+    try:
+        with pytest.raises(PriorfillError, match=message) as error:
+            read_c3d(path)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    one_line(error)
+    assert time.process_time() - start < 1
+    assert peak < 10e6
+
+
+def test_what_is_no_recording_is_not_read(tmp_path):
+    """A large file of something else, a large C3D file, and a pipe that says nothing."""
+    path = tmp_path / "large.c3d"
+    for start, message in ((b"PK", "is not a C3D file"), (b"\x02\x50", "GB, and at most 4 are")):
+        path.write_bytes(start)
+        os.truncate(path, 5_000_000_000)  # takes no space on the disk
+        with pytest.raises(FormatError, match=message) as error:
+            read_c3d(path)
+        one_line(error)
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(tmp_path / "pipe.c3d")
+        with pytest.raises(FormatError, match="is no file"):
+            read_c3d(tmp_path / "pipe.c3d")
 
 
 # --- files that are odd, and right -----------------------------------------------------

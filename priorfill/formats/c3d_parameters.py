@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from priorfill.errors import FormatError
 from priorfill.formats.c3d_words import Processor, decode_floats, decode_integers
 
-__all__ = ["BLOCK", "Header", "Parameters", "parse_header", "parse_parameters"]
+__all__ = ["BLOCK", "Header", "Parameters", "is_c3d", "parse_header", "parse_parameters"]
 
 BLOCK = 512
 """Bytes in a block, the unit in which C3D counts."""
@@ -77,6 +77,10 @@ class Parameters:
         self._values = values
         self.regular = regular
 
+    def items(self) -> Iterator[tuple[tuple[str, str], Value]]:
+        """Yield group and name, and the contents, of each parameter in the file's order."""
+        yield from self._values.items()
+
     def numbers(self, group: str, name: str) -> NDArray[np.float64]:
         """Return a parameter's numbers, flat; empty if it is absent or text."""
         value = self._values.get((group, name))
@@ -112,6 +116,11 @@ class Parameters:
             part += 1
 
 
+def is_c3d(start: bytes) -> bool:
+    """Tell if a file may be C3D by its first bytes."""
+    return len(start) >= 2 and start[0] != 0 and start[1] == _KEY
+
+
 def parse_header(data: bytes, name: str) -> tuple[Header, Processor]:
     """Read the first block.
 
@@ -134,7 +143,7 @@ def parse_header(data: bytes, name: str) -> tuple[Header, Processor]:
     """
     if not data:
         raise FormatError(f"{name}: is empty; copy or export the recording again")
-    if len(data) < 2 or data[1] != _KEY or data[0] == 0:
+    if not is_c3d(data):
         raise FormatError(
             f"{name}: is not a C3D file (its first bytes are not C3D's); give the name of one"
         )

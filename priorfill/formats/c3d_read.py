@@ -9,6 +9,7 @@ a parameter, more than 65535 frames), and on malformed ones it hangs, or ends th
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -19,10 +20,14 @@ from priorfill.clip import Clip, Source
 from priorfill.errors import ClipError, FormatError, OptionError
 from priorfill.formats.c3d_layout import Layout, parse_layout, read_points
 from priorfill.formats.c3d_markers import find_model_points, split_label
+from priorfill.formats.c3d_parameters import BLOCK, is_c3d
 from priorfill.formats.units import find_unit
 from priorfill.formats.up_axis import find_up
 
 __all__ = ["read_bytes", "read_c3d"]
+
+_LARGEST = 4_000_000_000
+"""Bytes of a file: 11 hours of 50 markers at 120 Hz. A fill takes ten times as much memory."""
 
 _TELLING_SHARE = 0.1
 """Of the samples that are there, those that must have a residual above 0 for residuals of 0 to
@@ -131,15 +136,28 @@ def read_c3d(
 
 
 def read_bytes(path: Path) -> bytes:
-    """Return a file's contents.
+    """Return a file's contents; its first block alone where that is not the first of a C3D file.
 
     Raises
     ------
     FormatError
-        If there is no such file, or it cannot be read.
+        If there is no such file, it cannot be read, or is larger than any recording.
     """
     try:
-        return path.read_bytes()
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            # a pipe, which may never say anything
+            raise FormatError(f"{path}: is no file; give the name of one")
+        with path.open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            start = file.read(BLOCK)
+            if not is_c3d(start):
+                return start
+            if size > _LARGEST:
+                raise FormatError(
+                    f"{path}: has {size / 1e9:.1f} GB, and at most {_LARGEST / 1e9:g} are read; "
+                    "cut the recording into parts"
+                )
+            return start + file.read()
     except FileNotFoundError:
         raise FormatError(f"{path}: there is no such file; check the name") from None
     except IsADirectoryError:
