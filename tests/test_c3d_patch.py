@@ -334,6 +334,34 @@ def test_recordings_byte_for_byte_and_read_back(data, tmp_path):
         output.unlink()
 
 
+def groups(path: Path) -> dict[str, dict[str, tuple[object, ...]]]:
+    """What is in each group of a file's parameters, as another reader has it."""
+    return {
+        name: {
+            key: (
+                parameter["type"],
+                parameter["description"],
+                np.array(parameter["value"]).tolist(),
+            )
+            for key, parameter in group.items()
+            if not key.startswith("__")
+        }
+        for name, group in ezc3d.c3d(str(path))["parameters"].items()
+    }
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize("name", ["gait/HC055A09.c3d", "real_gaps/HC040A14_raw.c3d"])
+def test_groups_of_nexus_are_intact(data, tmp_path, name):
+    clip, filled = pretend(read_c3d(data / name))
+    formats.write(tmp_path / "out.c3d", clip, filled)
+    before, after = groups(data / name), groups(tmp_path / "out.c3d")
+    assert {"SUBJECTS", "PROCESSING", "ANALYSIS", "EVENT", "TRIAL"} <= set(before)
+    assert list(before) == list(after)  # in the same order, too
+    for group, parameters in before.items():
+        assert parameters == after[group], group
+
+
 def with_second_reader(path: Path) -> np.ndarray:
     """(frames, points, 5): position, residual, number of cameras."""
     with warnings.catch_warnings():

@@ -136,6 +136,11 @@ def _frames(
     type=click.Path(path_type=Path),
     help="Write, too, how far off each filled sample may be.",
 )
+@click.option(
+    "--rewrite",
+    is_flag=True,
+    help="Write the file anew, with float coordinates, instead of a copy; says what that changes.",
+)
 @click.option("--overwrite", is_flag=True, help="Replace what is to be written if it exists.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @reading_options
@@ -155,6 +160,7 @@ def fill(
     trust_filled: bool,
     add: bool,
     uncertainty: Path | None,
+    rewrite: bool,
     overwrite: bool,
     as_json: bool,
     **reading: Any,
@@ -184,7 +190,7 @@ def fill(
     # whatever would make the work be in vain is found out before it is done
     get_method(method)
     scope = Scope(markers, frames, max_gap, skip_edges)
-    formats.check_output(output, source=file, overwrite=overwrite)
+    formats.check_output(output, source=file, overwrite=overwrite, rewrite=rewrite)
     if uncertainty is not None:
         formats.check_uncertainty(uncertainty, source=file, output=output, overwrite=overwrite)
     selection = Selection(subjects=subjects, not_names=not_names, not_subjects=not_subjects)
@@ -209,7 +215,9 @@ def fill(
         if uncertainty is not None:  # both files appear, or none
             beside = formats.uncertainty_file(uncertainty, result, overwrite=overwrite)
             stack.enter_context(beside)
-        written = formats.write(output, result.clip, result.filled, overwrite=overwrite)
+        written = formats.write(
+            output, result.clip, result.filled, overwrite=overwrite, rewrite=rewrite
+        )
     kept: Kept | None = None
     failure: PriorfillError | OSError | None = None
     if keep_in is not None:
@@ -226,7 +234,7 @@ def fill(
             click.echo(f"how far off each filled sample may be: {uncertainty}")
         if kept is not None:
             click.echo(kept.text)
-    for note in result.notes:
+    for note in (*result.notes, *(f"rewritten: {change}" for change in written.changes)):
         click.echo(f"note: {note}", err=True)
     print_left_missing(result)
     if failure is not None and keep_in is not None:
@@ -274,6 +282,7 @@ def _facts(
         "complete": result.complete,
         "notes": list(result.notes),
         "rounding_mm": written.worst_error_mm if written else 0.0,
+        "rewriting_changed": list(written.changes) if written else [],
         "gaps": [
             {
                 "marker": gap.label,

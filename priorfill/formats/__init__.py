@@ -19,6 +19,7 @@ from priorfill.formats.atomic import check_target
 from priorfill.formats.c3d_new import create_c3d
 from priorfill.formats.c3d_patch import WriteReport, write_c3d
 from priorfill.formats.c3d_read import read_c3d
+from priorfill.formats.c3d_rewrite import rewrite_c3d
 from priorfill.formats.mat import create_mat, read_mat, recognise_mat
 from priorfill.formats.motive_csv import copy_motive, read_motive, recognise_motive
 from priorfill.formats.nexus_csv import copy_nexus, read_nexus, recognise_nexus
@@ -48,6 +49,7 @@ __all__ = [
     "read",
     "read_c3d",
     "recognised",
+    "rewrite_c3d",
     "uncertainty_file",
     "write",
     "write_c3d",
@@ -80,6 +82,8 @@ class Format:
         as it was.
     create : callable or None
         Writes any clip as a new file.
+    rewrite : callable or None
+        As `copy`, but writes everything anew, and says what that changes.
     alone : bool
         Whether its suffixes are used for recordings only: no look into the file is needed.
     """
@@ -90,6 +94,7 @@ class Format:
     recognise: Callable[[Path], bool]
     copy: Callable[..., WriteReport] | None = None
     create: Callable[..., WriteReport] | None = None
+    rewrite: Callable[..., WriteReport] | None = None
     alone: bool = False
 
 
@@ -120,7 +125,9 @@ def _by_head(recognise: Callable[[bytes], bool]) -> Callable[[Path], bool]:
 _TEXT = (".csv", ".tsv", ".txt")
 
 FORMATS = {
-    "c3d": Format("C3D", (".c3d",), _c3d, lambda path: True, write_c3d, create_c3d, alone=True),
+    "c3d": Format(
+        "C3D", (".c3d",), _c3d, lambda path: True, write_c3d, create_c3d, rewrite_c3d, alone=True
+    ),
     "trc": Format(
         "TRC", (".trc",), read_trc, _by_head(recognise_trc), copy_trc, create_trc, alone=True
     ),
@@ -256,11 +263,13 @@ def write(
     filled: NDArray[np.bool_] | None = None,
     *,
     overwrite: bool = False,
+    rewrite: bool = False,
 ) -> WriteReport:
     """Write a clip.
 
     A clip that was read from a C3D or text file is written as a copy of that file in which only the
-    filled samples differ, if `path` has a suffix of the same format; else as a new file.
+    filled samples differ, if `path` has a suffix of the same format, unless it is to be rewritten;
+    else as a new file.
 
     Parameters
     ----------
@@ -272,6 +281,9 @@ def write(
         Which samples were filled; needed if a copy is written.
     overwrite : bool
         Replace an existing file.
+    rewrite : bool
+        Write the clip's source anew through ezc3d, with float coordinates, instead of a copy.
+        The report says what that changes.
 
     Returns
     -------
@@ -291,6 +303,9 @@ def write(
     source = clip.source
     form = _output_format(path, source.format if source is not None else None)
     copy, create = FORMATS[form].copy, FORMATS[form].create
+    if rewrite:
+        _check_rewriting(path, form, source.format if source is not None else None)
+        copy = FORMATS[form].rewrite
     if source is not None and form == source.format and copy is not None:
         if filled is None:
             raise OptionError(
@@ -304,7 +319,9 @@ def write(
     return create(path, clip, filled=filled, overwrite=overwrite)
 
 
-def check_output(path: Path | str, *, source: Path, overwrite: bool = False) -> None:
+def check_output(
+    path: Path | str, *, source: Path, overwrite: bool = False, rewrite: bool = False
+) -> None:
     """Find out, before the work is done, whether its result can be written.
 
     Parameters
@@ -315,16 +332,31 @@ def check_output(path: Path | str, *, source: Path, overwrite: bool = False) -> 
         The file that will be read, which it must not be.
     overwrite : bool
         Whether it may replace an existing file.
+    rewrite : bool
+        Whether the source is to be written anew.
 
     Raises
     ------
     FormatError
         If the format is unknown, or cannot be written.
+    OptionError
+        If it cannot be written anew.
     OutputError
         If the folder is missing, the file exists already, or is the source.
     """
-    _output_format(Path(path), format_of(source) if source.is_file() else None)
+    kind = format_of(source) if source.is_file() else None
+    form = _output_format(Path(path), kind)
+    if rewrite and kind is not None:
+        _check_rewriting(Path(path), form, kind)
     check_target(path, overwrite=overwrite, source=source)
+
+
+def _check_rewriting(path: Path, form: str, source: str | None) -> None:
+    """Raise OptionError where a source of one format cannot be written anew in another."""
+    if form != source or FORMATS[form].rewrite is None:
+        raise OptionError(
+            f"{path}: only a C3D file is rewritten, as a C3D file; leave --rewrite out"
+        )
 
 
 def _output_format(path: Path, source: str | None) -> str:

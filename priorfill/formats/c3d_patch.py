@@ -21,7 +21,7 @@ from priorfill.formats.c3d_layout import WORDS_PER_POINT, Layout, parse_layout, 
 from priorfill.formats.c3d_read import read_bytes
 from priorfill.formats.c3d_words import encode_floats, encode_integers
 
-__all__ = ["WriteReport", "write_c3d"]
+__all__ = ["Prepared", "WriteReport", "prepare", "write_c3d"]
 
 _INTEGERS = np.iinfo(np.int16)
 
@@ -42,10 +42,40 @@ class WriteReport:
         Filled samples written.
     worst_error_mm : float
         Largest change of a coordinate (mm) by rounding it to what the file can hold.
+    changes : tuple of str
+        What is otherwise in the file than in its source, beside the filled samples.
     """
 
     samples: int
     worst_error_mm: float
+    changes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A source file, and the samples that are to be written into a copy.
+
+    Attributes
+    ----------
+    original : bytes
+        The source.
+    layout : Layout
+        Where its samples are.
+    frames, markers, points : ndarray [shape=(samples,)]
+        Frame, marker of the clip and point of the file of each sample.
+    in_units : ndarray [shape=(samples, 3), file units]
+        Their positions.
+    mm_per_unit : float
+        Millimetres in a file unit.
+    """
+
+    original: bytes
+    layout: Layout
+    frames: NDArray[np.intp]
+    markers: NDArray[np.intp]
+    points: NDArray[np.intp]
+    in_units: NDArray[np.float64]
+    mm_per_unit: float
 
 
 def write_c3d(
@@ -80,6 +110,39 @@ def write_c3d(
     FormatError
         If the source is gone or cannot be read.
     """
+    ready = prepare(path, clip, filled, overwrite=overwrite)
+    original, layout, frames, points = ready.original, ready.layout, ready.frames, ready.points
+    _check_range(ready, clip)
+
+    places = layout.record_offsets(frames, points)[:, None] + np.arange(layout.record_bytes)
+    patched = np.frombuffer(original, dtype=np.uint8).copy()
+    patched[places] = _encode(ready.in_units, layout)
+    with replace_file(path, overwrite=overwrite) as temporary:
+        temporary.write_bytes(patched.tobytes())
+        worst = _verify(temporary, original, layout, frames, points, places, ready.in_units)
+    return WriteReport(samples=len(frames), worst_error_mm=worst * ready.mm_per_unit)
+
+
+def prepare(
+    path: Path | str, clip: Clip, filled: NDArray[np.bool_], *, overwrite: bool = False
+) -> Prepared:
+    """Check that filled samples can be written into a copy of the clip's source.
+
+    Parameters
+    ----------
+    path, clip, filled, overwrite
+        As `write_c3d` takes them.
+
+    Returns
+    -------
+    Prepared
+        The source and the samples to write.
+
+    Raises
+    ------
+    OutputError, FormatError
+        As `write_c3d` does, but for the range of an integer file.
+    """
     source = clip.source
     if source is None:
         raise OutputError(f"{clip.name}: comes from no file to copy; write it as a new file")
@@ -106,40 +169,31 @@ def write_c3d(
             f"{source.path.name}: has changed since it was read; read and fill it again"
         )
     layout = parse_layout(original, source.path.name)
-    points = np.asarray(source.points, dtype=np.intp)[markers]
-    offsets = layout.record_offsets(frames.astype(np.intp), points)
-    in_units = values / source.mm_per_unit
-    _check_range(in_units, layout, clip, frames, markers)
-
-    places = offsets[:, None] + np.arange(layout.record_bytes)
-    patched = np.frombuffer(original, dtype=np.uint8).copy()
-    patched[places] = _encode(in_units, layout)
-    with replace_file(path, overwrite=overwrite) as temporary:
-        temporary.write_bytes(patched.tobytes())
-        worst = _verify(temporary, original, layout, frames, points, places, in_units)
-    return WriteReport(samples=len(values), worst_error_mm=worst * source.mm_per_unit)
+    return Prepared(
+        original=original,
+        layout=layout,
+        frames=frames.astype(np.intp),
+        markers=markers.astype(np.intp),
+        points=np.asarray(source.points, dtype=np.intp)[markers],
+        in_units=values / source.mm_per_unit,
+        mm_per_unit=source.mm_per_unit,
+    )
 
 
-def _check_range(
-    in_units: NDArray[np.float64],
-    layout: Layout,
-    clip: Clip,
-    frames: NDArray[np.intp],
-    markers: NDArray[np.intp],
-) -> None:
+def _check_range(ready: Prepared, clip: Clip) -> None:
     """Raise OutputError at the first coordinate that the file's numbers cannot hold."""
-    if layout.is_float:
+    if ready.layout.is_float:
         return
-    steps = np.rint(in_units / layout.scale)
+    steps = np.rint(ready.in_units / ready.layout.scale)
     beyond = ((steps < _INTEGERS.min) | (steps > _INTEGERS.max)).any(axis=1)
     if beyond.any():
         first = int(np.argmax(beyond))
-        limit = layout.scale * _INTEGERS.max
+        limit = ready.layout.scale * _INTEGERS.max
         raise OutputError(
-            f"{clip.name}: the filled position of {clip.labels[markers[first]]} in frame "
-            f"{clip.first_frame + int(frames[first])} is {np.abs(in_units[first]).max():.4g} "
-            f"file units from the origin; this file's integers end at {limit:.4g}: "
-            "leave this gap unfilled or export the file with float coordinates"
+            f"{clip.name}: the filled position of {clip.labels[ready.markers[first]]} in frame "
+            f"{clip.first_frame + int(ready.frames[first])} is "
+            f"{np.abs(ready.in_units[first]).max():.4g} file units from the origin; this file's "
+            f"integers end at {limit:.4g}: write a file with float coordinates (--rewrite)"
         )
 
 
