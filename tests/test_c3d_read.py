@@ -292,8 +292,35 @@ def test_rates_that_contradict_each_other(save):
 
 def test_duplicate_labels(save):
     labels = ["RKNE" if label == "LKNE" else label for label in LABELS]
-    with pytest.raises(ClipError, match="points 6 and 7 are both labelled RKNE; rename"):
-        read_c3d(save(C3DFile(standing(), labels)))
+    clip = read_c3d(save(C3DFile(standing(), labels)))
+    assert clip.labels == (*LABELS[:5], "RKNE", "RKNE#7", *LABELS[7:])
+    assert clip.source.point_labels == tuple(labels)
+    np.testing.assert_array_equal(clip.positions, standing()[:, :, :3])
+    (note,) = clip.source.notes
+    assert note.startswith("Points 6 and 7 are both labelled RKNE; the second is called RKNE#7")
+
+
+def test_duplicate_labels_of_which_one_is_never_seen(save):
+    labels = ["RKNE" if label == "LKNE" else label for label in LABELS]
+    for unseen, how in ((5, "residual"), (6, "zero")):
+        records = standing()
+        records[:, unseen] = (1, 1, 1, -1) if how == "residual" else 0
+        clip = read_c3d(save(C3DFile(records, labels)))
+        assert clip.labels == (*LABELS[:5], "RKNE", *LABELS[7:])
+        assert clip.source.points == tuple(point for point in range(10) if point != unseen)
+        other = 5 + 6 - unseen + 1
+        assert clip.source.left_out == {
+            "RKNE": f"never seen, and point {other} is labelled RKNE too"
+        }
+        assert clip.source.notes == ()
+
+
+def test_duplicate_labels_are_never_called_as_another(save):
+    labels = ["A", "A", "A#2", *LABELS[3:]]
+    assert read_c3d(save(C3DFile(standing(), labels))).labels[:3] == ("A", "A#2#", "A#2")
+    records = standing()
+    records[:, :2, 3] = -1  # both never seen: one is to be filled
+    assert read_c3d(save(C3DFile(records, labels))).labels[:2] == ("A", "A#2")
 
 
 def test_no_labels_at_all(save):

@@ -147,6 +147,16 @@ def test_option_of_fill(here, source):
     assert not read_c3d(here / "out.c3d").missing.any()
 
 
+def test_fill_says_how_the_file_was_understood(here):
+    records = standing()
+    records[4:7, 2, 3] = -1
+    labels = ["RKNE" if label == "LKNE" else label for label in LABELS]
+    (here / "in.c3d").write_bytes(C3DFile(records, labels).bytes())
+    result = CliRunner().invoke(main, ["fill", "in.c3d", "-o", "out.c3d", "-m", "linear"])
+    assert result.exit_code == 0, result.output
+    assert "note: Points 6 and 7 are both labelled RKNE" in result.stderr
+
+
 @pytest.mark.realdata
 @pytest.mark.parametrize(
     "name", ["gait/HC055A09.c3d", "cmu/127_07.c3d", "hdm05/HDM_dg_06-03_03_120.c3d"]

@@ -660,10 +660,6 @@ def bad_files() -> dict[str, tuple[bytes, str]]:
         "no frames": (C3DFile(standing(0), LABELS).bytes(), "no frames"),
         "no points": (C3DFile(np.zeros((5, 0, 4)), []).bytes(), ""),
         "no rate": (C3DFile(standing(40), LABELS, rate=0.0).bytes(), "--rate"),
-        "duplicate labels": (
-            C3DFile(standing(40), ["C7", *LABELS[1:]]).bytes(),
-            "C7",
-        ),
         "infinite": (C3DFile(infinite, LABELS, first_frame=101).bytes(), "LASI"),
         "metres": (C3DFile(metres, LABELS).bytes(), "--unit m"),
     }

@@ -234,7 +234,12 @@ def fill(
             click.echo(f"how far off each filled sample may be: {uncertainty}")
         if kept is not None:
             click.echo(kept.text)
-    for note in (*result.notes, *(f"rewritten: {change}" for change in written.changes)):
+    understood = clip.source.notes if clip.source is not None else ()
+    for note in (
+        *understood,
+        *result.notes,
+        *(f"rewritten: {change}" for change in written.changes),
+    ):
         click.echo(f"note: {note}", err=True)
     print_left_missing(result)
     if failure is not None and keep_in is not None:

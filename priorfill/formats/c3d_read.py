@@ -73,7 +73,7 @@ def read_c3d(
         If the file is absent, not C3D, damaged or cut short.
     ClipError
         If its contents make no sense: no points, no frames, no rate, an infinite
-        coordinate, two markers of one name, an implausible unit, an unknown subject, or
+        coordinate, no labelled marker, an implausible unit, an unknown subject, or
         several subjects and none chosen.
     OptionError
         If an option is out of range.
@@ -96,14 +96,23 @@ def read_c3d(
     chosen, others = _choose_subject(owners, subject, layout, name)
     reasons.update(others)
     points = [point for point in range(layout.points) if point not in reasons]
-    labels = tuple(names[point] for point in points)
-    _check_labels(points, labels, layout, name)
-
+    if not points:
+        raise ClipError(
+            f"{name}: none of its {layout.points} points is a labelled marker; "
+            "label the markers first"
+        )
+    if zeros_missing:
+        zero = (positions == 0).all(axis=2)
+        positions[zero] = np.nan
+    else:
+        zero = np.zeros(positions.shape[:2], dtype=bool)
+    seen = [not np.isnan(positions[:, point, 0]).all() for point in range(layout.points)]
+    called, twins, label_notes = _distinct(points, names, seen)
+    reasons.update(twins)
+    points = list(called)
+    labels = tuple(called.values())
     kept = positions[:, points]
     _check_finite(kept, labels, layout, name)
-    zero = (kept == 0).all(axis=2)
-    if zeros_missing:
-        kept[zero] = np.nan
     spelled = next(iter(layout.parameters.texts("POINT", "UNITS")), "")
     _, mm_per_unit, unit_notes = find_unit(kept, spelled, unit, name)
     kept *= mm_per_unit
@@ -127,9 +136,9 @@ def read_c3d(
             unit=spelled,
             mm_per_unit=mm_per_unit,
             up_found_from=up_found_from,
-            zero_samples=int(zero.sum()) if zeros_missing else 0,
+            zero_samples=int(zero[:, points].sum()),
             left_out=_left_out(reasons, layout),
-            notes=(*layout.contradictions, *unit_notes, *up_notes),
+            notes=(*layout.contradictions, *label_notes, *unit_notes, *up_notes),
             interpolated=_interpolated(residual[:, points], ~np.isnan(kept[:, :, 0])),
         ),
     )
@@ -212,23 +221,45 @@ def _choose_subject(
     raise ClipError(f"{name}: has no subject {subject}; it holds {known}")
 
 
-def _check_labels(
-    points: Sequence[int], labels: tuple[str, ...], layout: Layout, name: str
-) -> None:
-    """Raise ClipError if there is no marker, or two have the same name."""
-    if not labels:
-        raise ClipError(
-            f"{name}: none of its {layout.points} points is a labelled marker; "
-            "label the markers first"
-        )
-    first: dict[str, int] = {}
-    for point, label in zip(points, labels, strict=True):
-        if label in first:
-            raise ClipError(
-                f"{name}: points {first[label] + 1} and {point + 1} are both labelled {label}; "
-                "rename one of them"
+def _distinct(
+    points: Sequence[int], names: Sequence[str], seen: Sequence[bool]
+) -> tuple[dict[int, str], dict[int, str], list[str]]:
+    """Give markers of the same label different names.
+
+    Which of them is meant cannot be known, so none is dropped that is seen, and none is joined
+    with another: the first keeps the name.
+
+    Returns
+    -------
+    called : dict of int to str
+        What each marker's point is called.
+    twins : dict of int to str
+        Why points are left out: they are never seen, and another of their label is.
+    notes : list of str
+        What the user should know.
+    """
+    by_name: dict[str, list[int]] = {}
+    for point in points:
+        by_name.setdefault(names[point], []).append(point)
+    called = {point: names[point] for point in points}
+    twins: dict[int, str] = {}
+    notes = []
+    for name, same in by_name.items():
+        some = [point for point in same if seen[point]] or same[:1]
+        for point in same:
+            if point not in some:
+                del called[point]
+                twins[point] = f"never seen, and point {some[0] + 1} is labelled {name} too"
+        for point in some[1:]:
+            other = f"{name}#{point + 1}"
+            while other in by_name:
+                other += "#"
+            called[point] = other
+            notes.append(
+                f"Points {some[0] + 1} and {point + 1} are both labelled {name}; "
+                f"the second is called {other} here. Rename one of them if it is another marker."
             )
-        first[label] = point
+    return called, twins, notes
 
 
 def _check_finite(
