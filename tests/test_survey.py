@@ -40,6 +40,46 @@ def test_a_good_file_passes(tmp_path, processor, is_float):
         assert survey.ask_ezc3d(job(path, tmp_path)) == ""
 
 
+def odd_files() -> dict[str, C3DFile]:
+    """Files that are odd, and right: what is filled goes into a copy of each."""
+    many = np.concatenate([standing(), np.full((12, 300, 4), 500.0)], axis=1)
+    long = np.zeros((70_000, 2, 4))
+    long[:, 0, 2], long[:, 1, 2] = 100 + np.arange(70_000) % 7, 1700
+    analog = np.ones((12, 4, 5))
+    return {
+        "latin-1": C3DFile(
+            standing(), [*LABELS[:-1], b"Fu\xdf"], parameters={"PROCESSING": {"U": b"kg/m\xb2"}}
+        ),
+        "more labels than points": C3DFile(standing(), [*LABELS, "EXTRA1", "EXTRA2"]),
+        "LABELS2": C3DFile(many, [*LABELS, *(f"M{i:03d}" for i in range(300))]),
+        "another analog count": C3DFile(standing(), LABELS, analog=analog, header={"analog": 7}),
+        "no analog scale": C3DFile(
+            standing(), LABELS, analog=analog, omit=(("ANALOG", "SCALE"), ("ANALOG", "OFFSET"))
+        ),
+        "70,000 frames": C3DFile(
+            long,
+            ["LANK", "LFHD"],
+            is_float=False,
+            scale=1.0,
+            first_frame=5,
+            header={"last": 65535},
+            parameters={"POINT": {"FRAMES": 65535, "LONG_FRAMES": 70_000.0}},
+        ),
+        "two of a label": C3DFile(
+            standing(), ["RKNE", "RKNE", *LABELS[2:5], *LABELS[7:], "A", "B"]
+        ),
+    }
+
+
+@pytest.mark.parametrize("what", odd_files())
+def test_an_odd_file_passes(tmp_path, what):
+    path = tmp_path / "in.c3d"
+    path.write_bytes(odd_files()[what].bytes())
+    row = survey.survey_file(job(path, tmp_path))
+    assert (row.failure, row.passed) == ("", survey.STEPS[:4])
+    assert row.samples >= 3
+
+
 @pytest.mark.parametrize(
     ("place", "fault"),
     [(2, "bytes outside the filled samples differ"), (1, "a filled sample is read back elsewhere")],
