@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import minimum_spanning_tree
 
-from priorfill.springs import STIFF, coordinate_variance, normal_equations, step
+from priorfill.springs import STIFF, coordinate_variance, energy, normal_equations, step
 
 __all__ = ["Edges", "hold_lengths", "stiff_edges"]
 
@@ -33,8 +33,11 @@ regression of a few markers knows better. With 1, what is known to a millimetre 
 LEAST_SPREAD = 0.1
 """mm. No distance is known better."""
 
-STEPS = 8
+STEPS = 12
 """Gauss-Newton steps: to a part in a thousand of the least squares, nearly always in three."""
+
+HALVINGS = 6
+"""How often a step that leads uphill is halved."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +120,17 @@ def hold_lengths(
         (one, other, length, 1.0 / ((CAUTION * spread) ** 2 + SOFTNESS**2 * variance[:, one]))
         for one, other, length, spread in held
     ]
+    reached = energy(points, predicted, variance, springs)
     for _ in range(STEPS):
-        points[:, :markers] += step(*normal_equations(points, predicted, variance, springs))
+        move = np.zeros_like(points)
+        move[:, :markers] = step(*normal_equations(points, predicted, variance, springs))
+        # short links turn under a whole step, which may then lead uphill
+        for _ in range(HALVINGS):
+            there = energy(points + move, predicted, variance, springs)
+            uphill = there > reached
+            if not uphill.any():
+                break
+            move[uphill] *= 0.5
+        points = points + move
+        reached = energy(points, predicted, variance, springs)
     return points[:, :markers]

@@ -11,7 +11,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LEAST_LENGTH", "STIFF", "Spring", "coordinate_variance", "normal_equations", "step"]
+__all__ = [
+    "LEAST_LENGTH",
+    "STIFF",
+    "Spring",
+    "coordinate_variance",
+    "energy",
+    "normal_equations",
+    "step",
+]
 
 STIFF = 15.0
 """mm. Distances that vary by more (rms) have no spring."""
@@ -71,6 +79,21 @@ def normal_equations(
             matrix[:, other, :, one, :] -= stiffness
             force[:, other] -= pull
     return matrix, force
+
+
+def energy(
+    points: NDArray[np.float64],
+    predicted: NDArray[np.float64],
+    variance: NDArray[np.float64],
+    springs: Sequence[Spring],
+) -> NDArray[np.float64]:
+    """Return the sum of squares that the steps of `normal_equations` lessen [shape=(frames,)]."""
+    away = points[:, : predicted.shape[1]] - predicted
+    total: NDArray[np.float64] = (away**2 / variance[..., None]).sum(axis=(1, 2))
+    for one, other, length, weight in springs:
+        far = np.linalg.norm(points[:, one] - points[:, other], axis=1)
+        total += weight * (far - length) ** 2
+    return total
 
 
 def step(matrix: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:

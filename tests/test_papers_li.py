@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -273,15 +274,18 @@ def test_what_is_not_filled_is_told(recording: Path, capsys: pytest.CaptureFixtu
     some = material(recording)
     both = li.Several({"to the end": li.Onward(), "throughout": li.Throughout()})
     one = li.Material(some.samples[:1], [], [])
-    found = li.evaluated(one, both, "linear,r2")
+    found = li.evaluated(one, both, "linear,r1")
     assert np.isnan(li.mae(found, "linear", case="throughout")[0])
     share = 100 / (100 + 15 * 200)
     assert li.mae(found, "linear")[1] == pytest.approx(share)
     assert li.cell(found, "linear").endswith(" (3 %)")
     assert isinstance(li.cell(found, "linear", case="to the end"), float)
     li.refusals(found)
-    told = capsys.readouterr().out
-    assert told.startswith("r2: could not work on 15 of 16 cases: ")
+    assert capsys.readouterr().out == ""
+    job = next(job for job in found.outcomes if job.method == "r1")
+    refused = replace(found.outcomes[job], refused="too short")
+    li.refusals(replace(found, outcomes=found.outcomes | {job: refused}))
+    assert capsys.readouterr().out == "r1: could not work on 1 of 16 cases: too short\n"
 
 
 def test_a_share_is_never_rounded_up_to_all() -> None:

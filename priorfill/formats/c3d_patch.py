@@ -18,7 +18,7 @@ from priorfill.clip import Clip
 from priorfill.errors import OutputError
 from priorfill.formats.atomic import check_target, replace_file
 from priorfill.formats.c3d_layout import WORDS_PER_POINT, Layout, parse_layout, read_points
-from priorfill.formats.c3d_read import read_bytes
+from priorfill.formats.c3d_read import read_c3d_bytes
 from priorfill.formats.c3d_words import encode_floats, encode_integers
 
 __all__ = ["Prepared", "WriteReport", "prepare", "write_c3d"]
@@ -163,7 +163,7 @@ def prepare(
             f"frame {clip.first_frame + int(frames[first])} but has no position; "
             "mark only samples that have one"
         )
-    original = read_bytes(source.path)
+    original = read_c3d_bytes(source.path)
     if hashlib.sha256(original).hexdigest() != source.sha256:
         raise OutputError(
             f"{source.path.name}: has changed since it was read; read and fill it again"

@@ -9,7 +9,6 @@ a parameter, more than 65535 frames), and on malformed ones it hangs, or ends th
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,14 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.clip import Clip, Source
-from priorfill.errors import ClipError, FormatError, OptionError
+from priorfill.errors import ClipError, OptionError
 from priorfill.formats.c3d_layout import Layout, parse_layout, read_points
 from priorfill.formats.c3d_markers import find_model_points, split_label
-from priorfill.formats.c3d_parameters import BLOCK, is_c3d
+from priorfill.formats.c3d_parameters import is_c3d
+from priorfill.formats.contents import read_contents
 from priorfill.formats.units import find_unit
 from priorfill.formats.up_axis import find_up
 
-__all__ = ["read_bytes", "read_c3d"]
+__all__ = ["read_c3d", "read_c3d_bytes"]
 
 _LARGEST = 4_000_000_000
 """Bytes of a file: 11 hours of 50 markers at 120 Hz. A fill takes ten times as much memory."""
@@ -82,7 +82,7 @@ def read_c3d(
     name = path.name
     if rate is not None and not (np.isfinite(rate) and rate > 0):
         raise OptionError(f"rate {rate:g} Hz is not positive; give the frames per second")
-    data = read_bytes(path)
+    data = read_c3d_bytes(path)
     layout = parse_layout(data, name)
     positions, residual = read_points(data, layout)
     positions[residual < 0] = np.nan
@@ -144,7 +144,7 @@ def read_c3d(
     )
 
 
-def read_bytes(path: Path) -> bytes:
+def read_c3d_bytes(path: Path) -> bytes:
     """Return a file's contents; its first block alone where that is not the first of a C3D file.
 
     Raises
@@ -152,29 +152,7 @@ def read_bytes(path: Path) -> bytes:
     FormatError
         If there is no such file, it cannot be read, or is larger than any recording.
     """
-    try:
-        if path.exists() and not (path.is_file() or path.is_dir()):
-            # a pipe, which may never say anything
-            raise FormatError(f"{path}: is no file; give the name of one")
-        with path.open("rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            start = file.read(BLOCK)
-            if not is_c3d(start):
-                return start
-            if size > _LARGEST:
-                raise FormatError(
-                    f"{path}: has {size / 1e9:.1f} GB, and at most {_LARGEST / 1e9:g} are read; "
-                    "cut the recording into parts"
-                )
-            return start + file.read()
-    except FileNotFoundError:
-        raise FormatError(f"{path}: there is no such file; check the name") from None
-    except IsADirectoryError:
-        raise FormatError(f"{path}: is a folder; give the name of a file") from None
-    except OSError as error:
-        raise FormatError(
-            f"{path}: cannot be read ({error.strerror}); check its permissions"
-        ) from error
+    return read_contents(path, most=_LARGEST, begins=is_c3d)
 
 
 def _interpolated(

@@ -16,7 +16,7 @@ from priorfill.clip import Clip, Source
 from priorfill.errors import ClipError, FormatError, OptionError, OutputError
 from priorfill.formats.c3d_markers import find_model_points, split_label
 from priorfill.formats.c3d_parameters import Parameters
-from priorfill.formats.c3d_read import read_bytes
+from priorfill.formats.contents import read_contents
 from priorfill.formats.units import find_unit
 from priorfill.formats.up_axis import find_up
 
@@ -34,6 +34,9 @@ __all__ = [
 LARGEST = 1 << 30
 """Bytes of the largest file, or array in a file, that is read: ten hours of 50 markers at 100 Hz
 as text are about as much, and reading text takes several times its size in memory."""
+
+FARTHEST = 1e12
+"""In any unit of length: no marker is farther away, and squares stay finite."""
 
 _NOTHING_DECLARED = Parameters({})
 """Only C3D files declare which points are model outputs."""
@@ -112,7 +115,7 @@ def read_bounded(path: Path) -> bytes:
     """
     with suppress(OSError):  # reading says better what is wrong
         check_size(path.stat().st_size, path.name)
-    return read_bytes(path)
+    return read_contents(path, most=LARGEST)
 
 
 def read_source(source: Source) -> bytes:
@@ -188,8 +191,9 @@ def make_clip(
     Raises
     ------
     ClipError
-        If its contents make no sense: no marker, no rate, two markers of one name, an
-        implausible unit, an unknown subject, or several subjects and none chosen.
+        If its contents make no sense: no marker, no rate, a marker beyond `FARTHEST`,
+        two markers of one name, an implausible unit, an unknown subject, or several subjects and
+        none chosen.
     OptionError
         If an option is out of range.
     """
@@ -202,6 +206,13 @@ def make_clip(
             "there is nothing to fill"
         )
     positions[np.isnan(positions).any(axis=2)] = np.nan
+    beyond = np.abs(positions) > FARTHEST
+    if beyond.any():
+        frame, point = np.argwhere(beyond.any(axis=2))[0]
+        raise ClipError(
+            f"{name}: {recording.labels[point]} is out of this world in frame "
+            f"{recording.first_frame + int(frame)}; mark the sample as missing"
+        )
     split = [split_label(label, ()) for label in recording.labels]
     names = [marker for _, marker in split]
     reasons = dict(recording.no_markers)

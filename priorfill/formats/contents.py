@@ -1,0 +1,59 @@
+"""Read a file's bytes, and say in a line why that cannot be done."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from priorfill.errors import FormatError
+
+__all__ = ["BEGINNING", "read_contents"]
+
+BEGINNING = 512
+"""Bytes that are looked at before the rest is read: a block of a C3D file."""
+
+
+def read_contents(
+    path: Path, *, most: int, begins: Callable[[bytes], bool] = lambda start: True
+) -> bytes:
+    """Return a file's contents.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    most : int
+        Bytes that it may have.
+    begins : callable
+        Tells by the first `BEGINNING` bytes if the file is what is looked for. Where it is not,
+        these are returned alone: what they are is for the caller to say, however large the rest.
+
+    Raises
+    ------
+    FormatError
+        If there is no such file, it cannot be read, or is too large.
+    """
+    try:
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            # a pipe, which may never say anything
+            raise FormatError(f"{path}: is no file; give the name of one")
+        with path.open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            start = file.read(BEGINNING)
+            if not begins(start):
+                return start
+            if size > most:
+                raise FormatError(
+                    f"{path}: has {size / 1e9:.1f} GB, and at most {most / 1e9:g} are read; "
+                    "cut the recording into parts"
+                )
+            return start + file.read()
+    except FileNotFoundError:
+        raise FormatError(f"{path}: there is no such file; check the name") from None
+    except IsADirectoryError:
+        raise FormatError(f"{path}: is a folder; give the name of a file") from None
+    except OSError as error:
+        raise FormatError(
+            f"{path}: cannot be read ({error.strerror}); check its permissions"
+        ) from error
