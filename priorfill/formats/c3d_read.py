@@ -21,6 +21,7 @@ from priorfill.formats.c3d_layout import Layout, parse_layout, read_points
 from priorfill.formats.c3d_markers import find_model_points, split_label
 from priorfill.formats.c3d_parameters import is_c3d
 from priorfill.formats.contents import read_contents
+from priorfill.formats.subjects import choose_subject
 from priorfill.formats.units import find_unit
 from priorfill.formats.up_axis import find_up
 
@@ -93,7 +94,8 @@ def read_c3d(
     names = [marker for _, marker in split]
     reasons = find_model_points(names, layout.labels, positions, layout.parameters)
     owners = {point: owner for point, (owner, _) in enumerate(split) if point not in reasons}
-    chosen, others = _choose_subject(owners, subject, layout, name)
+    declared = [text for text in layout.parameters.texts("SUBJECTS", "NAMES") if text]
+    chosen, others = choose_subject(owners, subject, declared, name)
     reasons.update(others)
     points = [point for point in range(layout.points) if point not in reasons]
     if not points:
@@ -171,32 +173,6 @@ def _interpolated(
     found: NDArray[np.bool_] = present & (words == 0)
     found.setflags(write=False)
     return found
-
-
-def _choose_subject(
-    owners: dict[int, str], subject: str | None, layout: Layout, name: str
-) -> tuple[str, dict[int, str]]:
-    """Return whose markers to read, and why the other markers are left out."""
-    declared = [text for text in layout.parameters.texts("SUBJECTS", "NAMES") if text]
-    present = sorted({owner for owner in owners.values() if owner})
-    if subject is None:
-        if len(present) > 1:
-            raise ClipError(
-                f"{name}: holds {len(present)} subjects ({', '.join(present)}); "
-                "choose one (--subject NAME)"
-            )
-        only = declared[0] if len(declared) == 1 else ""
-        return (present[0] if present else only), {}
-    if subject in present:
-        return subject, {
-            point: f"belongs to {owner}" if owner else "belongs to no subject"
-            for point, owner in owners.items()
-            if owner != subject
-        }
-    if not present and (subject in declared or not declared):
-        return subject, {}
-    known = ", ".join(present or declared)
-    raise ClipError(f"{name}: has no subject {subject}; it holds {known}")
 
 
 def _distinct(

@@ -17,6 +17,7 @@ from priorfill.errors import ClipError, FormatError, OptionError, OutputError
 from priorfill.formats.c3d_markers import find_model_points, split_label
 from priorfill.formats.c3d_parameters import Parameters
 from priorfill.formats.contents import read_contents
+from priorfill.formats.subjects import choose_subject
 from priorfill.formats.units import find_unit
 from priorfill.formats.up_axis import find_up
 
@@ -220,7 +221,8 @@ def make_clip(
     for point, reason in modelled.items():
         reasons.setdefault(point, reason)
     owners = {point: owner for point, (owner, _) in enumerate(split) if point not in reasons}
-    subject, others = _choose_subject(owners, reading.subject, recording.subject, name)
+    declared = [recording.subject] if recording.subject else []
+    subject, others = choose_subject(owners, reading.subject, declared, name)
     reasons |= others
     points = [point for point in range(len(names)) if point not in reasons]
     if not points:
@@ -272,30 +274,6 @@ def make_clip(
         first_frame=recording.first_frame,
         source=source,
     )
-
-
-def _choose_subject(
-    owners: dict[int, str], chosen: str | None, declared: str, name: str
-) -> tuple[str, dict[int, str]]:
-    """Return whose markers to read, and why the other markers are left out."""
-    present = sorted({owner for owner in owners.values() if owner})
-    if chosen is None:
-        if len(present) > 1:
-            raise ClipError(
-                f"{name}: holds {len(present)} subjects ({', '.join(present)}); "
-                "choose one (--subject NAME)"
-            )
-        return (present[0] if present else declared), {}
-    if chosen in present:
-        return chosen, {
-            point: f"belongs to {owner}" if owner else "belongs to no subject"
-            for point, owner in owners.items()
-            if owner != chosen
-        }
-    if not present and declared in ("", chosen):
-        return chosen, {}
-    known = ", ".join(present or [declared])
-    raise ClipError(f"{name}: has no subject {chosen}; it holds {known}")
 
 
 def _check_labels(points: Sequence[int], labels: Sequence[str], name: str) -> None:
