@@ -10,6 +10,7 @@ from gappy import ARM, error, person, with_gaps
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from priorfill.clip import Clip
 from priorfill.filling import fill
 from priorfill.gaps import gap_groups
 from priorfill.markerset import describe
@@ -200,3 +201,23 @@ def test_it_turns_and_moves_with_the_clip():
     # R is diagonal along the axes, so turning the clip is felt a little
     off = np.linalg.norm(found[1] - (found[0] @ turn + [500.0, -200.0, 0.0]), axis=2)
     assert off.max() < 10.0
+
+
+def test_what_the_system_leads_away_stays_missing(monkeypatch):
+    """A swing that grows goes on to grow."""
+    monkeypatch.setattr(lds, "FAR", 100.0)
+    frames = 400
+    time = np.arange(frames)[:, None]
+    positions = np.zeros((frames, 4, 3))
+    positions[:, :, 0] = 5.0 * np.exp(0.02 * time) * np.sin(0.2 * time + np.arange(4))
+    positions += np.random.default_rng(0).normal(0.0, 0.5, positions.shape)
+    whole = Clip(positions, ("A", "B", "C", "D"), 100.0)
+    clip = with_gaps(whole, (150, frames, whole.labels))
+    result = fill(clip, method="lds")
+    found, seen = result.clip.positions[150:], positions[:150]
+    assert not (found > seen.max(axis=0) + 100.0).any()
+    assert not (found < seen.min(axis=0) - 100.0).any()
+    assert not result.complete
+    gap = result.gaps[0]
+    assert gap.filled
+    assert all("far from where it is ever seen" in part.reason for part in gap.left)

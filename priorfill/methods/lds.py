@@ -30,6 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.gaps import Gap
 from priorfill.methods.task import Estimate, Task
 
 __all__ = ["Model", "Options", "Smoothed", "Visible", "fill", "first_model", "learn", "smooth"]
@@ -39,6 +40,11 @@ Array = NDArray[np.float64]
 SETTLED = 1e-9
 """A covariance that changes by less than this share from one frame to the next is the same."""
 
+FAR = 1000.0
+"""mm. Beyond what is measured of a marker: a limb may swing out of it, but no farther than it is
+long."""
+
+LED_AWAY = "the system leads it far from where it is ever seen; use auto"
 REASON = "it is never seen; use a method that learns from other recordings"
 
 
@@ -387,7 +393,8 @@ def fill(
     Returns
     -------
     Estimate
-        Only markers that are never seen stay missing.
+        Markers that are never seen stay missing, and samples that the system leads `FAR` from
+        where the marker is seen: a system that grows has no bounds in a long gap.
     """
     options = options or Options()
     positions = task.positions.copy()
@@ -397,7 +404,15 @@ def fill(
         middle = np.nanmean(observed, axis=0)
         model, smoothed = learn(observed - middle, options)
         found = smoothed.means @ model.emission.T + middle
-        positions[:, seen] = found.reshape(len(positions), -1, 3)
+        found = found.reshape(len(positions), -1, 3)
+        least, most = (f(positions[:, seen], axis=0) for f in (np.nanmin, np.nanmax))
+        away = ((found < least - FAR) | (found > most + FAR)).any(axis=2)
+        found[away] = np.nan
+        positions[:, seen] = found
     for _ in task.groups:
         progress()
-    return Estimate.told(task, positions, "a linear dynamical system of the clip", REASON)
+
+    def reason(gap: Gap) -> str:
+        return LED_AWAY if task.valid[:, gap.marker].any() else REASON
+
+    return Estimate.told(task, positions, "a linear dynamical system of the clip", reason)
