@@ -11,7 +11,7 @@ import click
 
 from priorfill.cli.output import duration, print_json, print_table
 from priorfill.cli.progress import progress
-from priorfill.cli.reading import read_clip, reading_options
+from priorfill.cli.reading import excluding_options, read_clip, reading_options
 
 if TYPE_CHECKING:
     from priorfill.evaluation.metrics import Summary
@@ -97,20 +97,7 @@ def _ranged(name: str, target: str, number: type[int] | type[float], text: str) 
     type=click.Path(path_type=Path),
     help="Prior database to learn from; never from the clip's own recording there.",
 )
-@click.option(
-    "--exclude-motion",
-    "not_names",
-    metavar="PATTERN",
-    multiple=True,
-    help="Do not learn from clips of these names; may be given again.",
-)
-@click.option(
-    "--exclude-subject",
-    "not_subjects",
-    metavar="PATTERN",
-    multiple=True,
-    help="Do not learn from clips of these people; may be given again.",
-)
+@excluding_options
 @click.option(
     "--output",
     "-o",

@@ -12,7 +12,7 @@ import click
 from priorfill.cli.keep import Kept, facts_of_keeping, is_to_be_made, keep, not_kept
 from priorfill.cli.output import print_json, print_table
 from priorfill.cli.progress import progress
-from priorfill.cli.reading import read_clip, reading_options
+from priorfill.cli.reading import excluding_options, read_clip, reading_options
 from priorfill.errors import PriorfillError
 
 if TYPE_CHECKING:
@@ -98,20 +98,7 @@ def _frames(
     help="Leave longer gaps alone, each as a whole.",
 )
 @click.option("--skip-edges", is_flag=True, help="Leave gaps at the clip's start and end alone.")
-@click.option(
-    "--exclude-motion",
-    "not_names",
-    metavar="PATTERN",
-    multiple=True,
-    help="Do not learn from clips of these names ('walk*'); may be given again.",
-)
-@click.option(
-    "--exclude-subject",
-    "not_subjects",
-    metavar="PATTERN",
-    multiple=True,
-    help="Do not learn from clips of these people; may be given again.",
-)
+@excluding_options
 @click.option(
     "--only-subject",
     "subjects",

@@ -1,4 +1,4 @@
-"""The options that say how a file is to be understood, shared by the commands that read one."""
+"""Options that commands share: how a file is to be understood, and what not to learn from."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from priorfill.clip import Clip
     from priorfill.markerset import MarkerSet
 
-__all__ = ["as_reading", "file_options", "read_clip", "reading_options"]
+__all__ = ["as_reading", "excluding_options", "file_options", "read_clip", "reading_options"]
 
 _UP = click.option("--up", metavar="AXIS", help="Which axis points up: +X -X +Y -Y +Z -Z.")
 _RATE = click.option(
@@ -30,6 +30,26 @@ _MARKER_SET = click.option(
 _KEEP_ZEROS = click.option(
     "--keep-zeros", is_flag=True, help="Take samples that are exactly (0, 0, 0) as measured."
 )
+
+_NOT_NAMES = click.option(
+    "--exclude-motion",
+    "not_names",
+    metavar="PATTERN",
+    multiple=True,
+    help="Do not learn from clips of these names ('walk*'); may be given again.",
+)
+_NOT_SUBJECTS = click.option(
+    "--exclude-subject",
+    "not_subjects",
+    metavar="PATTERN",
+    multiple=True,
+    help="Do not learn from clips of these people; may be given again.",
+)
+
+
+def excluding_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the options ``not_names not_subjects``."""
+    return _with((_NOT_NAMES, _NOT_SUBJECTS), command)
 
 
 def reading_options(command: Callable[..., Any]) -> Callable[..., Any]:

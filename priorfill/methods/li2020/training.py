@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.methods.li2020.options import Options
+from priorfill.poses import evenly
 from priorfill.takes import Take
 
 __all__ = ["Piece", "chosen_pieces", "is_learnable"]
@@ -69,11 +70,6 @@ def _distances(poses: Array, pairs: tuple[NDArray[np.intp], NDArray[np.intp]]) -
     return np.asarray(np.linalg.norm(poses[:, pairs[0]] - poses[:, pairs[1]], axis=2))
 
 
-def _evenly(count: int, most: int) -> NDArray[np.intp]:
-    """Return at most so many numbers below ``count``, evenly spread."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.intp))
-
-
 class _Likeness:
     """How far pieces are from a clip: in their poses, and in the body that moves."""
 
@@ -85,7 +81,7 @@ class _Likeness:
         if len(frames) == 0:  # no frame shows all of them: those of one frame then
             richest = int(valid.sum(axis=1).argmax())
             self.markers, frames = np.flatnonzero(valid[richest]), np.array([richest])
-        poses = positions[frames[_evenly(len(frames), SAMPLE)]][:, self.markers]
+        poses = positions[frames[evenly(len(frames), SAMPLE)]][:, self.markers]
         self._poses = _shape(poses)
         self._norms = (self._poses**2).sum(axis=1)
         self._body = options.body
@@ -99,7 +95,7 @@ class _Likeness:
         """Return how far the constant distances of a body are from the clip's (mm)."""
         if len(self._lengths) == 0:
             return 0.0
-        sample = poses[_evenly(len(poses), SAMPLE)]
+        sample = poses[evenly(len(poses), SAMPLE)]
         return float(np.median(abs(_distances(sample, self._pairs).mean(axis=0) - self._lengths)))
 
     def poses(self, poses: Array) -> Array:
