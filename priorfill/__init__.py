@@ -14,7 +14,6 @@ that importing priorfill costs next to nothing.
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -27,8 +26,6 @@ if TYPE_CHECKING:
     from priorfill.gaps import Gap, GapGroup, find_gaps, gap_groups
     from priorfill.markerset import MarkerSet
     from priorfill.scope import Scope
-
-__version__ = version("priorfill")
 
 _PLACES = {
     "Clip": "priorfill.clip",
@@ -76,6 +73,10 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Load a public name when it is first used."""
+    if name == "__version__":
+        from importlib.metadata import version  # takes longer to import than all else here
+
+        return version("priorfill")
     if name not in _PLACES:
         raise AttributeError(f"module 'priorfill' has no attribute {name!r}")
     return getattr(import_module(_PLACES[name]), name)

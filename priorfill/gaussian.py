@@ -1,11 +1,17 @@
-"""What Gaussian processes share: distances of features, and how several of them are mixed."""
+"""What Gaussian processes share: distances, inverses, blocks left out, shares in a mixture."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["shares", "squared_distances"]
+__all__ = ["explained", "inverse_root", "left_out_residuals", "shares", "squared_distances"]
+
+MORE_NOISE = (1e-14, 1e-12, 1e-10, 1e-8)
+"""Parts of a covariance matrix's mean variance that are added in turn to its diagonal, where
+rounding has left it not positive definite."""
 
 
 def squared_distances(
@@ -43,3 +49,87 @@ def shares(error: NDArray[np.float64], power: float) -> NDArray[np.float64]:
     share: NDArray[np.float64] = (error.min(axis=0) / error) ** power
     share /= share.sum(axis=0)
     return share
+
+
+def inverse_root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the lower triangular R with R'R = the inverse of a covariance matrix.
+
+    It says all that the inverse does, and takes a third of the time.
+
+    Parameters
+    ----------
+    covariance : ndarray [shape=(rows, rows)]
+        Positive definite, but perhaps for the last bit.
+
+    Returns
+    -------
+    ndarray [shape=(rows, rows)]
+        In the order of Fortran.
+    """
+    from scipy.linalg.lapack import dpotrf, dtrtri  # slow to import
+
+    factor, failed = dpotrf(covariance, lower=True, clean=True)
+    for more in MORE_NOISE:
+        if not failed:
+            break
+        noise = more * np.trace(covariance) / len(covariance)
+        factor, failed = dpotrf(covariance + noise * np.eye(len(covariance)), lower=True)
+    root, singular = dtrtri(factor, lower=True, overwrite_c=True)
+    if failed or singular:
+        raise np.linalg.LinAlgError("a covariance matrix is not positive definite")
+    inverse: NDArray[np.float64] = root
+    return inverse
+
+
+def explained(root: NDArray[np.float64], cross: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how much of their variance rows explain of queries: c' inv(C) c [shape=(queries,)].
+
+    Parameters
+    ----------
+    root : ndarray [shape=(rows, rows)]
+        `inverse_root` of the rows' covariance C.
+    cross : ndarray [shape=(queries, rows)]
+        Covariance of the queries with the rows, c of each.
+    """
+    from scipy.linalg.blas import dtrmm
+
+    turned = dtrmm(1.0, root, cross.T, lower=True)  # (rows, queries)
+    share: NDArray[np.float64] = np.einsum("rq,rq->q", turned, turned)
+    return share
+
+
+def left_out_residuals(
+    root: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    blocks: Sequence[NDArray[np.intp]],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Residuals of a Gaussian process when blocks of rows are left out, in closed form.
+
+    Parameters
+    ----------
+    root : ndarray [shape=(rows, rows)]
+        `inverse_root` of the rows' covariance with noise.
+    weights : ndarray [shape=(rows, outputs)]
+        The inverse times what the rows should be predicted as.
+    blocks : sequence of ndarray of int
+        Rows of each block, ascending.
+
+    Returns
+    -------
+    residuals : ndarray [shape=(rows, outputs)]
+        Target minus prediction from all rows outside the row's block; NaN outside all blocks.
+    variance : ndarray [shape=(rows,)]
+        Predicted variance of each residual, noise included, in units of the kernel.
+    """
+    residuals = np.full_like(weights, np.nan)
+    variance = np.full(len(weights), np.nan)
+    by_length: dict[int, list[NDArray[np.intp]]] = {}
+    for block in blocks:
+        by_length.setdefault(len(block), []).append(block)
+    for alike in by_length.values():
+        rows = np.stack(alike)  # (blocks, rows of each)
+        own = root.T[rows]  # (blocks, rows of each, rows)
+        covariance = np.linalg.inv(own @ np.swapaxes(own, 1, 2))
+        residuals[rows] = covariance @ weights[rows]
+        variance[rows] = np.diagonal(covariance, axis1=1, axis2=2)
+    return residuals, variance

@@ -11,9 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.ndimage import correlate1d
-from scipy.signal import firwin, kaiserord
 
 from priorfill.errors import OptionError
 
@@ -29,7 +26,8 @@ movement has little above 6 Hz, so a wide band costs nothing, and it keeps the f
 fewer measured samples have a gap within its reach."""
 
 ATTENUATION = 50.0
-"""Stop-band attenuation in dB: 1 mm of vibration above the new Nyquist leaves 3 µm."""
+"""Stop-band attenuation in dB: 1 mm of vibration above the new Nyquist leaves 3 µm. Between 21 and
+50, where the rule holds by which the window's shape is chosen."""
 
 TIME_TOLERANCE = 1e-6
 """Fraction of a frame by which a new sample may be off an old one and still coincide with it;
@@ -95,6 +93,8 @@ def resample(
     ratio = rate_from / rate_to
     half = 0
     if ratio > 1:
+        from scipy.ndimage import correlate1d  # slow to import, for who needs no other rate
+
         taps = _anti_alias(ratio)
         half = len(taps) // 2
         padded = _bridge(data, missing, half)
@@ -111,6 +111,8 @@ def resample(
     if coincides.all():
         result = smooth[nearest]
     else:
+        from scipy.interpolate import CubicSpline  # slow to import; whole steps do without
+
         flat = smooth.reshape(frames, markers * 3)
         result = CubicSpline(np.arange(frames), flat)(times).reshape(count, markers, 3)
         # the spline goes through its knots; take them as they are, free of rounding
@@ -202,8 +204,12 @@ def _check_rate(rate: float) -> None:
 
 def _anti_alias(ratio: float) -> NDArray[np.float64]:
     """Return the taps, odd in number and of unit sum, for a rate divided by `ratio` > 1."""
-    count, beta = kaiserord(ATTENUATION, TRANSITION / ratio)
-    taps = firwin(count | 1, CUTOFF / ratio, window=("kaiser", beta))
+    # Kaiser's rules for the window's length and shape (Oppenheim and Schafer, Discrete-Time
+    # Signal Processing, section 7.5.3); scipy.signal has them, but takes long to import
+    length = math.ceil((ATTENUATION - 7.95) / (2.285 * math.pi * TRANSITION / ratio)) + 1
+    beta = 0.5842 * (ATTENUATION - 21.0) ** 0.4 + 0.07886 * (ATTENUATION - 21.0)
+    half = (length | 1) // 2
+    taps = np.sinc(CUTOFF / ratio * np.arange(-half, half + 1)) * np.kaiser(2 * half + 1, beta)
     return np.asarray(taps / taps.sum(), dtype=np.float64)
 
 

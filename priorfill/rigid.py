@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.cluster.hierarchy import fcluster, linkage
-from scipy.spatial.distance import squareform
+
+from priorfill.clusters import compact
 
 __all__ = ["MIN_COMMON", "rigid_groups"]
 
@@ -56,15 +56,12 @@ def rigid_groups(spread: NDArray[np.float64]) -> list[list[int]]:
     markers = spread.shape[0]
     if markers < 2:
         return [[marker] for marker in range(markers)]
-    pairs = squareform(_through_companions(spread), checks=False)
+    apart = _through_companions(spread)
+    pairs = apart[np.triu_indices(markers, 1)]
     known = pairs[pairs < UNKNOWN]
     movement = float(np.median(known)) if known.size else 0.0
     threshold = min(max(SPREAD_SHARE * movement, MIN_SPREAD), MAX_SPREAD)
-    cluster = fcluster(linkage(pairs, method="complete"), threshold, criterion="distance")
-    groups: dict[int, list[int]] = {}
-    for marker, number in enumerate(cluster):
-        groups.setdefault(int(number), []).append(marker)
-    return list(groups.values())
+    return [group.tolist() for group in compact(apart, threshold)]
 
 
 def _through_companions(spread: NDArray[np.float64]) -> NDArray[np.float64]:

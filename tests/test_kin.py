@@ -13,6 +13,7 @@ from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
 from priorfill.filling import fill
 from priorfill.gaps import gap_groups
+from priorfill.lesson import Lesson
 from priorfill.markerset import describe
 from priorfill.methods.prior.blackout.movements import similar_movements
 from priorfill.methods.prior.lessons import Lessons
@@ -20,7 +21,6 @@ from priorfill.methods.prior.options import Options
 from priorfill.methods.prior.pieces import Piece
 from priorfill.methods.prior.pose_search import PoseSearch
 from priorfill.methods.task import Task
-from priorfill.regression import Lesson
 from priorfill.takes import companion_take
 
 SLOW = 10.0

@@ -6,40 +6,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from priorfill.normalise import rigid_frames
-from priorfill.regression import (
+from priorfill.lesson import (
     ALIGNMENT_FLOOR,
     BODY_OFFSET,
     FADED,
-    PRIOR_BLOCKS,
     Kernel,
     Lesson,
     Member,
     Moment,
     Rows,
     View,
-    _calibrate,
-    block_residuals,
-    regress,
 )
+from priorfill.normalise import rigid_frames
+from priorfill.regression import PRIOR_BLOCKS, _calibrate, regress
 from priorfill.uncertainty import BOUND_FACTOR, UNIT_BOUND
 
 KERNEL = Kernel(1.0, 0.1, 1.0, 0.001, 0.1, smooth=False, noise=1e-4)
 VIEW = View("rigid", 220.0, 0.005, 10.0)
 MEMBERS = [Member(VIEW, None, KERNEL)]
-
-
-@given(st.integers(0, 2**31), st.integers(4, 25))
-def test_closed_form_equals_leaving_blocks_out(seed, rows):
-    rng = np.random.default_rng(seed)
-    features = rng.normal(size=(rows, 3))
-    kernel = features @ features.T + np.eye(rows) * 0.1
-    targets = rng.normal(size=(rows, 2))
-    blocks = np.array_split(np.arange(rows), min(4, rows))
-    found = block_residuals(np.linalg.inv(kernel), targets, blocks)
-    expected = naive.left_out_residuals(kernel, targets, blocks)
-    np.testing.assert_allclose(found[0], expected[0], rtol=1e-6, atol=1e-8)
-    np.testing.assert_allclose(found[1], expected[1], rtol=1e-6, atol=1e-8)
 
 
 def rigid_clip(seed, frames=120, noise=0.0):

@@ -10,7 +10,6 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from priorfill.gaps import Gap
 from priorfill.methods.task import Estimate, Task
@@ -30,10 +29,14 @@ def _line(seen: Array, positions: Array, asked: Array) -> Array:
 
 
 def _pchip(seen: Array, positions: Array, asked: Array) -> Array:
+    from scipy.interpolate import PchipInterpolator  # slow to import; lines do without
+
     return np.asarray(PchipInterpolator(seen, positions)(asked))
 
 
 def _spline(seen: Array, positions: Array, asked: Array) -> Array:
+    from scipy.interpolate import CubicSpline
+
     return np.asarray(CubicSpline(seen, positions)(asked))
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.lesson import Lesson, Member
 from priorfill.methods.prior.members import BASIC, BRIEF_MEMBERS, LIMB_MEMBERS, MARKER_MEMBERS
 from priorfill.methods.prior.options import Options
 from priorfill.methods.prior.own_lesson import OwnLessons
@@ -15,7 +16,6 @@ from priorfill.methods.prior.pieces import Piece
 from priorfill.methods.prior.pose_search import PoseSearch
 from priorfill.methods.prior.shared_lesson import shared_lesson
 from priorfill.methods.task import Task
-from priorfill.regression import Lesson, Member
 
 __all__ = ["Course", "Lessons"]
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from priorfill.regression import Kernel, Member, Moment, View
+from priorfill.lesson import Kernel, Member, Moment, View
 
 __all__ = ["BASIC", "BRIEF_MEMBERS", "LIMB_MEMBERS", "MARKER_MEMBERS", "seconds_of"]
 

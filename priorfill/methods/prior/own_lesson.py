@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.distances import pair_distances
+from priorfill.lesson import Lesson, Member, Rows
 from priorfill.methods.prior.kinship import MIRROR_KINSHIP
 from priorfill.methods.prior.members import seconds_of
 from priorfill.methods.prior.moments import standing_in
@@ -17,7 +18,6 @@ from priorfill.methods.prior.pieces import FEWEST_VISIBLE, Piece
 from priorfill.methods.task import Task
 from priorfill.mirror import mirrored
 from priorfill.poses import evenly, whole
-from priorfill.regression import Lesson, Member, Rows
 
 __all__ = ["IMAGE", "OWN", "VELOCITY_SECONDS", "OwnLesson", "OwnLessons"]
 

@@ -12,9 +12,8 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.cluster.hierarchy import fcluster, linkage
-from scipy.spatial.distance import squareform
 
+from priorfill.clusters import chained
 from priorfill.gaps import GapGroup, constant_spans
 
 __all__ = ["Piece", "pieces_of"]
@@ -99,14 +98,9 @@ def _joint_gaps(
     joint = []
     for (start, stop), markers in together.items():
         chosen = np.array(markers, dtype=np.intp)
-        cluster = np.ones(len(chosen), dtype=np.intp)
-        if len(chosen) > 1:
-            # markers never seen together are far apart for all we know
-            apart = np.minimum(distance[np.ix_(chosen, chosen)], 1e6)
-            np.fill_diagonal(apart, 0.0)
-            tree = linkage(squareform(apart, checks=False), "single")
-            cluster = fcluster(tree, JOINT_DISTANCE, "distance")
-        joint += [(chosen[cluster == c], start, stop) for c in np.unique(cluster)]
+        # markers never seen together are far apart for all we know
+        limbs = chained(distance[np.ix_(chosen, chosen)], JOINT_DISTANCE)
+        joint += [(chosen[limb], start, stop) for limb in limbs]
     return joint
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.lesson import Lesson, Rows
 from priorfill.methods.prior.body_fit import shifts
 from priorfill.methods.prior.kinship import MIRROR_KINSHIP, STRANGER_KINSHIP
 from priorfill.methods.prior.moments import standing_in
@@ -16,7 +17,6 @@ from priorfill.methods.prior.pieces import FEWEST_VISIBLE
 from priorfill.methods.prior.pose_search import OWN_BODY, PoseSearch
 from priorfill.methods.task import Task, take_names
 from priorfill.poses import evenly
-from priorfill.regression import Lesson, Rows
 from priorfill.search.bank import PoseBank
 
 __all__ = ["shared_lesson"]

@@ -8,13 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.gaussian import shares, squared_distances
+from priorfill.gaussian import (
+    explained,
+    inverse_root,
+    left_out_residuals,
+    shares,
+    squared_distances,
+)
+from priorfill.lesson import ALIGNMENT_FLOOR, View
 from priorfill.methods.prior.dropout.bodies import OWN
 from priorfill.methods.prior.dropout.covariance import KINDS, Kin
 from priorfill.methods.prior.dropout.ties import Ties
 from priorfill.methods.prior.dropout.witnesses import Witness
 from priorfill.normalise import RootFrames, heading_frames, rigid_frames
-from priorfill.regression import ALIGNMENT_FLOOR, View, block_residuals
 from priorfill.uncertainty import LEAST_DEVIATION
 
 __all__ = ["VIEWS", "predict_by_all", "testify"]
@@ -206,14 +212,15 @@ def _predict(
         covariance = kin.covariance(alike, shared[np.ix_(rows.witness, rows.witness)])
         noise = kin.noise * np.where(rows.own, OWN_NOISE, 1.0)
         covariance[np.diag_indices_from(covariance)] += noise
-        inverse = np.linalg.inv(covariance).astype(np.float64, copy=False)
-        local, left = _expect(kin, aligned, norm, shared[-1][rows.witness], inverse)
+        root = inverse_root(covariance)
+        weights = root.T @ (root @ aligned.targets)
+        local, left = _expect(kin, aligned, norm, shared[-1][rows.witness], root, weights)
         least = float(noise.min())
         left = np.maximum(left + least, least)
         positions = aligned.frames.to_world((local + aligned.centre).reshape(-1, markers, 3))
         unit, missed = np.ones(markers), np.nan
         if judge:
-            unit, missed = _judge(inverse, aligned.targets, blocks, markers)
+            unit, missed = _judge(root, weights, blocks, markers)
         members.append((positions, left[:, None] * unit, missed))
     return members
 
@@ -223,7 +230,8 @@ def _expect(
     aligned: _Aligned,
     norm: NDArray[np.float64],
     shared: NDArray[np.float64],
-    inverse: NDArray[np.float64],
+    root: NDArray[np.float64],
+    weights: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the process's mean and variance, without noise, for the queries.
 
@@ -237,8 +245,10 @@ def _expect(
         Inner product of each row's features with themselves.
     shared : ndarray [shape=(rows,)]
         What each row's body shares with the clip's.
-    inverse : ndarray [shape=(rows, rows)]
-        Of the rows' covariance with noise.
+    root : ndarray [shape=(rows, rows)]
+        `inverse_root` of the rows' covariance with noise.
+    weights : ndarray [shape=(rows, missing * 3)]
+        Its inverse times the targets.
 
     Returns
     -------
@@ -248,7 +258,6 @@ def _expect(
         In units of the kernel.
     """
     asked = aligned.asked
-    coefficients = inverse @ aligned.targets
     mean = np.empty((len(asked), aligned.targets.shape[1]))
     variance = np.empty(len(asked))
     for start in range(0, len(asked), CHUNK):
@@ -258,20 +267,20 @@ def _expect(
         alike = kin.similarity(product, squared_distances(product, length, norm))
         cross = kin.covariance(alike, shared)
         itself = kin.linear * length + kin.radial
-        mean[some] = cross @ coefficients
+        mean[some] = cross @ weights
         variance[some] = 1.0 + itself + kin.offset + kin.movement * itself
-        variance[some] -= np.einsum("qr,qr->q", cross @ inverse, cross)
+        variance[some] -= explained(root, cross)
     return mean, variance
 
 
 def _judge(
-    inverse: NDArray[np.float64],
-    targets: NDArray[np.float64],
+    root: NDArray[np.float64],
+    weights: NDArray[np.float64],
     blocks: Sequence[NDArray[np.intp]],
     markers: int,
 ) -> tuple[NDArray[np.float64], float]:
     """Leave bodies out: what a unit of variance is in mm², by marker, and the rms error in mm."""
-    residuals, variance = block_residuals(inverse, targets, blocks)
+    residuals, variance = left_out_residuals(root, weights, blocks)
     judged = np.concatenate(blocks)
     square = (residuals[judged].reshape(len(judged), markers, 3) ** 2).sum(axis=2)
     unit = (square / variance[judged][:, None]).mean(axis=0)

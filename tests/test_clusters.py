@@ -1,0 +1,32 @@
+"""Groups of what is near each other, against SciPy's hierarchical clustering."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.spatial.distance import squareform
+
+from priorfill.clusters import chained, compact
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 2**31), st.integers(2, 20), st.floats(0.05, 2.0))
+@pytest.mark.parametrize(("group", "linking"), [(chained, "single"), (compact, "complete")])
+def test_groups_are_those_of_hierarchical_clustering(group, linking, seed, count, most) -> None:
+    distance = np.random.default_rng(seed).random((count, count))
+    distance = distance + distance.T
+    np.fill_diagonal(distance, 0.0)
+    tree = linkage(squareform(distance, checks=False), linking)
+    cluster = fcluster(tree, most, "distance")
+    expected = [np.flatnonzero(cluster == c).tolist() for c in dict.fromkeys(cluster)]
+    assert [one.tolist() for one in group(distance, most)] == expected
+
+
+def test_what_is_infinitely_far_stays_apart() -> None:
+    distance = np.array([[0.0, np.inf], [np.inf, 0.0]])
+    for group in (chained, compact):
+        assert [one.tolist() for one in group(distance, 1.0)] == [[0], [1]]
+        assert [one.tolist() for one in group(np.zeros((1, 1)), 1.0)] == [[0]]
