@@ -13,6 +13,9 @@ from priorfill.errors import OptionError
 
 __all__ = ["from_upright", "to_upright"]
 
+UPRIGHT = "+Z"
+"""The up axis of upright positions."""
+
 # For each up axis: which coordinate becomes x, y, z, and its sign. Each is a proper rotation
 # (determinant +1) by a right angle about one horizontal axis, or by two for -Z.
 _ROTATIONS: dict[str, tuple[tuple[int, int, int], tuple[int, int, int]]] = {
@@ -38,7 +41,7 @@ def to_upright(positions: NDArray[np.floating], up: str) -> NDArray[np.float64]:
     Returns
     -------
     ndarray [shape=(..., 3)]
-        A new array.
+        The array given where +Z is up already, else a new one.
 
     Raises
     ------
@@ -46,7 +49,13 @@ def to_upright(positions: NDArray[np.floating], up: str) -> NDArray[np.float64]:
         Where `up` is no axis.
     """
     order, signs = _rotation(up)
-    return np.asarray(positions, dtype=np.float64)[..., order] * signs
+    given = np.asarray(positions, dtype=np.float64)
+    if up == UPRIGHT:
+        return given
+    result = np.empty(given.shape)
+    for place, (axis, sign) in enumerate(zip(order, signs, strict=True)):
+        np.multiply(given[..., axis], sign, out=result[..., place])
+    return result
 
 
 def from_upright(positions: NDArray[np.floating], up: str) -> NDArray[np.float64]:
@@ -55,8 +64,12 @@ def from_upright(positions: NDArray[np.floating], up: str) -> NDArray[np.float64
     The inverse of `to_upright`, with the same parameters.
     """
     order, signs = _rotation(up)
-    result = np.empty(np.shape(positions))
-    result[..., order] = np.asarray(positions, dtype=np.float64) * signs
+    given = np.asarray(positions, dtype=np.float64)
+    if up == UPRIGHT:
+        return given
+    result = np.empty(given.shape)
+    for place, (axis, sign) in enumerate(zip(order, signs, strict=True)):
+        np.multiply(given[..., place], sign, out=result[..., axis])
     return result
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from priorfill.errors import ClipError
 
-__all__ = ["UP_AXES", "Clip", "Source"]
+__all__ = ["UP_AXES", "Clip", "Source", "blank_partly_known"]
 
 UP_AXES = ("+X", "-X", "+Y", "-Y", "+Z", "-Z")
 """The directions that "up" can have, in a file's own axes."""
@@ -74,7 +74,7 @@ class Clip:
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
         Float64, in the file's own axes; NaN where the marker is missing (all three
-        coordinates or none).
+        coordinates or none). Of what is given a copy is made, unless nobody can change it.
     labels : tuple of str
         The markers' names without subject prefix, unique.
     rate : float
@@ -107,7 +107,7 @@ class Clip:
     source: Source | None = None
 
     def __post_init__(self) -> None:
-        positions = np.array(self.positions, dtype=np.float64)
+        positions = _kept(self.positions)
         if positions.ndim != 3 or positions.shape[2] != 3:
             raise ClipError(
                 f"{self.name}: positions have shape {positions.shape}; "
@@ -144,9 +144,9 @@ class Clip:
                 f"{self.name}: marker {labels[marker]} has an infinite coordinate in frame "
                 f"{self.first_frame + int(frame)}; mark the sample as missing"
             )
-        # a sample with one unknown coordinate is unknown as a whole
-        positions[np.isnan(positions).any(axis=2)] = np.nan
-        positions.setflags(write=False)
+        if positions.flags.writeable:
+            blank_partly_known(positions)
+            positions.setflags(write=False)
         object.__setattr__(self, "positions", positions)
         object.__setattr__(self, "labels", labels)
         object.__setattr__(self, "rate", float(self.rate))
@@ -169,3 +169,26 @@ class Clip:
     def with_positions(self, positions: NDArray[np.float64]) -> Clip:
         """Return the same clip with other positions [shape=(frames, markers, 3), mm]."""
         return replace(self, positions=positions)
+
+
+def blank_partly_known(positions: NDArray[np.float64]) -> None:
+    """Make samples missing, in place, of which one coordinate is [shape=(frames, markers, 3)]."""
+    unknown = np.isnan(positions)
+    some = unknown.any(axis=2)
+    some &= ~unknown.all(axis=2)
+    positions[some] = np.nan
+
+
+def _kept(given: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return positions that a clip can keep: those given, where they cannot change, or a copy."""
+    if (
+        isinstance(given, np.ndarray)
+        and given.dtype == np.float64
+        and given.flags.owndata
+        and not given.flags.writeable
+        and given.ndim == 3
+    ):
+        unknown = np.isnan(given)
+        if (unknown.any(axis=2) == unknown.all(axis=2)).all():
+            return given
+    return np.array(given, dtype=np.float64)

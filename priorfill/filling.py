@@ -325,12 +325,18 @@ def _assemble(
         left.setdefault(gap.marker, []).append(
             LeftMissing(gap.start, gap.stop, reason, asked=False)
         )
-    estimated = from_upright(estimate.positions, clip.up)
-    filled = asked & np.isfinite(estimated).all(axis=2)
-    positions = np.where(filled[..., None], estimated, clip.positions)
-    deviation = np.where(filled, estimate.deviation, np.nan)
+    filled = asked & np.isfinite(estimate.positions).all(axis=2)
+    # the estimate's arrays become the result's: those of a long clip are large
+    positions = from_upright(estimate.positions, clip.up)
+    if np.may_share_memory(positions, clip.positions):  # a method that filled nothing
+        positions = positions.copy()
+    np.copyto(positions, clip.positions, where=~filled[..., None])
+    positions.setflags(write=False)
+    deviation = estimate.deviation
+    np.copyto(deviation, np.nan, where=~filled)
     told = BOUND_FACTOR * deviation if estimate.bound is None else estimate.bound
-    bound = np.where(filled, told, np.nan)
+    bound = told
+    np.copyto(bound, np.nan, where=~filled)
     by_marker: dict[int, list[Note]] = {}
     for note in estimate.notes:
         by_marker.setdefault(note.marker, []).append(note)

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gaps import GapGroup
 from priorfill.prior import Prior
-from priorfill.resample import Level
 from priorfill.solver import Solution
 
 __all__ = ["Solver", "levels_for", "synthesise"]
@@ -27,6 +27,28 @@ MARGIN = 2
 
 Solver = Callable[[NDArray[np.float64], NDArray[np.bool_], Prior], Solution]
 """Finds the free samples of a window: (positions, free, prior) -> solution."""
+
+
+class Resolved(Protocol):
+    """One resolution of a recording: `priorfill.resample.Level` or `Resolution`."""
+
+    @property
+    def rate(self) -> float:
+        """Frames per second (Hz)."""
+
+    @property
+    def step(self) -> int:
+        """Frames of the finest resolution per frame of this one."""
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+
+    def window(self, first: int, last: int, markers: Sequence[int]) -> NDArray[np.float64]:
+        """Return some markers in frames ``first <= frame < last``, for the caller to keep."""
+
+
+AnyLevel = TypeVar("AnyLevel", bound=Resolved)
 
 
 def levels_for(rate: float) -> int:
@@ -75,16 +97,16 @@ def _refine(
 
 
 def synthesise(
-    levels: Sequence[Level],
+    levels: Sequence[AnyLevel],
     group: GapGroup,
-    prior_at: Callable[[Level, NDArray[np.intp]], Prior],
+    prior_at: Callable[[AnyLevel, NDArray[np.intp]], Prior],
     solver: Solver,
 ) -> NDArray[np.float64]:
     """Synthesise the missing markers of a gap group, coarse to fine.
 
     Parameters
     ----------
-    levels : sequence of Level
+    levels : sequence of Level or Resolution
         The clip's resolutions, finest first; NaN where missing.
     group : GapGroup
         What to fill.
@@ -105,9 +127,9 @@ def synthesise(
     window = np.empty(0, dtype=np.intp)
     for level in reversed(levels):
         first = max(group.start // level.step - MARGIN, 0)
-        last = min(-(-group.stop // level.step) + MARGIN, len(level.positions))
+        last = min(-(-group.stop // level.step) + MARGIN, level.frames)
         window = np.arange(first, last)
-        positions = level.positions[first:last, markers].astype(np.float64)
+        positions = level.window(first, last, markers)
         missing = np.isnan(positions[..., 0])
         if not missing.any():
             continue

@@ -7,6 +7,7 @@ keeps the time origin: frame 0 is at t = 0 at every rate.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from priorfill.errors import OptionError
 
-__all__ = ["Level", "derivatives", "pyramid", "resample"]
+__all__ = ["Level", "Resolution", "derivatives", "pyramid", "resample"]
 
 CUTOFF = 0.75
 """Half-amplitude frequency of the anti-alias filter, as a fraction of the new Nyquist
@@ -51,6 +52,88 @@ class Level:
     positions: NDArray[np.float64]
     rate: float
     step: int
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return len(self.positions)
+
+    def window(self, first: int, last: int, markers: Sequence[int]) -> NDArray[np.float64]:
+        """Return some markers in frames ``first <= frame < last``, for the caller to keep."""
+        return self.positions[first:last, list(markers)]
+
+
+@dataclass(frozen=True, eq=False)
+class Resolution:
+    """One resolution of a recording, made only where it is looked at.
+
+    Says bit for bit what a `Level` says, without the memory of the whole.
+
+    Attributes
+    ----------
+    finest : ndarray [shape=(frames, markers, 3), mm]
+        The recording; NaN where missing.
+    finest_rate : float
+        Its frames per second (Hz).
+    step : int
+        Frames of the recording per frame of this resolution.
+    """
+
+    finest: NDArray[np.float64]
+    finest_rate: float
+    step: int
+
+    @property
+    def rate(self) -> float:
+        """Frames per second (Hz)."""
+        return self.finest_rate / self.step
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return (len(self.finest) - 1) // self.step + 1
+
+    def window(self, first: int, last: int, markers: Sequence[int]) -> NDArray[np.float64]:
+        """Return some markers in frames ``first <= frame < last``, for the caller to keep."""
+        inside = slice(first * self.step, (last - 1) * self.step + 1)
+        if self.step == 1:
+            return self.finest[inside, list(markers)]
+        from scipy.ndimage import correlate1d  # slow to import
+
+        taps = _anti_alias(float(self.step))
+        half = len(taps) // 2
+        result = np.empty((last - first, len(markers), 3))
+        for place, marker in enumerate(markers):
+            path = self.finest[:, marker : marker + 1]
+            missing = np.isnan(path[..., 0])
+            start, stop, pad = _reach(~missing[:, 0], inside, half)
+            padded = _bridge(path[start:stop], missing[start:stop], pad)
+            smooth = correlate1d(padded, taps, axis=0, mode="nearest")[pad : pad + stop - start]
+            result[:, place] = smooth[inside.start - start : inside.stop - start : self.step, 0]
+            result[missing[inside][:: self.step, 0], place] = np.nan
+        return result
+
+
+def _reach(valid: NDArray[np.bool_], inside: slice, half: int) -> tuple[int, int, int]:
+    """Return which samples have a say in filtered ones, and by how many they are prolonged.
+
+    Parameters
+    ----------
+    valid : ndarray of bool [shape=(frames,)]
+        Which samples of a marker are measured.
+    inside : slice
+        The samples wanted.
+    half : int
+        Reach of the filter to either side.
+    """
+    known = np.flatnonzero(valid)
+    first, last = inside.start - half, inside.stop - 1 + half
+    if not len(known) or first < known[0] or last > known[-1]:
+        return 0, len(valid), half  # beyond what is measured, all of it is reflected
+    # whole gaps, with two samples on either side, from which a curve leads through them
+    before = known[np.searchsorted(known, first, side="right") - 1]
+    after = known[np.searchsorted(known, last)]
+    return max(int(before) - 1, 0), min(int(after) + 2, len(valid)), 0
 
 
 def resample(

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from priorfill import formats
 from priorfill.clip import Clip
 from priorfill.errors import FormatError, OptionError, OutputError
-from priorfill.formats import WriteReport, create_c3d, read_c3d, write_c3d
+from priorfill.formats import WriteReport, c3d_patch, create_c3d, read_c3d, write_c3d
 from priorfill.formats.c3d_layout import parse_layout, read_points
 
 STEP = 0.1
@@ -188,17 +188,18 @@ def test_changed_source(tmp_path, source):
 def test_what_reads_back_wrong_is_not_kept(tmp_path, source, monkeypatch, fault):
     clip, file = source()
     clip, filled = fill(clip, GAP, VALUES)
-    write_bytes = Path.write_bytes
+    write = c3d_patch._write
 
-    def spoil(path, content):
-        content = bytearray(content)
+    def spoil(path, ready):
+        write(path, ready)
+        content = bytearray(path.read_bytes())
         at = 100 if fault == "other byte" else file.offset(4, 2) + 2
         content[at] ^= 0x40
         if fault == "shorter":
             del content[-1]
-        return write_bytes(path, bytes(content))
+        path.write_bytes(content)
 
-    monkeypatch.setattr(Path, "write_bytes", spoil)
+    monkeypatch.setattr(c3d_patch, "_write", spoil)
     with pytest.raises(OutputError, match="does not read back as intended"):
         write_c3d(tmp_path / "out.c3d", clip, filled)
     assert [path.name for path in tmp_path.iterdir()] == ["in.c3d"]

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from priorfill.errors import OptionError
-from priorfill.resample import derivatives, pyramid, resample
+from priorfill.resample import Resolution, derivatives, pyramid, resample
 
 RATES = [(120.0, 30.0), (100.0, 30.0), (240.0, 30.0), (30.0, 120.0), (120.0, 50.0), (59.94, 30.0)]
 
@@ -240,3 +240,22 @@ def test_ill_formed_shapes_and_levels() -> None:
         resample(np.zeros((5, 3)), 120, 30)
     with pytest.raises(OptionError, match="0 levels"):
         pyramid(np.zeros((5, 1, 3)), 120, 0)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**31), st.sampled_from([1, 2, 4, 8]))
+def test_a_resolution_says_what_the_whole_level_says(seed: int, step: int) -> None:
+    rng = np.random.default_rng(seed)
+    frames = int(rng.integers(1, 400))
+    positions = np.cumsum(rng.normal(0.0, 5.0, (frames, 3, 3)), axis=0)
+    for marker in range(3):
+        for start in rng.integers(-20, frames, int(rng.integers(0, 6))):
+            positions[max(start, 0) : start + int(rng.integers(1, 60)), marker] = np.nan
+    level = pyramid(positions, 120.0, 4)[step.bit_length() - 1]
+    lazy = Resolution(positions, 120.0, step)
+    assert (lazy.frames, lazy.rate, lazy.step) == (level.frames, level.rate, level.step)
+    first, last = sorted(rng.integers(0, level.frames + 1, 2).tolist())
+    if first < last:
+        np.testing.assert_array_equal(
+            lazy.window(first, last, [2, 0]), level.window(first, last, [2, 0])
+        )

@@ -27,6 +27,10 @@ WORDS_PER_POINT = 4
 
 _T = TypeVar("_T")
 
+_AT_ONCE = 1000
+"""Frames decoded at once: the numbers of more, in several forms, would take more memory than the
+result."""
+
 _SAME_RATE = 0.01
 """Relative difference up to which two rates are one, rounded: 59.94 and 60 Hz."""
 
@@ -209,18 +213,22 @@ def read_points(data: bytes, layout: Layout) -> tuple[NDArray[np.float64], NDArr
     residual : ndarray [shape=(frames, points)]
         The fourth word: negative where the sample is missing.
     """
-    stop = layout.data_start + layout.frames * layout.frame_bytes
-    section = memoryview(data)[layout.data_start : stop]
-    if layout.is_float:
-        words = decode_floats(section, layout.processor)
-    else:
-        words = decode_integers(section, layout.processor).astype(np.float64)
-    words = words.reshape(layout.frames, -1)[:, : WORDS_PER_POINT * layout.points]
-    records = words.reshape(layout.frames, layout.points, WORDS_PER_POINT)
-    positions = records[:, :, :3].copy()
+    positions = np.empty((layout.frames, layout.points, 3))
+    residual = np.empty((layout.frames, layout.points))
+    for start in range(0, layout.frames, _AT_ONCE):
+        some = slice(start, min(start + _AT_ONCE, layout.frames))
+        first, last = (layout.data_start + t * layout.frame_bytes for t in (some.start, some.stop))
+        section = memoryview(data)[first:last]
+        if layout.is_float:
+            words = decode_floats(section, layout.processor)
+        else:
+            words = decode_integers(section, layout.processor).astype(np.float64)
+        words = words.reshape(some.stop - some.start, -1)[:, : WORDS_PER_POINT * layout.points]
+        records = words.reshape(-1, layout.points, WORDS_PER_POINT)
+        positions[some], residual[some] = records[:, :, :3], records[:, :, 3]
     if not layout.is_float:
         positions *= layout.scale
-    return positions, records[:, :, 3].copy()
+    return positions, residual
 
 
 def _geometry(

@@ -8,7 +8,9 @@ before it gets its name.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +19,14 @@ from numpy.typing import NDArray
 from priorfill.clip import Clip
 from priorfill.errors import OutputError
 from priorfill.formats.atomic import check_target, replace_file
-from priorfill.formats.c3d_layout import WORDS_PER_POINT, Layout, parse_layout, read_points
+from priorfill.formats.c3d_layout import WORDS_PER_POINT, Layout, parse_layout
 from priorfill.formats.c3d_read import read_c3d_bytes
-from priorfill.formats.c3d_words import encode_floats, encode_integers
+from priorfill.formats.c3d_words import (
+    decode_floats,
+    decode_integers,
+    encode_floats,
+    encode_integers,
+)
 
 __all__ = ["Prepared", "WriteReport", "prepare", "write_c3d"]
 
@@ -27,6 +34,9 @@ _INTEGERS = np.iinfo(np.int16)
 
 _FLOAT_STEP = float(np.finfo(np.float32).eps)
 """Largest relative error of a number stored in 32 bits, twice over: float64 rounds too."""
+
+_FRAMES_AT_ONCE = 1000
+"""Frames copied, and read back, at once."""
 
 _OFF_ORIGIN = 1e-6
 """File units by which a sample at the very origin is moved: there it would read as missing."""
@@ -111,16 +121,11 @@ def write_c3d(
         If the source is gone or cannot be read.
     """
     ready = prepare(path, clip, filled, overwrite=overwrite)
-    original, layout, frames, points = ready.original, ready.layout, ready.frames, ready.points
     _check_range(ready, clip)
-
-    places = layout.record_offsets(frames, points)[:, None] + np.arange(layout.record_bytes)
-    patched = np.frombuffer(original, dtype=np.uint8).copy()
-    patched[places] = _encode(ready.in_units, layout)
     with replace_file(path, overwrite=overwrite) as temporary:
-        temporary.write_bytes(patched.tobytes())
-        worst = _verify(temporary, original, layout, frames, points, places, ready.in_units)
-    return WriteReport(samples=len(frames), worst_error_mm=worst * ready.mm_per_unit)
+        _write(temporary, ready)
+        worst = _verify(temporary, ready)
+    return WriteReport(samples=len(ready.frames), worst_error_mm=worst * ready.mm_per_unit)
 
 
 def prepare(
@@ -208,15 +213,43 @@ def _encode(in_units: NDArray[np.float64], layout: Layout) -> NDArray[np.uint8]:
     return encode_integers(words.astype(np.int16), layout.processor)
 
 
-def _verify(
-    temporary: Path,
-    original: bytes,
-    layout: Layout,
-    frames: NDArray[np.intp],
-    points: NDArray[np.intp],
-    places: NDArray[np.intp],
-    in_units: NDArray[np.float64],
-) -> float:
+def _parts(ready: Prepared) -> Iterator[tuple[int, int, slice, NDArray[np.intp]]]:
+    """Go through the file, from end to end: it may be too large to have it in memory twice.
+
+    Yields
+    ------
+    first, last : int
+        Bytes ``first <= byte < last`` of the file.
+    samples : slice
+        The samples in them, which are in order of frames.
+    places : ndarray of int [shape=(samples, bytes of a record)]
+        Where in these bytes the samples' records are.
+    """
+    layout = ready.layout
+    cuts = range(0, layout.frames, _FRAMES_AT_ONCE)
+    edges = [0, *(layout.data_start + frame * layout.frame_bytes for frame in cuts)]
+    # no sample is before the first frame
+    starts = [0, *np.searchsorted(ready.frames, cuts).tolist()]
+    for (first, last), (start, stop) in zip(
+        pairwise([*edges, len(ready.original)]),
+        pairwise([*starts, len(ready.frames)]),
+        strict=True,
+    ):
+        some = slice(start, stop)
+        offsets = layout.record_offsets(ready.frames[some], ready.points[some]) - first
+        yield first, last, some, offsets[:, None] + np.arange(layout.record_bytes)
+
+
+def _write(temporary: Path, ready: Prepared) -> None:
+    """Write the source with the filled samples in it."""
+    with temporary.open("wb") as file:
+        for first, last, some, places in _parts(ready):
+            part = np.frombuffer(ready.original, np.uint8, last - first, first).copy()
+            part[places] = _encode(ready.in_units[some], ready.layout)
+            file.write(part.data)
+
+
+def _verify(temporary: Path, ready: Prepared) -> float:
     """Read the written file back and return the largest error of a coordinate (file units).
 
     Raises
@@ -225,22 +258,42 @@ def _verify(
         If a byte beside the filled samples has changed, or a filled sample is not as it
         should be. Neither has a cause that we know; a full disk and a faulty program have.
     """
-    written = temporary.read_bytes()
+    layout = ready.layout
     failed = OutputError(
         f"{temporary.parent}: the file written there does not read back as intended and was "
         "removed; check the disk and report this as a fault"
     )
-    if len(written) != len(original):
+    if temporary.stat().st_size != len(ready.original):
         raise failed
-    changed = np.frombuffer(written, np.uint8) != np.frombuffer(original, np.uint8)
-    changed[places] = False
-    if changed.any():
-        raise failed
-    positions, residual = read_points(written, parse_layout(written, temporary.name))
-    if (residual[frames, points] != 0).any():
-        raise failed
-    error = np.abs(positions[frames, points] - in_units)
-    allowed = np.abs(in_units) * _FLOAT_STEP + _OFF_ORIGIN if layout.is_float else layout.scale
-    if not (error <= allowed).all():  # NaN fails too
-        raise failed
-    return float(error.max(initial=0.0))
+    worst = 0.0
+    with temporary.open("rb") as file:
+        for first, last, some, places in _parts(ready):
+            written = np.frombuffer(file.read(last - first), np.uint8)
+            original = np.frombuffer(ready.original, np.uint8, last - first, first)
+            if len(written) != len(original):
+                raise failed
+            changed = written != original
+            changed[places] = False
+            if changed.any():
+                raise failed
+            words = _decode(written[places], layout)
+            expected = ready.in_units[some]
+            error = np.abs(words[:, :3] - expected)
+            allowed = np.abs(expected) * _FLOAT_STEP + _OFF_ORIGIN
+            if not layout.is_float:
+                allowed = np.full_like(error, layout.scale)
+            if (words[:, 3] != 0).any() or not (error <= allowed).all():  # NaN fails too
+                raise failed
+            worst = max(worst, float(error.max(initial=0.0)))
+    return worst
+
+
+def _decode(records: NDArray[np.uint8], layout: Layout) -> NDArray[np.float64]:
+    """Return the words of records: position (file units), then the fourth [shape=(n, 4)]."""
+    raw = records.tobytes()
+    if layout.is_float:
+        return decode_floats(raw, layout.processor).reshape(-1, WORDS_PER_POINT)
+    words = decode_integers(raw, layout.processor).astype(np.float64)
+    words = words.reshape(-1, WORDS_PER_POINT)
+    words[:, :3] *= layout.scale
+    return words

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.clip import Clip, Source
+from priorfill.clip import Clip, Source, blank_partly_known
 from priorfill.errors import ClipError, OptionError
 from priorfill.formats.c3d_layout import Layout, parse_layout, read_points
 from priorfill.formats.c3d_markers import find_model_points, split_label
@@ -87,7 +87,7 @@ def read_c3d(
     layout = parse_layout(data, name)
     positions, residual = read_points(data, layout)
     positions[residual < 0] = np.nan
-    positions[np.isnan(positions).any(axis=2)] = np.nan
+    blank_partly_known(positions)
 
     prefixes = layout.parameters.texts("SUBJECTS", "LABEL_PREFIXES")
     split = [split_label(label, prefixes) for label in layout.labels]
@@ -113,11 +113,14 @@ def read_c3d(
     reasons.update(twins)
     points = list(called)
     labels = tuple(called.values())
-    kept = positions[:, points]
+    # what most files hold is markers only, of which a copy would do nothing but take memory
+    kept = positions if points == list(range(layout.points)) else positions[:, points]
+    del positions
     _check_finite(kept, labels, layout, name)
     spelled = next(iter(layout.parameters.texts("POINT", "UNITS")), "")
     _, mm_per_unit, unit_notes = find_unit(kept, spelled, unit, name)
     kept *= mm_per_unit
+    kept.setflags(write=False)  # the clip need not copy it
     screen_up = next(iter(layout.parameters.texts("POINT", "Y_SCREEN")), "")
     up_axis, up_found_from, up_notes = find_up(kept, labels, screen_up, up)
     if rate is None and layout.rate == 0:

@@ -17,7 +17,7 @@ from priorfill.methods.prior.options import Options
 from priorfill.methods.prior.pieces import FEWEST_VISIBLE, Piece
 from priorfill.methods.task import Task
 from priorfill.mirror import mirrored
-from priorfill.poses import evenly, whole
+from priorfill.poses import evenly
 
 __all__ = ["IMAGE", "OWN", "VELOCITY_SECONDS", "OwnLesson", "OwnLessons"]
 
@@ -89,7 +89,6 @@ class OwnLessons:
         self._task = task
         self._margin = margin
         self._options = options
-        self._image = mirrored(task.positions, task.partner)
 
     def read(self, piece: Piece, completed: NDArray[np.float64] | None) -> OwnLesson | None:
         """Make a lesson of the frames that show a piece's markers; None where they are too few.
@@ -148,11 +147,16 @@ class OwnLessons:
     def with_mirror(self, own: OwnLesson) -> OwnLesson:
         """Add the clip's mirror image to a lesson, unless it shows too little."""
         options, rate = self._options, self._task.rate
-        lesson, markers, image = own.lesson, own.piece.markers, self._image
+        lesson, markers = own.lesson, own.piece.markers
+        shown = np.logical_or.reduce(self.valid, axis=0)
         # visible markers without a partner are not in the mirror image
-        kept = np.flatnonzero(~np.isnan(image[:, own.visible, 0]).all(axis=0))
+        partner = self._task.partner
+        kept = np.flatnonzero((partner[own.visible] >= 0) & shown[partner[own.visible]])
         visible = own.visible[kept]
-        usable = np.flatnonzero(whole(image[:, np.concatenate([visible, markers])]))
+        needed = partner[np.concatenate([visible, markers])]
+        usable = np.flatnonzero(np.logical_and.reduce(self.valid[:, needed], axis=1))
+        if (needed < 0).any():
+            usable = usable[:0]
         if len(kept) < FEWEST_VISIBLE or len(usable) < options.fewest_rows:
             return own
         frames = usable[evenly(len(usable), options.mirrored_rows)]
@@ -160,8 +164,8 @@ class OwnLessons:
         beside = np.flatnonzero(np.isin(rows.time, own.near / rate))
         some = np.union1d(beside, evenly(len(rows.time), options.rows - options.mirrored_rows))
         added = Rows(
-            np.concatenate([rows.visible[np.ix_(some, kept)], image[np.ix_(frames, visible)]]),
-            np.concatenate([rows.missing[some], image[np.ix_(frames, markers)]]),
+            np.concatenate([rows.visible[np.ix_(some, kept)], self._image(frames, visible)]),
+            np.concatenate([rows.missing[some], self._image(frames, markers)]),
             np.concatenate([rows.time[some], frames / rate]),
             np.repeat([OWN, IMAGE], [len(some), len(frames)]),
             np.repeat([1.0, MIRROR_KINSHIP], [len(some), len(frames)]),
@@ -213,7 +217,13 @@ class OwnLessons:
         image: NDArray[np.bool_],
     ) -> NDArray[np.float64]:
         """Return markers in frames of a clip, or of the mirror image; NaN outside of it."""
-        where = np.ix_(np.clip(frames, 0, len(source) - 1), markers)
-        positions = np.where(image, self._image[where], source[where])
+        inside = np.clip(frames, 0, len(source) - 1)
+        positions = source[np.ix_(inside, markers)]
+        if image.any():
+            positions = np.where(image, self._image(inside, markers), positions)
         positions[(frames < 0) | (frames >= len(source))] = np.nan
         return positions
+
+    def _image(self, frames: NDArray[np.intp], markers: NDArray[np.intp]) -> NDArray[np.float64]:
+        """Return markers of the clip's mirror image in some frames; NaN where it lacks them."""
+        return mirrored(self._task.positions[frames], self._task.partner)[:, markers]

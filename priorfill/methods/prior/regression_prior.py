@@ -19,8 +19,9 @@ The energy, the levels and the solver are those of Baumann et al. 2011 (`priorfi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -36,7 +37,7 @@ from priorfill.methods.prior.prediction import Prediction, unfilled
 from priorfill.methods.task import Estimate, Note, Task
 from priorfill.multiresolution import levels_for, synthesise
 from priorfill.prior import Prior
-from priorfill.resample import Level, pyramid
+from priorfill.resample import Resolution
 from priorfill.solver import minimise
 from priorfill.threads import thread_count
 
@@ -88,7 +89,8 @@ def fill(
     count = levels_for(task.rate)
     # the coarsest level's differences reach two of its steps beyond a piece
     predictor = Predictor(task, 2 * 2 ** (count - 1), options or Options())
-    filling = _Filling(task, predictor, pyramid(task.positions, task.rate, count))
+    levels = [Resolution(task.positions, task.rate, 2**i) for i in range(count)]
+    filling = _Filling(task, predictor, levels)
     cores = thread_count()
     # Pieces know nothing of each other, so however many are predicted at a time, each comes
     # out the same.
@@ -126,7 +128,7 @@ class _Slot:
 class _Filling:
     """A task on its way from pieces to an estimate."""
 
-    def __init__(self, task: Task, predictor: Predictor, levels: Sequence[Level]) -> None:
+    def __init__(self, task: Task, predictor: Predictor, levels: Sequence[Resolution]) -> None:
         self._groups = task.groups
         self._predictor = predictor
         self._finish = Finish(task, predictor.spread)
@@ -151,8 +153,8 @@ class _Filling:
     def read_again(self, over_pieces: _Map) -> None:
         """Predict once more what learnt from few frames, now that a first fill completes more."""
         again = [slot for slot in self.slots if not all(part.complete for part in slot.parts)]
-        completed = self.estimate.positions.copy()
-        found = over_pieces(lambda slot: self._predict(slot, completed), again)
+        # the estimate changes only when all of them are predicted
+        found = over_pieces(lambda slot: self._predict(slot, self.estimate.positions), again)
         for slot, parts in zip(again, found, strict=True):
             slot.parts = parts
         for number in sorted({slot.group for slot in again}):
@@ -165,16 +167,14 @@ class _Filling:
     def bridge(self) -> None:
         """Bridge over time what the clip's own frames do not tell; all around it is filled."""
         doubtful = [s for s in self.slots if s.piece.searchable and not s.told_by_clip]
-        completed = self.estimate.positions.copy()
-        for slot in doubtful:
-            completed[slot.piece.start : slot.piece.stop, slot.piece.markers] = np.nan
         changed = set()
-        for slot in doubtful:
-            # other bodies are no better guess than the marker's own movement over a short gap
-            better, rest = _better(self._predictor.bridge(slot.piece, completed), slot.parts)
-            slot.parts = [*rest, *better]
-            if better:
-                changed.add(slot.group)
+        with self._without(doubtful) as completed:
+            for slot in doubtful:
+                # other bodies are no better guess than the marker's own movement over a short gap
+                better, rest = _better(self._predictor.bridge(slot.piece, completed), slot.parts)
+                slot.parts = [*rest, *better]
+                if better:
+                    changed.add(slot.group)
         for number in sorted(changed):
             self._synthesise(number)
 
@@ -184,26 +184,42 @@ class _Filling:
             (slot for slot in self.slots if not slot.piece.searchable),
             key=lambda slot: slot.piece.start,
         )
-        completed = self.estimate.positions.copy()
         blackouts: list[list[_Slot]] = []
         stop = -1
         for slot in blind:
-            completed[slot.piece.start : slot.piece.stop, slot.piece.markers] = np.nan
             if slot.piece.start > stop:  # what touches is one blackout
                 blackouts.append([])
             blackouts[-1].append(slot)
             stop = max(stop, slot.piece.stop)
-        for slots in blackouts:
-            found = self._predictor.lead_through([slot.piece for slot in slots], completed)
-            for slot in slots:
-                piece = slot.piece
-                slot.parts = [
-                    self._finish.lift(part)  # curves over time do not shake
-                    for part in found
-                    if part.first == piece.start and part.piece.markers[0] in piece.markers
-                ]
+        with self._without(blind) as completed:
+            for slots in blackouts:
+                found = self._predictor.lead_through([slot.piece for slot in slots], completed)
+                for slot in slots:
+                    piece = slot.piece
+                    slot.parts = [
+                        self._finish.lift(part)  # curves over time do not shake
+                        for part in found
+                        if part.first == piece.start and part.piece.markers[0] in piece.markers
+                    ]
         for number in sorted({slot.group for slot in blind}):
             self._synthesise(number)
+
+    @contextmanager
+    def _without(self, slots: Sequence[_Slot]) -> Iterator[NDArray[np.float64]]:
+        """Give the positions so far with some pieces missing; nothing may be synthesised meanwhile.
+
+        Those of the estimate themselves, as a copy of a long clip is large.
+        """
+        positions = self.estimate.positions
+        places = [(slice(s.piece.start, s.piece.stop), s.piece.markers) for s in slots]
+        hidden = [positions[place] for place in places]
+        for place in places:
+            positions[place] = np.nan
+        try:
+            yield positions
+        finally:
+            for place, some in zip(places, hidden, strict=True):
+                positions[place] = some
 
     def _synthesise(self, number: int) -> None:
         """Minimise a gap group's energy under its predictions, into the estimate."""
@@ -261,10 +277,10 @@ def _better(
 
 def _prior_of(
     predictions: Sequence[Prediction], group: GapGroup
-) -> Callable[[Level, NDArray[np.intp]], Prior]:
+) -> Callable[[Resolution, NDArray[np.intp]], Prior]:
     """Return the prior of a gap group's markers at any level, by its predictions."""
 
-    def prior_at(level: Level, window: NDArray[np.intp]) -> Prior:
+    def prior_at(level: Resolution, window: NDArray[np.intp]) -> Prior:
         prior = Prior.empty(len(window), len(group.markers))
         for prediction in predictions:
             _place(prior, prediction, group, window * level.step, level)
@@ -278,7 +294,7 @@ def _place(
     prediction: Prediction,
     group: GapGroup,
     frames: NDArray[np.intp],
-    level: Level,
+    level: Resolution,
 ) -> None:
     """Write a prediction, and its differences over a level's steps, into a prior."""
     piece, step = prediction.piece, level.step
