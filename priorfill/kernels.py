@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
-from numba import njit, prange
+from numba import njit, prange, set_num_threads
 from numpy.typing import NDArray
 
-__all__ = ["descend_chains"]
+__all__ = ["descend_chains", "limit_threads"]
 
 REACH = 2
 """Frames to either side that a frame's differences touch."""
+
+
+def limit_threads(count: int) -> None:
+    """Let the loops that are called from this thread use so many threads at most."""
+    most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined] # set at run time
+    set_num_threads(min(count, most))
 
 
 @njit(cache=True)

@@ -39,6 +39,9 @@ SPEED_WIDTH = 0.3
 LEAST_WIDTH = 20.0
 """mm/s. All speeds that differ by no more are alike."""
 
+AT_ONCE = 500
+"""Poses compared with all rows at once: their distances take some MB, not some hundred."""
+
 HELD = 0.01
 """mm. Error that measured samples are held with."""
 
@@ -89,10 +92,13 @@ def by_speed(
     speed, others = np.linalg.norm(velocity, axis=2), np.linalg.norm(predicted, axis=2)
     square = (residuals**2).sum(axis=2)
     width = np.maximum(SPEED_WIDTH * np.median(others, axis=0), LEAST_WIDTH)
-    distance = (speed[:, None] - others) / width  # (poses, rows, markers)
-    # where none is alike, all count
-    alike = np.exp(-0.5 * distance**2) + 1e-6
-    error: NDArray[np.float64] = np.sqrt((alike * square).sum(axis=1) / alike.sum(axis=1))
+    error = np.empty(speed.shape)
+    for start in range(0, len(speed), AT_ONCE):
+        some = slice(start, start + AT_ONCE)
+        distance = (speed[some, None] - others) / width  # (poses, rows, markers)
+        # where none is alike, all count
+        alike = np.exp(-0.5 * distance**2) + 1e-6
+        error[some] = np.sqrt((alike * square).sum(axis=1) / alike.sum(axis=1))
     return error
 
 

@@ -16,6 +16,7 @@ from scipy.linalg import solveh_banded
 from priorfill.energy import Chains, as_chains, energy, marker_energies
 from priorfill.errors import OptionError
 from priorfill.prior import Prior
+from priorfill.threads import thread_count
 
 __all__ = ["Descent", "Solution", "minimise", "solve_exactly"]
 
@@ -118,7 +119,9 @@ def minimise(
     the same minimum in fewer steps.
     """
     # numba takes half a second to import, which only a fill should pay
-    from priorfill.kernels import descend_chains
+    from priorfill.kernels import descend_chains, limit_threads
+
+    limit_threads(thread_count())
 
     options = options or Descent()
     chains = as_chains(prior)

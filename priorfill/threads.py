@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 
-__all__ = ["VARIABLE", "one_thread", "thread_count"]
+__all__ = ["VARIABLE", "at_most", "one_thread", "thread_count"]
 
 VARIABLE = "PRIORFILL_THREADS"
 """Environment variable: the threads that a fill may use at most."""
@@ -25,6 +25,11 @@ def thread_count() -> int:
     except ValueError:
         return cores
     return min(max(asked, 1), cores)
+
+
+def at_most(count: int) -> None:
+    """Let fills of this process use so many threads at most (1 or more)."""
+    os.environ[VARIABLE] = str(count)
 
 
 def one_thread() -> None:

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
-from priorfill.threads import NUMBA, VARIABLE, one_thread, thread_count
+from priorfill.cli import main
+from priorfill.demo import make_demo_clip
+from priorfill.formats import write
+from priorfill.threads import NUMBA, VARIABLE, at_most, one_thread, thread_count
 
 
 @pytest.mark.parametrize(
@@ -24,3 +30,27 @@ def test_one(monkeypatch: pytest.MonkeyPatch) -> None:
     one_thread()
     assert thread_count() == 1
     assert os.environ[NUMBA] == "1"
+
+
+def test_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, "5")  # put back after the test
+    monkeypatch.setattr(os, "cpu_count", lambda: 8)
+    at_most(2)
+    assert thread_count() == 2
+
+
+def test_the_filled_file_is_the_same_for_any_number_of_threads(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(VARIABLE, "")
+    whole = make_demo_clip()[1]
+    clip = replace(whole, positions=whole.positions[:300])  # three gaps, an arm among them
+    write(tmp_path / "in.c3d", clip)
+    made = []
+    for threads in ("1", "2", "3"):
+        output = tmp_path / f"out{threads}.c3d"
+        arguments = ["fill", str(tmp_path / "in.c3d"), "-o", str(output), "--threads", threads]
+        assert CliRunner().invoke(main, arguments).exit_code in (0, 3)
+        made.append(output.read_bytes())
+    assert made[0] == made[1] == made[2]
+    assert CliRunner().invoke(main, [*arguments[:-1], "0"]).exit_code == 2

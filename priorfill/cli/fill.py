@@ -129,6 +129,12 @@ def _frames(
     help="Write the file anew, with float coordinates, instead of a copy; says what that changes.",
 )
 @click.option("--overwrite", is_flag=True, help="Replace what is to be written if it exists.")
+@click.option(
+    "--threads",
+    metavar="N",
+    type=click.IntRange(min=1),
+    help="How many threads to use at most; all cores by default. The result is the same.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @reading_options
 def fill(
@@ -149,6 +155,7 @@ def fill(
     uncertainty: Path | None,
     rewrite: bool,
     overwrite: bool,
+    threads: int | None,
     as_json: bool,
     **reading: Any,
 ) -> None:
@@ -164,7 +171,10 @@ def fill(
     from priorfill.filling import fill as fill_clip
     from priorfill.methods import get_method
     from priorfill.scope import Scope
+    from priorfill.threads import at_most
 
+    if threads is not None:
+        at_most(threads)
     for option, given in (
         ("--exclude-motion", not_names),
         ("--exclude-subject", not_subjects),

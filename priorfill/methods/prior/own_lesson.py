@@ -106,7 +106,11 @@ class OwnLessons:
         nearest = self.distance[piece.markers].min(axis=0)
         visible = piece.visible[np.isfinite(nearest[piece.visible])]
         visible = visible[np.argsort(nearest[visible], kind="stable")]
-        known = ~np.isnan(source[:, visible, 0])
+        known = self.valid[:, visible]
+        if completed is not None:
+            # marker by marker: the coordinates of all take eight times the memory of the answer
+            for place, marker in enumerate(visible):
+                known[:, place] = ~np.isnan(source[:, marker, 0])
         # how many frames show the markers together with the nearest n visible ones
         count = (np.logical_and.accumulate(known, axis=1) & shown[:, None]).sum(axis=0)
         enough = np.flatnonzero(count >= min(options.wished_rows, ENOUGH_SHOWN * shown.sum()))
