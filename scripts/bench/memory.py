@@ -1,0 +1,58 @@
+#!/usr/bin/env python
+"""Greatest memory, and seconds of computing, of filling a long recording.
+
+    python scripts/bench/memory.py [--minutes 10] [--rate 240] [--markers 60] [--method prior]
+
+Makes a synthetic clip with gaps of several kinds (`long_clip.py`), and fills it by the command line
+in a process of its own. The bound is for the default length: 1 GB.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+from child import CLI, run
+
+HERE = Path(__file__).resolve().parent
+
+BOUND = 1000.0
+"""MB that the fill may take at most."""
+
+DONE = (0, 3)
+"""Exit statuses of a fill that was done, wholly or in part."""
+
+
+def main() -> int:
+    """Run the benchmark."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--minutes", default="10")
+    parser.add_argument("--rate", default="240")
+    parser.add_argument("--markers", default="60")
+    parser.add_argument("--method", default="prior")
+    parser.add_argument("--clip", type=Path, help="fill this file instead of making one")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        clip = arguments.clip or Path(folder) / "long.c3d"
+        if arguments.clip is None:
+            size = ("--minutes", arguments.minutes, "--rate", arguments.rate)
+            maker = (sys.executable, str(HERE / "long_clip.py"), str(clip))
+            run([*maker, *size, "--markers", arguments.markers])
+        output = Path(folder) / f"filled{clip.suffix}"
+        read = run([*CLI, "inspect", str(clip), "--json"])
+        fill = run(
+            [*CLI, "fill", str(clip), "-o", str(output), "--method", arguments.method],
+            accepted=DONE,
+        )
+    print(f"file     {clip.stat().st_size / 1e6 if clip.exists() else 0:8.0f} MB")
+    for name, cost in (("inspect", read), ("fill", fill)):
+        print(f"{name:8s} {cost.memory:8.0f} MB {cost.cpu:8.1f} s CPU {cost.wall:8.1f} s wall")
+    print(fill.output)
+    print(f"bound    {BOUND:8.0f} MB: {'held' if fill.memory <= BOUND else 'EXCEEDED'}")
+    return 0 if fill.memory <= BOUND else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,130 @@
+#!/usr/bin/env python
+"""Scheduled descent against plain descent and against the banded solve, by gap length.
+
+    python scripts/bench/solver.py [--seconds 1,2,5,10,20,40,60] [--repeat 5]
+
+Fills six markers at 120 Hz, coarse to fine as a fill does. The prior is the movement itself, off by
+an error that wanders by centimetres within tenths of a second, with weights that fall towards the
+middle of the gap. Times are of the solver alone, s CPU; updates are those of frames; the
+last columns say how far (mm) a descent ends from the minimum.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from priorfill.gaps import Gap, GapGroup
+from priorfill.multiresolution import levels_for, synthesise
+from priorfill.prior import Prior
+from priorfill.resample import Resolution
+from priorfill.solver import Descent, Solution, minimise, solve_exactly
+
+RATE = 120.0
+"""Hz."""
+
+MARKERS = 6
+
+BESIDE = 2.0
+"""s of measured signal on either side."""
+
+PLAIN = Descent(share=0.0)
+"""All frames in each step."""
+
+
+def wandering(rng: np.random.Generator, frames: int, size: float, hertz: float) -> np.ndarray:
+    """Return a smooth random course [shape=(frames, MARKERS, 3), mm]."""
+    knots = np.arange(0.0, frames + RATE / hertz, RATE / hertz)
+    values = rng.normal(0.0, size, (len(knots), MARKERS * 3))
+    course = [np.interp(np.arange(frames), knots, value) for value in values.T]
+    return np.stack(course, axis=1).reshape(frames, MARKERS, 3)
+
+
+def prior_of(
+    predicted: np.ndarray, deviation: np.ndarray
+) -> Callable[[Resolution, np.ndarray], Prior]:
+    """Return the prior at any level, by what is predicted [frames, MARKERS, 3] of all frames."""
+
+    def at(level: Resolution, window: np.ndarray) -> Prior:
+        prior = Prior.empty(len(window), MARKERS)
+        frames = window * level.step
+        inside = np.flatnonzero((frames >= level.step) & (frames < len(predicted) - level.step))
+        here = frames[inside]
+        before, now, after = (predicted[here + d] for d in (-level.step, 0, level.step))
+        weight = np.repeat(deviation[here, None] ** -2.0, MARKERS, axis=1)
+        stiff = (0.05 * level.rate) ** 2
+        prior.pose[inside], prior.pose_weight[inside] = now, weight
+        prior.velocity[inside], prior.velocity_weight[inside] = (
+            0.5 * (after - before),
+            2 * stiff * weight,
+        )
+        prior.acceleration[inside] = after - 2.0 * now + before
+        prior.acceleration_weight[inside] = stiff**2 * weight
+        return prior
+
+    return at
+
+
+def main() -> None:
+    """Run the benchmark."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seconds", default="1,2,5,10,20,40,60")
+    parser.add_argument("--repeat", type=int, default=5)
+    arguments = parser.parse_args()
+    solvers: dict[str, Callable[..., Solution]] = {
+        "scheduled": minimise,
+        "plain": lambda *given: minimise(*given, PLAIN),
+        "banded": solve_exactly,
+    }
+    print(
+        f"{'gap s':>6s} {'scheduled':>10s} {'plain':>10s} {'banded':>10s} {'of banded':>10s}",
+        end="",
+    )
+    print(f" {'updates':>10s} {'of plain':>9s} {'mm off':>8s} {'plain':>8s}")
+    for number, seconds in enumerate([0.2, *map(float, arguments.seconds.split(","))]):
+        rng = np.random.default_rng(number)
+        frames = round((seconds + 2 * BESIDE) * RATE)
+        truth = wandering(rng, frames, 300.0, 2.0)
+        predicted = truth + wandering(rng, frames, 30.0, 5.0)
+        start, stop = round(BESIDE * RATE), frames - round(BESIDE * RATE)
+        inside = np.clip(np.arange(frames), start, stop - 1)
+        deviation = 1.0 + 20.0 * np.minimum(inside - start, stop - inside) / (stop - start)
+        positions = truth.copy()
+        positions[start:stop] = np.nan
+        levels = [Resolution(positions, RATE, 2**i) for i in range(levels_for(RATE))]
+        gaps = tuple(Gap(start, stop, marker) for marker in range(MARKERS))
+        group = GapGroup(start, stop, gaps)
+        times, updates, found = {}, {}, {}
+        for name, solver in solvers.items():
+            spent = []
+            for _ in range(arguments.repeat):
+                total, count = 0.0, 0
+
+                def timed(*given: np.ndarray, solver: Callable[..., Solution] = solver) -> Solution:
+                    nonlocal total, count
+                    began = time.process_time()
+                    solution = solver(*given)
+                    total += time.process_time() - began
+                    count += solution.updates
+                    return solution
+
+                found[name] = synthesise(levels, group, prior_of(predicted, deviation), timed)
+                spent.append(total)
+            times[name], updates[name] = min(spent), count
+        if number == 0:
+            continue  # compiles
+        off = {n: np.linalg.norm(x - found["banded"], axis=2).max() for n, x in found.items()}
+        print(
+            f"{seconds:6.1f} {times['scheduled']:10.4f} {times['plain']:10.4f} "
+            f"{times['banded']:10.4f} {times['scheduled'] / times['banded']:10.2f} "
+            f"{updates['scheduled']:10d} {updates['scheduled'] / updates['plain']:9.2f} "
+            f"{off['scheduled']:8.3f} {off['plain']:8.3f}",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
