@@ -10,6 +10,7 @@
     ├── MethodError (ValueError)         a method that cannot work on a clip
     ├── EvaluationError (RuntimeError)   an evaluation that cannot go on
     ├── OutputError (OSError)            a result that cannot be written where it should go
+    ├── FetchError (OSError)             a library that cannot be downloaded, or not as it should be
     └── DatabaseError                    anything about a prior database
         ├── DatabaseNotFoundError (FileNotFoundError)
         ├── DatabaseFormatError (ValueError)   another format version, or not a database
@@ -32,6 +33,7 @@ __all__ = [
     "DatabaseNotFoundError",
     "DuplicateClipError",
     "EvaluationError",
+    "FetchError",
     "FormatError",
     "MarkerSetError",
     "MethodError",
@@ -71,6 +73,10 @@ class EvaluationError(PriorfillError, RuntimeError):
 
 class OutputError(PriorfillError, OSError):
     """A result cannot be written where it should go."""
+
+
+class FetchError(PriorfillError, OSError):
+    """A library of recordings cannot be downloaded, or what came is not what it should be."""
 
 
 class DatabaseError(PriorfillError):

@@ -112,6 +112,8 @@ def test_info_and_verify(here: Path) -> None:
         "length       6.00 s, 180 frames at 30 Hz",
         "levels       30, 15, 7.5 Hz",
         "marker sets  not known (4)",
+        "licence      none (3)",
+        "licence      CC0 (1)",
     ]
     facts = json.loads(run("db", "info", "-d", "db", "--json").output)
     assert facts["clips"] == 4

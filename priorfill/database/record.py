@@ -155,6 +155,8 @@ class DatabaseInfo:
         How many of them compacting would give back.
     marker_sets : dict of str to int
         Number of clips of each marker set; under the empty name those of no known set.
+    licences, credits : dict of str to int
+        Number of clips of each licence, and of each credit; under the empty text those of none.
     """
 
     path: Path
@@ -169,3 +171,5 @@ class DatabaseInfo:
     bytes: int
     removed_bytes: int
     marker_sets: dict[str, int]
+    licences: dict[str, int]
+    credits: dict[str, int]

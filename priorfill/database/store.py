@@ -730,6 +730,8 @@ class PriorDatabase:
             bytes=sum(path.stat().st_size for path in files),
             removed_bytes=self._segment_bytes() - sum(record.nbytes for record in records),
             marker_sets=dict(sorted(Counter(record.marker_set for record in records).items())),
+            licences=dict(sorted(Counter(record.licence for record in records).items())),
+            credits=dict(sorted(Counter(record.credit for record in records).items())),
         )
 
     def check(self, record: ClipRecord) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from priorfill.errors import OutputError, PriorfillError
 
-__all__ = ["check_target", "replace_file"]
+__all__ = ["check_target", "finish_file", "replace_file"]
 
 _TOKEN_BYTES = 6
 """Random bytes in a temporary name: two writers of one target do not meet."""
@@ -85,12 +85,11 @@ def replace_file(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]
         # not tempfile: its files are private (0600), a result should follow the umask
         temporary.open("xb").close()
         yield temporary
-        _flush(temporary)
+        _flush(temporary)  # may take long, and the check is to be the last thing before the rename
         # an earlier check can be outdated: somebody else may have written meanwhile
         if target.exists() and not overwrite:
             raise OutputError(f"{given}: appeared while writing; choose another name")
-        temporary.replace(target)
-        _flush_folder(folder)
+        finish_file(temporary, target)
     except PriorfillError:
         raise
     except OSError as error:
@@ -101,6 +100,26 @@ def replace_file(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]
     finally:
         with suppress(OSError):
             temporary.unlink()
+
+
+def finish_file(temporary: Path, target: Path) -> None:
+    """Give a file that is written to its end the name that it is known by, and flush both.
+
+    Parameters
+    ----------
+    temporary : Path
+        The file, in the folder of the target.
+    target : Path
+        What it is to be called; replaced if it is there.
+
+    Raises
+    ------
+    OSError
+        Where the system refuses.
+    """
+    _flush(temporary)
+    temporary.replace(target)
+    _flush_folder(target.parent)
 
 
 def _flush(path: Path) -> None:

@@ -8,6 +8,7 @@ from priorfill.cli.db.accept import accept
 from priorfill.cli.db.add import add
 from priorfill.cli.db.compact import compact
 from priorfill.cli.db.export import export
+from priorfill.cli.db.fetch import fetch
 from priorfill.cli.db.info import info
 from priorfill.cli.db.listing import list_clips
 from priorfill.cli.db.merge import merge
@@ -22,5 +23,5 @@ def db() -> None:
     """Build, look at and keep prior databases."""
 
 
-for _command in (add, accept, list_clips, info, verify, remove, compact, export, merge):
+for _command in (add, fetch, accept, list_clips, info, verify, remove, compact, export, merge):
     db.add_command(_command)

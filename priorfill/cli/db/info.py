@@ -39,6 +39,12 @@ def info(folder: Path, as_json: bool) -> None:
         ("length", f"{duration(facts.seconds)}, {facts.frames} frames at {facts.rate:g} Hz"),
         ("levels", f"{rates} Hz"),
         ("marker sets", sets or "-"),
+        *(
+            (what, f"{text or 'none'} ({number})")
+            for what, texts in (("licence", facts.licences), ("credit", facts.credits))
+            if any(texts)
+            for text, number in texts.items()
+        ),
         ("size", size(facts.bytes)),
     ):
         click.echo(f"{name:<12} {value}")
