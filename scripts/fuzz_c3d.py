@@ -28,11 +28,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from isolated import DONE, Worker
 
 from priorfill.errors import PriorfillError
 from priorfill.filling import fill
 from priorfill.formats import read, write
+from priorfill.isolation import DONE, Worker
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
 from c3d_bytes import BLOCK, DEC, INTEL, LABELS, MIPS, C3DFile, standing
@@ -45,6 +45,9 @@ PATIENCE = 60.0
 
 MEMORY = 2**30
 """Bytes that a file may take, beside what the program takes itself."""
+
+PRELOADED = ("priorfill.filling", "priorfill.formats", "priorfill.methods.interpolation")
+"""Modules that a new process finds imported."""
 
 MOST_MUTATIONS = 4
 """Mutations of one file; many would only hide each other behind the first."""
@@ -256,7 +259,7 @@ def fuzz(
     stop = time.monotonic() + 60 * minutes
     with (
         tempfile.TemporaryDirectory() as folder,
-        Worker(run_case, seconds=PATIENCE, memory=MEMORY) as worker,
+        Worker(run_case, seconds=PATIENCE, memory=MEMORY, preload=PRELOADED) as worker,
     ):
         for number in range(count):
             if time.monotonic() > stop:

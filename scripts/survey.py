@@ -25,19 +25,22 @@ from typing import NamedTuple
 
 import ezc3d
 import numpy as np
-from isolated import DONE, Worker
 
 from priorfill.clip import Clip
 from priorfill.errors import PriorfillError
 from priorfill.filling import fill
 from priorfill.formats import read_c3d, write_c3d
 from priorfill.formats.c3d_layout import parse_layout, read_points
+from priorfill.isolation import DONE, Worker
 
 STEPS = ("read", "filled", "byte-exact", "read back", "ezc3d agrees")
 """What is done with a file, in this order; the last only where ezc3d can read the file."""
 
 FLOAT_ERROR = 1e-6
 """Largest relative error of a coordinate stored in 32 bits, a few times over: units are turned."""
+
+PRELOADED = ("ezc3d", "priorfill.filling", "priorfill.formats", "priorfill.methods.interpolation")
+"""Modules that a new process finds imported: a file then costs hundredths of a second."""
 
 OFF_ORIGIN = 2e-6
 """File units by which a sample at the very origin is moved, lest it read as missing."""
@@ -172,7 +175,7 @@ def survey(
 ) -> list[Row]:
     """Survey files, each in a process of its own."""
     rows = []
-    limits = {"seconds": seconds, "memory": memory, "fresh": True}
+    limits = {"seconds": seconds, "memory": memory, "fresh": True, "preload": PRELOADED}
     with (
         tempfile.TemporaryDirectory() as folder,
         Worker(survey_file, **limits) as ours,

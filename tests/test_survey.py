@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import time
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,6 @@ from scripted import load_script
 from priorfill.formats import c3d_patch, read_c3d, write_c3d
 
 survey = load_script("survey")
-isolated = load_script("isolated")
 
 
 def job(path: Path, tmp_path: Path) -> survey.Job:
@@ -125,19 +122,3 @@ def test_table_of_good_and_bad_files(file, tmp_path, capsys):
 def test_no_file(tmp_path, capsys):
     assert survey.main([str(tmp_path)]) == 1
     assert "no C3D file is below it" in capsys.readouterr().err
-
-
-def test_limits():
-    """What hangs is ended, what eats memory is refused, and the next item is done."""
-    with isolated.Worker(time.sleep, seconds=0.3, memory=2**28) as worker:
-        assert worker.do(0).kind == isolated.DONE
-        assert worker.do(60) == (isolated.HANG, "took more than 0.3 s")
-        assert worker.do(0).kind == isolated.DONE
-        kind, value = worker.do("x")
-        assert kind == isolated.RAISED
-        assert value.startswith("TypeError at isolated.py")
-    with isolated.Worker(bytes, seconds=60, memory=2**28) as worker:
-        assert worker.do(2**29).kind == isolated.MEMORY
-        assert worker.do(2**10) == (isolated.DONE, bytes(2**10))
-    with isolated.Worker(os._exit, seconds=60, memory=2**28) as worker:
-        assert worker.do(3) == (isolated.CRASH, "exit status 3")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from priorfill.cli.batch import Reader, with_path
 from priorfill.cli.output import duration, print_json, print_table
 from priorfill.cli.progress import progress
 from priorfill.cli.reading import excluding_options, read_clip, reading_options
@@ -141,10 +142,13 @@ def evaluate(
 
     Removes measured samples, fills them by each method, and compares with what was removed.
 
-    Exit status 0: done; 3: done, but a method could not work on some of the files; 1: could not.
+    A file that cannot be read is named, and the others go on.
+
+    Exit status 0: done; 3: done, but a method could not work on some of the files; 1: could not, or
+    not with all files.
     """
     from priorfill.database import Selection
-    from priorfill.errors import OptionError
+    from priorfill.errors import ClipError, FormatError, OptionError
     from priorfill.evaluation import evaluate as run
     from priorfill.evaluation.plan import choose_methods
     from priorfill.evaluation.plots import check_plots, draw_plots
@@ -169,7 +173,18 @@ def evaluate(
     if protocol == "like" and like is not None:
         of_protocol["pattern"] = read_clip(like, **options)[0]
     made = make_protocol(protocol, **of_protocol)
-    read = [read_clip(file, **options) for file in files]
+    read, failures = [], 0
+    with Reader(len(files)) as reader:
+        for file in files:
+            try:
+                read.append(read_clip(file, **options, reader=reader))
+            except (ClipError, FormatError) as error:
+                if len(files) == 1:
+                    raise
+                click.echo(f"priorfill: {with_path(file, error)}", err=True)
+                failures += 1
+    if not read:
+        raise FormatError(f"none of the {len(files)} files can be read; see above")
     with progress(None, "evaluating") as show:
         evaluation = run(
             [clip for clip, _ in read],
@@ -199,6 +214,8 @@ def evaluate(
         for reason, count in row.refused.items():
             of = "" if count == row.cases else f" on {count} of {row.cases} cases"
             click.echo(f"{row.method} could not work{of}: {reason}", err=True)
+    if failures:
+        click.get_current_context().exit(1)
     if not evaluation.worked:
         click.get_current_context().exit(EXIT_REFUSED)
 

@@ -9,10 +9,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
+    from priorfill.cli.batch import Reader
     from priorfill.clip import Clip
     from priorfill.markerset import MarkerSet
 
-__all__ = ["as_reading", "excluding_options", "file_options", "read_clip", "reading_options"]
+__all__ = [
+    "as_reading",
+    "excluding_options",
+    "file_options",
+    "read_clip",
+    "reading_options",
+]
 
 _UP = click.option("--up", metavar="AXIS", help="Which axis points up: +X -X +Y -Y +Z -Z.")
 _RATE = click.option(
@@ -78,13 +85,15 @@ def read_clip(
     subject: str | None,
     marker_set: str | None,
     keep_zeros: bool,
+    reader: Reader | None = None,
 ) -> tuple[Clip, MarkerSet | None]:
     """Read a clip as the options say; also the marker set that was asked for."""
     from priorfill import formats, markerset
 
     definition = markerset.load(marker_set) if marker_set else None
     reading = as_reading(up=up, rate=rate, unit=unit, keep_zeros=keep_zeros)
-    return formats.read(file, subject=subject, **reading), definition
+    read = formats.read if reader is None else reader.read
+    return read(file, subject=subject, **reading), definition
 
 
 def _with(

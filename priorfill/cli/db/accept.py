@@ -74,9 +74,9 @@ def accept(
         )
 
     def put(target: Target, path: Path) -> tuple[ClipRecord, str]:
-        clip = read_file(path, subject, **reading)
+        clip = read_file(target.reader, path, subject, **reading)
         before = _original_of(path, original)
-        gappy = None if before is None else read_file(before, subject, **reading)
+        gappy = None if before is None else read_file(target.reader, before, subject, **reading)
         mask = _filled_samples(clip, gappy, target)
         accepted = target.open().accept(
             clip,

@@ -42,7 +42,7 @@ def add(
     from priorfill.cli.db.adding import put_files, read_file
 
     def put(target: Target, path: Path) -> tuple[ClipRecord, str]:
-        clip = read_file(path, subject, **reading)
+        clip = read_file(target.reader, path, subject, **reading)
         record = target.open().add(
             clip,
             subject=subject,

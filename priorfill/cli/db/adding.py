@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from priorfill.cli.db.common import count, skipped, total, with_path
+from priorfill.cli.batch import Reader, with_path
+from priorfill.cli.db.common import count, skipped, total
 from priorfill.cli.db.files import find_files
 from priorfill.cli.progress import progress
 from priorfill.errors import (
@@ -36,10 +37,12 @@ class Target:
     ----------
     folder : Path
         Its folder.
+    reader : Reader
+        What reads the files.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, reader: Reader) -> None:
+        self.folder, self.reader = folder, reader
         self._database: PriorDatabase | None = None
 
     @property
@@ -104,9 +107,10 @@ def put_files(
     failures = len(failed)
     records: list[ClipRecord] = []
     duplicates = 0
-    target = Target(folder)
+    reader = Reader(len(files))
+    target = Target(folder, reader)
     try:
-        with progress(len(files), f"{doing} clips") as show:
+        with reader, progress(len(files), f"{doing} clips") as show:
             for number, path in enumerate(files):
                 show(number, None)
                 try:
@@ -139,11 +143,13 @@ def put_files(
         click.get_current_context().exit(1)
 
 
-def read_file(path: Path, subject: str | None, **reading: Any) -> Clip:
+def read_file(reader: Reader, path: Path, subject: str | None, **reading: Any) -> Clip:
     """Read a clip for a database.
 
     Parameters
     ----------
+    reader : Reader
+        What reads it.
     path : Path
         The file.
     subject : str or None
@@ -159,12 +165,11 @@ def read_file(path: Path, subject: str | None, **reading: Any) -> Clip:
     PriorfillError
         Where an option makes no sense.
     """
-    from priorfill import formats
     from priorfill.cli.reading import as_reading
 
     options = as_reading(**reading)
     try:
-        return formats.read(path, **options)
+        return reader.read(path, **options)
     except OptionError as error:
         # wrong for every file, so not this one's fault
         raise PriorfillError(str(error)) from error
@@ -172,7 +177,7 @@ def read_file(path: Path, subject: str | None, **reading: Any) -> Clip:
         if subject is None:
             raise
         try:
-            return formats.read(path, **options, subject=subject)
+            return reader.read(path, **options, subject=subject)
         except PriorfillError:
             pass  # the first error says more: it names the subjects, or has nothing to do with them
         raise

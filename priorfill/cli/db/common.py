@@ -29,7 +29,6 @@ __all__ = [
     "tell_damaged",
     "title",
     "total",
-    "with_path",
 ]
 
 ID_DIGITS = 8
@@ -114,14 +113,6 @@ def skipped(number: int) -> str:
     return (
         f", skipped {number} that {'is' if number == 1 else 'are'} there already" if number else ""
     )
-
-
-def with_path(path: Path, error: Exception) -> str:
-    """Return an error's message, with the file's path if it does not begin with it."""
-    text = " ".join(str(error).split())
-    for start in (str(path), path.name, path.stem):
-        text = text.removeprefix(f"{start}: ")
-    return f"{path}: {text}"
 
 
 def count(number: int, noun: str) -> str:

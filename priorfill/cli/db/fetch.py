@@ -173,7 +173,8 @@ def _add(library: Library, database: Path, recordings: list[Path]) -> None:
     from priorfill.cli.db.adding import put_files, read_file
 
     def put(target: Target, path: Path) -> tuple[ClipRecord, str]:
-        clip = read_file(path, None, up=None, rate=None, unit=None, keep_zeros=False)
+        options = {"up": None, "rate": None, "unit": None, "keep_zeros": False}
+        clip = read_file(target.reader, path, None, **options)
         record = target.open().add(
             clip,
             subject=library.subject(path.stem) or None,

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import multiprocessing
 import resource
+import signal
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
 
-__all__ = ["DONE", "Outcome", "Worker"]
+__all__ = ["CRASH", "DONE", "HANG", "MEMORY", "RAISED", "Outcome", "Worker"]
 
 DONE, RAISED, CRASH, HANG, MEMORY = "done", "raised", "crash", "hang", "memory"
 """Kinds of outcome."""
-
-PRELOADED = ("ezc3d", "priorfill.filling", "priorfill.formats", "priorfill.methods.interpolation")
-"""Modules that a new process finds imported: a file then costs hundredths of a second."""
 
 PATIENCE = 120.0
 """Seconds that a new process may take to import what it needs."""
@@ -57,15 +55,23 @@ class Worker:
         Bytes that the process may have beyond those it has before its first item.
     fresh : bool
         Whether each item gets a process of its own.
+    preload : sequence of str
+        Modules that a new process finds imported: it is then there in hundredths of a second.
     """
 
     def __init__(
-        self, task: Callable[[Any], Any], *, seconds: float, memory: int, fresh: bool = False
+        self,
+        task: Callable[[Any], Any],
+        *,
+        seconds: float,
+        memory: int,
+        fresh: bool = False,
+        preload: Sequence[str] = (),
     ) -> None:
         self._task, self._seconds, self._memory, self._fresh = task, seconds, memory, fresh
         # a server without threads, which has imported what takes long, forks the processes
         self._context = multiprocessing.get_context("forkserver")
-        self._context.set_forkserver_preload(list(PRELOADED))
+        self._context.set_forkserver_preload(list(preload))
         self._process: Any = None
         self._pipe: Connection | None = None
 
@@ -75,14 +81,23 @@ class Worker:
     def __exit__(self, *error: object) -> None:
         self.stop()
 
-    def do(self, item: Any) -> Outcome:
-        """Do the task for an item."""
+    def do(self, item: Any, *, seconds: float | None = None) -> Outcome:
+        """Do the task for an item.
+
+        Parameters
+        ----------
+        item : object
+            What the task takes.
+        seconds : float or None
+            Wall time for this item, where it differs.
+        """
+        seconds = self._seconds if seconds is None else seconds
         pipe = self._pipe or self._start()
         try:
             pipe.send(item)
-            if not pipe.poll(self._seconds):
+            if not pipe.poll(seconds):
                 self.stop()
-                return Outcome(HANG, f"took more than {self._seconds:g} s")
+                return Outcome(HANG, f"took more than {seconds:.3g} s")
             outcome: Outcome = pipe.recv()
         except (EOFError, OSError):
             self._process.join()
@@ -119,6 +134,8 @@ class Worker:
 
 def _serve(pipe: Connection, task: Callable[[Any], Any], memory: int) -> None:
     """Answer items until nobody asks any more."""
+    # Ctrl-C reaches every process of the terminal; the one that asks decides what comes of it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     _limit(memory)
     pipe.send("ready")
     while True:
