@@ -5,6 +5,7 @@
     PriorfillError
     ├── FormatError (ValueError)         a file that cannot be read as what it claims to be
     ├── ClipError (ValueError)           a clip whose contents make no sense
+    │   └── SeveralSubjectsError         a file of several people, of whom none was chosen
     ├── OptionError (ValueError)         an option that is out of range or contradicts another
     ├── MarkerSetError (ValueError)      a marker-set definition that is wrong or unknown
     ├── MethodError (ValueError)         a method that cannot work on a clip
@@ -24,6 +25,8 @@ command line prints it and exits with status 1.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 __all__ = [
     "ClipError",
     "DatabaseCorruptError",
@@ -40,6 +43,7 @@ __all__ = [
     "OptionError",
     "OutputError",
     "PriorfillError",
+    "SeveralSubjectsError",
 ]
 
 
@@ -53,6 +57,22 @@ class FormatError(PriorfillError, ValueError):
 
 class ClipError(PriorfillError, ValueError):
     """A clip's contents make no sense (no frames, rate 0, infinite coordinates, ...)."""
+
+
+class SeveralSubjectsError(ClipError):
+    """A file holds several people, and none was chosen.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong.
+    subjects : sequence of str
+        Who is there.
+    """
+
+    def __init__(self, message: str, subjects: Sequence[str] = ()) -> None:
+        super().__init__(message)
+        self.subjects = tuple(subjects)
 
 
 class OptionError(PriorfillError, ValueError):

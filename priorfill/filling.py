@@ -23,7 +23,7 @@ from priorfill.scope import Scope
 from priorfill.takes import Take, companion_take, takes_from
 from priorfill.uncertainty import BOUND_FACTOR, MEAN_FACTOR, common_bound
 
-__all__ = ["FilledGap", "LeftMissing", "Result", "fill"]
+__all__ = ["FilledGap", "LeftMissing", "Result", "expected_errors", "fill"]
 
 
 @dataclass(frozen=True)
@@ -378,8 +378,9 @@ def _filled_gap(
 ) -> FilledGap:
     """Sum up one gap."""
     inside = [n for n in notes if n.start < gap.stop and n.stop > gap.start]
-    known = _finite(deviation[gap.start : gap.stop, gap.marker])
-    bounds = _finite(bound[gap.start : gap.stop, gap.marker])
+    error, mean, common = expected_errors(
+        deviation[gap.start : gap.stop, gap.marker], bound[gap.start : gap.stop, gap.marker]
+    )
     here = filled[gap.start : gap.stop, gap.marker]
     failed = ~here
     for part in alone:
@@ -393,14 +394,38 @@ def _filled_gap(
         start=gap.start,
         stop=gap.stop,
         filled=int(here.sum()),
-        expected_error=float(np.sqrt((known**2).mean())) if len(known) else float("nan"),
-        expected_mean=MEAN_FACTOR * float(known.mean()) if len(known) else float("nan"),
-        bound=common_bound(bounds) if len(bounds) else float("nan"),
+        expected_error=error,
+        expected_mean=mean,
+        bound=common,
         method=method,
         how=tuple(dict.fromkeys(n.how for n in inside if n.filled)) if here.any() else (),
         poses=max((n.poses for n in inside if n.filled), default=0) if here.any() else 0,
         left=tuple(sorted(left, key=lambda part: part.start)),
         takes=tuple(dict.fromkeys(name for n in inside for name in n.takes)),
+    )
+
+
+def expected_errors(
+    deviation: NDArray[np.float64], bound: NDArray[np.float64]
+) -> tuple[float, float, float]:
+    """Sum up how far off the samples of a gap may be.
+
+    Parameters
+    ----------
+    deviation, bound : ndarray [shape=(frames,), mm]
+        Of each sample; NaN where it was not filled, or nothing is known.
+
+    Returns
+    -------
+    tuple of float
+        Expected rms and mean error, and the bound that they have in common (mm); NaN where nothing
+        is known.
+    """
+    known, bounds = _finite(deviation), _finite(bound)
+    return (
+        float(np.sqrt((known**2).mean())) if len(known) else float("nan"),
+        MEAN_FACTOR * float(known.mean()) if len(known) else float("nan"),
+        common_bound(bounds) if len(bounds) else float("nan"),
     )
 
 

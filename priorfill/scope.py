@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -12,7 +13,7 @@ from priorfill.clip import Clip
 from priorfill.errors import OptionError
 from priorfill.gaps import Gap, find_gaps
 
-__all__ = ["Scope"]
+__all__ = ["Scope", "fitting"]
 
 OUTSIDE = "outside the frames asked for"
 
@@ -31,12 +32,15 @@ class Scope:
         s. Longer gaps are left alone as a whole.
     skip_edges : bool
         Leave gaps at the clip's start and end alone.
+    strict : bool
+        Whether each pattern must fit a marker of a clip.
     """
 
     markers: tuple[str, ...] = ()
     frames: tuple[int | None, int | None] | None = None
     max_gap: float | None = None
     skip_edges: bool = False
+    strict: bool = True
 
     def __post_init__(self) -> None:
         """Check the fields; raise `OptionError` where one makes no sense."""
@@ -48,6 +52,19 @@ class Scope:
             assert last is not None
             if first > last:
                 raise OptionError(f"frames {first}:{last}: the first is after the last")
+
+    def of_several(self, clips: Sequence[Clip]) -> Scope:
+        """Return the scope for several clips, people of one file, whose markers need not fit each.
+
+        Raises
+        ------
+        OptionError
+            Where a pattern fits a marker of none of them.
+        """
+        for pattern in self.markers:
+            if not any(fitting(clip, pattern) for clip in clips):
+                self._refuse(clips, pattern)
+        return replace(self, strict=len(clips) == 1)
 
     def left_alone(self, clip: Clip) -> list[tuple[Gap, str]]:
         """Return what of a clip's gaps is not to be filled, and why.
@@ -84,14 +101,18 @@ class Scope:
             return np.ones(len(clip.labels), dtype=bool)
         wanted = np.zeros(len(clip.labels), dtype=bool)
         for pattern in self.markers:
-            fits = [fnmatchcase(label, pattern) for label in clip.labels]
+            fits = fitting(clip, pattern)
             wanted[fits] = True
-            if not any(fits):
-                raise OptionError(
-                    f"{clip.name}: no marker is called {pattern!r}; its markers are "
-                    f"{', '.join(clip.labels)}"
-                )
+            if self.strict and not fits:
+                self._refuse([clip], pattern)
         return wanted
+
+    def _refuse(self, clips: Sequence[Clip], pattern: str) -> None:
+        """Raise OptionError for a pattern that fits nothing."""
+        labels = dict.fromkeys(label for clip in clips for label in clip.labels)
+        raise OptionError(
+            f"{clips[0].name}: no marker is called {pattern!r}; its markers are {', '.join(labels)}"
+        )
 
     def _within(self, clip: Clip) -> range:
         """Return the frames asked for, counted from 0."""
@@ -104,3 +125,22 @@ class Scope:
                 f"({first}:{last})"
             )
         return range(max(first - own[0], 0), min(last - own[0] + 1, clip.frames))
+
+
+def fitting(clip: Clip, pattern: str) -> list[int]:
+    """Return the markers of a clip that a pattern names.
+
+    Parameters
+    ----------
+    clip : Clip
+        The clip.
+    pattern : str
+        A label, or a shell pattern of labels; the subject may stand before it (``Anna:L*``).
+    """
+    names = [(label, f"{clip.subject}:{label}") for label in clip.labels]
+    exact = [marker for marker, name in enumerate(names) if pattern in name]
+    return exact or [
+        marker
+        for marker, name in enumerate(names)
+        if any(fnmatchcase(one, pattern) for one in name)
+    ]

@@ -12,11 +12,12 @@ import click
 from priorfill.cli.keep import Kept, facts_of_keeping, is_to_be_made, keep, not_kept
 from priorfill.cli.output import print_json, print_table
 from priorfill.cli.progress import progress
-from priorfill.cli.reading import excluding_options, read_clip, reading_options
+from priorfill.cli.reading import excluding_options, read_clips, reading_options
 from priorfill.errors import PriorfillError
 
 if TYPE_CHECKING:
     from priorfill.clip import Clip
+    from priorfill.decisions import Decisions
     from priorfill.filling import Result
     from priorfill.formats import WriteReport
 
@@ -98,6 +99,13 @@ def _frames(
     help="Leave longer gaps alone, each as a whole.",
 )
 @click.option("--skip-edges", is_flag=True, help="Leave gaps at the clip's start and end alone.")
+@click.option(
+    "--decisions",
+    "decisions_file",
+    metavar="FILE.toml",
+    type=click.Path(path_type=Path),
+    help="Do with single gaps as this file says.",
+)
 @excluding_options
 @click.option(
     "--only-subject",
@@ -147,6 +155,7 @@ def fill(
     frames: tuple[int | None, int | None] | None,
     max_gap: float | None,
     skip_edges: bool,
+    decisions_file: Path | None,
     not_names: tuple[str, ...],
     not_subjects: tuple[str, ...],
     subjects: tuple[str, ...],
@@ -162,15 +171,17 @@ def fill(
     """Fill the gaps of FILE.
 
     Measured samples, and everything else that the file holds, come out as they went in. The clip's
-    own recording in the database, if it is there, is not learnt from.
+    own recording in the database, if it is there, is not learnt from. In a file of several people
+    each is filled by itself.
 
     Exit status 0: done; 3: done, but not all gaps could be filled; 1: could not.
     """
     from priorfill import formats
     from priorfill.database import Selection
-    from priorfill.filling import fill as fill_clip
+    from priorfill.decisions import read_decisions
     from priorfill.methods import get_method
     from priorfill.scope import Scope
+    from priorfill.several import joined
     from priorfill.threads import at_most
 
     if threads is not None:
@@ -187,6 +198,7 @@ def fill(
     # whatever would make the work be in vain is found out before it is done
     get_method(method)
     scope = Scope(markers, frames, max_gap, skip_edges)
+    decisions = None if decisions_file is None else read_decisions(decisions_file)
     formats.check_output(output, source=file, overwrite=overwrite, rewrite=rewrite)
     if uncertainty is not None:
         formats.check_uncertainty(uncertainty, source=file, output=output, overwrite=overwrite)
@@ -194,20 +206,28 @@ def fill(
     keep_in = database if add else None
     if keep_in is not None and is_to_be_made(keep_in):
         database = None  # so far the clip itself is all there is to learn from
-    clip, marker_set = read_clip(file, **reading)
-    others = [_read_companion(other, file, reading) for other in companions]
-    with progress(None, f"filling {clip.name}") as show:
-        result = fill_clip(
-            clip,
-            database=database,
-            method=method,
-            marker_set=marker_set,
-            progress=show,
-            selection=selection,
-            trust_filled=trust_filled,
-            companions=others,
-            scope=scope,
-        )
+    clips, marker_set = read_clips(file, **reading)
+    companions_of = _companions(companions, file, clips, reading)
+    scope = scope.of_several(clips)
+    decisions = None if decisions is None else decisions.of_several(clips)
+    results = []
+    for clip, others in zip(clips, companions_of, strict=True):
+        whose = f" ({clip.subject})" if len(clips) > 1 else ""
+        with progress(None, f"filling {clip.name}{whose}") as show:
+            one = _fill_clip(
+                clip,
+                decisions,
+                database=database,
+                method=method,
+                marker_set=marker_set,
+                progress=show,
+                selection=selection,
+                trust_filled=trust_filled,
+                companions=others,
+                scope=scope,
+            )
+        results.append(one)
+    result = joined(results)
     with ExitStack() as stack:
         if uncertainty is not None:  # both files appear, or none
             beside = formats.uncertainty_file(uncertainty, result, overwrite=overwrite)
@@ -215,23 +235,27 @@ def fill(
         written = formats.write(
             output, result.clip, result.filled, overwrite=overwrite, rewrite=rewrite
         )
-    kept: Kept | None = None
+    kept: list[Kept | None] = []
     failure: PriorfillError | OSError | None = None
     if keep_in is not None:
-        try:
-            kept = keep(keep_in, clip, output, result, reading)
-        except (PriorfillError, OSError) as error:
-            failure = error  # what was filled is of use without the database
+        for clip, one in zip(clips, results, strict=True):
+            whose_file = reading | ({"subject": clip.subject} if len(clips) > 1 else {})
+            try:
+                kept.append(keep(keep_in, clip, output, one, whose_file))
+            except (PriorfillError, OSError) as error:
+                failure = error  # what was filled is of use without the database
+                reading = whose_file
+                kept.append(None)
     if as_json:
-        facts = _facts(file, output, uncertainty, result, written)
-        print_json(facts | facts_of_keeping(kept) if keep_in is not None else facts)
+        print_json(_facts(file, output, uncertainty, result, results, written, kept))
     else:
         _print(output, result, written)
         if uncertainty is not None:
             click.echo(f"how far off each filled sample may be: {uncertainty}")
-        if kept is not None:
-            click.echo(kept.text)
-    understood = clip.source.notes if clip.source is not None else ()
+        for added in kept:
+            if added is not None:
+                click.echo(added.text)
+    understood = result.clip.source.notes if result.clip.source is not None else ()
     for note in (
         *understood,
         *result.notes,
@@ -245,16 +269,52 @@ def fill(
         click.get_current_context().exit(EXIT_INCOMPLETE)
 
 
-def _read_companion(other: Path, file: Path, reading: dict[str, Any]) -> Clip:
-    """Read another clip of the same person, by itself what the options say of FILE's markers."""
-    from priorfill import formats
-    from priorfill.errors import OptionError
+def _fill_clip(clip: Clip, decisions: Decisions | None, **options: Any) -> Result:
+    """Fill a clip, by what was decided if there are decisions."""
+    from priorfill.deciding import fill_as_decided
+    from priorfill.filling import fill as fill_clip
 
-    if other.exists() and other.samefile(file):
-        raise OptionError(
-            f"{other}: is FILE itself; --with takes another recording of the same person"
-        )
-    return formats.read(other, subject=reading["subject"], zeros_missing=not reading["keep_zeros"])
+    if decisions is None:
+        return fill_clip(clip, **options)
+    return fill_as_decided(clip, decisions, **options)
+
+
+def _companions(
+    others: tuple[Path, ...], file: Path, clips: list[Clip], reading: dict[str, Any]
+) -> list[list[Clip]]:
+    """Read other recordings of the same people; return those of each clip's own.
+
+    They are understood by themselves, but for what the options say of FILE's markers. Of several
+    people, each OTHER must say whom it is of.
+    """
+    from priorfill import formats
+    from priorfill.errors import OptionError, SeveralSubjectsError
+
+    found: list[list[Clip]] = [[] for _ in clips]
+    for other in others:
+        if other.exists() and other.samefile(file):
+            raise OptionError(
+                f"{other}: is FILE itself; --with takes another recording of the same person"
+            )
+        options: dict[str, Any] = {"zeros_missing": not reading["keep_zeros"]}
+        subject = reading["subject"]
+        if len(clips) == 1:
+            found[0].append(formats.read(other, subject=subject, **options))
+            continue
+        try:
+            there = [formats.read(other, **options)]
+        except SeveralSubjectsError as several:
+            there = [formats.read(other, subject=name, **options) for name in several.subjects]
+        whose = {clip.subject: clip for clip in there}
+        for clip, own in zip(clips, found, strict=True):
+            own += [whose[clip.subject]] if clip.subject in whose else []
+        if not whose.keys() & {clip.subject for clip in clips}:
+            names = ", ".join(clip.subject for clip in clips)
+            raise OptionError(
+                f"{other}: does not say whether it is of {names}; fill one of them at a time "
+                "(--subject)"
+            )
+    return found
 
 
 def _number(value: float) -> float | None:
@@ -267,10 +327,14 @@ def _facts(
     output: Path,
     uncertainty: Path | None,
     result: Result,
+    results: list[Result],
     written: WriteReport | None,
+    kept: list[Kept | None],
 ) -> dict[str, Any]:
     """Return what is said of a fill, in the form of the JSON output."""
     first = result.clip.first_frame
+    added = [facts_of_keeping(one) for one in kept]
+    gaps = [(one.clip.subject, gap) for one in results for gap in one.gaps]
     return {
         "file": str(file),
         "output": str(output),
@@ -285,9 +349,22 @@ def _facts(
         "notes": list(result.notes),
         "rounding_mm": written.worst_error_mm if written else 0.0,
         "rewriting_changed": list(written.changes) if written else [],
+        **(added[0] if len(added) == 1 else {}),
+        "subjects": [
+            {
+                "subject": one.clip.subject,
+                "marker_set": one.marker_set.name,
+                "filled_samples": int(one.filled.sum()),
+                "missing_samples": int(one.clip.missing.sum()),
+                "complete": one.complete,
+                **(added[number] if added else {}),
+            }
+            for number, one in enumerate(results)
+        ],
         "gaps": [
             {
                 "marker": gap.label,
+                "subject": subject,
                 "first_frame": first + gap.start,
                 "last_frame": first + gap.stop - 1,
                 "frames": gap.frames,
@@ -310,7 +387,7 @@ def _facts(
                 ],
                 "prior_clips": list(gap.takes),
             }
-            for gap in result.gaps
+            for subject, gap in sorted(gaps, key=lambda pair: pair[1].start)
         ],
     }
 

@@ -18,6 +18,7 @@ __all__ = [
     "excluding_options",
     "file_options",
     "read_clip",
+    "read_clips",
     "reading_options",
 ]
 
@@ -94,6 +95,18 @@ def read_clip(
     reading = as_reading(up=up, rate=rate, unit=unit, keep_zeros=keep_zeros)
     read = formats.read if reader is None else reader.read
     return read(file, subject=subject, **reading), definition
+
+
+def read_clips(file: Path, **reading: Any) -> tuple[list[Clip], MarkerSet | None]:
+    """Read a file as `read_clip` does; where it holds several people and none is chosen, all."""
+    from priorfill.errors import SeveralSubjectsError
+
+    try:
+        clip, definition = read_clip(file, **reading)
+    except SeveralSubjectsError as several:
+        read = [read_clip(file, **reading | {"subject": name}) for name in several.subjects]
+        return [clip for clip, _ in read], read[0][1]
+    return [clip], definition
 
 
 def _with(

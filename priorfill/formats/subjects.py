@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from priorfill.errors import ClipError
+from priorfill.errors import ClipError, SeveralSubjectsError
 
 __all__ = ["choose_subject"]
 
@@ -35,14 +35,16 @@ def choose_subject(
     Raises
     ------
     ClipError
-        Where several are there and none is asked for, or the one asked for is not there.
+        Where several are there and none is asked for (SeveralSubjectsError), or the one asked for
+        is not there.
     """
     present = sorted({owner for owner in owners.values() if owner})
     if subject is None:
         if len(present) > 1:
-            raise ClipError(
+            raise SeveralSubjectsError(
                 f"{name}: holds {len(present)} subjects ({', '.join(present)}); "
-                "choose one (--subject NAME)"
+                "choose one (--subject NAME)",
+                present,
             )
         only = declared[0] if len(declared) == 1 else ""
         return (present[0] if present else only), {}
