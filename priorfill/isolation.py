@@ -92,8 +92,8 @@ class Worker:
             Wall time for this item, where it differs.
         """
         seconds = self._seconds if seconds is None else seconds
-        pipe = self._pipe or self._start()
         try:
+            pipe = self._pipe or self._start()
             pipe.send(item)
             if not pipe.poll(seconds):
                 self.stop()

@@ -1,7 +1,7 @@
 #!/usr/bin/env python
 """Whether any damaged C3D file crashes, hangs or litters.
 
-    python scripts/fuzz_c3d.py [--count 20000] [--seed 1] [--minutes 10] [--keep DIR]
+    python scripts/fuzz_c3d.py [--count 20000] [--seed 1] [--minutes 10] [--keep DIR] [--rewrite]
 
 Small C3D files of all kinds (processors, number formats, subjects, long lists, model outputs) are
 damaged at random: bits and bytes, counts and floats of the header, values of parameters, pieces
@@ -9,7 +9,8 @@ cut out, doubled, cut off or added. Each is read, and where it can be read, fill
 a process that may compute 5 s and take 1 GB. Every file must end in one of two ways: it is
 filled, or refused with a `PriorfillError` of one line, and no file is left behind. Anything else is
 a fault, a warning included. Exit status 1 if there was one; the same seed makes the same files,
-`--keep` keeps those that made faults.
+`--keep` keeps those that made faults. `--rewrite` writes each anew through ezc3d, which a damaged
+file must not crash or hang either, instead of a copy.
 """
 
 from __future__ import annotations
@@ -76,11 +77,12 @@ RECORD = 16
 
 
 class Case(NamedTuple):
-    """One damaged file: which seed makes it, and where it is put."""
+    """One damaged file: which seed makes it, where it is put, and whether it is written anew."""
 
     seed: int
     number: int
     folder: str
+    rewrite: bool = False
 
 
 @cache
@@ -223,7 +225,7 @@ def run_case(case: Case) -> tuple[str, float]:
             warnings.simplefilter("error")
             clip = read(source)
             result = fill(clip, method="linear")
-            write(output, result.clip, result.filled)
+            write(output, result.clip, result.filled, rewrite=case.rewrite)
         written = True
         end = "filled" if result.filled.any() else "read, nothing filled"
     except PriorfillError as error:
@@ -250,7 +252,12 @@ def kind_of(message: str) -> str:
 
 
 def fuzz(
-    count: int, seed: int, *, minutes: float = float("inf"), keep: Path | None = None
+    count: int,
+    seed: int,
+    *,
+    minutes: float = float("inf"),
+    keep: Path | None = None,
+    rewrite: bool = False,
 ) -> tuple[Counter[str], list[str], float]:
     """Run cases; return how they ended, the faults, and the longest processor time (s)."""
     ends: Counter[str] = Counter()
@@ -264,7 +271,7 @@ def fuzz(
         for number in range(count):
             if time.monotonic() > stop:
                 break
-            outcome = worker.do(Case(seed, number, folder))
+            outcome = worker.do(Case(seed, number, folder, rewrite))
             fault = "" if outcome.kind == DONE else f"{outcome.kind}: {outcome.value}"
             if not fault:
                 end, seconds = outcome.value
@@ -287,12 +294,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after these")
     parser.add_argument("--keep", type=Path, help="folder for the files that made faults")
+    parser.add_argument("--rewrite", action="store_true", help="write each anew, no copy")
     options = parser.parse_args(arguments)
     if options.keep is not None:
         options.keep.mkdir(parents=True, exist_ok=True)
     start = time.monotonic()
     ends, faults, slowest = fuzz(
-        options.count, options.seed, minutes=options.minutes, keep=options.keep
+        options.count,
+        options.seed,
+        minutes=options.minutes,
+        keep=options.keep,
+        rewrite=options.rewrite,
     )
     for end, times in ends.most_common():
         print(f"{times:7}  {end}")

@@ -173,3 +173,22 @@ def test_recordings(data, tmp_path, name):
     np.testing.assert_allclose(back.positions * scale, moved, rtol=1e-6)
     assert report.samples == 5
     assert bool(report.changes) == (not name.startswith("cmu"))  # which ezc3d itself wrote
+
+
+@pytest.mark.parametrize("word", [3e38, float("inf"), -1e9])
+def test_a_fourth_word_or_analog_value_that_is_no_such_thing(tmp_path, source, word):
+    """Damage that reading lets pass must not become a warning, which is an error here."""
+    analog = np.ones((12, 2, 3))
+
+    def change(content):
+        layout = C3DFile(standing(), LABELS, is_float=True, analog=analog)
+        at = layout.offset(2, 4) + 12
+        content = bytearray(content)
+        content[at : at + 4] = struct.pack("<f", word)
+        values = layout.offset(5, len(LABELS) - 1) + 16
+        content[values : values + 4] = struct.pack("<f", float("inf"))
+        return bytes(content)
+
+    clip, filled = source(is_float=True, analog=analog, change=change)
+    report = rewrite_c3d(tmp_path / "out.c3d", clip, filled)
+    assert report.samples == 1

@@ -48,6 +48,9 @@ _MOST_EVENTS = 18
 _PLACES = frozenset({("POINT", "DATA_START")})
 """Parameters that say where things are in the file, which differs of course."""
 
+_WORD = (-(1 << 15), (1 << 16) - 1)
+"""What the fourth word of a sample can be, signed or not."""
+
 _LARGEST_MASK = 0x7F
 _RESIDUAL_BITS = 8
 """The fourth word of a sample: seven cameras above, the residual in the lower eight bits."""
@@ -233,12 +236,14 @@ def _events(data: bytes, layout: Layout) -> NDArray[np.float64]:
     return decode_floats(data[_EVENT_TIMES : _EVENT_TIMES + 4 * int(count)], layout.processor)
 
 
-def _quality(data: bytes, layout: Layout) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _quality(data: bytes, layout: Layout) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return cameras, and residuals in thousandths of a file unit [shape=(frames, points)]."""
-    words = np.nan_to_num(read_points(data, layout)[1]).astype(np.int64)
+    # a float may be anything; what has more than 16 bits says nothing of cameras or residuals
+    words = np.nan_to_num(read_points(data, layout)[1]).clip(*_WORD).astype(np.int64)
     cameras = (words >> _RESIDUAL_BITS) & _LARGEST_MASK
     steps = words & ((1 << _RESIDUAL_BITS) - 1)
-    return cameras, np.rint(1000 * layout.scale * steps).astype(np.int64)
+    with np.errstate(over="ignore", invalid="ignore"):  # a damaged scale
+        return cameras, np.nan_to_num(np.rint(1000 * layout.scale * steps))
 
 
 def _same_analog(original: bytes, before: Layout, written: bytes, after: Layout) -> bool:
@@ -246,6 +251,10 @@ def _same_analog(original: bytes, before: Layout, written: bytes, after: Layout)
     one, two = _analog(original, before), _analog(written, after)
     if one.shape != two.shape:
         return False
+    known = np.isfinite(one)
+    if not np.array_equal(known, np.isfinite(two)):
+        return False
+    one, two = one[known], two[known]
     largest = float(np.abs(one).max(initial=0.0))
     return bool(np.allclose(one, two, rtol=_ANALOG_ERROR, atol=_ANALOG_ERROR * largest))
 
@@ -268,7 +277,8 @@ def _analog(data: bytes, layout: Layout) -> NDArray[np.float64]:
     offset = layout.parameters.numbers("ANALOG", "OFFSET")[:channels]
     scale = layout.parameters.numbers("ANALOG", "SCALE")[:channels]
     whole = layout.parameters.number("ANALOG", "GEN_SCALE")
-    scaled: NDArray[np.float64] = (values - offset) * scale * (1.0 if whole is None else whole)
+    with np.errstate(over="ignore", invalid="ignore"):  # a damaged scale, or values
+        scaled: NDArray[np.float64] = (values - offset) * scale * (1.0 if whole is None else whole)
     return scaled
 
 
