@@ -123,7 +123,8 @@ def _check_sizes(members: list[zipfile.ZipInfo], archive: Path) -> None:
             raise _unfit(
                 archive, f"has a recording of {member.file_size / 1e9:.1f} GB ({member.filename})"
             )
-        if member.file_size > _DEFLATE_MOST * max(member.compress_size, 1):
+        plain = member.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+        if plain and member.file_size > _DEFLATE_MOST * max(member.compress_size, 1):
             raise _unfit(archive, f"says of {member.filename!r} what cannot be")
     total = sum(member.file_size for member in members)
     if total > LARGEST_TOTAL:
