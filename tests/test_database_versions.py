@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from db_cli import small_clip
 from gappy import person, with_gaps
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -407,3 +408,18 @@ def test_version_2_is_read(tmp_path: Path) -> None:
     with PriorDatabase.open(copy, write=True) as database:
         assert database.compact() > 0
     assert state(copy) == before
+
+
+def test_the_same_recording_in_another_format(tmp_path: Path) -> None:
+    """Rounded, turned, in other units, with a gap: still no prior of itself; other takes are."""
+    one = small_clip("walk", 1, frames=480)
+    turned = one.positions[..., [1, 2, 0]]  # +Y up
+    turned[100:200, 2] = np.nan
+    exported = Clip(turned.round(1), tuple(x.lower() for x in one.labels), 119.9, up="+Y", name="x")
+    with PriorDatabase.create(tmp_path / "db") as database:
+        database.add(one)
+        database.add(small_clip("run", 2, frames=480))
+        database.add(small_clip("part", 1, frames=240))
+        assert [record.name for record in database.versions(exported)] == ["walk"]
+        still = Clip(np.ones((480, 4, 3)), one.labels, 120.0)
+        assert database.versions(still) == ()

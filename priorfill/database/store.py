@@ -5,7 +5,7 @@ from __future__ import annotations
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib import metadata
@@ -33,6 +33,7 @@ from priorfill.database.intake import (
     pack,
     unpack,
 )
+from priorfill.database.likeness import RATE_ERROR, same_motion
 from priorfill.database.lock import WriterLock
 from priorfill.database.record import Accepted, ClipRecord, DatabaseInfo, Merged
 from priorfill.database.segments import (
@@ -45,6 +46,7 @@ from priorfill.database.segments import (
 from priorfill.database.sketch import FEWEST_SHARED, is_version, sketch
 from priorfill.database.versions import reason_to_keep
 from priorfill.errors import (
+    ClipError,
     DatabaseCorruptError,
     DatabaseError,
     DatabaseFormatError,
@@ -594,11 +596,35 @@ class PriorDatabase:
         return [self.positions(record, level).tobytes() for level in range(len(record.frames))]
 
     def versions(self, clip: Clip) -> tuple[ClipRecord, ...]:
-        """Return the clips that hold samples of the same recording: other versions, and parts."""
+        """Return the clips that hold samples of the same recording.
+
+        Other versions, parts, and what came of it in another format, with its samples rounded.
+        """
         sharing = self._catalogue.sharing(sketch(clip.positions))
         contents = {content for content, (shared, _) in sharing.items() if shared >= FEWEST_SHARED}
         contents.add(content_hash(clip))
+        contents |= self._exported_otherwise(clip, contents)
         return tuple(record for record in self.clips() if record.content in contents)
+
+    def _exported_otherwise(self, clip: Clip, known: set[str]) -> set[str]:
+        """Return the contents of clips that are as long and move the same, beside known ones."""
+        as_long = [
+            record
+            for record in self.clips()
+            if record.content not in known
+            and record.original_frames == clip.frames
+            and abs(record.original_rate / clip.rate - 1) <= RATE_ERROR
+        ]
+        found = set()
+        for record in as_long:
+            # the same frames at the same times, though one of the rates was rounded
+            alike = replace(clip, rate=record.original_rate)
+            with suppress(ClipError, DatabaseCorruptError):  # none that is here; said when checked
+                coarse = levels_of(alike, self.rate, self.levels)[-1]
+                stored = self.positions(record, len(record.frames) - 1)
+                if same_motion(coarse, clip.labels, stored, record.labels):
+                    found.add(record.content)
+        return found
 
     def clips(self) -> tuple[ClipRecord, ...]:
         """Return every clip, in an order that does not depend on how the database grew.
