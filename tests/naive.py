@@ -87,3 +87,27 @@ def turned(positions, angle, shift):
     """Positions turned about the vertical (z) and moved."""
     c, s = np.cos(angle), np.sin(angle)
     return positions @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + shift
+
+
+def path_steps(positions):
+    """By how far each marker's path before and after each two frames miss each other."""
+    frames, markers, _ = positions.shape
+    result = np.full((frames - 1, markers, 3), np.nan)
+    for m in range(markers):
+        for t in range(frames - 1):
+            here = positions[t + 1, m] - positions[t, m]
+            sides = []
+            if t > 0 and not np.isnan(positions[t - 1, m, 0]):
+                sides.append(positions[t, m] - positions[t - 1, m])
+            if t + 2 < frames and not np.isnan(positions[t + 2, m, 0]):
+                sides.append(positions[t + 2, m] - positions[t + 1, m])
+            if sides:
+                result[t, m] = here - sum(sides) / len(sides)
+    return result
+
+
+def partner_distances(positions, marker, others):
+    """How far a marker is from some others in each frame."""
+    return np.array(
+        [[np.linalg.norm(pose[other] - pose[marker]) for other in others] for pose in positions]
+    )

@@ -21,6 +21,7 @@ ARRAYS_ONLY = (
     "gloersen2016.weighted_pca",
     "prior.moments",
 )
+DETECTORS = ("partners", "steps", "frozen", "swaps", "takeovers", "far", "stray")
 
 
 def imports() -> dict[str, set[str]]:
@@ -72,6 +73,16 @@ def test_methods_import_neither_files_nor_databases() -> None:
     for module, names in imports().items():
         if module.startswith(METHODS):
             assert not any(name.startswith(banned) for name in names), module
+
+
+def test_detectors_of_trouble_see_arrays_only() -> None:
+    trouble = "priorfill.trouble"
+    for module, names in imports().items():
+        if module.startswith(trouble):
+            allowed = {"priorfill.gaps", *(f"{trouble}.{part}" for part in DETECTORS)}
+            if module in {trouble, f"{trouble}.find"}:
+                allowed |= {"priorfill.clip", f"{trouble}.find", f"{trouble}.kinds"}
+            assert names <= allowed, module
 
 
 def test_evaluation_stands_above_filling_and_below_the_command_line() -> None:
