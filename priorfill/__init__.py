@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from priorfill.gaps import Gap, GapGroup, find_gaps, gap_groups
     from priorfill.markerset import MarkerSet
     from priorfill.scope import Scope
+    from priorfill.trouble import Trouble, find_trouble
 
 _PLACES = {
     "Clip": "priorfill.clip",
@@ -39,9 +40,11 @@ _PLACES = {
     "Result": "priorfill.filling",
     "Scope": "priorfill.scope",
     "Selection": "priorfill.database",
+    "Trouble": "priorfill.trouble",
     "evaluate": "priorfill.evaluation",
     "fill": "priorfill.filling",
     "find_gaps": "priorfill.gaps",
+    "find_trouble": "priorfill.trouble",
     "gap_groups": "priorfill.gaps",
     "read": "priorfill.formats",
     "write": "priorfill.formats",
@@ -60,10 +63,12 @@ __all__ = [
     "Result",
     "Scope",
     "Selection",
+    "Trouble",
     "__version__",
     "evaluate",
     "fill",
     "find_gaps",
+    "find_trouble",
     "gap_groups",
     "read",
     "write",

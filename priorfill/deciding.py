@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from priorfill.clip import Clip
 from priorfill.database import PriorDatabase, Selection
 from priorfill.decisions import LEAVE, Decided, Decisions
-from priorfill.filling import FilledGap, Result, expected_errors, fill
+from priorfill.filling import FilledGap, Result, after_rejecting, expected_errors, fill
 from priorfill.gaps import Gap, runs
 from priorfill.markerset import MarkerSet
 from priorfill.methods import resolve
 from priorfill.scope import Scope
+from priorfill.trouble import Trouble, without_trouble
 
 __all__ = ["fill_as_decided"]
 
@@ -48,6 +49,7 @@ def fill_as_decided(
     selection: Selection | None = None,
     trust_filled: bool = False,
     companions: Sequence[Clip] = (),
+    reject_outliers: bool = False,
 ) -> Result:
     """Fill the gaps of a clip, some of them by another method than the rest, or not at all.
 
@@ -61,7 +63,7 @@ def fill_as_decided(
         For gaps on which nothing is decided.
     scope : Scope, optional
         Which gaps to fill. What it leaves alone stays alone, whatever is decided.
-    database, marker_set, progress, selection, trust_filled, companions
+    database, marker_set, progress, selection, trust_filled, companions, reject_outliers
         As `priorfill.fill` takes them.
 
     Returns
@@ -75,6 +77,10 @@ def fill_as_decided(
     PriorfillError
         As `priorfill.fill` does, and an OptionError where decisions do not fit the clip.
     """
+    measured = clip
+    trouble: tuple[Trouble, ...] = ()
+    if reject_outliers:
+        clip, trouble = without_trouble(measured)
     decided = decisions.apply(clip)
     asked = (scope or Scope()).left_alone(decided.clip)
     default = resolve(method)
@@ -103,7 +109,7 @@ def fill_as_decided(
         )
         for number in used or [0]
     ]
-    return _joined(clip, decided, results)
+    return after_rejecting(_joined(clip, decided, results), measured, trouble)
 
 
 def _pieces(mask: NDArray[np.bool_], reason: str) -> list[tuple[Gap, str]]:

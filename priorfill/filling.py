@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +21,17 @@ from priorfill.methods import get_method, resolve
 from priorfill.methods.task import Estimate, Note, Task
 from priorfill.scope import Scope
 from priorfill.takes import Take, companion_take, takes_from
+from priorfill.trouble import Trouble, troubled_samples, without_trouble
 from priorfill.uncertainty import BOUND_FACTOR, MEAN_FACTOR, common_bound
 
-__all__ = ["FilledGap", "LeftMissing", "Result", "expected_errors", "fill"]
+__all__ = [
+    "FilledGap",
+    "LeftMissing",
+    "Result",
+    "after_rejecting",
+    "expected_errors",
+    "fill",
+]
 
 
 @dataclass(frozen=True)
@@ -125,6 +133,11 @@ class Result:
         How the markers were understood.
     database : Path or None
         The prior database, if there was one.
+    rejected : ndarray of bool [shape=(frames, markers)]
+        Which measured samples were treated as missing. Those of them that are not filled are in the
+        clip as they were measured.
+    trouble : tuple of Trouble
+        Why they were.
     notes : tuple of str
         What of the database was not learnt from, and why, a sentence each.
     """
@@ -136,6 +149,8 @@ class Result:
     gaps: tuple[FilledGap, ...]
     method: str
     marker_set: MarkerSet
+    rejected: NDArray[np.bool_]
+    trouble: tuple[Trouble, ...] = ()
     database: Path | None = None
     notes: tuple[str, ...] = ()
 
@@ -156,6 +171,7 @@ def fill(
     trust_filled: bool = False,
     companions: Sequence[Clip] = (),
     scope: Scope | None = None,
+    reject_outliers: bool = False,
 ) -> Result:
     """Fill the gaps of a clip.
 
@@ -181,6 +197,8 @@ def fill(
         session. What is best known of a marker that the clip never shows.
     scope : Scope, optional
         Which gaps to fill; all by default.
+    reject_outliers : bool
+        Treat measured samples as missing where `priorfill.trouble.find_trouble` finds trouble.
 
     Returns
     -------
@@ -200,10 +218,14 @@ def fill(
         Where the database cannot be read.
     """
     run = get_method(method)
+    measured = clip
+    trouble: tuple[Trouble, ...] = ()
+    if reject_outliers:
+        clip, trouble = without_trouble(measured)
     alone = (scope or Scope()).left_alone(clip)
     definition = marker_set or recognise(clip.labels)
     marker_set = describe(clip, marker_set)
-    kin = tuple(_companion(clip, other, definition) for other in companions)
+    kin = tuple(_companion(measured, other, definition) for other in companions)
     with ExitStack() as stack:
         if isinstance(database, (str, Path)):
             database = stack.enter_context(PriorDatabase.open(database))
@@ -237,7 +259,28 @@ def fill(
         stack.enter_context(threadpool_limits(1, user_api="blas"))
         estimate = run(task, one_more)
     place = database.path if database is not None else None
-    return _assemble(clip, estimate, resolve(method), marker_set, place, prior.notes, alone)
+    result = _assemble(clip, estimate, resolve(method), marker_set, place, prior.notes, alone)
+    return after_rejecting(result, measured, trouble)
+
+
+def after_rejecting(result: Result, measured: Clip, trouble: tuple[Trouble, ...]) -> Result:
+    """Return a result of a clip without samples in trouble that knows of them.
+
+    Parameters
+    ----------
+    result : Result
+        Of what `priorfill.trouble.without_trouble` left of a clip.
+    measured : Clip
+        The clip. What was rejected and is not filled is in the new result as it was measured.
+    trouble : tuple of Trouble
+        Why it was rejected.
+    """
+    if not trouble:
+        return result
+    rejected = troubled_samples(trouble, measured.labels, measured.frames) & ~measured.missing
+    positions = np.where(result.clip.missing[..., None], measured.positions, result.clip.positions)
+    clip = result.clip.with_positions(positions)
+    return replace(result, clip=clip, rejected=rejected, trouble=trouble)
 
 
 def _companion(clip: Clip, other: Clip, definition: MarkerSet | None) -> Take:
@@ -361,8 +404,9 @@ def _assemble(
         gaps,
         method,
         marker_set,
-        database,
-        notes,
+        np.zeros_like(filled),
+        database=database,
+        notes=notes,
     )
 
 

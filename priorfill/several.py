@@ -10,8 +10,9 @@ import numpy as np
 from priorfill.clip import Clip, Source
 from priorfill.errors import ClipError
 from priorfill.filling import FilledGap, Result
+from priorfill.trouble import Trouble
 
-__all__ = ["joined"]
+__all__ = ["joined", "joined_trouble"]
 
 
 def joined(results: Sequence[Result]) -> Result:
@@ -43,6 +44,10 @@ def joined(results: Sequence[Result]) -> Result:
         filled=np.concatenate([result.filled for result in results], axis=1),
         deviation=np.concatenate([result.deviation for result in results], axis=1),
         bound=np.concatenate([result.bound for result in results], axis=1),
+        rejected=np.concatenate([result.rejected for result in results], axis=1),
+        trouble=joined_trouble(
+            [clip.subject for clip in clips], [result.trouble for result in results]
+        ),
         gaps=tuple(
             sorted(
                 (_named(gap, result.clip.subject) for result in results for gap in result.gaps),
@@ -57,6 +62,36 @@ def joined(results: Sequence[Result]) -> Result:
                 f"{result.clip.subject}: {note}" for result in results for note in result.notes
             )
         ),
+    )
+
+
+def joined_trouble(
+    subjects: Sequence[str], trouble: Sequence[Sequence[Trouble]]
+) -> tuple[Trouble, ...]:
+    """Return the trouble of all people of a file, in order of time, with their names.
+
+    Parameters
+    ----------
+    subjects : sequence of str
+        The people.
+    trouble : sequence of sequence of Trouble
+        Of each. That of a single person is returned as it is.
+    """
+    if len(subjects) == 1:
+        return tuple(trouble[0])
+    return tuple(
+        sorted(
+            (
+                replace(
+                    one,
+                    markers=tuple(f"{subject}:{label}" for label in one.markers),
+                    partner=f"{subject}:{one.partner}" if one.partner else "",
+                )
+                for subject, own in zip(subjects, trouble, strict=True)
+                for one in own
+            ),
+            key=lambda one: (one.start, one.stop, one.markers),
+        )
     )
 
 

@@ -13,6 +13,12 @@ from priorfill.cli.keep import Kept, facts_of_keeping, is_to_be_made, keep, not_
 from priorfill.cli.output import print_json, print_table
 from priorfill.cli.progress import progress
 from priorfill.cli.reading import excluding_options, read_clips, reading_options
+from priorfill.cli.trouble import (
+    print_left_as_measured,
+    print_trouble,
+    trouble_facts,
+    warn_of_trouble,
+)
 from priorfill.errors import PriorfillError
 
 if TYPE_CHECKING:
@@ -106,6 +112,11 @@ def _frames(
     type=click.Path(path_type=Path),
     help="Do with single gaps as this file says.",
 )
+@click.option(
+    "--reject-outliers",
+    is_flag=True,
+    help="Treat samples in trouble (swapped, spikes, phantoms, frozen) as missing; says which.",
+)
 @excluding_options
 @click.option(
     "--only-subject",
@@ -156,6 +167,7 @@ def fill(
     max_gap: float | None,
     skip_edges: bool,
     decisions_file: Path | None,
+    reject_outliers: bool,
     not_names: tuple[str, ...],
     not_subjects: tuple[str, ...],
     subjects: tuple[str, ...],
@@ -170,9 +182,9 @@ def fill(
 ) -> None:
     """Fill the gaps of FILE.
 
-    Measured samples, and everything else that the file holds, come out as they went in. The clip's
-    own recording in the database, if it is there, is not learnt from. In a file of several people
-    each is filled by itself.
+    Measured samples, and everything else that the file holds, come out as they went in (but for
+    samples that --reject-outliers rejects). The clip's own recording in the database, if it is
+    there, is not learnt from. In a file of several people each is filled by itself.
 
     Exit status 0: done; 3: done, but not all gaps could be filled; 1: could not.
     """
@@ -181,8 +193,9 @@ def fill(
     from priorfill.decisions import read_decisions
     from priorfill.methods import get_method
     from priorfill.scope import Scope
-    from priorfill.several import joined
+    from priorfill.several import joined, joined_trouble
     from priorfill.threads import at_most
+    from priorfill.trouble import find_trouble
 
     if threads is not None:
         at_most(threads)
@@ -225,6 +238,7 @@ def fill(
                 trust_filled=trust_filled,
                 companions=others,
                 scope=scope,
+                reject_outliers=reject_outliers,
             )
         results.append(one)
     result = joined(results)
@@ -246,10 +260,20 @@ def fill(
                 failure = error  # what was filled is of use without the database
                 reading = whose_file
                 kept.append(None)
+    found = result.trouble
+    if not reject_outliers:
+        found = joined_trouble(
+            [clip.subject for clip in clips], [find_trouble(clip) for clip in clips]
+        )
+    trouble = trouble_facts(found, result.clip)
     if as_json:
-        print_json(_facts(file, output, uncertainty, result, results, written, kept))
+        facts = _facts(file, output, uncertainty, result, results, written, kept)
+        print_json(facts | {"trouble": trouble})
     else:
         _print(output, result, written)
+        if result.rejected.any():
+            click.echo()
+            print_trouble(trouble, "Rejected, and treated as missing")
         if uncertainty is not None:
             click.echo(f"how far off each filled sample may be: {uncertainty}")
         for added in kept:
@@ -262,6 +286,9 @@ def fill(
         *(f"rewritten: {change}" for change in written.changes),
     ):
         click.echo(f"note: {note}", err=True)
+    if not reject_outliers:
+        warn_of_trouble(trouble, str(file))
+    print_left_as_measured(result, file, output)
     print_left_missing(result)
     if failure is not None and keep_in is not None:
         raise not_kept(failure, keep_in, file, output, result.method, reading) from failure
@@ -344,6 +371,7 @@ def _facts(
         "marker_set": result.marker_set.name,
         "rate": result.clip.rate,
         "filled_samples": int(result.filled.sum()),
+        "rejected_samples": int(result.rejected.sum()),
         "missing_samples": int(result.clip.missing.sum()),
         "complete": result.complete,
         "notes": list(result.notes),

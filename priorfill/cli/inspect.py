@@ -11,6 +11,7 @@ import click
 
 from priorfill.cli.output import duration, print_json, print_table
 from priorfill.cli.reading import read_clip, reading_options
+from priorfill.cli.trouble import print_trouble, trouble_facts
 
 if TYPE_CHECKING:
     from priorfill.clip import Clip
@@ -89,6 +90,8 @@ def _facts(
     clip: Clip, file: Path, described: MarkerSet, definition: MarkerSet | None
 ) -> dict[str, Any]:
     """Return everything that is said of a clip, in the form of the JSON output."""
+    from priorfill.trouble import find_trouble
+
     missing = clip.missing
     source = clip.source
     left_out = source.left_out if source is not None else {}
@@ -130,6 +133,7 @@ def _facts(
         "blackout_frames": int(missing.all(axis=1).sum()),
         "gaps": _gaps(clip, described),
         "gap_groups": _groups(clip),
+        "trouble": trouble_facts(find_trouble(clip), clip),
     }
 
 
@@ -206,6 +210,11 @@ def _print(facts: dict[str, Any]) -> None:
     click.echo(facts["file"])
     for name, value in _summary(facts):
         click.echo(f"  {name:<11} {value}")
+    if facts["trouble"]:
+        click.echo()
+        print_trouble(
+            facts["trouble"], "Trouble: samples that are hardly what they are labelled as"
+        )
     if not facts["gaps"]:
         return
     click.echo()
