@@ -143,7 +143,8 @@ def test_how_a_file_is_to_be_understood(here: Path) -> None:
     (here / "odd.c3d").write_bytes(C3DFile(records, LABELS, rate=0.0).bytes())
     assert "(--unit m)" in run("db", "add", "-d", "db", "odd.c3d").stderr
     assert "(--rate)" in run("db", "add", "-d", "db", "--unit", "m", "odd.c3d").stderr
-    options = ["--unit", "m", "--rate", "60", "--up", "+Z", "--keep-zeros"]
+    # a marker at the origin for a moment is a spike
+    options = ["--unit", "m", "--rate", "60", "--up", "+Z", "--keep-zeros", "--keep-outliers"]
     assert run("db", "add", "-d", "db", *options, "odd.c3d").exit_code == 0
     (clip,) = json.loads(run("db", "list", "-d", "db", "--json").output)
     assert clip["original_rate"] == 60

@@ -75,11 +75,12 @@ def keep(folder: Path, clip: Clip, output: Path, result: Result, reading: dict[s
 
     from priorfill import formats
     from priorfill.database import PriorDatabase
+    from priorfill.trouble import without_trouble
 
     if clip.source is not None and clip.source.format != formats.format_of(output):
         # a new file, which says itself what the options said of the first one
         reading = reading | {"unit": None, "rate": None}
-    written, _ = read_clip(output, **reading)
+    written, _ = without_trouble(read_clip(output, **reading)[0])  # nobody shall learn from it
     # what was interpolated before is no more measured than what was filled now
     says = clip.source.interpolated if clip.source is not None else None
     filled = result.filled if says is None else np.logical_or(result.filled, says)
