@@ -55,6 +55,9 @@ class Take:
         Whether it is the clip that is being filled.
     companion : bool
         Whether it is known to be of the clip's own body, with the same markers on it.
+    synthesised : bool
+        Whether its markers were placed on a skeleton: about a centimetre beside where markers
+        would be, and rigid where skin would move.
     """
 
     name: str
@@ -65,6 +68,7 @@ class Take:
     read: Reader = field(repr=False)
     own: bool = False
     companion: bool = False
+    synthesised: bool = False
 
     def nearest_level(self, rate: float) -> int:
         """Return the number of the resolution whose rate is nearest to ``rate`` (Hz) as a ratio."""
@@ -210,6 +214,7 @@ def takes_from(
                 record.frames,
                 shown,
                 _reader(database, record, columns, trust_filled, refused),
+                synthesised=record.synthesised,
             )
         )
     return tuple(takes)

@@ -107,6 +107,11 @@ _FIELDS = (
     "offset",
     "checksums",
 )
+_SYNTHESISED = 2
+"""What the column ``synthetic`` holds where the markers, not the motion, are computed: 0 and 1 are
+no and yes. So the form on disk is the same, and an older priorfill takes such clips as synthetic.
+"""
+
 _LISTS = frozenset({"frames", "present", "measured", "checksums"})
 
 _ROWS = (
@@ -622,6 +627,8 @@ def _insert(connection: sqlite3.Connection, entry: Entry, state: int) -> int:
 def _stored(record: ClipRecord, name: str) -> Any:
     """Return a field of a record as its column holds it."""
     value = getattr(record, name)
+    if name == "synthetic" and record.synthesised:
+        return _SYNTHESISED
     if name in _LISTS:
         return json.dumps(value)
     return int(value) if isinstance(value, bool) else value
@@ -653,7 +660,8 @@ def _parsed(
             labels[text] = tuple(json.loads(text))
         for key in _LISTS:
             values[key] = tuple(json.loads(values[key]))
-        values["synthetic"] = bool(values["synthetic"])
+        values["synthesised"] = values["synthetic"] == _SYNTHESISED
+        values["synthetic"] = bool(values["synthetic"]) and not values["synthesised"]
         return ClipRecord(**values, labels=labels[text], rate=rate)
     except (ValueError, TypeError):
         return name

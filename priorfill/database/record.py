@@ -51,6 +51,8 @@ class ClipRecord:
         Version of priorfill that added it.
     synthetic : bool
         Whether the motion is computed, not recorded.
+    synthesised : bool
+        Whether the motion was recorded, but the markers were placed on a skeleton.
     segment : int
         Number of the segment file that holds its positions.
     offset : int
@@ -81,6 +83,7 @@ class ClipRecord:
     segment: int
     offset: int
     checksums: tuple[int, ...]
+    synthesised: bool = False
 
     @property
     def duration(self) -> float:
@@ -143,6 +146,8 @@ class DatabaseInfo:
         Number of clips.
     synthetic : int
         How many of them are computed, not recorded.
+    synthesised : int
+        How many have markers that were placed on a skeleton.
     subjects : int
         Number of different subjects that are named.
     frames : int
@@ -173,3 +178,4 @@ class DatabaseInfo:
     marker_sets: dict[str, int]
     licences: dict[str, int]
     credits: dict[str, int]
+    synthesised: int = 0

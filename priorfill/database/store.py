@@ -268,6 +268,8 @@ class PriorDatabase:
         licence: str = "",
         credit: str = "",
         synthetic: bool = False,
+        synthesised: bool = False,
+        source: str | None = None,
         filled: NDArray[np.bool_] | None = None,
         filled_by: str = "",
     ) -> ClipRecord:
@@ -286,6 +288,10 @@ class PriorDatabase:
             Recording session, terms of use, whom to name.
         synthetic : bool
             Whether the motion is computed, not recorded.
+        synthesised : bool
+            Whether the motion was recorded, but the markers were placed on a skeleton.
+        source : str, optional
+            Name of the file that it comes from; by default as the clip says.
         filled : ndarray [shape=(frames, markers), bool], optional
             Samples of the clip that were synthesised, not measured; by default those that the
             clip's file says are.
@@ -320,6 +326,8 @@ class PriorDatabase:
             licence=licence,
             credit=credit,
             synthetic=synthetic,
+            synthesised=synthesised,
+            source=entry.record.source if source is None else source,
         )
         entry = replace(entry, record=record)
         return self._store(blocks, entry, self._to_be_replaced(entry, accepted=False))
@@ -371,6 +379,7 @@ class PriorDatabase:
             licence=licence or former.licence,
             credit=credit or former.credit,
             synthetic=former.synthetic,
+            synthesised=former.synthesised,
         )
         return Accepted(self._store(blocks, replace(entry, record=record), replaced), replaced)
 
@@ -750,6 +759,7 @@ class PriorDatabase:
             levels=self.levels,
             clips=len(records),
             synthetic=sum(record.synthetic for record in records),
+            synthesised=sum(record.synthesised for record in records),
             subjects=len({record.subject for record in records} - {""}),
             frames=sum(record.frames[0] for record in records),
             seconds=sum(record.duration for record in records),

@@ -12,13 +12,9 @@ from priorfill.cli.reading import file_options
 
 if TYPE_CHECKING:
     from priorfill.cli.db.adding import Target
-    from priorfill.clip import Clip
     from priorfill.database import ClipRecord
 
 __all__ = ["add"]
-
-MAX_NAMES = 6
-"""Markers named in a line."""
 
 
 @click.command(short_help="Add files to a database.")
@@ -30,6 +26,18 @@ MAX_NAMES = 6
     is_flag=True,
     help="Add samples in trouble (swapped labels, spikes, phantoms, frozen markers), too.",
 )
+@click.option(
+    "--as",
+    "placed_as",
+    metavar="SET",
+    help="Take skeletons' motions (.amc, .bvh) and place this marker set on them, such as 41.",
+)
+@click.option(
+    "--skeleton",
+    metavar="X.asf",
+    type=click.Path(path_type=Path),
+    help="With --as: the skeleton of AMC files; by default the one beside them.",
+)
 @click.argument(
     "paths", metavar="PATH...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
@@ -40,6 +48,8 @@ def add(
     licence: str | None,
     credit: str | None,
     keep_outliers: bool,
+    placed_as: str | None,
+    skeleton: Path | None,
     paths: tuple[Path, ...],
     **reading: Any,
 ) -> None:
@@ -50,33 +60,41 @@ def add(
     added is reported and the others go on; the exit status is then 1. In a file of several people,
     --subject says whose markers to take.
     """
-    from priorfill.cli.db.adding import put_files, read_file
+    from priorfill.cli.db import skeletons
+    from priorfill.cli.db.adding import put_files, read_file, sound
+    from priorfill.errors import FormatError, OptionError
+
+    if skeleton is not None and placed_as is None:
+        raise OptionError("--skeleton needs --as: say which marker set to place (--as 41)")
+    marker_set = None if placed_as is None else skeletons.find_set(placed_as)
 
     def put(target: Target, path: Path) -> tuple[ClipRecord, str]:
-        clip = read_file(target.reader, path, subject, **reading)
+        if marker_set is not None:
+            if not skeletons.is_skeleton(path):
+                raise FormatError(
+                    f"{path}: --as places markers on skeletons, and this is no .amc or .bvh file; "
+                    "add it without --as"
+                )
+            clip = skeletons.read_skeleton(path, marker_set, skeleton, **reading)
+        elif skeletons.is_skeleton(path):
+            raise FormatError(
+                f"{path}: is a skeleton's motion; say which marker set to place on it (--as 41)"
+            )
+        else:
+            clip = read_file(target.reader, path, subject, **reading)
         text = ""
         if not keep_outliers:
-            clip, text = _sound(clip)
+            clip, text = sound(clip)
         record = target.open().add(
             clip,
             subject=subject,
             session=session or "",
             licence=licence or "",
             credit=credit or "",
+            source=path.name if marker_set is not None else None,
+            synthesised=marker_set is not None,
         )
         return record, text
 
-    put_files(folder, paths, put, done="added", doing="Adding", to_do="add")
-
-
-def _sound(clip: Clip) -> tuple[Clip, str]:
-    """Return a clip without samples in trouble, and what to say of them."""
-    from priorfill.trouble import without_trouble
-
-    sound, trouble = without_trouble(clip)
-    lost = int((sound.missing & ~clip.missing).sum())
-    markers = sorted({label for one in trouble for label in one.markers}, key=clip.labels.index)
-    if not lost:
-        return clip, ""
-    names = " ".join(markers[:MAX_NAMES]) + (" ..." if len(markers) > MAX_NAMES else "")
-    return sound, f", without {lost} samples in trouble of {names} (see: priorfill inspect)"
+    suffixes = None if marker_set is None else skeletons.SUFFIXES
+    put_files(folder, paths, put, done="added", doing="Adding", to_do="add", suffixes=suffixes)

@@ -25,7 +25,10 @@ if TYPE_CHECKING:
     from priorfill.clip import Clip
     from priorfill.database import ClipRecord, PriorDatabase
 
-__all__ = ["Target", "put_files", "read_file"]
+__all__ = ["Target", "put_files", "read_file", "sound"]
+
+MAX_NAMES = 6
+"""Markers named in a line."""
 
 
 class Target:
@@ -77,6 +80,7 @@ def put_files(
     done: str,
     doing: str,
     to_do: str,
+    suffixes: Sequence[str] | None = None,
 ) -> None:
     """Put files into a database and print what became of each; exit with 1 if one failed.
 
@@ -93,6 +97,8 @@ def put_files(
         Puts one file in; returns its row and what to print behind the file's name.
     done, doing, to_do : str
         The verb, as in ``added``, ``Adding`` and ``add``.
+    suffixes : sequence of str, optional
+        Suffixes, lower case, of what to take from folders; by default, recordings are taken.
 
     Raises
     ------
@@ -101,7 +107,10 @@ def put_files(
     """
     from priorfill import formats
 
-    files, failed = find_files(paths, formats.SUFFIXES, formats.recognised)
+    if suffixes is None:
+        files, failed = find_files(paths, formats.SUFFIXES, formats.recognised)
+    else:
+        files, failed = find_files(paths, suffixes, lambda path: True)
     for reason in failed:
         click.echo(f"priorfill: {reason}", err=True)
     failures = len(failed)
@@ -185,6 +194,19 @@ def read_file(reader: Reader, path: Path, subject: str | None, **reading: Any) -
         if isinstance(error, PriorfillError):
             raise
         raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from error
+
+
+def sound(clip: Clip) -> tuple[Clip, str]:
+    """Return a clip without samples in trouble, and what to print of them behind its name."""
+    from priorfill.trouble import without_trouble
+
+    cleared, trouble = without_trouble(clip)
+    lost = int((cleared.missing & ~clip.missing).sum())
+    markers = sorted({label for one in trouble for label in one.markers}, key=clip.labels.index)
+    if not lost:
+        return clip, ""
+    names = " ".join(markers[:MAX_NAMES]) + (" ..." if len(markers) > MAX_NAMES else "")
+    return cleared, f", without {lost} samples in trouble of {names} (see: priorfill inspect)"
 
 
 def _stopped(target: Target, error: Exception, path: Path, before: str) -> DatabaseError:

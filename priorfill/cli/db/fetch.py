@@ -170,18 +170,18 @@ def _tell_terms(library: Library, number: int, folder: Path, mirror: str | None)
 
 def _add(library: Library, database: Path, recordings: list[Path]) -> None:
     """Add recordings with what the library says of them."""
-    from priorfill.cli.db.adding import put_files, read_file
+    from priorfill.cli.db.adding import put_files, read_file, sound
 
     def put(target: Target, path: Path) -> tuple[ClipRecord, str]:
         options = {"up": None, "rate": None, "unit": None, "keep_zeros": False}
-        clip = read_file(target.reader, path, None, **options)
+        clip, text = sound(read_file(target.reader, path, None, **options))
         record = target.open().add(
             clip,
             subject=library.subject(path.stem) or None,
             licence=library.licence,
             credit=library.credit,
         )
-        return record, ""
+        return record, text
 
     put_files(database, recordings, put, done="added", doing="Adding", to_do="add")
 

@@ -99,6 +99,7 @@ def _row(record: ClipRecord) -> Iterator[str]:
         word
         for word, given in (
             ("synthetic", record.synthetic),
+            ("markers placed on a skeleton", record.synthesised),
             (f"filled: {record.filled_by}", record.has_filled),
         )
         if given

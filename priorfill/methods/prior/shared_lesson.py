@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from priorfill.lesson import Lesson, Rows
 from priorfill.methods.prior.body_fit import shifts
-from priorfill.methods.prior.kinship import MIRROR_KINSHIP, STRANGER_KINSHIP
+from priorfill.methods.prior.kinship import MIRROR_KINSHIP, STRANGER_KINSHIP, SYNTHESISED_KINSHIP
 from priorfill.methods.prior.moments import standing_in
 from priorfill.methods.prior.options import Options
 from priorfill.methods.prior.own_lesson import IMAGE, OWN, VELOCITY_SECONDS, OwnLesson
@@ -111,13 +111,15 @@ def shared_lesson(
     # as takes, so bodies: OWN and IMAGE are the clip and its mirror image
     numbers = np.where(kin, OWN, IMAGE + 1 + body)
     kinship = np.repeat([1.0, MIRROR_KINSHIP], [len(clip), len(image)])
+    placed = np.array([take.synthesised for take in task.takes])[bank.take(chosen)]
+    strange = np.where(placed, SYNTHESISED_KINSHIP, STRANGER_KINSHIP)
     take = lesson.rows.take[some]
     rows = Rows(
         np.concatenate([here[some], there]),
         np.concatenate([lesson.rows.missing[some], bank.positions(chosen, piece.markers)]),
         np.concatenate([lesson.rows.time[some], chosen / rates]),
         np.concatenate([take, IMAGE + 1 + bank.take(chosen)]),
-        np.concatenate([kinship, np.where(kin, 1.0, STRANGER_KINSHIP)]),
+        np.concatenate([kinship, np.where(kin, 1.0, strange)]),
         np.concatenate([take, numbers]),
         around,
         moving,

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from priorfill.methods.prior.blackout.stencil import REACH
 from priorfill.methods.prior.blackout.windows import OVERLAP, Recording
-from priorfill.methods.prior.kinship import STRANGER_KINSHIP
+from priorfill.methods.prior.kinship import STRANGER_KINSHIP, SYNTHESISED_KINSHIP
 from priorfill.methods.prior.options import Options
 from priorfill.methods.prior.pieces import FEWEST_VISIBLE
 from priorfill.methods.prior.pose_search import DATABASE_RATE, OWN_BODY, PoseSearch
@@ -122,7 +122,10 @@ def similar_movements(
         ]
     found.sort(key=lambda one: one[0])
     kept = _apart(found, options.movements)
-    recordings = _read(bank, search.bodies, kept, markers, clip.shape[1], task.rate)
+    placed = np.array([take.synthesised for take in task.takes])
+    kinship = np.where(placed, SYNTHESISED_KINSHIP, STRANGER_KINSHIP)
+    kinship[search.bodies == OWN_BODY] = 1.0
+    recordings = _read(bank, kinship, kept, markers, clip.shape[1], task.rate)
     names = take_names(task.takes, bank.take(np.array([row for row, _ in kept], dtype=np.intp)))
     return recordings, names if recordings else ()
 
@@ -179,7 +182,7 @@ def _apart(found: Iterable[tuple[float, int, _Stretch]], most: int) -> list[tupl
 
 def _read(
     bank: PoseBank,
-    bodies: NDArray[np.intp],
+    kinship: NDArray[np.float64],
     kept: Iterable[tuple[int, _Stretch]],
     markers: NDArray[np.intp],
     columns: int,
@@ -199,6 +202,6 @@ def _read(
         positions = np.full((len(frames), columns, 3), np.nan)
         positions[:, markers] = CubicSpline(time, there)((frames + 1) / rate)
         at = np.array([-int(frames[0])], dtype=np.intp)
-        own = bodies[bank.take(np.array([row]))[0]] == OWN_BODY
-        recordings.append(Recording(positions, 1.0 if own else STRANGER_KINSHIP, at))
+        kin = float(kinship[bank.take(np.array([row]))[0]])
+        recordings.append(Recording(positions, kin, at))
     return recordings

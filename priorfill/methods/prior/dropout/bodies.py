@@ -129,6 +129,8 @@ class Bodies:
             known = np.flatnonzero(~np.isnan(differ))
             shared = np.unique([one[known], other[known]])
             firm = known[np.argsort(spread[known], kind="stable")][: FIRM_PAIRS * len(shared)]
+            if take.synthesised and not take.companion:
+                continue  # its markers are not where the body's were
             named = take.subject != "" and take.subject == task.subject
             most = SAME_NAME if named else SAME_BODY
             if take.companion or (len(firm) and np.median(differ[firm]) <= most):

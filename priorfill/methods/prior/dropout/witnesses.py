@@ -162,12 +162,18 @@ class Witnesses:
             seen = seen[whole(seen)]
             if sample.take >= 0 and len(seen):
                 away[sample.take] = float(np.linalg.norm(ties.shape(seen) - shape))
+        takes = self.task.takes
         own = [i for i in away if i in self.bodies.same_body]
         people: dict[int, list[int]] = {}
         for sample in self.bodies.samples:
             if sample.take in away and sample.take not in own:
                 people.setdefault(sample.body, []).append(sample.take)
-        nearest = sorted(people, key=lambda body: (min(away[i] for i in people[body]), body))
+        placed = {  # markers placed on a skeleton speak where there are too few recordings
+            body for body, some in people.items() if all(takes[i].synthesised for i in some)
+        }
+        nearest = sorted(
+            people, key=lambda body: (body in placed, min(away[i] for i in people[body]), body)
+        )
 
         witnesses = self.own(own, markers, visible, self.shown(markers))
         for body in nearest[:BODIES]:

@@ -1,0 +1,115 @@
+"""Read skeletons' motions for a database, with a marker set placed on them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from priorfill.errors import FormatError, MarkerSetError, PriorfillError
+
+if TYPE_CHECKING:
+    from priorfill.clip import Clip
+    from priorfill.markerset import MarkerSet
+
+__all__ = ["SUFFIXES", "find_set", "is_skeleton", "read_skeleton"]
+
+SUFFIXES = (".amc", ".bvh")
+"""Suffixes of files with a skeleton's motion, lower case."""
+
+
+def is_skeleton(path: Path) -> bool:
+    """Tell by its name if a file holds a skeleton's motion."""
+    return path.suffix.lower() in SUFFIXES
+
+
+def find_set(name: str) -> MarkerSet:
+    """Return the marker set of a name, of a definition's path, or of a number of markers.
+
+    ``41`` is the one set whose name ends with 41.
+
+    Raises
+    ------
+    MarkerSetError
+        Where there is none.
+    """
+    from priorfill import markerset
+
+    if not name.isdigit():
+        return markerset.load(name)
+    ending = [one for one in markerset.available() if one.endswith(name)]
+    if len(ending) != 1:
+        raise MarkerSetError(
+            f"{name}: {'several marker sets end' if ending else 'no marker set ends'} with this "
+            f"number; use one of {', '.join(markerset.available())}"
+        )
+    return markerset.load(ending[0])
+
+
+def read_skeleton(
+    path: Path,
+    marker_set: MarkerSet,
+    skeleton: Path | None,
+    *,
+    up: str | None,
+    rate: float | None,
+    unit: str | None,
+    keep_zeros: bool = False,
+) -> Clip:
+    """Read a skeleton's motion and place a marker set on it.
+
+    Parameters
+    ----------
+    path : Path
+        AMC or BVH.
+    marker_set : MarkerSet
+        What to place.
+    skeleton : Path or None
+        The ASF file of AMC files, instead of one that lies beside them.
+    up, rate, unit, keep_zeros
+        The options of `priorfill.cli.reading.file_options`. The unit may be a number of mm;
+        `keep_zeros` means nothing here.
+
+    Raises
+    ------
+    FormatError, ClipError
+        Where this file cannot be read.
+    PriorfillError
+        Where an option makes no sense.
+    """
+    from priorfill.clip import UP_AXES
+    from priorfill.formats.asf_amc import find_asf, read_amc, read_asf
+    from priorfill.formats.bvh import read_bvh
+    from priorfill.skeleton.placing import place
+
+    if up is not None and up not in UP_AXES:
+        raise PriorfillError(f"up axis {up!r} is unknown; use one of {' '.join(UP_AXES)}")
+    options: dict[str, Any] = {"rate": rate, "up": up, "mm_per_unit": _millimetres(unit)}
+    if path.suffix.lower() == ".bvh":
+        motion = read_bvh(path)
+        subject = ""
+    else:
+        asf = skeleton or find_asf(path)
+        if asf is None:
+            raise FormatError(
+                f"{path}: no skeleton of its name (.asf) lies beside it; give it (--skeleton)"
+            )
+        motion = read_amc(path, read_asf(asf))
+        subject = asf.stem
+    return place(motion, marker_set, name=path.stem, file=str(path), subject=subject, **options)
+
+
+def _millimetres(unit: str | None) -> float | None:
+    """Return the millimetres in a unit that the user says."""
+    from priorfill.formats.units import UNITS
+
+    if unit is None:
+        return None
+    try:
+        value = UNITS[unit] if unit in UNITS else float(unit)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < float("inf"):
+        raise PriorfillError(
+            f"unit {unit!r} is unknown; use one of {' '.join(UNITS)}, or a number of mm"
+        )
+    return value
