@@ -2,9 +2,9 @@
 
     python scripts/learn_markers.py TAKE.c3d TAKE.amc [--skeleton X.asf] [-o OUT.toml]
 
-The take's axes are those of HDM05: the C3D file's (x, y, z) are the AMC file's (z, x, y). Prints for
-each marker on which parts of the body it sits, what is left between it and its place, and the same
-where the places were learnt from one half of the take and the other half is looked at.
+The take's axes are those of HDM05: the C3D file's (x, y, z) are the AMC file's (z, x, y). Prints
+for each marker on which parts of the body it sits, what is left between it and its place, and the
+same where the places were learnt from one half of the take and the other half is looked at.
 `database/skeletons/markers.toml` is what this writes for HDM05's HDM_dg_06-03_03_120.
 """
 

@@ -78,6 +78,7 @@ def test_list_as_json(here: Path) -> None:
         "present": [30, 30, 30, 30],
         "measured": [30, 30, 30, 20],
         "synthetic": False,
+        "synthesised": False,
         "seconds": 1.0,
         "bytes": 53 * 4 * 12,
     }

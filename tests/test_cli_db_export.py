@@ -98,6 +98,7 @@ def test_npz(ids: dict[tuple[str, str], str]) -> None:
         "marker_set": "",
         "filled_by": "",
         "synthetic": False,
+        "synthesised": False,
         "unit": "mm",
         "up": "+Z",
     }

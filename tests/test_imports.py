@@ -100,3 +100,20 @@ def test_evaluation_stands_above_filling_and_below_the_command_line() -> None:
         above = {f"{evaluation}.{name}" for name in order[:place]}
         own = {name for name in found[f"{evaluation}.{part}"] if name.startswith(evaluation)}
         assert own <= above, part
+
+
+def test_skeletons_know_nothing_of_files_databases_or_methods() -> None:
+    found = imports()
+    banned = (
+        "priorfill.formats",
+        "priorfill.database",
+        METHODS,
+        "priorfill.cli",
+        "priorfill.takes",
+    )
+    for module, names in found.items():
+        if module.startswith("priorfill.skeleton."):
+            assert not any(name.startswith(banned) for name in names), module
+        if module.startswith("priorfill.formats."):
+            skeletons = {name for name in names if name.startswith("priorfill.skeleton")}
+            assert all(name.startswith("priorfill.skeleton.joints") for name in skeletons), module
