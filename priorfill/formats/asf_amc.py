@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from priorfill.errors import FormatError
 from priorfill.formats.contents import read_contents
-from priorfill.formats.numbered_lines import NumberedLines
+from priorfill.formats.numbered_lines import GREATEST, NumberedLines
 from priorfill.skeleton.joints import Motion, Skeleton, euler
 
 __all__ = ["AsfSkeleton", "find_asf", "parse_amc", "parse_asf", "read_amc", "read_asf"]
@@ -320,7 +320,7 @@ def _array(
     """Return rows of words as numbers, all at once, and find the wrong one where that fails."""
     try:
         values = np.array(rows, dtype=np.float64)
-        if np.isfinite(values).all():
+        if (np.abs(values) <= GREATEST).all():
             return values
     except ValueError:
         pass

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from priorfill.errors import FormatError
 from priorfill.formats.contents import read_contents
-from priorfill.formats.numbered_lines import NumberedLines
+from priorfill.formats.numbered_lines import GREATEST, NumberedLines
 from priorfill.skeleton.joints import Motion, Skeleton, euler
 
 __all__ = ["parse_bvh", "read_bvh"]
@@ -105,6 +105,9 @@ def _hierarchy(lines: NumberedLines) -> list[_Joint]:
         elif key == "MOTION":
             if open_joints or not joints:
                 raise lines.error("the hierarchy has no end; '}' is missing")
+            for joint in joints:
+                if joint.offset is None:
+                    raise lines.error(f"joint {joint.name} has no OFFSET", at=joint.line)
             return joints
         elif key in ("ROOT", "JOINT"):
             if (key == "ROOT") != (not joints):
@@ -129,9 +132,7 @@ def _hierarchy(lines: NumberedLines) -> list[_Joint]:
         elif key == "}":
             if not open_joints:
                 raise lines.error("'}' closes nothing")
-            closed = open_joints.pop()
-            if closed >= 0 and joints[closed].offset is None:
-                raise lines.error(f"joint {joints[closed].name} has no OFFSET")
+            open_joints.pop()
         elif key == "OFFSET" and open_joints:
             offset = lines.numbers(words[1:], 3, "an offset")
             here = open_joints[-1]
@@ -187,7 +188,7 @@ def _values(lines: NumberedLines, width: int) -> tuple[NDArray[np.float64], floa
     rate = round(1.0 / seconds, RATE_DECIMALS) if 0.0 < seconds < SLOWEST else None
     try:
         values = np.array(rows, dtype=np.float64)
-        if np.isfinite(values).all():
+        if (np.abs(values) <= GREATEST).all():
             return values, rate
     except ValueError:
         pass

@@ -7,7 +7,10 @@ from collections.abc import Iterator, Sequence
 
 from priorfill.errors import FormatError
 
-__all__ = ["NumberedLines"]
+__all__ = ["GREATEST", "NumberedLines"]
+
+GREATEST = 1e9
+"""Of any number in such a file: no length or angle is greater, and squares stay finite."""
 
 _LONGEST_SHOWN = 40
 """Characters of a wrong word that a message shows."""
@@ -54,7 +57,7 @@ class NumberedLines:
     def numbers(
         self, words: Sequence[str], count: int, what: str, *, at: int | None = None
     ) -> tuple[float, ...]:
-        """Return words as finite numbers.
+        """Return words as numbers.
 
         Parameters
         ----------
@@ -70,7 +73,7 @@ class NumberedLines:
         Raises
         ------
         FormatError
-            Where there are fewer, or one is no finite number.
+            Where there are fewer, or one is no number or above `GREATEST`.
         """
         if len(words) < count:
             raise self.error(f"{what} has {len(words)} of {count} numbers; correct it", at=at)
@@ -80,8 +83,8 @@ class NumberedLines:
                 value = float(word)
             except ValueError:
                 value = math.nan
-            if not math.isfinite(value):
+            if not abs(value) <= GREATEST:
                 shown = word[:_LONGEST_SHOWN]
-                raise self.error(f"{shown!r} is no number ({what}); correct it", at=at)
+                raise self.error(f"{shown!r} is no number or too great ({what}); correct it", at=at)
             found.append(value)
         return tuple(found)

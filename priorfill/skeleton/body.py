@@ -70,7 +70,7 @@ class Body:
 
     def __init__(self, skeleton: Skeleton, file: str, mm_per_unit: float = 1.0) -> None:
         self.kind, self._joints = find_joints(skeleton.names, skeleton.parents, file)
-        self._skeleton = skeleton
+        self._skeleton, self._file = skeleton, file
         self._rest = skeleton.rest() * mm_per_unit
         self._ends = self._rest + skeleton.ends * mm_per_unit
         up = self._middle("upper_arm") - self._middle("thigh")
@@ -168,7 +168,10 @@ class Body:
             joint = self._joints[f"{side}_{BEFORE[limb]}"]
         if np.linalg.norm(along) == 0.0:  # a bone without an end: what the part before does
             along = origin - self._rest[self._skeleton.parents[joint]]
-        first = along / np.linalg.norm(along)
+        length = float(np.linalg.norm(along))
+        if length == 0.0:
+            raise ClipError(f"{self._file}: {name} has no length in the rest pose; check the file")
+        first = along / length
         # the smallest turn of the body's own axes that makes one of them point along the limb
         body = np.stack([self.up, self.left, self.ahead])
         share = body @ first
