@@ -230,6 +230,10 @@ def test_db_add_marks_placed_clips_and_needs_to_be_told(tmp_path: Path) -> None:
     (tmp_path / "x.asf").unlink()
     done = run.invoke(main, [*add, "--as", "41", str(tmp_path / "x_1.amc")])
     assert done.exit_code == 1 and "--skeleton" in done.output
+    done = run.invoke(
+        main, ["db", "add", "-d", f"{folder}2", "--as", "plug-in-gait", str(tmp_path / "y.bvh")]
+    )
+    assert done.exit_code == 0 and "y.bvh (33 of 40 markers placed)" in done.output
     wrong = run.invoke(main, [*add, "--as", "40", str(tmp_path / "y.bvh")])
     assert wrong.exit_code == 1 and isinstance(wrong.exception, SystemExit | PriorfillError)
 

@@ -69,6 +69,7 @@ def add(
     marker_set = None if placed_as is None else skeletons.find_set(placed_as)
 
     def put(target: Target, path: Path) -> tuple[ClipRecord, str]:
+        placed = left_out = ""
         if marker_set is not None:
             if not skeletons.is_skeleton(path):
                 raise FormatError(
@@ -76,15 +77,16 @@ def add(
                     "add it without --as"
                 )
             clip = skeletons.read_skeleton(path, marker_set, skeleton, **reading)
+            if len(clip.labels) < len(marker_set.labels):
+                placed = f" ({len(clip.labels)} of {len(marker_set.labels)} markers placed)"
         elif skeletons.is_skeleton(path):
             raise FormatError(
                 f"{path}: is a skeleton's motion; say which marker set to place on it (--as 41)"
             )
         else:
             clip = read_file(target.reader, path, subject, **reading)
-        text = ""
         if not keep_outliers:
-            clip, text = sound(clip)
+            clip, left_out = sound(clip)
         record = target.open().add(
             clip,
             subject=subject,
@@ -94,7 +96,7 @@ def add(
             source=path.name if marker_set is not None else None,
             synthesised=marker_set is not None,
         )
-        return record, text
+        return record, placed + left_out
 
     suffixes = None if marker_set is None else skeletons.SUFFIXES
     put_files(folder, paths, put, done="added", doing="Adding", to_do="add", suffixes=suffixes)
