@@ -124,7 +124,13 @@ def fill_blackout(
         found = curves.mean(axis=0)[0]
         deviation = _unlearnt(curves, beside[0], stencil, rate)
     else:
-        found, deviation = _learn(windows, draw(inside, windows.beside), stencil)
+        curves = draw(inside, windows.beside)
+        found, deviation = _learn(windows, curves, stencil)
+        if (windows.source[1:] == 0).sum() < FEWEST_WINDOWS:
+            # nothing of the clip itself says how far other recordings can be trusted
+            drawn = curves[:, 0].mean(axis=0)
+            apart = np.sqrt(((found - drawn) ** 2).sum(axis=-1))
+            found, deviation = (found + drawn) / 2.0, np.hypot(deviation, apart / 2.0)
     correction = found - plain[stencil.inside]
     positions = np.full((stencil.frames, clip.shape[1], 3), np.nan)
     positions[:, markers] = plain + through(stencil, correction, asked)
