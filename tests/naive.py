@@ -64,10 +64,17 @@ def least_squares_minimum(x, free, prior):
 
 
 def nearest(poses, queries, k):
-    """Indices and distances of the k nearest poses of each query, by comparing all."""
-    distance = np.sqrt(((queries[:, None] - poses[None]) ** 2).sum(axis=2))
-    order = np.argsort(distance, axis=1, kind="stable")[:, :k]
-    return np.take_along_axis(distance, order, axis=1), order
+    """Distances and rows of the k nearest poses of each query, by comparing all.
+
+    Both are rounded to single precision first. The squares are summed in the order of the
+    dimensions; of equally near poses the first come first.
+    """
+    poses, queries = (x.astype(np.float32).astype(np.float64) for x in (poses, queries))
+    square = np.zeros((len(queries), len(poses)))
+    for i in range(poses.shape[1]):
+        square += (queries[:, None, i] - poses[None, :, i]) ** 2
+    order = np.argsort(square, axis=1, kind="stable")[:, :k]
+    return np.sqrt(np.take_along_axis(square, order, axis=1)), order
 
 
 def left_out_residuals(kernel, targets, blocks):

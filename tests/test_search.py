@@ -7,25 +7,76 @@ from hypothesis import strategies as st
 from priorfill.normalise import root_group
 from priorfill.resample import Level
 from priorfill.search.bank import Banks, PoseBank
-from priorfill.search.tree import PoseTree
+from priorfill.search.index import PoseIndex
 from priorfill.takes import own_take
 
 
-@settings(max_examples=40, deadline=None)
-@given(st.integers(0, 2**31), st.integers(1, 60), st.integers(1, 12), st.integers(1, 70))
-def test_tree_finds_what_comparing_all_finds(seed, poses, dimensions, k):
-    rng = np.random.default_rng(seed)
+@st.composite
+def recordings_and_queries(draw):
+    """Recordings of some kind one after the other, where they start, and queries among them."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**31)))
+    lengths = draw(st.lists(st.integers(1, 40), min_size=1, max_size=6))
+    dimensions = draw(st.integers(1, 40))
+    kind = draw(st.sampled_from(["smooth", "noise", "grid", "still"]))
     # few directions carry most of the movement, as in poses
-    basis = rng.normal(size=(dimensions, dimensions)) * np.geomspace(300, 1, dimensions)[:, None]
-    coordinates = rng.normal(size=(poses, dimensions)) @ basis
-    queries = rng.normal(size=(9, dimensions)) @ basis
-    distance, index = PoseTree(coordinates).nearest(queries, k)
-    expected, _ = naive.nearest(coordinates, queries, min(k, poses))
-    np.testing.assert_allclose(distance, expected, rtol=1e-9, atol=1e-9)
-    # whichever of equals was found, it is as far away as said
-    found = np.linalg.norm(coordinates[index] - queries[:, None], axis=2)
-    np.testing.assert_allclose(found, distance, rtol=1e-9, atol=1e-6)
-    assert all(len(set(row)) == len(row) for row in index)
+    basis = np.geomspace(300, 1, dimensions)[:, None] * rng.normal(size=(dimensions, dimensions))
+    parts = []
+    for length in lengths:
+        part = rng.normal(size=(length, dimensions)) @ basis
+        if kind == "smooth":
+            part = part[:1] + np.cumsum(part, axis=0) / 20
+        elif kind == "grid":  # many are equally far away
+            part = np.cumsum(rng.integers(-1, 2, (length, dimensions)), axis=0) % 3
+        elif kind == "still":
+            part[:] = part[0] if rng.integers(2) else 0.0
+        parts.append(part)
+    poses = np.concatenate(parts).astype(np.float32)
+    starts = np.concatenate([[0], np.cumsum(lengths)[:-1]])
+    queries = poses[rng.integers(len(poses), size=draw(st.integers(1, 40)))].astype(np.float64)
+    if draw(st.booleans()):
+        queries += rng.integers(-1, 2, queries.shape) * draw(st.sampled_from([0.5, 1.0, 100.0]))
+    return poses, starts, queries
+
+
+@settings(max_examples=60, deadline=None)
+@given(recordings_and_queries(), st.integers(1, 70), st.booleans())
+def test_the_index_finds_what_comparing_all_finds_ties_included(problem, k, told):
+    poses, starts, queries = problem
+    expected_distance, expected_rows = naive.nearest(poses, queries, k)
+    for few in (0, len(poses)):
+        index = PoseIndex(poses, starts if told else None, few)
+        distance, rows = index.nearest(queries, k)
+        np.testing.assert_array_equal(rows, expected_rows)
+        np.testing.assert_array_equal(distance, expected_distance)
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e17])
+@pytest.mark.filterwarnings("ignore:overflow encountered", "ignore:invalid value")
+def test_the_index_refuses_what_it_cannot_compare(wrong):
+    poses = np.zeros((9, 6), dtype=np.float32)
+    queries = np.zeros((2, 6))
+    assert PoseIndex(poses).nearest(queries, 3)[1].tolist() == [[0, 1, 2]] * 2
+    assert PoseIndex(poses).nearest(queries[:0], 3)[1].shape == (0, 3)
+    queries[1, 3] = wrong
+    with pytest.raises(ValueError, match="coordinates are missing"):
+        PoseIndex(poses).nearest(queries, 3)
+    for starts in ([1, 4], [0, 4, 4], [0, 9]):
+        with pytest.raises(ValueError, match="ascend from 0"):
+            PoseIndex(poses, np.array(starts))
+
+
+@pytest.mark.parametrize("threads", ["1", "3"])
+def test_the_index_is_the_same_on_any_number_of_threads(threads, monkeypatch):
+    rng = np.random.default_rng(8)
+    poses = np.cumsum(rng.normal(0, 5, (900, 9)), axis=0).astype(np.float32)
+    monkeypatch.setenv("PRIORFILL_THREADS", threads)
+    monkeypatch.setattr("os.cpu_count", lambda: 3)
+    for least in ("POSES_A_THREAD", "PAIRS_A_THREAD"):
+        monkeypatch.setattr(f"priorfill.search.index.{least}", 10)
+    distance, rows = PoseIndex(poses, few=0).nearest(poses[100:170], 20)
+    expected, expected_rows = naive.nearest(poses, poses[100:170], 20)
+    np.testing.assert_array_equal(rows, expected_rows)
+    np.testing.assert_array_equal(distance, expected)
 
 
 def as_takes(recordings, rate=30.0):

@@ -9,7 +9,8 @@ this one (table 2); `priorfill.methods.baumann2011` shares its search and adds e
 Where it departs from the publications:
 
 * The publication reconstructs from few markers or sensors of known places; here what a frame is
-  searched by changes with what is missing, so there is a tree for each set of missing markers.
+  searched by changes with what is missing, so there is an index for each set of missing markers,
+  and it is not a kd-tree; the poses that it finds are the same.
 * All neighbours count the same, as in the published form of `baumann2011`.
 * Without a database the clip itself is searched; the publications always have one.
 * The database is searched at its rate that is nearest to the clip's.

@@ -1,1 +1,1 @@
-"""Search: banks of poses and the kd-trees over them."""
+"""Search: banks of poses, and the exact index over them."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from priorfill.normalise import RootFrames, RootGroup
 from priorfill.poses import evenly, whole
-from priorfill.search.tree import PoseTree
+from priorfill.search.index import PoseIndex
 from priorfill.takes import Take
 
 __all__ = ["Banks", "Neighbours", "PoseBank"]
@@ -24,6 +24,10 @@ __all__ = ["Banks", "Neighbours", "PoseBank"]
 ROOM = 2**29
 """Bytes of banks kept for another use: in a clip whose markers flicker every gap needs banks of
 its own, and a bank holds a part of the whole database."""
+
+
+BLOCK = 2**14
+"""Poses brought into root frames at a time: with double precision they take some megabytes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,11 +122,10 @@ class PoseBank:
         self._wanted_columns = np.searchsorted(needed, wanted)
         self._positions = positions
         self._frames = _root_frames(root.among(needed), positions, known)
-        self._tree: PoseTree | None = None
+        self._index: PoseIndex | None = None
         if len(self.rows):
-            searched = positions[np.ix_(self.rows, np.searchsorted(needed, viable))]
-            local = self._frames_of(self.rows).to_local(searched)
-            self._tree = PoseTree(local.reshape(len(self.rows), -1))
+            starts = np.flatnonzero(np.diff(self._take[self.rows], prepend=-1))
+            self._index = PoseIndex(self._local(viable), starts)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -132,8 +135,18 @@ class PoseBank:
         """Memory that it takes."""
         arrays = (self.rows, self._inner, self._take, self._rate_ratio, self._positions)
         frames = self._frames.origin.nbytes + self._frames.rotation.nbytes
-        tree = self._tree.nbytes if self._tree is not None else 0
-        return sum(array.nbytes for array in arrays) + frames + tree
+        index = self._index.nbytes if self._index is not None else 0
+        return sum(array.nbytes for array in arrays) + frames + index
+
+    def _local(self, markers: NDArray[np.intp]) -> NDArray[np.float32]:
+        """Return the searched poses of some markers in root frames [shape=(rows, 3m), mm]."""
+        local = np.empty((len(self.rows), 3 * len(markers)), dtype=np.float32)
+        columns = np.searchsorted(self._needed, markers)
+        for at in range(0, len(local), BLOCK):
+            rows = self.rows[at : at + BLOCK]
+            poses = self._frames_of(rows).to_local(self._positions[np.ix_(rows, columns)])
+            local[at : at + BLOCK] = poses.reshape(len(rows), -1)
+        return local
 
     def _frames_of(self, rows: NDArray[np.intp]) -> RootFrames:
         return RootFrames(self._frames.origin[rows], self._frames.rotation[rows])
@@ -191,10 +204,10 @@ class PoseBank:
         ValueError
             Where the bank is empty.
         """
-        if self._tree is None:
+        if self._index is None:
             raise ValueError("the bank has no pose; ask for its length first")
         queries = frames.to_local(positions[:, self._viable])
-        distance, found = self._tree.nearest(queries.reshape(len(queries), -1), k)
+        distance, found = self._index.nearest(queries.reshape(len(queries), -1), k)
         return distance / np.sqrt(len(self._viable)), self.rows[found]
 
     def nearest(self, positions: NDArray[np.float64], frames: RootFrames, k: int) -> Neighbours:

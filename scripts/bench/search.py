@@ -1,0 +1,254 @@
+#!/usr/bin/env python
+"""How fast poses are searched, beside SciPy's kd-tree and comparing all.
+
+    python scripts/bench/search.py [--data DIR] [--poses 1e6] [--takes 135_02,02_01,...]
+                                   [--threads 1] [--noise] [--check 0] [--no-tree]
+
+Makes a database of so many poses of 18 markers out of recordings, see `search_poses.py`, and looks
+for the 64 nearest poses of 300 consecutive frames of a take that the database has nothing of, with
+
+index     priorfill's index
+compare   all squared distances by a matrix product in single precision, block by block, with the
+          candidates measured in double precision
+kd-tree   scipy.spatial.cKDTree on the coordinates as they are
+
+Each has a process of its own, whose peak of resident memory is printed, the poses included. First
+is the search for one gap, with what is built for it; again is another one among the same poses; the
+best of some repetitions counts. Ratios are within one run. ``--noise`` searches among poses that
+have nothing to do with each other instead. ``--check`` also compares so many random queries with
+comparing all: rows and distances must be the same, bit by bit.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+K, QUERIES = 64, 300
+REPEATS = 3
+
+FOLDER = {"135_02": "cmu", "85_02": "cmu", "02_01": "cmu", "HDM_bd_05-01_01_120": "hdm05"}
+"""Where the takes are that can be searched for: karate, acrobatics, a walk, and a medley."""
+
+BLOCK = 8192
+"""Poses compared at a time: the products of a block stay in the cache."""
+
+SPARE, CHECK_SPARE = 2, 16
+"""So many times k candidates are measured with double precision. Of random queries many more: some
+are poses of the database, whose neighbours single precision tells apart badly."""
+
+
+class Comparing:
+    """Compares all poses with each query."""
+
+    def __init__(self, poses: NDArray[np.float32], spare: int = SPARE) -> None:
+        self._poses, self._spare = poses, spare
+        self._centre = poses[::1009].mean(axis=0)
+
+    def nearest(self, queries: NDArray[np.float32], k: int) -> tuple[NDArray, NDArray]:
+        """Return distances and rows of the nearest poses, equally near ones by row."""
+        asked = queries - self._centre
+        keep = min(self._spare * k, len(self._poses))
+        best = [np.empty(0, np.float32)] * len(queries)
+        rows = [np.empty(0, np.intp)] * len(queries)
+        limit = np.full(len(queries), np.inf, dtype=np.float32)
+        largest = 0.0
+        for at in range(0, len(self._poses), BLOCK):
+            block = self._poses[at : at + BLOCK] - self._centre
+            norms = np.einsum("pd,pd->p", block, block)
+            largest = max(largest, float(norms.max()))
+            square = asked @ (-2.0 * block.T)
+            square += norms
+            for query in np.flatnonzero(square.min(axis=1) < limit):
+                near = np.flatnonzero(square[query] < limit[query])
+                value = np.concatenate([best[query], square[query, near]])
+                row = np.concatenate([rows[query], near + at])
+                if len(value) > keep:
+                    chosen = np.argpartition(value, keep - 1)[:keep]
+                    value, row = value[chosen], row[chosen]
+                    limit[query] = value.max()
+                best[query], rows[query] = value, row
+        distance = np.empty((len(queries), min(k, len(self._poses))))
+        found = np.empty(distance.shape, dtype=np.intp)
+        for query, row in enumerate(rows):
+            square, order = self._measured(queries[query], np.sort(row), k)
+            norm = float(asked[query] @ asked[query])
+            # what single precision may have lost: what was not measured must be farther still
+            lost = 4.0 * queries.shape[1] * 2.0**-24 * (largest + norm)
+            if limit[query] + norm - lost < square[-1]:
+                square, order = self._measured(queries[query], np.arange(len(self._poses)), k)
+            distance[query], found[query] = np.sqrt(square), order
+        return distance, found
+
+    def _measured(
+        self, query: NDArray[np.float32], rows: NDArray[np.intp], k: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+        """Return squared distances and rows of the nearest of some poses, in double precision."""
+        square = np.zeros(len(rows))
+        for d in range(len(query)):  # the order of the sum that the index has, too
+            square += (self._poses[rows, d].astype(np.float64) - np.float64(query[d])) ** 2
+        order = np.argsort(square, kind="stable")[:k]
+        return square[order], rows[order]
+
+
+def work(method: str, folder: Path, repeats: int, threads: int) -> None:
+    """Search with one method and print seconds: wall and CPU of first and again; and MB."""
+    import resource
+
+    poses, starts = np.load(folder / "poses.npy"), np.load(folder / "starts.npy")
+    queries = np.load(folder / "queries.npy")
+
+    def first() -> tuple[object, tuple[NDArray, NDArray]]:
+        if method == "index":
+            from priorfill.search.index import PoseIndex
+
+            index = PoseIndex(poses, starts)
+            return index, index.nearest(queries, K)
+        if method == "kd-tree":
+            from scipy.spatial import cKDTree
+
+            tree = cKDTree(poses)
+            return tree, tree.query(queries, K, workers=threads)
+        compare = Comparing(poses)
+        return compare, compare.nearest(queries, K)
+
+    if method == "index":  # compile, or read what was compiled
+        from priorfill.search.index import PoseIndex
+
+        PoseIndex(poses[:100], few=0).nearest(queries[:1], 1)
+    times = []
+    for _ in range(repeats):
+        wall, cpu = time.perf_counter(), time.process_time()
+        searcher, found = first()
+        one = (time.perf_counter() - wall, time.process_time() - cpu)
+        wall, cpu = time.perf_counter(), time.process_time()
+        if method == "kd-tree":
+            searcher.query(queries, K, workers=threads)
+        else:
+            searcher.nearest(queries, K)
+        times.append((*one, time.perf_counter() - wall, time.process_time() - cpu))
+    np.savez(folder / f"{method}.npz", distance=found[0], rows=found[1])
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(*np.min(times, axis=0), peak)
+
+
+def in_a_process(method: str, folder: Path, threads: int) -> list[float]:
+    """Search with one method in a process of its own; return what `work` prints."""
+    limits = dict.fromkeys(("PRIORFILL_THREADS", "OPENBLAS_NUM_THREADS"), str(threads))
+    if method == "index":
+        limits["OPENBLAS_NUM_THREADS"] = "1"  # as in a fill
+    done = subprocess.run(
+        [sys.executable, __file__, "--work", method, "--folder", folder, "--threads", str(threads)],
+        check=True,
+        capture_output=True,
+        text=True,
+        env={**os.environ, **limits},
+    )
+    return [float(word) for word in done.stdout.split()]
+
+
+def check(folder: Path, count: int) -> None:
+    """Compare the index with comparing all, for random queries."""
+    from priorfill.search.index import PoseIndex
+
+    poses, starts = np.load(folder / "poses.npy"), np.load(folder / "starts.npy")
+    rng = np.random.default_rng(1)
+    queries = poses[rng.integers(len(poses), size=count)]
+    # a third are poses of the database, a third beside them, a third between two of them
+    queries[count // 3 :] += rng.normal(0, 20, queries[count // 3 :].shape).astype(np.float32)
+    middle = 2 * count // 3
+    queries[middle:] = (queries[middle:] + poses[rng.integers(len(poses), size=count - middle)]) / 2
+    index, compare = PoseIndex(poses, starts), Comparing(poses, CHECK_SPARE)
+    same = 0
+    for at in range(0, count, 1000):
+        distance, rows = index.nearest(queries[at : at + 1000], K)
+        expected, expected_rows = compare.nearest(queries[at : at + 1000], K)
+        same += int(((distance == expected) & (rows == expected_rows)).all(axis=1).sum())
+    print(f"\n{same} of {count} random queries: the same as comparing all, bit by bit")
+
+
+def main() -> int:
+    """Run the benchmark."""
+    beside = Path(__file__).resolve().parents[3] / "shared" / "data"
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", type=Path, default=Path(os.environ.get("PRIORFILL_DATA", beside)))
+    parser.add_argument("--poses", type=float, default=1e6)
+    parser.add_argument("--takes", default=",".join(FOLDER))
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--noise", action="store_true")
+    parser.add_argument("--check", type=int, default=0)
+    parser.add_argument("--no-tree", action="store_true")
+    parser.add_argument("--work", help=argparse.SUPPRESS)
+    parser.add_argument("--folder", type=Path, help="Where to put the poses.")
+    parser.add_argument("--repeats", type=int, default=REPEATS, help="of index and compare")
+    arguments = parser.parse_args()
+    if arguments.work:
+        repeats = 1 if arguments.work == "kd-tree" else arguments.repeats
+        work(arguments.work, arguments.folder, repeats, arguments.threads)
+        return 0
+
+    import search_poses
+
+    count = int(arguments.poses)
+    methods = ["index", "compare"] + ([] if arguments.no_tree else ["kd-tree"])
+    print(f"{count} poses, k = {K}, {QUERIES} queries, {arguments.threads} threads; s and MB\n")
+    print(
+        f"{'take':20s} {'method':8s} {'first wall':>10s} {'cpu':>7s} "
+        f"{'again wall':>10s} {'cpu':>7s} {'MB':>6s} "
+        f"{'index/it':>9s} {'again':>7s} {'cpu':>7s} {'again':>7s}"
+    )
+    with tempfile.TemporaryDirectory(dir=arguments.folder) as temporary:
+        folder = Path(temporary)
+        for take in ["noise"] if arguments.noise else arguments.takes.split(","):
+            if arguments.noise:
+                rng = np.random.default_rng(0)
+                poses = rng.standard_normal((count, 54), dtype=np.float32) * 300
+                starts = np.zeros(1, dtype=np.intp)
+                queries = rng.standard_normal((QUERIES, 54), dtype=np.float32) * 300
+            else:
+                file = arguments.data / FOLDER[take] / f"{take}.c3d"
+                recording = search_poses.read(file) if file.exists() else None
+                if recording is None:
+                    print(f"{file}: no such recording; name the folder with --data")
+                    return 1
+                at = (len(recording[0]) - QUERIES) // 2
+                queries = recording[0][at : at + QUERIES]
+                pieces = search_poses.pieces(arguments.data, take)
+                poses, starts = search_poses.database(pieces, count, seed=0)
+            for name, array in (("poses", poses), ("starts", starts), ("queries", queries)):
+                np.save(folder / f"{name}.npy", array)
+            del poses
+            times: dict[str, list[float]] = {}
+            for method in methods:
+                times[method] = one = in_a_process(method, folder, arguments.threads)
+                ratios = [
+                    times["index"][part] / one[of] for part, of in ((0, 0), (2, 0), (1, 1), (3, 1))
+                ]
+                print(
+                    f"{take:20s} {method:8s} {one[0]:10.3f} {one[1]:7.3f} {one[2]:10.3f} "
+                    f"{one[3]:7.3f} {one[4]:6.0f} "
+                    + " ".join(f"{r:{w}.4f}" for r, w in zip(ratios, (9, 7, 7, 7), strict=True)),
+                    flush=True,
+                )
+            found, expected = (np.load(folder / f"{m}.npz") for m in ("index", "compare"))
+            equal = np.array_equal(found["rows"], expected["rows"])
+            if not equal or not np.array_equal(found["distance"], expected["distance"]):
+                print(f"{take}: the index found other poses than comparing all")
+                return 1
+        if arguments.check:
+            check(folder, arguments.check)
+    print("\nindex/it: the index's first gap against a method's first gap; again: its second gap")
+    print("against a method's first gap; wall, then CPU.")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

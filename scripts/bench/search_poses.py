@@ -1,0 +1,115 @@
+"""Poses to measure a search with: variations of real recordings, in the root frames of one search.
+
+A database of any size is made of few recordings. Each clip of a minute is of a body of its own: one
+size between 0.9 and 1.1, and each marker placed up to some 10 mm beside where it was. It strings
+together stretches of recordings, faster or slower by up to a quarter, with 0.3 mm of noise. The
+queries are consecutive frames, at their own rate, of a recording that the database has nothing of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import priorfill as pf
+from priorfill.axes import to_upright
+from priorfill.markerset import load
+from priorfill.normalise import root_group
+from priorfill.resample import resample
+
+FOLDERS = ("hdm05", "cmu", "hdm05_cut_markers")
+"""Folders of recordings with the 41 markers of the set `baumann41`."""
+
+ROOT = ("LFWT", "RFWT", "LBWT", "RBWT")
+"""The markers of the pelvis, which give the root frames."""
+
+GONE = ("RFIN", "RWRA")
+"""Reliable markers that are missing: the other 18 are searched by, which makes 54 dimensions."""
+
+RATE, MINUTE = 30.0, 60.0
+"""Hz of the database, s of a clip of it."""
+
+STRETCH = 20.0
+"""s of a recording at a time, at most."""
+
+SIZES, PACES = (0.9, 1.1), (0.8, 1.25)
+PLACING, NOISE = 10.0, 0.3
+"""Between which bodies and speeds differ; mm that markers are placed apart, and shake."""
+
+
+def read(file: Path) -> tuple[NDArray[np.float32], float] | None:
+    """Return the searched coordinates of a recording and its rate (Hz); None if it has gaps.
+
+    The coordinates have shape (frames, 54), in mm, in root frames of position and heading.
+    """
+    markers = load("baumann41")
+    clip = pf.read(file)
+    wanted = [m for m in markers.labels if markers.reliable[m] and m not in GONE]
+    if not {*wanted, *ROOT} <= set(clip.labels):
+        return None
+    order = [clip.labels.index(label) for label in (*ROOT, *wanted)]
+    positions = to_upright(clip.positions[:, order], clip.up)
+    root = root_group(positions, range(len(ROOT)))
+    if root is None or np.isnan(positions).any():
+        return None
+    # heading 0 is to be the same in all recordings: from the right hip to the left along y
+    shape = root.template[:, :2]
+    across = shape[0] + shape[2] - shape[1] - shape[3]
+    angle = np.arctan2(-across[0], across[1])
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    local = root.frames(positions).to_local(positions)[:, len(ROOT) :]
+    local[..., :2] = local[..., :2] @ turn
+    return local.reshape(len(local), -1).astype(np.float32), clip.rate
+
+
+def pieces(data: Path, left_out: str) -> list[NDArray[np.float32]]:
+    """Return the recordings of a folder but one, by its file's name, at the database's rate."""
+    found = []
+    for folder in FOLDERS:
+        for file in sorted((data / folder).glob("*.c3d")):
+            recording = read(file) if file.stem != left_out else None
+            if recording is not None:
+                local = recording[0].reshape(len(recording[0]), -1, 3).astype(np.float64)
+                local = resample(local, recording[1], RATE)
+                found.append(local.reshape(len(local), -1).astype(np.float32))
+    return found
+
+
+def _minutes(
+    recordings: list[NDArray[np.float32]], rng: np.random.Generator
+) -> Iterator[NDArray[np.float32]]:
+    """Make clips of a minute without end, each of a body of its own."""
+    frames = round(MINUTE * RATE)
+    while True:
+        size = np.float32(rng.uniform(*SIZES))
+        placing = rng.normal(0.0, PLACING, recordings[0].shape[1]).astype(np.float32)
+        clip = np.empty((frames, len(placing)), dtype=np.float32)
+        at = 0
+        while at < frames:
+            piece = recordings[rng.integers(len(recordings))]
+            piece = piece[rng.integers(max(1, len(piece) // 2)) :][: round(STRETCH * RATE)]
+            time = np.arange(0, len(piece) - 1, rng.uniform(*PACES))[: frames - at]
+            before = time.astype(np.intp)
+            share = (time - before).astype(np.float32)[:, None]
+            clip[at : at + len(time)] = piece[before] * (1 - share) + piece[before + 1] * share
+            at += len(time)
+        noise = rng.standard_normal(clip.shape, dtype=np.float32) * np.float32(NOISE)
+        yield clip * size + placing + noise
+
+
+def database(
+    recordings: list[NDArray[np.float32]], poses: int, seed: int
+) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
+    """Make so many poses [shape=(poses, 54), mm], and say where each clip of them starts."""
+    made = np.empty((poses, recordings[0].shape[1]), dtype=np.float32)
+    source = _minutes(recordings, np.random.default_rng(seed))
+    starts, at = [], 0
+    while at < poses:
+        clip = next(source)[: poses - at]
+        starts.append(at)
+        made[at : at + len(clip)] = clip
+        at += len(clip)
+    return made, np.array(starts, dtype=np.intp)
