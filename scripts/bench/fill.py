@@ -1,0 +1,129 @@
+#!/usr/bin/env python
+"""Seconds of computing per second of gap, on a real recording.
+
+    python scripts/bench/fill.py [--data DIR] [--seconds 0.5,2,8,20] [--takes 0,30,288]
+
+Takes a 49 s recording of the HDM05 library, removes a marker, an arm, or both arms and a leg for
+as many seconds, and fills it with each method from prior databases of so many other HDM05 motions
+(0: from the clip alone). Baumann et al. 2011 (fig. 2) report about 10 s of computing per second of
+gap. Compiling, reading and building the databases are not counted: they are done once, before the
+clock starts. The last column compares with the first method in the same run; the line below each
+block tells how far from linear in the gap's length it is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+from recordings import add_data_option
+
+import priorfill as pf
+
+TAKE = "hdm05/HDM_bd_05-01_01_120.c3d"
+PRIORS = "hdm05_cut_markers"
+ARM = ("UPA", "ELB", "FRM", "WRA", "WRB", "FIN")
+LEG = ("THI", "KNE", "SHN", "ANK", "HEE", "TOE", "MT5")
+PARTS = {
+    "marker": ("LFRM",),
+    "arm": tuple("L" + name for name in ARM),
+    "arms, leg": tuple(side + name for side in "LR" for name in ARM)
+    + tuple("R" + name for name in LEG),
+}
+"""What is removed together: one marker, one limb, three limbs."""
+
+START = 2400
+"""First frame of the gap: in the middle of the recording."""
+
+METHODS = ("baumann2011", "prior")
+PUBLISHED = 10.0
+"""Seconds of computing per second of gap in Baumann et al. 2011."""
+
+
+def best_time(clip: pf.Clip, repeat: int, **options: object) -> tuple[float, float]:
+    """Return the least wall and CPU seconds of some fills."""
+    walls, cpus = [], []
+    for _ in range(repeat):
+        wall, cpu = time.perf_counter(), time.process_time()
+        result = pf.fill(clip, **options)
+        walls.append(time.perf_counter() - wall)
+        cpus.append(time.process_time() - cpu)
+        assert result.complete, "the benchmark's gap must be filled"
+    return min(walls), min(cpus)
+
+
+def databases(folder: Path, files: list[Path], sizes: list[int]) -> dict[int, Path | None]:
+    """Make a database of the first takes for each size; None for that of nothing."""
+    made: dict[int, Path | None] = {}
+    for size in sizes:
+        made[size] = None
+        if size:
+            made[size] = folder / str(size)
+            with pf.PriorDatabase.create(made[size]) as writer:
+                for file in files[:: max(1, len(files) // size)][:size]:
+                    writer.add(pf.read(file))
+                poses = sum(record.frames[0] for record in writer.clips())
+            print(f"database of {size} takes: {poses} poses at 30 Hz")
+    return made
+
+
+def main() -> int:
+    """Run the benchmark."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    add_data_option(parser)
+    parser.add_argument("--seconds", default="0.5,2,8,20")
+    parser.add_argument("--takes", default="0,30,288", help="of each database")
+    parser.add_argument("--methods", default=",".join(METHODS))
+    parser.add_argument("--repeat", type=int, default=1)
+    arguments = parser.parse_args()
+    take = arguments.data / TAKE
+    if not take.exists():
+        print(f"{take}: no such recording; name the folder with --data", file=sys.stderr)
+        return 1
+    lengths = [float(s) for s in arguments.seconds.split(",")]
+    whole = pf.read(take)
+    files = sorted((arguments.data / PRIORS).glob("*.c3d"))
+    with tempfile.TemporaryDirectory() as folder:
+        print(f"{take.name}: {whole.duration:.0f} s at {whole.rate:.0f} Hz")
+        sizes = [int(size) for size in arguments.takes.split(",")]
+        priors = databases(Path(folder), files, sizes)
+        print(f"\n{'gone':10s} {'takes':>5s} {'method':12s} {'gap s':>6s} {'wall s':>7s}", end="")
+        print(f" {'cpu s':>7s} {'cpu s/s':>8s} {'of paper':>9s} {'of first':>9s}")
+        for part, labels in PARTS.items():
+            gone = [whole.labels.index(label) for label in labels]
+            for size, prior in priors.items():
+                reference: dict[float, float] = {}
+                for method in arguments.methods.split(","):
+                    cpus = []
+                    for seconds in lengths:
+                        positions = whole.positions.copy()
+                        positions[START : START + round(seconds * whole.rate), gone] = np.nan
+                        clip = whole.with_positions(positions)
+                        if not cpus:  # compile, fill caches
+                            pf.fill(clip, database=prior, method=method)
+                        wall, cpu = best_time(clip, arguments.repeat, database=prior, method=method)
+                        cpus.append(cpu)
+                        ratio = cpu / reference.setdefault(seconds, cpu)
+                        print(
+                            f"{part:10s} {size:5d} {method:12s} {seconds:6.1f} {wall:7.2f} "
+                            f"{cpu:7.2f} {cpu / seconds:8.3f} {wall / seconds / PUBLISHED:9.3f} "
+                            f"{ratio:9.2f}",
+                            flush=True,
+                        )
+                    slope, fixed = np.polyfit(lengths, cpus, 1)
+                    off = np.abs(np.polyval([slope, fixed], lengths) - cpus).max()
+                    print(
+                        f"  {fixed:.2f} s + {slope:.3f} s CPU per second of gap; "
+                        f"off that line by at most {off:.2f} s"
+                    )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
