@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +21,15 @@ from priorfill.formats.c3d_new import create_c3d
 from priorfill.formats.c3d_patch import WriteReport, write_c3d
 from priorfill.formats.c3d_read import read_c3d
 from priorfill.formats.c3d_rewrite import rewrite_c3d
-from priorfill.formats.mat import create_mat, read_mat, recognise_mat
-from priorfill.formats.motive_csv import copy_motive, read_motive, recognise_motive
-from priorfill.formats.nexus_csv import copy_nexus, read_nexus, recognise_nexus
-from priorfill.formats.npz import create_npz_clip, read_npz, recognise_npz
+from priorfill.formats.mat import create_mat, parse_mat, recognise_mat
+from priorfill.formats.motive_csv import parse_motive, recognise_motive
+from priorfill.formats.nexus_csv import parse_nexus, recognise_nexus
+from priorfill.formats.npz import create_npz_clip, parse_npz, recognise_npz
 from priorfill.formats.npz_new import create_npz
-from priorfill.formats.qualisys_tsv import copy_qualisys, read_qualisys, recognise_qualisys
-from priorfill.formats.recording import Reading
-from priorfill.formats.trc import copy_trc, create_trc, read_trc, recognise_trc
+from priorfill.formats.qualisys_tsv import parse_qualisys, recognise_qualisys
+from priorfill.formats.recording import Reading, Recording, make_clip, read_bounded
+from priorfill.formats.text_table import TableRecording, write_table
+from priorfill.formats.trc import create_trc, parse_trc, recognise_trc
 from priorfill.formats.uncertainty import (
     UNCERTAINTY_SUFFIXES,
     check_uncertainty,
@@ -122,38 +124,63 @@ def _by_head(recognise: Callable[[bytes], bool]) -> Callable[[Path], bool]:
     return look
 
 
-_TEXT = (".csv", ".tsv", ".txt")
+def _reader(name: str, parse: Callable[[bytes, str], Recording]) -> Callable[[Path, Reading], Clip]:
+    """Return what reads files of a format, of which a function understands the contents."""
+
+    def read_one(path: Path, reading: Reading) -> Clip:
+        data = read_bounded(path)
+        recording = parse(data, path.name)
+        return make_clip(recording, path.name, reading, path=path, data=data, format=name)
+
+    return read_one
+
+
+def _table(
+    name: str,
+    title: str,
+    parse: Callable[[bytes, str], TableRecording],
+    recognise: Callable[[bytes], bool],
+    suffixes: tuple[str, ...] = (".csv", ".tsv", ".txt"),
+    **more: Any,
+) -> Format:
+    """Return a format of text files, which are copied cell by cell."""
+
+    def recording(data: bytes, of: str) -> Recording:
+        return parse(data, of).recording
+
+    def copy(
+        path: Path | str, clip: Clip, filled: NDArray[np.bool_], *, overwrite: bool = False
+    ) -> WriteReport:
+        return write_table(path, clip, filled, parse, overwrite=overwrite)
+
+    reader = _reader(name, recording)
+    return Format(title, suffixes, reader, _by_head(recognise), copy, **more)
+
 
 FORMATS = {
     "c3d": Format(
         "C3D", (".c3d",), _c3d, lambda path: True, write_c3d, create_c3d, rewrite_c3d, alone=True
     ),
-    "trc": Format(
-        "TRC", (".trc",), read_trc, _by_head(recognise_trc), copy_trc, create_trc, alone=True
+    "trc": _table("trc", "TRC", parse_trc, recognise_trc, (".trc",), create=create_trc, alone=True),
+    "nexus": _table(
+        "nexus", "text of Vicon Nexus (section Trajectories)", parse_nexus, recognise_nexus
     ),
-    "nexus": Format(
-        "text of Vicon Nexus (section Trajectories)",
-        _TEXT,
-        read_nexus,
-        _by_head(recognise_nexus),
-        copy_nexus,
+    "qualisys": _table(
+        "qualisys", "TSV of Qualisys (NO_OF_FRAMES ...)", parse_qualisys, recognise_qualisys
     ),
-    "qualisys": Format(
-        "TSV of Qualisys (NO_OF_FRAMES ...)",
-        _TEXT,
-        read_qualisys,
-        _by_head(recognise_qualisys),
-        copy_qualisys,
+    "motive": _table(
+        "motive", "CSV of OptiTrack Motive (Format Version ...)", parse_motive, recognise_motive
     ),
-    "motive": Format(
-        "CSV of OptiTrack Motive (Format Version ...)",
-        _TEXT,
-        read_motive,
-        _by_head(recognise_motive),
-        copy_motive,
+    "npz": Format(
+        "NumPy archive",
+        (".npz",),
+        _reader("npz", parse_npz),
+        recognise_npz,
+        create=create_npz_clip,
     ),
-    "npz": Format("NumPy archive", (".npz",), read_npz, recognise_npz, create=create_npz_clip),
-    "mat": Format("MATLAB file", (".mat",), read_mat, recognise_mat, create=create_mat),
+    "mat": Format(
+        "MATLAB file", (".mat",), _reader("mat", parse_mat), recognise_mat, create=create_mat
+    ),
 }
 """The formats by name."""
 

@@ -6,17 +6,20 @@ Ours have `positions` (frames, markers, 3), `labels`, `rate` (Hz), `unit`, `up`,
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.clip import UP_AXES, Clip
-from priorfill.errors import FormatError
-from priorfill.formats.recording import Recording
+from priorfill.errors import FormatError, OutputError
+from priorfill.formats.atomic import replace_file
+from priorfill.formats.c3d_patch import WriteReport
+from priorfill.formats.recording import Recording, check_filled
 
-__all__ = ["LABELS", "POSITIONS", "RATES", "as_recording", "clip_arrays"]
+__all__ = ["LABELS", "POSITIONS", "RATES", "as_recording", "clip_arrays", "write_arrays"]
 
 POSITIONS = ("positions", "markers", "trajectories", "points", "marker_data", "data", "xyz")
 LABELS = ("labels", "marker_labels", "marker_names", "markernames", "markerlabels", "names")
@@ -38,6 +41,53 @@ def clip_arrays(clip: Clip, filled: NDArray[np.bool_]) -> dict[str, Any]:
         "subject": clip.subject,
         "filled": filled,
     }
+
+
+def write_arrays(
+    path: Path | str,
+    clip: Clip,
+    filled: NDArray[np.bool_] | None,
+    save: Callable[[Path, dict[str, Any]], None],
+    parse: Callable[[bytes, str], Recording],
+    *,
+    overwrite: bool = False,
+) -> WriteReport:
+    """Write a clip as a new file of named arrays, and read it back before it gets its name.
+
+    Parameters
+    ----------
+    path : Path or str
+        The file to write.
+    clip : Clip
+        The clip.
+    filled : ndarray [shape=(frames, markers), bool] or None
+        Which samples were filled; samples that the source says are filled count, too.
+    save : callable
+        Writes `clip_arrays` to a file.
+    parse : callable
+        Reads the contents of such a file, which has a name.
+    overwrite : bool
+        Replace an existing file.
+
+    Raises
+    ------
+    OutputError
+        If the file exists already or cannot be written, or a filled sample has no position.
+    """
+    mask = check_filled(clip, filled)
+    before = clip.source.interpolated if clip.source is not None else None
+    arrays = clip_arrays(clip, mask if before is None else mask | before)
+    with replace_file(path, overwrite=overwrite) as temporary:
+        save(temporary, arrays)
+        again = parse(temporary.read_bytes(), temporary.name)
+        if again.labels != clip.labels or not np.array_equal(
+            again.positions, clip.positions, equal_nan=True
+        ):
+            raise OutputError(
+                f"{path}: what was written there is not what should be; "
+                "check the folder's permissions and space"
+            )
+    return WriteReport(samples=int(mask.sum()), worst_error_mm=0.0)
 
 
 def as_recording(arrays: Mapping[str, Any], name: str) -> Recording:

@@ -17,21 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.clip import Clip
-from priorfill.errors import FormatError, OutputError
-from priorfill.formats.arrays import LABELS, POSITIONS, as_recording, clip_arrays
-from priorfill.formats.atomic import replace_file
+from priorfill.errors import FormatError
+from priorfill.formats.arrays import LABELS, POSITIONS, as_recording, write_arrays
 from priorfill.formats.c3d_patch import WriteReport
-from priorfill.formats.recording import (
-    LARGEST,
-    Reading,
-    Recording,
-    check_filled,
-    check_size,
-    make_clip,
-    read_bounded,
-)
+from priorfill.formats.recording import LARGEST, Recording, check_size, read_bounded
 
-__all__ = ["create_mat", "read_mat", "recognise_mat"]
+__all__ = ["create_mat", "parse_mat", "recognise_mat"]
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _HDF5_AT = 512
@@ -63,13 +54,6 @@ def recognise_mat(path: Path) -> bool:
     return "trajectories" in names or bool(names & set(POSITIONS) and names & set(LABELS))
 
 
-def read_mat(path: Path, reading: Reading) -> Clip:
-    """Read a recording; see `priorfill.formats.read`."""
-    data = read_bounded(path)
-    recording = _parse(data, path.name)
-    return make_clip(recording, path.name, reading, path=path, data=data, format="mat")
-
-
 def create_mat(
     path: Path | str,
     clip: Clip,
@@ -77,43 +61,18 @@ def create_mat(
     *,
     overwrite: bool = False,
 ) -> WriteReport:
-    """Write a clip as a new file of version 5; positions are the clip's, in mm.
+    """Write a clip as a new file of version 5; see `priorfill.formats.arrays.write_arrays`."""
+    return write_arrays(path, clip, filled, _save, parse_mat, overwrite=overwrite)
 
-    Parameters
-    ----------
-    path : Path or str
-        The file to write.
-    clip : Clip
-        The clip.
-    filled : ndarray [shape=(frames, markers), bool] or None
-        Which samples were filled; samples that the source says are filled count, too.
-    overwrite : bool
-        Replace an existing file.
 
-    Raises
-    ------
-    OutputError
-        If the file exists already or cannot be written, or a filled sample has no position.
-    """
+def _save(path: Path, arrays: dict[str, Any]) -> None:
+    """Write arrays to a file of version 5."""
     from scipy.io import savemat  # slow to import, and `--help` should not wait for it
 
-    mask = check_filled(clip, filled)
-    before = clip.source.interpolated if clip.source is not None else None
-    variables = clip_arrays(clip, mask if before is None else mask | before)
-    variables["labels"] = np.array(clip.labels, dtype=object).reshape(-1, 1)  # a cell array
-    with replace_file(path, overwrite=overwrite) as temporary:
-        buffer = io.BytesIO()
-        savemat(buffer, variables, do_compression=True)
-        temporary.write_bytes(buffer.getvalue())
-        again = _parse(temporary.read_bytes(), temporary.name)
-        if again.labels != clip.labels or not np.array_equal(
-            again.positions, clip.positions, equal_nan=True
-        ):
-            raise OutputError(
-                f"{path}: what was written there is not what should be; "
-                "check the folder's permissions and space"
-            )
-    return WriteReport(samples=int(mask.sum()), worst_error_mm=0.0)
+    labels = np.array(arrays["labels"], dtype=object).reshape(-1, 1)  # a cell array
+    buffer = io.BytesIO()
+    savemat(buffer, arrays | {"labels": labels}, do_compression=True)
+    path.write_bytes(buffer.getvalue())
 
 
 def _listed(data: bytes, name: str) -> list[tuple[str, tuple[int, ...], str]]:
@@ -168,7 +127,7 @@ def _damaged(name: str, error: Exception) -> FormatError:
     return FormatError(f"{name}: cannot be read as a MATLAB file ({reason}); save it again")
 
 
-def _parse(data: bytes, name: str) -> Recording:
+def parse_mat(data: bytes, name: str) -> Recording:
     """Understand a file.
 
     Raises

@@ -18,15 +18,9 @@ A missing sample has blank cells. Rigid bodies and bones are no markers. Markers
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from priorfill.clip import Clip
 from priorfill.errors import FormatError
-from priorfill.formats.c3d_patch import WriteReport
-from priorfill.formats.recording import Reading, Recording, make_clip, read_bounded
+from priorfill.formats.recording import Recording
 from priorfill.formats.text_table import (
     TableRecording,
     cells_of,
@@ -35,10 +29,9 @@ from priorfill.formats.text_table import (
     read_table,
     split_lines,
     texts_of,
-    write_table,
 )
 
-__all__ = ["copy_motive", "parse_motive", "read_motive", "recognise_motive"]
+__all__ = ["parse_motive", "recognise_motive"]
 
 _DELIMITER = b","
 
@@ -56,20 +49,6 @@ _TITLES = 3
 def recognise_motive(head: bytes) -> bool:
     """Tell by a file's first bytes if Motive exported it."""
     return re.match(rb"(\xef\xbb\xbf)?\"?Format Version\"?,", head) is not None
-
-
-def read_motive(path: Path, reading: Reading) -> Clip:
-    """Read the markers of a Motive export; see `priorfill.formats.read`."""
-    data = read_bounded(path)
-    recording = parse_motive(data, path.name).recording
-    return make_clip(recording, path.name, reading, path=path, data=data, format="motive")
-
-
-def copy_motive(
-    path: Path | str, clip: Clip, filled: NDArray[np.bool_], *, overwrite: bool = False
-) -> WriteReport:
-    """Write a copy of the clip's source with the filled samples; see `write_table`."""
-    return write_table(path, clip, filled, parse_motive, overwrite=overwrite)
 
 
 def parse_motive(data: bytes, name: str) -> TableRecording:

@@ -16,15 +16,9 @@ Outputs) before and after; an empty line ends a section.
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from priorfill.clip import Clip
 from priorfill.errors import FormatError
-from priorfill.formats.c3d_patch import WriteReport
-from priorfill.formats.recording import Reading, Recording, make_clip, read_bounded
+from priorfill.formats.recording import Recording
 from priorfill.formats.text_table import (
     TableRecording,
     cells_of,
@@ -32,10 +26,9 @@ from priorfill.formats.text_table import (
     read_table,
     split_lines,
     texts_of,
-    write_table,
 )
 
-__all__ = ["copy_nexus", "parse_nexus", "read_nexus", "recognise_nexus"]
+__all__ = ["parse_nexus", "recognise_nexus"]
 
 _SECTION = "Trajectories"
 
@@ -51,20 +44,6 @@ def recognise_nexus(head: bytes) -> bool:
     """Tell by a file's first bytes if Nexus exported it."""
     pattern = rb"\A(\xef\xbb\xbf)?\s*\"?(" + _SECTIONS + rb")\"?[,;\t]*\s*[\r\n]"
     return re.match(pattern, head) is not None
-
-
-def read_nexus(path: Path, reading: Reading) -> Clip:
-    """Read the trajectories of a Nexus export; see `priorfill.formats.read`."""
-    data = read_bounded(path)
-    recording = parse_nexus(data, path.name).recording
-    return make_clip(recording, path.name, reading, path=path, data=data, format="nexus")
-
-
-def copy_nexus(
-    path: Path | str, clip: Clip, filled: NDArray[np.bool_], *, overwrite: bool = False
-) -> WriteReport:
-    """Write a copy of the clip's source with the filled samples; see `write_table`."""
-    return write_table(path, clip, filled, parse_nexus, overwrite=overwrite)
 
 
 def parse_nexus(data: bytes, name: str) -> TableRecording:

@@ -11,20 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.clip import Clip
-from priorfill.errors import FormatError, OutputError
-from priorfill.formats.arrays import LABELS, POSITIONS, as_recording, clip_arrays
-from priorfill.formats.atomic import replace_file
+from priorfill.errors import FormatError
+from priorfill.formats.arrays import LABELS, POSITIONS, as_recording, write_arrays
 from priorfill.formats.c3d_patch import WriteReport
 from priorfill.formats.npz_new import save_arrays
-from priorfill.formats.recording import (
-    Reading,
-    check_filled,
-    check_size,
-    make_clip,
-    read_bounded,
-)
+from priorfill.formats.recording import Recording, check_size
 
-__all__ = ["create_npz_clip", "read_npz", "recognise_npz"]
+__all__ = ["create_npz_clip", "parse_npz", "recognise_npz"]
 
 _ZIP = b"PK\x03\x04"
 
@@ -39,11 +32,9 @@ def recognise_npz(path: Path) -> bool:
     return bool(names & set(POSITIONS)) and bool(names & set(LABELS))
 
 
-def read_npz(path: Path, reading: Reading) -> Clip:
-    """Read a recording; see `priorfill.formats.read`."""
-    data = read_bounded(path)
-    recording = as_recording(load_arrays(data, path.name), path.name)
-    return make_clip(recording, path.name, reading, path=path, data=data, format="npz")
+def parse_npz(data: bytes, name: str) -> Recording:
+    """Read a recording; raises what `load_arrays` and `as_recording` do."""
+    return as_recording(load_arrays(data, name), name)
 
 
 def load_arrays(data: bytes, name: str) -> dict[str, Any]:
@@ -82,34 +73,5 @@ def create_npz_clip(
     *,
     overwrite: bool = False,
 ) -> WriteReport:
-    """Write a clip as a new archive; positions are the clip's, in mm.
-
-    Parameters
-    ----------
-    path : Path or str
-        The file to write.
-    clip : Clip
-        The clip.
-    filled : ndarray [shape=(frames, markers), bool] or None
-        Which samples were filled; samples that the source says are filled count, too.
-    overwrite : bool
-        Replace an existing file.
-
-    Raises
-    ------
-    OutputError
-        If the file exists already or cannot be written, or a filled sample has no position.
-    """
-    mask = check_filled(clip, filled)
-    before = clip.source.interpolated if clip.source is not None else None
-    with replace_file(path, overwrite=overwrite) as temporary:
-        save_arrays(temporary, clip_arrays(clip, mask if before is None else mask | before))
-        again = as_recording(load_arrays(temporary.read_bytes(), temporary.name), temporary.name)
-        if again.labels != clip.labels or not np.array_equal(
-            again.positions, clip.positions, equal_nan=True
-        ):
-            raise OutputError(
-                f"{path}: what was written there is not what should be; "
-                "check the folder's permissions and space"
-            )
-    return WriteReport(samples=int(mask.sum()), worst_error_mm=0.0)
+    """Write a clip as a new archive; see `priorfill.formats.arrays.write_arrays`."""
+    return write_arrays(path, clip, filled, save_arrays, parse_npz, overwrite=overwrite)

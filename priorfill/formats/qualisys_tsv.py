@@ -20,15 +20,9 @@ blank or ``null``, as chosen, too. The manual names no unit: it is always mm.
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from priorfill.clip import Clip
 from priorfill.errors import FormatError
-from priorfill.formats.c3d_patch import WriteReport
-from priorfill.formats.recording import Reading, Recording, make_clip, read_bounded
+from priorfill.formats.recording import Recording
 from priorfill.formats.text_table import (
     TableRecording,
     cells_of,
@@ -37,10 +31,9 @@ from priorfill.formats.text_table import (
     read_table,
     split_lines,
     texts_of,
-    write_table,
 )
 
-__all__ = ["copy_qualisys", "parse_qualisys", "read_qualisys", "recognise_qualisys"]
+__all__ = ["parse_qualisys", "recognise_qualisys"]
 
 _KEY = re.compile(rb"(?:\xef\xbb\xbf)?[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)*[ \t]*(?:[\t\r\n]|$)")
 """A line of the header: a word in capitals, then a tab."""
@@ -56,20 +49,6 @@ def recognise_qualisys(head: bytes) -> bool:
     return (
         re.match(rb"(\xef\xbb\xbf)?(FILE_VERSION|NO_OF_FRAMES|NO_OF_CAMERAS)\t", head) is not None
     )
-
-
-def read_qualisys(path: Path, reading: Reading) -> Clip:
-    """Read the trajectories of a TSV of QTM; see `priorfill.formats.read`."""
-    data = read_bounded(path)
-    recording = parse_qualisys(data, path.name).recording
-    return make_clip(recording, path.name, reading, path=path, data=data, format="qualisys")
-
-
-def copy_qualisys(
-    path: Path | str, clip: Clip, filled: NDArray[np.bool_], *, overwrite: bool = False
-) -> WriteReport:
-    """Write a copy of the clip's source with the filled samples; see `write_table`."""
-    return write_table(path, clip, filled, parse_qualisys, overwrite=overwrite)
 
 
 def parse_qualisys(data: bytes, name: str) -> TableRecording:

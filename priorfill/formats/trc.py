@@ -25,7 +25,7 @@ from priorfill.clip import Clip
 from priorfill.errors import FormatError, OutputError
 from priorfill.formats.atomic import replace_file
 from priorfill.formats.c3d_patch import WriteReport
-from priorfill.formats.recording import Reading, Recording, check_filled, make_clip, read_bounded
+from priorfill.formats.recording import Recording, check_filled
 from priorfill.formats.text_table import (
     BLANKS,
     TableRecording,
@@ -35,10 +35,9 @@ from priorfill.formats.text_table import (
     read_table,
     split_lines,
     texts_of,
-    write_table,
 )
 
-__all__ = ["copy_trc", "create_trc", "parse_trc", "read_trc", "recognise_trc"]
+__all__ = ["create_trc", "parse_trc", "recognise_trc"]
 
 _HEADER_WITHIN = 30
 """Lines among which the header is looked for."""
@@ -55,20 +54,6 @@ _STEP = 10.0**-_DECIMALS
 def recognise_trc(head: bytes) -> bool:
     """Tell by a file's first bytes if it is TRC."""
     return re.search(rb"^(PathFileType|DataRate)[ \t]", head, re.MULTILINE) is not None
-
-
-def read_trc(path: Path, reading: Reading) -> Clip:
-    """Read the markers of a TRC file; see `priorfill.formats.read`."""
-    data = read_bounded(path)
-    recording = parse_trc(data, path.name).recording
-    return make_clip(recording, path.name, reading, path=path, data=data, format="trc")
-
-
-def copy_trc(
-    path: Path | str, clip: Clip, filled: NDArray[np.bool_], *, overwrite: bool = False
-) -> WriteReport:
-    """Write a copy of the clip's source with the filled samples; see `write_table`."""
-    return write_table(path, clip, filled, parse_trc, overwrite=overwrite)
 
 
 def parse_trc(data: bytes, name: str) -> TableRecording:
