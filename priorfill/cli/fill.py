@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from priorfill.cli.keep import Kept, facts_of_keeping, is_to_be_made, keep, not_kept
-from priorfill.cli.output import print_json, print_table
+from priorfill.cli.output import json_number, print_json, print_table, some_names
 from priorfill.cli.progress import progress
 from priorfill.cli.reading import excluding_options, read_clips, reading_options
 from priorfill.cli.trouble import (
@@ -34,9 +34,6 @@ EXIT_INCOMPLETE = 3
 
 MAX_GAPS = 40
 """Gaps in the table; ``--json`` has all."""
-
-MAX_NAMES = 6
-"""Markers named in a line."""
 
 
 def _frames(
@@ -344,11 +341,6 @@ def _companions(
     return found
 
 
-def _number(value: float) -> float | None:
-    """Return a number for JSON, which knows no NaN."""
-    return round(value, 3) if math.isfinite(value) else None
-
-
 def _facts(
     file: Path,
     output: Path,
@@ -398,9 +390,9 @@ def _facts(
                 "frames": gap.frames,
                 "seconds": round(gap.frames / result.clip.rate, 4),
                 "filled": gap.filled,
-                "expected_error_mm": _number(gap.expected_error),
-                "expected_mean_error_mm": _number(gap.expected_mean),
-                "bound_90_mm": _number(gap.bound),
+                "expected_error_mm": json_number(gap.expected_error, 3),
+                "expected_mean_error_mm": json_number(gap.expected_mean, 3),
+                "bound_90_mm": json_number(gap.bound, 3),
                 "method": gap.method,
                 "from": list(gap.how),
                 "poses": gap.poses,
@@ -474,9 +466,8 @@ def print_left_missing(result: Result) -> None:
         start = min(piece.start for piece, _ in some)
         stop = max(piece.stop for piece, _ in some)
         markers = f"{len(labels)} marker{'s' if len(labels) > 1 else ''}"
-        names = ", ".join(labels[:MAX_NAMES]) + (", ..." if len(labels) > MAX_NAMES else "")
         click.echo(
-            f"{verb}: {samples} samples of {markers} ({names}) "
+            f"{verb}: {samples} samples of {markers} ({some_names(labels)}) "
             f"within frames {first + start}-{first + stop - 1}: {reason}",
             err=True,
         )

@@ -3,21 +3,35 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 import click
 
-__all__ = ["duration", "print_json", "print_table"]
+__all__ = ["duration", "json_number", "print_json", "print_table", "some_names"]
 
 WIDE = 1000
 """Columns for output that is not a terminal: a pipe or a file has no width to cut at."""
+
+MAX_NAMES = 6
+"""Names in a line."""
 
 
 def print_json(value: Any) -> None:
     """Print a value as JSON."""
     click.echo(json.dumps(value, indent=2, ensure_ascii=False))
+
+
+def json_number(value: float, digits: int) -> float | None:
+    """Return a rounded number for JSON, which knows neither NaN nor infinity."""
+    return round(value, digits) if math.isfinite(value) else None
+
+
+def some_names(names: Sequence[str], separator: str = ", ") -> str:
+    """Return names in a line, but for those that are too many."""
+    return separator.join([*names[:MAX_NAMES], *(["..."] if len(names) > MAX_NAMES else [])])
 
 
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: str = "") -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from priorfill.cli.output import print_table
+from priorfill.cli.output import json_number, print_table, some_names
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -27,9 +27,6 @@ __all__ = [
 MAX_ROWS = 40
 """Lines of the table; ``--json`` has all."""
 
-MAX_NAMES = 6
-"""Markers named in a line."""
-
 MAX_WARNINGS = 5
 """Lines of warnings; `inspect` shows more."""
 
@@ -45,9 +42,9 @@ def trouble_facts(trouble: Sequence[Trouble], clip: Clip) -> list[dict[str, Any]
             "last_frame": first + one.stop - 1,
             "size_mm": round(one.size, 1),
             "partner": one.partner or None,
-            "distance_mm": _number(one.distance),
-            "usual_mm": _number(one.usual),
-            "spread_mm": _number(one.spread),
+            "distance_mm": json_number(one.distance, 1),
+            "usual_mm": json_number(one.usual, 1),
+            "spread_mm": json_number(one.spread, 1),
             "evidence": one.evidence,
         }
         for one in trouble
@@ -87,9 +84,8 @@ def print_left_as_measured(result: Result, file: Path, output: Path) -> None:
     labels = [
         label for label, column in zip(result.clip.labels, left.T, strict=True) if column.any()
     ]
-    names = ", ".join(labels[:MAX_NAMES]) + (", ..." if len(labels) > MAX_NAMES else "")
     click.echo(
-        f"left as measured: {int(left.sum())} samples that were rejected, of {names}, "
+        f"left as measured: {int(left.sum())} samples that were rejected, of {some_names(labels)}, "
         f"are in {output} as in {file}: nothing filled them",
         err=True,
     )
@@ -114,8 +110,3 @@ def _weight(one: dict[str, Any]) -> float:
 def _frames(one: dict[str, Any]) -> str:
     first, last = one["first_frame"], one["last_frame"]
     return f"{first}-{last}" if first < last else f"{first}"
-
-
-def _number(value: float) -> float | None:
-    """Return a length for JSON, which knows no NaN."""
-    return round(value, 1) if value == value else None

@@ -11,6 +11,7 @@ import click
 from priorfill.cli.batch import Reader, with_path
 from priorfill.cli.db.common import count, skipped, total
 from priorfill.cli.db.files import find_files
+from priorfill.cli.output import some_names
 from priorfill.cli.progress import progress
 from priorfill.errors import (
     ClipError,
@@ -26,9 +27,6 @@ if TYPE_CHECKING:
     from priorfill.database import ClipRecord, PriorDatabase
 
 __all__ = ["Target", "put_files", "read_file", "sound"]
-
-MAX_NAMES = 6
-"""Markers named in a line."""
 
 
 class Target:
@@ -205,7 +203,7 @@ def sound(clip: Clip) -> tuple[Clip, str]:
     markers = sorted({label for one in trouble for label in one.markers}, key=clip.labels.index)
     if not lost:
         return clip, ""
-    names = " ".join(markers[:MAX_NAMES]) + (" ..." if len(markers) > MAX_NAMES else "")
+    names = some_names(markers, " ")
     return cleared, f", without {lost} samples in trouble of {names} (see: priorfill inspect)"
 
 

@@ -124,13 +124,7 @@ def fill_blackout(
         found = curves.mean(axis=0)[0]
         deviation = _unlearnt(curves, beside[0], stencil, rate)
     else:
-        curves = draw(inside, windows.beside)
-        found, deviation = _learn(windows, curves, stencil)
-        if (windows.source[1:] == 0).sum() < FEWEST_WINDOWS:
-            # nothing of the clip itself says how far other recordings can be trusted
-            drawn = curves[:, 0].mean(axis=0)
-            apart = np.sqrt(((found - drawn) ** 2).sum(axis=-1))
-            found, deviation = (found + drawn) / 2.0, np.hypot(deviation, apart / 2.0)
+        found, deviation = _learn(windows, draw(inside, windows.beside), stencil)
     correction = found - plain[stencil.inside]
     positions = np.full((stencil.frames, clip.shape[1], 3), np.nan)
     positions[:, markers] = plain + through(stencil, correction, asked)
@@ -185,9 +179,10 @@ def _learn(windows: Windows, curves: _Floats, stencil: Stencil) -> tuple[_Floats
     # a person who stands still is told by stretches of standing still
     alike = np.exp(-0.5 * (np.log(scale[1:] / scale[0]) / ALIKE) ** 2) + ANYHOW
     own = windows.source[1:] == 0
-    judged = own if own.sum() >= FEWEST_WINDOWS else np.ones_like(own)
+    enough = own.sum() >= FEWEST_WINDOWS
+    judged = own if enough else np.ones_like(own)
     # a database's poses are smoothed: how smooth the clip is is for its own windows to say
-    taught = windows.source[1:] <= 1 if own.sum() >= FEWEST_WINDOWS else judged
+    taught = windows.source[1:] <= 1 if enough else judged
     weight = taught * alike / scale[1:]
     mixed = mix(curves, truth, weight)
     shape = truth.shape[1:]
@@ -201,4 +196,9 @@ def _learn(windows: Windows, curves: _Floats, stencil: Stencil) -> tuple[_Floats
     part = alike[judged] / alike[judged].sum()
     square = np.tensordot(part, (relative**2).sum(axis=-1), 1)
     deviation: _Floats = by[0] * np.sqrt(square)
+    if not enough:
+        # nothing of the clip itself says how far other recordings can be trusted
+        drawn = curves[:, 0].mean(axis=0)
+        apart = np.sqrt(((found - drawn) ** 2).sum(axis=-1))
+        found, deviation = (found + drawn) / 2.0, np.hypot(deviation, apart / 2.0)
     return found, deviation
