@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from priorfill.errors import ClipError, FormatError
 from priorfill.formats.c3d_parameters import (
     BLOCK,
+    Contents,
     Header,
     Parameters,
     parse_header,
@@ -135,7 +136,7 @@ class _Geometry:
         return 0 <= self.size - self.end <= BLOCK
 
 
-def parse_layout(data: bytes, name: str) -> Layout:
+def parse_layout(data: Contents, name: str) -> Layout:
     """Find the data section of a C3D file.
 
     Parameters and header often say the same thing twice. Parameters are believed, as the
@@ -143,7 +144,7 @@ def parse_layout(data: bytes, name: str) -> Layout:
 
     Parameters
     ----------
-    data : bytes
+    data : Contents
         The whole file.
     name : str
         What to call the file in messages.
@@ -232,7 +233,7 @@ def read_points(data: bytes, layout: Layout) -> tuple[NDArray[np.float64], NDArr
 
 
 def _geometry(
-    data: bytes, header: Header, parameters: Parameters, points: int, name: str
+    data: Contents, header: Header, parameters: Parameters, points: int, name: str
 ) -> tuple[_Geometry, list[str]]:
     """Return the reading of the data section that fits the file, and what it overruled."""
     starts = [
@@ -305,7 +306,7 @@ def _frame_counts(header: Header, parameters: Parameters) -> list[int]:
     return _unique([0 if count == _SATURATED else count for count in counts])
 
 
-def _room(data: bytes, start: int, frame_bytes: int) -> int:
+def _room(data: Contents, start: int, frame_bytes: int) -> int:
     """Return the frames that a file has room for, without the zeros that fill its last block."""
     tail = data[max(start, len(data) - BLOCK) :]
     used = len(data) - (len(tail) - len(tail.rstrip(b"\0"))) - start

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import mmap
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -12,7 +13,15 @@ from numpy.typing import NDArray
 from priorfill.errors import FormatError
 from priorfill.formats.c3d_words import Processor, decode_floats, decode_integers
 
-__all__ = ["BLOCK", "Header", "Parameters", "is_c3d", "parse_header", "parse_parameters"]
+__all__ = [
+    "BLOCK",
+    "Contents",
+    "Header",
+    "Parameters",
+    "is_c3d",
+    "parse_header",
+    "parse_parameters",
+]
 
 BLOCK = 512
 """Bytes in a block, the unit in which C3D counts."""
@@ -28,6 +37,9 @@ _SIZES = {_CHARACTER: 1, 1: 1, 2: 2, 4: 4}
 _SHORT = np.iinfo(np.int16)
 
 Value = list[str] | NDArray[np.float64]
+
+Contents = bytes | mmap.mmap
+"""A whole file: read, or looked into where it is."""
 
 
 @dataclass(frozen=True)
@@ -116,17 +128,17 @@ class Parameters:
             part += 1
 
 
-def is_c3d(start: bytes) -> bool:
+def is_c3d(start: Contents) -> bool:
     """Tell if a file may be C3D by its first bytes."""
     return len(start) >= 2 and start[0] != 0 and start[1] == _KEY
 
 
-def parse_header(data: bytes, name: str) -> tuple[Header, Processor]:
+def parse_header(data: Contents, name: str) -> tuple[Header, Processor]:
     """Read the first block.
 
     Parameters
     ----------
-    data : bytes
+    data : Contents
         The whole file.
     name : str
         What to call the file in messages.
@@ -176,12 +188,12 @@ def parse_header(data: bytes, name: str) -> tuple[Header, Processor]:
     return header, processor
 
 
-def parse_parameters(data: bytes, header: Header, processor: Processor, name: str) -> Parameters:
+def parse_parameters(data: Contents, header: Header, processor: Processor, name: str) -> Parameters:
     """Read the parameter section.
 
     Parameters
     ----------
-    data : bytes
+    data : Contents
         The whole file.
     header : Header
         What its first block says.
@@ -221,7 +233,7 @@ def parse_parameters(data: bytes, header: Header, processor: Processor, name: st
 
 
 def _records(
-    data: bytes, header: Header, processor: Processor, name: str
+    data: Contents, header: Header, processor: Processor, name: str
 ) -> Iterator[tuple[int, str, bytes]]:
     """Yield identity, name and body of each record: groups (identity < 0) and parameters."""
     at = header.parameter_start + 4

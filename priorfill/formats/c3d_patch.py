@@ -8,6 +8,7 @@ before it gets its name.
 from __future__ import annotations
 
 import hashlib
+import mmap
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -16,17 +17,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.clip import Clip
+from priorfill.clip import Clip, Source
 from priorfill.errors import OutputError
 from priorfill.formats.atomic import check_target, replace_file
 from priorfill.formats.c3d_layout import WORDS_PER_POINT, Layout, parse_layout
-from priorfill.formats.c3d_read import read_c3d_bytes
 from priorfill.formats.c3d_words import (
     decode_floats,
     decode_integers,
     encode_floats,
     encode_integers,
 )
+from priorfill.formats.contents import told
 
 __all__ = ["Prepared", "WriteReport", "prepare", "write_c3d"]
 
@@ -67,8 +68,10 @@ class Prepared:
 
     Attributes
     ----------
-    original : bytes
-        The source.
+    source : Source
+        The source: it is gone through part by part, as it may be large.
+    size : int
+        Its bytes.
     layout : Layout
         Where its samples are.
     frames, markers, points : ndarray [shape=(samples,)]
@@ -79,7 +82,8 @@ class Prepared:
         Millimetres in a file unit.
     """
 
-    original: bytes
+    source: Source
+    size: int
     layout: Layout
     frames: NDArray[np.intp]
     markers: NDArray[np.intp]
@@ -168,14 +172,19 @@ def prepare(
             f"frame {clip.first_frame + int(frames[first])} but has no position; "
             "mark only samples that have one"
         )
-    original = read_c3d_bytes(source.path)
-    if hashlib.sha256(original).hexdigest() != source.sha256:
-        raise OutputError(
-            f"{source.path.name}: has changed since it was read; read and fill it again"
-        )
-    layout = parse_layout(original, source.path.name)
+    with told(source.path), source.path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    if digest != source.sha256:
+        raise _changed(source)
+    with (
+        told(source.path),
+        source.path.open("rb") as file,
+        mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as contents,
+    ):
+        layout, size = parse_layout(contents, source.path.name), len(contents)
     return Prepared(
-        original=original,
+        source=source,
+        size=size,
         layout=layout,
         frames=frames.astype(np.intp),
         markers=markers.astype(np.intp),
@@ -183,6 +192,10 @@ def prepare(
         in_units=values / source.mm_per_unit,
         mm_per_unit=source.mm_per_unit,
     )
+
+
+def _changed(source: Source) -> OutputError:
+    return OutputError(f"{source.path.name}: has changed since it was read; read and fill it again")
 
 
 def _check_range(ready: Prepared, clip: Clip) -> None:
@@ -213,38 +226,48 @@ def _encode(in_units: NDArray[np.float64], layout: Layout) -> NDArray[np.uint8]:
     return encode_integers(words.astype(np.int16), layout.processor)
 
 
-def _parts(ready: Prepared) -> Iterator[tuple[int, int, slice, NDArray[np.intp]]]:
-    """Go through the file, from end to end: it may be too large to have it in memory twice.
+def _parts(ready: Prepared) -> Iterator[tuple[NDArray[np.uint8], slice, NDArray[np.intp]]]:
+    """Go through the source, from end to end: it may be too large to have it in memory.
 
     Yields
     ------
-    first, last : int
-        Bytes ``first <= byte < last`` of the file.
+    original : ndarray of uint8
+        The next bytes of it.
     samples : slice
         The samples in them, which are in order of frames.
     places : ndarray of int [shape=(samples, bytes of a record)]
         Where in these bytes the samples' records are.
     """
-    layout = ready.layout
+    layout, path = ready.layout, ready.source.path
     cuts = range(0, layout.frames, _FRAMES_AT_ONCE)
     edges = [0, *(layout.data_start + frame * layout.frame_bytes for frame in cuts)]
     # no sample is before the first frame
     starts = [0, *np.searchsorted(ready.frames, cuts).tolist()]
-    for (first, last), (start, stop) in zip(
-        pairwise([*edges, len(ready.original)]),
-        pairwise([*starts, len(ready.frames)]),
-        strict=True,
-    ):
-        some = slice(start, stop)
-        offsets = layout.record_offsets(ready.frames[some], ready.points[some]) - first
-        yield first, last, some, offsets[:, None] + np.arange(layout.record_bytes)
+    digest = hashlib.sha256()
+    with told(path):
+        file = path.open("rb")
+    with file:
+        for (first, last), (start, stop) in zip(
+            pairwise([*edges, ready.size]), pairwise([*starts, len(ready.frames)]), strict=True
+        ):
+            with told(path):
+                part = file.read(last - first)
+            digest.update(part)
+            if len(part) != last - first:
+                break
+            some = slice(start, stop)
+            offsets = layout.record_offsets(ready.frames[some], ready.points[some]) - first
+            original = np.frombuffer(part, np.uint8)
+            yield original, some, offsets[:, None] + np.arange(layout.record_bytes)
+    if digest.hexdigest() != ready.source.sha256:  # meanwhile
+        raise _changed(ready.source)
 
 
 def _write(temporary: Path, ready: Prepared) -> None:
     """Write the source with the filled samples in it."""
     with temporary.open("wb") as file:
-        for first, last, some, places in _parts(ready):
-            part = np.frombuffer(ready.original, np.uint8, last - first, first).copy()
+        for original, some, places in _parts(ready):
+            part = original.copy()
             part[places] = _encode(ready.in_units[some], ready.layout)
             file.write(part.data)
 
@@ -263,13 +286,12 @@ def _verify(temporary: Path, ready: Prepared) -> float:
         f"{temporary.parent}: the file written there does not read back as intended and was "
         "removed; check the disk and report this as a fault"
     )
-    if temporary.stat().st_size != len(ready.original):
+    if temporary.stat().st_size != ready.size:
         raise failed
     worst = 0.0
     with temporary.open("rb") as file:
-        for first, last, some, places in _parts(ready):
-            written = np.frombuffer(file.read(last - first), np.uint8)
-            original = np.frombuffer(ready.original, np.uint8, last - first, first)
+        for original, some, places in _parts(ready):
+            written = np.frombuffer(file.read(len(original)), np.uint8)
             if len(written) != len(original):
                 raise failed
             changed = written != original

@@ -21,6 +21,7 @@ from priorfill.formats.atomic import replace_file
 from priorfill.formats.c3d_layout import WORDS_PER_POINT, Layout, parse_layout, read_points
 from priorfill.formats.c3d_parameters import Value
 from priorfill.formats.c3d_patch import Prepared, WriteReport, prepare
+from priorfill.formats.c3d_read import read_c3d_bytes
 from priorfill.formats.c3d_words import Processor, decode_floats, decode_integers
 
 __all__ = ["rewrite_c3d"]
@@ -173,7 +174,8 @@ def _compare(ready: Prepared, written: bytes, name: str) -> tuple[float, list[st
         If a sample is not where it should be.
     """
     before = ready.layout
-    expected, residual = read_points(ready.original, before)
+    original = read_c3d_bytes(ready.source.path)
+    expected, residual = read_points(original, before)
     expected[residual < 0] = np.nan
     expected[np.isnan(expected).any(axis=2)] = np.nan
     expected[ready.frames, ready.points] = ready.in_units
@@ -195,7 +197,7 @@ def _compare(ready: Prepared, written: bytes, name: str) -> tuple[float, list[st
     untouched = np.asarray(~np.isnan(expected).any(axis=2))
     untouched[ready.frames, ready.points] = False
     return float(error.max(initial=0.0)), list(
-        _changes(ready.original, before, written, after, untouched)
+        _changes(original, before, written, after, untouched)
     )
 
 

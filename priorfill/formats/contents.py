@@ -3,15 +3,40 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from priorfill.errors import FormatError
 
-__all__ = ["BEGINNING", "read_contents"]
+__all__ = ["BEGINNING", "read_contents", "told"]
 
 BEGINNING = 512
 """Bytes that are looked at before the rest is read: a block of a C3D file."""
+
+
+@contextmanager
+def told(path: Path) -> Iterator[None]:
+    """Say in a line why a file cannot be opened or read.
+
+    Raises
+    ------
+    FormatError
+        If there is no such file, or it cannot be read.
+    """
+    try:
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            # a pipe, which may never say anything
+            raise FormatError(f"{path}: is no file; give the name of one")
+        yield
+    except FileNotFoundError:
+        raise FormatError(f"{path}: there is no such file; check the name") from None
+    except IsADirectoryError:
+        raise FormatError(f"{path}: is a folder; give the name of a file") from None
+    except OSError as error:
+        raise FormatError(
+            f"{path}: cannot be read ({error.strerror}); check its permissions"
+        ) from error
 
 
 def read_contents(
@@ -34,26 +59,15 @@ def read_contents(
     FormatError
         If there is no such file, it cannot be read, or is too large.
     """
-    try:
-        if path.exists() and not (path.is_file() or path.is_dir()):
-            # a pipe, which may never say anything
-            raise FormatError(f"{path}: is no file; give the name of one")
-        with path.open("rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            start = file.read(BEGINNING)
-            if not begins(start):
-                return start
-            if size > most:
-                raise FormatError(
-                    f"{path}: has {size / 1e9:.1f} GB, and at most {most / 1e9:g} are read; "
-                    "cut the recording into parts"
-                )
-            return start + file.read()
-    except FileNotFoundError:
-        raise FormatError(f"{path}: there is no such file; check the name") from None
-    except IsADirectoryError:
-        raise FormatError(f"{path}: is a folder; give the name of a file") from None
-    except OSError as error:
-        raise FormatError(
-            f"{path}: cannot be read ({error.strerror}); check its permissions"
-        ) from error
+    with told(path), path.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        start = file.read(BEGINNING)
+        if not begins(start):
+            return start
+        if size > most:
+            raise FormatError(
+                f"{path}: has {size / 1e9:.1f} GB, and at most {most / 1e9:g} are read; "
+                "cut the recording into parts"
+            )
+        file.seek(0)
+        return file.read()
