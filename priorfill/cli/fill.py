@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from priorfill.decisions import Decisions
     from priorfill.filling import Result
     from priorfill.formats import WriteReport
+    from priorfill.trouble import Trouble
 
 __all__ = ["EXIT_INCOMPLETE", "fill", "print_left_missing"]
 
@@ -220,6 +221,11 @@ def fill(
     companions_of = _companions(companions, file, clips, reading)
     scope = scope.of_several(clips)
     decisions = None if decisions is None else decisions.of_several(clips)
+    seen: tuple[Trouble, ...] = ()
+    if not reject_outliers:  # looked for first: beside what was filled it would take more memory
+        seen = joined_trouble(
+            [clip.subject for clip in clips], [find_trouble(clip) for clip in clips]
+        )
     results = []
     for clip, others in zip(clips, companions_of, strict=True):
         whose = f" ({clip.subject})" if len(clips) > 1 else ""
@@ -257,12 +263,7 @@ def fill(
                 failure = error  # what was filled is of use without the database
                 reading = whose_file
                 kept.append(None)
-    found = result.trouble
-    if not reject_outliers:
-        found = joined_trouble(
-            [clip.subject for clip in clips], [find_trouble(clip) for clip in clips]
-        )
-    trouble = trouble_facts(found, result.clip)
+    trouble = trouble_facts(result.trouble if reject_outliers else seen, result.clip)
     if as_json:
         facts = _facts(file, output, uncertainty, result, results, written, kept)
         print_json(facts | {"trouble": trouble})

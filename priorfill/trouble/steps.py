@@ -38,6 +38,9 @@ USUAL = 0.9
 SAMPLES = 500
 """Frames, spread evenly, by which the noise is told."""
 
+AT_ONCE = 4000
+"""Frames whose steps are taken at once: a long clip's take several times its memory."""
+
 EDGE = 3.0
 """Times as much is needed beside a gap, where only one side's speed is known."""
 
@@ -76,9 +79,21 @@ def steps(positions: NDArray[np.float64]) -> NDArray[np.float64]:
         Between each frame and the next. Where the frame before or after these is missing, the path
         is led on from the other side only; NaN where both are, or one of the two themselves.
     """
+    step = np.full((len(positions) - 1, *positions.shape[1:]), np.nan)
+    if len(step) < 2:
+        return step
+    for start in range(0, len(step), AT_ONCE):
+        stop = min(start + AT_ONCE, len(step))
+        # a step depends on the speeds beside its own
+        first, last = max(start - 1, 0), min(stop + 1, len(step))
+        some = _steps(positions[first : last + 1])
+        step[start:stop] = some[start - first : stop - first]
+    return step
+
+
+def _steps(positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Do the same for three frames or more, all at once."""
     speed = positions[1:] - positions[:-1]
-    if len(speed) < 2:
-        return np.full(speed.shape, np.nan)
     step = speed.copy()
     step[1:-1] -= 0.5 * (speed[:-2] + speed[2:])
     step[0] -= speed[1]
