@@ -12,7 +12,7 @@ measured in the clip. The minimum is found by Gauss-Newton steps.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,12 @@ STEPS = 12
 HALVINGS = 6
 """How often a step that leads uphill is halved."""
 
+STILL = 1e-5
+"""mm. Frames whose markers a step moves by no more are done: no file holds that much."""
+
+AT_ONCE = 500
+"""Frames that are solved together: their matrices stay in the cache, however long the gap is."""
+
 
 @dataclass(frozen=True, eq=False)
 class Edges:
@@ -56,6 +62,27 @@ class Edges:
     other: NDArray[np.intp]
     length: NDArray[np.float64]
     spread: NDArray[np.float64]
+
+    def anchored(self, markers: int) -> tuple[NDArray[np.intp], Edges]:
+        """Return the visible markers that something hangs on, and edges to these alone.
+
+        Parameters
+        ----------
+        markers : int
+            How many are missing.
+
+        Returns
+        -------
+        anchors : ndarray of int
+            Among the visible markers.
+        edges : Edges
+            With columns of the missing markers and the anchors.
+        """
+        on_body = self.other >= markers
+        anchors, place = np.unique(self.other[on_body] - markers, return_inverse=True)
+        other = self.other.copy()
+        other[on_body] = markers + place
+        return anchors, replace(self, other=other)
 
 
 def stiff_edges(
@@ -112,25 +139,41 @@ def hold_lengths(
     """
     if not len(edges.one):
         return predicted
+    held = np.empty_like(predicted)
+    for start in range(0, len(predicted), AT_ONCE):
+        some = slice(start, start + AT_ONCE)
+        held[some] = _held(predicted[some], deviation[some], visible[some], edges)
+    return held
+
+
+def _held(
+    predicted: NDArray[np.float64],
+    deviation: NDArray[np.float64],
+    visible: NDArray[np.float64],
+    edges: Edges,
+) -> NDArray[np.float64]:
+    """Do the same to a part of the frames."""
     markers = predicted.shape[1]
-    variance = coordinate_variance(deviation)
     points = np.concatenate([predicted, visible], axis=1)
-    held = zip(edges.one, edges.other, edges.length, edges.spread, strict=True)
-    springs = [
-        (one, other, length, 1.0 / ((CAUTION * spread) ** 2 + SOFTNESS**2 * variance[:, one]))
-        for one, other, length, spread in held
-    ]
-    reached = energy(points, predicted, variance, springs)
+    variance = coordinate_variance(deviation)
+    softness = SOFTNESS**2 * variance[:, edges.one]  # (frames, edges)
+    weight = 1.0 / ((CAUTION * edges.spread) ** 2 + softness)
+
+    moving = np.arange(len(points))
     for _ in range(STEPS):
-        move = np.zeros_like(points)
-        move[:, :markers] = step(*normal_equations(points, predicted, variance, springs))
+        here, target, doubt = points[moving], predicted[moving], variance[moving]
+        springs = list(zip(edges.one, edges.other, edges.length, weight[moving].T, strict=True))
+        reached = energy(here, target, doubt, springs)
+        move = np.zeros_like(here)
+        move[:, :markers] = step(*normal_equations(here, target, doubt, springs))
         # short links turn under a whole step, which may then lead uphill
         for _ in range(HALVINGS):
-            there = energy(points + move, predicted, variance, springs)
-            uphill = there > reached
+            uphill = energy(here + move, target, doubt, springs) > reached
             if not uphill.any():
                 break
             move[uphill] *= 0.5
-        points = points + move
-        reached = energy(points, predicted, variance, springs)
+        points[moving] += move
+        moving = moving[np.abs(move).max(axis=(1, 2)) > STILL]
+        if not len(moving):
+            break
     return points[:, :markers]

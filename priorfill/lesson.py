@@ -7,12 +7,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ALIGNMENT_FLOOR", "Kernel", "Lesson", "Member", "Moment", "Rows", "View"]
+__all__ = [
+    "ALIGNMENT_FLOOR",
+    "Kernel",
+    "Lesson",
+    "Member",
+    "Moment",
+    "Rows",
+    "Surroundings",
+    "View",
+]
 
 FADED = 0.5
 """What is left of the covariance of poses far apart in time, for kernels that fade."""
@@ -164,7 +173,8 @@ class Kernel:
         covariance += 1.0
         if self.radial:
             covariance += self.radial * nearness
-        covariance *= correlation
+        if not isinstance(correlation, float) or correlation != 1.0:  # mostly it is
+            covariance *= correlation
         covariance += decay
         return covariance
 
@@ -281,6 +291,21 @@ class Rows:
         return [b for b in blocks if near[b[0]]]
 
 
+class Surroundings(Protocol):
+    """Knows what is around the queries of a lesson.
+
+    For all queries of a long gap at once that would be many times the memory of the answer.
+    """
+
+    def __call__(self, poses: Rows) -> Rows:
+        """Return poses of the clip with what is around them."""
+        ...
+
+    def among(self, some: NDArray[np.intp]) -> Surroundings:
+        """Return the same for some of the visible markers only."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Lesson:
     """Poses to learn from, and the poses to predict by the same visible markers.
@@ -290,11 +315,13 @@ class Lesson:
     rows : Rows
         What to learn from; at least two blocks of the queries' kin.
     query : Rows
-        The poses to predict.
+        The poses to predict; what is around them is in `surroundings`.
     distance, spread : ndarray [shape=(visible markers,), mm]
         Rms distance of each visible marker to the nearest missing one, and how much that varies.
     handicap : float
         How many times better than others its members must do with blocks left out to count as much.
+    surroundings : Surroundings, optional
+        Of the queries; needed where the rows have something around them.
     """
 
     rows: Rows
@@ -302,6 +329,12 @@ class Lesson:
     distance: NDArray[np.float64]
     spread: NDArray[np.float64]
     handicap: float = 1.0
+    surroundings: Surroundings | None = None
+
+    def asked(self, some: slice) -> Rows:
+        """Return some of the queries, with what is around them if the rows have it."""
+        queries = self.query.part(some)
+        return queries if self.surroundings is None else self.surroundings(queries)
 
     def shows(self, moment: Moment | None) -> bool:
         """Whether it has the features of a moment."""

@@ -39,8 +39,8 @@ SPEED_WIDTH = 0.3
 LEAST_WIDTH = 20.0
 """mm/s. All speeds that differ by no more are alike."""
 
-AT_ONCE = 500
-"""Poses compared with all rows at once: their distances take some MB, not some hundred."""
+AT_ONCE = 100
+"""Poses compared with all rows at once: their distances take a MB or two, not some hundred."""
 
 HELD = 0.01
 """mm. Error that measured samples are held with."""

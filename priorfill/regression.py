@@ -46,9 +46,9 @@ from priorfill.uncertainty import BOUND_FACTOR, BOUND_SHARE
 
 __all__ = ["Regression", "regress"]
 
-AT_ONCE = 500
-"""Queries that all members predict at once: the matrices of a member take 1 MB each, and what some
-hundred members say of a dozen targets 20 MB, however long the gap is."""
+AT_ONCE = 200
+"""Queries that all members predict at once: the matrices of a member take 0.4 MB each, and what
+some hundred members say of a dozen targets 8 MB, however long the gap is."""
 
 SELECTION_POWER = 8.0
 """Members count by (least error / own error) to this power: between the mean of all (0) and the
@@ -197,7 +197,9 @@ class _Mixture:
         judged = np.maximum(self.error[:, None] * doubt**DOUBT_POWER, 1e-6)
         share = shares(judged * handicap[self.taught.of_lesson, None], SELECTION_POWER)
         mean = np.einsum("kq,kqmi->qmi", share, told)
-        disagreement = ((told - mean) ** 2).sum(axis=3)
+        told -= mean
+        # sums over the last axis, of three, are slow
+        disagreement = told[..., 0] ** 2 + told[..., 1] ** 2 + told[..., 2] ** 2
         self.mean[some] = mean
         self.deviation[some] = np.sqrt(np.einsum("kq,kqm->qm", share, variance + disagreement))
         self.usual += share[:, inside].sum(axis=1)
@@ -267,7 +269,8 @@ def regress(
     block_seconds : float
         Length of the blocks left out: that of the gap.
     inside : ndarray of bool [shape=(poses,)], optional
-        Which of the queries are in the gap, the others being beside it; all by default.
+        Which of the queries stand for the gap, the others being beside it or too many;
+        all by default.
     each : callable
         How views are gone through: as `map` does, or several at a time.
 
@@ -332,6 +335,6 @@ def _tell(taught: _Taught, some: slice, each: Callable[..., Iterable[Told]]) -> 
     """Let all readers predict some of the queries."""
     asked = {}
     for lesson, share in zip(taught.lessons, taught.shared, strict=True):
-        query = lesson.query.part(some)
+        query = lesson.asked(some)
         asked[id(share)] = (query, *share.asked(query))
     return list(each(lambda reader: reader.tell(*asked[id(reader.shared)]), taught.readers))

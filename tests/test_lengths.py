@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from unittest import mock
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -113,6 +115,19 @@ def test_it_turns_and_moves_with_the_body():
     np.testing.assert_allclose(
         hold_lengths(moved[0], deviation, moved[1], edges), moved[2], atol=1e-8
     )
+
+
+def test_frames_and_other_visible_markers_make_no_difference():
+    clip = arm()
+    edges = chosen(clip)
+    predicted = clip[:, 3:] + np.random.default_rng(2).normal(0, 20.0, (40, 4, 3))
+    deviation = np.full((40, 4), 30.0)
+    held = hold_lengths(predicted, deviation, clip[:, :3], edges)
+    anchors, fewer = edges.anchored(4)
+    assert anchors.tolist() == [1]  # the shoulder
+    with mock.patch("priorfill.lengths.AT_ONCE", 7):
+        alone = hold_lengths(predicted, deviation, clip[:, anchors], fewer)
+    np.testing.assert_allclose(alone, held, atol=1e-9)
 
 
 def test_markers_in_one_place_do_no_harm():

@@ -31,11 +31,13 @@ class Course:
     Attributes
     ----------
     lessons : sequence of Lesson
-        All predict the same frames.
+        All predict the same poses.
     members : sequence of Member
         Who reads them.
-    frames : ndarray of int
-        Of the clip: those to be predicted.
+    asked : ndarray of int
+        Frames of the clip to be predicted: knots, through which curves are led.
+    even : ndarray of bool [shape=(asked,)]
+        Which of them are in the piece, and evenly spread over it.
     visible : ndarray of int
         Visible markers of the clip's own frames, the nearest first.
     complete : bool
@@ -46,7 +48,8 @@ class Course:
 
     lessons: Sequence[Lesson]
     members: Sequence[Member]
-    frames: NDArray[np.intp]
+    asked: NDArray[np.intp]
+    even: NDArray[np.bool_]
     visible: NDArray[np.intp]
     complete: bool
     takes: tuple[str, ...]
@@ -115,5 +118,4 @@ class Lessons:
             if shared is not None:
                 lessons.append(shared[0])
                 takes = shared[1]
-        frames = np.round(own.lesson.query.time * self._task.rate).astype(np.intp)
-        return Course(lessons, members, frames, own.visible, own.complete, takes)
+        return Course(lessons, members, own.asked, own.even, own.visible, own.complete, takes)

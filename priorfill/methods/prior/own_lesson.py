@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from priorfill.distances import pair_distances
 from priorfill.lesson import Lesson, Member, Rows
 from priorfill.methods.prior.kinship import MIRROR_KINSHIP
+from priorfill.methods.prior.knots import knots
 from priorfill.methods.prior.members import seconds_of
 from priorfill.methods.prior.moments import standing_in
 from priorfill.methods.prior.options import Options
@@ -45,6 +46,10 @@ class OwnLesson:
         Rows of the clip, and of its mirror image if it has been added.
     piece : Piece
         What to predict.
+    asked : ndarray of int
+        Frames of the queries, which are knots; see `priorfill.methods.prior.knots`.
+    even : ndarray of bool [shape=(queries,)]
+        Which of them are in the piece, and evenly spread over it.
     visible : ndarray of int
         The visible markers of the lesson, in its order: the nearest first.
     near : ndarray of int
@@ -57,6 +62,8 @@ class OwnLesson:
 
     lesson: Lesson
     piece: Piece
+    asked: NDArray[np.intp]
+    even: NDArray[np.bool_]
     visible: NDArray[np.intp]
     near: NDArray[np.intp]
     source: NDArray[np.float64]
@@ -112,20 +119,21 @@ class OwnLessons:
             for place, marker in enumerate(visible):
                 known[:, place] = ~np.isnan(source[:, marker, 0])
         # how many frames show the markers together with the nearest n visible ones
-        count = (np.logical_and.accumulate(known, axis=1) & shown[:, None]).sum(axis=0)
+        together = np.logical_and.accumulate(known[shown], axis=1)
+        count = together.sum(axis=0)
         enough = np.flatnonzero(count >= min(options.wished_rows, ENOUGH_SHOWN * shown.sum()))
         kept = max(int(enough[-1]) + 1 if len(enough) else 0, min(FEWEST_KEPT, len(visible)))
         if kept < FEWEST_VISIBLE:
             return None
         visible = visible[:kept]
-        usable = np.flatnonzero(np.logical_and.reduce(known[:, :kept], axis=1) & shown)
+        usable = np.flatnonzero(shown)[together[:, kept - 1]]
         if len(usable) < options.fewest_rows:
             return None
 
         beside = int(options.beside * rate) + 1
         near = usable[(usable >= piece.start - beside) & (usable < piece.stop + beside)]
         frames = np.union1d(near, usable[evenly(len(usable), options.rows)])
-        asked = piece.around(self.valid, visible, self._margin)
+        asked, even = knots(piece.around(self.valid, visible, self._margin), piece, rate)
         rows = Rows(
             source[np.ix_(frames, visible)],
             self._task.positions[np.ix_(frames, piece.markers)],
@@ -142,6 +150,8 @@ class OwnLessons:
         return OwnLesson(
             Lesson(rows, query, nearest[visible], spread),
             piece,
+            asked,
+            even,
             visible,
             near,
             source,
@@ -185,7 +195,7 @@ class OwnLessons:
         image = (rows.take == IMAGE)[:, None, None]
         step = max(1, round(VELOCITY_SECONDS * self._task.rate))
         before, after = (
-            self._at(self._task.positions, frames + way, own.piece.markers, image)
+            self.at(self._task.positions, frames + way, own.piece.markers, image)
             for way in (-step, step)
         )
         before, after = standing_in(rows.missing, before, after)
@@ -194,26 +204,11 @@ class OwnLessons:
 
     def with_moments(self, own: OwnLesson, members: Sequence[Member]) -> OwnLesson:
         """Add the moments to a lesson that members ask for."""
-        lesson = own.lesson
-        rows, query = (self._around(poses, own, members) for poses in (lesson.rows, lesson.query))
-        return replace(own, lesson=replace(lesson, rows=rows, query=query))
+        around = _Around(self, own.source, own.visible, self._task.rate, seconds_of(members))
+        lesson = replace(own.lesson, rows=around(own.lesson.rows), surroundings=around)
+        return replace(own, lesson=lesson)
 
-    def _around(self, poses: Rows, own: OwnLesson, members: Sequence[Member]) -> Rows:
-        """Return poses of the clip or its mirror image with what is around them."""
-        rate, source = self._task.rate, own.source
-        frames = np.round(poses.time * rate).astype(np.intp)
-        image = (poses.take == IMAGE)[:, None, None]
-
-        def at(seconds: float) -> NDArray[np.float64]:
-            return self._at(source, frames + round(seconds * rate), own.visible, image)
-
-        around = {
-            seconds: standing_in(poses.visible, at(-seconds), at(seconds))
-            for seconds in seconds_of(members)
-        }
-        return replace(poses, around=around)
-
-    def _at(
+    def at(
         self,
         source: NDArray[np.float64],
         frames: NDArray[np.intp],
@@ -231,3 +226,31 @@ class OwnLessons:
     def _image(self, frames: NDArray[np.intp], markers: NDArray[np.intp]) -> NDArray[np.float64]:
         """Return markers of the clip's mirror image in some frames; NaN where it lacks them."""
         return mirrored(self._task.positions[frames], self._task.partner)[:, markers]
+
+
+@dataclass(frozen=True, eq=False)
+class _Around:
+    """Knows what is around poses of the clip or its mirror image."""
+
+    clip: OwnLessons
+    source: NDArray[np.float64]  # (frames, markers, 3)
+    visible: NDArray[np.intp]
+    rate: float
+    moments: Sequence[float]  # s
+
+    def __call__(self, poses: Rows) -> Rows:
+        frames = np.round(poses.time * self.rate).astype(np.intp)
+        image = (poses.take == IMAGE)[:, None, None]
+
+        def at(seconds: float) -> NDArray[np.float64]:
+            moved = frames + round(seconds * self.rate)
+            return self.clip.at(self.source, moved, self.visible, image)
+
+        around = {
+            seconds: standing_in(poses.visible, at(-seconds), at(seconds))
+            for seconds in self.moments
+        }
+        return replace(poses, around=around)
+
+    def among(self, some: NDArray[np.intp]) -> _Around:
+        return replace(self, visible=self.visible[some])

@@ -13,6 +13,7 @@ from priorfill.bridge import bridge
 from priorfill.lengths import hold_lengths, stiff_edges
 from priorfill.methods.prior.blackout import Blackouts
 from priorfill.methods.prior.dropout import Dropouts
+from priorfill.methods.prior.knots import between
 from priorfill.methods.prior.lessons import Lessons
 from priorfill.methods.prior.options import Options
 from priorfill.methods.prior.pieces import Piece
@@ -126,16 +127,17 @@ class Predictor:
         course = self._lessons.of(piece, completed)
         if course is None:
             return None
-        frames, visible = course.frames, course.visible
+        asked, visible = course.asked, course.visible
         seconds = (piece.stop - piece.start) / self.task.rate
-        inside = (frames >= piece.start) & (frames < piece.stop)
-        found = regress(course.lessons, course.members, seconds, inside, self.each)
+        found = regress(course.lessons, course.members, seconds, course.even, self.each)
+        found, frames = between(found, asked), np.arange(asked[0], asked[-1] + 1)
         positions = found.positions
         if found.motion is not None:
             known = self.task.positions[np.ix_(frames, piece.markers)]
             positions = follow(positions, found.motion, known, self.task.rate)
         edges = stiff_edges(self.distance, self.spread, piece.markers, visible)
-        seen = self.task.positions[np.ix_(frames, visible)]
+        anchors, edges = edges.anchored(len(piece.markers))
+        seen = self.task.positions[np.ix_(frames, visible[anchors])]
         return Prediction(
             piece,
             int(frames[0]),

@@ -124,16 +124,13 @@ def shared_lesson(
         around,
         moving,
     )
-    query = replace(
-        lesson.query,
-        visible=asked,
-        around={seconds: now[:, :, kept] for seconds, now in lesson.query.around.items()},
-    )
+    query = replace(lesson.query, visible=asked)
+    around_queries = None if lesson.surroundings is None else lesson.surroundings.among(kept)
     shown = np.logical_and.reduce(task.valid[:, piece.markers], axis=1).sum() / rate
     handicap = 1.0 + HANDICAP * max(-1.0, float(np.log2(shown / SELF_SUFFICIENT)))
     distance, spread = lesson.distance[kept], lesson.spread[kept]
     names = take_names(task.takes, bank.take(chosen))
-    return Lesson(rows, query, distance, spread, handicap), names
+    return Lesson(rows, query, distance, spread, handicap, around_queries), names
 
 
 def _moved(
