@@ -16,7 +16,6 @@ from scipy.linalg import solveh_banded
 from priorfill.energy import Chains, as_chains, energy, marker_energies
 from priorfill.errors import OptionError
 from priorfill.prior import Prior
-from priorfill.threads import thread_count
 
 __all__ = ["Descent", "Solution", "minimise", "solve_exactly"]
 
@@ -84,6 +83,26 @@ def _start(
     return np.nan_to_num(x), np.ascontiguousarray(free.T) & (chains.diagonal > 0)
 
 
+def _between_zeros(count: int, *columns: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Put columns of chains beside each other, and frames of zeros at either end.
+
+    Parameters
+    ----------
+    count : int
+        Frames of zeros.
+    columns : ndarrays [shape=(markers, frames)]
+
+    Returns
+    -------
+    ndarray [shape=(markers, count + frames + count, columns)]
+    """
+    markers, frames = columns[0].shape
+    laid = np.zeros((markers, frames + 2 * count, len(columns)))
+    for number, column in enumerate(columns):
+        laid[:, count : count + frames, number] = column
+    return laid
+
+
 def minimise(
     positions: NDArray[np.float64],
     free: NDArray[np.bool_],
@@ -94,8 +113,8 @@ def minimise(
 
     A round works on the frames that promise the greatest decrease of the energy, g² / A[t, t],
     and on the neighbours that their derivatives touch; on them it takes a few descent steps of
-    exact length, in conjugate directions. Markers are independent of each other and of the
-    number of threads, and the path down does not depend on the directions of the axes.
+    exact length, in conjugate directions. Markers are independent of each other, and the path
+    down does not depend on the directions of the axes.
 
     Parameters
     ----------
@@ -119,28 +138,32 @@ def minimise(
     the same minimum in fewer steps.
     """
     # numba takes half a second to import, which only a fill should pay
-    from priorfill.kernels import descend_chains, limit_threads
-
-    limit_threads(thread_count())
+    from priorfill.kernels import REACH, descend_chains
 
     options = options or Descent()
     chains = as_chains(prior)
     x, reached = _start(positions, free, chains)
+    scale = np.zeros_like(chains.diagonal)
+    scale[reached] = 1.0 / chains.diagonal[reached]
+    x = _between_zeros(REACH, *x.swapaxes(0, 1))
+    markers, frames = x.shape[:2]
     updates = descend_chains(
         x,
-        reached,
-        chains.diagonal,
-        chains.first,
-        chains.second,
-        chains.right,
+        _between_zeros(REACH, chains.diagonal, chains.first, chains.second),
+        _between_zeros(REACH, scale)[..., 0],
+        _between_zeros(REACH, *chains.right.swapaxes(0, 1)),
         marker_energies(positions, prior),
         options.tolerance,
         options.precision,
         options.share,
         options.steps,
         options.rounds,
+        np.zeros((markers, frames)),
+        np.zeros(frames, dtype=np.int64),
+        np.zeros((3, frames, 3)),
     )
-    found = np.where(reached.T[..., None], x.transpose(2, 0, 1), positions)
+    moved = x[:, REACH : frames - REACH].swapaxes(0, 1)
+    found = np.where(reached.T[..., None], moved, positions)
     return Solution(found, energy(found, prior), int(updates))
 
 

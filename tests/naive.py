@@ -27,40 +27,90 @@ def energy(x, missing, poses, velocities, accelerations, weights=None):
     return total
 
 
+def energy_terms(prior, m, i):
+    """Every term of one coordinate of a marker as a row of a least-squares problem."""
+    frames = len(prior.pose)
+    rows, right = [], []
+
+    def term(weight, coefficients, target):
+        row = np.zeros(frames)
+        for frame, value in coefficients:
+            row[frame] += value
+        rows.append(np.sqrt(weight) * row)
+        right.append(np.sqrt(weight) * target)
+
+    for t in range(frames):
+        term(prior.pose_weight[t, m], [(t, 1)], prior.pose[t, m, i])
+        if 0 < t < frames - 1:
+            term(
+                prior.velocity_weight[t, m],
+                [(t + 1, 0.5), (t - 1, -0.5)],
+                prior.velocity[t, m, i],
+            )
+            term(
+                prior.acceleration_weight[t, m],
+                [(t + 1, 1), (t, -2), (t - 1, 1)],
+                prior.acceleration[t, m, i],
+            )
+    return np.array(rows), np.array(right)
+
+
 def least_squares_minimum(x, free, prior):
     """Minimise the energy by stacking every term as a row of a least-squares problem."""
     found = x.copy()
-    frames, markers, _ = x.shape
-    for m in range(markers):
+    for m in range(x.shape[1]):
         unknown = np.flatnonzero(free[:, m])
         for i in range(3):
-            rows, right = [], []
-
-            def term(weight, coefficients, target, m=m, i=i, rows=rows, right=right):
-                row = np.zeros(frames)
-                for frame, value in coefficients:
-                    row[frame] += value
-                rows.append(np.sqrt(weight) * row)
-                right.append(np.sqrt(weight) * target)
-
-            for t in range(frames):
-                term(prior.pose_weight[t, m], [(t, 1)], prior.pose[t, m, i])
-                if 0 < t < frames - 1:
-                    term(
-                        prior.velocity_weight[t, m],
-                        [(t + 1, 0.5), (t - 1, -0.5)],
-                        prior.velocity[t, m, i],
-                    )
-                    term(
-                        prior.acceleration_weight[t, m],
-                        [(t + 1, 1), (t, -2), (t - 1, 1)],
-                        prior.acceleration[t, m, i],
-                    )
-            A, b = np.array(rows), np.array(right)
+            A, b = energy_terms(prior, m, i)
             fixed = np.where(free[:, m], 0.0, np.nan_to_num(x[:, m, i]))
             solution = np.linalg.lstsq(A[:, unknown], b - A @ fixed, rcond=None)[0]
             found[unknown, m, i] = solution
     return found
+
+
+def scheduled_descent(x, free, prior, options):
+    """Descend as Baumann et al. 2011, section 4.3, along conjugate directions; count updates."""
+    found, updates = x.copy(), 0
+    for m in range(x.shape[1]):
+        terms = [energy_terms(prior, m, i) for i in range(3)]
+        matrix = terms[0][0].T @ terms[0][0]
+        size = np.diag(matrix)
+
+        def slope(y, terms=terms):
+            return np.stack([A.T @ (b - A @ y[:, i]) for i, (A, b) in enumerate(terms)], axis=1)
+
+        def height(y, terms=terms, m=m):
+            squares = sum(((b - A @ y[:, i]) ** 2).sum() for i, (A, b) in enumerate(terms))
+            return squares + prior.constant[:, m].sum()
+
+        y, everything = found[:, m].copy(), False
+        for _ in range(options.rounds):
+            length = np.linalg.norm(slope(y), axis=1)
+            gain = np.where(free[:, m] & (length > options.precision * size), length**2 / size, 0)
+            worthy = (gain > 0) & (gain >= (0 if everything else options.share) * gain.max())
+            # a derivative touches two frames to either side
+            active = free[:, m] & (np.convolve(worthy, np.ones(5))[2:-2] > 0)
+            if not active.any():
+                break
+            before = height(y)
+            gradient = np.where(active[:, None], slope(y), 0)
+            direction = gradient / size[:, None]
+            for _ in range(options.steps):
+                curvature = (direction * (matrix @ direction)).sum()
+                if curvature <= 0:
+                    break
+                norm = (gradient**2 / size[:, None]).sum()
+                y = y + norm / curvature * direction
+                gradient = np.where(active[:, None], slope(y), 0)
+                ratio = (gradient**2 / size[:, None]).sum() / norm
+                direction = gradient / size[:, None] + ratio * direction
+            updates += active.sum() * options.steps
+            enough = before - height(y) > options.tolerance * before
+            if everything and not enough:
+                break
+            everything = not enough
+        found[:, m] = y
+    return found, updates
 
 
 def nearest(poses, queries, k):

@@ -50,6 +50,17 @@ def test_descent_reaches_the_exact_minimum(seed, frames, markers, scales):
     np.testing.assert_array_equal(found.positions[~free], positions[~free])
 
 
+@settings(deadline=None, max_examples=20)
+@given(seeds, st.integers(3, 40), st.sampled_from([0.0, 0.1, 0.5]), st.integers(1, 6))
+def test_descent_takes_the_steps_it_says(seed, frames, share, steps):
+    positions, free, prior = problem(seed, frames, 2, (1.0, 5.0, 10.0))
+    options = Descent(share=share, steps=steps)
+    found = minimise(positions, free, prior, options)
+    expected, updates = naive.scheduled_descent(positions, free, prior, options)
+    np.testing.assert_allclose(found.positions, expected, atol=1e-6)
+    assert found.updates == updates
+
+
 @settings(deadline=None, max_examples=30)
 @given(seeds, st.floats(0, 0.5))
 def test_descent_never_climbs_and_more_tolerance_is_less_work(seed, share):

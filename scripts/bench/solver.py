@@ -6,12 +6,13 @@
 Fills six markers at 120 Hz, coarse to fine as a fill does. The prior is the movement itself, off by
 an error that wanders by centimetres within tenths of a second, with weights that fall towards the
 middle of the gap. Times are of the solver alone, s CPU; updates are those of frames; the
-last columns say how far (mm) a descent ends from the minimum.
+last columns say how far (mm) a descent ends from the minimum. Exit status 1: a bound is exceeded.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections.abc import Callable
 
@@ -33,6 +34,9 @@ BESIDE = 2.0
 
 PLAIN = Descent(share=0.0)
 """All frames in each step."""
+
+SLOWER, PART = 3.0, 0.5
+"""Bounds: scheduled descent's time of the banded solve's, and its updates of plain descent's."""
 
 
 def wandering(rng: np.random.Generator, frames: int, size: float, hertz: float) -> np.ndarray:
@@ -68,7 +72,7 @@ def prior_of(
     return at
 
 
-def main() -> None:
+def main() -> int:
     """Run the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", default="1,2,5,10,20,40,60")
@@ -84,6 +88,7 @@ def main() -> None:
         end="",
     )
     print(f" {'updates':>10s} {'of plain':>9s} {'mm off':>8s} {'plain':>8s}")
+    held = True
     for number, seconds in enumerate([0.2, *map(float, arguments.seconds.split(","))]):
         rng = np.random.default_rng(number)
         frames = round((seconds + 2 * BESIDE) * RATE)
@@ -117,14 +122,19 @@ def main() -> None:
         if number == 0:
             continue  # compiles
         off = {n: np.linalg.norm(x - found["banded"], axis=2).max() for n, x in found.items()}
+        slower = times["scheduled"] / times["banded"]
+        part = updates["scheduled"] / updates["plain"]
+        held &= slower <= SLOWER and part <= PART
         print(
             f"{seconds:6.1f} {times['scheduled']:10.4f} {times['plain']:10.4f} "
-            f"{times['banded']:10.4f} {times['scheduled'] / times['banded']:10.2f} "
-            f"{updates['scheduled']:10d} {updates['scheduled'] / updates['plain']:9.2f} "
+            f"{times['banded']:10.4f} {slower:10.2f} "
+            f"{updates['scheduled']:10d} {part:9.2f} "
             f"{off['scheduled']:8.3f} {off['plain']:8.3f}",
             flush=True,
         )
+    print(f"bounds {SLOWER}, {PART}: {'held' if held else 'EXCEEDED'}")
+    return 0 if held else 1
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
