@@ -1,8 +1,9 @@
 """Compiled loops of the solver. Arrays in, arrays out: no options, no checks, no I/O.
 
 A chain lies between `REACH` frames of zeros at either end, so that no loop has to ask where it
-ends, and its three coordinates are beside each other. Frames that are not to be found have a
-scale of 0.
+ends, and its three coordinates are beside each other. It is cut into *blocks* of so many frames.
+The matrix of a block, the fixed frames left out, is factored as L D Lᵀ, so that what a block
+would move by to its own minimum costs two loops over it. A fixed frame has 0 for 1 / D.
 
 The loops are compiled when something is first solved, while somebody waits for it. They are
 given the room they work in, and compare without ``max``: to compile an allocation or a method of
@@ -25,6 +26,9 @@ Places = NDArray[np.int64]
 
 REACH = 2
 """Frames to either side that a frame's differences touch."""
+
+NOTHING = 1e-12
+"""Part of a number below which a difference from it is rounding."""
 
 HELPER: dict[str, Any] = {
     "cache": True,
@@ -51,70 +55,89 @@ def _product_at(t: int, i: int, bands: Reals, x: Reals) -> float:
 
 
 @njit(**HELPER)
-def _list_worthy(scale: Reals, gain: Reals, share: float, active: Places) -> int:
-    """List the frames worth working on and those their derivatives touch; return how many."""
-    most = 0.0
-    for t in range(gain.size):
-        if gain[t] > most:
-            most = gain[t]
-    count = 0
-    listed = -1
-    for t in range(gain.size):
-        if gain[t] > 0.0 and gain[t] >= share * most:
-            for s in range(t - REACH, t + REACH + 1):
-                if s > listed:
-                    listed = s
-                    if scale[s] > 0.0:
-                        active[count] = s
-                        count += 1
-    return count
+def _factor(factor: Reals) -> None:
+    """Factor a chain's blocks in place; the form is that of `descend_chains`."""
+    for t in range(REACH, factor.shape[0] - REACH):
+        whole = factor[t, 0]
+        if whole > 0.0:
+            far = factor[t, 2]
+            near = factor[t, 1] - far * factor[t - 1, 1]
+            factor[t, 1] = near * factor[t - 1, 0]
+            factor[t, 2] = far * factor[t - 2, 0]
+            pivot = whole - near * factor[t, 1] - far * factor[t, 2]
+            if pivot < NOTHING * whole:
+                # what is left is rounding: go by the frame alone, which is still downhill
+                factor[t, 1] = factor[t, 2] = 0.0
+                pivot = whole
+            factor[t, 0] = 1.0 / pivot
 
 
 @njit(**HELPER)
 def _look(
     x: Reals,
     bands: Reals,
-    scale: Reals,
+    factor: Reals,
     right: Reals,
+    block: int,
     precision: float,
-    active: Places,
-    count: int,
     residual: Reals,
+    move: Reals,
     gain: Reals,
 ) -> None:
-    """Find residual and gain of the frames that a change of the active ones touches."""
-    looked = -1
-    for a in range(count):
-        for t in range(active[a] - REACH, active[a] + REACH + 1):
-            if t > looked:
-                looked = t
-                if scale[t] > 0.0:
-                    square = 0.0
-                    for i in range(3):
-                        residual[t, i] = right[t, i] - _product_at(t, i, bands, x)
-                        square += residual[t, i] * residual[t, i]
-                    # near an energy of 0, no gain is small beside it: mind how far frames move too
-                    moves = square * scale[t] * scale[t] > precision * precision
-                    gain[t] = square * scale[t] if moves else 0.0
+    """Find all residuals, b - Ax, and what each block would gain at its own minimum."""
+    for b in range(gain.size):
+        gain[b] = 0.0
+    for t in range(REACH, x.shape[0] - REACH):
+        if factor[t, 0] > 0.0:
+            square = 0.0
+            for i in range(3):
+                residual[t, i] = right[t, i] - _product_at(t, i, bands, x)
+                move[t, i] = (
+                    residual[t, i] - factor[t, 1] * move[t - 1, i] - factor[t, 2] * move[t - 2, i]
+                )
+                square += move[t, i] * move[t, i]
+            # near an energy of 0, no gain is small beside it: mind how far frames move too
+            if square * factor[t, 0] * factor[t, 0] > precision * precision:
+                gain[(t - REACH) // block] += square * factor[t, 0]
+
+
+@njit(**HELPER)
+def _list_worthy(factor: Reals, block: int, gain: Reals, share: float, active: Places) -> int:
+    """List the frames to be found of the blocks worth working on; return how many."""
+    most = 0.0
+    for b in range(gain.size):
+        if gain[b] > most:
+            most = gain[b]
+    count = 0
+    for t in range(REACH, factor.shape[0] - REACH):
+        promised = gain[(t - REACH) // block]
+        if factor[t, 0] > 0.0 and promised > 0.0 and promised >= share * most:
+            active[count] = t
+            count += 1
+    return count
 
 
 @njit(**HELPER)
 def _descend_active(
     x: Reals,
     bands: Reals,
-    scale: Reals,
+    factor: Reals,
     active: Places,
     count: int,
+    tolerance: float,
     steps: int,
     residual: Reals,
     direction: Reals,
     product: Reals,
-) -> float:
+    move: Reals,
+) -> tuple[float, int]:
     """Take conjugate gradient steps with exact step lengths on the active frames.
 
-    ``residual`` is b - Ax, half the negative gradient; it is of no use afterwards. ``direction``
-    is 0 on entry and on return. Returns the energy gained.
+    Preconditioned by the blocks. ``residual`` is b - Ax, half the negative gradient; it is of no
+    use afterwards. ``direction`` is 0 on entry and on return. Returns the energy gained and the
+    frame updates.
     """
+    updates = 0
     gained = 0.0
     length = 0.0
     norm = np.inf
@@ -126,13 +149,21 @@ def _descend_active(
             for i in range(3):
                 x[t, i] += length * direction[t, i]
                 residual[t, i] -= length * product[t, i]
-                renewed += residual[t, i] * residual[t, i] * scale[t]
+                move[t, i] = (
+                    residual[t, i] - factor[t, 1] * move[t - 1, i] - factor[t, 2] * move[t - 2, i]
+                )
+                renewed += move[t, i] * move[t, i] * factor[t, 0]
         ratio = renewed / norm
         norm = renewed
-        for a in range(count):
+        for a in range(count - 1, -1, -1):
             t = active[a]
             for i in range(3):
-                direction[t, i] = residual[t, i] * scale[t] + ratio * direction[t, i]
+                move[t, i] = (
+                    factor[t, 0] * move[t, i]
+                    - factor[t + 1, 1] * move[t + 1, i]
+                    - factor[t + 2, 2] * move[t + 2, i]
+                )
+                direction[t, i] = move[t, i] + ratio * direction[t, i]
         curvature = 0.0
         for a in range(count):
             t = active[a]
@@ -141,23 +172,25 @@ def _descend_active(
                 curvature += product[t, i] * direction[t, i]
         length = norm / curvature if curvature > 0.0 else 0.0
         gained += length * norm
-        if length == 0.0:
+        updates += count
+        if length * norm <= tolerance * gained:
             break
     for a in range(count):
         t = active[a]
         for i in range(3):
             x[t, i] += length * direction[t, i]
             direction[t, i] = 0.0
-    return gained
+    return gained, updates
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def descend_chains(
     x: Reals,
     bands: Reals,
-    scale: Reals,
+    factor: Reals,
     right: Reals,
     energies: Reals,
+    block: int,
     tolerance: float,
     precision: float,
     share: float,
@@ -175,31 +208,35 @@ def descend_chains(
     Parameters
     ----------
     x : ndarray [shape=(markers, frames, 3), mm]
-        Positions, changed in place where the scale is not 0; finite everywhere.
+        Positions, changed in place where they are to be found; finite everywhere.
     bands : ndarray [shape=(markers, frames, 3)]
         A[t, t], A[t, t+1] and A[t, t+2].
-    scale : ndarray [shape=(markers, frames)]
-        1 / A[t, t] of the samples to be found, 0 of all others.
+    factor : ndarray [shape=(markers, frames, 3)]
+        A[t, t], A[t, t-1] and A[t, t-2], with 0 where a frame is not to be found or the two are
+        in different blocks. Replaced by 1 / D[t], L[t, t-1] and L[t, t-2].
     right : ndarray [shape=(markers, frames, 3)]
         b.
     energies : ndarray [shape=(markers,), mm²]
         Energy of each chain at the start.
+    block : int
+        Frames of a block; the first begins at the first frame that is no zero.
     tolerance : float
-        A chain ends when a round over all its frames gains less than this part of its energy.
+        A chain ends when a round over all its frames gains less than this part of its energy, a
+        round when a step gains less than this part of what the round did.
     precision : float
-        mm; a frame that would move by less is left alone.
+        mm; a frame that would move by less is no reason to work on its block.
     share : float
-        A frame is worked on when it promises at least this part of what the best frame does.
+        A block is worked on when it promises at least this part of what the best block does.
     steps : int
-        Descent steps a round.
+        Descent steps a round at most.
     rounds : int
         Bound on the rounds.
-    gain : ndarray [shape=(markers, frames)]
+    gain : ndarray [shape=(blocks,)]
         Room to work in, of zeros, as the others.
     active : ndarray of int [shape=(frames,)]
         Room for a list of frames.
-    room : ndarray [shape=(3, frames, 3)]
-        Room for residuals, directions and products.
+    room : ndarray [shape=(4, frames, 3)]
+        Room for residuals, directions, products and moves.
 
     Returns
     -------
@@ -207,21 +244,31 @@ def descend_chains(
         Frame updates made, over all chains.
     """
     updates = 0
-    residual, direction, product = room[0], room[1], room[2]
+    residual, direction, product, move = room[0], room[1], room[2], room[3]
     for m in range(x.shape[0]):
         energy = energies[m]
-        count = _list_worthy(scale[m], scale[m], 0.0, active)  # all
+        _factor(factor[m])
         everything = False
         for _ in range(rounds):
-            _look(x[m], bands[m], scale[m], right[m], precision, active, count, residual, gain[m])
-            count = _list_worthy(scale[m], gain[m], 0.0 if everything else share, active)
+            _look(x[m], bands[m], factor[m], right[m], block, precision, residual, move, gain)
+            count = _list_worthy(factor[m], block, gain, 0.0 if everything else share, active)
             if count == 0:
                 break
-            gained = _descend_active(
-                x[m], bands[m], scale[m], active, count, steps, residual, direction, product
+            gained, updated = _descend_active(
+                x[m],
+                bands[m],
+                factor[m],
+                active,
+                count,
+                tolerance,
+                steps,
+                residual,
+                direction,
+                product,
+                move,
             )
-            updates += count * steps
-            # A round over some frames that gains too little is followed by one over all; only
+            updates += updated
+            # A round over some blocks that gains too little is followed by one over all; only
             # that one may end the level, so that no frame is given up unseen.
             enough = gained > tolerance * energy
             if everything and not enough:

@@ -69,12 +69,17 @@ def least_squares_minimum(x, free, prior):
 
 
 def scheduled_descent(x, free, prior, options):
-    """Descend as Baumann et al. 2011, section 4.3, along conjugate directions; count updates."""
+    """Descend along conjugate directions, preconditioned by blocks; count frame updates."""
     found, updates = x.copy(), 0
+    frames = len(x)
     for m in range(x.shape[1]):
         terms = [energy_terms(prior, m, i) for i in range(3)]
         matrix = terms[0][0].T @ terms[0][0]
-        size = np.diag(matrix)
+        blocks = [
+            np.array([t for t in range(start, min(start + options.block, frames)) if free[t, m]])
+            for start in range(0, frames, options.block)
+        ]
+        blocks = [block for block in blocks if len(block)]
 
         def slope(y, terms=terms):
             return np.stack([A.T @ (b - A @ y[:, i]) for i, (A, b) in enumerate(terms)], axis=1)
@@ -83,28 +88,47 @@ def scheduled_descent(x, free, prior, options):
             squares = sum(((b - A @ y[:, i]) ** 2).sum() for i, (A, b) in enumerate(terms))
             return squares + prior.constant[:, m].sum()
 
+        def towards(active, gradient, matrix=matrix):
+            """Return how far it is to the blocks' own minima."""
+            move = np.zeros_like(gradient)
+            for block in active:
+                move[block] = np.linalg.solve(matrix[np.ix_(block, block)], gradient[block])
+            return move
+
+        def promise(block, gradient, matrix=matrix):
+            """Return what frames gain one after another, the earlier ones following each."""
+            total = 0.0
+            for n, t in enumerate(block):
+                before = block[:n]
+                pull = np.linalg.solve(matrix[np.ix_(before, before)], matrix[before, t])
+                size = matrix[t, t] - matrix[t, before] @ pull
+                length = np.linalg.norm(gradient[t] - pull @ gradient[before])
+                if length > options.precision * size:
+                    total += length**2 / size
+            return total
+
         y, everything = found[:, m].copy(), False
         for _ in range(options.rounds):
-            length = np.linalg.norm(slope(y), axis=1)
-            gain = np.where(free[:, m] & (length > options.precision * size), length**2 / size, 0)
-            worthy = (gain > 0) & (gain >= (0 if everything else options.share) * gain.max())
-            # a derivative touches two frames to either side
-            active = free[:, m] & (np.convolve(worthy, np.ones(5))[2:-2] > 0)
-            if not active.any():
+            gains = [promise(block, slope(y)) for block in blocks]
+            least = 0 if everything else options.share * max(gains, default=0)
+            active = [
+                b for b, gain in zip(blocks, gains, strict=True) if gain > 0 and gain >= least
+            ]
+            if not active:
                 break
-            before = height(y)
-            gradient = np.where(active[:, None], slope(y), 0)
-            direction = gradient / size[:, None]
+            worked = np.isin(np.arange(frames), np.concatenate(active))[:, None]
+            before, norm, direction = height(y), np.inf, 0.0
             for _ in range(options.steps):
-                curvature = (direction * (matrix @ direction)).sum()
-                if curvature <= 0:
+                gradient = np.where(worked, slope(y), 0)
+                move = towards(active, gradient)
+                renewed = (gradient * move).sum()
+                direction = move + renewed / norm * direction
+                norm = renewed
+                last = height(y)
+                y = y + norm / (direction * (matrix @ direction)).sum() * direction
+                updates += worked.sum()
+                if last - height(y) <= options.tolerance * (before - height(y)):
                     break
-                norm = (gradient**2 / size[:, None]).sum()
-                y = y + norm / curvature * direction
-                gradient = np.where(active[:, None], slope(y), 0)
-                ratio = (gradient**2 / size[:, None]).sum() / norm
-                direction = gradient / size[:, None] + ratio * direction
-            updates += active.sum() * options.steps
             enough = before - height(y) > options.tolerance * before
             if everything and not enough:
                 break

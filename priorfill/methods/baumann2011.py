@@ -13,7 +13,8 @@ Where it departs from the paper:
   another rate); levels finer than that use its finest.
 * Differences are taken in the world, with the root frames of the frames they span; where the
   root keeps its heading that is the energy of the paper.
-* Descent goes along conjugate directions (see `priorfill.solver`): same minimum.
+* Descent goes along conjugate directions, by blocks of frames (see `priorfill.solver`): same
+  minimum.
 * What the paper leaves open: too few viable markers in a gap group split it; markers that no pose
   has together are looked for one by one; with too few reliable markers all valid ones search.
 """
