@@ -8,7 +8,7 @@ would move by to its own minimum costs two loops over it. A fixed frame has 0 fo
 The loops are compiled when something is first solved, while somebody waits for it. They are
 given the room they work in, and compare without ``max``: to compile an allocation or a method of
 an array takes as long as to compile a whole loop. They run on one thread: to share out the chains
-of a gap among threads takes longer than to solve them, and four seconds more to compile.
+of a gap among threads takes longer than to solve them, and three seconds more to compile.
 """
 
 from __future__ import annotations
