@@ -368,7 +368,8 @@ def _assemble(
         left.setdefault(gap.marker, []).append(
             LeftMissing(gap.start, gap.stop, reason, asked=False)
         )
-    filled = asked & np.isfinite(estimate.positions).all(axis=2)
+    filled = asked.copy()
+    filled[asked] = np.isfinite(estimate.positions[asked]).all(axis=1)
     # the estimate's arrays become the result's: those of a long clip are large
     positions = from_upright(estimate.positions, clip.up)
     if np.may_share_memory(positions, clip.positions):  # a method that filled nothing

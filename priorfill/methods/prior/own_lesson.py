@@ -113,20 +113,22 @@ class OwnLessons:
         nearest = self.distance[piece.markers].min(axis=0)
         visible = piece.visible[np.isfinite(nearest[piece.visible])]
         visible = visible[np.argsort(nearest[visible], kind="stable")]
-        known = self.valid[:, visible]
-        if completed is not None:
-            # marker by marker: the coordinates of all take eight times the memory of the answer
-            for place, marker in enumerate(visible):
-                known[:, place] = ~np.isnan(source[:, marker, 0])
-        # how many frames show the markers together with the nearest n visible ones
-        together = np.logical_and.accumulate(known[shown], axis=1)
+        showing = np.flatnonzero(shown)
+        # which of these frames show the nearest n visible markers together; marker by marker, as
+        # a long clip's masks are large
+        together = np.empty((len(showing), len(visible)), dtype=bool)
+        for place, marker in enumerate(visible):
+            known = self.valid[showing, marker]
+            if completed is not None:
+                known = ~np.isnan(source[showing, marker, 0])
+            together[:, place] = known & together[:, place - 1] if place else known
         count = together.sum(axis=0)
         enough = np.flatnonzero(count >= min(options.wished_rows, ENOUGH_SHOWN * shown.sum()))
         kept = max(int(enough[-1]) + 1 if len(enough) else 0, min(FEWEST_KEPT, len(visible)))
         if kept < FEWEST_VISIBLE:
             return None
         visible = visible[:kept]
-        usable = np.flatnonzero(shown)[together[:, kept - 1]]
+        usable = showing[together[:, kept - 1]]
         if len(usable) < options.fewest_rows:
             return None
 

@@ -79,11 +79,10 @@ class Piece:
         margin : int
             Frames on either side at most.
         """
-        usable = np.logical_and.reduce(valid[:, visible], axis=1)
         first, last = self.start, self.stop
-        while first > max(0, self.start - margin) and usable[first - 1]:
+        while first > max(0, self.start - margin) and valid[first - 1, visible].all():
             first -= 1
-        while last < min(len(usable), self.stop + margin) and usable[last]:
+        while last < min(len(valid), self.stop + margin) and valid[last, visible].all():
             last += 1
         return np.arange(first, last)
 
