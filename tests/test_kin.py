@@ -154,8 +154,8 @@ def test_movements_of_a_companion_are_of_the_clips_own_body() -> None:
 
 @pytest.mark.parametrize("labels", [ARM, person().labels])
 def test_what_is_told_by_companions_is_said(labels: tuple[str, ...], tmp_path: Path) -> None:
-    other = replace(person(seconds=6.0, seed=9), name="other")
-    clip = with_gaps(person(seconds=2.5), (50, 95, labels))
+    other = replace(person(seconds=6.0, rate=30.0, seed=9), name="other")
+    clip = with_gaps(person(seconds=2.5, rate=30.0), (25, 47, labels))
     with PriorDatabase.create(tmp_path / "db") as made:
         made.add(person(seconds=6.0, seed=11, body=11))
     for given, said in (
