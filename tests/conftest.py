@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -16,6 +18,16 @@ def data() -> Path:
     if not folder.is_dir():
         pytest.skip("no recordings: set PRIORFILL_DATA, or put them in ../shared/data")
     return folder
+
+
+@pytest.fixture(scope="module")
+def in_memory() -> Iterator[Path]:
+    """A folder where flushing costs nothing, if there is memory to be had as one."""
+    memory = Path("/dev/shm")
+    with tempfile.TemporaryDirectory(
+        prefix="priorfill-", dir=memory if memory.is_dir() else None
+    ) as folder:
+        yield Path(folder)
 
 
 @pytest.fixture

@@ -494,11 +494,13 @@ def test_the_database_is_what_the_model_says(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("late", [False, True], ids=["not done", "done"])
 @pytest.mark.parametrize("operation", ["add", "accept", "remove", "compact"])
-def test_a_writer_goes_on_after_any_failed_call(tmp_path: Path, operation: str, late: bool) -> None:
+def test_a_writer_goes_on_after_any_failed_call(
+    in_memory: Path, operation: str, late: bool
+) -> None:
     """Call by call: what was added next is there, and so is all that was committed."""
     script = load_script("torture_database")
     for at in range(1, 60):
-        folder = tmp_path / f"db{at}"
+        folder = in_memory / f"{operation}-{late}-{at}"
         with script.Faults(folder) as faults:
             faults.disarm()
             writer = PriorDatabase.create(folder)

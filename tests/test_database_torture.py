@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 from scripted import load_script
@@ -18,9 +19,14 @@ def script() -> ModuleType:
     return load_script("torture_database")
 
 
+@pytest.fixture(scope="module")
+def torture(script: ModuleType, in_memory: Path) -> Any:
+    return script.Torture(in_memory, seed=7, files=FILES, mounts=False, forks=True)
+
+
 @pytest.mark.parametrize("kind", ["kill", "full", "fsync"])
-def test_nothing_is_lost(script: ModuleType, tmp_path: Path, kind: str) -> None:
-    torture = script.Torture(tmp_path, seed=7, files=FILES, mounts=False, forks=True)
+def test_nothing_is_lost(torture: Any, kind: str) -> None:
+    torture.rows.clear()
     torture.run(kind, ROUNDS)
     assert [fault for row in torture.rows for fault in row.faults] == []
     assert all(row.rounds == ROUNDS for row in torture.rows if not row.skipped)
@@ -47,9 +53,9 @@ def test_it_would_be_noticed(script: ModuleType, tmp_path: Path) -> None:
         script.contents(start, known)
 
 
-def test_plans_make_sense(script: ModuleType, tmp_path: Path) -> None:
+def test_plans_make_sense(torture: Any) -> None:
     """What a plan says must be there is there when nobody disturbs it."""
-    torture = script.Torture(tmp_path, files=FILES, mounts=False, forks=True)
+    torture.rows.clear()
     torture.run("none", 1)
     (row,) = torture.rows
     assert (row.faults, row.disturbed) == ([], 0)
