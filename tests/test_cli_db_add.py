@@ -260,7 +260,12 @@ def test_a_file_that_may_not_be_read(here: Path, monkeypatch: pytest.MonkeyPatch
     assert result.stdout == "added b.c3d\nadded 1 clip (1.00 s), could not add 1\n"
 
 
-PROGRAM = "from priorfill.cli import main; main()"
+PROGRAM = (
+    "import signal\n"
+    # shells start what runs in the background deaf to it
+    "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    "from priorfill.cli import main; main()"
+)
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
