@@ -82,9 +82,7 @@ def test_other_gaps_beside_it() -> None:
     result = fill(clip)
     left = clip.missing & ~result.filled
     assert not np.delete(left, ALL.index("T10"), axis=1).any()
-    assert (
-        np.linalg.norm(result.clip.positions - TRUTH.positions, axis=2)[result.filled].max() < 150
-    )
+    assert off(result).max() < 150
 
 
 def test_ragged_edges_are_joined() -> None:
@@ -140,11 +138,11 @@ def test_a_clip_too_short_for_windows() -> None:
 
 
 def test_other_people_who_walk(tmp_path: Path) -> None:
-    clip = person(seconds=2.5)
-    gappy = with_gaps(clip, (50, 100, ALL))
+    clip = person(seconds=2.5, rate=30.0)
+    gappy = with_gaps(clip, (25, 50, ALL))
     with PriorDatabase.create(tmp_path / "db") as made:
         for body in (11, 12, 13):
-            made.add(person(seconds=8.0, seed=body, body=body))
+            made.add(person(seconds=8.0, rate=30.0, seed=body, body=body))
     alone, helped = fill(gappy), fill(gappy, database=tmp_path / "db")
     assert helped.complete
     truth = clip.positions

@@ -167,13 +167,13 @@ def test_with_another_clip_of_the_person(folder: Path) -> None:
     other = person(seed=9)
     write("static.c3d", replace(other, positions=other.positions[50:52]))
     write("other.c3d", other)
-    result = run("fill", "drop.c3d", "-o", "a.c3d", "--with", "static.c3d")
+    result = run("fill", "spot.c3d", "-o", "a.c3d", "--with", "static.c3d")
     assert result.exit_code == 0
     assert "other recordings of the same body" in result.stdout
     off = np.linalg.norm(read("a.c3d").positions - person().positions, axis=2)
     assert off[:, person().labels.index("C7")].mean() < 8
     result = run(
-        "fill", "drop.c3d", "-o", "b.c3d", "--with", "static.c3d", "--with", "other.c3d", "--json"
+        "fill", "spot.c3d", "-o", "b.c3d", "--with", "static.c3d", "--with", "other.c3d", "--json"
     )
     assert result.exit_code == 0
     (gap,) = [gap for gap in json.loads(result.stdout)["gaps"] if gap["marker"] == "C7"]
