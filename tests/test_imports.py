@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -24,6 +25,7 @@ ARRAYS_ONLY = (
 DETECTORS = ("partners", "steps", "frozen", "swaps", "takeovers", "far", "stray")
 
 
+@cache
 def imports() -> dict[str, set[str]]:
     """What each module imports of priorfill when it is imported itself."""
     files = {
