@@ -268,10 +268,14 @@ PROGRAM = (
 )
 
 
+CLIPS = 100
+"""Many more than are added until a signal arrives."""
+
+
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 def test_what_was_said_to_be_added_is_there(how: signal.Signals, here: Path) -> None:
     """However it ends: a line that is out, even through a pipe, is a clip that is on the disk."""
-    for number in range(200):
+    for number in range(CLIPS):
         write_clip(here / "clips" / f"{number:03}.c3d", number)
     process = subprocess.Popen(
         [sys.executable, "-c", PROGRAM, "db", "add", "-d", "db", "clips"],
@@ -288,7 +292,7 @@ def test_what_was_said_to_be_added_is_there(how: signal.Signals, here: Path) -> 
     assert lines[0] == "added clips/000.c3d\n"
     assert len(said) >= 5
     assert set(names()) >= {Path(name).stem for name in said}
-    if how == signal.SIGINT and len(said) < 200:  # else it was done before it was stopped
+    if how == signal.SIGINT and len(said) < CLIPS:  # else it was done before it was stopped
         assert (process.returncode, errors) == (130, "priorfill: interrupted\n")
     assert run("db", "verify", "-d", "db").exit_code == 0
 
