@@ -17,6 +17,7 @@ from priorfill.database import PriorDatabase, Selection
 from priorfill.errors import OptionError
 from priorfill.gaps import Gap, find_gaps, gap_groups, runs
 from priorfill.markerset import MarkerSet, describe, recognise
+from priorfill.memory import give_back
 from priorfill.methods import get_method, resolve
 from priorfill.methods.task import Estimate, Note, Task
 from priorfill.scope import Scope
@@ -258,6 +259,7 @@ def fill(
         # sums of several BLAS threads depend on how many there are; one thread's do not
         stack.enter_context(threadpool_limits(1, user_api="blas"))
         estimate = run(task, one_more)
+    give_back()
     place = database.path if database is not None else None
     result = _assemble(clip, estimate, resolve(method), marker_set, place, prior.notes, alone)
     return after_rejecting(result, measured, trouble)

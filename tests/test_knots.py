@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -76,7 +78,7 @@ def test_knots_keep_what_was_found_and_cubics_are_led_through_exactly():
         (led.motion.deviation, found.motion.deviation),
     ):
         np.testing.assert_array_equal(whole[at], some)
-    for knot, following in zip(at[:-1], at[1:], strict=True):
+    for knot, following in pairwise(at):
         low, high = np.sort(led.deviation[[knot, following]], axis=0)
         inner = led.deviation[knot : following + 1]
         assert (inner >= low - 1e-12).all()

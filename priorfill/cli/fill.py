@@ -189,6 +189,7 @@ def fill(
     from priorfill import formats
     from priorfill.database import Selection
     from priorfill.decisions import read_decisions
+    from priorfill.memory import give_back
     from priorfill.methods import get_method
     from priorfill.scope import Scope
     from priorfill.several import joined, joined_trouble
@@ -226,6 +227,7 @@ def fill(
         seen = joined_trouble(
             [clip.subject for clip in clips], [find_trouble(clip) for clip in clips]
         )
+        give_back()
     results = []
     for clip, others in zip(clips, companions_of, strict=True):
         whose = f" ({clip.subject})" if len(clips) > 1 else ""
