@@ -7,10 +7,26 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["median_distances", "pair_distances", "pooled_distances"]
+__all__ = ["lengths_of", "median_distances", "pair_distances", "pooled_distances"]
 
 MAX_POSES = 1000
 """Poses looked at, spread evenly; a mean and a standard deviation gain nothing from more."""
+
+
+def lengths_of(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the lengths of vectors; of three coordinates, what numpy does takes six times as long.
+
+    Parameters
+    ----------
+    vectors : ndarray [shape=(..., 3)]
+
+    Returns
+    -------
+    ndarray [shape=(...)]
+    """
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    lengths: NDArray[np.float64] = np.sqrt(x**2 + y**2 + z**2)
+    return lengths
 
 
 def pair_distances(
@@ -37,7 +53,7 @@ def pair_distances(
     distance = np.full((markers, markers), np.inf)
     deviation = np.full((markers, markers), np.inf)
     for marker in range(markers):
-        between = np.linalg.norm(some - some[:, marker : marker + 1], axis=2)
+        between = lengths_of(some - some[:, marker : marker + 1])
         known = ~np.isnan(between)
         between = np.where(known, between, 0.0)
         enough = together[marker] >= max(fewest, 1)
@@ -68,7 +84,7 @@ def median_distances(
     ndarray [shape=(pairs,), mm]
         NaN where no pose shows a pair; the lower one of two in the middle.
     """
-    between = np.sort(np.linalg.norm(poses[:, one] - poses[:, other], axis=2), axis=0)  # NaN last
+    between = np.sort(lengths_of(poses[:, one] - poses[:, other]), axis=0)  # NaN last
     count = (~np.isnan(between)).sum(axis=0)
     median: NDArray[np.float64] = between[np.maximum(count - 1, 0) // 2, np.arange(len(one))]
     return median
@@ -95,7 +111,7 @@ def pooled_distances(
     count = np.zeros((len(markers), total))
     square, varied = np.zeros_like(count), np.zeros_like(count)
     for poses in recordings:
-        between = np.linalg.norm(poses[:, markers, None] - poses[:, None], axis=3)
+        between = lengths_of(poses[:, markers, None] - poses[:, None])
         known = ~np.isnan(between)
         between = np.where(known, between, 0.0)
         here = known.sum(axis=0)

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import convolve1d, maximum_filter1d
 
+from priorfill.distances import lengths_of
 from priorfill.springs import (
     LEAST_LENGTH,
     STIFF,
@@ -181,7 +182,7 @@ def _lifted(
     edges: list[Spring] = []
     for one, other in pairs:
         apart = points[:, one] - points[:, other]
-        length = np.linalg.norm(apart, axis=1)
+        length = lengths_of(apart)
         known = np.isfinite(length)
         weight = np.where(known, 1.0 / max(spread[one, other], LEAST_SPREAD) ** 2, 0.0)
         edges.append((one, other, np.where(known, length, LEAST_LENGTH), weight))
@@ -192,7 +193,7 @@ def _lifted(
         sums: NDArray[np.float64] = ((found - predicted) ** 2 / variance[..., None]).sum((1, 2))
         sums += (np.maximum(least - found[..., 2], 0.0) ** 2).sum(axis=1) / FIRMNESS**2
         for one, other, length, weight in edges:
-            far = np.linalg.norm(whole[:, one] - whole[:, other], axis=1)
+            far = lengths_of(whole[:, one] - whole[:, other])
             sums += weight * (far - length) ** 2
         return sums
 

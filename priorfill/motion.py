@@ -22,6 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
+from priorfill.distances import lengths_of
+
 __all__ = ["Motion", "by_speed", "follow"]
 
 CHANGE = 0.2
@@ -89,7 +91,7 @@ def by_speed(
     ndarray [shape=(poses, markers), mm/s]
         Rms error.
     """
-    speed, others = np.linalg.norm(velocity, axis=2), np.linalg.norm(predicted, axis=2)
+    speed, others = lengths_of(velocity), lengths_of(predicted)
     square = (residuals**2).sum(axis=2)
     width = np.maximum(SPEED_WIDTH * np.median(others, axis=0), LEAST_WIDTH)
     error = np.empty(speed.shape)

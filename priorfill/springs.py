@@ -11,6 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.distances import lengths_of
+
 __all__ = [
     "LEAST_LENGTH",
     "STIFF",
@@ -67,7 +69,7 @@ def normal_equations(
     force = (predicted - points[:, :markers]) / variance[..., None]
     for one, other, length, weight in springs:
         apart = points[:, one] - points[:, other]
-        far = np.maximum(np.linalg.norm(apart, axis=1), LEAST_LENGTH)
+        far = np.maximum(lengths_of(apart), LEAST_LENGTH)
         along = apart / far[:, None]
         stiffness = weight[:, None, None] * along[:, :, None] * along[:, None, :]
         pull = (weight * (length - far))[:, None] * along
@@ -91,7 +93,7 @@ def energy(
     away = points[:, : predicted.shape[1]] - predicted
     total: NDArray[np.float64] = (away**2 / variance[..., None]).sum(axis=(1, 2))
     for one, other, length, weight in springs:
-        far = np.linalg.norm(points[:, one] - points[:, other], axis=1)
+        far = lengths_of(points[:, one] - points[:, other])
         total += weight * (far - length) ** 2
     return total
 
