@@ -50,6 +50,64 @@ def test_the_index_finds_what_comparing_all_finds_ties_included(problem, k, told
         np.testing.assert_array_equal(distance, expected_distance)
 
 
+@settings(max_examples=25, deadline=None)
+@given(recordings_and_queries(), st.integers(1, 20), st.integers(0, 2**31))
+def test_what_is_passed_over_is_no_neighbour(problem, k, seed):
+    poses, starts, queries = problem
+    rng = np.random.default_rng(seed)
+    with pytest.MonkeyPatch.context() as patch:
+        # so little is measured first, and laid at a time, that bounds decide
+        patch.setattr("priorfill.search.index.FIRST", 1)
+        patch.setattr("priorfill.search.index.PIECE", int(rng.integers(3, 20)))
+        patch.setattr("priorfill.search.index.BEND", float(rng.choice([0.1, 5.0, 1e4])))
+        index = PoseIndex(poses, starts, few=0)
+        distance, rows = index.nearest(queries, k)
+    expected_distance, expected_rows = naive.nearest(poses, queries, k)
+    np.testing.assert_array_equal(rows, expected_rows)
+    np.testing.assert_array_equal(distance, expected_distance)
+
+
+def test_the_index_finds_the_same_among_many_blocks_of_spans(monkeypatch):
+    monkeypatch.setattr("priorfill.search.index.FIRST", 4)
+    rng = np.random.default_rng(11)
+    steps = rng.normal(0, 3, (9000, 7)) * rng.choice([0.1, 1.0, 20.0], (9000, 1))
+    poses = np.cumsum(steps, axis=0).astype(np.float32)
+    queries = poses[4000:4040] + rng.normal(0, 5, (40, 7)).astype(np.float32)
+    index = PoseIndex(poses, np.array([0, 10, 4500]), few=0)
+    distance, rows = index.nearest(queries, 30)
+    expected_distance, expected_rows = naive.nearest(poses, queries, 30)
+    np.testing.assert_array_equal(rows, expected_rows)
+    np.testing.assert_array_equal(distance, expected_distance)
+
+
+@settings(max_examples=25, deadline=None)
+@given(recordings_and_queries())
+def test_bounds_by_paths_hold_for_every_pose_of_a_span(problem):
+    from priorfill.search.index import _path, _Spans
+    from priorfill.search.kernels import BLOCK, bound_spans
+
+    poses, starts, queries = problem
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("priorfill.search.index.BEND", 1e4)
+        spans = _Spans(poses, np.append(starts, len(poses)))
+    queries = queries[:16].astype(np.float32)
+    path, beside = _path(np.ascontiguousarray(spans._project(queries)[0].T))
+    knots = len(spans._knots)
+    bounds = np.empty((1, knots), dtype=np.float32)
+    least = np.empty((1, -(-knots // BLOCK)), dtype=np.float32)
+    near = (spans._shadow, spans._joined, spans._length)
+    bound_spans(*near, path[None], spans._slack, bounds, least)
+    away = np.linalg.norm(poses[:, None].astype(float) - queries.astype(float), axis=2).min(axis=1)
+    scale = 1e-4 + 1e-6 * (np.abs(poses).max() + np.abs(queries).max())
+    for span, (knot, joined) in enumerate(zip(spans._knots, spans._joined, strict=True)):
+        end = spans._knots[span + 1] if joined else knot + 1
+        bound = np.sqrt(max(bounds[0, span], 0.0)) - spans._bend[span] - beside
+        assert bound <= away[knot:end].min() + scale * poses.shape[1]
+    assert np.array_equal(
+        least[0], [bounds[0, at : at + BLOCK].min() for at in range(0, knots, BLOCK)]
+    )
+
+
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e17])
 @pytest.mark.filterwarnings("ignore:overflow encountered", "ignore:invalid value")
 def test_the_index_refuses_what_it_cannot_compare(wrong):

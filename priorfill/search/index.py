@@ -1,10 +1,10 @@
 """Exact k nearest neighbours among the poses of recordings.
 
-Poses of a recording follow each other closely. So every `SPAN`-th pose, and how far those between
-two of these are from the line that joins them, bound the distances of all poses from below, and it
-takes one pass over the poses to find out: there is no tree to be built. Most bounds are computed
-in the few directions in which the poses differ most, and first for several queries together, which
-are best consecutive frames. What the bounds let through is measured. The loops are in
+Poses of a recording follow each other closely. So one of a few, and how far those between two of
+these are from the line that joins them, bound the distances of all poses from below, and it takes
+one pass over the poses to find out: there is no tree to be built. Most bounds are computed in the
+few directions in which the poses differ most, and first for several queries together, which are
+best consecutive frames. What the bounds let through is measured. The loops are in
 `priorfill.search.kernels`.
 
 Poses are of one root group: in other root frames they need another index.
@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +29,10 @@ FEW = 2**14
 """Up to so many poses all are compared. That takes a few times as long, hundredths of a second,
 but spares the seconds in which the index is compiled when it is first used."""
 
-SPAN = 3
-"""Poses a span. At 30 Hz, 2 to 4 take much the same time, 8 twice and 16 three times as long; at
-lower rates, too, 2 to 4 are best."""
+LONGEST, BEND = 8, 5.0
+"""Poses a span at most, and how far (mm) they may be beside its line, a coordinate: 36 mm in 54
+dimensions, little beside neighbours at 150 and more. 3 to 5 mm take much the same time; spans of a
+fixed number of poses bend by 91 mm and more where movements are fast, and let them all through."""
 
 DIRECTIONS = 16
 """In how many directions most bounds are computed: they hold 98 % of the variance of poses, and
@@ -39,17 +41,20 @@ more of them cost more than they keep from being measured."""
 TOGETHER = 16
 """Queries that are bounded together first; 16 frames at 120 Hz are alike enough."""
 
-SEEDS = 2
-"""So many times the spans that hold k poses are measured first."""
+FIRST = 128
+"""Spans at least whose poses are measured first: they say how far the neighbours may be."""
 
-GROUPS = 4
+BEYOND = 1e37
+"""mm². Where no neighbour is: more than any square, and single precision can still double it."""
+
+GROUPS = 8
 """So many groups of queries are bounded in one pass over all knots, which the memory slows down."""
 
 SAMPLE = 20_000
 """Poses, at most, that the directions are found from: any directions give the same neighbours."""
 
-BLOCK = 8192
-"""Knots whose shadow is computed at a time: some megabytes."""
+PIECE = 8192
+"""Poses that spans are laid over at a time: what is read of them stays in a cache."""
 
 ROUNDING = 2.0**-24
 """Relative error of an operation of single precision."""
@@ -150,41 +155,50 @@ class _Spans:
     """
 
     def __init__(self, poses: NDArray[np.float32], ends: NDArray[np.int64]) -> None:
-        from priorfill.search.kernels import bend_spans
-
         self._poses = poses
-        self._knots, self._joined = _layout(ends)
         dimensions = poses.shape[1]
         self._slack = OPERATIONS * (dimensions + 4) * ROUNDING
-        self._bend = np.empty(len(self._knots), dtype=np.float32)
-        parts = _parts(len(self._knots), len(poses) // POSES_A_THREAD)
-
-        def bend(begin: int, end: int) -> None:
-            bend_spans(self._poses, self._knots, self._joined, begin, end, self._slack, self._bend)
-
-        _in_threads(bend, parts)
-        sample = self._poses[self._knots[:: -(-len(self._knots) // SAMPLE)]]
+        sample = poses[:: -(-len(poses) // SAMPLE)]
         self._centre = sample.mean(axis=0)
-        sample -= self._centre
+        sample = sample - self._centre
         # ascending eigenvalues: the last axes are those along which the poses differ most
         _, axes = np.linalg.eigh((sample.T @ sample).astype(np.float64))
-        self._axes = np.ascontiguousarray(axes[:, ::-1][:, :DIRECTIONS].T, dtype=np.float32)
-        self._shadow = np.empty((len(self._axes), len(self._knots)), dtype=np.float32)
+        self._axes = np.zeros((DIRECTIONS, dimensions), dtype=np.float32)
+        self._axes[:dimensions] = axes[:, ::-1][:, :DIRECTIONS].T
+
+        def lay(begin: int, end: int) -> list[_Laid]:
+            return [self._lay(ends, piece) for piece in range(begin, end)]
+
+        parts = _parts(-(-len(poses) // PIECE), len(poses) // POSES_A_THREAD)
+        laid = [piece for part in _in_threads(lay, parts) for piece in part]
+        self._knots = np.concatenate([piece.knots for piece in laid])
+        self._joined = np.concatenate([piece.joined for piece in laid])
+        self._bend = np.concatenate([piece.bend for piece in laid])
+        self._shadow = np.concatenate([piece.shadow for piece in laid], axis=1)
+        self._farthest = max(piece.farthest for piece in laid)
+        self._most_bend = float(self._bend.max())
         self._length = np.zeros(len(self._knots), dtype=np.float32)
-        farthest = [0.0]
-
-        def project(begin: int, end: int) -> None:
-            for at in range(begin, end, BLOCK):
-                some = slice(at, min(at + BLOCK, end))
-                shadow, far = self._project(self._poses[self._knots[some]])
-                self._shadow[:, some] = shadow
-                farthest.append(far)
-
-        _in_threads(project, parts)
-        self._farthest = max(farthest)
         for line in self._shadow:
             self._length[:-1] += np.diff(line) ** 2
         self._length[~self._joined] = 0.0
+
+    def _lay(self, ends: NDArray[np.int64], piece: int) -> _Laid:
+        """Lay spans over one of the pieces of `PIECE` poses."""
+        from priorfill.search.kernels import lay_spans
+
+        begin, end = piece * PIECE, min((piece + 1) * PIECE, len(self._poses))
+        knots = np.empty(end - begin, dtype=np.int64)
+        joined = np.empty(end - begin, dtype=np.bool_)
+        bend = np.empty(end - begin, dtype=np.float32)
+        least = BEND * self._poses.shape[1] ** 0.5
+        recording = int(np.searchsorted(ends, begin, side="right"))
+        span = (LONGEST, least, self._slack)
+        count = lay_spans(self._poses, ends, recording, begin, end, *span, knots, joined, bend)
+        shadow, farthest = self._project(self._poses[knots[:count]])
+        # copies: what was not written must not be kept
+        return _Laid(
+            knots[:count].copy(), joined[:count].copy(), bend[:count].copy(), shadow, farthest
+        )
 
     def _project(self, poses: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
         """Return poses along the directions [shape=(directions, poses)], and the largest norm."""
@@ -228,50 +242,74 @@ class _Spans:
         rows: NDArray[np.int64],
     ) -> None:
         """Find the nearest poses of up to `GROUPS` groups of queries; see `measure_spans`."""
-        from priorfill.search.kernels import bound_spans, choose_spans, measure_spans
+        from priorfill.search.kernels import (
+            BLOCK,
+            bound_of,
+            bound_spans,
+            choose_spans,
+            measure_spans,
+        )
 
-        starts = np.arange(0, len(queries), TOGETHER)
-        # any query of a group does for its centre: one in the middle
-        centres = (starts + np.minimum(starts + TOGETHER, len(queries))) // 2
-        bounds = np.empty((len(starts), len(self._knots)), dtype=np.float32)
-        bound_spans(self._shadow, self._joined, self._length, points, centres, self._slack, bounds)
-        seeds = SEEDS * -(-far.shape[1] // SPAN)
-        reach = np.empty(len(queries))
-        columns = np.empty(len(self._knots), dtype=np.int64)
-        spans = (self._poses, self._knots, self._joined, self._bend)
-        for start, centre, bound in zip(starts, centres, bounds, strict=True):
-            some = slice(start, start + TOGETHER)
-            asked = (queries[some], points[some])
-            found = (far[some], rows[some])
-            count = choose_spans(
-                *spans, *asked, centre - start, blur, self._slack, bound, seeds, *found,
-                reach[some], columns,
-            )  # fmt: skip
-            near = (columns[:count], self._shadow, self._length)
-            measure_spans(*spans, *near, *asked, blur, self._slack, reach[some], *found)
+        groups = [slice(at, at + TOGETHER) for at in range(0, len(queries), TOGETHER)]
+        paths, beside = zip(*(_path(points[some]) for some in groups), strict=True)
+        knots = len(self._knots)
+        bounds = np.empty((len(groups), knots), dtype=np.float32)
+        least = np.empty((len(groups), -(-knots // BLOCK)), dtype=np.float32)
+        near = (self._shadow, self._joined, self._length)
+        bound_spans(*near, np.array(paths), self._slack, bounds, least)
+        columns = np.empty(knots, dtype=np.int64)
+        first = max(FIRST, far.shape[1])  # a span has at least one pose
+        reach = np.full(len(queries), BEYOND)
+        for group, some in enumerate(groups):
+            known = (bounds[group], least[group])
+
+            def measure(within: float, some: slice = some, known: Known = known) -> None:
+                """Measure the poses of all spans that may come within a distance of the path."""
+                radius = within * (1.0 + 2.0**-20)
+                spans = (self._joined, self._bend, radius, self._most_bend)
+                count = choose_spans(*spans, *known, columns)
+                measure_spans(
+                    self._poses, self._knots, self._joined, self._bend, columns[:count],
+                    self._shadow, self._length, queries[some], points[some], blur, self._slack,
+                    reach[some], far[some], rows[some],
+                )  # fmt: skip
+
+            measure(max(bound_of(*known, first), 0.0) ** 0.5)
+            reach[some] = far[some, -1]
+            measure(float(reach[some].max()) ** 0.5 + beside[group] + blur)
 
 
-def _layout(ends: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Lay out the knots of recordings.
+Known = tuple[NDArray[np.float32], NDArray[np.float32]]
+"""Bounds of a path, see `bound_spans`."""
 
-    Parameters
-    ----------
-    ends : ndarray of int [shape=(recordings + 1,)]
-        Where they start, and the number of poses.
 
-    Returns
-    -------
-    knots : ndarray of int [shape=(knots,)]
-        Rows, ascending: every `SPAN`-th of a recording, and its last one.
-    joined : ndarray of bool [shape=(knots,)]
-        Whether the next knot is of the same recording.
+class _Laid(NamedTuple):
+    """Spans over some of the poses; arrays are as `lay_spans` and `_Spans._project` give them."""
+
+    knots: NDArray[np.int64]
+    joined: NDArray[np.bool_]
+    bend: NDArray[np.float32]
+    shadow: NDArray[np.float32]
+    farthest: float
+
+
+def _path(points: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
+    """Return the straight path along which some points lie, and how far beside it (mm) at most.
+
+    The path is as `bound_spans` wants it, from the first point along the path to the last.
     """
-    first, last = ends[:-1], ends[1:] - 1
-    counts = 1 - (first - last) // SPAN  # rounded up
-    recording = np.repeat(np.arange(len(first)), counts)
-    number = np.arange(len(recording)) - np.repeat(np.cumsum(counts) - counts, counts)
-    knots = np.minimum(first[recording] + SPAN * number, last[recording])
-    return knots, knots < last[recording]
+    exact = points.astype(np.float64)
+    middle = exact.mean(axis=0)
+    _, axes = np.linalg.eigh((exact - middle).T @ (exact - middle))
+    direction = axes[:, -1].astype(np.float32).astype(np.float64)
+    along = (exact - middle) @ direction
+    middle += 0.5 * (along.min() + along.max()) * direction
+    path = np.concatenate([middle, direction, [0.0]]).astype(np.float32)
+    exact -= path[: len(middle)]
+    along = exact @ direction
+    path[-1] = np.abs(along).max() * (1.0 + 2.0**-20)
+    beside = exact - along[:, None] * direction
+    return path, float(np.sqrt((beside**2).sum(axis=1).max())) * (1.0 + 2.0**-20)
 
 
 def _parts(count: int, worth: int) -> list[tuple[int, int]]:
@@ -281,10 +319,9 @@ def _parts(count: int, worth: int) -> list[tuple[int, int]]:
     return [(int(begin), int(end)) for begin, end in pairwise(at)]
 
 
-def _in_threads(work: Callable[[int, int], None], parts: list[tuple[int, int]]) -> None:
+def _in_threads(work: Callable[[int, int], Any], parts: list[tuple[int, int]]) -> list[Any]:
     """Do the parts of some work at the same time; none writes where another does."""
     if len(parts) == 1:
-        work(*parts[0])
-        return
+        return [work(*parts[0])]
     with ThreadPoolExecutor(max_workers=len(parts)) as pool:
-        list(pool.map(work, *zip(*parts, strict=True)))
+        return list(pool.map(work, *zip(*parts, strict=True)))

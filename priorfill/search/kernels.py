@@ -5,7 +5,7 @@ that joins the two. A *span* is a *knot*, which is a pose, and the poses between
 knot; its *bend* bounds how far any of these is from the line between the two knots. A query's
 distances from the knots then bound those from the whole span from below. Distances in the few
 directions in which poses differ most bound the true ones from below too: the knots' coordinates
-there are their *shadow*.
+there are their *shadow*. Queries that follow each other lie near a line as well, their *path*.
 
 Bounds are of single precision and widened by what rounding may take; the poses that they let
 through are measured with double precision.
@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["bend_spans", "bound_spans", "choose_spans", "measure_spans"]
+__all__ = ["bound_of", "bound_spans", "choose_spans", "lay_spans", "measure_spans"]
 
 Singles = NDArray[np.float32]
 Reals = NDArray[np.float64]
@@ -38,14 +38,20 @@ HELPER: dict[str, Any] = {
 }
 """Of functions that only compiled ones call: without a way in from Python they compile faster."""
 
-BLOCK = 512
+LOOP: dict[str, Any] = {**HELPER, "fastmath": FAST, "error_model": "numpy"}
+"""Of loops that are to work on several numbers at once: nothing is raised at a division by 0."""
+
+BLOCK = 256
 """Spans bounded at a time: their shadow and squares stay in the processor's first cache."""
 
-NEAR_BLOCK = 128
-"""Spans bounded at a time whose poses are measured next: these stay in the second cache."""
+AT_ONCE = 4
+"""Directions that are summed in one pass; there are a multiple of so many."""
 
 NOTHING = np.float32(1e-20)
 """mm². Added to a length that is divided by: too little to matter where there is one."""
+
+MOST = np.float32(3e38)
+"""More than any square that is compared. Not infinite, see `FAST`."""
 
 UP = 1.0 + 2.0**-20
 """Rounds a bound up, to single precision and after a few operations of double precision."""
@@ -71,44 +77,90 @@ def _exactly_apart(poses: Singles, row: int, other: Singles, other_row: int) -> 
     return total
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
-def bend_spans(
-    poses: Singles, knots: Places, joined: Flags, begin: int, end: int, slack: float, bend: Singles
-) -> None:
-    """Bound how far the poses of some spans are from their lines.
+@njit(**HELPER, fastmath=FAST)
+def _bend(poses: Singles, first: int, last: int, slack: float) -> float:
+    """Bound how far the poses between two are from the line that joins these."""
+    length = np.float64(_apart(poses, first, poses, last))
+    most = 0.0
+    for row in range(first + 1, last):
+        before = np.float64(_apart(poses, row, poses, first))
+        after = np.float64(_apart(poses, row, poses, last))
+        # any point of the line will do for a bound; its distance is by Stewart's theorem
+        share = 0.0
+        if length > 0.0:
+            share = min(max(0.5 + (before - after) / (2.0 * length), 0.0), 1.0)
+        off = (1.0 - share) * before + share * after - share * (1.0 - share) * length
+        most = max(most, off + slack * max(before, after))
+    return math.sqrt(most) * UP
+
+
+@njit(cache=True, nogil=True)
+def lay_spans(
+    poses: Singles,
+    ends: Places,
+    recording: int,
+    begin: int,
+    end: int,
+    longest: int,
+    least: float,
+    slack: float,
+    knots: Places,
+    joined: Flags,
+    bend: Singles,
+) -> int:
+    """Lay spans over a range of poses: as long as the poses in them are near their lines.
 
     Parameters
     ----------
     poses : ndarray [shape=(poses, dimensions), mm]
         All of them.
-    knots : ndarray of int [shape=(knots,)]
-        Their rows, ascending.
-    joined : ndarray of bool [shape=(knots,)]
-        Whether a knot's span leads to the next knot; else it is the knot alone.
+    ends : ndarray of int [shape=(recordings + 1,)]
+        Where recordings start, ascending, and the number of poses.
+    recording : int
+        Of these ends, the first one after ``begin``.
     begin, end : int
-        The spans to look at, as a range of knots.
+        The poses to look at; a span begins at either.
+    longest : int
+        So many poses a span at most.
+    least : float
+        mm; a span of more than one pose does not bend by more.
     slack : float
         Part of a square that rounding may take.
-    bend : ndarray [shape=(knots,), mm]
-        Written where there is a span to look at.
+    knots : ndarray of int
+        Written from its start: the rows of the knots.
+    joined : ndarray of bool
+        Written: whether a knot's span leads to the next knot; else it is the knot alone.
+    bend : ndarray [mm]
+        Written: how far the poses of each span are from its line at most.
+
+    Returns
+    -------
+    int
+        How many knots there are.
     """
-    for knot in range(begin, end):
-        if not joined[knot]:
-            bend[knot] = 0.0
-            continue
-        first, last = knots[knot], knots[knot + 1]
-        length = np.float64(_apart(poses, first, poses, last))
-        most = 0.0
-        for row in range(first + 1, last):
-            before = np.float64(_apart(poses, row, poses, first))
-            after = np.float64(_apart(poses, row, poses, last))
-            # any point of the line will do for a bound; its distance is by Stewart's theorem
-            share = 0.0
-            if length > 0.0:
-                share = min(max(0.5 + (before - after) / (2.0 * length), 0.0), 1.0)
-            off = (1.0 - share) * before + share * after - share * (1.0 - share) * length
-            most = max(most, off + slack * max(before, after))
-        bend[knot] = math.sqrt(most) * UP
+    count = 0
+    row = begin
+    length = longest
+    while row < end:
+        while ends[recording] <= row:
+            recording += 1
+        last = min(end, ends[recording] - 1)
+        length = min(2 * length, longest)
+        far = 0.0
+        while length > 1:
+            # the poses themselves are as good as a span that ends with the recording
+            to = min(row + length, last)
+            far = _bend(poses, row, to, slack) if to > row + 1 else 0.0
+            if far <= least:
+                break
+            length //= 2
+        to = min(row + length, last)
+        knots[count] = row
+        joined[count] = to > row + 1
+        bend[count] = far if joined[count] else 0.0
+        count += 1
+        row = max(to, row + 1)
+    return count
 
 
 @njit(**HELPER)
@@ -163,46 +215,107 @@ def _sort(far: Reals, rows: Places) -> None:
         _sink(far, rows, rest)
 
 
-@njit(**HELPER, fastmath=FAST)
-def _bound_block(
-    shadow: Singles,
+@njit(**LOOP)
+def _from_line(first: np.float32, last: np.float32, whole: np.float32) -> np.float32:
+    """Return the squared distance from a line between two points, by those from its ends.
+
+    ``whole`` is its squared length. Of a length of 0 both distances are the same.
+    """
+    zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
+    share = min(max(half + half * (first - last) / (whole + NOTHING), zero), one)
+    rest = one - share
+    return rest * first + share * last - share * rest * whole
+
+
+@njit(**LOOP)
+def _add_squares(
+    shadow: Singles, begin: int, end: int, points: Singles, point: int, squares: Singles
+) -> None:
+    """Write squared distances of a point from the knots of a range of columns."""
+    squares[: end - begin] = np.float32(0.0)
+    for d in range(0, shadow.shape[0], AT_ONCE):
+        a, b = shadow[d, begin:end], shadow[d + 1, begin:end]
+        e, f = shadow[d + 2, begin:end], shadow[d + 3, begin:end]
+        p, q = points[point, d], points[point, d + 1]
+        r, s = points[point, d + 2], points[point, d + 3]
+        for i in range(end - begin):
+            u, v, w, x = a[i] - p, b[i] - q, e[i] - r, f[i] - s
+            squares[i] += (u * u + v * v) + (w * w + x * x)
+
+
+@njit(**LOOP)
+def _add_along(
+    shadow: Singles, begin: int, end: int, paths: Singles, path: int, along: Singles
+) -> None:
+    """Write how far along a path, from its middle, the knots of a range of columns are."""
+    directions = shadow.shape[0]
+    along[: end - begin] = np.float32(0.0)
+    for d in range(0, directions, AT_ONCE):
+        a, b = shadow[d, begin:end], shadow[d + 1, begin:end]
+        e, f = shadow[d + 2, begin:end], shadow[d + 3, begin:end]
+        p, q, r, s = paths[path, d], paths[path, d + 1], paths[path, d + 2], paths[path, d + 3]
+        to = directions + d
+        u, v, w, x = paths[path, to], paths[path, to + 1], paths[path, to + 2], paths[path, to + 3]
+        for i in range(end - begin):
+            along[i] += (a[i] - p) * u + (b[i] - q) * v + ((e[i] - r) * w + (f[i] - s) * x)
+
+
+@njit(**LOOP)
+def _bound_by_point(
+    squares: Singles, joined: Flags, length: Singles, slack: float, bounds: Singles
+) -> None:
+    """Bound the squared distances of a point from the lines of some spans, from below.
+
+    By its squared distances from the knots and the one after them. ``joined`` and ``length``, which
+    is squared, are of the knots; ``bounds`` is written from its start.
+    """
+    thin = np.float32(slack)
+    for i in range(joined.size):
+        first = squares[i]
+        last = squares[i + 1] if joined[i] else first
+        bounds[i] = _from_line(first, last, length[i]) - thin * (first + last)
+
+
+@njit(**LOOP)
+def _bound_by_path(
+    squares: Singles,
+    along: Singles,
     joined: Flags,
     length: Singles,
-    begin: int,
-    end: int,
-    points: Singles,
-    point: int,
+    half: np.float32,
     slack: float,
-    squares: Singles,
     bounds: Singles,
-) -> None:
-    """Bound the squared distances of a point from the lines of a range of spans, from below.
+) -> np.float32:
+    """Bound the squared distances of a path from the lines of some spans, as `_bound_by_point`.
 
-    ``shadow`` has a row for each direction; its columns, ``joined`` and ``length`` (squared) are
-    of the knots. ``squares`` and ``bounds`` are written from their start.
+    By how far the knots are from its middle, and along it; ``half`` is half its length. Returns
+    the least of the bounds.
     """
-    zero, half, one, thin = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(slack)
-    count = end - begin
-    wide = min(count + 1, shadow.shape[1] - begin)
-    for i in range(count + 1):
-        squares[i] = zero
-    for d in range(shadow.shape[0]):
-        line = shadow[d, begin : begin + wide]
-        at = points[point, d]
-        for i in range(wide):
-            step = line[i] - at
-            squares[i] += step * step
-    lengths = length[begin:end]
-    leads = joined[begin:end]
+    zero, thin = np.float32(0.0), np.float32(slack)
+    least = MOST
+    for i in range(joined.size):
+        first, here = squares[i], along[i]
+        last = squares[i + 1] if joined[i] else first
+        there = along[i + 1] if joined[i] else here
+        # across the path's direction, and along it where the whole span is beyond an end
+        step = there - here
+        across = _from_line(
+            first - here * here, last - there * there, max(length[i] - step * step, zero)
+        )
+        beyond = max(max(min(here, there) - half, -half - max(here, there)), zero)
+        bounds[i] = across + beyond * beyond - thin * (first + last)
+        least = min(least, bounds[i])
+    return least
+
+
+@njit(**LOOP)
+def _least_excess(bounds: Singles, bend: Singles, radius: float, count: int) -> np.float32:
+    """Return by how much at least the first bounds exceed what is of interest, in squares."""
+    least, reach = MOST, np.float32(radius)
     for i in range(count):
-        first = squares[i]
-        last = squares[i + 1] if leads[i] else first
-        whole = lengths[i]
-        # a length of 0 has a share of 1/2 of two equal squares
-        share = half + half * (first - last) / (whole + NOTHING)
-        share = min(max(share, zero), one)
-        rest = one - share
-        bounds[i] = rest * first + share * last - share * rest * whole - thin * max(first, last)
+        wide = reach + bend[i]
+        least = min(least, bounds[i] - wide * wide)
+    return least
 
 
 @njit(**HELPER)
@@ -239,80 +352,87 @@ def bound_spans(
     shadow: Singles,
     joined: Flags,
     length: Singles,
-    points: Singles,
-    centres: Places,
+    paths: Singles,
     slack: float,
     bounds: Singles,
+    least: Singles,
 ) -> None:
-    """Bound the squared distances of some points from the lines of all spans, from below.
+    """Bound the squared distances of some paths from the lines of all spans, from below.
 
     Parameters
     ----------
     shadow : ndarray [shape=(directions, knots), mm]
         The knots' coordinates in some orthonormal directions.
     joined : ndarray of bool [shape=(knots,)]
-        As in `bend_spans`.
+        As in `lay_spans`.
     length : ndarray [shape=(knots,), mm²]
         Squared length of the lines of the spans, in these directions; 0 for a knot alone.
-    points : ndarray [shape=(queries, directions), mm]
-        The queries' coordinates there.
-    centres : ndarray of int [shape=(centres,)]
-        Which of them. Several at a time, as passing over all knots is bound by the memory.
+    paths : ndarray [shape=(paths, 2 * directions + 1), mm]
+        Straight ones: the middle of each, its direction, of length 1, and half its length. Several
+        at a time, as passing over all knots is bound by the memory.
     slack : float
         Part of a square that rounding may take.
-    bounds : ndarray [shape=(centres, knots), mm²]
+    bounds : ndarray [shape=(paths, knots), mm²]
         Written.
+    least : ndarray [shape=(paths, knots / BLOCK, rounded up), mm²]
+        Written: the least of each `BLOCK` of them.
     """
     squares = np.empty(BLOCK + 1, dtype=np.float32)
-    for begin in range(0, joined.size, BLOCK):
+    along = np.empty(BLOCK + 1, dtype=np.float32)
+    for block in range(least.shape[1]):
+        begin = block * BLOCK
         end = min(begin + BLOCK, joined.size)
-        for i in range(centres.size):
-            _bound_block(
-                shadow, joined, length, begin, end, points, centres[i], slack, squares,
-                bounds[i, begin:end],
+        for path in range(paths.shape[0]):
+            wide = min(end + 1, joined.size)
+            _add_squares(shadow, begin, wide, paths, path, squares)
+            _add_along(shadow, begin, wide, paths, path, along)
+            least[path, block] = _bound_by_path(
+                squares, along, joined[begin:end], length[begin:end], paths[path, -1], slack,
+                bounds[path, begin:end],
             )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
+def bound_of(bounds: Singles, least: Singles, count: int) -> float:
+    """Return the greatest of the ``count`` least bounds (mm²).
+
+    ``bounds`` and ``least`` are those of a path that `bound_spans` has written.
+    """
+    kept = np.empty(min(count, bounds.size))
+    spans = np.empty(kept.size, dtype=np.int64)
+    none: Any = np.int64(0)  # of a literal 0 the helpers would be compiled once more
+    size: int = none
+    for block in range(least.size):
+        if size == kept.size and least[block] >= kept[0]:
+            continue
+        for span in range(block * BLOCK, min((block + 1) * BLOCK, bounds.size)):
+            if size < kept.size or bounds[span] < kept[0]:
+                size = _keep(kept, spans, size, np.float64(bounds[span]), span)
+    return float(kept[0])
+
+
+@njit(cache=True, nogil=True)
 def choose_spans(
-    poses: Singles,
-    knots: Places,
     joined: Flags,
     bend: Singles,
-    queries: Singles,
-    points: Singles,
-    centre: int,
-    blur: float,
-    slack: float,
+    radius: float,
+    most: float,
     bounds: Singles,
-    seeds: int,
-    far: Reals,
-    rows: Places,
-    reach: Reals,
+    least: Singles,
     columns: Places,
 ) -> int:
-    """Choose the spans that may hold one of the k nearest poses of some queries.
+    """Choose the spans that may come within some distance of a path.
 
     Parameters
     ----------
-    poses : ndarray [shape=(poses, dimensions), mm]
-        To search among.
-    knots, joined, bend, slack
-        As in `bend_spans`.
-    queries, points : ndarray [shape=(queries, dimensions), (queries, directions), mm]
-        The queries, and their coordinates in the directions.
-    centre : int
-        One of them.
-    blur : float
-        mm; bound on how far rounding moves a knot and a point there, together.
-    bounds : ndarray [shape=(knots,), mm²]
-        Of the centre's squared distances from the spans' lines, see `bound_spans`.
-    seeds : int
-        The poses of so many spans, the nearest ones, say how far the neighbours may be.
-    far, rows : ndarray [shape=(queries, k)]
-        Overwritten. k is at most the number of poses.
-    reach : ndarray [shape=(queries,), mm²]
-        Written: the k-th neighbour is not farther; infinite where the seeds have fewer poses.
+    joined, bend
+        As `lay_spans` has written them.
+    radius : float
+        mm; the distance.
+    most : float
+        mm; the most that a span bends.
+    bounds, least
+        Those of the path that `bound_spans` has written.
     columns : ndarray of int [shape=(knots,)]
         Written from its start: the spans, ascending, and as -1 - knot those knots that only end
         one of them.
@@ -322,40 +442,24 @@ def choose_spans(
     int
         How many columns there are.
     """
-    k = far.shape[1]
-    seed_bounds = np.empty(min(seeds, bounds.size))
-    seed = np.empty(seed_bounds.size, dtype=np.int64)
-    none: Any = np.int64(0)  # of a literal 0 the helpers would be compiled once more
-    size: int = none
-    for span in range(bounds.size):
-        if size < seed.size or bounds[span] < seed_bounds[0]:
-            size = _keep(seed_bounds, seed, size, np.float64(bounds[span]), span)
-    apart, most = 0.0, 0.0
-    for query in range(queries.shape[0]):
-        size = none
-        for near in seed:
-            last = knots[near + 1] if joined[near] else knots[near] + 1
-            size = _measure(
-                poses, knots[near], last, queries, query, slack, np.inf,
-                far[query], rows[query], size,
-            )  # fmt: skip
-        reach[query] = far[query, 0] if size == k else np.inf
-        most = max(most, reach[query])
-        apart = max(apart, np.float64(_apart(points, centre, points, query)))
-    radius = (math.sqrt(apart * (1.0 + slack)) + math.sqrt(most) + blur) * UP
     count = 0
     end = -1
-    for span in range(bounds.size):
-        wide = radius + bend[span]
-        inside = bounds[span] <= wide * wide
-        if inside:
-            columns[count] = span
-            count += 1
-        elif span == end:
-            columns[count] = -1 - span
-            count += 1
-        if inside and joined[span]:
-            end = span + 1
+    widest = (radius + most) * (radius + most) * UP
+    for block in range(least.size):
+        begin = block * BLOCK
+        if least[block] > widest and end != begin:
+            continue
+        for span in range(begin, min(begin + BLOCK, bounds.size)):
+            wide = radius + bend[span]
+            inside = bounds[span] <= wide * wide
+            if inside:
+                columns[count] = span
+                count += 1
+            elif span == end:
+                columns[count] = -1 - span
+                count += 1
+            if inside and joined[span]:
+                end = span + 1
     return count
 
 
@@ -380,14 +484,20 @@ def measure_spans(
 
     Parameters
     ----------
-    poses, knots, joined, bend, queries, points, blur, slack, reach
-        As in `choose_spans`.
+    poses, knots, joined, bend, slack
+        As in `lay_spans`.
     columns : ndarray of int [shape=(columns,)]
         What `choose_spans` has written.
     shadow, length
         As in `bound_spans`.
+    queries, points : ndarray [shape=(queries, dimensions), (queries, directions), mm]
+        The queries, and their coordinates in the directions.
+    blur : float
+        mm; bound on how far rounding moves a knot and a point there, together.
+    reach : ndarray [shape=(queries,), mm²]
+        No neighbour is farther.
     far : ndarray [shape=(queries, k), mm²]
-        Written: squared distances.
+        Written: squared distances. The spans have at least k poses that are not farther.
     rows : ndarray of int [shape=(queries, k)]
         Written: rows of the poses.
 
@@ -399,38 +509,40 @@ def measure_spans(
     count, k = far.shape
     directions = shadow.shape[0]
     # those of some columns and the one after them, side by side
-    near_shadow = np.empty((directions, NEAR_BLOCK + 1), dtype=np.float32)
-    near_joined = np.empty(NEAR_BLOCK, dtype=np.bool_)
-    near_length = np.empty(NEAR_BLOCK, dtype=np.float32)
-    squares = np.empty(NEAR_BLOCK + 1, dtype=np.float32)
-    bounds = np.empty(NEAR_BLOCK, dtype=np.float32)
+    near_shadow = np.empty((directions, BLOCK + 1), dtype=np.float32)
+    near_joined = np.empty(BLOCK, dtype=np.bool_)
+    near_length = np.empty(BLOCK, dtype=np.float32)
+    near_bend = np.empty(BLOCK, dtype=np.float32)
+    squares = np.empty(BLOCK + 1, dtype=np.float32)
+    bounds = np.empty(BLOCK, dtype=np.float32)
     size = np.empty(count, dtype=np.int64)
     radius = np.empty(count)
     for query in range(count):
         size[query] = 0
         radius[query] = (math.sqrt(reach[query]) + blur) * UP
     measured = 0
-    for begin in range(0, columns.size, NEAR_BLOCK):
-        end = min(begin + NEAR_BLOCK, columns.size)
-        for d in range(directions):
-            for i in range(begin, min(end + 1, columns.size)):
-                span = columns[i]
-                near_shadow[d, i - begin] = shadow[d, span if span >= 0 else -1 - span]
-        for i in range(begin, end):
-            span = columns[i]
-            near_joined[i - begin] = span >= 0 and joined[span]
-            near_length[i - begin] = length[span] if near_joined[i - begin] else 0.0
+    for begin in range(0, columns.size, BLOCK):
+        some = min(BLOCK, columns.size - begin)
+        wide = min(some + 1, columns.size - begin)
+        for i in range(wide):
+            span = columns[begin + i]
+            knot = span if span >= 0 else -1 - span
+            for d in range(directions):
+                near_shadow[d, i] = shadow[d, knot]
+        for i in range(some):
+            span = columns[begin + i]
+            near_joined[i] = span >= 0 and joined[span]
+            near_length[i] = length[span] if near_joined[i] else 0.0
+            near_bend[i] = bend[span] if near_joined[i] else 0.0
         for query in range(count):
-            _bound_block(
-                near_shadow, near_joined, near_length, 0, end - begin, points, query, slack,
-                squares, bounds,
-            )  # fmt: skip
-            for i in range(begin, end):
-                span = columns[i]
-                if span < 0:
-                    continue
-                wide = radius[query] + bend[span]
-                if bounds[i - begin] > wide * wide:
+            _add_squares(near_shadow, 0, wide, points, query, squares)
+            _bound_by_point(squares, near_joined[:some], near_length[:some], slack, bounds)
+            if _least_excess(bounds, near_bend, radius[query] * UP, some) > 0.0:
+                continue
+            for i in range(some):
+                span = columns[begin + i]
+                within = radius[query] + near_bend[i]
+                if span < 0 or bounds[i] > within * within:
                     continue
                 first = knots[span]
                 last = knots[span + 1] if joined[span] else first + 1
