@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from priorfill.normalise import RootFrames, RootGroup
 from priorfill.poses import evenly, whole
-from priorfill.search.index import PoseIndex
+from priorfill.search.index import FEW, POSES_A_THREAD, PoseIndex, in_threads, parts
 from priorfill.takes import Take
 
 __all__ = ["Banks", "Neighbours", "PoseBank"]
@@ -26,8 +26,8 @@ ROOM = 2**29
 its own, and a bank holds a part of the whole database."""
 
 
-BLOCK = 2**14
-"""Poses brought into root frames at a time: with double precision they take some megabytes."""
+BLOCK = 2**12
+"""Poses brought into root frames at a time: with double precision they take about a megabyte."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,29 +99,28 @@ class PoseBank:
             dtype=np.intp,
         )
         rates = [takes[i].rates[level] for i, level in zip(useful, levels, strict=True)]
-        known = np.zeros(int(lengths.sum()), dtype=bool)
-        inner = np.zeros_like(known)  # poses with a pose of the same take on either side
-        positions = np.empty((len(known), len(needed), 3), dtype=np.float32)
+        positions = np.empty((int(lengths.sum()), len(needed), 3), dtype=np.float32)
         start = 0
         for i, level, length in zip(useful, levels, lengths, strict=True):
-            chosen = takes[i].positions(level, needed)
-            positions[start : start + length] = chosen
-            complete = whole(chosen)
-            known[start : start + length] = complete
-            inner[start + 1 : start + length - 1] = complete[:-2] & complete[1:-1] & complete[2:]
+            positions[start : start + length] = takes[i].positions(level, needed)
             start += length
+        self._take = np.repeat(np.array(useful, dtype=np.intp), lengths)
+        known = np.empty(len(positions), dtype=bool)
+        for at in range(0, len(positions), BLOCK):
+            known[at : at + BLOCK] = whole(positions[at : at + BLOCK])
+        inner = np.zeros_like(known)  # poses with a pose of the same take on either side
+        inner[1:-1] = known[:-2] & known[1:-1] & known[2:] & (self._take[:-2] == self._take[2:])
         self.rate = rate
         self._inner = inner
         self.rows = np.flatnonzero(inner)
         if most is not None and len(self.rows) > most:
             self.rows = self.rows[evenly(len(self.rows), most)]
-        self._take = np.repeat(np.array(useful, dtype=np.intp), lengths)
         self._rate_ratio = np.repeat(np.array(rates) / rate, lengths)
         self._viable = viable
         self._needed = needed
         self._wanted_columns = np.searchsorted(needed, wanted)
         self._positions = positions
-        self._frames = _root_frames(root.among(needed), positions, known)
+        self._root = root.among(needed)
         self._index: PoseIndex | None = None
         if len(self.rows):
             starts = np.flatnonzero(np.diff(self._take[self.rows], prepend=-1))
@@ -134,26 +133,50 @@ class PoseBank:
     def nbytes(self) -> int:
         """Memory that it takes."""
         arrays = (self.rows, self._inner, self._take, self._rate_ratio, self._positions)
-        frames = self._frames.origin.nbytes + self._frames.rotation.nbytes
         index = self._index.nbytes if self._index is not None else 0
-        return sum(array.nbytes for array in arrays) + frames + index
+        return sum(array.nbytes for array in arrays) + index
 
     def _local(self, markers: NDArray[np.intp]) -> NDArray[np.float32]:
         """Return the searched poses of some markers in root frames [shape=(rows, 3m), mm]."""
         local = np.empty((len(self.rows), 3 * len(markers)), dtype=np.float32)
         columns = np.searchsorted(self._needed, markers)
+        if len(local) > FEW:
+            self._local_compiled(columns, local)
+            return local
         for at in range(0, len(local), BLOCK):
-            rows = self.rows[at : at + BLOCK]
-            poses = self._frames_of(rows).to_local(self._positions[np.ix_(rows, columns)])
-            local[at : at + BLOCK] = poses.reshape(len(rows), -1)
+            poses = self._in_root_frames(self.rows[at : at + BLOCK], columns)
+            local[at : at + BLOCK] = poses.reshape(len(poses), -1)
         return local
 
-    def _frames_of(self, rows: NDArray[np.intp]) -> RootFrames:
-        return RootFrames(self._frames.origin[rows], self._frames.rotation[rows])
+    def _local_compiled(self, columns: NDArray[np.intp], local: NDArray[np.float32]) -> None:
+        """Write columns of all searched poses as `_in_root_frames` returns them."""
+        from priorfill.search.kernels import in_root_frames
+
+        root = np.array(self._root.markers, dtype=np.intp)
+        shape = self._root.template - self._root.template.mean(axis=0)
+
+        def bring(begin: int, end: int) -> None:
+            in_root_frames(self._positions, self.rows, begin, end, root, shape, columns, local)
+
+        in_threads(bring, parts(len(local), len(local) // POSES_A_THREAD))
+
+    def _in_root_frames(
+        self, rows: NDArray[np.intp], columns: NDArray[np.intp]
+    ) -> NDArray[np.float64]:
+        """Return columns of rows in root frames [shape=(rows, columns, 3), mm]."""
+        poses = self._positions[rows]
+        frames = self._root.frames(poses)
+        moved = poses[:, columns] - frames.origin[:, None, :]
+        # by hand: thousands of products of small matrices take several times as long
+        cosine, sine = frames.rotation[:, :1, 0], frames.rotation[:, 1:2, 0]
+        x, y = moved[..., 0].copy(), moved[..., 1]
+        moved[..., 0] = x * cosine + y * sine
+        moved[..., 1] = y * cosine - x * sine
+        return moved
 
     def wanted(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
         """Return the wanted markers of rows in root frames [shape=(rows, wanted, 3), mm]."""
-        return self._frames_of(rows).to_local(self._positions[np.ix_(rows, self._wanted_columns)])
+        return self._in_root_frames(rows, self._wanted_columns)
 
     def positions(self, rows: NDArray[np.intp], markers: NDArray[np.intp]) -> NDArray[np.float64]:
         """Positions of rows, as recorded [shape=(rows, markers, 3), mm].
@@ -230,19 +253,6 @@ class PoseBank:
             (0.5 * ratio * (after - before)).reshape(shape),
             (ratio**2 * (after - 2.0 * here + before)).reshape(shape),
         )
-
-
-def _root_frames(
-    root: RootGroup, positions: NDArray[np.float32], known: NDArray[np.bool_]
-) -> RootFrames:
-    """Root frames of all poses; those of incomplete ones are never read."""
-    origin = np.zeros((len(positions), 3))
-    rotation = np.broadcast_to(np.eye(3), (len(positions), 3, 3)).copy()
-    if known.any():
-        frames = root.frames(positions[known])
-        origin[known] = frames.origin
-        rotation[known] = frames.rotation
-    return RootFrames(origin, rotation)
 
 
 class Banks:

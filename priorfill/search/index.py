@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from priorfill.search.comparing import nearest_by_comparing
 from priorfill.threads import thread_count
 
-__all__ = ["PoseIndex"]
+__all__ = ["FEW", "POSES_A_THREAD", "PoseIndex", "in_threads", "parts"]
 
 FEW = 2**14
 """Up to so many poses all are compared. That takes a few times as long, hundredths of a second,
@@ -169,8 +169,8 @@ class _Spans:
         def lay(begin: int, end: int) -> list[_Laid]:
             return [self._lay(ends, piece) for piece in range(begin, end)]
 
-        parts = _parts(-(-len(poses) // PIECE), len(poses) // POSES_A_THREAD)
-        laid = [piece for part in _in_threads(lay, parts) for piece in part]
+        pieces = parts(-(-len(poses) // PIECE), len(poses) // POSES_A_THREAD)
+        laid = [piece for part in in_threads(lay, pieces) for piece in part]
         self._knots = np.concatenate([piece.knots for piece in laid])
         self._joined = np.concatenate([piece.joined for piece in laid])
         self._bend = np.concatenate([piece.bend for piece in laid])
@@ -230,7 +230,7 @@ class _Spans:
                 self._search(asked[some], points[some], blur, far[some], rows[some])
 
         pairs = len(self._poses) * len(asked)
-        _in_threads(search, _parts(len(asked), pairs // PAIRS_A_THREAD))
+        in_threads(search, parts(len(asked), pairs // PAIRS_A_THREAD))
         return far, rows
 
     def _search(
@@ -312,14 +312,14 @@ def _path(points: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
     return path, float(np.sqrt((beside**2).sum(axis=1).max())) * (1.0 + 2.0**-20)
 
 
-def _parts(count: int, worth: int) -> list[tuple[int, int]]:
+def parts(count: int, worth: int) -> list[tuple[int, int]]:
     """Cut a range into parts for so many threads as are worth it and allowed."""
     threads = max(1, min(worth, thread_count(), count))
     at = np.linspace(0, count, threads + 1).astype(int)
     return [(int(begin), int(end)) for begin, end in pairwise(at)]
 
 
-def _in_threads(work: Callable[[int, int], Any], parts: list[tuple[int, int]]) -> list[Any]:
+def in_threads(work: Callable[[int, int], Any], parts: list[tuple[int, int]]) -> list[Any]:
     """Do the parts of some work at the same time; none writes where another does."""
     if len(parts) == 1:
         return [work(*parts[0])]

@@ -20,7 +20,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["bound_of", "bound_spans", "choose_spans", "lay_spans", "measure_spans"]
+__all__ = [
+    "bound_of",
+    "bound_spans",
+    "choose_spans",
+    "in_root_frames",
+    "lay_spans",
+    "measure_spans",
+]
 
 Singles = NDArray[np.float32]
 Reals = NDArray[np.float64]
@@ -55,6 +62,62 @@ MOST = np.float32(3e38)
 
 UP = 1.0 + 2.0**-20
 """Rounds a bound up, to single precision and after a few operations of double precision."""
+
+
+@njit(cache=True, nogil=True)
+def in_root_frames(
+    positions: Singles,
+    rows: Places,
+    begin: int,
+    end: int,
+    root: Places,
+    shape: Reals,
+    columns: Places,
+    local: Singles,
+) -> None:
+    """Bring poses into root frames by position and heading.
+
+    Parameters
+    ----------
+    positions : ndarray [shape=(poses, markers, 3), mm]
+        All poses.
+    rows : ndarray of int [shape=(rows,)]
+        Those that are wanted.
+    begin, end : int
+        The rows to look at.
+    root : ndarray of int [shape=(group,)]
+        The root group's markers.
+    shape : ndarray [shape=(group, 3), mm]
+        Their template, its centre at 0.
+    columns : ndarray of int [shape=(columns,)]
+        The markers that are wanted.
+    local : ndarray [shape=(rows, 3 * columns), mm]
+        Written.
+    """
+    for i in range(begin, end):
+        pose = positions[rows[i]]
+        x, y, z = 0.0, 0.0, 0.0
+        for marker in root:
+            x += pose[marker, 0]
+            y += pose[marker, 1]
+            z += pose[marker, 2]
+        x, y, z = x / root.size, y / root.size, z / root.size
+        sine, cosine = 0.0, 0.0
+        for m in range(root.size):
+            across, ahead = pose[root[m], 0] - x, pose[root[m], 1] - y
+            sine += ahead * shape[m, 0] - across * shape[m, 1]
+            cosine += across * shape[m, 0] + ahead * shape[m, 1]
+        size = math.sqrt(sine * sine + cosine * cosine)
+        if size > 0.0:
+            sine, cosine = sine / size, cosine / size
+        else:
+            sine, cosine = 0.0, 1.0
+        for c in range(columns.size):
+            marker = columns[c]
+            across, ahead = pose[marker, 0] - x, pose[marker, 1] - y
+            local[i, 3 * c] = across * cosine + ahead * sine
+            local[i, 3 * c + 1] = ahead * cosine - across * sine
+            local[i, 3 * c + 2] = pose[marker, 2] - z
 
 
 @njit(**HELPER, fastmath=FAST)
