@@ -21,7 +21,7 @@ from priorfill.memory import give_back
 from priorfill.methods import get_method, resolve
 from priorfill.methods.task import Estimate, Note, Task
 from priorfill.scope import Scope
-from priorfill.takes import Take, companion_take, takes_from
+from priorfill.takes import Take, TakeWithdrawnError, companion_take, takes_from
 from priorfill.trouble import Trouble, troubled_samples, without_trouble
 from priorfill.uncertainty import BOUND_FACTOR, MEAN_FACTOR, common_bound
 
@@ -230,23 +230,12 @@ def fill(
     with ExitStack() as stack:
         if isinstance(database, (str, Path)):
             database = stack.enter_context(PriorDatabase.open(database))
-        prior = _Prior(clip, database, definition, selection or Selection(), trust_filled)
         # a method sees gap groups whole: what is left alone in them is left out afterwards
         idle = {(gap.start, gap.stop, gap.marker) for gap, _ in alone}
         groups = tuple(
             group
             for group in gap_groups(clip.missing)
             if not all((gap.start, gap.stop, gap.marker) in idle for gap in group.gaps)
-        )
-        task = Task(
-            to_upright(clip.positions, clip.up),
-            clip.labels,
-            clip.rate,
-            marker_set,
-            groups,
-            kin + prior.takes,
-            clip.name,
-            clip.subject,
         )
         done = 0
 
@@ -258,7 +247,27 @@ def fill(
 
         # sums of several BLAS threads depend on how many there are; one thread's do not
         stack.enter_context(threadpool_limits(1, user_api="blas"))
-        estimate = run(task, one_more)
+        withdrawn: list[TakeWithdrawnError] = []
+        while True:
+            prior = _Prior(
+                clip, database, definition, selection or Selection(), trust_filled, withdrawn
+            )
+            task = Task(
+                to_upright(clip.positions, clip.up),
+                clip.labels,
+                clip.rate,
+                marker_set,
+                groups,
+                kin + prior.takes,
+                clip.name,
+                clip.subject,
+            )
+            try:
+                estimate = run(task, one_more)
+                break
+            except TakeWithdrawnError as late:  # once more, as if the clip were not there
+                withdrawn.append(late)
+                done = 0
     give_back()
     place = database.path if database is not None else None
     result = _assemble(clip, estimate, resolve(method), marker_set, place, prior.notes, alone)
@@ -308,6 +317,7 @@ class _Prior:
         definition: MarkerSet | None,
         selection: Selection,
         trust_filled: bool,
+        withdrawn: Sequence[TakeWithdrawnError] = (),
     ) -> None:
         self.takes: tuple[Take, ...] = ()
         self._notes: list[str] = []
@@ -327,7 +337,13 @@ class _Prior:
                 f"not learnt from {', '.join(record.name for record in own)}: "
                 "of the same recording as the clip"
             )
-        records = tuple(record for record in selection.choose(records) if record not in own)
+        self._notes += [f"{late.error}; not learnt from" for late in withdrawn]
+        damaged_contents = {late.content for late in withdrawn}
+        records = tuple(
+            record
+            for record in selection.choose(records)
+            if record not in own and record.content not in damaged_contents
+        )
         if not records:
             self._notes.append(f"{database.path}: no clip is left to learn from")
             return

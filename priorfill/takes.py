@@ -24,13 +24,33 @@ from priorfill.resample import Level, resample
 if TYPE_CHECKING:
     from priorfill.database import ClipRecord, PriorDatabase
 
-__all__ = ["Take", "companion_take", "own_take", "takes_from"]
+__all__ = ["Take", "TakeWithdrawnError", "companion_take", "own_take", "takes_from"]
 
 COARSER_RATES = (30.0, 15.0, 7.5)
 """Hz. Resolutions of a companion beside its own: those of a database."""
 
 
 Reader = Callable[[int, NDArray[np.intp]], NDArray[np.floating]]
+
+
+class TakeWithdrawnError(Exception):
+    """A clip turned out to be damaged when something of it had been learnt from already.
+
+    Whoever fills begins again without it: nothing is to be learnt from a damaged clip, and to
+    check all of it at once would be to read all resolutions of a large database.
+
+    Attributes
+    ----------
+    content : str
+        The clip's content hash.
+    error : DatabaseCorruptError
+        What is damaged.
+    """
+
+    def __init__(self, content: str, error: DatabaseCorruptError) -> None:
+        super().__init__(str(error))
+        self.content = content
+        self.error = error
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,8 +206,8 @@ def takes_from(
     trust_filled : bool
         Learn from samples that were synthesised too, as if they were measured.
     refused : callable, optional
-        Called when a clip turns out to be damaged; nothing is then learnt from it. Without it
-        the error is raised.
+        Called when a clip turns out to be damaged before anything was read of it; nothing then is.
+        Later, `TakeWithdrawnError` is raised. Without this the error itself is raised.
 
     Returns
     -------
@@ -238,17 +258,31 @@ def _reader(
             raise
         refused(error)
         columns = np.full_like(columns, -1)
+    given = False
+    damage: DatabaseCorruptError | None = None
 
     def read(level: int, markers: NDArray[np.intp]) -> NDArray[np.floating]:
+        nonlocal given, damage
         wanted = columns[markers]
         here = np.flatnonzero(wanted >= 0)
-        positions = np.full((record.frames[level], len(markers), 3), np.nan, dtype=np.float32)
+        stored = None
         try:
-            stored = database.sound_positions(record, level)
+            if damage is None:
+                stored = database.sound_positions(record, level)
+                given = True
         except DatabaseCorruptError as error:
             if refused is None:
                 raise
-            refused(error)
+            damage = error
+            if not given:
+                refused(error)
+        # another thread may have used the clip just before this one found out, or the other way
+        if given and damage is not None:
+            raise TakeWithdrawnError(record.content, damage) from damage
+        if stored is not None and filled is None and len(here) == len(markers):
+            return np.take(stored, wanted, axis=1)
+        positions = np.full((record.frames[level], len(markers), 3), np.nan, dtype=np.float32)
+        if stored is None:
             return positions
         positions[:, here] = stored[:, wanted[here]]
         if filled is not None:

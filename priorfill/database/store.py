@@ -97,7 +97,7 @@ class PriorDatabase:
         self.levels = identity.levels
         self._version = identity.version
         self._records: tuple[ClipRecord, ...] | None = None
-        self._checked: set[str] = set()  # contents
+        self._checked: set[tuple[str, int]] = set()  # contents, and level
         self._folder = path / _SEGMENTS
         if write:
             self._lock = WriterLock(path / _LOCK)
@@ -699,30 +699,27 @@ class PriorDatabase:
         return values.reshape(frames, markers, 3)
 
     def sound_positions(self, record: ClipRecord, level: int = 0) -> NDArray[np.float32]:
-        """Return a clip's positions as `positions` does, the clip being checked the first time.
+        """Return a clip's positions as `positions` does, a level being checked the first time.
 
         Raises
         ------
         DatabaseCorruptError
-            Where a level does not fit its checksum, or the file ends before.
+            Where the level does not fit its checksum, or the file ends before.
         """
-        if record.content not in self._checked:
-            self._check_positions(record)
-            self._checked.add(record.content)
+        if (record.content, level) not in self._checked:
+            self._check_positions(record, level)
+            self._checked.add((record.content, level))
         return self.positions(record, level)
 
-    def _check_positions(self, record: ClipRecord) -> None:
-        offset = record.offset
-        for level, (frames, expected) in enumerate(
-            zip(record.frames, record.checksums, strict=True)
-        ):
-            nbytes = frames * len(record.labels) * 3 * DTYPE.itemsize
-            if self._reader.checksum(record.segment, offset, nbytes) != expected:
-                raise DatabaseCorruptError(
-                    f"{self.path}: positions of clip {record.name} are damaged (level {level}); "
-                    "restore the database from a copy, or remove the clip"
-                )
-            offset += nbytes
+    def _check_positions(self, record: ClipRecord, level: int) -> None:
+        a_frame = len(record.labels) * 3 * DTYPE.itemsize
+        offset = record.offset + sum(record.frames[:level]) * a_frame
+        nbytes = record.frames[level] * a_frame
+        if self._reader.checksum(record.segment, offset, nbytes) != record.checksums[level]:
+            raise DatabaseCorruptError(
+                f"{self.path}: positions of clip {record.name} are damaged (level {level}); "
+                "restore the database from a copy, or remove the clip"
+            )
 
     def filled(self, record: ClipRecord, level: int = 0) -> NDArray[np.bool_] | None:
         """Return which samples of a clip were synthesised [shape=(frames, markers)].
@@ -783,7 +780,8 @@ class PriorDatabase:
                 f"{self.path}: the catalogue's row of clip {record.name} is damaged; "
                 "restore the database from a copy"
             )
-        self._check_positions(record)
+        for level in range(len(record.frames)):
+            self._check_positions(record, level)
 
     def _as_stored(self, record: ClipRecord) -> ClipRecord:
         """Return a record as the catalogue holds it."""
