@@ -157,11 +157,24 @@ class SegmentReader:
         if values is None or len(values) < first + count:
             values = self._map(segment)
         if len(values) < first + count:
-            raise DatabaseCorruptError(
-                f"{segment_path(self._folder, segment)}: ends before the catalogue says; "
-                "restore the database from a copy"
-            )
+            raise self._ends_early(segment)
         return values[first : first + count]
+
+    def copy(self, segment: int, offset: int, count: int) -> tuple[NDArray[np.float32], int]:
+        """Return a copy of `count` values from byte `offset` on, read-only, and its checksum.
+
+        Read, not mapped: a large database shall not fill the memory.
+
+        Raises
+        ------
+        DatabaseCorruptError
+            Where the segment is not there or ends before.
+        """
+        self.read(segment, offset, count)
+        data = os.pread(self._files[segment].fileno(), count * DTYPE.itemsize, offset)
+        if len(data) != count * DTYPE.itemsize:
+            raise self._ends_early(segment)
+        return np.frombuffer(data, dtype=DTYPE), zlib.crc32(data)
 
     def checksum(self, segment: int, offset: int, nbytes: int) -> int:
         """Return the checksum of bytes as they are in the file.
@@ -180,6 +193,12 @@ class SegmentReader:
             chunk = os.pread(handle, min(CHUNK, offset + nbytes - start), start)
             result = zlib.crc32(chunk, result)
         return result
+
+    def _ends_early(self, segment: int) -> DatabaseCorruptError:
+        return DatabaseCorruptError(
+            f"{segment_path(self._folder, segment)}: ends before the catalogue says; "
+            "restore the database from a copy"
+        )
 
     def _map(self, segment: int) -> NDArray[np.float32]:
         path = segment_path(self._folder, segment)

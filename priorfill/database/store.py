@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -97,7 +98,6 @@ class PriorDatabase:
         self.levels = identity.levels
         self._version = identity.version
         self._records: tuple[ClipRecord, ...] | None = None
-        self._checked: set[tuple[str, int]] = set()  # contents, and level
         self._folder = path / _SEGMENTS
         if write:
             self._lock = WriterLock(path / _LOCK)
@@ -692,34 +692,41 @@ class PriorDatabase:
             raise OptionError(
                 f"level {level} is not in the database; it has 0 to {len(record.frames) - 1}"
             )
-        markers = len(record.labels)
-        before = sum(record.frames[:level]) * markers * 3 * DTYPE.itemsize
-        frames = record.frames[level]
-        values = self._reader.read(record.segment, record.offset + before, frames * markers * 3)
-        return values.reshape(frames, markers, 3)
+        offset, shape = self._place(record, level)
+        return self._reader.read(record.segment, offset, math.prod(shape)).reshape(shape)
 
     def sound_positions(self, record: ClipRecord, level: int = 0) -> NDArray[np.float32]:
-        """Return a clip's positions as `positions` does, a level being checked the first time.
+        """Return a copy of a clip's positions at a level, checked; else as `positions`.
 
         Raises
         ------
         DatabaseCorruptError
             Where the level does not fit its checksum, or the file ends before.
         """
-        if (record.content, level) not in self._checked:
-            self._check_positions(record, level)
-            self._checked.add((record.content, level))
-        return self.positions(record, level)
+        offset, shape = self._place(record, level)
+        values, found = self._reader.copy(record.segment, offset, math.prod(shape))
+        self._compare(record, level, found)
+        return values.reshape(shape)
 
-    def _check_positions(self, record: ClipRecord, level: int) -> None:
-        a_frame = len(record.labels) * 3 * DTYPE.itemsize
-        offset = record.offset + sum(record.frames[:level]) * a_frame
-        nbytes = record.frames[level] * a_frame
-        if self._reader.checksum(record.segment, offset, nbytes) != record.checksums[level]:
+    def _check_positions(self, record: ClipRecord) -> None:
+        for level in range(len(record.frames)):
+            offset, shape = self._place(record, level)
+            nbytes = math.prod(shape) * DTYPE.itemsize
+            self._compare(record, level, self._reader.checksum(record.segment, offset, nbytes))
+
+    def _compare(self, record: ClipRecord, level: int, found: int) -> None:
+        """Raise an error where a level's checksum is another than that found."""
+        if found != record.checksums[level]:
             raise DatabaseCorruptError(
                 f"{self.path}: positions of clip {record.name} are damaged (level {level}); "
                 "restore the database from a copy, or remove the clip"
             )
+
+    def _place(self, record: ClipRecord, level: int) -> tuple[int, tuple[int, int, int]]:
+        """Return where in its segment a level of a clip begins (bytes), and its shape."""
+        markers = len(record.labels)
+        before = sum(record.frames[:level]) * markers * 3 * DTYPE.itemsize
+        return record.offset + before, (record.frames[level], markers, 3)
 
     def filled(self, record: ClipRecord, level: int = 0) -> NDArray[np.bool_] | None:
         """Return which samples of a clip were synthesised [shape=(frames, markers)].
@@ -780,8 +787,7 @@ class PriorDatabase:
                 f"{self.path}: the catalogue's row of clip {record.name} is damaged; "
                 "restore the database from a copy"
             )
-        for level in range(len(record.frames)):
-            self._check_positions(record, level)
+        self._check_positions(record)
 
     def _as_stored(self, record: ClipRecord) -> ClipRecord:
         """Return a record as the catalogue holds it."""

@@ -1,0 +1,117 @@
+#!/usr/bin/env python
+"""What a fill costs by the size of the database that it learns from.
+
+    python scripts/bench/fill_databases.py [--data DIR] [--poses 1e4,1e5,1e6] [--seconds 2]
+                                           [--threads 1] [--folder DIR]
+
+Takes a marker, or an arm, out of a 49 s recording of the HDM05 library for so many seconds, and
+runs ``priorfill fill -m prior`` from databases of so many poses at 30 Hz. These are made of takes
+of 20 s: three for each of hundreds of bodies, strung together from stretches of all recordings that
+there are, scaled, turned, faster or slower, with noise (see `bench_database.py`), and for every
+other body in a mirror. Making them is not counted: 10^6 poses take a minute or two and 0.9 GB of
+disk, 10^7 ten times that. With ``--folder`` they stay there and are used again.
+
+Each fill is a process of its own. Printed are CPU and wall seconds, with start, reading and
+writing, and the greatest resident memory; the database's pages that are in memory because it is
+mapped count there. A first fill, which compiles what there is to compile, is not counted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from child import CLI, run
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+from bench_database import minutes, recordings
+from fill import ARM, START, TAKE
+from recordings import add_data_option
+
+import priorfill as pf
+from priorfill.formats import create_c3d
+from priorfill.markerset import load
+from priorfill.mirror import mirrored, partners
+
+RATE = 30.0
+"""Hz of the database."""
+
+SECONDS = 20.0
+"""s of a take."""
+
+GONE = {"marker": ("LFRM",), "arm": tuple("L" + name for name in ARM)}
+"""What is removed together."""
+
+
+def database(folder: Path, data: Path, poses: int) -> Path:
+    """Make a database of so many poses, or find it."""
+    made = folder / f"database{poses}"
+    if made.exists():
+        return made
+    definition = load("baumann41")
+    labels = definition.labels
+    partner = partners(labels, definition)
+    rng = np.random.default_rng(0)
+    source = minutes(recordings(data, RATE), RATE, rng)
+    frames = round(SECONDS * RATE)
+    unfinished = folder / f"unfinished{poses}"
+    body = stored = 0
+    with pf.PriorDatabase.create(unfinished) as writer:
+        while stored < poses:
+            minute = next(source)
+            minute = mirrored(minute, partner) if body % 2 else minute
+            for at in range(0, len(minute), frames):
+                take = minute[at : at + frames]
+                clip = pf.Clip(take, labels, RATE, name=f"b{body}_{at}", subject=f"b{body}")
+                stored += writer.add(clip).frames[0]
+            body += 1
+    return unfinished.rename(made)
+
+
+def main() -> int:
+    """Run the benchmark."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    add_data_option(parser)
+    parser.add_argument("--poses", default="1e4,1e5,1e6")
+    parser.add_argument("--seconds", type=float, default=2.0)
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--repeat", type=int, default=2, help="the best counts")
+    parser.add_argument("--folder", type=Path, help="where databases are kept")
+    arguments = parser.parse_args()
+    take = arguments.data / TAKE
+    if not take.exists():
+        print(f"{take}: no such recording; name the folder with --data", file=sys.stderr)
+        return 1
+    whole = pf.read(take)
+    stop = START + round(arguments.seconds * whole.rate)
+    with tempfile.TemporaryDirectory() as temporary:
+        work = Path(temporary)
+        for part, labels in GONE.items():
+            positions = whole.positions.copy()
+            positions[START:stop, [whole.labels.index(label) for label in labels]] = np.nan
+            gappy = pf.Clip(positions, whole.labels, whole.rate, whole.up)
+            create_c3d(work / f"{part}.c3d", gappy)
+        print(f"{arguments.seconds:g} s gone, {arguments.threads} threads\n")
+        print(f"{'gone':8s} {'poses':>9s} {'cpu s':>7s} {'wall s':>7s} {'MB':>6s}")
+        for poses in [0, *(int(float(text)) for text in arguments.poses.split(","))]:
+            options = ["-m", "prior", "--threads", str(arguments.threads), "--overwrite"]
+            if poses:
+                kept = database(arguments.folder or work, arguments.data, poses)
+                options += ["--database", str(kept)]
+            for part in GONE:
+                line = [*CLI, "fill", str(work / f"{part}.c3d"), "-o", str(work / "out.c3d")]
+                run([*line, *options])  # compile, and have the files in memory
+                costs = [run([*line, *options]) for _ in range(arguments.repeat)]
+                best = min(costs, key=lambda cost: cost.cpu)
+                print(
+                    f"{part:8s} {poses:9d} {best.cpu:7.2f} {best.wall:7.2f} {best.memory:6.0f}",
+                    flush=True,
+                )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
