@@ -137,6 +137,24 @@ def scheduled_descent(x, free, prior, options):
     return found, updates
 
 
+def in_root_frames(poses, group, template):
+    """Poses [shape=(poses, markers, 3)] by position and heading of a group of each, row by row."""
+    shape = template - template.mean(axis=0)
+    rows = []
+    for pose, points in zip(poses, group, strict=True):
+        origin = points.mean(axis=0)
+        turned = [complex(*point[:2]) for point in points - origin]
+        as_is = [complex(*point[:2]) for point in shape]
+        heading = sum(here * there.conjugate() for here, there in zip(turned, as_is, strict=True))
+        back = heading.conjugate() / abs(heading) if abs(heading) > 0 else 1.0
+        row = []
+        for x, y, z in pose - origin:
+            flat = complex(x, y) * back
+            row += [flat.real, flat.imag, z]
+        rows.append(row)
+    return np.array(rows)
+
+
 def nearest(poses, queries, k):
     """Distances and rows of the k nearest poses of each query, by comparing all.
 

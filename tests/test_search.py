@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from priorfill.normalise import root_group
+from priorfill.normalise import RootGroup, root_group
 from priorfill.resample import Level
 from priorfill.search.bank import Banks, PoseBank
 from priorfill.search.index import PoseIndex
@@ -189,6 +189,30 @@ def test_bank_uses_only_poses_that_have_what_is_needed():
     # the ends of a take, and the neighbours of a hole, have no derivatives
     holes = {0, 39, 9, 10, 11, 19, 20, 21}
     assert set(bank.rows) == set(range(40)) - holes
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**31), st.integers(2, 4), st.booleans())
+def test_a_compiled_loop_brings_poses_into_the_same_root_frames(seed, group, flat):
+    rng = np.random.default_rng(seed)
+    recordings = make_recordings(rng, (12, 9))
+    recordings[0][4, rng.integers(6)] = np.nan
+    root = root_group(recordings[1], tuple(rng.permutation(5)[:group]))
+    if flat:  # a group above one point tells no heading: it is then 0
+        root = RootGroup(root.markers, root.template * [0.0, 0.0, 1.0])
+    viable = np.sort(rng.permutation(6)[:4])
+    given = (as_takes(recordings), root, viable, np.array([5]), 30.0)
+    bank = PoseBank(*given)
+    by_numpy = bank._local(viable)
+    expected = naive.in_root_frames(
+        bank.positions(bank.rows, viable),
+        bank.positions(bank.rows, np.array(root.markers)),
+        root.template,
+    )
+    np.testing.assert_allclose(by_numpy, expected, atol=1e-3)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("priorfill.search.bank.FEW", 0)
+        np.testing.assert_allclose(bank._local(viable), by_numpy, atol=1e-3)
 
 
 def test_bank_without_poses_is_empty():
