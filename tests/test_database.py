@@ -11,7 +11,9 @@ import stat
 import time
 import warnings
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -65,6 +67,30 @@ def snapshot(folder: Path) -> dict[str, bytes]:
 
 
 # --- in and out ------------------------------------------------------------------------------
+
+
+def test_a_segment_that_several_threads_read_is_opened_once(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Opened twice, the file of one thread would be closed while it is read."""
+    with PriorDatabase.create(folder) as database:
+        record = database.add(make_clip())
+    opened = []
+    really = Path.open
+
+    def slowly(path: Path, *given: Any, **more: Any) -> Any:
+        if path.suffix == ".f32":
+            opened.append(path)
+            time.sleep(0.05)
+        return really(path, *given, **more)
+
+    with PriorDatabase.open(folder, write=True) as database:  # else all are opened at once
+        monkeypatch.setattr(Path, "open", slowly)
+        with ThreadPoolExecutor(max_workers=4) as pool:
+            found = list(pool.map(lambda level: database.sound_positions(record, level), [0] * 4))
+        assert len(opened) == 1
+        for positions in found:
+            np.testing.assert_array_equal(positions, database.positions(record))
 
 
 def test_round_trip(folder: Path) -> None:

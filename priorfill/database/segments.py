@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -112,7 +113,7 @@ class SegmentWriter:
 
 
 class SegmentReader:
-    """Gives views of the segments' memory maps.
+    """Gives views of the segments' memory maps. Several threads may read.
 
     Parameters
     ----------
@@ -124,6 +125,7 @@ class SegmentReader:
         self._folder = folder
         self._files: dict[int, BinaryIO] = {}
         self._maps: dict[int, NDArray[np.float32]] = {}
+        self._opening = threading.Lock()
 
     def close(self) -> None:
         """Close the files. Views stay valid."""
@@ -203,9 +205,10 @@ class SegmentReader:
     def _map(self, segment: int) -> NDArray[np.float32]:
         path = segment_path(self._folder, segment)
         try:
-            if segment not in self._files:
-                self._files[segment] = path.open("rb")
-            file = self._files[segment]
+            with self._opening:  # a file opened twice would be closed while another reads it
+                if segment not in self._files:
+                    self._files[segment] = path.open("rb")
+                file = self._files[segment]
             count = os.fstat(file.fileno()).st_size // DTYPE.itemsize
             # an empty file cannot be mapped
             values = np.memmap(file, dtype=DTYPE, mode="r", shape=(count,)).view(np.ndarray)
