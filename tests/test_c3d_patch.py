@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import errno
+import mmap
 import os
 import warnings
 from dataclasses import replace
@@ -182,6 +184,45 @@ def test_changed_source(tmp_path, source):
     (tmp_path / "in.c3d").unlink()
     with pytest.raises(FormatError, match="no such file"):
         write_c3d(tmp_path / "out.c3d", clip, filled)
+
+
+@pytest.mark.parametrize("now", ["other", "shorter", "empty", "gone"])
+@pytest.mark.parametrize("late", [False, True], ids=["before it is copied", "after"])
+def test_a_source_that_changes_while_it_is_copied(tmp_path, source, monkeypatch, now, late):
+    clip, file = source()
+    clip, filled = fill(clip, GAP, VALUES)
+    write, content = c3d_patch._write, file.bytes()
+    given = {"other": content[:-1] + b"x", "shorter": content[:-1], "empty": b""}
+
+    def change():
+        (tmp_path / "in.c3d").unlink()
+        if now in given:
+            (tmp_path / "in.c3d").write_bytes(given[now])
+
+    def disturbed(path, ready):
+        if late:
+            write(path, ready)
+        change()
+        if not late:
+            write(path, ready)
+
+    monkeypatch.setattr(c3d_patch, "_write", disturbed)
+    with pytest.raises((OutputError, FormatError), match=r"has changed since|no such file"):
+        write_c3d(tmp_path / "out.c3d", clip, filled)
+    assert [path.name for path in tmp_path.iterdir()] == ["in.c3d"] * (now != "gone")
+
+
+def test_a_source_where_files_cannot_be_mapped(tmp_path, source, monkeypatch):
+    """Some network and virtual file systems refuse to."""
+
+    def refuse(*given, **more):
+        raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
+
+    clip, file = source()
+    clip, filled = fill(clip, GAP, VALUES)
+    monkeypatch.setattr(mmap, "mmap", refuse)
+    write_c3d(tmp_path / "out.c3d", clip, filled)
+    assert len((tmp_path / "out.c3d").read_bytes()) == len(file.bytes())
 
 
 @pytest.mark.parametrize("fault", ["other byte", "other value", "shorter"])

@@ -122,6 +122,20 @@ def test_moved_samples_are_refused(tmp_path, source, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["in.c3d"]
 
 
+def test_a_source_that_changes_while_it_is_rewritten(tmp_path, source, monkeypatch):
+    write = ezc3d.c3d.write
+
+    def disturbed(self, path):
+        write(self, path)
+        (tmp_path / "in.c3d").write_bytes(b"")
+
+    monkeypatch.setattr(ezc3d.c3d, "write", disturbed)
+    clip, filled = source()
+    with pytest.raises(OutputError, match="has changed since it was read"):
+        rewrite_c3d(tmp_path / "out.c3d", clip, filled)
+    assert [path.name for path in tmp_path.iterdir()] == ["in.c3d"]
+
+
 @pytest.mark.parametrize(
     ("options", "reason"),
     [

@@ -21,13 +21,14 @@ from priorfill.clip import Clip, Source
 from priorfill.errors import OutputError
 from priorfill.formats.atomic import check_target, replace_file
 from priorfill.formats.c3d_layout import WORDS_PER_POINT, Layout, parse_layout
+from priorfill.formats.c3d_parameters import Contents
 from priorfill.formats.c3d_words import (
     decode_floats,
     decode_integers,
     encode_floats,
     encode_integers,
 )
-from priorfill.formats.contents import told
+from priorfill.formats.contents import changed, told
 
 __all__ = ["Prepared", "WriteReport", "prepare", "write_c3d"]
 
@@ -172,16 +173,7 @@ def prepare(
             f"frame {clip.first_frame + int(frames[first])} but has no position; "
             "mark only samples that have one"
         )
-    with told(source.path), source.path.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
-    if digest != source.sha256:
-        raise _changed(source)
-    with (
-        told(source.path),
-        source.path.open("rb") as file,
-        mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as contents,
-    ):
-        layout, size = parse_layout(contents, source.path.name), len(contents)
+    layout, size = _layout(source)
     return Prepared(
         source=source,
         size=size,
@@ -194,8 +186,18 @@ def prepare(
     )
 
 
-def _changed(source: Source) -> OutputError:
-    return OutputError(f"{source.path.name}: has changed since it was read; read and fill it again")
+def _layout(source: Source) -> tuple[Layout, int]:
+    """Return where the source's samples are, and its bytes; it is as it was read."""
+    with told(source.path), source.path.open("rb") as file:
+        if hashlib.file_digest(file, "sha256").hexdigest() != source.sha256:
+            raise changed(source.path)
+        file.seek(0)
+        contents: Contents
+        try:
+            contents = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        except (OSError, ValueError):  # not on every file system; a file just emptied
+            contents = file.read()
+        return parse_layout(contents, source.path.name), len(contents)
 
 
 def _check_range(ready: Prepared, clip: Clip) -> None:
@@ -260,7 +262,7 @@ def _parts(ready: Prepared) -> Iterator[tuple[NDArray[np.uint8], slice, NDArray[
             original = np.frombuffer(part, np.uint8)
             yield original, some, offsets[:, None] + np.arange(layout.record_bytes)
     if digest.hexdigest() != ready.source.sha256:  # meanwhile
-        raise _changed(ready.source)
+        raise changed(path)
 
 
 def _write(temporary: Path, ready: Prepared) -> None:
@@ -279,34 +281,34 @@ def _verify(temporary: Path, ready: Prepared) -> float:
     ------
     OutputError
         If a byte beside the filled samples has changed, or a filled sample is not as it
-        should be. Neither has a cause that we know; a full disk and a faulty program have.
+        should be: neither has a cause that we know; a full disk and a faulty program have.
+        Or if the source has changed meanwhile.
     """
     layout = ready.layout
-    failed = OutputError(
-        f"{temporary.parent}: the file written there does not read back as intended and was "
-        "removed; check the disk and report this as a fault"
-    )
-    if temporary.stat().st_size != ready.size:
-        raise failed
+    as_intended = temporary.stat().st_size == ready.size
     worst = 0.0
     with temporary.open("rb") as file:
-        for original, some, places in _parts(ready):
+        for original, some, places in _parts(ready):  # to its end, which tells if it has changed
             written = np.frombuffer(file.read(len(original)), np.uint8)
-            if len(written) != len(original):
-                raise failed
-            changed = written != original
-            changed[places] = False
-            if changed.any():
-                raise failed
+            if not as_intended or len(written) != len(original):
+                as_intended = False
+                continue
+            differs = written != original
+            differs[places] = False
             words = _decode(written[places], layout)
             expected = ready.in_units[some]
             error = np.abs(words[:, :3] - expected)
             allowed = np.abs(expected) * _FLOAT_STEP + _OFF_ORIGIN
             if not layout.is_float:
                 allowed = np.full_like(error, layout.scale)
-            if (words[:, 3] != 0).any() or not (error <= allowed).all():  # NaN fails too
-                raise failed
+            near = bool((error <= allowed).all())  # of NaN it is not
+            as_intended = near and not differs.any() and not words[:, 3].any()
             worst = max(worst, float(error.max(initial=0.0)))
+    if not as_intended:
+        raise OutputError(
+            f"{temporary.parent}: the file written there does not read back as intended and was "
+            "removed; check the disk and report this as a fault"
+        )
     return worst
 
 

@@ -7,6 +7,7 @@ and what has changed is said.
 
 from __future__ import annotations
 
+import hashlib
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,6 +24,7 @@ from priorfill.formats.c3d_parameters import Value
 from priorfill.formats.c3d_patch import Prepared, WriteReport, prepare
 from priorfill.formats.c3d_read import read_c3d_bytes
 from priorfill.formats.c3d_words import Processor, decode_floats, decode_integers
+from priorfill.formats.contents import changed
 
 __all__ = ["rewrite_c3d"]
 
@@ -171,10 +173,12 @@ def _compare(ready: Prepared, written: bytes, name: str) -> tuple[float, list[st
     Raises
     ------
     OutputError
-        If a sample is not where it should be.
+        If a sample is not where it should be, or the source has changed meanwhile.
     """
     before = ready.layout
     original = read_c3d_bytes(ready.source.path)
+    if hashlib.sha256(original).hexdigest() != ready.source.sha256:  # meanwhile
+        raise changed(ready.source.path)
     expected, residual = read_points(original, before)
     expected[residual < 0] = np.nan
     expected[np.isnan(expected).any(axis=2)] = np.nan

@@ -7,12 +7,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from priorfill.errors import FormatError
+from priorfill.errors import FormatError, OutputError, PriorfillError
 
-__all__ = ["BEGINNING", "read_contents", "told"]
+__all__ = ["BEGINNING", "changed", "read_contents", "told"]
 
 BEGINNING = 512
 """Bytes that are looked at before the rest is read: a block of a C3D file."""
+
+
+def changed(path: Path) -> OutputError:
+    """Return the error that a clip's source is not what was read any more."""
+    return OutputError(f"{path.name}: has changed since it was read; read and fill it again")
 
 
 @contextmanager
@@ -29,6 +34,8 @@ def told(path: Path) -> Iterator[None]:
             # a pipe, which may never say anything
             raise FormatError(f"{path}: is no file; give the name of one")
         yield
+    except PriorfillError:  # an OutputError is an OSError
+        raise
     except FileNotFoundError:
         raise FormatError(f"{path}: there is no such file; check the name") from None
     except IsADirectoryError:

@@ -16,7 +16,7 @@ from priorfill.clip import Clip, Source
 from priorfill.errors import ClipError, FormatError, OptionError, OutputError
 from priorfill.formats.c3d_markers import find_model_points, split_label
 from priorfill.formats.c3d_parameters import Parameters
-from priorfill.formats.contents import read_contents
+from priorfill.formats.contents import changed, read_contents
 from priorfill.formats.subjects import choose_subject
 from priorfill.formats.units import find_unit
 from priorfill.formats.up_axis import find_up
@@ -131,9 +131,7 @@ def read_source(source: Source) -> bytes:
     """
     data = read_bounded(source.path)
     if hashlib.sha256(data).hexdigest() != source.sha256:
-        raise OutputError(
-            f"{source.path.name}: has changed since it was read; read and fill it again"
-        )
+        raise changed(source.path)
     return data
 
 
