@@ -8,13 +8,10 @@ from __future__ import annotations
 
 import os
 
-__all__ = ["VARIABLE", "at_most", "one_thread", "thread_count"]
+__all__ = ["VARIABLE", "at_most", "thread_count"]
 
 VARIABLE = "PRIORFILL_THREADS"
 """Environment variable: the threads that a fill may use at most."""
-
-NUMBA = "NUMBA_NUM_THREADS"
-"""What numba, once imported, goes by."""
 
 
 def thread_count() -> int:
@@ -30,8 +27,3 @@ def thread_count() -> int:
 def at_most(count: int) -> None:
     """Let fills of this process use so many threads at most (1 or more)."""
     os.environ[VARIABLE] = str(count)
-
-
-def one_thread() -> None:
-    """Keep this process to one thread; to be called before anything is filled."""
-    os.environ[VARIABLE] = os.environ[NUMBA] = "1"

@@ -335,7 +335,7 @@ def test_the_same_bits_from_run_to_run_and_for_any_number_of_threads(folder, fil
         f"{result.method} {hashlib.sha256(result.clip.positions.tobytes()).hexdigest()}"
         for result in (published, filled)
     ]
-    names = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
     threads = "2" if thread_count() == 1 else "1"  # other than here
     environment = os.environ | dict.fromkeys((VARIABLE, *names), threads)
     done = subprocess.run(

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from priorfill.cli import main
 from priorfill.demo import make_demo_clip
 from priorfill.formats import write
-from priorfill.threads import NUMBA, VARIABLE, at_most, one_thread, thread_count
+from priorfill.threads import VARIABLE, at_most, thread_count
 
 
 @pytest.mark.parametrize(
@@ -22,14 +22,6 @@ def test_count(said: str, threads: int, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(os, "cpu_count", lambda: 8)
     monkeypatch.setenv(VARIABLE, said)
     assert thread_count() == threads
-
-
-def test_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in (VARIABLE, NUMBA):
-        monkeypatch.setenv(name, "5")  # put back after the test
-    one_thread()
-    assert thread_count() == 1
-    assert os.environ[NUMBA] == "1"
 
 
 def test_at_most(monkeypatch: pytest.MonkeyPatch) -> None:

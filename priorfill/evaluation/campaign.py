@@ -18,7 +18,7 @@ from priorfill.errors import EvaluationError
 from priorfill.evaluation.case import Case, Outcome, Source, run_case
 from priorfill.evaluation.plan import Job, Plan
 from priorfill.evaluation.store import Store
-from priorfill.threads import one_thread
+from priorfill.threads import at_most
 
 __all__ = ["carry_out"]
 
@@ -130,7 +130,7 @@ def _begin(sources: tuple[Source, ...]) -> None:
     """Make a process of the pool ready: one thread, no interrupts, no life after its parent."""
     global _sources
     _sources = sources
-    one_thread()
+    at_most(1)
     threadpool_limits(1)
     # Ctrl-C reaches every process of the terminal; the parent decides what comes of it
     signal.signal(signal.SIGINT, signal.SIG_IGN)
