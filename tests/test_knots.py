@@ -25,7 +25,7 @@ def piece(start, stop, markers=3):
     st.integers(1, 600),
     st.integers(0, 40),
     st.integers(0, 40),
-    st.floats(20.0, 500.0),
+    st.floats(1.0, 2000.0),
 )
 def test_knots_are_dense_enough(start, length, before, after, rate):
     stop = start + length

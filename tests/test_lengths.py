@@ -11,7 +11,7 @@ from naive import turned
 from scipy.optimize import least_squares
 
 from priorfill.distances import pair_distances
-from priorfill.lengths import CAUTION, LEAST_SPREAD, SOFTNESS, hold_lengths, stiff_edges
+from priorfill.lengths import CAUTION, LEAST_SPREAD, SOFTNESS, Edges, hold_lengths, stiff_edges
 from priorfill.springs import STIFF
 
 
@@ -128,6 +128,21 @@ def test_frames_and_other_visible_markers_make_no_difference():
     with mock.patch("priorfill.lengths.AT_ONCE", 7):
         alone = hold_lengths(predicted, deviation, clip[:, anchors], fewer)
     np.testing.assert_allclose(alone, held, atol=1e-9)
+
+
+def test_markers_that_hang_on_each_other_alone_need_no_visible_one():
+    clip = arm()
+    edges = chosen(clip)
+    inner = edges.other < 4
+    free = Edges(*(x[inner] for x in (edges.one, edges.other, edges.length, edges.spread)))
+    predicted = clip[:, 3:] + np.random.default_rng(3).normal(0, 20.0, (40, 4, 3))
+    deviation = np.full((40, 4), 30.0)
+    anchors, fewer = free.anchored(4)
+    assert not len(anchors)
+    held = hold_lengths(predicted, deviation, clip[:, :3], free)
+    alone = hold_lengths(predicted, deviation, clip[:, anchors], fewer)
+    np.testing.assert_array_equal(alone, held)
+    assert (np.abs(held - predicted) > 1.0).any()
 
 
 def test_markers_in_one_place_do_no_harm():
