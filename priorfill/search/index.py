@@ -1,11 +1,11 @@
 """Exact k nearest neighbours among the poses of recordings.
 
-Poses of a recording follow each other closely. So one of a few, and how far those between two of
-these are from the line that joins them, bound the distances of all poses from below, and it takes
-one pass over the poses to find out: there is no tree to be built. Most bounds are computed in the
-few directions in which the poses differ most, and first for several queries together, which are
-best consecutive frames. What the bounds let through is measured. The loops are in
-`priorfill.search.kernels`.
+Poses of a recording follow each other closely. So distances from some of them, and how far the
+poses between two of these are from the line that joins the two, bound the distances of all poses
+from below, and it takes one pass over the poses to find out: there is no tree to be built. Most
+bounds are computed in the few directions in which the poses differ most, and first for several
+queries together, which are best consecutive frames. What the bounds let through is measured. The
+loops are in `priorfill.search.kernels`.
 
 Poses are of one root group: in other root frames they need another index.
 """
@@ -245,6 +245,7 @@ class _Spans:
         """Find the nearest poses of up to `GROUPS` groups of queries; see `measure_spans`."""
         from priorfill.search.kernels import (
             BLOCK,
+            UP,
             bound_of,
             bound_spans,
             choose_spans,
@@ -266,7 +267,7 @@ class _Spans:
 
             def measure(within: float, some: slice = some, known: Known = known) -> None:
                 """Measure the poses of all spans that may come within a distance of the path."""
-                radius = within * (1.0 + 2.0**-20)
+                radius = within * UP
                 spans = (self._joined, self._bend, radius, self._most_bend)
                 count = choose_spans(*spans, *known, columns)
                 measure_spans(
@@ -299,6 +300,8 @@ def _path(points: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
 
     The path is as `bound_spans` wants it, from the first point along the path to the last.
     """
+    from priorfill.search.kernels import UP
+
     exact = points.astype(np.float64)
     middle = exact.mean(axis=0)
     _, axes = np.linalg.eigh((exact - middle).T @ (exact - middle))
@@ -308,9 +311,9 @@ def _path(points: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
     path = np.concatenate([middle, direction, [0.0]]).astype(np.float32)
     exact -= path[: len(middle)]
     along = exact @ direction
-    path[-1] = np.abs(along).max() * (1.0 + 2.0**-20)
+    path[-1] = np.abs(along).max() * UP
     beside = exact - along[:, None] * direction
-    return path, float(np.sqrt((beside**2).sum(axis=1).max())) * (1.0 + 2.0**-20)
+    return path, float(np.sqrt((beside**2).sum(axis=1).max())) * UP
 
 
 def parts(count: int, worth: int) -> list[tuple[int, int]]:

@@ -19,6 +19,7 @@ mapped count there. A first fill, which compiles what there is to compile, is no
 from __future__ import annotations
 
 import argparse
+import shutil
 import sys
 import tempfile
 from pathlib import Path
@@ -58,6 +59,7 @@ def database(folder: Path, data: Path, poses: int) -> Path:
     source = minutes(recordings(data, RATE), RATE, rng)
     frames = round(SECONDS * RATE)
     unfinished = folder / f"unfinished{poses}"
+    shutil.rmtree(unfinished, ignore_errors=True)  # of a run that was interrupted
     body = stored = 0
     with pf.PriorDatabase.create(unfinished) as writer:
         while stored < poses:
