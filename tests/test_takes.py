@@ -8,7 +8,7 @@ from priorfill.database import PriorDatabase
 from priorfill.errors import DatabaseCorruptError
 from priorfill.markerset import load
 from priorfill.resample import pyramid
-from priorfill.takes import own_take, takes_from
+from priorfill.takes import TakeWithdrawnError, own_take, takes_from
 
 RATE = 60.0
 
@@ -130,6 +130,28 @@ def test_a_damaged_clip_shows_nothing(tmp_path: Path) -> None:
         assert np.isnan(take.positions(0)).all()
         assert np.isnan(take.positions(1)).all()  # nothing of the clip is used
         assert {str(error) for error in refused} == {str(refused[0])}
+
+
+def test_what_is_found_damaged_late_is_withdrawn(tmp_path: Path) -> None:
+    with PriorDatabase.create(tmp_path / "db") as database:
+        record = database.add(Clip(moving(2), ("A", "B"), RATE, name="one"))
+    segment = tmp_path / "db" / "segments" / "000001.f32"
+    data = bytearray(segment.read_bytes())
+    data[record.frames[0] * 2 * 3 * 4 + 8] ^= 4  # in the second resolution
+    segment.write_bytes(data)
+    with PriorDatabase.open(tmp_path / "db") as database:
+        refused = []
+        given = (database, database.clips(), ("A",))
+        (take,) = takes_from(*given, refused=refused.append)
+        assert not np.isnan(take.positions(0)).any()
+        for level in (1, 0, 2):
+            with pytest.raises(TakeWithdrawnError, match="positions of clip one are damaged"):
+                take.positions(level)
+        assert refused == []
+        (take,) = takes_from(*given, refused=refused.append)
+        for level in (1, 0, 2):  # the other way round nothing had been learnt yet
+            assert np.isnan(take.positions(level)).all()
+        assert len(refused) == 1
 
 
 def test_own_take() -> None:
