@@ -84,21 +84,39 @@ def _look(
     move: Reals,
     gain: Reals,
 ) -> None:
-    """Find all residuals, b - Ax, and what each block would gain at its own minimum."""
+    """Find all residuals, b - Ax, and what each block would gain at its own minimum.
+
+    Nothing, where it would move none of its frames by more than ``precision`` to get there.
+    """
     for b in range(gain.size):
         gain[b] = 0.0
     for t in range(REACH, x.shape[0] - REACH):
         if factor[t, 0] > 0.0:
-            square = 0.0
             for i in range(3):
                 residual[t, i] = right[t, i] - _product_at(t, i, bands, x)
                 move[t, i] = (
                     residual[t, i] - factor[t, 1] * move[t - 1, i] - factor[t, 2] * move[t - 2, i]
                 )
+                gain[(t - REACH) // block] += move[t, i] * move[t, i] * factor[t, 0]
+    # near an energy of 0, no gain is small beside it: mind how far frames move too. One by one
+    # stiff frames hardly move, together they may
+    far = False
+    for t in range(x.shape[0] - REACH - 1, REACH - 1, -1):
+        if factor[t, 0] > 0.0:
+            square = 0.0
+            for i in range(3):
+                move[t, i] = (
+                    factor[t, 0] * move[t, i]
+                    - factor[t + 1, 1] * move[t + 1, i]
+                    - factor[t + 2, 2] * move[t + 2, i]
+                )
                 square += move[t, i] * move[t, i]
-            # near an energy of 0, no gain is small beside it: mind how far frames move too
-            if square * factor[t, 0] * factor[t, 0] > precision * precision:
-                gain[(t - REACH) // block] += square * factor[t, 0]
+            if square > precision * precision:
+                far = True
+        if (t - REACH) % block == 0:
+            if not far:
+                gain[(t - REACH) // block] = 0.0
+            far = False
 
 
 @njit(**HELPER)
@@ -224,7 +242,7 @@ def descend_chains(
         A chain ends when a round over all its frames gains less than this part of its energy, a
         round when a step gains less than this part of what the round did.
     precision : float
-        mm; a frame that would move by less is no reason to work on its block.
+        mm; a block that would move none of its frames by more is not worked on.
     share : float
         A block is worked on when it promises at least this part of what the best block does.
     steps : int

@@ -30,7 +30,7 @@ class Descent:
         A level ends when the energy improves by less than this part: 1 % in Baumann et al.
         2011, section 4.3. A schedule ends early when a step adds less than this part.
     precision : float
-        mm; a frame that would move by less is no reason to work on its block.
+        mm; a block that would move none of its frames by more is not worked on.
     share : float
         A block is worked on when it promises at least this part of what the best one does. In the
         middle of a long gap all promises are a hundredth of those at its edges, as weights are.

@@ -7,6 +7,7 @@ from test_energy import random_prior
 
 from priorfill.energy import energy, gradient
 from priorfill.errors import OptionError
+from priorfill.prior import Prior
 from priorfill.solver import Descent, minimise, solve_exactly
 
 THOROUGH = Descent(tolerance=1e-13)
@@ -116,6 +117,16 @@ def test_what_is_stiff_is_solved_by_blocks():
     assert blocks.updates < 0.2 * frames.updates
     off, beside = (np.linalg.norm(f.positions - exact, axis=2).max() for f in (blocks, frames))
     assert off < 0.1 * beside
+
+
+def test_a_smooth_offset_is_seen_though_single_frames_hardly_move_it():
+    """Off by a millimetre everywhere, held at both ends by measured frames; the prior is stiff."""
+    nothing, ones = np.zeros((600, 1, 3)), np.ones((600, 1))
+    prior = Prior(nothing, nothing, nothing, ones, 0.0 * ones, 1e4 * ones, 0.0 * ones)
+    free = np.ones((600, 1), dtype=bool)
+    free[[0, 1, -2, -1]] = False
+    start = np.where(free[..., None], 1.0, nothing)
+    assert np.abs(minimise(start, free, prior).positions).max() < 0.01
 
 
 @pytest.mark.parametrize(
