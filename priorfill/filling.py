@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,14 +14,14 @@ from threadpoolctl import threadpool_limits
 from priorfill.axes import from_upright, to_upright
 from priorfill.clip import Clip
 from priorfill.database import PriorDatabase, Selection
-from priorfill.errors import OptionError
+from priorfill.errors import DatabaseCorruptError, OptionError
 from priorfill.gaps import Gap, find_gaps, gap_groups, runs
 from priorfill.markerset import MarkerSet, describe, recognise
 from priorfill.memory import give_back
 from priorfill.methods import get_method, resolve
 from priorfill.methods.task import Estimate, Note, Task
 from priorfill.scope import Scope
-from priorfill.takes import Take, TakeWithdrawnError, companion_take, takes_from
+from priorfill.takes import Take, companion_take, takes_from
 from priorfill.trouble import Trouble, troubled_samples, without_trouble
 from priorfill.uncertainty import BOUND_FACTOR, MEAN_FACTOR, common_bound
 
@@ -247,7 +247,7 @@ def fill(
 
         # sums of several BLAS threads depend on how many there are; one thread's do not
         stack.enter_context(threadpool_limits(1, user_api="blas"))
-        withdrawn: list[TakeWithdrawnError] = []
+        withdrawn: dict[str, DatabaseCorruptError] = {}
         while True:
             prior = _Prior(
                 clip, database, definition, selection or Selection(), trust_filled, withdrawn
@@ -262,12 +262,11 @@ def fill(
                 clip.name,
                 clip.subject,
             )
-            try:
-                estimate = run(task, one_more)
+            estimate = run(task, one_more)
+            if not prior.withdrawn:
                 break
-            except TakeWithdrawnError as late:  # once more, as if the clip were not there
-                withdrawn.append(late)
-                done = 0
+            withdrawn |= prior.withdrawn  # once more, as if these clips were not there
+            done = 0
     give_back()
     place = database.path if database is not None else None
     result = _assemble(clip, estimate, resolve(method), marker_set, place, prior.notes, alone)
@@ -308,7 +307,11 @@ def _companion(clip: Clip, other: Clip, definition: MarkerSet | None) -> Take:
 
 
 class _Prior:
-    """The takes of a database that a clip may learn from, and what was left out."""
+    """The takes of a database that a clip may learn from, and what was left out.
+
+    ``withdrawn`` holds, by content, why clips turned out to be damaged when something of them had
+    been learnt from already; ``damaged`` is the same of those that are known to be.
+    """
 
     def __init__(
         self,
@@ -317,16 +320,17 @@ class _Prior:
         definition: MarkerSet | None,
         selection: Selection,
         trust_filled: bool,
-        withdrawn: Sequence[TakeWithdrawnError] = (),
+        damaged: Mapping[str, DatabaseCorruptError],
     ) -> None:
         self.takes: tuple[Take, ...] = ()
+        self.withdrawn: dict[str, DatabaseCorruptError] = {}
         self._notes: list[str] = []
         if database is None:
             return
-        damaged = [
-            f"{database.path}: the row of clip {name} is damaged" for name in database.damaged
+        self._notes += [
+            f"{database.path}: the row of clip {name} is damaged; not learnt from"
+            for name in database.damaged
         ]
-        self._notes += [f"{reason}; not learnt from" for reason in damaged]
         records = database.clips()
         if not records:
             self._notes.append(f"{database.path}: the database is empty")
@@ -337,12 +341,11 @@ class _Prior:
                 f"not learnt from {', '.join(record.name for record in own)}: "
                 "of the same recording as the clip"
             )
-        self._notes += [f"{late.error}; not learnt from" for late in withdrawn]
-        damaged_contents = {late.content for late in withdrawn}
+        self._notes += [f"{error}; not learnt from" for error in damaged.values()]
         records = tuple(
             record
             for record in selection.choose(records)
-            if record not in own and record.content not in damaged_contents
+            if record not in own and record.content not in damaged
         )
         if not records:
             self._notes.append(f"{database.path}: no clip is left to learn from")
@@ -354,6 +357,7 @@ class _Prior:
             definition,
             trust_filled=trust_filled,
             refused=lambda error: self._notes.append(f"{error}; not learnt from"),
+            withdrawn=self.withdrawn.__setitem__,
         )
         if not self.takes:
             held = sorted({label for record in records for label in record.labels})

@@ -24,33 +24,13 @@ from priorfill.resample import Level, resample
 if TYPE_CHECKING:
     from priorfill.database import ClipRecord, PriorDatabase
 
-__all__ = ["Take", "TakeWithdrawnError", "companion_take", "own_take", "takes_from"]
+__all__ = ["Take", "companion_take", "own_take", "takes_from"]
 
 COARSER_RATES = (30.0, 15.0, 7.5)
 """Hz. Resolutions of a companion beside its own: those of a database."""
 
 
 Reader = Callable[[int, NDArray[np.intp]], NDArray[np.floating]]
-
-
-class TakeWithdrawnError(Exception):
-    """A clip turned out to be damaged when something of it had been learnt from already.
-
-    Whoever fills begins again without it: nothing is to be learnt from a damaged clip, and to
-    check all of it at once would be to read all resolutions of a large database.
-
-    Attributes
-    ----------
-    content : str
-        The clip's content hash.
-    error : DatabaseCorruptError
-        What is damaged.
-    """
-
-    def __init__(self, content: str, error: DatabaseCorruptError) -> None:
-        super().__init__(str(error))
-        self.content = content
-        self.error = error
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,6 +170,7 @@ def takes_from(
     *,
     trust_filled: bool = False,
     refused: Callable[[DatabaseCorruptError], None] | None = None,
+    withdrawn: Callable[[str, DatabaseCorruptError], None] | None = None,
 ) -> tuple[Take, ...]:
     """Make a take of each clip of a database that shows at least one of a clip's markers.
 
@@ -206,8 +187,12 @@ def takes_from(
     trust_filled : bool
         Learn from samples that were synthesised too, as if they were measured.
     refused : callable, optional
-        Called when a clip turns out to be damaged before anything was read of it; nothing then is.
-        Later, `TakeWithdrawnError` is raised. Without this the error itself is raised.
+        Called when a clip turns out to be damaged: no more is then read of it. Without this the
+        error is raised.
+    withdrawn : callable, optional
+        Called with the clip's content hash too, when something of it had been read already: what
+        was learnt from it is not to be used, and to check all of it at once would be to read all
+        resolutions of a large database. Without this, `refused` is called.
 
     Returns
     -------
@@ -233,7 +218,7 @@ def takes_from(
                 tuple(database.rate / 2**level for level in range(database.levels)),
                 record.frames,
                 shown,
-                _reader(database, record, columns, trust_filled, refused),
+                _reader(database, record, columns, trust_filled, refused, withdrawn),
                 synthesised=record.synthesised,
             )
         )
@@ -246,6 +231,7 @@ def _reader(
     columns: NDArray[np.intp],
     trust_filled: bool,
     refused: Callable[[DatabaseCorruptError], None] | None,
+    withdrawn: Callable[[str, DatabaseCorruptError], None] | None,
 ) -> Reader:
     """Return what reads a clip; ``columns`` has its column of each marker, -1 where it has none."""
     filled = None
@@ -278,7 +264,11 @@ def _reader(
                 refused(error)
         # another thread may have used the clip just before this one found out, or the other way
         if given and damage is not None:
-            raise TakeWithdrawnError(record.content, damage) from damage
+            stored = None
+            if withdrawn is not None:
+                withdrawn(record.content, damage)
+            elif refused is not None:
+                refused(damage)
         if stored is not None and filled is None and len(here) == len(markers):
             return np.take(stored, wanted, axis=1)
         positions = np.full((record.frames[level], len(markers), 3), np.nan, dtype=np.float32)

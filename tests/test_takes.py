@@ -8,7 +8,7 @@ from priorfill.database import PriorDatabase
 from priorfill.errors import DatabaseCorruptError
 from priorfill.markerset import load
 from priorfill.resample import pyramid
-from priorfill.takes import TakeWithdrawnError, own_take, takes_from
+from priorfill.takes import own_take, takes_from
 
 RATE = 60.0
 
@@ -142,13 +142,17 @@ def test_what_is_found_damaged_late_is_withdrawn(tmp_path: Path) -> None:
     with PriorDatabase.open(tmp_path / "db") as database:
         refused = []
         given = (database, database.clips(), ("A",))
-        (take,) = takes_from(*given, refused=refused.append)
+        withdrawn = {}
+        told = {"refused": refused.append, "withdrawn": withdrawn.__setitem__}
+        (take,) = takes_from(*given, **told)
         assert not np.isnan(take.positions(0)).any()
+        assert withdrawn == {}
         for level in (1, 0, 2):
-            with pytest.raises(TakeWithdrawnError, match="positions of clip one are damaged"):
-                take.positions(level)
+            assert np.isnan(take.positions(level)).all()
+            assert list(withdrawn) == [record.content]
+        assert "positions of clip one are damaged" in str(withdrawn[record.content])
         assert refused == []
-        (take,) = takes_from(*given, refused=refused.append)
+        (take,) = takes_from(*given, **told)
         for level in (1, 0, 2):  # the other way round nothing had been learnt yet
             assert np.isnan(take.positions(level)).all()
         assert len(refused) == 1
