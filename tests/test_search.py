@@ -83,28 +83,27 @@ def test_the_index_finds_the_same_among_many_blocks_of_spans(monkeypatch):
 @settings(max_examples=25, deadline=None)
 @given(recordings_and_queries())
 def test_bounds_by_paths_hold_for_every_pose_of_a_span(problem):
-    from priorfill.search.index import _path, _Spans
-    from priorfill.search.kernels import BLOCK, bound_spans
+    from priorfill.search.index import _bounds, _path, _Spans
+    from priorfill.search.kernels import BLOCK
 
     poses, starts, queries = problem
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("priorfill.search.index.BEND", 1e4)
         spans = _Spans(poses, np.append(starts, len(poses)))
     queries = queries[:16].astype(np.float32)
-    path, beside = _path(np.ascontiguousarray(spans._project(queries)[0].T))
+    path, beside = _path(spans._project(queries)[0])
     knots = len(spans._knots)
-    bounds = np.empty((1, knots), dtype=np.float32)
-    least = np.empty((1, -(-knots // BLOCK)), dtype=np.float32)
-    near = (spans._shadow, spans._joined, spans._length)
-    bound_spans(*near, path[None], spans._slack, bounds, least)
+    near = (spans._shadow, spans._joined, spans._length, spans._bend)
+    bounds, least = _bounds(*near, path[None], spans._slack)
+    bounds = bounds.reshape(-1)
     away = np.linalg.norm(poses[:, None].astype(float) - queries.astype(float), axis=2).min(axis=1)
     scale = 1e-4 + 1e-6 * (np.abs(poses).max() + np.abs(queries).max())
     for span, (knot, joined) in enumerate(zip(spans._knots, spans._joined, strict=True)):
         end = spans._knots[span + 1] if joined else knot + 1
-        bound = np.sqrt(max(bounds[0, span], 0.0)) - spans._bend[span] - beside
+        bound = bounds[span] - beside
         assert bound <= away[knot:end].min() + scale * poses.shape[1]
     assert np.array_equal(
-        least[0], [bounds[0, at : at + BLOCK].min() for at in range(0, knots, BLOCK)]
+        least[0], [bounds[at : at + BLOCK].min() for at in range(0, knots, BLOCK)]
     )
 
 

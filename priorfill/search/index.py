@@ -42,14 +42,20 @@ more of them cost more than they keep from being measured."""
 TOGETHER = 16
 """Queries that are bounded together first; 16 frames at 120 Hz are alike enough."""
 
-FIRST = 128
+FIRST = 512
 """Spans at least whose poses are measured first: they say how far the neighbours may be."""
+
+SOME = 4
+"""Bounds looked at first, for each of those that are wanted: to know which others may be less."""
 
 BEYOND = 1e37
 """mm². Where no neighbour is: more than any square, and single precision can still double it."""
 
 GROUPS = 8
 """So many groups of queries are bounded in one pass over all knots, which the memory slows down."""
+
+SPANS = 2**15
+"""Spans measured at a time: what is bounded of them for each of the queries takes 2 MB."""
 
 SAMPLE = 20_000
 """Poses, at most, that the directions are found from: any directions give the same neighbours."""
@@ -175,12 +181,12 @@ class _Spans:
         self._knots = np.concatenate([piece.knots for piece in laid])
         self._joined = np.concatenate([piece.joined for piece in laid])
         self._bend = np.concatenate([piece.bend for piece in laid])
-        self._shadow = np.concatenate([piece.shadow for piece in laid], axis=1)
+        self._shadow = np.concatenate([piece.shadow for piece in laid])
         self._farthest = max(piece.farthest for piece in laid)
-        self._most_bend = float(self._bend.max())
         self._length = np.zeros(len(self._knots), dtype=np.float32)
-        for line in self._shadow:
-            self._length[:-1] += np.diff(line) ** 2
+        for at in range(0, len(self._knots), PIECE):
+            step = np.diff(self._shadow[at : at + PIECE + 1], axis=0)
+            self._length[at : at + len(step)] = np.einsum("kd,kd->k", step, step)
         self._length[~self._joined] = 0.0
 
     def _lay(self, ends: NDArray[np.int64], piece: int) -> _Laid:
@@ -202,10 +208,10 @@ class _Spans:
         )
 
     def _project(self, poses: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
-        """Return poses along the directions [shape=(directions, poses)], and the largest norm."""
+        """Return poses along the directions [shape=(poses, directions)], and the largest norm."""
         centred = poses - self._centre
         far = float(np.einsum("pd,pd->p", centred, centred).max())
-        return self._axes @ centred.T, far**0.5
+        return centred @ self._axes.T, far**0.5
 
     @property
     def nbytes(self) -> int:
@@ -219,8 +225,7 @@ class _Spans:
         """Find the nearest poses of queries; see `nearest_by_comparing`."""
         far = np.empty((len(asked), k))
         rows = np.empty((len(asked), k), dtype=np.int64)
-        shadow, farthest = self._project(asked)
-        points = np.ascontiguousarray(shadow.T)
+        points, farthest = self._project(asked)
         # rounding of a pose along the directions, which are of length 1
         blur = (asked.shape[1] + 4) * ROUNDING * len(self._axes) ** 0.5
         blur *= self._farthest + farthest
@@ -242,47 +247,63 @@ class _Spans:
         far: NDArray[np.float64],
         rows: NDArray[np.int64],
     ) -> None:
-        """Find the nearest poses of up to `GROUPS` groups of queries; see `measure_spans`."""
-        from priorfill.search.kernels import (
-            BLOCK,
-            UP,
-            bound_of,
-            bound_spans,
-            choose_spans,
-            measure_spans,
-        )
+        """Find the nearest poses of up to `GROUPS` groups of queries; see `nearest`."""
+        from priorfill.search.kernels import UP
 
         groups = [slice(at, at + TOGETHER) for at in range(0, len(queries), TOGETHER)]
         paths, beside = zip(*(_path(points[some]) for some in groups), strict=True)
-        knots = len(self._knots)
-        bounds = np.empty((len(groups), knots), dtype=np.float32)
-        least = np.empty((len(groups), -(-knots // BLOCK)), dtype=np.float32)
-        near = (self._shadow, self._joined, self._length)
-        bound_spans(*near, np.array(paths), self._slack, bounds, least)
-        columns = np.empty(knots, dtype=np.int64)
-        first = max(FIRST, far.shape[1])  # a span has at least one pose
-        reach = np.full(len(queries), BEYOND)
+        knots = (self._shadow, self._joined, self._length, self._bend)
+        bounds, least = _bounds(*knots, np.array(paths), self._slack)
+        count = min(max(FIRST, far.shape[1]), len(self._knots))  # a span has at least one pose
+        far[:] = BEYOND
         for group, some in enumerate(groups):
             known = (bounds[group], least[group])
+            asked = (queries[some], points[some], blur, far[some], rows[some])
+            rows[some] = len(self._poses)  # beyond all
+            self._measure(_chosen(*known, _least_of(*known, count)), *asked)
+            reach = far[some, :1].copy()  # the farthest
+            far[some], rows[some] = reach, len(self._poses)
+            within = float(reach.max()) ** 0.5 + beside[group] + blur
+            spans = _chosen(*known, within * UP)
+            for at in range(0, len(spans), SPANS):
+                self._measure(spans[at : at + SPANS], *asked)
+            order = np.lexsort((rows[some], far[some]))
+            far[some] = np.take_along_axis(far[some], order, axis=1)
+            rows[some] = np.take_along_axis(rows[some], order, axis=1)
 
-            def measure(within: float, some: slice = some, known: Known = known) -> None:
-                """Measure the poses of all spans that may come within a distance of the path."""
-                radius = within * UP
-                spans = (self._joined, self._bend, radius, self._most_bend)
-                count = choose_spans(*spans, *known, columns)
-                measure_spans(
-                    self._poses, self._knots, self._joined, self._bend, columns[:count],
-                    self._shadow, self._length, queries[some], points[some], blur, self._slack,
-                    reach[some], far[some], rows[some],
-                )  # fmt: skip
+    def _measure(
+        self,
+        spans: NDArray[np.intp],
+        queries: NDArray[np.float32],
+        points: NDArray[np.float32],
+        blur: float,
+        far: NDArray[np.float64],
+        rows: NDArray[np.int64],
+    ) -> None:
+        """Measure the poses of some spans, given ascending; see `measure_spans`."""
+        from priorfill.search.kernels import measure_spans
 
-            measure(max(bound_of(*known, first), 0.0) ** 0.5)
-            reach[some] = far[some, -1]
-            measure(float(reach[some].max()) ** 0.5 + beside[group] + blur)
-
-
-Known = tuple[NDArray[np.float32], NDArray[np.float32]]
-"""Bounds of a path, see `bound_spans`."""
+        # the knots, and where the next knot is not one of them, that one, which ends the span
+        ending = self._joined[spans]
+        ending[:-1] &= spans[1:] != spans[:-1] + 1
+        at = np.flatnonzero(ending)
+        columns = np.insert(spans, at + 1, spans[at] + 1)
+        chosen = np.ones(len(columns), dtype=np.bool_)
+        chosen[at + np.arange(1, len(at) + 1)] = False
+        joined = self._joined[columns] & chosen
+        first = self._knots[columns]
+        last = first + chosen
+        np.copyto(last[:-1], first[1:], where=joined[:-1])
+        paths = np.zeros((len(points), 2 * DIRECTIONS + 1), dtype=np.float32)
+        paths[:, :DIRECTIONS] = points
+        near = (
+            np.take(self._shadow, columns, axis=0),
+            joined,
+            self._length[columns],
+            self._bend[columns],
+        )
+        known = _bounds(*near, paths, self._slack)
+        measure_spans(self._poses, first, last, *known, queries, blur, self._slack, far, rows)
 
 
 class _Laid(NamedTuple):
@@ -293,6 +314,51 @@ class _Laid(NamedTuple):
     bend: NDArray[np.float32]
     shadow: NDArray[np.float32]
     farthest: float
+
+
+def _bounds(
+    shadow: NDArray[np.float32],
+    joined: NDArray[np.bool_],
+    length: NDArray[np.float32],
+    bend: NDArray[np.float32],
+    paths: NDArray[np.float32],
+    slack: float,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Bound the distances of paths from spans; see `bound_spans`.
+
+    Returns the bounds, and infinite ones that make the last block whole [shape=(paths, blocks,
+    BLOCK), mm], and the least of each block [shape=(paths, blocks), mm].
+    """
+    from priorfill.search.kernels import BLOCK, bound_spans
+
+    count, directions = shadow.shape
+    bounds = np.empty((len(paths), -(-count // BLOCK), BLOCK), dtype=np.float32)
+    room = np.zeros((directions + 5, BLOCK + 1), dtype=np.float32)
+    near = (shadow, joined, length, bend, paths, slack)
+    bound_spans(*near, room[2:], room[0], room[1], bounds)
+    bounds.reshape(len(paths), -1)[:, count:] = np.inf
+    return bounds, bounds.min(axis=2)
+
+
+def _least_of(bounds: NDArray[np.float32], least: NDArray[np.float32], count: int) -> float:
+    """Return the greatest of the ``count`` least bounds (mm) of a path, given as by `_bounds`."""
+    blocks = min(-(-SOME * count // bounds.shape[1]), len(least))
+    # that of some good blocks is not less
+    good = bounds[np.argpartition(least, blocks - 1)[:blocks]]
+    limit = np.partition(good, count - 1, axis=None)[count - 1]
+    near = bounds[least <= limit]
+    return float(np.partition(near[near <= limit], count - 1)[count - 1])
+
+
+def _chosen(
+    bounds: NDArray[np.float32], least: NDArray[np.float32], radius: float
+) -> NDArray[np.intp]:
+    """Return the spans, ascending, whose bounds are at most so much (mm), as in `_least_of`."""
+    blocks = np.flatnonzero(least <= radius)
+    inside = np.flatnonzero(bounds[blocks] <= radius)
+    skipped = (blocks - np.arange(len(blocks))) * bounds.shape[1]
+    spans: NDArray[np.intp] = inside + skipped[inside // bounds.shape[1]]
+    return spans
 
 
 def _path(points: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
