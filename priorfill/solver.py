@@ -41,7 +41,7 @@ class Descent:
     block : int
         Frames that are moved together, towards their minimum while all others stay. The stiffest
         prior spreads an offset over a tenth of a second; blocks of ten times that, as the default
-        is at 240 Hz, hardly feel each other. 1: each frame by itself.
+        is at 240 Hz, feel each other at their seams only. 1: each frame by itself.
     """
 
     tolerance: float = 0.01
