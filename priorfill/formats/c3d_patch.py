@@ -28,7 +28,7 @@ from priorfill.formats.c3d_words import (
     encode_floats,
     encode_integers,
 )
-from priorfill.formats.contents import changed, told
+from priorfill.formats.contents import check_unchanged, told
 
 __all__ = ["Prepared", "WriteReport", "prepare", "write_c3d"]
 
@@ -189,8 +189,8 @@ def prepare(
 def _layout(source: Source) -> tuple[Layout, int]:
     """Return where the source's samples are, and its bytes; it is as it was read."""
     with told(source.path), source.path.open("rb") as file:
-        if hashlib.file_digest(file, "sha256").hexdigest() != source.sha256:
-            raise changed(source.path)
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+        check_unchanged(source.path, digest, source.sha256)
         file.seek(0)
         contents: Contents
         try:
@@ -261,8 +261,7 @@ def _parts(ready: Prepared) -> Iterator[tuple[NDArray[np.uint8], slice, NDArray[
             offsets = layout.record_offsets(ready.frames[some], ready.points[some]) - first
             original = np.frombuffer(part, np.uint8)
             yield original, some, offsets[:, None] + np.arange(layout.record_bytes)
-    if digest.hexdigest() != ready.source.sha256:  # meanwhile
-        raise changed(path)
+    check_unchanged(path, digest.hexdigest(), ready.source.sha256)  # meanwhile
 
 
 def _write(temporary: Path, ready: Prepared) -> None:

@@ -24,7 +24,7 @@ from priorfill.formats.c3d_parameters import Value
 from priorfill.formats.c3d_patch import Prepared, WriteReport, prepare
 from priorfill.formats.c3d_read import read_c3d_bytes
 from priorfill.formats.c3d_words import Processor, decode_floats, decode_integers
-from priorfill.formats.contents import changed
+from priorfill.formats.contents import check_unchanged
 
 __all__ = ["rewrite_c3d"]
 
@@ -177,8 +177,8 @@ def _compare(ready: Prepared, written: bytes, name: str) -> tuple[float, list[st
     """
     before = ready.layout
     original = read_c3d_bytes(ready.source.path)
-    if hashlib.sha256(original).hexdigest() != ready.source.sha256:  # meanwhile
-        raise changed(ready.source.path)
+    source = ready.source
+    check_unchanged(source.path, hashlib.sha256(original).hexdigest(), source.sha256)  # meanwhile
     expected, residual = read_points(original, before)
     expected[residual < 0] = np.nan
     expected[np.isnan(expected).any(axis=2)] = np.nan

@@ -9,15 +9,16 @@ from pathlib import Path
 
 from priorfill.errors import FormatError, OutputError, PriorfillError
 
-__all__ = ["BEGINNING", "changed", "read_contents", "told"]
+__all__ = ["BEGINNING", "check_unchanged", "read_contents", "told"]
 
 BEGINNING = 512
 """Bytes that are looked at before the rest is read: a block of a C3D file."""
 
 
-def changed(path: Path) -> OutputError:
-    """Return the error that a clip's source is not what was read any more."""
-    return OutputError(f"{path.name}: has changed since it was read; read and fill it again")
+def check_unchanged(path: Path, digest: str, expected: str) -> None:
+    """Raise OutputError if a clip's source is not what was read any more, by its SHA-256."""
+    if digest != expected:
+        raise OutputError(f"{path.name}: has changed since it was read; read and fill it again")
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from priorfill.clip import Clip, Source
 from priorfill.errors import ClipError, FormatError, OptionError, OutputError
 from priorfill.formats.c3d_markers import find_model_points, split_label
 from priorfill.formats.c3d_parameters import Parameters
-from priorfill.formats.contents import changed, read_contents
+from priorfill.formats.contents import check_unchanged, read_contents
 from priorfill.formats.subjects import choose_subject
 from priorfill.formats.units import find_unit
 from priorfill.formats.up_axis import find_up
@@ -130,8 +130,7 @@ def read_source(source: Source) -> bytes:
         If it has changed since.
     """
     data = read_bounded(source.path)
-    if hashlib.sha256(data).hexdigest() != source.sha256:
-        raise changed(source.path)
+    check_unchanged(source.path, hashlib.sha256(data).hexdigest(), source.sha256)
     return data
 
 
