@@ -13,11 +13,11 @@ of a gap among threads takes longer than to solve them, and three seconds more t
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from priorfill.compiling import ENTRY, HELPER
 
 __all__ = ["REACH", "descend_chains"]
 
@@ -29,16 +29,6 @@ REACH = 2
 
 NOTHING = 1e-12
 """Part of a number below which a difference from it is rounding."""
-
-HELPER: dict[str, Any] = {
-    "cache": True,
-    "nogil": True,
-    "error_model": "numpy",
-    "no_cpython_wrapper": True,
-    "no_cfunc_wrapper": True,
-}
-"""Of functions that only compiled ones call: without a way in from Python, and without a check of
-each division, they compile faster."""
 
 
 @njit(**HELPER)
@@ -201,7 +191,7 @@ def _descend_active(
     return gained, updates
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(**ENTRY)
 def descend_chains(
     x: Reals,
     bands: Reals,

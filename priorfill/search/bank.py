@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from priorfill.normalise import RootFrames, RootGroup
 from priorfill.poses import evenly, whole
-from priorfill.search.index import FEW, POSES_A_THREAD, PoseIndex, in_threads, parts
+from priorfill.search.index import FEW, POSES_A_THREAD, PoseIndex
 from priorfill.takes import Take
+from priorfill.threads import in_threads, parts
 
 __all__ = ["Banks", "Neighbours", "PoseBank"]
 

@@ -12,18 +12,15 @@ Poses are of one root group: in other root frames they need another index.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.search.comparing import nearest_by_comparing
-from priorfill.threads import thread_count
+from priorfill.threads import in_threads, parts
 
-__all__ = ["FEW", "POSES_A_THREAD", "PoseIndex", "in_threads", "parts"]
+__all__ = ["FEW", "POSES_A_THREAD", "PoseIndex"]
 
 FEW = 2**14
 """Up to so many poses all are compared. That takes a few times as long, hundredths of a second,
@@ -197,9 +194,9 @@ class _Spans:
         knots = np.empty(end - begin, dtype=np.int64)
         joined = np.empty(end - begin, dtype=np.bool_)
         bend = np.empty(end - begin, dtype=np.float32)
-        least = BEND * self._poses.shape[1] ** 0.5
+        most_bend = BEND * self._poses.shape[1] ** 0.5
         recording = int(np.searchsorted(ends, begin, side="right"))
-        span = (LONGEST, least, self._slack)
+        span = (LONGEST, most_bend, self._slack)
         count = lay_spans(self._poses, ends, recording, begin, end, *span, knots, joined, bend)
         shadow, farthest = self._project(self._poses[knots[:count]])
         # copies: what was not written must not be kept
@@ -380,18 +377,3 @@ def _path(points: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
     path[-1] = np.abs(along).max() * UP
     beside = exact - along[:, None] * direction
     return path, float(np.sqrt((beside**2).sum(axis=1).max())) * UP
-
-
-def parts(count: int, worth: int) -> list[tuple[int, int]]:
-    """Cut a range into parts for so many threads as are worth it and allowed."""
-    threads = max(1, min(worth, thread_count(), count))
-    at = np.linspace(0, count, threads + 1).astype(int)
-    return [(int(begin), int(end)) for begin, end in pairwise(at)]
-
-
-def in_threads(work: Callable[[int, int], Any], parts: list[tuple[int, int]]) -> list[Any]:
-    """Do the parts of some work at the same time; none writes where another does."""
-    if len(parts) == 1:
-        return [work(*parts[0])]
-    with ThreadPoolExecutor(max_workers=len(parts)) as pool:
-        return list(pool.map(work, *zip(*parts, strict=True)))

@@ -13,17 +13,18 @@ through are measured with double precision.
 The loops are compiled when many poses are first searched, while somebody waits for it, as those
 of `priorfill.kernels`: they are given the room they work in, and compare without ``min`` and
 ``max``, each of which is a function of its own to be compiled. One loop bounds paths and single
-queries. Choosing spans and sorting neighbours takes NumPy no longer: see `priorfill.search.index`.
+queries. NumPy chooses spans and sorts neighbours as fast: see `priorfill.search.index`.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from priorfill.compiling import ENTRY, HELPER
 
 __all__ = ["bound_spans", "in_root_frames", "lay_spans", "measure_spans"]
 
@@ -34,18 +35,6 @@ Flags = NDArray[np.bool_]
 
 FAST = {"reassoc", "contract", "nsz", "nnan", "ninf"}
 """What the compiler may do with bounds: finite, and widened for any order of their sums."""
-
-ENTRY: dict[str, Any] = {
-    "cache": True,
-    "nogil": True,
-    "error_model": "numpy",
-    "no_cfunc_wrapper": True,
-}
-"""Of functions that Python calls. Without a way in from C, and without a check of each division,
-they compile faster."""
-
-HELPER: dict[str, Any] = {**ENTRY, "no_cpython_wrapper": True}
-"""Of functions that only compiled ones call: without a way in from Python either."""
 
 BLOCK = 256
 """Spans bounded at a time: their shadow and squares stay in the processor's first cache."""
@@ -159,7 +148,7 @@ def lay_spans(
     begin: int,
     end: int,
     longest: int,
-    least: float,
+    most_bend: float,
     slack: float,
     knots: Places,
     joined: Flags,
@@ -179,7 +168,7 @@ def lay_spans(
         The poses to look at; a span begins at either.
     longest : int
         So many poses a span at most.
-    least : float
+    most_bend : float
         mm; a span of more than one pose does not bend by more.
     slack : float
         Part of a square that rounding may take.
@@ -208,7 +197,7 @@ def lay_spans(
             # the poses themselves are as good as a span that ends with the recording
             to = min(row + length, last)
             far = _bend(poses, row, to, slack) if to > row + 1 else 0.0
-            if far <= least:
+            if far <= most_bend:
                 break
             length //= 2
         to = min(row + length, last)
@@ -368,7 +357,7 @@ def measure_spans(
     slack: float,
     far: Reals,
     rows: Places,
-) -> int:
+) -> None:
     """Find the k nearest poses of each query among some spans.
 
     Parameters
@@ -388,13 +377,7 @@ def measure_spans(
         entry no neighbour is of interest that is farther than any of a query.
     rows : ndarray of int [shape=(queries, k)]
         Replaced by the rows of the poses; beyond all on entry.
-
-    Returns
-    -------
-    int
-        How many poses were measured.
     """
-    measured = 0
     for query in range(queries.shape[0]):
         radius = (math.sqrt(far[query, 0]) + blur) * UP
         for block in range(least.shape[1]):
@@ -404,7 +387,6 @@ def measure_spans(
                 if bounds[query, block, i] > radius:
                     continue
                 span = block * BLOCK + i
-                measured += last[span] - first[span]
                 for row in range(first[span], last[span]):
                     if _apart(poses, row, queries, query) > far[query, 0] * (1.0 + slack):
                         continue
@@ -412,4 +394,3 @@ def measure_spans(
                     if _after(far[query, 0], rows[query, 0], exact, row):
                         _keep(far, rows, query, exact, row)
                         radius = (math.sqrt(far[query, 0]) + blur) * UP
-    return measured
