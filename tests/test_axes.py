@@ -32,3 +32,19 @@ def test_unknown_axis() -> None:
     for turn in (to_upright, from_upright):
         with pytest.raises(OptionError, match="up axis 'Z' is unknown"):
             turn(np.zeros((1, 1, 3)), "Z")
+
+
+@pytest.mark.parametrize(
+    ("up", "expected"),
+    [  # of the point (1, 2, 3): turned by 90 degrees, of -Z by 180
+        ("+X", [-3.0, 2.0, 1.0]),
+        ("-X", [3.0, 2.0, -1.0]),
+        ("+Y", [1.0, -3.0, 2.0]),
+        ("-Y", [1.0, 3.0, -2.0]),
+        ("+Z", [1.0, 2.0, 3.0]),
+        ("-Z", [1.0, -2.0, -3.0]),
+    ],
+)
+def test_where_a_point_goes(up: str, expected: list[float]) -> None:
+    np.testing.assert_array_equal(to_upright(np.array([1.0, 2.0, 3.0]), up), expected)
+    np.testing.assert_array_equal(from_upright(np.array(expected), up), [1.0, 2.0, 3.0])

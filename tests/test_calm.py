@@ -7,7 +7,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from priorfill.calm import BODY_HZ, FEWEST, MOVED, ORDER, SHARE, calm, low_pass, shaking
+from priorfill.calm import (
+    BODY_HZ,
+    CUTS,
+    FEWEST,
+    HIGHEST,
+    MOVED,
+    ORDER,
+    SHARE,
+    calm,
+    low_pass,
+    shaking,
+)
 
 RATE = 120.0
 UNSURE = np.full((200, 1), 100.0)
@@ -106,3 +117,49 @@ def test_what_is_known_well_may_shake():
     assert (some != shaky).any()
     moved = np.sqrt(((some - shaky) ** 2).sum(axis=2).mean())
     assert moved <= MOVED * 7.0
+
+
+def test_how_far_a_low_pass_may_move_a_prediction():
+    """By half of its expected error, on the mean over its frames."""
+    rng = np.random.default_rng(3)
+    shaky = (movement() + rng.normal(0.0, 2.0, (200, 3)))[:, None]
+    mildest = low_pass(shaky, RATE, CUTS[0])
+    moved = np.sqrt(((mildest - shaky) ** 2).sum(axis=2).mean())
+    size = rng.uniform(0.5, 2.0, (200, 1))
+    size *= moved / MOVED / np.sqrt((size**2).mean())
+    usual = np.array([1e-6])
+    np.testing.assert_array_equal(calm(shaky, 0.999 * size, usual, RATE), shaky)
+    np.testing.assert_array_equal(calm(shaky, 1.001 * size, usual, RATE), mildest)
+
+
+def test_the_mildest_low_pass_that_is_enough_is_taken():
+    shaky = (movement() + np.random.default_rng(4).normal(0.0, 2.0, (200, 3)))[:, None]
+    smoothed = [low_pass(shaky, RATE, cut) for cut in CUTS]
+    assert sorted(CUTS, reverse=True) == list(CUTS)
+    for smooth in smoothed:
+        usual = np.array([shaking(smooth[:, 0], RATE) / SHARE])
+        found = calm(shaky, UNSURE, 1.001 * usual, RATE)
+        np.testing.assert_array_equal(found, smooth)
+    # 20 Hz are too near to half of a rate of 50 Hz
+    enough, stronger = (low_pass(shaky, 50.0, cut) for cut in CUTS[:2])
+    usual = np.array([1.001 * shaking(enough[:, 0], 50.0) / SHARE])
+    np.testing.assert_array_equal(calm(shaky, UNSURE, usual, 50.0), stronger)
+
+
+def test_shaking_is_a_mean_square_second_difference():
+    path = movement(70) + np.random.default_rng(5).normal(0.0, 1.0, (70, 3))
+    path[[20, 20 + FEWEST]] = np.nan  # runs of 20 frames, one too short, and the rest
+    squares = []
+    for start, stop in ((0, 20), (21 + FEWEST, 70)):
+        fast = path[start:stop] - low_pass(path[start:stop], RATE, BODY_HZ)
+        squares += [(x**2).sum() for x in np.diff(fast, 2, axis=0)]
+    assert shaking(path, RATE) == pytest.approx(np.mean(squares))
+
+
+def test_the_shortest_run_and_the_lowest_rate():
+    few = movement(FEWEST)
+    assert np.isfinite(shaking(few, RATE))
+    assert np.isnan(shaking(movement(), BODY_HZ / HIGHEST))
+    assert np.isfinite(shaking(movement(), 1.001 * BODY_HZ / HIGHEST))
+    shaky = (few + np.random.default_rng(6).normal(0.0, 2.0, few.shape))[:, None]
+    assert (calm(shaky, UNSURE[:FEWEST], np.array([1e-6]), RATE) != shaky).any()

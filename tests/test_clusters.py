@@ -30,3 +30,21 @@ def test_what_is_infinitely_far_stays_apart() -> None:
     for group in (chained, compact):
         assert [one.tolist() for one in group(distance, 1.0)] == [[0], [1]]
         assert [one.tolist() for one in group(np.zeros((1, 1)), 1.0)] == [[0]]
+
+
+@pytest.mark.parametrize(("group", "apart"), [(chained, []), (compact, [[0, 1], [2]])])
+def test_the_greatest_distance_is_within_a_group(group, apart) -> None:
+    places = np.array([0.0, 2.0, 4.0])
+    distance = np.abs(places[:, None] - places)
+    joined = [[0, 1, 2]]
+    assert [one.tolist() for one in group(distance, 2.0)] == (apart or joined)
+    assert [one.tolist() for one in group(distance, 4.0)] == joined
+    assert [one.tolist() for one in group(distance, 1.999)] == [[0], [1], [2]]
+
+
+def test_the_nearest_groups_are_joined_first() -> None:
+    places = np.array([0.0, 3.0, 5.0, 9.0])  # 3 and 5 first; then 0 and 9 are too far from them
+    distance = np.abs(places[:, None] - places)
+    assert [one.tolist() for one in compact(distance, 4.5)] == [[0], [1, 2], [3]]
+    assert [one.tolist() for one in compact(distance, 5.0)] == [[0, 1, 2], [3]]
+    assert [one.tolist() for one in chained(distance, 3.0)] == [[0, 1, 2], [3]]

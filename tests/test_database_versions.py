@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from priorfill.clip import Clip
 from priorfill.database import PriorDatabase, Selection
-from priorfill.database.sketch import FEWEST, is_version, sketch
+from priorfill.database.sketch import FEWEST, FEWEST_SHARED, is_version, sketch
 from priorfill.errors import DatabaseError, DuplicateClipError, OptionError
 from priorfill.filling import fill
 
@@ -88,6 +88,25 @@ def test_longer_recordings_hold_their_parts() -> None:
     assert not is_version(
         len(np.intersect1d(whole, part)), len(whole), len(part), same_length=False
     )
+
+
+@pytest.mark.parametrize(
+    ("shared", "one", "other", "same_length", "expected"),
+    [
+        (10, 100, 1000, True, True),  # a tenth of the smaller one
+        (10, 1000, 100, True, True),
+        (9, 100, 1000, True, False),
+        (FEWEST_SHARED, 4, 5, True, True),
+        (FEWEST_SHARED - 1, 3, 3, True, False),
+        (90, 90, 100, False, True),  # nine tenths of the larger one
+        (89, 100, 89, False, False),
+        (100, 100, 1000, False, False),  # a part of a longer recording
+    ],
+)
+def test_how_much_versions_have_in_common(
+    shared: int, one: int, other: int, same_length: bool, expected: bool
+) -> None:
+    assert is_version(shared, one, other, same_length=same_length) == expected
 
 
 # --- which version is kept -------------------------------------------------------------------

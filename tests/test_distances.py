@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from priorfill.distances import median_distances, pair_distances, pooled_distances
+from priorfill.distances import (
+    MAX_POSES,
+    lengths_of,
+    median_distances,
+    pair_distances,
+    pooled_distances,
+)
 
 
 def recordings(seed: int = 0) -> list[np.ndarray]:
@@ -55,3 +61,37 @@ def test_median_distances() -> None:
             assert found == lengths[(len(lengths) - 1) // 2]
         else:
             assert np.isnan(found)
+
+
+def test_pair_distances() -> None:
+    positions = recordings(2)[2]
+    for fewest in (1, 5, 6, 7):
+        distance, deviation = pair_distances(positions, fewest)
+        for one in range(5):
+            for other in range(5):
+                lengths = np.linalg.norm(positions[:, one] - positions[:, other], axis=1)
+                lengths = lengths[~np.isnan(lengths)]
+                known = len(lengths) >= fewest
+                rms = np.sqrt(np.mean(lengths**2)) if known else np.inf
+                assert np.isclose(distance[one, other], rms)
+                assert np.isclose(deviation[one, other], lengths.std() if known else np.inf)
+
+
+def test_five_poses_are_enough_for_a_pair() -> None:
+    positions = np.random.default_rng(0).normal(0, 100, (5, 2, 3))
+    assert np.isfinite(pair_distances(positions)).all()
+    assert np.isinf(pair_distances(positions[:4])).all()
+
+
+def test_distances_of_a_long_recording_are_those_of_some_poses() -> None:
+    positions = np.random.default_rng(0).normal(0, 100, (2 * MAX_POSES - 1, 2, 3))
+    for one, other in zip(pair_distances(positions), pair_distances(positions[::2]), strict=True):
+        np.testing.assert_array_equal(one, other)
+    short = positions[:MAX_POSES]
+    lengths = np.linalg.norm(short[:, 0] - short[:, 1], axis=1)
+    assert np.isclose(pair_distances(short)[1][0, 1], lengths.std())
+
+
+def test_lengths() -> None:
+    vectors = np.array([[[3.0, 4.0, 12.0], [0.0, 0.0, -2.0]], [[0.0, -5.0, 0.0], [1.0, 2.0, 2.0]]])
+    np.testing.assert_allclose(lengths_of(vectors), [[13.0, 2.0], [5.0, 3.0]])

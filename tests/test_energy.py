@@ -1,3 +1,5 @@
+from dataclasses import fields
+
 import naive
 import numpy as np
 import pytest
@@ -95,3 +97,20 @@ def test_targets_follow_the_root_into_the_world():
     np.testing.assert_allclose(found[0], world[1])
     np.testing.assert_allclose(found[1], (world[2] - world[0]) / 2)
     np.testing.assert_allclose(found[2], world[2] - 2 * world[1] + world[0])
+
+
+def test_parts_of_a_prior_are_placed_where_they_belong():
+    rng = np.random.default_rng(7)
+    rows, columns = np.array([4, 1]), np.array([2, 0, 3])
+    prior, expected = Prior.empty(6, 5), Prior.empty(6, 5)
+    for field in fields(prior):
+        assert not getattr(prior, field.name).any()
+    for _ in range(2):  # the second part replaces the first
+        part = random_prior(rng, 2, 3)
+        prior.place(rows, columns, part)
+    for field in fields(prior):
+        target, values = getattr(expected, field.name), getattr(part, field.name)
+        for i, row in enumerate(rows):
+            for j, column in enumerate(columns):
+                target[row, column] = values[i, j]
+        np.testing.assert_array_equal(getattr(prior, field.name), target)

@@ -12,9 +12,12 @@ from scipy.optimize import least_squares
 from priorfill.floor import (
     ANYHOW,
     DISBELIEF,
+    FEWEST,
     FIRMNESS,
     LEAST_SPREAD,
     NEAR,
+    RESTING,
+    ROUND_SECONDS,
     STANDING,
     floor_heights,
     lift,
@@ -185,3 +188,77 @@ def test_markers_that_are_not_measured_take_no_part():
     found = lifted(sunk, np.full((60, 1, 3), np.nan))
     assert np.isfinite(found).all()
     assert (found[..., 2] > FLOOR - 2.0).all()
+
+
+def test_a_lifted_toe_does_not_tilt_the_heel_into_the_floor():
+    foot = np.zeros((1, 3, 3))  # ankle with a small expected error, heel and toe
+    foot[0, :, 0] = [0.0, -60.0, 140.0]
+    foot[0, :, 2] = [100.0, 20.0, -20.0]
+    deviation = np.array([[5.0, 60.0, 60.0]])
+
+    def found(heel, spread=LEAST_SPREAD):
+        floor, spreads = np.array([-np.inf, heel, 10.0]), np.full((3, 3), spread)
+        return lift(foot, deviation, np.empty((1, 0, 3)), spreads, floor, RATE)[0, :, 2]
+
+    assert found(20.0)[2] > 9.0
+    assert found(20.0)[1] > 19.0
+    assert found(-np.inf)[1] < 15.0  # a heel without a floor turns about the ankle
+    np.testing.assert_array_equal(found(20.0, 0.0), found(20.0))  # no distance is held better
+    assert (np.abs(found(20.0, 2.0 * LEAST_SPREAD) - found(20.0)) > 1e-3).any()
+
+
+def test_a_floor_is_ignored_by_markers_far_below_it():
+    clip = leg()
+    depth = ANYHOW + DISBELIEF * 5.0
+    for more, stays in ((-0.01, False), (0.01, True)):
+        sunk = clip[:, 1:].copy()
+        sunk[30, 3, 2] = FLOOR[3] - depth - more
+        found = lifted(sunk, clip[:, :1], deviation=5.0)
+        assert (found is sunk) == stays
+
+
+def test_a_marker_far_below_its_floor_stays_while_others_are_lifted():
+    clip = leg()
+    sunk = clip[:, 1:].copy()
+    sunk[30, 3, 2] -= 1000.0  # more than the limit
+    sunk[10, 2, 2] = FLOOR[2] - 15.0
+    far = np.full((60, 4), 5.0)
+    found = lift(sunk, far, clip[:, :1], np.full((4, 5), 99.0), FLOOR, RATE)
+    np.testing.assert_allclose(found[:, 3], sunk[:, 3], atol=1e-9)
+    assert found[10, 2, 2] > FLOOR[2] - 3.0
+
+
+def test_a_floor_needs_samples_that_rest_low():
+    none = np.full(3, -1)
+    clip = np.zeros((100, 3, 3))
+    clip[..., 2] = 500.0
+    clip[:, 0, 2] = 10.0
+    rest = round(RESTING * 100)
+    clip[: rest - 1, 1, 2] = 10.0 + STANDING  # too few
+    clip[:rest, 2, 2] = 10.0 + STANDING
+    np.testing.assert_allclose(floor_heights(clip, none), [10.0, -np.inf, 10.0 + STANDING])
+    clip[..., 2] = 10.0 + STANDING * np.array([0.0, 0.999, 1.001])  # too high
+    np.testing.assert_allclose(floor_heights(clip, none), [10.0, 10.0 + 0.999 * STANDING, -np.inf])
+    clip[FEWEST:, 0] = np.nan
+    assert floor_heights(clip, none)[2] == -np.inf
+    clip[0, 0] = np.nan  # too few samples for a floor, or for the ground
+    expected = [-np.inf, *(10.0 + STANDING * np.array([0.999, 1.001]))]
+    np.testing.assert_allclose(floor_heights(clip, none), expected)
+
+
+def test_a_lift_comes_and_goes_smoothly():
+    rate = 200.0
+    reach = round(ROUND_SECONDS * rate)
+    heights = np.full(60, 50.0)
+    heights[[30, 33]] = 5.0, 14.0
+    predicted = np.zeros((60, 1, 3))
+    predicted[:, 0, 2] = heights
+    unsure = np.full((60, 1), 1e4)
+    found = lift(predicted, unsure, np.empty((60, 0, 3)), np.zeros((1, 1)), np.array([20.0]), rate)
+    below = np.maximum(20.0 - heights, 0.0)
+    greatest = [below[max(t - reach, 0) : t + reach + 1].max() for t in range(60)]
+    window = np.sin(np.pi * np.arange(1, 2 * reach + 2) / (2 * reach + 2)) ** 2
+    for t in range(2 * reach, 60 - 2 * reach):
+        wanted = np.average(greatest[t - reach : t + reach + 1], weights=window)
+        assert wanted >= below[t]
+        assert found[t, 0, 2] == pytest.approx(heights[t] + wanted, abs=1e-5)

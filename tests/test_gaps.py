@@ -48,3 +48,11 @@ def test_constant_spans():
     seen = np.array([[1, 1], [1, 1], [0, 1], [1, 1]], dtype=bool)
     assert constant_spans(seen) == [(0, 2), (2, 3), (3, 4)]
     assert constant_spans(seen[:1]) == [(0, 1)]
+
+
+def test_markers_of_a_group_ascend():
+    missing = np.zeros((5, 12), dtype=bool)
+    missing[2, [11, 8, 1]] = missing[3, 8] = True
+    (group,) = gap_groups(missing)
+    assert group.markers == (1, 8, 11)
+    assert [gap.frames for gap in group.gaps] == [1, 1, 2]

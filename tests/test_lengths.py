@@ -5,6 +5,7 @@ from __future__ import annotations
 from unittest import mock
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from naive import turned
@@ -12,7 +13,7 @@ from scipy.optimize import least_squares
 
 from priorfill.distances import pair_distances
 from priorfill.lengths import CAUTION, LEAST_SPREAD, SOFTNESS, Edges, hold_lengths, stiff_edges
-from priorfill.springs import STIFF
+from priorfill.springs import STIFF, energy, normal_equations, step
 
 
 def arm(frames=40, seed=0):
@@ -151,3 +152,60 @@ def test_markers_in_one_place_do_no_harm():
     held = hold_lengths(clip[:, 3:], np.ones((10, 4)), clip[:, :3], edges)
     assert np.isfinite(held).all()
     assert np.abs(held).max() < LEAST_SPREAD
+
+
+@pytest.mark.parametrize("spread", [0.5, 4.0])
+def test_one_distance_along_one_line(spread):
+    """The mean of predicted and known distance, weighted by their inverse variances."""
+    one, other = np.array([0]), np.array([1])
+    edges = Edges(one, other, np.array([100.0]), np.array([spread]))
+    deviation = np.array([[3.0], [30.0]])
+    predicted = np.array([[[0.0, 160.0, 0.0]], [[0.0, 0.0, 160.0]]])
+    held = hold_lengths(predicted, deviation, np.zeros((2, 1, 3)), edges)
+    variance = deviation[:, 0] ** 2 / 3.0  # of a coordinate
+    of_length = (CAUTION * spread) ** 2 + SOFTNESS**2 * variance
+    expected = (160.0 / variance + 100.0 / of_length) / (1.0 / variance + 1.0 / of_length)
+    np.testing.assert_allclose(np.linalg.norm(held[:, 0], axis=1), expected)
+    np.testing.assert_allclose(held[0, 0, [0, 2]], 0.0, atol=1e-9)
+    np.testing.assert_allclose(held[1, 0, [0, 1]], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("noise", "still"), [(5.0, 1e-4), (20.0, 0.3)])
+def test_short_links_converge(noise, still):
+    """In most frames a further Gauss-Newton step is short; in none the sum of squares grows."""
+    rng = np.random.default_rng(0)
+    links = rng.normal(0.0, 1.0, (400, 3, 3))
+    links *= 15.0 / np.linalg.norm(links, axis=2, keepdims=True)
+    predicted = np.cumsum(links, axis=1) + rng.normal(0.0, noise, links.shape)
+    visible, deviation = np.zeros((400, 1, 3)), np.full((400, 3), 30.0)
+    one, other, spread = np.array([0, 0, 1]), np.array([3, 1, 2]), np.full(3, LEAST_SPREAD)
+    edges = Edges(one, other, np.full(3, 15.0), spread)
+    held = hold_lengths(predicted, deviation, visible, edges)
+    variance = deviation**2 / 3.0
+    weight = 1.0 / ((CAUTION * LEAST_SPREAD) ** 2 + SOFTNESS**2 * variance[:, 0])
+    terms = [(a, b, 15.0, weight) for a, b in zip(one, other, strict=True)]
+    start, end = (np.concatenate([x, visible], axis=1) for x in (predicted, held))
+    left = np.abs(step(*normal_equations(end, predicted, variance, terms))).max(axis=(1, 2))
+    assert np.median(left) < still
+    sums = [energy(x, predicted, variance, terms) for x in (start, end)]
+    assert (sums[1] <= sums[0]).all()
+
+
+def test_only_lengths_that_vary_less_than_the_limit_are_held():
+    distance = np.full((3, 3), 200.0)
+    missing, visible = np.array([0]), np.array([1, 2])
+    for more, held in ((-1e-6, [2]), (0.0, [])):
+        spread = np.full((3, 3), STIFF + more)
+        spread[0, 1] = spread[1, 0] = STIFF + 1.0
+        edges = stiff_edges(distance, spread, missing, visible)
+        assert edges.other.tolist() == held
+
+
+def test_edges_to_the_visible_markers_that_they_need():
+    length = np.array([10.0, 20.0, 30.0, 40.0])
+    edges = Edges(np.array([0, 1, 0, 1]), np.array([5, 2, 1, 5]), length, 0.1 * length)
+    anchors, fewer = edges.anchored(2)
+    assert anchors.tolist() == [0, 3]
+    assert fewer.one.tolist() == [0, 1, 0, 1]
+    assert fewer.other.tolist() == [3, 2, 1, 3]
+    np.testing.assert_array_equal([fewer.length, fewer.spread], [length, 0.1 * length])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from unittest import mock
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -130,3 +132,11 @@ def test_errors_by_speed_are_a_weighted_mean(seed):
             ]
             square = np.average([x @ x for x in wrong[:, m]], weights=weights)
             assert found[q, m] == pytest.approx(np.sqrt(square))
+
+
+def test_poses_are_compared_in_parts():
+    rng = np.random.default_rng(2)
+    asked, predicted, wrong = (rng.normal(0, 300, (n, 2, 3)) for n in (11, 9, 9))
+    whole = by_speed(asked, predicted, wrong)
+    with mock.patch("priorfill.motion.AT_ONCE", 4):
+        np.testing.assert_array_equal(by_speed(asked, predicted, wrong), whole)

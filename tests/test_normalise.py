@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from naive import turned
+from scipy.spatial.transform import Rotation
 
 from priorfill.markerset import MarkerSet
 from priorfill.normalise import choose_root, heading_frames, rigid_frames, root_group
@@ -91,3 +92,42 @@ def test_a_group_never_seen_whole_gives_no_root():
     poses[::2, 0] = np.nan
     poses[1::2, 1] = np.nan
     assert root_group(poses, (0, 1, 2)) is None
+
+
+@settings(deadline=None)
+@given(seeds)
+def test_a_mirrored_pose_is_turned_and_not_reflected(seed):
+    rng = np.random.default_rng(seed)
+    shape, weights = rng.normal(0, 100, (5, 3)), rng.uniform(0.1, 1, 5)
+    poses = np.stack([shape, shape * [-1.0, 1.0, 1.0], -shape])
+    root = rigid_frames(poses, shape, weights)
+    np.testing.assert_allclose(np.linalg.det(root.rotation), 1.0)
+    centred = shape - weights @ shape / weights.sum()
+    for pose, local in zip(poses, root.to_local(poses), strict=True):
+        about = pose - weights @ pose / weights.sum()
+        best, _ = Rotation.align_vectors(centred, about, weights=weights)
+        misfit, least = (weights @ (x - centred) ** 2 for x in (local, best.apply(about)))
+        assert misfit.sum() == pytest.approx(least.sum(), abs=1e-6)
+
+
+def test_which_segment_gives_the_root_frame():
+    labels = tuple("abcdefghijkl")
+    names = ["line"] * 3 + ["small"] * 3 + ["large"] * 4 + ["two"] * 2
+    segment = dict(zip(labels, names, strict=True))
+
+    def chosen(*preferred, gone=()):
+        marker_set = MarkerSet("test", labels, segment, dict.fromkeys(labels, True), {}, preferred)
+        poses = np.random.default_rng(0).normal(0, 1, (1, 12, 3))
+        poses[0, 3:6, :2] += [[0, 0], [80, 0], [0, 80]]
+        poses[0, 6:10, :2] += [[0, 0], [90, 0], [0, 90], [90, 90]]
+        poses[0, :3, 2] += [0, 100, 200]  # above each other: no heading
+        poses[0, 10:, 0] += [0, 400]
+        valid = ~np.isin(labels, list(gone))
+        return choose_root(marker_set, labels, poses, valid).markers
+
+    assert chosen("small", "large") == (3, 4, 5)
+    assert chosen("line", "small") == (3, 4, 5)
+    assert chosen("two", "line") == chosen() == (6, 7, 8, 9)  # then the one of most markers
+    assert chosen("large", gone="g") == (7, 8, 9)
+    assert chosen("large", gone="gh") == (3, 4, 5)
+    assert chosen("large", gone="ghf") == (0, 1, 2, 3, 4, 8, 9, 10, 11)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import CubicHermiteSpline
 
 from priorfill.errors import OptionError
-from priorfill.resample import Resolution, derivatives, pyramid, resample
+from priorfill.resample import Resolution, _join, derivatives, pyramid, resample
 
 RATES = [(120.0, 30.0), (100.0, 30.0), (240.0, 30.0), (30.0, 120.0), (120.0, 50.0), (59.94, 30.0)]
 
@@ -42,6 +44,7 @@ def test_number_of_frames() -> None:
         (100, 100, 30, 30),
         (5, 240, 30, 1),
         (11, 100, 70, 8),  # 10 * 70 / 100 is 7 exactly, a hair below in floating point
+        (251, 500, 30, 16),  # so is 250 / (500 / 30)
         (0, 120, 30, 0),
     ]:
         assert resample(np.zeros((frames, 2, 3)), rate_from, rate_to).shape == (expected, 2, 3)
@@ -259,3 +262,21 @@ def test_a_resolution_says_what_the_whole_level_says(seed: int, step: int) -> No
         np.testing.assert_array_equal(
             lazy.window(first, last, [2, 0]), level.window(first, last, [2, 0])
         )
+
+
+def test_gaps_are_filled_by_cubic_hermite_polynomials() -> None:
+    """Edge slopes are measured; next to an isolated sample the slope of the chord is used."""
+    rng = np.random.default_rng(0)
+    for valid in ([0, 1, 5, 6, 9, 10], [0, 4, 5, 9], [0, 3, 7, 8, 10], [0, 1, 4, 8, 9]):
+        run = rng.normal(0, 100, (valid[-1] + 1, 3))
+        expected = run.copy()
+        for a, b in itertools.pairwise(valid):
+            chord = (run[b] - run[a]) / (b - a)
+            slope_a = run[a] - run[a - 1] if a - 1 in valid else chord
+            slope_b = run[b + 1] - run[b] if b + 1 in valid else chord
+            piece = CubicHermiteSpline([a, b], [run[a], run[b]], [slope_a, slope_b])
+            expected[a + 1 : b] = piece(np.arange(a + 1, b))
+        found = run.copy()
+        found[np.setdiff1d(np.arange(len(run)), valid)] = np.nan
+        _join(found, np.array(valid))
+        np.testing.assert_allclose(found, expected, atol=1e-9)

@@ -25,6 +25,7 @@ from priorfill.trouble.far import far_samples
 from priorfill.trouble.frozen import frozen_runs
 from priorfill.trouble.partners import Partners, choose_partners, distances
 from priorfill.trouble.steps import against_partners, find_breaks, steps
+from priorfill.trouble.stray import _wrong_side
 from priorfill.trouble.swaps import exchange, find_swaps
 from priorfill.trouble.takeovers import find_takeovers
 
@@ -337,6 +338,38 @@ def test_far_samples_need_more_than_one_partner_to_say_so() -> None:
     far = far_samples(positions, choose_partners(positions))
     assert list(far) == column("RTOE")
     assert np.flatnonzero(far[column("RTOE")[0]]).tolist() == list(range(50, 70))
+
+
+@pytest.mark.parametrize(
+    ("inside", "outside", "expected"),
+    [  # by how many spreads each of some distances is off on either side of a break
+        ([8.0, 8.0, 0.0], [0.0, 0.0, 0.0], True),
+        ([8.0, 0.0, 0.0], [0.0, 0.0, 0.0], False),  # one distance of three
+        ([8.0], [0.0], True),
+        ([8.0, np.nan, np.nan], [0.0, 0.0, 0.0], True),  # the only distance known on both sides
+        ([8.0, 8.0, 8.0], [np.nan, np.nan, 0.0], True),
+        ([np.nan, np.nan], [0.0, 0.0], False),
+        ([1.6, 1.6], [0.0, 0.0], True),  # more than half of `OFF`
+        ([1.4, 1.4], [0.0, 0.0], False),
+        ([6.1, 6.1], [4.0, 4.0], True),  # one and a half times as unusual
+        ([5.9, 5.9], [4.0, 4.0], False),
+        ([8.0, 8.0, 0.0, 0.0], [0.0, 0.0, 8.0, 8.0], True),  # as many for as against
+        ([8.0, 8.0, 0.0, 0.0, 0.0], [0.0, 0.0, 8.0, 8.0, 8.0], False),
+        ([8.0, 8.0, 0.0, 0.0, 0.0], [0.0, 0.0, 8.0, 8.0, 1.4], True),
+        ([8.0, 8.0, 4.0, 4.0, 4.0], [0.0, 0.0, 5.9, 5.9, 5.9], True),
+    ],
+)
+def test_which_side_of_a_break_is_the_wrong_one(
+    inside: list[float], outside: list[float], expected: bool
+) -> None:
+    usual = np.linspace(100.0, 300.0, len(inside))
+    spread = np.linspace(4.0, 12.0, len(inside))
+    after = usual + spread * np.array(inside) * [[1.0], [-1.0], [1.0]]
+    before = usual - spread * np.array(outside) * [[1.0], [1.0], [-1.0]]
+    far = np.full((20, len(inside)), 1e4)  # frames outside the two sides
+    for way in (1, -1):
+        length = np.concatenate([far, before, after, far])[::way]
+        assert _wrong_side(length, 23, way, 3, usual, spread) == expected
 
 
 # ---- what is done about it ----------------------------------------------------------------------
