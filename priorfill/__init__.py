@@ -17,58 +17,65 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from priorfill.artefacts import Artefact, find_artefacts
     from priorfill.clip import Clip
     from priorfill.database import PriorDatabase, Selection
     from priorfill.errors import PriorfillError
     from priorfill.evaluation import Evaluation, evaluate
-    from priorfill.filling import FilledGap, Result, fill
-    from priorfill.formats import read, write, write_uncertainty
-    from priorfill.gaps import Gap, GapGroup, find_gaps, gap_groups
-    from priorfill.markerset import MarkerSet
-    from priorfill.scope import Scope
-    from priorfill.trouble import Trouble, find_trouble
+    from priorfill.filling.fill_clip import fill
+    from priorfill.filling.gap_filter import GapFilter
+    from priorfill.filling.result import FilledGap, Result
+    from priorfill.filling.uncertainty_file import write_uncertainty
+    from priorfill.formats import read, write
+    from priorfill.gaps import (
+        Gap,
+        GapGroup,
+        find_gaps,
+        gap_groups,
+    )
+    from priorfill.markers.marker_set import MarkerSet
 
 _PLACES = {
     "Clip": "priorfill.clip",
     "Evaluation": "priorfill.evaluation",
-    "FilledGap": "priorfill.filling",
+    "FilledGap": "priorfill.filling.result",
     "Gap": "priorfill.gaps",
     "GapGroup": "priorfill.gaps",
-    "MarkerSet": "priorfill.markerset",
+    "MarkerSet": "priorfill.markers.marker_set",
     "PriorDatabase": "priorfill.database",
     "PriorfillError": "priorfill.errors",
-    "Result": "priorfill.filling",
-    "Scope": "priorfill.scope",
+    "Result": "priorfill.filling.result",
+    "GapFilter": "priorfill.filling.gap_filter",
     "Selection": "priorfill.database",
-    "Trouble": "priorfill.trouble",
+    "Artefact": "priorfill.artefacts",
     "evaluate": "priorfill.evaluation",
-    "fill": "priorfill.filling",
+    "fill": "priorfill.filling.fill_clip",
     "find_gaps": "priorfill.gaps",
-    "find_trouble": "priorfill.trouble",
+    "find_artefacts": "priorfill.artefacts",
     "gap_groups": "priorfill.gaps",
     "read": "priorfill.formats",
     "write": "priorfill.formats",
-    "write_uncertainty": "priorfill.formats",
+    "write_uncertainty": "priorfill.filling.uncertainty_file",
 }
 
 __all__ = [
+    "Artefact",
     "Clip",
     "Evaluation",
     "FilledGap",
     "Gap",
+    "GapFilter",
     "GapGroup",
     "MarkerSet",
     "PriorDatabase",
     "PriorfillError",
     "Result",
-    "Scope",
     "Selection",
-    "Trouble",
     "__version__",
     "evaluate",
     "fill",
+    "find_artefacts",
     "find_gaps",
-    "find_trouble",
     "gap_groups",
     "read",
     "write",

@@ -9,11 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.errors import ClipError
+from priorfill.geometry.axes import UP_AXES
 
-__all__ = ["UP_AXES", "Clip", "Source", "blank_partly_known"]
-
-UP_AXES = ("+X", "-X", "+Y", "-Y", "+Z", "-Z")
-"""The directions that "up" can have, in a file's own axes."""
+__all__ = ["Clip", "Source", "blank_partly_known"]
 
 
 @dataclass(frozen=True)

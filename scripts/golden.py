@@ -26,6 +26,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+sys.path.append(str(Path(__file__).resolve().parent / "support"))
 from recordings import add_data_option
 
 import priorfill as pf
@@ -445,13 +447,13 @@ def _fill(case: Case, clip: pf.Clip, folder: Path | None) -> pf.Result:
                 for source in case.database:
                     known = _clip(source, folder)
                     subject = "" if case.anonymous else known.subject
-                    new.add(known, subject=subject, synthesised=case.placed)
+                    new.add(known, subject=subject, virtual_markers=case.placed)
         return pf.fill(
             clip,
             database=database,
             method=case.method,
-            companions=[_clip(source, folder) for source in case.same_subject],
-            reject_outliers=case.reject,
+            same_subject=[_clip(source, folder) for source in case.same_subject],
+            reject_artefacts=case.reject,
         )
 
 
@@ -476,7 +478,7 @@ def run(case: Case, folder: Path | None = None) -> Row:
     result = _fill(case, gappy, folder)
     scored = result.filled & ~truth.missing
     off = np.linalg.norm(result.clip.positions - truth.positions, axis=2)[scored]
-    bound = result.bound[scored]
+    bound = result.error_bound_90[scored]
     values = off if case.recorded else result.clip.positions[scored].ravel()
     # about evenly, and in turn of all three coordinates
     some = np.unique(np.linspace(0, len(values) - 1, SAMPLES).round().astype(np.intp))
@@ -484,7 +486,7 @@ def run(case: Case, folder: Path | None = None) -> Row:
     return Row(
         int(result.filled.sum()),
         round(float(off.mean()), 6),
-        _mean(result.deviation[scored]),
+        _mean(result.expected_rms[scored]),
         _mean(bound),
         round(float((off[np.isfinite(bound)] <= bound[np.isfinite(bound)]).mean()), 6)
         if known

@@ -69,7 +69,7 @@ class Recorder:
     @pytest.hookimpl(wrapper=True)
     def pytest_fixture_setup(self, fixturedef: Any) -> Generator[None, Any, Any]:
         """Record a fixture of several tests as shared."""
-        if fixturedef.scope == "function":
+        if fixturedef.gap_filter == "function":
             return (yield)
         self.coverage.switch_context(SHARED)
         try:

@@ -5,7 +5,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from priorfill.gaps import Gap, constant_spans, find_gaps, gap_groups
+from priorfill.gaps import (
+    Gap,
+    constant_spans,
+    find_gaps,
+    gap_groups,
+)
 
 masks = arrays(np.bool_, st.tuples(st.integers(1, 20), st.integers(1, 4)))
 

@@ -10,7 +10,7 @@ from priorfill.errors import FormatError, PriorfillError
 
 if TYPE_CHECKING:
     from priorfill.clip import Clip
-    from priorfill.isolation import Worker
+    from priorfill.runtime.worker import Worker
 
 __all__ = ["Reader", "with_path"]
 
@@ -62,7 +62,13 @@ class Reader:
             from priorfill import formats
 
             return formats.read(path, **options)
-        from priorfill.isolation import DONE, HANG, MEMORY, RAISED, Worker
+        from priorfill.runtime.worker import (
+            DONE,
+            HANG,
+            MEMORY,
+            RAISED,
+            Worker,
+        )
 
         if self._worker is None:
             self._worker = Worker(read_apart, seconds=PATIENCE, memory=_memory(), preload=PRELOADED)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from priorfill.clip import Clip
-    from priorfill.filling import Result
+    from priorfill.filling.result import Result
 
 __all__ = ["demo"]
 
@@ -40,11 +40,11 @@ def demo(folder: Path, method: str) -> None:
     motion. They show how priorfill is used, not how well it fills real recordings.
     """
     from priorfill import formats
-    from priorfill.demo import make_demo_clip
     from priorfill.errors import OutputError
-    from priorfill.filling import fill
+    from priorfill.filling.fill_clip import fill
     from priorfill.methods import get_method
-    from priorfill.shipped import shipped
+    from priorfill.runtime.resources import resource_path
+    from priorfill.synthetic.demo import make_demo_clip
 
     get_method(method)  # a wrong one is found out before anything is written
     try:
@@ -59,7 +59,7 @@ def demo(folder: Path, method: str) -> None:
     formats.write(broken, gappy, overwrite=True)
     # from here on as `priorfill fill` would do it, from the file
     clip = formats.read(broken)
-    starter = shipped("starter")
+    starter = resource_path("starter")
     with progress(None, "filling the demo") as show:
         result = fill(clip, database=starter, method=method, progress=show)
     formats.write(filled, result.clip, result.filled, overwrite=True)
@@ -103,7 +103,7 @@ def _print_errors(truth: Clip, result: Result) -> None:
                 gap.label,
                 f"{gap.start / clip.rate:.2f}-{gap.stop / clip.rate:.2f}",
                 f"{rms(error[inside]):.1f}",
-                f"{gap.expected_error:.1f}",
+                f"{gap.expected_rms:.1f}",
                 f"{rms(straight_error[inside]):.1f}",
             )
         )

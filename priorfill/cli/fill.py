@@ -9,24 +9,35 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from priorfill.cli.keep import Kept, facts_of_keeping, is_to_be_made, keep, not_kept
-from priorfill.cli.output import json_number, print_json, print_table, some_names
+from priorfill.cli.add_result import (
+    Kept,
+    facts_of_keeping,
+    is_to_be_made,
+    keep,
+    not_kept,
+)
+from priorfill.cli.artefacts import (
+    artefact_facts,
+    print_artefacts,
+    print_left_as_measured,
+    warn_of_artefacts,
+)
+from priorfill.cli.output import (
+    json_number,
+    print_json,
+    print_table,
+    some_names,
+)
 from priorfill.cli.progress import progress
 from priorfill.cli.reading import excluding_options, read_clips, reading_options
-from priorfill.cli.trouble import (
-    print_left_as_measured,
-    print_trouble,
-    trouble_facts,
-    warn_of_trouble,
-)
 from priorfill.errors import PriorfillError
 
 if TYPE_CHECKING:
+    from priorfill.artefacts import Artefact
     from priorfill.clip import Clip
-    from priorfill.decisions import Decisions
-    from priorfill.filling import Result
+    from priorfill.filling.overrides import Overrides
+    from priorfill.filling.result import Result
     from priorfill.formats import WriteReport
-    from priorfill.trouble import Trouble
 
 __all__ = ["EXIT_INCOMPLETE", "fill", "print_left_missing"]
 
@@ -69,8 +80,8 @@ def _frames(
     help="Prior database to learn from, beside the clip itself.",
 )
 @click.option(
-    "--with",
-    "companions",
+    "--same-subject",
+    "same_subject",
     metavar="OTHER",
     type=click.Path(path_type=Path),
     multiple=True,
@@ -104,14 +115,14 @@ def _frames(
 )
 @click.option("--skip-edges", is_flag=True, help="Leave gaps at the clip's start and end alone.")
 @click.option(
-    "--decisions",
-    "decisions_file",
+    "--overrides",
+    "overrides_file",
     metavar="FILE.toml",
     type=click.Path(path_type=Path),
     help="Do with single gaps as this file says.",
 )
 @click.option(
-    "--reject-outliers",
+    "--reject-artefacts",
     is_flag=True,
     help="Treat samples in trouble (swapped, spikes, phantoms, frozen) as missing; says which.",
 )
@@ -158,14 +169,14 @@ def fill(
     file: Path,
     output: Path,
     database: Path | None,
-    companions: tuple[Path, ...],
+    same_subject: tuple[Path, ...],
     method: str,
     markers: tuple[str, ...],
     frames: tuple[int | None, int | None] | None,
     max_gap: float | None,
     skip_edges: bool,
-    decisions_file: Path | None,
-    reject_outliers: bool,
+    overrides_file: Path | None,
+    reject_artefacts: bool,
     not_names: tuple[str, ...],
     not_subjects: tuple[str, ...],
     subjects: tuple[str, ...],
@@ -181,20 +192,21 @@ def fill(
     """Fill the gaps of FILE.
 
     Measured samples, and everything else that the file holds, come out as they went in (but for
-    samples that --reject-outliers rejects). The clip's own recording in the database, if it is
+    samples that --reject-artefacts rejects). The clip's own recording in the database, if it is
     there, is not learnt from. In a file of several people each is filled by itself.
 
     Exit status 0: done; 3: done, but not all gaps could be filled; 1: could not.
     """
     from priorfill import formats
+    from priorfill.artefacts import find_artefacts
     from priorfill.database import Selection
-    from priorfill.decisions import read_decisions
-    from priorfill.memory import give_back
+    from priorfill.filling.gap_filter import GapFilter
+    from priorfill.filling.multi_subject import merge_artefacts, merge_results
+    from priorfill.filling.overrides import read_overrides
+    from priorfill.filling.uncertainty_file import check_uncertainty, uncertainty_file
     from priorfill.methods import get_method
-    from priorfill.scope import Scope
-    from priorfill.several import joined, joined_trouble
-    from priorfill.threads import at_most
-    from priorfill.trouble import find_trouble
+    from priorfill.runtime.memory import give_back
+    from priorfill.runtime.threads import at_most
 
     if threads is not None:
         at_most(threads)
@@ -209,23 +221,23 @@ def fill(
             raise click.UsageError(f"{option} says something of a database; give one (--database)")
     # whatever would make the work be in vain is found out before it is done
     get_method(method)
-    scope = Scope(markers, frames, max_gap, skip_edges)
-    decisions = None if decisions_file is None else read_decisions(decisions_file)
+    gap_filter = GapFilter(markers, frames, max_gap, skip_edges)
+    overrides = None if overrides_file is None else read_overrides(overrides_file)
     formats.check_output(output, source=file, overwrite=overwrite, rewrite=rewrite)
     if uncertainty is not None:
-        formats.check_uncertainty(uncertainty, source=file, output=output, overwrite=overwrite)
+        check_uncertainty(uncertainty, source=file, output=output, overwrite=overwrite)
     selection = Selection(subjects=subjects, not_names=not_names, not_subjects=not_subjects)
     keep_in = database if add else None
     if keep_in is not None and is_to_be_made(keep_in):
         database = None  # so far the clip itself is all there is to learn from
     clips, marker_set = read_clips(file, **reading)
-    companions_of = _companions(companions, file, clips, reading)
-    scope = scope.of_several(clips)
-    decisions = None if decisions is None else decisions.of_several(clips)
-    seen: tuple[Trouble, ...] = ()
-    if not reject_outliers:  # looked for first: beside what was filled it would take more memory
-        seen = joined_trouble(
-            [clip.subject for clip in clips], [find_trouble(clip) for clip in clips]
+    companions_of = _companions(same_subject, file, clips, reading)
+    gap_filter = gap_filter.of_several(clips)
+    overrides = None if overrides is None else overrides.of_several(clips)
+    seen: tuple[Artefact, ...] = ()
+    if not reject_artefacts:  # looked for first: beside what was filled it would take more memory
+        seen = merge_artefacts(
+            [clip.subject for clip in clips], [find_artefacts(clip) for clip in clips]
         )
         give_back()
     results = []
@@ -234,22 +246,22 @@ def fill(
         with progress(None, f"filling {clip.name}{whose}") as show:
             one = _fill_clip(
                 clip,
-                decisions,
+                overrides,
                 database=database,
                 method=method,
                 marker_set=marker_set,
                 progress=show,
                 selection=selection,
                 trust_filled=trust_filled,
-                companions=others,
-                scope=scope,
-                reject_outliers=reject_outliers,
+                same_subject=others,
+                gap_filter=gap_filter,
+                reject_artefacts=reject_artefacts,
             )
         results.append(one)
-    result = joined(results)
+    result = merge_results(results)
     with ExitStack() as stack:
         if uncertainty is not None:  # both files appear, or none
-            beside = formats.uncertainty_file(uncertainty, result, overwrite=overwrite)
+            beside = uncertainty_file(uncertainty, result, overwrite=overwrite)
             stack.enter_context(beside)
         written = formats.write(
             output, result.clip, result.filled, overwrite=overwrite, rewrite=rewrite
@@ -265,15 +277,15 @@ def fill(
                 failure = error  # what was filled is of use without the database
                 reading = whose_file
                 kept.append(None)
-    trouble = trouble_facts(result.trouble if reject_outliers else seen, result.clip)
+    artefacts = artefact_facts(result.artefacts if reject_artefacts else seen, result.clip)
     if as_json:
         facts = _facts(file, output, uncertainty, result, results, written, kept)
-        print_json(facts | {"trouble": trouble})
+        print_json(facts | {"trouble": artefacts})
     else:
         _print(output, result, written)
         if result.rejected.any():
             click.echo()
-            print_trouble(trouble, "Rejected, and treated as missing")
+            print_artefacts(artefacts, "Rejected, and treated as missing")
         if uncertainty is not None:
             click.echo(f"how far off each filled sample may be: {uncertainty}")
         for added in kept:
@@ -286,8 +298,8 @@ def fill(
         *(f"rewritten: {change}" for change in written.changes),
     ):
         click.echo(f"note: {note}", err=True)
-    if not reject_outliers:
-        warn_of_trouble(trouble, str(file))
+    if not reject_artefacts:
+        warn_of_artefacts(artefacts, str(file))
     print_left_as_measured(result, file, output)
     print_left_missing(result)
     if failure is not None and keep_in is not None:
@@ -296,14 +308,14 @@ def fill(
         click.get_current_context().exit(EXIT_INCOMPLETE)
 
 
-def _fill_clip(clip: Clip, decisions: Decisions | None, **options: Any) -> Result:
+def _fill_clip(clip: Clip, overrides: Overrides | None, **options: Any) -> Result:
     """Fill a clip, by what was decided if there are decisions."""
-    from priorfill.deciding import fill_as_decided
-    from priorfill.filling import fill as fill_clip
+    from priorfill.filling.apply_overrides import fill_with_overrides
+    from priorfill.filling.fill_clip import fill as fill_clip
 
-    if decisions is None:
+    if overrides is None:
         return fill_clip(clip, **options)
-    return fill_as_decided(clip, decisions, **options)
+    return fill_with_overrides(clip, overrides, **options)
 
 
 def _companions(
@@ -321,7 +333,8 @@ def _companions(
     for other in others:
         if other.exists() and other.samefile(file):
             raise OptionError(
-                f"{other}: is FILE itself; --with takes another recording of the same person"
+                f"{other}: is FILE itself; --same-subject takes another recording of the "
+                "same person"
             )
         options: dict[str, Any] = {"zeros_missing": not reading["keep_zeros"]}
         subject = reading["subject"]
@@ -393,22 +406,22 @@ def _facts(
                 "frames": gap.frames,
                 "seconds": round(gap.frames / result.clip.rate, 4),
                 "filled": gap.filled,
-                "expected_error_mm": json_number(gap.expected_error, 3),
-                "expected_mean_error_mm": json_number(gap.expected_mean, 3),
-                "bound_90_mm": json_number(gap.bound, 3),
+                "expected_error_mm": json_number(gap.expected_rms, 3),
+                "expected_mean_error_mm": json_number(gap.expected_mean_error, 3),
+                "bound_90_mm": json_number(gap.error_bound_90, 3),
                 "method": gap.method,
-                "from": list(gap.how),
-                "poses": gap.poses,
+                "from": list(gap.sources),
+                "poses": gap.training_poses,
                 "left_missing": [
                     {
                         "first_frame": first + piece.start,
                         "last_frame": first + piece.stop - 1,
                         "reason": piece.reason,
-                        "asked": piece.asked,
+                        "asked": piece.requested,
                     }
-                    for piece in gap.left
+                    for piece in gap.unfilled
                 ],
-                "prior_clips": list(gap.takes),
+                "prior_clips": list(gap.source_clips),
             }
             for subject, gap in sorted(gaps, key=lambda pair: pair[1].start)
         ],
@@ -424,8 +437,11 @@ def _print_gaps(result: Result) -> None:
             f"{clip.first_frame + gap.start}-{clip.first_frame + gap.stop - 1}",
             f"{gap.frames / clip.rate:.2f}",
             f"{100 * gap.filled / gap.frames:.0f} %",
-            *(f"{x:.1f}" if math.isfinite(x) else "-" for x in (gap.expected_mean, gap.bound)),
-            "; ".join([*gap.how, *dict.fromkeys(f"NOT: {p.reason}" for p in gap.left)]),
+            *(
+                f"{x:.1f}" if math.isfinite(x) else "-"
+                for x in (gap.expected_mean_error, gap.error_bound_90)
+            ),
+            "; ".join([*gap.sources, *dict.fromkeys(f"NOT: {p.reason}" for p in gap.unfilled)]),
         )
         for gap in result.gaps[:MAX_GAPS]
     ]
@@ -443,7 +459,9 @@ def _print(output: Path, result: Result, written: WriteReport | None) -> None:
     _print_gaps(result)
     click.echo()
     filled = int(result.filled.sum())
-    asked = [gap for gap in result.gaps if gap.filled or any(part.asked for part in gap.left)]
+    asked = [
+        gap for gap in result.gaps if gap.filled or any(part.requested for part in gap.unfilled)
+    ]
     whole = sum(gap.complete for gap in asked)
     alone = len(result.gaps) - len(asked)
     click.echo(
@@ -459,9 +477,9 @@ def _print(output: Path, result: Result, written: WriteReport | None) -> None:
 
 def print_left_missing(result: Result) -> None:
     """Say what stays missing: for each reason which markers, and in which frames."""
-    left = [(piece, gap.label) for gap in result.gaps for piece in gap.left]
+    left = [(piece, gap.label) for gap in result.gaps for piece in gap.unfilled]
     first = result.clip.first_frame
-    for asked, reason in dict.fromkeys((piece.asked, piece.reason) for piece, _ in left):
+    for asked, reason in dict.fromkeys((piece.requested, piece.reason) for piece, _ in left):
         verb = "left missing" if asked else "left alone"
         some = [(piece, label) for piece, label in left if piece.reason == reason]
         labels = list(dict.fromkeys(label for _, label in some))

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from priorfill.cli.artefacts import artefact_facts, print_artefacts
 from priorfill.cli.output import duration, print_json, print_table
 from priorfill.cli.reading import read_clip, reading_options
-from priorfill.cli.trouble import print_trouble, trouble_facts
 
 if TYPE_CHECKING:
     from priorfill.clip import Clip
     from priorfill.database import PriorDatabase
-    from priorfill.markerset import MarkerSet
+    from priorfill.markers.marker_set import MarkerSet
 
 __all__ = ["inspect"]
 
@@ -63,19 +63,20 @@ def inspect(
     **reading: Any,
 ) -> None:
     """Show what is in a file, which gaps it has, and what they could be filled from."""
-    from priorfill import markerset
     from priorfill.database import PriorDatabase
+    from priorfill.markers.definitions import recognise
+    from priorfill.markers.describe import describe
 
     clip, definition = read_clip(file, **reading)
-    described = markerset.describe(clip, definition)
-    facts = _facts(clip, file, described, definition or markerset.recognise(clip.labels))
+    described = describe(clip, definition)
+    facts = _facts(clip, file, described, definition or recognise(clip.labels))
     if folder is not None:
         with PriorDatabase.open(folder) as database:
             counts = _clips_with(
                 database,
                 clip,
                 [gap["marker"] for gap in facts["gaps"]],
-                definition or markerset.recognise(clip.labels),
+                definition or recognise(clip.labels),
             )
         facts["database"] = str(folder)
         for gap in facts["gaps"]:
@@ -90,7 +91,7 @@ def _facts(
     clip: Clip, file: Path, described: MarkerSet, definition: MarkerSet | None
 ) -> dict[str, Any]:
     """Return everything that is said of a clip, in the form of the JSON output."""
-    from priorfill.trouble import find_trouble
+    from priorfill.artefacts import find_artefacts
 
     missing = clip.missing
     source = clip.source
@@ -133,7 +134,7 @@ def _facts(
         "blackout_frames": int(missing.all(axis=1).sum()),
         "gaps": _gaps(clip, described),
         "gap_groups": _groups(clip),
-        "trouble": trouble_facts(find_trouble(clip), clip),
+        "trouble": artefact_facts(find_artefacts(clip), clip),
     }
 
 
@@ -192,7 +193,7 @@ def _clips_with(
     database: PriorDatabase, clip: Clip, markers: list[str], definition: MarkerSet | None
 ) -> dict[str, int]:
     """Return for each marker how many clips show it together with others of this clip."""
-    from priorfill.markerset import same_markers
+    from priorfill.markers.marker_set import same_markers
 
     counts = dict.fromkeys(markers, 0)
     for record in database.clips():
@@ -212,7 +213,7 @@ def _print(facts: dict[str, Any]) -> None:
         click.echo(f"  {name:<11} {value}")
     if facts["trouble"]:
         click.echo()
-        print_trouble(
+        print_artefacts(
             facts["trouble"], "Trouble: samples that are hardly what they are labelled as"
         )
     if not facts["gaps"]:

@@ -11,7 +11,7 @@ import click
 if TYPE_CHECKING:
     from priorfill.cli.batch import Reader
     from priorfill.clip import Clip
-    from priorfill.markerset import MarkerSet
+    from priorfill.markers.marker_set import MarkerSet
 
 __all__ = [
     "as_reading",
@@ -89,9 +89,10 @@ def read_clip(
     reader: Reader | None = None,
 ) -> tuple[Clip, MarkerSet | None]:
     """Read a clip as the options say; also the marker set that was asked for."""
-    from priorfill import formats, markerset
+    from priorfill import formats
+    from priorfill.markers import definitions
 
-    definition = markerset.load(marker_set) if marker_set else None
+    definition = definitions.load(marker_set) if marker_set else None
     reading = as_reading(up=up, rate=rate, unit=unit, keep_zeros=keep_zeros)
     read = formats.read if reader is None else reader.read
     return read(file, subject=subject, **reading), definition

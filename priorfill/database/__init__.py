@@ -12,8 +12,13 @@ Bytes of a segment beyond the last committed row are what a writer left behind t
 to its commit; the next writer overwrites them.
 """
 
-from priorfill.database.identity import FORMAT_VERSION
-from priorfill.database.record import Accepted, ClipRecord, DatabaseInfo, Merged
+from priorfill.database.manifest import FORMAT_VERSION
+from priorfill.database.record import (
+    Accepted,
+    ClipRecord,
+    DatabaseInfo,
+    Merged,
+)
 from priorfill.database.selection import Selection
 from priorfill.database.store import DEFAULT_LEVELS, DEFAULT_RATE, PriorDatabase
 

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.database import version1
+from priorfill.database.catalogue_checksum import CatalogueChecksum
 from priorfill.database.record import ClipRecord
-from priorfill.database.seal import Seal
 from priorfill.database.segments import sync_folder
 from priorfill.errors import DatabaseCorruptError, DatabaseError
 
@@ -179,7 +179,7 @@ class Catalogue:
         self._levels = levels
         self._write = write
         self._connection: sqlite3.Connection | None = None
-        self._seal = Seal(path)
+        self._seal = CatalogueChecksum(path)
         self._is_whole = True  # whether the seal vouches for every byte
         self._may_seal = False  # damage must not be sealed
         self._is_version_1 = False
@@ -464,7 +464,7 @@ class Catalogue:
         unfinished.replace(path)
         sync_folder(path.parent)
         self._path = path
-        self._seal = Seal(path)
+        self._seal = CatalogueChecksum(path)
         self._is_version_1 = False
         self._open()
         self.remove_others()
@@ -627,7 +627,7 @@ def _insert(connection: sqlite3.Connection, entry: Entry, state: int) -> int:
 def _stored(record: ClipRecord, name: str) -> Any:
     """Return a field of a record as its column holds it."""
     value = getattr(record, name)
-    if name == "synthetic" and record.synthesised:
+    if name == "synthetic" and record.virtual_markers:
         return _SYNTHESISED
     if name in _LISTS:
         return json.dumps(value)
@@ -660,8 +660,8 @@ def _parsed(
             labels[text] = tuple(json.loads(text))
         for key in _LISTS:
             values[key] = tuple(json.loads(values[key]))
-        values["synthesised"] = values["synthetic"] == _SYNTHESISED
-        values["synthetic"] = bool(values["synthetic"]) and not values["synthesised"]
+        values["virtual_markers"] = values["synthetic"] == _SYNTHESISED
+        values["synthetic"] = bool(values["synthetic"]) and not values["virtual_markers"]
         return ClipRecord(**values, labels=labels[text], rate=rate)
     except (ValueError, TypeError):
         return name

@@ -83,7 +83,7 @@ class ClipRecord:
     segment: int
     offset: int
     checksums: tuple[int, ...]
-    synthesised: bool = False
+    virtual_markers: bool = False
 
     @property
     def duration(self) -> float:
@@ -178,4 +178,4 @@ class DatabaseInfo:
     marker_sets: dict[str, int]
     licences: dict[str, int]
     credits: dict[str, int]
-    synthesised: int = 0
+    virtual_markers: int = 0

@@ -19,14 +19,7 @@ from numpy.typing import NDArray
 
 from priorfill.clip import Clip
 from priorfill.database.catalogue import Catalogue, Entry, find_catalogue
-from priorfill.database.identity import (
-    FORMAT_VERSION,
-    IDENTITY,
-    Identity,
-    read_identity,
-    write_identity,
-)
-from priorfill.database.intake import (
+from priorfill.database.ingest import (
     content_hash,
     counts,
     filled_at_level_0,
@@ -34,9 +27,21 @@ from priorfill.database.intake import (
     pack,
     unpack,
 )
-from priorfill.database.likeness import RATE_ERROR, same_motion
 from priorfill.database.lock import WriterLock
-from priorfill.database.record import Accepted, ClipRecord, DatabaseInfo, Merged
+from priorfill.database.manifest import (
+    FORMAT_VERSION,
+    MANIFEST,
+    Manifest,
+    read_manifest,
+    write_manifest,
+)
+from priorfill.database.near_duplicates import RATE_ERROR, same_motion
+from priorfill.database.record import (
+    Accepted,
+    ClipRecord,
+    DatabaseInfo,
+    Merged,
+)
 from priorfill.database.segments import (
     DTYPE,
     SegmentReader,
@@ -93,7 +98,7 @@ class PriorDatabase:
     def __init__(self, path: Path, *, write: bool) -> None:
         self.path = path
         self._lock: WriterLock | None = None
-        identity = read_identity(path)
+        identity = read_manifest(path)
         self.rate = identity.rate
         self.levels = identity.levels
         self._version = identity.version
@@ -135,7 +140,7 @@ class PriorDatabase:
             self._reader.close()
             self._catalogue.close()
 
-    def _prepare_to_write(self, identity: Identity) -> None:
+    def _prepare_to_write(self, identity: Manifest) -> None:
         self._folder.mkdir(exist_ok=True)
         sync_folder(self.path)
         if self._catalogue.is_version_1:
@@ -148,7 +153,7 @@ class PriorDatabase:
             self._catalogue.replace([self._catalogue.entry(record) for record in records])
         self._catalogue.remove_others()
         if identity.version != FORMAT_VERSION:
-            self._version = write_identity(self.path, self.rate, self.levels).version
+            self._version = write_manifest(self.path, self.rate, self.levels).version
         self._writer = SegmentWriter(
             self._folder, self._catalogue.segments(), *self._catalogue.end()
         )
@@ -191,12 +196,12 @@ class PriorDatabase:
         path.mkdir(exist_ok=True)
         # an unfinished identity file is all that a crash in this function can leave behind
         for other in sorted(path.iterdir()):
-            if other.name != f"{IDENTITY}.new":
+            if other.name != f"{MANIFEST}.new":
                 raise DatabaseFormatError(
                     f"{path}: has other files in it ({other.name}); "
                     "give an empty or a new folder for a new database"
                 )
-        write_identity(path, rate, levels)
+        write_manifest(path, rate, levels)
         sync_folder(path.parent)
         return cls(path, write=True)
 
@@ -234,7 +239,7 @@ class PriorDatabase:
         The parameters and errors are those of `create` and `open`.
         """
         path = Path(path)
-        if (path / IDENTITY).exists():
+        if (path / MANIFEST).exists():
             return cls.open(path, write=True)
         return cls.create(path, rate=rate, levels=levels)
 
@@ -268,7 +273,7 @@ class PriorDatabase:
         licence: str = "",
         credit: str = "",
         synthetic: bool = False,
-        synthesised: bool = False,
+        virtual_markers: bool = False,
         source: str | None = None,
         filled: NDArray[np.bool_] | None = None,
         filled_by: str = "",
@@ -326,7 +331,7 @@ class PriorDatabase:
             licence=licence,
             credit=credit,
             synthetic=synthetic,
-            synthesised=synthesised,
+            virtual_markers=virtual_markers,
             source=entry.record.source if source is None else source,
         )
         entry = replace(entry, record=record)
@@ -379,7 +384,7 @@ class PriorDatabase:
             licence=licence or former.licence,
             credit=credit or former.credit,
             synthetic=former.synthetic,
-            synthesised=former.synthesised,
+            virtual_markers=former.virtual_markers,
         )
         return Accepted(self._store(blocks, replace(entry, record=record), replaced), replaced)
 
@@ -388,7 +393,7 @@ class PriorDatabase:
     ) -> tuple[list[bytes], Entry]:
         """Return a clip as it will be stored, and what the catalogue will say of it."""
         # scipy takes longer to import than a database to open, and only adding needs it
-        from priorfill.markerset import recognise
+        from priorfill.markers.definitions import recognise
 
         self._writing()
         if filled is not None and filled.shape != clip.missing.shape:
@@ -442,7 +447,7 @@ class PriorDatabase:
         """Find out, after a change that failed, what is on the disk."""
         if self._lock is not None and self._writer is None:
             self._catalogue.reopen()
-            self._prepare_to_write(read_identity(self.path))
+            self._prepare_to_write(read_manifest(self.path))
 
     def _to_be_replaced(self, entry: Entry, *, accepted: bool) -> tuple[ClipRecord, ...]:
         """Return the versions of a clip that it will replace, or refuse it for one of them."""
@@ -551,7 +556,7 @@ class PriorDatabase:
             self._catalogue.replace(entries)
             self._reader.close()
             self._reader = SegmentReader(self._folder)
-            self._prepare_to_write(read_identity(self.path))
+            self._prepare_to_write(read_manifest(self.path))
         return before - self._segment_bytes()
 
     def merge(
@@ -763,7 +768,7 @@ class PriorDatabase:
             levels=self.levels,
             clips=len(records),
             synthetic=sum(record.synthetic for record in records),
-            synthesised=sum(record.synthesised for record in records),
+            virtual_markers=sum(record.virtual_markers for record in records),
             subjects=len({record.subject for record in records} - {""}),
             frames=sum(record.frames[0] for record in records),
             seconds=sum(record.duration for record in records),

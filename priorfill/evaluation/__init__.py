@@ -12,7 +12,6 @@ from pathlib import Path
 from priorfill.clip import Clip
 from priorfill.database import PriorDatabase, Selection
 from priorfill.errors import OptionError
-from priorfill.evaluation.campaign import carry_out
 from priorfill.evaluation.metrics import Summary
 from priorfill.evaluation.plan import ALL_METHODS, make_plan
 from priorfill.evaluation.protocols import (
@@ -22,8 +21,9 @@ from priorfill.evaluation.protocols import (
     make_protocol,
 )
 from priorfill.evaluation.results import Evaluation, write_results
+from priorfill.evaluation.runner import carry_out
 from priorfill.evaluation.store import Store
-from priorfill.markerset import MarkerSet
+from priorfill.markers.marker_set import MarkerSet
 
 __all__ = ["PROTOCOLS", "Evaluation", "Summary", "evaluate", "make_protocol"]
 

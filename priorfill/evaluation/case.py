@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from priorfill.clip import Clip
 from priorfill.database import Selection
 from priorfill.errors import MethodError, PriorfillError
-from priorfill.evaluation.cutter import Mask
+from priorfill.evaluation.gap_generator import Mask
 from priorfill.evaluation.joints import joint_errors
 from priorfill.evaluation.metrics import MEASURES, Samples, measure
-from priorfill.filling import Result, fill
+from priorfill.filling.fill_clip import fill
+from priorfill.filling.result import Result
 from priorfill.gaps import Gap
-from priorfill.markerset import MarkerSet, describe
+from priorfill.markers.describe import describe
+from priorfill.markers.marker_set import MarkerSet
 
 __all__ = ["Case", "Outcome", "Source", "run_case"]
 
@@ -149,8 +151,8 @@ def run_case(source: Source, case: Case, method: str) -> Outcome:
         samples=measure(
             truth.positions,
             result.clip.positions,
-            result.deviation,
-            result.bound,
+            result.expected_rms,
+            result.error_bound_90,
             case.gaps,
             truth.rate,
         ),
@@ -177,8 +179,8 @@ def _how(result: Result, gaps: Sequence[Gap], labels: Sequence[str]) -> list[str
         )
         left = dict.fromkeys(
             f"NOT: {part.reason}"
-            for part in whole.left
+            for part in whole.unfilled
             if part.start < gap.stop and part.stop > gap.start
         )
-        told.append("; ".join([*whole.how, *left]))
+        told.append("; ".join([*whole.sources, *left]))
     return told

@@ -1,7 +1,8 @@
 """Joint angles: of a filled clip against the true one.
 
 An angle is that between the lines from a joint to the points above and below it, each the mean of
-markers that the marker set names (`priorfill.markerset.MarkerSet.joints`): hip, knee and ankle for
+markers that the marker set names (`priorfill.markers.marker_set.MarkerSet.joints`): hip, knee and
+ankle for
 a knee. It follows flexion, but it is no anatomical angle: markers sit on the skin.
 """
 
@@ -10,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.evaluation.cutter import Mask
-from priorfill.markerset import MarkerSet
+from priorfill.evaluation.gap_generator import Mask
+from priorfill.markers.marker_set import MarkerSet
 
 __all__ = ["angles", "joint_errors"]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gaps import Gap
-from priorfill.uncertainty import MEAN_FACTOR
+from priorfill.gp.calibration import MEAN_FACTOR
 
 __all__ = [
     "MEASURES",
@@ -89,7 +89,7 @@ def distances(positions: Array, truth: Array) -> Array:
 def measure(
     truth: Array,
     filled: Array,
-    deviation: Array,
+    expected_rms: Array,
     bound: Array,
     gaps: Sequence[Gap],
     rate: float,
@@ -126,7 +126,7 @@ def measure(
         # the velocity of a sample that was not filled is no error of the method
         np.linalg.norm(np.where(np.isnan(off), np.nan, speed), axis=2),
         np.linalg.norm(bend, axis=2),
-        MEAN_FACTOR * deviation,
+        MEAN_FACTOR * expected_rms,
         bound,
     )
     where = [(slice(gap.start, gap.stop), gap.marker) for gap in gaps]

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from priorfill.clip import Clip
-from priorfill.distances import pair_distances
-from priorfill.markerset import MarkerSet, describe
+from priorfill.geometry.distances import pair_distances
+from priorfill.markers.describe import describe
+from priorfill.markers.marker_set import MarkerSet
 
 __all__ = ["FEET", "LIMBS", "LIMB_MARKERS", "SIDES", "Parts", "parts_of"]
 

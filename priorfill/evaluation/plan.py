@@ -12,13 +12,19 @@ from typing import Any
 
 from priorfill.clip import Clip
 from priorfill.database import PriorDatabase, Selection
-from priorfill.database.intake import content_hash
+from priorfill.database.ingest import content_hash
 from priorfill.errors import ClipError, OptionError
 from priorfill.evaluation.case import Case, Source
 from priorfill.evaluation.parts import parts_of
-from priorfill.evaluation.protocols import Cut, GapProtocol, draw_for, settings_of
+from priorfill.evaluation.protocols import (
+    Cut,
+    GapProtocol,
+    draw_for,
+    settings_of,
+)
 from priorfill.gaps import find_gaps
-from priorfill.markerset import MarkerSet, describe
+from priorfill.markers.describe import describe
+from priorfill.markers.marker_set import MarkerSet
 from priorfill.methods import METHODS, resolve
 
 __all__ = ["ALL_METHODS", "Job", "Plan", "choose_methods", "make_plan"]

@@ -18,7 +18,7 @@ import numpy as np
 from priorfill.errors import OptionError
 from priorfill.evaluation.results import Evaluation
 from priorfill.evaluation.tables import LENGTHS, GapRow, length_class
-from priorfill.formats.atomic import replace_file
+from priorfill.runtime.atomic_file import replace_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

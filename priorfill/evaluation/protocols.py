@@ -26,7 +26,13 @@ from numpy.typing import NDArray
 
 from priorfill.clip import Clip
 from priorfill.errors import OptionError
-from priorfill.evaluation.cutter import MOST, TRIES, Cutter, Mask, measured_in
+from priorfill.evaluation.gap_generator import (
+    MOST,
+    TRIES,
+    GapGenerator,
+    Mask,
+    measured_in,
+)
 from priorfill.evaluation.parts import LIMBS, SIDES, Parts
 from priorfill.gaps import find_gaps
 
@@ -137,7 +143,7 @@ def _cut_out(
     copy: int,
 ) -> Cut | NoPlace:
     """Remove some markers for a while, somewhere inside the clip."""
-    cutter = Cutter(clip, rng, measured_in(clip))
+    cutter = GapGenerator(clip, rng, measured_in(clip))
     frames = cutter.length(*seconds)
     if frames is None:
         return NoPlace(name, copy, _too_short(clip, seconds))
@@ -178,7 +184,7 @@ class Random:
         del parts
         for copy in range(1, self.copies + 1):
             rng = draw("random", copy)
-            cutter = Cutter(clip, rng, measured_in(clip))
+            cutter = GapGenerator(clip, rng, measured_in(clip))
             if self.number is None:
                 share = rng.uniform(*self.share)
                 samples = share * cutter.gone.size
@@ -194,7 +200,7 @@ class Random:
             else:
                 yield NoPlace("random", copy, "no place where a gap would be measured throughout")
 
-    def _some(self, cutter: Cutter, gaps: int) -> bool:
+    def _some(self, cutter: GapGenerator, gaps: int) -> bool:
         """Cut a number of gaps."""
         left = gaps
         for _ in range(ENOUGH * gaps):
@@ -326,7 +332,7 @@ class Periodic:
         del parts
         for copy in range(1, self.copies + 1):
             rng = draw("periodic", copy)
-            cutter = Cutter(clip, rng, measured_in(clip))
+            cutter = GapGenerator(clip, rng, measured_in(clip))
             seen = np.flatnonzero(cutter.known.mean(axis=0) >= MEASURED)
             number = min(int(rng.integers(*self.number, endpoint=True)), len(seen))
             markers = rng.permutation(seen)[:number]
@@ -369,7 +375,7 @@ class Frames:
             rng = draw("frames", copy)
             # a marker's own gap is no reason to find no place: what is measured goes
             shown: Mask = np.repeat(known.any(axis=1, keepdims=True), known.shape[1], axis=1)
-            cutter = Cutter(clip, rng, shown)
+            cutter = GapGenerator(clip, rng, shown)
             for _ in range(int(rng.integers(*self.number, endpoint=True))):
                 cutter.cut(markers, cutter.length(*self.seconds))
             gone: Mask = np.logical_and(cutter.gone, known)
@@ -414,7 +420,7 @@ class Like:
         asked = self._at_rate(clip.rate, [there for _, there in pairs])
         here = np.array([i for i, _ in pairs], dtype=np.intp)
         for copy in range(1, self.copies + 1):
-            cutter = Cutter(clip, draw(self.pattern.name, copy), measured_in(clip))
+            cutter = GapGenerator(clip, draw(self.pattern.name, copy), measured_in(clip))
             if asked.any():
                 self._place(cutter, asked, here, copy)
             if cutter.gone.any():
@@ -430,7 +436,7 @@ class Like:
         nearest = np.minimum(nearest, self.pattern.frames - 1)
         return self.pattern.missing[nearest][:, markers]
 
-    def _place(self, cutter: Cutter, asked: Mask, here: NDArray[np.intp], copy: int) -> None:
+    def _place(self, cutter: GapGenerator, asked: Mask, here: NDArray[np.intp], copy: int) -> None:
         """Cut the pattern's gaps out of a clip, each where it is in the pattern if it can be."""
         frames = cutter.clip.frames
         never = asked.all(axis=0)

@@ -15,8 +15,13 @@ from priorfill.evaluation import tables
 from priorfill.evaluation.case import Outcome
 from priorfill.evaluation.metrics import Summary
 from priorfill.evaluation.plan import Job, Plan
-from priorfill.evaluation.tables import Comparison, GapRow, MethodRow, Pair
-from priorfill.formats.atomic import replace_file
+from priorfill.evaluation.tables import (
+    Comparison,
+    GapRow,
+    MethodRow,
+    Pair,
+)
+from priorfill.runtime.atomic_file import replace_file
 
 __all__ = ["FILES", "Evaluation", "write_results"]
 

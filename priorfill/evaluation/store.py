@@ -23,7 +23,7 @@ from priorfill.evaluation.case import Outcome
 from priorfill.evaluation.metrics import MEASURES
 from priorfill.evaluation.plan import Job, Plan
 from priorfill.evaluation.results import FILES
-from priorfill.formats.atomic import replace_file
+from priorfill.runtime.atomic_file import replace_file
 
 __all__ = ["Store"]
 

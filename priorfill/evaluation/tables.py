@@ -14,7 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.evaluation.case import Case, Outcome
-from priorfill.evaluation.metrics import ERROR, Samples, Summary, summarise
+from priorfill.evaluation.metrics import (
+    ERROR,
+    Samples,
+    Summary,
+    summarise,
+)
 from priorfill.evaluation.plan import Job, Plan
 from priorfill.gaps import Gap
 

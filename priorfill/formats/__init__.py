@@ -16,35 +16,32 @@ from numpy.typing import NDArray
 
 from priorfill.clip import Clip
 from priorfill.errors import FormatError, OptionError
-from priorfill.formats.atomic import check_target
-from priorfill.formats.c3d_new import create_c3d
-from priorfill.formats.c3d_patch import WriteReport, write_c3d
-from priorfill.formats.c3d_read import read_c3d
-from priorfill.formats.c3d_rewrite import rewrite_c3d
-from priorfill.formats.mat import create_mat, parse_mat, recognise_mat
-from priorfill.formats.motive_csv import parse_motive, recognise_motive
-from priorfill.formats.nexus_csv import parse_nexus, recognise_nexus
-from priorfill.formats.npz import create_npz_clip, parse_npz, recognise_npz
-from priorfill.formats.npz_new import create_npz
-from priorfill.formats.qualisys_tsv import parse_qualisys, recognise_qualisys
-from priorfill.formats.recording import Reading, Recording, make_clip, read_bounded
-from priorfill.formats.text_table import TableRecording, write_table
-from priorfill.formats.trc import create_trc, parse_trc, recognise_trc
-from priorfill.formats.uncertainty import (
-    UNCERTAINTY_SUFFIXES,
-    check_uncertainty,
-    uncertainty_file,
-    write_uncertainty,
+from priorfill.formats.arrays.mat import create_mat, parse_mat, recognise_mat
+from priorfill.formats.arrays.npz import create_npz_clip, parse_npz, recognise_npz
+from priorfill.formats.c3d.create import create_c3d
+from priorfill.formats.c3d.patch import WriteReport, write_c3d
+from priorfill.formats.c3d.read import read_c3d
+from priorfill.formats.c3d.rewrite import rewrite_c3d
+from priorfill.formats.recording import (
+    Reading,
+    Recording,
+    make_clip,
+    read_bounded,
 )
+from priorfill.formats.tables.motive_csv import parse_motive, recognise_motive
+from priorfill.formats.tables.nexus_csv import parse_nexus, recognise_nexus
+from priorfill.formats.tables.qualisys_tsv import parse_qualisys, recognise_qualisys
+from priorfill.formats.tables.text_table import TableRecording, write_table
+from priorfill.formats.tables.trc import create_trc, parse_trc, recognise_trc
+from priorfill.runtime.atomic_file import check_target
+from priorfill.runtime.npz_file import create_npz
 
 __all__ = [
     "FORMATS",
     "SUFFIXES",
-    "UNCERTAINTY_SUFFIXES",
     "Format",
     "WriteReport",
     "check_output",
-    "check_uncertainty",
     "create_c3d",
     "create_npz",
     "format_of",
@@ -52,10 +49,8 @@ __all__ = [
     "read_c3d",
     "recognised",
     "rewrite_c3d",
-    "uncertainty_file",
     "write",
     "write_c3d",
-    "write_uncertainty",
 ]
 
 _HEAD = 1 << 16

@@ -13,13 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.clip import Clip, Source
-from priorfill.errors import ClipError, FormatError, OptionError, OutputError
-from priorfill.formats.c3d_markers import find_model_points, split_label
-from priorfill.formats.c3d_parameters import Parameters
+from priorfill.errors import (
+    ClipError,
+    FormatError,
+    OptionError,
+    OutputError,
+)
+from priorfill.formats.c3d.parameters import Parameters
+from priorfill.formats.c3d.point_kinds import find_model_points, split_label
 from priorfill.formats.contents import check_unchanged, read_contents
 from priorfill.formats.subjects import choose_subject
 from priorfill.formats.units import find_unit
-from priorfill.formats.up_axis import find_up
+from priorfill.formats.up_axis import find_up_axis
 
 __all__ = [
     "LARGEST",
@@ -234,7 +239,7 @@ def make_clip(
         kept[zero] = np.nan
     _, mm_per_unit, unit_notes = find_unit(kept, recording.unit, reading.unit, name)
     kept *= mm_per_unit
-    up, found_from, up_notes = find_up(kept, labels, recording.up, reading.up)
+    up, found_from, up_notes = find_up_axis(kept, labels, recording.up, reading.up)
     if found_from == "default":
         up = recording.usual_up
         up_notes = [f"Nothing tells which axis is up; {up} is assumed (see --up)."]

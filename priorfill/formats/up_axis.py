@@ -8,10 +8,10 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.clip import UP_AXES
 from priorfill.errors import OptionError
+from priorfill.geometry.axes import UP_AXES
 
-__all__ = ["find_up"]
+__all__ = ["find_up_axis"]
 
 _LEVELS = (
     # bottom to top; names without the letters and signs that tell the sides
@@ -42,7 +42,7 @@ times more frames than the outermost marker at the other end, and in so many of 
 the markers' names, of 331 recordings these find the right axis in 209 and a wrong one in 1."""
 
 
-def find_up(
+def find_up_axis(
     positions: NDArray[np.float64],
     labels: tuple[str, ...],
     screen_up: str,

@@ -34,23 +34,23 @@ class Entry:
 
 
 METHODS = {
-    "prior": Entry(
-        "prior.regression_prior:fill",
-        "regression on the clip's own poses and the database's, then the energy",
+    "gpr": Entry(
+        "gpr.gpr_fill:fill",
+        "Gaussian-process regression on the clip's own poses and the database's",
         "priorfill",
     ),
     "neighbours": Entry(
-        "neighbours:fill",
+        "baumann2011.weighted_votes:fill",
         "baumann2011 with votes by nearness, the clip searched beside the database",
         "priorfill, after Tautges et al. 2011",
     ),
     "baumann2011": Entry(
-        "baumann2011:fill",
+        "baumann2011.neighbour_votes:fill",
         "the nearest poses of a database vote on position, velocity, acceleration",
         "Baumann et al. 2011",
     ),
     "krueger2010": Entry(
-        "krueger2010:fill",
+        "baumann2011.krueger2010:fill",
         "each frame by itself: the mean of the nearest poses of a database",
         "Krüger et al. 2010",
     ),
@@ -101,20 +101,22 @@ METHODS = {
 }
 """The methods by name."""
 
-DEFAULT_METHOD = "prior"
-"""What ``auto`` stands for."""
+DEFAULT_METHOD = "gpr"
+"""The method that ``auto`` chooses."""
+
+ALIASES = {"auto": DEFAULT_METHOD, "prior": DEFAULT_METHOD}
+"""Other names that are accepted for methods."""
 
 
 def resolve(name: str) -> str:
-    """Return the name of a method, that of the default one for ``auto``.
+    """Return the name of a method; ``auto`` and ``prior`` give that of the default.
 
     Raises
     ------
     OptionError
         Where there is no such method.
     """
-    if name == "auto":
-        return DEFAULT_METHOD
+    name = ALIASES.get(name, name)
     if name not in METHODS:
         raise OptionError(f"there is no method {name!r}; use one of auto {' '.join(METHODS)}")
     return name

@@ -19,10 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.distances import pair_distances
 from priorfill.gaps import constant_spans
+from priorfill.geometry.root_frames import rigid_frames
 from priorfill.methods.task import Estimate, Task
-from priorfill.normalise import rigid_frames
 
 __all__ = ["Options", "fill"]
 
@@ -82,13 +81,13 @@ def fill(
     """
     options = options or Options()
     positions = task.positions.copy()
-    _, deviation = pair_distances(task.positions)
+    spread = task.geometry.spread
     for group in task.groups:
         for gap in group.gaps:
             valid = task.valid[gap.start : gap.stop]
             for first, last in constant_spans(valid):
                 span = slice(gap.start + first, gap.start + last)
-                body = _body(deviation, gap.marker, np.flatnonzero(valid[first]), options)
+                body = _body(spread, gap.marker, np.flatnonzero(valid[first]), options)
                 positions[span, gap.marker] = _placed(task, gap.marker, body, span, options)
         progress()
     return Estimate.told(task, positions, "markers on the same rigid body", REASON)
@@ -110,17 +109,17 @@ class _Body:
 
 
 def _body(
-    deviation: NDArray[np.float64], marker: int, visible: NDArray[np.intp], options: Options
+    expected_rms: NDArray[np.float64], marker: int, visible: NDArray[np.intp], options: Options
 ) -> _Body:
     """Choose a marker's neighbours among the visible ones: stiff to it and to each other."""
     chosen: list[int] = []
-    for other in visible[np.argsort(deviation[marker, visible], kind="stable")]:
-        if len(chosen) == options.most or deviation[marker, other] > options.stiff:
+    for other in visible[np.argsort(expected_rms[marker, visible], kind="stable")]:
+        if len(chosen) == options.most or expected_rms[marker, other] > options.stiff:
             break
-        if all(deviation[other, mate] <= options.stiff for mate in chosen):
+        if all(expected_rms[other, mate] <= options.stiff for mate in chosen):
             chosen.append(int(other))
     markers = np.array(chosen, dtype=np.intp)
-    return _Body(markers, 1.0 / np.maximum(deviation[marker, markers], FLOOR) ** 2)
+    return _Body(markers, 1.0 / np.maximum(expected_rms[marker, markers], FLOOR) ** 2)
 
 
 def _placed(

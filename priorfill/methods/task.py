@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gaps import Gap, GapGroup, find_gaps
-from priorfill.markerset import MarkerSet
-from priorfill.mirror import partners
-from priorfill.normalise import RootGroup, choose_root
-from priorfill.takes import Take
+from priorfill.geometry.root_frames import RootGroup
+from priorfill.markers.clip_geometry import ClipGeometry
+from priorfill.markers.marker_set import MarkerSet
+from priorfill.markers.root_choice import choose_root
+from priorfill.search.takes import Take
 
 __all__ = ["Estimate", "Method", "Note", "Task", "take_names"]
 
@@ -39,6 +40,8 @@ class Task:
         Recordings of the prior database; empty without one.
     name, subject : str
         Of the clip.
+    known_geometry : ClipGeometry, optional
+        Of the clip's upright positions; made on first use if not given.
     """
 
     positions: NDArray[np.float64]
@@ -49,16 +52,22 @@ class Task:
     takes: tuple[Take, ...] = ()
     name: str = "clip"
     subject: str = ""
+    known_geometry: ClipGeometry | None = None
 
     @cached_property
+    def geometry(self) -> ClipGeometry:
+        """Validity, distances, mirror pairs and floor of the clip."""
+        return self.known_geometry or ClipGeometry(self.positions, self.labels, self.marker_set)
+
+    @property
     def valid(self) -> NDArray[np.bool_]:
         """Which samples are measured [shape=(frames, markers)]."""
-        return ~np.isnan(self.positions[..., 0])
+        return self.geometry.valid
 
-    @cached_property
-    def partner(self) -> NDArray[np.intp]:
-        """Each marker's partner on the other side; see `priorfill.mirror.partners`."""
-        return partners(self.labels, self.marker_set)
+    @property
+    def contralateral(self) -> NDArray[np.intp]:
+        """Each marker's counterpart on the other side; see `ClipGeometry.contralateral`."""
+        return self.geometry.contralateral
 
     def beside(self, takes: Sequence[str], database: str) -> str:
         """Say what was learnt from beside the clip itself.
@@ -70,11 +79,11 @@ class Task:
         database : str
             What to call those of the database.
         """
-        companions = {take.name for take in self.takes if take.companion}
+        same_subject = {take.name for take in self.takes if take.same_subject}
         said = []
-        if any(name in companions for name in takes):
+        if any(name in same_subject for name in takes):
             said.append("other clips of the same person")
-        if any(name not in companions for name in takes):
+        if any(name not in same_subject for name in takes):
             said.append(database)
         joints = (",", " and") if len(said) > 1 else (" and",)
         return "".join(f"{joint} {one}" for joint, one in zip(joints, said, strict=False))
@@ -94,13 +103,13 @@ class Note:
     ----------
     marker, start, stop : int
         Which samples.
-    how : str
+    source : str
         What they were filled from, or the reason why they were not.
     filled : bool
         Whether they were filled.
-    takes : tuple of str
+    source_clips : tuple of str
         Names of the recordings that were learnt from.
-    poses : int
+    training_poses : int
         How many poses, or stretches, were learnt from; 0 where none were, as by a bridge over
         time.
     """
@@ -108,10 +117,10 @@ class Note:
     marker: int
     start: int
     stop: int
-    how: str
+    source: str
     filled: bool = True
-    takes: tuple[str, ...] = ()
-    poses: int = 0
+    source_clips: tuple[str, ...] = ()
+    training_poses: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,15 +135,15 @@ class Estimate:
         Expected rms error (Euclidean) of each filled sample; NaN where unknown.
     notes : list of Note
         How each run of missing samples was filled, or why not.
-    bound : ndarray [shape=(frames, markers), mm] or None
+    error_bound_90 : ndarray [shape=(frames, markers), mm] or None
         Distance below which 90 % of the errors are expected to lie; NaN where unknown. None:
         `BOUND_FACTOR` times the deviation.
     """
 
     positions: NDArray[np.float64]
-    deviation: NDArray[np.float64]
+    expected_rms: NDArray[np.float64]
     notes: list[Note] = field(default_factory=list)
-    bound: NDArray[np.float64] | None = None
+    error_bound_90: NDArray[np.float64] | None = None
 
     @classmethod
     def of(cls, task: Task) -> Estimate:
@@ -166,7 +175,7 @@ class Estimate:
         missing = ~task.valid
         given = missing & np.isfinite(positions).all(axis=2)
         notes = [
-            Note(gap.marker, gap.start, gap.stop, _of(how, gap), takes=takes)
+            Note(gap.marker, gap.start, gap.stop, _of(how, gap), source_clips=takes)
             for gap in find_gaps(given)
         ]
         notes += [

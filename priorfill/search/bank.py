@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.normalise import RootFrames, RootGroup
-from priorfill.poses import evenly, whole
+from priorfill.geometry.poses import complete_poses, evenly_spaced
+from priorfill.geometry.root_frames import RootFrames, RootGroup
+from priorfill.runtime.threads import in_threads, parts
 from priorfill.search.index import FEW, POSES_A_THREAD, PoseIndex
-from priorfill.takes import Take
-from priorfill.threads import in_threads, parts
+from priorfill.search.takes import Take
 
 __all__ = ["Banks", "Neighbours", "PoseBank"]
 
@@ -108,14 +108,14 @@ class PoseBank:
         self._take = np.repeat(np.array(useful, dtype=np.intp), lengths)
         known = np.empty(len(positions), dtype=bool)
         for at in range(0, len(positions), BLOCK):
-            known[at : at + BLOCK] = whole(positions[at : at + BLOCK])
+            known[at : at + BLOCK] = complete_poses(positions[at : at + BLOCK])
         inner = np.zeros_like(known)  # poses with a pose of the same take on either side
         inner[1:-1] = known[:-2] & known[1:-1] & known[2:] & (self._take[:-2] == self._take[2:])
         self.rate = rate
         self._inner = inner
         self.rows = np.flatnonzero(inner)
         if most is not None and len(self.rows) > most:
-            self.rows = self.rows[evenly(len(self.rows), most)]
+            self.rows = self.rows[evenly_spaced(len(self.rows), most)]
         self._rate_ratio = np.repeat(np.array(rates) / rate, lengths)
         self._viable = viable
         self._needed = needed

@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.search.comparing import nearest_by_comparing
-from priorfill.threads import in_threads, parts
+from priorfill.runtime.threads import in_threads, parts
+from priorfill.search.brute_force import nearest_by_brute_force
 
 __all__ = ["FEW", "POSES_A_THREAD", "PoseIndex"]
 
@@ -141,7 +141,7 @@ class PoseIndex:
         if not len(asked) or not k:
             return np.empty((len(asked), k)), np.empty((len(asked), k), dtype=np.intp)
         if self._spans is None:
-            square, rows = nearest_by_comparing(self._poses, asked, k)
+            square, rows = nearest_by_brute_force(self._poses, asked, k)
         else:
             square, rows = self._spans.nearest(asked, k)
         return np.sqrt(square), rows.astype(np.intp, copy=False)
@@ -219,7 +219,7 @@ class _Spans:
     def nearest(
         self, asked: NDArray[np.float32], k: int
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Find the nearest poses of queries; see `nearest_by_comparing`."""
+        """Find the nearest poses of queries; see `nearest_by_brute_force`."""
         far = np.empty((len(asked), k))
         rows = np.empty((len(asked), k), dtype=np.int64)
         points, farthest = self._project(asked)

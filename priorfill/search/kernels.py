@@ -11,7 +11,8 @@ Bounds are of single precision and widened by what rounding may take; the poses 
 through are measured with double precision.
 
 The loops are compiled when many poses are first searched, while somebody waits for it, as those
-of `priorfill.kernels`: they are given the room they work in, and compare without ``min`` and
+of `priorfill.energy.descent_kernels`: they are given the room they work in, and compare without
+``min`` and
 ``max``, each of which is a function of its own to be compiled. One loop bounds paths and single
 queries. NumPy chooses spans and sorts neighbours as fast: see `priorfill.search.index`.
 """
@@ -24,7 +25,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from priorfill.compiling import ENTRY, HELPER
+from priorfill.runtime.numba_options import ENTRY, HELPER
 
 __all__ = ["bound_spans", "in_root_frames", "lay_spans", "measure_spans"]
 

@@ -17,7 +17,12 @@ from numpy.typing import NDArray
 
 from priorfill.errors import ClipError
 from priorfill.skeleton.joints import Placed, Skeleton
-from priorfill.skeleton.kinds import BEFORE, PARTS, SIDES, find_joints
+from priorfill.skeleton.part_names import (
+    BEFORE,
+    PARTS,
+    SIDES,
+    find_joints,
+)
 
 __all__ = ["Body", "Part", "part_frames"]
 

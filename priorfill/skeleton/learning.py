@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from priorfill.skeleton.body import Body, part_frames
 from priorfill.skeleton.joints import Placed
-from priorfill.skeleton.kinds import MIDDLE, NEIGHBOURS, PARTS
 from priorfill.skeleton.markers import Site
+from priorfill.skeleton.part_names import MIDDLE, NEIGHBOURS, PARTS
 
 __all__ = ["learn_sites"]
 

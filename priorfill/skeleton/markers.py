@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.errors import MarkerSetError
-from priorfill.shipped import shipped
+from priorfill.runtime.resources import resource_path
 from priorfill.skeleton.body import Body, part_frames
 from priorfill.skeleton.joints import Placed
-from priorfill.skeleton.kinds import PARTS
+from priorfill.skeleton.part_names import PARTS
 
 __all__ = ["Site", "known_sites", "positions_of"]
 
@@ -52,7 +52,7 @@ def known_sites(file: Path | None = None) -> dict[str, tuple[Site, ...]]:
     MarkerSetError
         Where it cannot be read.
     """
-    file = shipped("skeletons", "markers.toml") if file is None else file
+    file = resource_path("skeletons", "markers.toml") if file is None else file
     try:
         content: dict[str, Any] = tomllib.loads(file.read_text(encoding="utf-8"))
         sites = {label: tuple(map(_site, rows)) for label, rows in content["markers"].items()}

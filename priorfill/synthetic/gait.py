@@ -8,7 +8,12 @@ from scipy.ndimage import gaussian_filter1d
 
 from priorfill.errors import OptionError
 from priorfill.synthetic.body import SIDES, Skeleton
-from priorfill.synthetic.curves import RUNNING, STEPPING, WALKING, GaitCurves
+from priorfill.synthetic.curves import (
+    RUNNING,
+    STEPPING,
+    WALKING,
+    GaitCurves,
+)
 from priorfill.synthetic.grounding import root_velocity
 from priorfill.synthetic.kinematics import Score
 from priorfill.synthetic.noise import smooth_noise

@@ -13,7 +13,12 @@ from priorfill.synthetic.body import SIDES, Skeleton
 from priorfill.synthetic.curves import SQUAT_KNEE
 from priorfill.synthetic.kinematics import Score
 from priorfill.synthetic.options import Style
-from priorfill.synthetic.posture import STANDING_KNEE, bend_legs, minimum_jerk, stand
+from priorfill.synthetic.posture import (
+    STANDING_KNEE,
+    bend_legs,
+    minimum_jerk,
+    stand,
+)
 
 __all__ = ["reaching", "squatting"]
 

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.append(str(Path(__file__).resolve().parents[1]))
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from recordings import add_data_option
 
 import priorfill as pf
@@ -41,7 +41,7 @@ PARTS = {
 START = 2400
 """First frame of the gap: in the middle of the recording."""
 
-METHODS = ("baumann2011", "prior")
+METHODS = ("baumann2011", "gpr")
 PUBLISHED = 10.0
 """Seconds of computing per second of gap in Baumann et al. 2011."""
 

@@ -27,15 +27,16 @@ from pathlib import Path
 import numpy as np
 from child import CLI, run
 
-sys.path.append(str(Path(__file__).resolve().parents[1]))
-from bench_database import minutes, recordings
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from fill import ARM, START, TAKE
 from recordings import add_data_option
 
 import priorfill as pf
+from database import minutes, recordings
 from priorfill.formats import create_c3d
-from priorfill.markerset import load
-from priorfill.mirror import mirrored, partners
+from priorfill.geometry.mirror import mirrored
+from priorfill.markers.definitions import load
+from priorfill.markers.left_right import partners
 
 RATE = 30.0
 """Hz of the database."""
@@ -99,7 +100,7 @@ def main() -> int:
         print(f"{arguments.seconds:g} s gone, {arguments.threads} threads\n")
         print(f"{'gone':8s} {'poses':>9s} {'cpu s':>7s} {'wall s':>7s} {'MB':>6s}")
         for poses in [0, *(int(float(text)) for text in arguments.poses.split(","))]:
-            options = ["-m", "prior", "--threads", str(arguments.threads), "--overwrite"]
+            options = ["-m", "gpr", "--threads", str(arguments.threads), "--overwrite"]
             if poses:
                 kept = database(arguments.folder or work, arguments.data, poses)
                 options += ["--database", str(kept)]

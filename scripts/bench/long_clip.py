@@ -17,7 +17,7 @@ import numpy as np
 
 from priorfill.synthetic import MARKER_SEGMENTS, Body, synthesise
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "tests"))
+sys.path.append(str(Path(__file__).resolve().parents[2] / "tests" / "support"))
 from c3d_bytes import C3DFile
 
 SEED = 6

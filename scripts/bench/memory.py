@@ -1,7 +1,7 @@
 #!/usr/bin/env python
 """Greatest memory, and seconds of computing, of filling a long recording.
 
-    python scripts/bench/memory.py [--minutes 10] [--rate 240] [--markers 60] [--method prior]
+    python scripts/bench/memory.py [--minutes 10] [--rate 240] [--markers 60] [--method gpr]
 
 Makes a synthetic clip with gaps of several kinds (`long_clip.py`), and fills it by the command line
 in a process of its own. The bound is for the default length: 1 GB.
@@ -31,7 +31,7 @@ def main() -> int:
     parser.add_argument("--minutes", default="10")
     parser.add_argument("--rate", default="240")
     parser.add_argument("--markers", default="60")
-    parser.add_argument("--method", default="prior")
+    parser.add_argument("--method", default="gpr")
     parser.add_argument("--clip", type=Path, help="fill this file instead of making one")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:

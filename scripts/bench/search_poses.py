@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import priorfill as pf
-from priorfill.axes import to_upright
-from priorfill.markerset import load
-from priorfill.normalise import root_group
-from priorfill.resample import resample
+from priorfill.geometry.axes import to_upright
+from priorfill.geometry.root_frames import root_group
+from priorfill.markers.definitions import load
+from priorfill.signal.resample import resample
 
 FOLDERS = ("hdm05", "cmu", "hdm05_cut_markers")
 """Folders of recordings with the 41 markers of the set `baumann41`."""

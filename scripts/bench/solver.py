@@ -20,11 +20,16 @@ from collections.abc import Callable
 
 import numpy as np
 
+from priorfill.energy.multiresolution import levels_for, synthesise
+from priorfill.energy.solver import (
+    Descent,
+    Solution,
+    minimise,
+    solve_exactly,
+)
+from priorfill.energy.targets import Prior
 from priorfill.gaps import Gap, GapGroup
-from priorfill.multiresolution import levels_for, synthesise
-from priorfill.prior import Prior
-from priorfill.resample import Resolution
-from priorfill.solver import Descent, Solution, minimise, solve_exactly
+from priorfill.signal.resample import Resolution
 
 RATE = 120.0
 """Hz."""
@@ -53,7 +58,7 @@ def wandering(rng: np.random.Generator, frames: int, size: float, hertz: float) 
 
 
 def prior_of(
-    predicted: np.ndarray, deviation: np.ndarray
+    predicted: np.ndarray, expected_rms: np.ndarray
 ) -> Callable[[Resolution, np.ndarray], Prior]:
     """Return the prior at any level, by what is predicted [frames, MARKERS, 3] of all frames."""
 
@@ -63,7 +68,7 @@ def prior_of(
         inside = np.flatnonzero((frames >= level.step) & (frames < len(predicted) - level.step))
         here = frames[inside]
         before, now, after = (predicted[here + d] for d in (-level.step, 0, level.step))
-        weight = np.repeat(deviation[here, None] ** -2.0, MARKERS, axis=1)
+        weight = np.repeat(expected_rms[here, None] ** -2.0, MARKERS, axis=1)
         stiff = (0.05 * level.rate) ** 2
         prior.pose[inside], prior.pose_weight[inside] = now, weight
         prior.velocity[inside], prior.velocity_weight[inside] = (
@@ -102,7 +107,7 @@ def main() -> int:
         predicted = truth + wandering(rng, frames, 30.0, 5.0)
         start, stop = round(BESIDE * RATE), frames - round(BESIDE * RATE)
         inside = np.clip(np.arange(frames), start, stop - 1)
-        deviation = 1.0 + 20.0 * np.minimum(inside - start, stop - inside) / (stop - start)
+        expected_rms = 1.0 + 20.0 * np.minimum(inside - start, stop - inside) / (stop - start)
         positions = truth.copy()
         positions[start:stop] = np.nan
         levels = [Resolution(positions, RATE, 2**i) for i in range(levels_for(RATE))]
@@ -122,7 +127,7 @@ def main() -> int:
                     count += solution.updates
                     return solution
 
-                found[name] = synthesise(levels, group, prior_of(predicted, deviation), timed)
+                found[name] = synthesise(levels, group, prior_of(predicted, expected_rms), timed)
                 spent.append(total)
             times[name], updates[name] = min(spent), count
         if number == 0:

@@ -19,11 +19,12 @@ from paper import cut, error
 from recordings import LIMBS
 
 import priorfill as pf
-from priorfill.axes import from_upright, to_upright
 from priorfill.gaps import gap_groups
-from priorfill.markerset import describe, load
+from priorfill.geometry.axes import from_upright, to_upright
+from priorfill.markers.definitions import load
+from priorfill.markers.describe import describe
 from priorfill.methods.task import Task
-from priorfill.takes import Take as Prior
+from priorfill.search.takes import Take as Prior
 
 __all__ = [
     "METHODS",
@@ -38,7 +39,7 @@ __all__ = [
     "tell_data",
 ]
 
-METHODS = ("baumann2011", "krueger2010", "prior")
+METHODS = ("baumann2011", "krueger2010", "gpr")
 """The paper's own method, the one that it compares with, and ours."""
 
 RECORDING = "a C3D file of HDM05 (HDM_actor_motion_...) or another one with its 41 markers"
@@ -154,11 +155,11 @@ def tell_data(takes: Sequence[Take], filled: Sequence[Take], recording: Path | N
     print("Paper: takes of HDM05 as recorded (120 Hz, 41 markers), filled from databases of HDM05.")
     print(f"Here:  {len(filled)} filled, from a library of {len(takes)} files of HDM05:")
     print("       " + ", ".join(take.file.stem.removeprefix("HDM_") for take in filled))
-    synthesised = [take for take in takes if take.file.parent.name == "hdm05_cut_markers"]
-    if synthesised:
+    virtual_markers = [take for take in takes if take.file.parent.name == "hdm05_cut_markers"]
+    if virtual_markers:
         print(
-            f"       {len(synthesised)} of the library are short cuts whose markers were put on the"
-            " recorded skeleton:\n       motion and bodies are real, soft tissue is missing."
+            f"       {len(virtual_markers)} of the library are short cuts whose markers were put "
+            "on the recorded skeleton:\n       motion and bodies are real, soft tissue is missing."
         )
     if recording is None:
         print(

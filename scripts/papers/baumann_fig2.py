@@ -19,10 +19,10 @@ from baumann import METHODS, RECORDING, database_of, library, limb
 from paper import beside, cut, find, options
 
 import priorfill as pf
-from priorfill.markerset import load
-from priorfill.normalise import root_group
+from priorfill.geometry.root_frames import root_group
+from priorfill.markers.definitions import load
 from priorfill.search.bank import PoseBank
-from priorfill.takes import takes_from
+from priorfill.search.takes import takes_from
 
 NAMES = ("hdm05/HDM_bd_05-01_01_120.c3d",)
 SECONDS = (1.0, 2.0, 4.0, 8.0)

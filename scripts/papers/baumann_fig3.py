@@ -18,7 +18,7 @@ from baumann import METHODS, RECORDING, Take, database_of, examples, library, mi
 from paper import beside, error, in_processes, options
 
 import priorfill as pf
-from priorfill.markerset import load
+from priorfill.markers.definitions import load
 
 FEW = ("sneak2StepsLStart", "throwBasketball")
 """Motions that are filled unless all are: one of legs, one of arms."""

@@ -31,8 +31,8 @@ from baumann import (
 from paper import beside, error, in_processes, options
 
 import priorfill as pf
-from priorfill.methods import krueger2010
-from priorfill.takes import takes_from
+from priorfill.methods.baumann2011 import krueger2010
+from priorfill.search.takes import takes_from
 
 RELATIONS: dict[str, Callable[[Take, Take], bool]] = {
     "same motion, same actor": lambda a, b: a.motion == b.motion and a.actor == b.actor,

@@ -19,12 +19,12 @@ from paper import find
 from threadpoolctl import threadpool_limits
 
 import priorfill as pf
-from priorfill.axes import from_upright, to_upright
 from priorfill.errors import MethodError
-from priorfill.evaluation.cutter import Cutter, Mask, measured_in
+from priorfill.evaluation.gap_generator import GapGenerator, Mask, measured_in
 from priorfill.evaluation.protocols import ENOUGH, SCATTER_AT_ONCE, SCATTER_SECONDS
 from priorfill.gaps import gap_groups
-from priorfill.markerset import describe
+from priorfill.geometry.axes import from_upright, to_upright
+from priorfill.markers.describe import describe
 from priorfill.methods.gloersen2016 import Options, r1, r2
 from priorfill.methods.task import Estimate, Task
 
@@ -100,7 +100,7 @@ def published(file: Path) -> list[Mask]:
 def one_run(clip: pf.Clip, marker: int, share: float, copy: int) -> Mask | None:
     """Remove a marker in a share of the frames, one run at random; None if there is no place."""
     rng = np.random.default_rng([SEED, marker, round(100 * share), copy])
-    cutter = Cutter(clip, rng, measured_in(clip))
+    cutter = GapGenerator(clip, rng, measured_in(clip))
     return cutter.gone if cutter.cut([marker], round(share * clip.frames)) else None
 
 
@@ -110,7 +110,7 @@ def runs_in_frames(clip: pf.Clip, share: float, copy: int) -> Mask:
     Lengths are those of the published patterns. Copies of other shares go on where those of a
     lower one stopped, so that shares can be compared.
     """
-    cutter = Cutter(clip, np.random.default_rng([SEED, copy]), measured_in(clip))
+    cutter = GapGenerator(clip, np.random.default_rng([SEED, copy]), measured_in(clip))
     for _ in range(ENOUGH * clip.frames):
         if cutter.gone.any(axis=1).mean() >= share:
             break

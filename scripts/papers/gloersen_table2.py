@@ -34,7 +34,7 @@ from gloersen import (
 from numpy.typing import NDArray
 from paper import beside, in_processes, options
 
-from priorfill.evaluation.cutter import Mask
+from priorfill.evaluation.gap_generator import Mask
 
 PAPER = "1-4"
 """mm, by marker and axis."""

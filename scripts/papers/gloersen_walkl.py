@@ -34,7 +34,7 @@ from paper import Cell, beside, in_processes, options
 from scipy.stats import spearmanr
 
 import priorfill as pf
-from priorfill.evaluation.cutter import Mask
+from priorfill.evaluation.gap_generator import Mask
 from priorfill.evaluation.parts import parts_of
 from priorfill.evaluation.protocols import Cut, Random, draw_for
 from priorfill.methods.gloersen2016.weighted_pca import mean_distances

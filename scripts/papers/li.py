@@ -24,12 +24,12 @@ from paper import Cell, beside, find, options
 import priorfill as pf
 from priorfill.errors import ClipError
 from priorfill.evaluation import Evaluation
-from priorfill.evaluation.cutter import measured_in
+from priorfill.evaluation.gap_generator import measured_in
 from priorfill.evaluation.parts import Parts
 from priorfill.evaluation.protocols import Cut, GapProtocol, NoPlace
 from priorfill.formats import SUFFIXES
 from priorfill.methods import METHODS
-from priorfill.resample import resample
+from priorfill.signal.resample import resample
 
 __all__ = [
     "PIECE",

@@ -16,7 +16,7 @@ from typing import TypeVar
 
 import numpy as np
 
-sys.path.append(str(Path(__file__).resolve().parents[1]))
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 
 from recordings import add_data_option
 

@@ -94,7 +94,7 @@ def add(
             licence=licence or "",
             credit=credit or "",
             source=path.name if marker_set is not None else None,
-            synthesised=marker_set is not None,
+            virtual_markers=marker_set is not None,
         )
         return record, placed + left_out
 

@@ -196,11 +196,11 @@ def read_file(reader: Reader, path: Path, subject: str | None, **reading: Any) -
 
 def sound(clip: Clip) -> tuple[Clip, str]:
     """Return a clip without samples in trouble, and what to print of them behind its name."""
-    from priorfill.trouble import without_trouble
+    from priorfill.artefacts import without_artefacts
 
-    cleared, trouble = without_trouble(clip)
+    cleared, artefacts = without_artefacts(clip)
     lost = int((cleared.missing & ~clip.missing).sum())
-    markers = sorted({label for one in trouble for label in one.markers}, key=clip.labels.index)
+    markers = sorted({label for one in artefacts for label in one.markers}, key=clip.labels.index)
     if not lost:
         return clip, ""
     names = some_names(markers, " ")

@@ -182,7 +182,7 @@ def _write(
 
     from priorfill.clip import Clip
     from priorfill.formats import create_c3d, create_npz
-    from priorfill.formats.c3d_new import MOST_FRAMES
+    from priorfill.formats.c3d.create import MOST_FRAMES
 
     database.check(record)
     positions = database.positions(record)

@@ -16,7 +16,7 @@ from priorfill.cli.progress import progress
 if TYPE_CHECKING:
     from priorfill.cli.db.adding import Target
     from priorfill.database import ClipRecord
-    from priorfill.libraries import Fetched, Library, LibraryFile
+    from priorfill.datasets import Dataset, DatasetFile, Fetched
 
 __all__ = ["fetch"]
 
@@ -28,11 +28,11 @@ def _list(context: click.Context, parameter: click.Parameter, value: bool) -> No
     del parameter
     if not value or context.resilient_parsing:
         return
-    from priorfill.libraries import known_libraries
+    from priorfill.datasets import known_datasets
 
     rows = [
         (one.name, one.title, str(len(one.files)), one.marker_set or "-", one.licence, one.home)
-        for one in known_libraries()
+        for one in known_datasets()
     ]
     print_table(("name", "library", "files>", "marker set", "licence", "see"), rows)
     context.exit()
@@ -103,9 +103,9 @@ def fetch(
     on where it stopped when the same command is given again. A file that cannot be had is reported
     and the others go on; the exit status is then 1.
     """
-    from priorfill.libraries import Manners, find_library
-    from priorfill.libraries import fetch as get
-    from priorfill.libraries.fetch import choose_files
+    from priorfill.datasets import RetryPolicy, find_dataset
+    from priorfill.datasets import fetch as get
+    from priorfill.datasets.fetch import choose_files
 
     if database is None and not download_only:
         raise click.UsageError(
@@ -113,7 +113,7 @@ def fetch(
         )
     if database is None and folder is None:
         raise click.UsageError("say where the files go (--to FOLDER)")
-    library = find_library(name)
+    library = find_dataset(name)
     if folder is None:
         assert database is not None
         folder = database.absolute().parent / library.name
@@ -131,7 +131,7 @@ def fetch(
         only=only,
         limit=limit,
         mirror=mirror,
-        manners=Manners(pause=pause),
+        manners=RetryPolicy(pause=pause),
         progress=(bar := _Bar()).show,
         tell=lambda text: click.echo(f"note: {text}", err=True),
     )
@@ -155,7 +155,7 @@ def fetch(
         click.get_current_context().exit(1)
 
 
-def _tell_terms(library: Library, number: int, folder: Path, mirror: str | None) -> None:
+def _tell_terms(library: Dataset, number: int, folder: Path, mirror: str | None) -> None:
     """Say what is to be downloaded, and on which terms; on stderr, beside the question."""
     for key, value in (
         ("library", f"{library.title} ({library.home})"),
@@ -168,7 +168,7 @@ def _tell_terms(library: Library, number: int, folder: Path, mirror: str | None)
         click.echo(f"{key:<9} {value}", err=True)
 
 
-def _add(library: Library, database: Path, recordings: list[Path]) -> None:
+def _add(library: Dataset, database: Path, recordings: list[Path]) -> None:
     """Add recordings with what the library says of them."""
     from priorfill.cli.db.adding import put_files, read_file, sound
 
@@ -190,7 +190,7 @@ class _Bar:
     """A progress bar in megabytes for one file after another."""
 
     def __init__(self) -> None:
-        self._file: LibraryFile | None = None
+        self._file: DatasetFile | None = None
         self._stack = ExitStack()
 
     def __enter__(self) -> _Bar:
@@ -199,7 +199,7 @@ class _Bar:
     def __exit__(self, *error: object) -> None:
         self.remove()
 
-    def show(self, file: LibraryFile, done: int, total: int | None) -> None:
+    def show(self, file: DatasetFile, done: int, total: int | None) -> None:
         """Show how much of a file is there."""
         megabytes = None if total is None else -(-total // MEGABYTE)
         if file is not self._file:

@@ -31,8 +31,8 @@ def info(folder: Path, as_json: bool) -> None:
         f"{name or 'not known'} ({number})" for name, number in facts.marker_sets.items()
     )
     synthetic = f", {facts.synthetic} of them synthetic" if facts.synthetic else ""
-    if facts.synthesised:
-        synthetic += f", {facts.synthesised} with markers placed on a skeleton"
+    if facts.virtual_markers:
+        synthetic += f", {facts.virtual_markers} with markers placed on a skeleton"
     for name, value in (
         ("database", str(facts.path)),
         ("format", f"version {facts.version}"),

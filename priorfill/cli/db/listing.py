@@ -99,7 +99,7 @@ def _row(record: ClipRecord) -> Iterator[str]:
         word
         for word, given in (
             ("synthetic", record.synthetic),
-            ("markers placed on a skeleton", record.synthesised),
+            ("markers placed on a skeleton", record.virtual_markers),
             (f"filled: {record.filled_by}", record.has_filled),
         )
         if given

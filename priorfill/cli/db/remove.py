@@ -7,7 +7,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from priorfill.cli.db.common import database_option, subject_patterns, title, total
+from priorfill.cli.db.common import (
+    database_option,
+    subject_patterns,
+    title,
+    total,
+)
 from priorfill.errors import OptionError
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from priorfill.errors import FormatError, MarkerSetError, PriorfillError
 
 if TYPE_CHECKING:
     from priorfill.clip import Clip
-    from priorfill.markerset import MarkerSet
+    from priorfill.markers.marker_set import MarkerSet
 
 __all__ = ["SUFFIXES", "find_set", "is_skeleton", "read_skeleton"]
 
@@ -32,17 +32,17 @@ def find_set(name: str) -> MarkerSet:
     MarkerSetError
         Where there is none.
     """
-    from priorfill import markerset
+    from priorfill.markers import definitions
 
     if not name.isdigit():
-        return markerset.load(name)
-    ending = [one for one in markerset.available() if one.endswith(name)]
+        return definitions.load(name)
+    ending = [one for one in definitions.available() if one.endswith(name)]
     if len(ending) != 1:
         raise MarkerSetError(
             f"{name}: {'several marker sets end' if ending else 'no marker set ends'} with this "
-            f"number; use one of {', '.join(markerset.available())}"
+            f"number; use one of {', '.join(definitions.available())}"
         )
-    return markerset.load(ending[0])
+    return definitions.load(ending[0])
 
 
 def read_skeleton(
@@ -76,10 +76,10 @@ def read_skeleton(
     PriorfillError
         Where an option makes no sense.
     """
-    from priorfill.clip import UP_AXES
-    from priorfill.formats.asf_amc import find_asf, read_amc, read_asf
-    from priorfill.formats.bvh import read_bvh
-    from priorfill.skeleton.placing import place
+    from priorfill.formats.skeletons.asf_amc import find_asf, read_amc, read_asf
+    from priorfill.formats.skeletons.bvh import read_bvh
+    from priorfill.geometry.axes import UP_AXES
+    from priorfill.skeleton.place_markers import place
 
     if up is not None and up not in UP_AXES:
         raise PriorfillError(f"up axis {up!r} is unknown; use one of {' '.join(UP_AXES)}")

@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 
 from priorfill.errors import MethodError
 from priorfill.gaps import Gap
-from priorfill.methods.gloersen2016.strategies import Frames, Lost, Options, at_once, one_by_one
+from priorfill.methods.gloersen2016.strategies import (
+    Frames,
+    Lost,
+    Options,
+    at_once,
+    one_by_one,
+)
 from priorfill.methods.task import Estimate, Task
 
 __all__ = ["r1", "r2"]

@@ -123,8 +123,8 @@ def regression(covariance: Array, weights: Array, lost: Mask, explained: float) 
     ndarray [shape=(visible columns, lost columns)]
         What to multiply visible columns' differences from their mean by.
     """
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    scale = weights / np.where(deviation > STILL, deviation, 1.0)
+    expected_rms = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale = weights / np.where(expected_rms > STILL, expected_rms, 1.0)
     scaled = covariance * np.outer(scale, scale)
     seen = ~lost
     singular, components = _components(scaled)

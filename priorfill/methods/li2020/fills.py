@@ -36,7 +36,7 @@ from priorfill.methods.li2020 import core
 from priorfill.methods.li2020.options import Options
 from priorfill.methods.li2020.training import Piece, chosen_pieces, is_learnable
 from priorfill.methods.task import Estimate, Task
-from priorfill.resample import resample
+from priorfill.signal.resample import resample
 
 __all__ = ["pca_frames", "pca_pieces", "pca_train"]
 
@@ -210,15 +210,15 @@ def _filled_part(
     mean = np.sum([one.T @ rest for one, rest in zip(ones, rests, strict=True)], axis=0) / frames
     centred = [rest - one @ mean for one, rest in zip(ones, rests, strict=True)]
     squares = np.sum([(rows**2).sum(axis=0) for rows in centred], axis=0)
-    deviation = np.sqrt(squares / max(frames - 1.0, 1.0))
+    expected_rms = np.sqrt(squares / max(frames - 1.0, 1.0))
     # a coordinate that never moves has rounding errors only
-    deviation[deviation <= core.SMALLEST * max(deviation.max(), 1.0)] = 1.0
+    expected_rms[expected_rms <= core.SMALLEST * max(expected_rms.max(), 1.0)] = 1.0
 
     distance = training.apart[template].min(axis=0)
     weight = np.where(
         template, options.gap_weight, np.exp(-(distance**2) / (2.0 * options.sigma**2))
     )
-    scale = np.repeat(weight, 3) / deviation
+    scale = np.repeat(weight, 3) / expected_rms
     shown = np.repeat(visible, 3)
     full = [rows * scale for rows in centred]
     masked = [rows * shown for rows in full]

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.geometry.poses import evenly_spaced
 from priorfill.methods.li2020.options import Options
-from priorfill.poses import evenly
-from priorfill.takes import Take
+from priorfill.search.takes import Take
 
 __all__ = ["Piece", "chosen_pieces", "is_learnable"]
 
@@ -81,7 +81,7 @@ class _Likeness:
         if len(frames) == 0:  # no frame shows all of them: those of one frame then
             richest = int(valid.sum(axis=1).argmax())
             self.markers, frames = np.flatnonzero(valid[richest]), np.array([richest])
-        poses = positions[frames[evenly(len(frames), SAMPLE)]][:, self.markers]
+        poses = positions[frames[evenly_spaced(len(frames), SAMPLE)]][:, self.markers]
         self._poses = _shape(poses)
         self._norms = (self._poses**2).sum(axis=1)
         self._body = options.body
@@ -95,7 +95,7 @@ class _Likeness:
         """Return how far the constant distances of a body are from the clip's (mm)."""
         if len(self._lengths) == 0:
             return 0.0
-        sample = poses[evenly(len(poses), SAMPLE)]
+        sample = poses[evenly_spaced(len(poses), SAMPLE)]
         return float(np.median(abs(_distances(sample, self._pairs).mean(axis=0) - self._lengths)))
 
     def poses(self, poses: Array) -> Array:

@@ -46,7 +46,14 @@ Where it departs from paper and program:
 * The program means to smooth what it is given, but uses the positions as they were; so do we.
 """
 
-from priorfill.methods.tits2018.methods import glr, lgrnn, li, lpr, pma, wpca
+from priorfill.methods.tits2018.methods import (
+    glr,
+    lgrnn,
+    li,
+    lpr,
+    pma,
+    wpca,
+)
 from priorfill.methods.tits2018.options import Options
 
 __all__ = ["Options", "glr", "lgrnn", "li", "lpr", "pma", "wpca"]

@@ -8,7 +8,12 @@ from priorfill.errors import MethodError
 from priorfill.gaps import Gap
 from priorfill.methods.task import Estimate, Task
 from priorfill.methods.tits2018.options import Options
-from priorfill.methods.tits2018.recovery import MODELS, centre, often, recover
+from priorfill.methods.tits2018.recovery import (
+    MODELS,
+    centre,
+    often,
+    recover,
+)
 
 __all__ = ["glr", "lgrnn", "li", "lpr", "pma", "wpca"]
 

@@ -1,0 +1,112 @@
+"""What commands say of trouble in a clip: swapped labels, spikes, phantoms, frozen markers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from priorfill.cli.output import json_number, print_table, some_names
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from priorfill.artefacts import Artefact
+    from priorfill.clip import Clip
+    from priorfill.filling.result import Result
+
+__all__ = [
+    "artefact_facts",
+    "print_artefacts",
+    "print_left_as_measured",
+    "trouble_text",
+    "warn_of_artefacts",
+]
+
+MAX_ROWS = 40
+"""Lines of the table; ``--json`` has all."""
+
+MAX_WARNINGS = 5
+"""Lines of warnings; `inspect` shows more."""
+
+
+def artefact_facts(artefacts: Sequence[Artefact], clip: Clip) -> list[dict[str, Any]]:
+    """Return trouble in the form of the JSON output."""
+    first = clip.first_frame
+    return [
+        {
+            "kind": one.kind,
+            "markers": list(one.markers),
+            "first_frame": first + one.start,
+            "last_frame": first + one.stop - 1,
+            "size_mm": round(one.size, 1),
+            "partner": one.partner or None,
+            "distance_mm": json_number(one.distance, 1),
+            "usual_mm": json_number(one.usual, 1),
+            "spread_mm": json_number(one.spread, 1),
+            "evidence": one.evidence,
+        }
+        for one in artefacts
+    ]
+
+
+def print_artefacts(facts: Sequence[dict[str, Any]], title: str) -> None:
+    """Print a table of `artefact_facts`."""
+    rows = (
+        [one["kind"], " ".join(one["markers"]), _frames(one), one["evidence"]]
+        for one in facts[:MAX_ROWS]
+    )
+    print_table(("kind", "marker", "frames", "evidence"), rows, title=title)
+    if len(facts) > MAX_ROWS:
+        click.echo(f"... and {len(facts) - MAX_ROWS} more (--json lists all)")
+
+
+def warn_of_artefacts(facts: Sequence[dict[str, Any]], file: str) -> None:
+    """Say on stderr, in a few lines, what trouble was found; the largest first."""
+    worst = sorted(facts, key=lambda one: -_weight(one))[:MAX_WARNINGS]
+    for one in worst:
+        click.echo(f"warning: {trouble_text(one)}", err=True)
+    rest = len(facts) - len(worst)
+    if rest:
+        click.echo(f"warning: and {rest} more, see: priorfill inspect {file}", err=True)
+    if facts:
+        click.echo(
+            "warning: these samples count as measured; --reject-artefacts fills them anew", err=True
+        )
+
+
+def print_left_as_measured(result: Result, file: Path, output: Path) -> None:
+    """Say which samples were rejected but not filled."""
+    left = result.rejected & ~result.filled
+    if not left.any():
+        return
+    labels = [
+        label for label, column in zip(result.clip.labels, left.T, strict=True) if column.any()
+    ]
+    click.echo(
+        f"left as measured: {int(left.sum())} samples that were rejected, of {some_names(labels)}, "
+        f"are in {output} as in {file}: nothing filled them",
+        err=True,
+    )
+
+
+def trouble_text(one: dict[str, Any]) -> str:
+    """Return one trouble in a line."""
+    from priorfill.artefacts import KINDS
+
+    names = " and ".join(one["markers"])
+    plural = "s" if one["first_frame"] < one["last_frame"] else ""
+    return f"{names} {KINDS[one['kind']]} in frame{plural} {_frames(one)} ({one['evidence']})"
+
+
+def _weight(one: dict[str, Any]) -> float:
+    """Return how much a trouble matters: mm by frames."""
+    far = abs((one["distance_mm"] or 0.0) - (one["usual_mm"] or 0.0))
+    frames = one["last_frame"] - one["first_frame"] + 1
+    return float(max(far, one["size_mm"]) * frames * len(one["markers"]))
+
+
+def _frames(one: dict[str, Any]) -> str:
+    first, last = one["first_frame"], one["last_frame"]
+    return f"{first}-{last}" if first < last else f"{first}"

@@ -1,0 +1,1 @@
+"""Plausibility: segment lengths, floor, velocities."""

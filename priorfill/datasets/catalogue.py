@@ -1,0 +1,199 @@
+"""Which libraries are known: addresses, terms, credit, and the files that hold the recordings.
+
+Each has a definition in ``database/libraries``; its README says what is in one.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+from urllib.parse import urlsplit
+
+from priorfill.errors import FetchError
+from priorfill.runtime.resources import resource_path
+
+__all__ = ["Dataset", "DatasetFile", "check_address", "find_dataset", "known_datasets"]
+
+_TEXTS = ("name", "title", "home", "base", "licence", "terms", "credit", "marker_set")
+"""Fields that a definition must have, as text."""
+
+_SHA256 = re.compile("[0-9a-f]{64}")
+
+
+@dataclass(frozen=True)
+class DatasetFile:
+    """A file of a library.
+
+    Attributes
+    ----------
+    path : str
+        Relative to the library's base address, and to the folder it is put into.
+    size : int or None
+        Bytes; None if not known.
+    sha256 : str
+        Hash of its contents; empty if not known.
+    """
+
+    path: str
+    size: int | None = None
+    sha256: str = ""
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A library of recordings.
+
+    Attributes
+    ----------
+    name : str
+        What it is called on the command line.
+    title, home : str
+        Its own name, and the page that tells of it.
+    base : str
+        Address that the paths of its files are relative to.
+    licence : str
+        Short name of its terms, as a database records it for each clip.
+    terms : str
+        What that means, in a sentence.
+    credit : str
+        Whom to name.
+    marker_set : str
+        Name of the marker set of its recordings; empty if they have several.
+    subject_pattern, subject_name : str
+        Regular expression that finds who is recorded at the beginning of a recording's name, and
+        what to call them: ``{}`` stands for its first group.
+    files : tuple of LibraryFile
+        What to download.
+    """
+
+    name: str
+    title: str
+    home: str
+    base: str
+    licence: str
+    terms: str
+    credit: str
+    marker_set: str
+    subject_pattern: str
+    subject_name: str
+    files: tuple[DatasetFile, ...]
+
+    def subject(self, recording: str) -> str:
+        """Return whose motion a recording is by its name; empty where that does not tell."""
+        found = re.match(self.subject_pattern, recording) if self.subject_pattern else None
+        return self.subject_name.format(found[1]) if found else ""
+
+
+def known_datasets() -> tuple[Dataset, ...]:
+    """Return the libraries that ship with priorfill, by name.
+
+    Raises
+    ------
+    FetchError
+        Where a definition is wrong.
+    """
+    return tuple(_read(path) for path in sorted(resource_path("libraries").glob("*.toml")))
+
+
+def find_dataset(name: str) -> Dataset:
+    """Return a library.
+
+    Parameters
+    ----------
+    name : str
+        One of the known, or the path of a definition (``.toml``).
+
+    Raises
+    ------
+    FetchError
+        Where there is none of this name, or its definition is wrong.
+    """
+    if name.endswith(".toml"):
+        return _read(Path(name))
+    libraries = {library.name: library for library in known_datasets()}
+    if name not in libraries:
+        raise FetchError(
+            f"library {name!r} is not known; use one of {' '.join(libraries)}, or the path of a "
+            "definition (.toml)"
+        )
+    return libraries[name]
+
+
+def check_address(address: str) -> str:
+    """Return a base address with a slash at its end.
+
+    Raises
+    ------
+    FetchError
+        Where it is none of the web.
+    """
+    parts = urlsplit(address)
+    if parts.scheme not in ("http", "https") or not parts.netloc:
+        raise FetchError(f"{address!r} is no address of the web; give one like https://host/folder")
+    return address.rstrip("/") + "/"
+
+
+def _read(path: Path) -> Dataset:
+    """Read a definition."""
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise FetchError(f"{path}: cannot be read ({error.strerror}); check the name") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise FetchError(f"{path}: is no TOML ({error}); correct it") from error
+    texts = {key: _text(content, key, path) for key in _TEXTS}
+    subject = content.pop("subject", {"pattern": "", "name": ""})
+    if not isinstance(subject, dict):
+        raise FetchError(f"{path}: subject is no table; it has pattern and name")
+    pattern, name = (_text(subject, key, path) for key in ("pattern", "name"))
+    files = content.pop("files", None)
+    if not isinstance(files, list) or not files:
+        raise FetchError(f"{path}: has no files; add a [[files]] with a path")
+    if content or subject:
+        unknown = next(iter([*content, *subject]))
+        raise FetchError(f"{path}: field {unknown!r} is not known; remove it")
+    texts["base"] = check_address(texts["base"])
+    try:
+        groups = re.compile(pattern).groups
+    except re.error as error:
+        raise FetchError(f"{path}: subject.pattern is wrong ({error}); correct it") from error
+    if pattern and (groups != 1 or name.count("{}") != 1):
+        raise FetchError(
+            f"{path}: subject.pattern needs one group, and subject.name one {{}} for it"
+        )
+    return Dataset(
+        **texts,
+        subject_pattern=pattern,
+        subject_name=name,
+        files=tuple(_file(one, path) for one in files),
+    )
+
+
+def _text(content: dict[str, Any], key: str, path: Path) -> str:
+    """Take a text out of a table."""
+    value = content.pop(key, None)
+    if not isinstance(value, str):
+        raise FetchError(f"{path}: {key} is {value!r}; a text is needed")
+    return value
+
+
+def _file(content: Any, path: Path) -> DatasetFile:
+    """Read an entry of the files."""
+    if not isinstance(content, dict):
+        raise FetchError(f"{path}: an entry of files is no table; write [[files]]")
+    content = dict(content)
+    name = _text(content, "path", path)
+    parts = PurePosixPath(name).parts
+    if not parts or name.startswith("/") or ".." in parts or "\\" in name or ":" in name:
+        raise FetchError(f"{path}: {name!r} is no relative path; correct it")
+    size, sha256 = content.pop("bytes", None), content.pop("sha256", "")
+    if size is not None and not (type(size) is int and size > 0):
+        raise FetchError(f"{path}: bytes of {name} are {size!r}; give a number above 0")
+    if sha256 and not (isinstance(sha256, str) and _SHA256.fullmatch(sha256)):
+        raise FetchError(f"{path}: sha256 of {name} is no hash of 64 hexadecimal digits")
+    if content:
+        raise FetchError(f"{path}: field {next(iter(content))!r} of {name} is not known; remove it")
+    return DatasetFile(name, size, sha256)

@@ -1,0 +1,127 @@
+"""Write a clip as a new C3D file, for clips that come from no C3D file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.clip import Clip
+from priorfill.errors import OutputError, PriorfillError
+from priorfill.formats.c3d.layout import parse_layout, read_points
+from priorfill.formats.c3d.patch import WriteReport
+from priorfill.runtime.atomic_file import replace_file
+
+__all__ = ["MOST_FRAMES", "create_c3d"]
+
+MOST_FRAMES = 65535
+_MOST_POINTS = 65535
+"""What the format's 16 bit counts hold; ezc3d writes more without a word, and cuts on reading."""
+
+_FLOAT_SCALE = -1.0
+"""POINT:SCALE of a file with float coordinates: negative."""
+
+_MEASURED = 0.0
+_MISSING = -1.0
+"""Residuals. A clip knows no residuals of its measured samples, so none is claimed."""
+
+
+def create_c3d(
+    path: Path | str,
+    clip: Clip,
+    *,
+    filled: NDArray[np.bool_] | None = None,
+    overwrite: bool = False,
+) -> WriteReport:
+    """Write a clip as a new C3D file with float coordinates in mm.
+
+    Parameters
+    ----------
+    path : Path or str
+        The file to write.
+    clip : Clip
+        The clip.
+    filled : ndarray [shape=(frames, markers), bool] or None
+        Which samples were filled. They must have a position; measured and filled samples
+        both get residual 0, missing ones -1.
+    overwrite : bool
+        Replace an existing file.
+
+    Returns
+    -------
+    WriteReport
+        How many filled samples it holds, and by how much 32 bit floats round them.
+
+    Raises
+    ------
+    OutputError
+        If the file exists already or cannot be written, a filled sample has no position, or
+        the clip is longer than the format allows.
+    """
+    import ezc3d  # slow to import, and `--help` should not wait for it
+
+    if clip.frames > MOST_FRAMES or len(clip.labels) > _MOST_POINTS:
+        raise OutputError(
+            f"{clip.name}: has {clip.frames} frames of {len(clip.labels)} markers; "
+            f"C3D holds {MOST_FRAMES} of each: cut the clip into parts"
+        )
+    if filled is not None and (np.asarray(filled, dtype=bool) & clip.missing).any():
+        frame, marker = np.argwhere(filled & clip.missing)[0]
+        raise OutputError(
+            f"{clip.name}: marker {clip.labels[marker]} is to be written as filled in frame "
+            f"{clip.first_frame + int(frame)} but has no position; mark only samples that have one"
+        )
+    missing = clip.missing.T
+    points = np.ones((4, len(clip.labels), clip.frames))
+    points[:3] = clip.positions.transpose(2, 1, 0)
+
+    content = ezc3d.c3d()
+    content["header"]["points"]["first_frame"] = max(0, clip.first_frame - 1)  # from 0 there
+    point = content["parameters"]["POINT"]
+    point["RATE"]["value"] = [clip.rate]
+    point["UNITS"]["value"] = ["mm"]
+    point["SCALE"]["value"] = [_FLOAT_SCALE]
+    point["LABELS"]["value"] = list(clip.labels)
+    content.add_parameter("POINT", "X_SCREEN", _screen_right(clip.up))
+    content.add_parameter("POINT", "Y_SCREEN", clip.up)
+    if clip.subject:
+        content.add_parameter("SUBJECTS", "USED", [1])
+        content.add_parameter("SUBJECTS", "USES_PREFIXES", [0])
+        content.add_parameter("SUBJECTS", "NAMES", [clip.subject])
+    content["data"]["points"] = points
+    content["data"]["meta_points"]["residuals"] = np.where(missing, _MISSING, _MEASURED)[None]
+    content["data"]["meta_points"]["camera_masks"] = np.zeros((7, *missing.shape), dtype=bool)
+    with replace_file(path, overwrite=overwrite) as temporary:
+        content.write(str(temporary))
+        # ezc3d does not tell that it could not write, or not all of it
+        if not _holds(temporary, clip):
+            raise OutputError(
+                f"{path}: what was written there is not what should be; "
+                "check the folder's permissions and space"
+            )
+    written = filled if filled is not None else np.zeros_like(clip.missing)
+    values = clip.positions[np.asarray(written, dtype=bool)]
+    rounded = values.astype(np.float32).astype(np.float64)
+    return WriteReport(
+        samples=len(values), worst_error_mm=float(np.abs(rounded - values).max(initial=0.0))
+    )
+
+
+def _holds(path: Path, clip: Clip) -> bool:
+    """Return whether a file holds a clip's positions, all of them."""
+    data = path.read_bytes()
+    try:
+        layout = parse_layout(data, path.name)
+        positions, residual = read_points(data, layout)
+    except PriorfillError:
+        return False
+    positions[residual < 0] = np.nan
+    return np.array_equal(
+        positions.astype(np.float32), clip.positions.astype(np.float32), equal_nan=True
+    )
+
+
+def _screen_right(up: str) -> str:
+    """Return an axis to show to the right when `up` is shown upwards."""
+    return "+Y" if up.endswith("X") else "+X"

@@ -1,0 +1,303 @@
+"""Header and parameter section of a C3D file."""
+
+from __future__ import annotations
+
+import math
+import mmap
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.errors import FormatError
+from priorfill.formats.c3d.encoding import Processor, decode_floats, decode_integers
+
+__all__ = [
+    "BLOCK",
+    "Contents",
+    "Header",
+    "Parameters",
+    "is_c3d",
+    "parse_header",
+    "parse_parameters",
+]
+
+BLOCK = 512
+"""Bytes in a block, the unit in which C3D counts."""
+
+_KEY = 0x50
+"""Second byte of every C3D file."""
+
+_CHARACTER = -1
+"""Type of a parameter that holds text; the others are 1, 2 and 4, their size in bytes."""
+
+_SIZES = {_CHARACTER: 1, 1: 1, 2: 2, 4: 4}
+
+_SHORT = np.iinfo(np.int16)
+
+Value = list[str] | NDArray[np.float64]
+
+Contents = bytes | mmap.mmap
+"""A whole file: read, or looked into where it is."""
+
+
+@dataclass(frozen=True)
+class Header:
+    """What the first block says; counts as unsigned numbers.
+
+    Attributes
+    ----------
+    parameter_start : int
+        Byte at which the parameter section begins.
+    points, analog_words, analog_samples : int
+        Points, analog numbers and analog samples of one channel, each a frame.
+    first, last : int
+        Numbers of the first and the last frame.
+    scale : float
+        What integer coordinates are multiplied with; negative: coordinates are floats.
+    data_block : int
+        Block at which the data begin, from 1.
+    rate : float
+        Frames per second.
+    """
+
+    parameter_start: int
+    points: int
+    analog_words: int
+    analog_samples: int
+    first: int
+    last: int
+    scale: float
+    data_block: int
+    rate: float
+
+
+class Parameters:
+    """The parameters of a file by group and name, upper case, lists joined over 255.
+
+    Parameters
+    ----------
+    values : dict of (str, str) to list of str or ndarray
+        Each parameter's contents: strings without trailing blanks, or flat numbers.
+    regular : bool
+        Whether each record, its description included, ends where the next begins. A reader
+        that trusts the descriptions' lengths loses its way where not.
+    """
+
+    def __init__(self, values: dict[tuple[str, str], Value], *, regular: bool = True) -> None:
+        self._values = values
+        self.regular = regular
+
+    def items(self) -> Iterator[tuple[tuple[str, str], Value]]:
+        """Yield group and name, and the contents, of each parameter in the file's order."""
+        yield from self._values.items()
+
+    def numbers(self, group: str, name: str) -> NDArray[np.float64]:
+        """Return a parameter's numbers, flat; empty if it is absent or text."""
+        value = self._values.get((group, name))
+        return value if isinstance(value, np.ndarray) else np.empty(0)
+
+    def number(self, group: str, name: str) -> float | None:
+        """Return a parameter's first number, None if there is none or it is not finite."""
+        values = self.numbers(group, name)
+        return float(values[0]) if values.size and math.isfinite(values[0]) else None
+
+    def count(self, group: str, name: str) -> int | None:
+        """Return a parameter's first number as a count, its 16 bits taken as unsigned.
+
+        None if there is none, or it is no count.
+        """
+        value = self.number(group, name)
+        if value is None or value < _SHORT.min:
+            return None
+        return int(value) + 65536 if value < 0 else int(value)
+
+    def texts(self, group: str, name: str) -> list[str]:
+        """Return a parameter's strings, followed by those of NAME2, NAME3, ...
+
+        A list of more than 255 entries does not fit into one parameter.
+        """
+        texts: list[str] = []
+        part = 1
+        while True:
+            value = self._values.get((group, name if part == 1 else f"{name}{part}"))
+            if not isinstance(value, list):
+                return texts
+            texts += value
+            part += 1
+
+
+def is_c3d(start: Contents) -> bool:
+    """Tell if a file may be C3D by its first bytes."""
+    return len(start) >= 2 and start[0] != 0 and start[1] == _KEY
+
+
+def parse_header(data: Contents, name: str) -> tuple[Header, Processor]:
+    """Read the first block.
+
+    Parameters
+    ----------
+    data : Contents
+        The whole file.
+    name : str
+        What to call the file in messages.
+
+    Returns
+    -------
+    tuple of Header and Processor
+        What it says, and in whose numbers.
+
+    Raises
+    ------
+    FormatError
+        If the file is empty, too short, or not C3D.
+    """
+    if not data:
+        raise FormatError(f"{name}: is empty; copy or export the recording again")
+    if not is_c3d(data):
+        raise FormatError(
+            f"{name}: is not a C3D file (its first bytes are not C3D's); give the name of one"
+        )
+    start = (data[0] - 1) * BLOCK
+    if len(data) < max(BLOCK, start + 4):
+        raise FormatError(
+            f"{name}: ends after {len(data)} bytes, within its header; "
+            "copy or export the recording again"
+        )
+    try:
+        processor = Processor(data[start + 3])
+    except ValueError:
+        raise FormatError(
+            f"{name}: is not a C3D file (processor type {data[start + 3]}; 84, 85 and 86 are known)"
+        ) from None
+    words = decode_integers(data[:BLOCK], processor).astype(np.int64) & 0xFFFF
+    scale = decode_floats(data[12:16], processor)[0]
+    rate = decode_floats(data[20:24], processor)[0]
+    header = Header(
+        parameter_start=start,
+        points=int(words[1]),
+        analog_words=int(words[2]),
+        first=int(words[3]),
+        last=int(words[4]),
+        scale=float(scale),
+        data_block=int(words[8]),
+        analog_samples=int(words[9]),
+        rate=float(rate),
+    )
+    return header, processor
+
+
+def parse_parameters(data: Contents, header: Header, processor: Processor, name: str) -> Parameters:
+    """Read the parameter section.
+
+    Parameters
+    ----------
+    data : Contents
+        The whole file.
+    header : Header
+        What its first block says.
+    processor : Processor
+        Its number format.
+    name : str
+        What to call the file in messages.
+
+    Returns
+    -------
+    contents : Parameters
+        All of them.
+
+    Raises
+    ------
+    FormatError
+        If a record does not fit into the section.
+    """
+    groups: dict[int, str] = {}
+    found: list[tuple[int, str, Value]] = []
+    regular = True
+    for identity, label, body in _records(data, header, processor, name):
+        if identity < 0:
+            groups.setdefault(-identity, label)
+            described = 0
+        else:
+            value, described = _value(body, processor, f"{name}: parameter {label}")
+            found.append((identity, label, value))
+        # then the length of the description, and the description
+        rest = body[described:]
+        regular = regular and len(rest) > 0 and len(rest) == 1 + rest[0]
+    values: dict[tuple[str, str], Value] = {}
+    for identity, label, value in found:
+        # a parameter may stand before its group, so groups are looked up at the end
+        values.setdefault((groups.get(identity, ""), label), value)
+    return Parameters(values, regular=regular)
+
+
+def _records(
+    data: Contents, header: Header, processor: Processor, name: str
+) -> Iterator[tuple[int, str, bytes]]:
+    """Yield identity, name and body of each record: groups (identity < 0) and parameters."""
+    at = header.parameter_start + 4
+    end = (header.data_block - 1) * BLOCK
+    if end <= at:
+        end = header.parameter_start + data[header.parameter_start + 2] * BLOCK
+    end = min(end, len(data))
+    damaged = FormatError(
+        f"{name}: its parameter section is damaged or cut short; copy or export the recording again"
+    )
+    while at + 2 <= end:
+        # a negative length marks a locked parameter
+        length = abs(int.from_bytes(data[at : at + 1], "little", signed=True))
+        identity = int.from_bytes(data[at + 1 : at + 2], "little", signed=True)
+        if length == 0 or identity == 0:
+            return
+        offset_at = at + 2 + length
+        if offset_at + 2 > end:
+            raise damaged
+        offset = int(decode_integers(data[offset_at : offset_at + 2], processor)[0]) & 0xFFFF
+        following = offset_at + offset if offset else end  # 0: the last record
+        if following > end or (offset and offset < 3):
+            raise damaged
+        label = _text(data[at + 2 : offset_at]).upper()
+        yield identity, label, data[offset_at + 2 : following]
+        at = following
+
+
+def _value(body: bytes, processor: Processor, what: str) -> tuple[Value, int]:
+    """Return the contents of a parameter record, and where in it its description begins."""
+    damaged = FormatError(f"{what} is damaged; copy or export the recording again")
+    if len(body) < 2:
+        raise damaged
+    kind = int.from_bytes(body[:1], "little", signed=True)
+    axes = body[1]
+    dimensions = list(body[2 : 2 + axes])
+    if kind not in _SIZES or len(dimensions) < axes:
+        raise damaged
+    start = 2 + axes
+    stop = start + math.prod(dimensions) * _SIZES[kind]
+    if stop > len(body):
+        raise damaged
+    raw = body[start:stop]
+    if kind == _CHARACTER:
+        width = dimensions[0] if dimensions else 1
+        # texts of no width take no bytes, so nothing would bound how many there are
+        entries = math.prod(dimensions[1:]) if width else 0
+        return [_text(raw[i * width : (i + 1) * width]) for i in range(entries)], stop
+    if kind == 1:
+        return np.frombuffer(raw, dtype=np.uint8).astype(np.float64), stop
+    if kind == 2:
+        return decode_integers(raw, processor).astype(np.float64), stop
+    return decode_floats(raw, processor), stop
+
+
+def _text(raw: bytes) -> str:
+    """Return text without padding; files of all ages use ASCII, UTF-8 or Latin-1.
+
+    Control characters, which only damage leaves there, become question marks: names end up
+    in messages of one line.
+    """
+    try:
+        text = raw.decode("utf-8")
+    except UnicodeDecodeError:
+        text = raw.decode("latin-1")
+    text = text.strip(" \0\t\r\n")
+    return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)

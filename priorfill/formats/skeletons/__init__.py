@@ -1,0 +1,1 @@
+"""Skeleton motions: ASF/AMC, BVH."""

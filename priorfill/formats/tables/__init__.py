@@ -1,0 +1,1 @@
+"""Text tables: TRC, Nexus, Qualisys, Motive."""

@@ -1,0 +1,156 @@
+"""Marker positions in the CSV files that OptiTrack Motive exports.
+
+::
+
+    Format Version,1.23,Take Name,walk,...,Export Frame Rate,120.000000,...,Length Units,Meters,...
+
+    ,,Type,Marker,Marker,Marker,...          or ,Type,,Marker ... with a column of time codes
+    ,,Name,Ann:LTOE,Ann:LTOE,Ann:LTOE,...
+    ,,ID,"5A...","5A...","5A...",...
+    ,,,Position,Position,Position,...
+    Frame,Time (Seconds),X,Y,Z,...
+    0,0.000000,0.1,0.2,0.3,...
+
+A missing sample has blank cells. Rigid bodies and bones are no markers. Markers solved from these
+(types Rigid Body Marker and Bone Marker) are read only where the file has no measured ones.
+"""
+
+from __future__ import annotations
+
+import re
+
+from priorfill.errors import FormatError
+from priorfill.formats.recording import Recording
+from priorfill.formats.tables.text_table import (
+    TableRecording,
+    cells_of,
+    find_rate,
+    frame_numbers,
+    read_table,
+    split_lines,
+    texts_of,
+)
+
+__all__ = ["parse_motive", "recognise_motive"]
+
+_DELIMITER = b","
+
+_HEADER_WITHIN = 20
+"""Lines among which the header is looked for."""
+
+_MARKER = "marker"
+_SOLVED = ("rigid body marker", "bone marker")
+"""Types of columns that hold a marker's position."""
+
+_TITLES = 3
+"""The name of a header's row stands in one of its first cells."""
+
+
+def recognise_motive(head: bytes) -> bool:
+    """Tell by a file's first bytes if Motive exported it."""
+    return re.match(rb"(\xef\xbb\xbf)?\"?Format Version\"?,", head) is not None
+
+
+def parse_motive(data: bytes, name: str) -> TableRecording:
+    """Read a CSV of Motive.
+
+    Raises
+    ------
+    FormatError
+        Where it is none, has no markers, or is damaged.
+    """
+    lines = split_lines(data, name)
+    facts = texts_of(lines[0], _DELIMITER)
+    header = dict(zip(facts[0::2], facts[1::2], strict=False))
+    titles, frame_row = _titles(lines, name)
+    axes = texts_of(lines[frame_row], _DELIMITER)
+    measures = texts_of(lines[frame_row - 1], _DELIMITER)
+    if header.get("Coordinate Space", "Global").lower() == "local":
+        raise FormatError(f"{name}: has local coordinates; export in the global coordinate space")
+    found: dict[str, list[tuple[str, list[int]]]] = {kind: [] for kind in (_MARKER, *_SOLVED)}
+    for cell in range(2, len(axes) - 2):
+        kind = _at(titles["type"], cell).lower()
+        where = [cell, cell + 1, cell + 2]
+        if (
+            kind in found
+            and [axes[k].upper() for k in where] == ["X", "Y", "Z"]
+            and all(_at(measures, k).lower() == "position" for k in where)
+        ):
+            found[kind].append((_at(titles["name"], cell), where))
+    chosen, notes = _choose(found)
+    if not chosen:
+        kinds = sorted({kind for kind in titles["type"][2:] if kind and kind != "Type"})
+        raise FormatError(
+            f"{name}: has no columns of markers, only {', '.join(kinds) or 'none'}; "
+            "tick Markers when exporting from Motive"
+        )
+    labels = [label for label, _ in chosen]
+    columns = [where for _, where in chosen]
+    rows = [row for row in range(frame_row + 1, len(lines)) if lines[row].strip(b" ,\r\n")]
+    if not rows:
+        raise FormatError(f"{name}: has no frames after line {frame_row + 1}; export it again")
+    positions, table = read_table(lines, rows, columns, labels, _DELIMITER, name)
+    split = [cells_of(lines[row], _DELIMITER)[:2] for row in rows]
+    first, of_frames = frame_numbers([cells[0] for cells in split], rows, name)
+    times = [cells[1] for cells in split if len(cells) > 1]
+    said = header.get("Export Frame Rate") or header.get("Capture Frame Rate") or ""
+    rate, of_rate = find_rate(_number(said), times, name)
+    return TableRecording(
+        Recording(
+            positions,
+            tuple(labels),
+            rate,
+            header.get("Length Units", ""),
+            first_frame=first,
+            usual_up="+Y",
+            notes=(*notes, *of_frames, *of_rate),
+        ),
+        table,
+    )
+
+
+def _titles(lines: list[bytes], name: str) -> tuple[dict[str, list[str]], int]:
+    """Return the rows of the header by their name, and the line of the columns' axes."""
+    titles: dict[str, list[str]] = {}
+    for row, line in enumerate(lines[:_HEADER_WITHIN]):
+        cells = texts_of(line, _DELIMITER)
+        if row and cells and cells[0].lower() == "frame":
+            if "type" in titles and "name" in titles:
+                return titles, row
+            break
+        for cell in cells[:_TITLES]:
+            if cell.lower() in ("type", "name"):
+                titles.setdefault(cell.lower(), cells)
+    raise FormatError(
+        f"{name}: lacks the rows Type, Name and Frame that Motive writes below its first line; "
+        "export with all headers"
+    )
+
+
+def _choose(
+    found: dict[str, list[tuple[str, list[int]]]],
+) -> tuple[list[tuple[str, list[int]]], list[str]]:
+    """Return which columns to take: measured markers, or where there are none, solved ones."""
+    notes = []
+    if found[_MARKER]:
+        solved = sum(len(found[kind]) for kind in _SOLVED)
+        if solved:
+            notes.append(f"{solved} solved markers of rigid bodies and bones are left alone.")
+        return found[_MARKER], notes
+    for kind in _SOLVED:
+        if found[kind]:
+            return found[kind], [
+                f"The file has no measured markers; columns of type {kind} are read."
+            ]
+    return [], []
+
+
+def _at(cells: list[str], cell: int) -> str:
+    return cells[cell] if cell < len(cells) else ""
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None

@@ -1,0 +1,152 @@
+"""Motion data (3D) as Qualisys Track Manager exports them as TSV.
+
+::
+
+    NO_OF_FRAMES  500
+    NO_OF_CAMERAS  8
+    NO_OF_MARKERS  2
+    FREQUENCY  100
+    ...
+    DATA_INCLUDED  3D
+    MARKER_NAMES  LTOE  RTOE
+    TRAJECTORY_TYPES  Measured  Mixed
+    Frame  Time  LTOE X  LTOE Y  LTOE Z  RTOE X ...     (if so chosen)
+    1  0.00000  12.3  45.6  78.9  ...
+
+Frame and time columns are there or not, as chosen when exporting. A missing sample is 0.000,
+blank or ``null``, as chosen, too. The manual names no unit: it is always mm.
+"""
+
+from __future__ import annotations
+
+import re
+
+from priorfill.errors import FormatError
+from priorfill.formats.recording import Recording
+from priorfill.formats.tables.text_table import (
+    TableRecording,
+    cells_of,
+    find_rate,
+    frame_numbers,
+    read_table,
+    split_lines,
+    texts_of,
+)
+
+__all__ = ["parse_qualisys", "recognise_qualisys"]
+
+_KEY = re.compile(rb"(?:\xef\xbb\xbf)?[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)*[ \t]*(?:[\t\r\n]|$)")
+"""A line of the header: a word in capitals, then a tab."""
+
+_DELIMITER = b"\t"
+
+_NO_MARKERS = {"virtual": "virtual trajectory"}
+"""Types of trajectories that are computed, not measured."""
+
+
+def recognise_qualisys(head: bytes) -> bool:
+    """Tell by a file's first bytes if it is a TSV of QTM."""
+    return (
+        re.match(rb"(\xef\xbb\xbf)?(FILE_VERSION|NO_OF_FRAMES|NO_OF_CAMERAS)\t", head) is not None
+    )
+
+
+def parse_qualisys(data: bytes, name: str) -> TableRecording:
+    """Read a TSV of QTM.
+
+    Raises
+    ------
+    FormatError
+        Where it is none, holds no 3D data, or is damaged.
+    """
+    lines = split_lines(data, name)
+    header: dict[str, list[str]] = {}
+    row = 0
+    while row < len(lines) and (_KEY.match(lines[row]) or not lines[row].strip()):
+        key, *values = texts_of(lines[row], _DELIMITER)
+        header.setdefault(key, values)
+        row += 1
+    kind = next(iter(header.get("DATA_INCLUDED", [])), "3D")
+    if kind.upper() != "3D":
+        raise FormatError(f"{name}: holds {kind} data; export 3D data from QTM")
+    labels = [label for label in header.get("MARKER_NAMES", []) if label]
+    if not labels:
+        raise FormatError(
+            f"{name}: its header has no MARKER_NAMES; export with the TSV header from QTM"
+        )
+    titles: list[str] = []
+    if row < len(lines) and re.match(rb"\s*(Frame|Time)\b|[^\t]*[ _]X\t", lines[row]):
+        titles = texts_of(lines[row], _DELIMITER)
+        row += 1
+    rows = [k for k in range(row, len(lines)) if lines[k].strip(b" \r\n")]
+    if not rows:
+        raise FormatError(f"{name}: has no frames after line {row}; export it again")
+    split = [cells_of(lines[k], _DELIMITER) for k in rows]
+    before = _columns_before(split, titles, len(labels), rows, name)
+    columns = [[before + 3 * k, before + 3 * k + 1, before + 3 * k + 2] for k in range(len(labels))]
+    positions, table = read_table(lines, rows, columns, labels, _DELIMITER, name)
+    has_frames = before == 2 or (before == 1 and titles[:1] != ["Time"])
+    first = 1
+    notes: list[str] = []
+    if has_frames:
+        first, notes = frame_numbers([cells[0] for cells in split], rows, name)
+    timed = before > has_frames
+    times = [cells[before - 1] for cells in split if timed and len(cells) >= before]
+    rate, of_rate = find_rate(_number(header, "FREQUENCY"), times, name)
+    notes += of_rate
+    for key, has, what in (
+        ("NO_OF_FRAMES", len(rows), "frames"),
+        ("NO_OF_MARKERS", len(labels), "markers"),
+    ):
+        said = _number(header, key)
+        if said is not None and said != has:
+            notes.append(f"The header says {said:g} {what}; there are {has}.")
+    types = header.get("TRAJECTORY_TYPES", [])
+    return TableRecording(
+        Recording(
+            positions,
+            tuple(labels),
+            rate,
+            "mm",
+            first_frame=first,
+            no_markers={
+                point: _NO_MARKERS[kind.lower()]
+                for point, kind in enumerate(types[: len(labels)])
+                if kind.lower() in _NO_MARKERS
+            },
+            notes=tuple(notes),
+        ),
+        table,
+    )
+
+
+def _columns_before(
+    split: list[list[bytes]], titles: list[str], markers: int, rows: list[int], name: str
+) -> int:
+    """Return how many columns stand before the first coordinate: frame and time, or none."""
+    if titles:
+        while titles and not titles[-1]:
+            titles.pop()
+        before = sum(title.lower() in ("frame", "time") for title in titles[:2])
+        width = max(len(cells) for cells in split)
+    else:
+        width = max(len(cells) for cells in split)
+        before = width - 3 * markers
+        if before in (1, 3) and not any(
+            cells[-1].strip() for cells in split if len(cells) == width
+        ):
+            before -= 1  # rows end with a tab
+    if before not in (0, 1, 2) or width < before + 3 * markers:
+        raise FormatError(
+            f"{name}: line {rows[0] + 1} has {width} cells; {markers} markers take {3 * markers}, "
+            "and frame and time 2 more: export it again"
+        )
+    return before
+
+
+def _number(header: dict[str, list[str]], key: str) -> float | None:
+    """Return a number of the header; None if it is absent or none (FREQUENCY may be EXT)."""
+    try:
+        return float(next(iter(header.get(key, []))).replace(",", "."))
+    except (ValueError, StopIteration):
+        return None

@@ -1,0 +1,220 @@
+"""TRC files (track row column) of OpenSim and Motion Analysis (EVaRT, Cortex).
+
+::
+
+    PathFileType  4  (X/Y/Z)  walk.trc
+    DataRate  CameraRate  NumFrames  NumMarkers  Units  OrigDataRate  OrigDataStartFrame  ...
+    120.00    120.00      900        41          mm     120.00        1                   ...
+    Frame#  Time  LTOE            RTOE ...
+                  X1   Y1   Z1    X2 ...
+                                                            (a blank line, or none)
+    1       0.000 12.3 45.6 78.9  ...
+
+Cells are separated by tabs, in some files by blanks.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.clip import Clip
+from priorfill.errors import FormatError, OutputError
+from priorfill.formats.c3d.patch import WriteReport
+from priorfill.formats.recording import Recording, check_filled
+from priorfill.formats.tables.text_table import (
+    BLANKS,
+    TableRecording,
+    cells_of,
+    find_rate,
+    frame_numbers,
+    read_table,
+    split_lines,
+    texts_of,
+)
+from priorfill.runtime.atomic_file import replace_file
+
+__all__ = ["create_trc", "parse_trc", "recognise_trc"]
+
+_HEADER_WITHIN = 30
+"""Lines among which the header is looked for."""
+
+_FIRST = 2
+"""Cell of the first coordinate, after frame and time."""
+
+_DECIMALS = 6
+"""Decimals of a new file: nanometres; 32 bit floats, as C3D has them, are coarser."""
+
+_STEP = 10.0**-_DECIMALS
+
+
+def recognise_trc(head: bytes) -> bool:
+    """Tell by a file's first bytes if it is TRC."""
+    return re.search(rb"^(PathFileType|DataRate)[ \t]", head, re.MULTILINE) is not None
+
+
+def parse_trc(data: bytes, name: str) -> TableRecording:
+    """Read a TRC file's contents.
+
+    Raises
+    ------
+    FormatError
+        Where it is not TRC, or damaged.
+    """
+    lines = split_lines(data, name)
+    names_row = _names_row(lines, name)
+    rows = [
+        row
+        for row in range(names_row + 1, len(lines))
+        if lines[row].strip() and lines[row].strip()[:1] not in b"Xx"
+    ]
+    if not rows:
+        raise FormatError(f"{name}: has no frames after line {names_row + 1}; export it again")
+    delimiter = b"\t" if b"\t" in lines[rows[0]] else BLANKS
+    labels, columns = _markers(lines, names_row, rows[0], delimiter, name)
+    positions, table = read_table(lines, rows, columns, labels, delimiter, name)
+    header = _header(lines, names_row)
+    cells = [cells_of(lines[row], delimiter) for row in rows]
+    first, notes = frame_numbers([row_cells[0] for row_cells in cells], rows, name)
+    for key, has, what in (
+        ("numframes", len(rows), "frames"),
+        ("nummarkers", len(labels), "markers"),
+    ):
+        said = _float(header.get(key))
+        if said is not None and said != has:
+            notes.append(f"The header says {said:g} {what}; there are {has}.")
+    times = [row_cells[1] for row_cells in cells if len(row_cells) > 1]
+    rate, of_rate = find_rate(_float(header.get("datarate")), times, name)
+    return TableRecording(
+        Recording(
+            positions,
+            tuple(labels),
+            rate,
+            header.get("units", ""),
+            first_frame=first,
+            usual_up="+Y",
+            notes=(*notes, *of_rate),
+        ),
+        table,
+    )
+
+
+def create_trc(
+    path: Path | str,
+    clip: Clip,
+    filled: NDArray[np.bool_] | None = None,
+    *,
+    overwrite: bool = False,
+) -> WriteReport:
+    """Write a clip as a new TRC file, in mm and the clip's own axes; missing cells are blank.
+
+    Parameters
+    ----------
+    path : Path or str
+        The file to write.
+    clip : Clip
+        The clip.
+    filled : ndarray [shape=(frames, markers), bool] or None
+        Which samples were filled; the file does not tell them from others.
+    overwrite : bool
+        Replace an existing file.
+
+    Raises
+    ------
+    OutputError
+        If the file exists already or cannot be written, or a filled sample has no position.
+    """
+    written = check_filled(clip, filled)
+    for label in clip.labels:
+        if not label or set(label) & set("\t\r\n"):
+            raise OutputError(
+                f"{clip.name}: marker {label!r} cannot be named in a TRC file; rename it"
+            )
+    rate = f"{clip.rate:.12g}"
+    count, frames = len(clip.labels), clip.frames
+    head = [
+        f"PathFileType\t4\t(X/Y/Z)\t{Path(path).name}",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits"
+        "\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+        f"{rate}\t{rate}\t{frames}\t{count}\tmm\t{rate}\t{clip.first_frame}\t{frames}",
+        "Frame#\tTime\t" + "\t\t\t".join(clip.labels) + "\t\t",
+        "\t\t" + "\t".join(f"X{n}\tY{n}\tZ{n}" for n in range(1, count + 1)),
+        "",
+    ]
+    positions = clip.positions.copy()
+    at_origin = written & (np.abs(positions).max(axis=2) < _STEP)
+    positions[at_origin] = (0, 0, _STEP)  # all zeros would read as missing
+    body = [
+        f"{clip.first_frame + frame}\t{frame / clip.rate:.{_DECIMALS}f}\t"
+        + "\t".join("" if value != value else f"{value:.{_DECIMALS}f}" for value in row)
+        for frame, row in enumerate(positions.reshape(frames, -1).tolist())
+    ]
+    with replace_file(path, overwrite=overwrite) as temporary:
+        temporary.write_bytes("".join(f"{line}\r\n" for line in head + body).encode())
+        again = parse_trc(temporary.read_bytes(), temporary.name).recording
+        if again.labels != clip.labels or not np.allclose(
+            again.positions, clip.positions, rtol=0, atol=2 * _STEP, equal_nan=True
+        ):
+            raise OutputError(
+                f"{path}: what was written there is not what should be; "
+                "check the folder's permissions and space"
+            )
+    worst = np.abs(again.positions - clip.positions)[written]
+    return WriteReport(samples=int(written.sum()), worst_error_mm=float(worst.max(initial=0.0)))
+
+
+def _names_row(lines: list[bytes], name: str) -> int:
+    """Return the line that names the markers."""
+    for row, line in enumerate(lines[:_HEADER_WITHIN]):
+        if re.match(rb"(\xef\xbb\xbf)?\s*Frame#?\s", line, re.IGNORECASE):
+            return row
+    raise FormatError(
+        f"{name}: has no line 'Frame# Time ...' among its first {_HEADER_WITHIN}; it is no TRC file"
+    )
+
+
+def _header(lines: list[bytes], names_row: int) -> dict[str, str]:
+    """Return what the header says, by name in lower case."""
+    for row in range(names_row - 1):
+        delimiter = b"\t" if b"\t" in lines[row] else BLANKS
+        keys = [key.lower() for key in texts_of(lines[row], delimiter)]
+        if "datarate" in keys:
+            values = texts_of(lines[row + 1], delimiter)
+            if len(values) < len(keys):  # some programs separate a part of the values by blanks
+                values = texts_of(lines[row + 1], BLANKS)
+            return dict(zip(keys, values, strict=False))
+    return {}
+
+
+def _markers(
+    lines: list[bytes], names_row: int, first_row: int, delimiter: bytes, name: str
+) -> tuple[list[str], list[list[int]]]:
+    """Return the markers' names and the cells of their coordinates."""
+    line = lines[names_row]
+    cells = texts_of(line, b"\t" if b"\t" in line else BLANKS)
+    places = [cell for cell in range(_FIRST, len(cells)) if cells[cell]]
+    labels = [cells[place] for place in places]
+    if not labels:
+        raise FormatError(f"{name}: line {names_row + 1} names no markers; export it again")
+    # a name stands above its X; names without gaps between them are told by their order
+    spread = len(places) > 1 and min(np.diff(places)) >= 3
+    starts = places if spread and delimiter else [_FIRST + 3 * k for k in range(len(labels))]
+    width = len(cells_of(lines[first_row].rstrip(), delimiter))
+    if width > starts[-1] + 3:
+        raise FormatError(
+            f"{name}: line {first_row + 1} has {width} cells, but line {names_row + 1} names "
+            f"{len(labels)} markers, which take {starts[-1] + 3}; name all markers"
+        )
+    return labels, [[start, start + 1, start + 2] for start in starts]
+
+
+def _float(text: str | None) -> float | None:
+    """Return a finite number, None where the text is none."""
+    try:
+        value = float((text or "").replace(",", "."))
+    except ValueError:
+        return None
+    return value if np.isfinite(value) else None

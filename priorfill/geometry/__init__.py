@@ -1,0 +1,1 @@
+"""Geometry of markers and poses, on arrays only."""

@@ -1,0 +1,196 @@
+"""Root frames: the position and heading taken out of a pose before poses are compared.
+
+A root frame is estimated from a group of markers that hold their shape (pelvis, thorax, head,
+or whatever lies near a gap) by aligning them with a template of that group. Two kinds are used:
+*heading* takes out the position and the rotation about the vertical only, as [B11]_ does, so that
+a lying body stays lying; *rigid* takes out the whole rotation, as is fit where the group turns
+over together with the markers to be predicted.
+
+All coordinates here are upright: mm, z up.
+
+References
+----------
+.. [B11] Baumann, Krüger, Zinke and Weber, Data-driven completion of motion capture data,
+   VRIPHYS 2011, section 4.1.
+.. [K76] Kabsch, A solution for the best rotation to relate two sets of vectors, Acta
+   Crystallographica A32, 1976.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "RootFrames",
+    "RootGroup",
+    "about_vertical",
+    "heading_frames",
+    "rigid_frames",
+    "root_group",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class RootFrames:
+    """A root frame for each of a number of poses.
+
+    Attributes
+    ----------
+    origin : ndarray [shape=(frames, 3), mm]
+        The root's position.
+    rotation : ndarray [shape=(frames, 3, 3)]
+        Orthonormal; ``local = (world - origin) @ rotation``.
+    """
+
+    origin: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+
+    def to_local(self, positions: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Express positions [shape=(frames, markers, 3), mm] in the root frames."""
+        local: NDArray[np.float64] = (positions - self.origin[:, None, :]) @ self.rotation
+        return local
+
+    def to_world(self, positions: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Express positions given in the root frames in the world's [shape as given, mm]."""
+        turned: NDArray[np.float64] = positions @ np.swapaxes(self.rotation, 1, 2)
+        return turned + self.origin[:, None, :]
+
+
+@dataclass(frozen=True, eq=False)
+class RootGroup:
+    """Markers that give a root frame, and the shape that they are aligned with.
+
+    Attributes
+    ----------
+    markers : tuple of int
+        Indices of the group's markers.
+    template : ndarray [shape=(markers of the group, 3), mm]
+        The group's shape in a pose of heading 0.
+    """
+
+    markers: tuple[int, ...]
+    template: NDArray[np.float64]
+
+    def frames(self, positions: NDArray[np.floating]) -> RootFrames:
+        """Root frames of poses [shape=(frames, all markers, 3), mm] by heading."""
+        points = np.asarray(positions[:, list(self.markers)], dtype=np.float64)
+        return heading_frames(points, self.template)
+
+    def among(self, markers: NDArray[np.intp]) -> RootGroup:
+        """Return the group for poses of some markers only, which ascend; its own are among them."""
+        columns = np.searchsorted(markers, self.markers)
+        return RootGroup(tuple(int(c) for c in columns), self.template)
+
+
+def _centred(
+    points: NDArray[np.float64], template: NDArray[np.float64], weights: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the weighted centroids, and points and template about theirs."""
+    share = weights / weights.sum()
+    origin = np.einsum("g,fgi->fi", share, points)
+    return origin, points - origin[:, None, :], template - share @ template
+
+
+def about_vertical(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotations of root frames with some headings.
+
+    Parameters
+    ----------
+    angle : ndarray [shape=(frames,), rad]
+        Headings.
+
+    Returns
+    -------
+    ndarray [shape=(frames, 3, 3)]
+        ``world = local @ rotation.T``.
+    """
+    rotation = np.zeros((len(angle), 3, 3))
+    rotation[:, 0, 0] = rotation[:, 1, 1] = np.cos(angle)
+    rotation[:, 1, 0] = np.sin(angle)
+    rotation[:, 0, 1] = -np.sin(angle)
+    rotation[:, 2, 2] = 1.0
+    return rotation
+
+
+def heading_frames(
+    points: NDArray[np.float64],
+    template: NDArray[np.float64],
+    weights: NDArray[np.float64] | None = None,
+) -> RootFrames:
+    """Root frames by position and heading.
+
+    The heading is the rotation about the vertical that brings the group's horizontal
+    coordinates nearest to the template's, in closed form.
+
+    Parameters
+    ----------
+    points : ndarray [shape=(frames, group, 3), mm]
+        The group's markers, upright, none missing.
+    template : ndarray [shape=(group, 3), mm]
+        Their shape in heading 0.
+    weights : ndarray [shape=(group,)], optional
+        How much each marker counts; all the same by default.
+
+    Returns
+    -------
+    RootFrames
+        The origin is the weighted centroid.
+    """
+    if weights is None:
+        weights = np.ones(len(template))
+    origin, centred, shape = _centred(points, template, weights)
+    x, y = centred[..., 0], centred[..., 1]  # (frames, group)
+    sine = (y * shape[:, 0] - x * shape[:, 1]) @ weights
+    cosine = (x * shape[:, 0] + y * shape[:, 1]) @ weights
+    return RootFrames(origin, about_vertical(np.arctan2(sine, cosine)))
+
+
+def rigid_frames(
+    points: NDArray[np.float64],
+    template: NDArray[np.float64],
+    weights: NDArray[np.float64] | None = None,
+) -> RootFrames:
+    """Root frames by position and full rotation: weighted Kabsch [K76]_.
+
+    Parameters, return value and conventions are those of `heading_frames`. Reflections are
+    excluded, so fewer than three markers, or markers in line, leave a rotation free; it is
+    then the one that the singular value decomposition happens to give.
+    """
+    if weights is None:
+        weights = np.ones(len(template))
+    origin, centred, shape = _centred(points, template, weights)
+    covariance = np.einsum("g,fgi,gj->fij", weights, centred, shape)
+    u, _, vt = np.linalg.svd(covariance)
+    # a negative determinant would be a reflection: turn the least certain axis round
+    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
+    return RootFrames(origin, u @ vt)
+
+
+def root_group(positions: NDArray[np.float64], markers: Sequence[int]) -> RootGroup | None:
+    """Make a root group: learn the markers' shape from the poses in which all are valid.
+
+    Parameters
+    ----------
+    positions : ndarray [shape=(frames, all markers, 3), mm]
+        A clip, upright.
+    markers : sequence of int
+        The group's markers.
+
+    Returns
+    -------
+    RootGroup or None
+        None where no pose has all of them. The template is the mean of the poses after
+        turning each to the first one's heading; heading 0 is therefore arbitrary, and turns
+        with the clip.
+    """
+    points = positions[:, list(markers)]
+    points = points[~np.isnan(points[..., 0]).any(axis=1)]
+    if len(points) == 0:
+        return None
+    template = points[0] - points[0].mean(axis=0)
+    turned = heading_frames(points, template).to_local(points)
+    return RootGroup(tuple(int(m) for m in markers), turned.mean(axis=0))

@@ -1,0 +1,1 @@
+"""Marker sets: segments, reliable markers, mirror pairs, root frames."""

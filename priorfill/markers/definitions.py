@@ -1,0 +1,338 @@
+"""Read marker-set definitions (TOML) and recognise a set by its labels."""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, cast
+
+from priorfill.errors import MarkerSetError
+from priorfill.markers.marker_set import (
+    Joint,
+    MarkerSet,
+)
+from priorfill.runtime.resources import resource_path
+
+__all__ = ["available", "load", "recognise"]
+
+MIN_SET_SHARE = 0.4
+"""A set is recognised if at least this share of its markers is in the clip: the legs of a
+full-body set, 16 of 39 markers, still count."""
+
+
+MIN_CLIP_SHARE = 0.6
+"""A set is recognised if it knows at least this share of the clip's markers."""
+
+
+ENV_FOLDER = "PRIORFILL_MARKERSETS"
+"""Environment variable that names a folder with a user's definitions."""
+
+
+JOINT_POINTS = 3
+"""Points of an angle: above the joint, the joint, below it."""
+
+
+MIRROR_RULE = "L/R"
+"""The mirror rule of definition files: L... and R... are mirror images."""
+
+
+_KEYS = {
+    *("name", "title", "source", "root_segments", "mirror", "midline", "markers", "aliases"),
+    "joints",
+}
+
+
+_MARKER_KEYS = {"segment", "reliable", "optional"}
+
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+
+
+def load(name_or_path: str | Path) -> MarkerSet:
+    """Return a marker set by name, or read it from a definition file.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        Name of one of `available`, or the path of a ``.toml`` file.
+
+    Raises
+    ------
+    MarkerSetError
+        Where there is no such set, or its definition is malformed.
+    """
+    path = Path(name_or_path)
+    if path.suffix == ".toml" or len(path.parts) > 1:
+        return _read(path)
+    sets = available()
+    if str(name_or_path) not in sets:
+        raise MarkerSetError(
+            f"marker set {name_or_path} is unknown; use one of {', '.join(sorted(sets))}, "
+            "or the path of a definition file"
+        )
+    return sets[str(name_or_path)]
+
+
+def available() -> dict[str, MarkerSet]:
+    """Return every marker set that is found, by name; a user's go before shipped ones.
+
+    Raises
+    ------
+    MarkerSetError
+        Where a definition is malformed, or the folder named by `PRIORFILL_MARKERSETS` is not
+        there.
+    """
+    sets: dict[str, MarkerSet] = {}
+    for folder in _folders():
+        here: dict[str, Path] = {}
+        for path in sorted(folder.glob("*.toml")):
+            markerset = _read(path)
+            if markerset.name in here:
+                raise MarkerSetError(
+                    f"{path}: has the name {markerset.name} of {here[markerset.name].name}; "
+                    "give it another one"
+                )
+            here[markerset.name] = path
+            sets.setdefault(markerset.name, markerset)
+    return sets
+
+
+def recognise(labels: Sequence[str]) -> MarkerSet | None:
+    """Return the marker set that a clip's labels belong to.
+
+    The one that shares the most with the clip (Dice coefficient), if it knows at least
+    `MIN_CLIP_SHARE` of the clip's markers and at least `MIN_SET_SHARE` of its own, optional ones
+    apart, are in the clip.
+
+    Parameters
+    ----------
+    labels : sequence of str
+        The clip's labels without subject prefix.
+
+    Returns
+    -------
+    MarkerSet or None
+        As defined, with all its markers; None where nothing fits.
+
+    Raises
+    ------
+    MarkerSetError
+        Where a definition file is malformed.
+    """
+    best: MarkerSet | None = None
+    best_score = 0.0
+    for _, markerset in sorted(available().items()):
+        match = markerset.match(labels)
+        needed = [label for label in markerset.labels if label not in markerset.optional]
+        found = sum(label not in markerset.optional for label in match.values())
+        if found < MIN_SET_SHARE * len(needed) or len(match) < MIN_CLIP_SHARE * len(labels):
+            continue
+        score = 2 * found / (len(needed) + len(labels))
+        if score > best_score:
+            best, best_score = markerset, score
+    return best
+
+
+def _folders() -> list[Path]:
+    folders = []
+    named = os.environ.get(ENV_FOLDER)
+    if named:
+        folder = Path(named)
+        if not folder.is_dir():
+            raise MarkerSetError(
+                f"{folder}: is not a folder; set {ENV_FOLDER} to one with marker-set definitions"
+            )
+        folders.append(folder)
+    config = os.environ.get("XDG_CONFIG_HOME")
+    folder = (Path(config) if config else Path.home() / ".config") / "priorfill" / "markersets"
+    if folder.is_dir():
+        folders.append(folder)
+    folders.append(resource_path("markersets"))
+    return folders
+
+
+def _read(path: Path) -> MarkerSet:
+    try:
+        stamp = path.stat().st_mtime_ns
+    except OSError as error:
+        raise MarkerSetError(
+            f"{path}: cannot be read ({error.strerror}); check the path of the definition"
+        ) from error
+    return _read_cached(path, stamp)
+
+
+@lru_cache(maxsize=256)
+def _read_cached(path: Path, stamp: int) -> MarkerSet:
+    """Read a definition; `stamp` is its time of change, so that an edited file is read again."""
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise MarkerSetError(
+            f"{path}: cannot be read ({error.strerror}); check the file's permissions"
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        reason = str(error).splitlines()[0]
+        raise MarkerSetError(f"{path}: is not valid TOML: {reason}; correct the file") from error
+    return _parse(content, path)
+
+
+def _parse(content: dict[str, Any], path: Path) -> MarkerSet:
+    """Return the set that a definition's content makes, checked."""
+    for key in sorted(set(content) - _KEYS):
+        raise MarkerSetError(
+            f"{path}: key {key} is unknown; use {', '.join(sorted(_KEYS))} (see README.md)"
+        )
+    name = _text(content, "name", path, required=True)
+    if not _NAME.fullmatch(name):
+        raise MarkerSetError(
+            f"{path}: name {name!r} is unfit; use letters, digits, '-', '_' and '.'"
+        )
+    table = content.get("markers")
+    if not isinstance(table, dict) or not table:
+        raise MarkerSetError(f"{path}: has no markers; add a table [markers] of labels")
+    segment: dict[str, str] = {}
+    reliable: dict[str, bool] = {}
+    optional: set[str] = set()
+    for label, entry in table.items():
+        if not isinstance(entry, dict) or not isinstance(entry.get("segment"), str):
+            raise MarkerSetError(
+                f"{path}: marker {label} has no segment; "
+                f'write {label} = {{ segment = "...", reliable = true }}'
+            )
+        for key in sorted(set(entry) - _MARKER_KEYS):
+            raise MarkerSetError(
+                f"{path}: marker {label} has the unknown key {key}; "
+                f"use {', '.join(sorted(_MARKER_KEYS))}"
+            )
+        for key in ("reliable", "optional"):
+            if not isinstance(entry.get(key, False), bool):
+                raise MarkerSetError(
+                    f"{path}: marker {label} has {key} = {entry[key]!r}; write true or false"
+                )
+        segment[label] = entry["segment"]
+        reliable[label] = entry.get("reliable", False)
+        if entry.get("optional", False):
+            optional.add(label)
+    roots = _texts(content, "root_segments", path)
+    for root in roots:
+        if root not in segment.values():
+            raise MarkerSetError(
+                f"{path}: root segment {root} has no markers; "
+                f"use some of {', '.join(sorted(set(segment.values())))}"
+            )
+    if not roots:
+        raise MarkerSetError(
+            f"{path}: has no root_segments; list the segments that can carry the root frame"
+        )
+    return MarkerSet(
+        name=name,
+        labels=tuple(segment),
+        segment=segment,
+        reliable=reliable,
+        mirror=_parse_mirror(content, path, segment),
+        root_segments=roots,
+        title=_text(content, "title", path, required=True),
+        source=_text(content, "source", path, required=False),
+        aliases=_parse_aliases(content, path, segment),
+        optional=frozenset(optional),
+        joints=_parse_joints(content, path, segment),
+    )
+
+
+def _parse_mirror(content: dict[str, Any], path: Path, labels: Mapping[str, str]) -> dict[str, str]:
+    rule = content.get("mirror", {})
+    mirror: dict[str, str] = {}
+    if rule == MIRROR_RULE:
+        for label in labels:
+            if label[0] == "L" and "R" + label[1:] in labels:
+                mirror |= {label: "R" + label[1:], "R" + label[1:]: label}
+    elif isinstance(rule, dict):
+        for label, other in rule.items():
+            for one in (label, other):
+                _check_known(one, labels, "mirror", path)
+            if mirror.get(label, other) != other or mirror.get(other, label) != label:
+                raise MarkerSetError(
+                    f"{path}: [mirror] gives {label} or {other} two mirror images; leave one"
+                )
+            mirror |= {label: other, other: label}
+    else:
+        raise MarkerSetError(
+            f'{path}: mirror = {rule!r} is unknown; write mirror = "{MIRROR_RULE}" or a table'
+        )
+    for label in _texts(content, "midline", path):
+        _check_known(label, labels, "midline", path)
+        if mirror.get(label, label) != label:
+            raise MarkerSetError(
+                f"{path}: {label} is in midline but mirrors onto {mirror[label]}; leave one"
+            )
+        mirror[label] = label
+    return mirror
+
+
+def _parse_aliases(
+    content: dict[str, Any], path: Path, labels: Mapping[str, str]
+) -> dict[str, str]:
+    table = content.get("aliases", {})
+    if not isinstance(table, dict):
+        raise MarkerSetError(f'{path}: aliases is no table; write [aliases] and LABEL = ["..."]')
+    aliases: dict[str, str] = {}
+    for label in table:
+        _check_known(label, labels, "aliases", path)
+        for alias in _texts(table, label, path):
+            if alias in labels or aliases.get(alias, label) != label:
+                raise MarkerSetError(
+                    f"{path}: alias {alias} of {label} is another marker too; take it out"
+                )
+            aliases[alias] = label
+    return aliases
+
+
+def _parse_joints(
+    content: dict[str, Any], path: Path, labels: Mapping[str, str]
+) -> dict[str, Joint]:
+    table = content.get("joints", {})
+    if not isinstance(table, dict):
+        raise MarkerSetError(
+            f'{path}: joints is no table; write [joints] and NAME = [["..."], ["..."], ["..."]]'
+        )
+    joints: dict[str, Joint] = {}
+    for name, points in table.items():
+        lists = isinstance(points, list) and all(
+            isinstance(point, list) and point and all(isinstance(m, str) for m in point)
+            for point in points
+        )
+        if not lists or len(points) != JOINT_POINTS:
+            raise MarkerSetError(
+                f"{path}: joint {name} is not three lists of markers; "
+                'write [["HIP"], ["KNEE"], ["ANKLE"]]'
+            )
+        for point in points:
+            for label in point:
+                _check_known(label, labels, "joints", path)
+        joints[name] = cast(Joint, tuple(tuple(point) for point in points))
+    return joints
+
+
+def _check_known(label: object, labels: Mapping[str, str], where: str, path: Path) -> None:
+    if label not in labels:
+        raise MarkerSetError(
+            f"{path}: {where} names {label}, which is not in [markers]; correct the label"
+        )
+
+
+def _text(content: dict[str, Any], key: str, path: Path, *, required: bool) -> str:
+    value = content.get(key, "")
+    if not isinstance(value, str) or (required and not value):
+        raise MarkerSetError(f'{path}: has no {key}; write {key} = "..."')
+    return value
+
+
+def _texts(content: dict[str, Any], key: str, path: Path) -> tuple[str, ...]:
+    value = content.get(key, [])
+    if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+        raise MarkerSetError(f'{path}: {key} is no list of names; write {key} = ["...", "..."]')
+    return tuple(value)

@@ -1,0 +1,1 @@
+"""The parts of the method ``prior``; `priorfill.methods.gpr.gpr_fill` joins them."""

@@ -1,0 +1,1 @@
+"""Training data and ensembles for a gap segment."""

@@ -1,1 +1,0 @@
-"""The parts of the method ``prior``; `priorfill.methods.prior.regression_prior` joins them."""

@@ -1,0 +1,1 @@
+"""Threads, worker processes, resource files, and files written atomically."""

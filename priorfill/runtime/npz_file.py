@@ -1,0 +1,52 @@
+"""Write arrays as a NumPy archive (.npz), for programs that calculate on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from priorfill.runtime.atomic_file import replace_file
+
+__all__ = ["create_npz", "save_arrays"]
+
+
+def create_npz(path: Path | str, arrays: Mapping[str, Any], *, overwrite: bool = False) -> None:
+    """Write named arrays, compressed; the same arrays give the same bytes.
+
+    Parameters
+    ----------
+    path : Path or str
+        The file to write.
+    arrays : mapping of str to array_like
+        Numbers and texts: what can be read again without unpickling.
+    overwrite : bool
+        Replace an existing file.
+
+    Raises
+    ------
+    OutputError
+        If the file exists already or cannot be written.
+    ValueError
+        If something is neither number nor text.
+    """
+    with replace_file(path, overwrite=overwrite) as temporary:
+        save_arrays(temporary, arrays)
+
+
+def save_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
+    """Write named arrays, as `create_npz` does, into a file that may be torn.
+
+    Raises
+    ------
+    ValueError
+        If something is neither number nor text.
+    """
+    ready = {name: np.asarray(value) for name, value in arrays.items()}
+    for name, array in ready.items():
+        if array.dtype.kind not in "biufU":
+            raise ValueError(f"{name} is of type {array.dtype}; give numbers or texts")
+    with path.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **ready)

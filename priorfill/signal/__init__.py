@@ -1,0 +1,1 @@
+"""Trajectories over time: resampling, smoothing, interpolation."""

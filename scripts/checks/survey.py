@@ -1,0 +1,273 @@
+#!/usr/bin/env python
+"""Whether priorfill can read, fill and write back every C3D file below a folder.
+
+    python scripts/checks/survey.py FOLDER [--method linear] [--gap 0.25] [--seconds 60] [--memory
+    2]
+
+Each file is read, a gap is cut into the marker that is seen longest, and this and the file's own
+gaps are filled. The result is written and compared with the file: outside the records of the
+filled samples no byte may differ; what is read back must be what was filled, and every other sample
+what it was. Then ezc3d reads the result too, where it can read the file. Each file has a
+process of its own, which may take so many seconds and so many GB: a file that hangs or crashes
+a reader is a line in the table, not the end of the survey. Exit status 1 if a file failed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+import tempfile
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import ezc3d
+import numpy as np
+
+from priorfill.clip import Clip
+from priorfill.errors import PriorfillError
+from priorfill.filling.fill_clip import fill
+from priorfill.formats import read_c3d, write_c3d
+from priorfill.formats.c3d.layout import parse_layout, read_points
+from priorfill.runtime.worker import DONE, Worker
+
+STEPS = ("read", "filled", "byte-exact", "read back", "ezc3d agrees")
+"""What is done with a file, in this order; the last only where ezc3d can read the file."""
+
+FLOAT_ERROR = 1e-6
+"""Largest relative error of a coordinate stored in 32 bits, a few times over: units are turned."""
+
+PRELOADED = (
+    "ezc3d",
+    "priorfill.filling.fill_clip",
+    "priorfill.formats",
+    "priorfill.methods.interpolation",
+)
+"""Modules that a new process finds imported: a file then costs hundredths of a second."""
+
+OFF_ORIGIN = 2e-6
+"""File units by which a sample at the very origin is moved, lest it read as missing."""
+
+
+class Job(NamedTuple):
+    """A file to survey, and how."""
+
+    path: Path
+    output: Path
+    method: str
+    gap: float
+
+
+@dataclass(frozen=True)
+class Row:
+    """How far a file came.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    passed : tuple of str
+        The steps that went well.
+    skipped : str
+        Why ezc3d was not asked; empty if it was, or if an earlier step failed.
+    failure : str
+        What went wrong; empty if nothing did.
+    samples : int
+        Samples written.
+    """
+
+    path: Path
+    passed: tuple[str, ...]
+    skipped: str = ""
+    failure: str = ""
+    samples: int = 0
+
+
+def survey_file(job: Job) -> Row:
+    """Read, fill, write and compare a file."""
+    passed: list[str] = []
+    try:
+        clip = read_c3d(job.path)
+        passed.append("read")
+        result = fill(_with_gap(clip, job.gap), method=job.method)
+        passed.append("filled")
+        write_c3d(job.output, result.clip, result.filled)
+    except PriorfillError as error:
+        return Row(job.path, tuple(passed), failure=str(error))
+    samples = int(result.filled.sum())
+    if not _same_outside(job, clip, result.filled):
+        return Row(job.path, tuple(passed), failure="bytes outside the filled samples differ")
+    passed.append("byte-exact")
+    back = read_c3d(job.output)
+    fault = _fault(clip, result.clip, result.filled, back, job.output)
+    if fault:
+        return Row(job.path, tuple(passed), failure=fault)
+    return Row(job.path, (*passed, "read back"), samples=samples)
+
+
+def ask_ezc3d(job: Job) -> str:
+    """Compare what ezc3d reads of a written file with what we read; return the fault."""
+    data = job.output.read_bytes()
+    positions, residual = read_points(data, parse_layout(data, job.output.name))
+    positions[residual < 0] = np.nan
+    positions[np.isnan(positions).any(axis=2)] = np.nan
+    theirs = ezc3d.c3d(str(job.output))["data"]["points"][:3].transpose(2, 1, 0)
+    if theirs.shape != positions.shape:
+        return f"ezc3d reads {theirs.shape[:2]} frames and points of {positions.shape[:2]}"
+    theirs = np.where(np.isnan(theirs).any(axis=2, keepdims=True), np.nan, theirs)
+    same = np.array_equal(theirs, positions, equal_nan=True)
+    return "" if same else "ezc3d reads other positions than we do"
+
+
+def can_ezc3d(path: Path) -> bool:
+    """Tell if ezc3d can read a file; it may well crash over the question."""
+    try:
+        return bool(ezc3d.c3d(str(path))["data"]["points"].shape[2])
+    except Exception:  # its C++ side raises whatever it likes
+        return False
+
+
+def _with_gap(clip: Clip, seconds: float) -> Clip:
+    """Take samples out of the middle of the longest run in which a marker is seen."""
+    longest, where, middle = 0, 0, 0
+    for marker in range(len(clip.labels)):
+        seen = np.flatnonzero(np.diff(np.r_[True, clip.missing[:, marker], True].astype(np.int8)))
+        for start, stop in zip(seen[::2], seen[1::2], strict=True):
+            if stop - start > longest:
+                longest, where, middle = stop - start, marker, (start + stop) // 2
+    length = min(max(1, round(seconds * clip.rate)), longest - 2)
+    if length < 1:
+        return clip
+    positions = clip.positions.copy()
+    start = middle - length // 2
+    positions[start : start + length, where] = np.nan
+    return clip.with_positions(positions)
+
+
+def _same_outside(job: Job, clip: Clip, filled: np.ndarray) -> bool:
+    """Tell if a written file is its source in every byte but those of the filled samples."""
+    before, after = job.path.read_bytes(), job.output.read_bytes()
+    if len(before) != len(after):
+        return False
+    layout = parse_layout(before, job.path.name)
+    frames, markers = np.nonzero(filled)
+    points = np.asarray(clip.source.points)[markers]
+    changed = np.frombuffer(before, np.uint8) != np.frombuffer(after, np.uint8)
+    places = layout.record_offsets(frames, points)[:, None] + np.arange(layout.record_bytes)
+    changed[places] = False
+    return not changed.any()
+
+
+def _fault(clip: Clip, wanted: Clip, filled: np.ndarray, back: Clip, output: Path) -> str:
+    """Return in what the file that was read back differs from what was filled."""
+    if back.labels != clip.labels or back.first_frame != clip.first_frame:
+        return "other markers or frames are read back"
+    if not np.array_equal(back.positions[~filled], clip.positions[~filled], equal_nan=True):
+        return "a sample that was not filled is read back as another"
+    layout = parse_layout(output.read_bytes(), output.name)
+    off = np.abs(back.positions[filled] - wanted.positions[filled])
+    allowed = np.full_like(off, layout.scale * clip.source.mm_per_unit)
+    if layout.is_float:
+        allowed = np.abs(wanted.positions[filled]) * FLOAT_ERROR
+        allowed += OFF_ORIGIN * clip.source.mm_per_unit
+    return "" if (off <= allowed).all() else "a filled sample is read back elsewhere"
+
+
+def survey(
+    paths: Iterable[Path], *, method: str, gap: float, seconds: float, memory: int
+) -> list[Row]:
+    """Survey files, each in a process of its own."""
+    rows = []
+    limits = {"seconds": seconds, "memory": memory, "fresh": True, "preload": PRELOADED}
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        Worker(survey_file, **limits) as ours,
+        Worker(ask_ezc3d, **limits) as theirs,
+        Worker(can_ezc3d, **limits) as able,
+    ):
+        for path in paths:
+            job = Job(path, Path(folder) / f"out{path.suffix.lower()}", method, gap)
+            outcome = ours.do(job)
+            if outcome.kind != DONE:
+                rows.append(Row(path, (), failure=f"{outcome.kind}: {outcome.value}"))
+                job.output.unlink(missing_ok=True)
+                continue
+            row: Row = outcome.value
+            if not row.failure:
+                outcome = theirs.do(job)
+                fault = outcome.value if outcome.kind == DONE else f"ezc3d: {outcome.value}"
+                if not fault:
+                    row = Row(path, STEPS, samples=row.samples)
+                elif able.do(path).value is True:
+                    row = Row(path, row.passed, failure=fault, samples=row.samples)
+                else:  # nor can it read the source
+                    row = Row(path, row.passed, skipped=fault, samples=row.samples)
+            rows.append(row)
+            job.output.unlink(missing_ok=True)
+    return rows
+
+
+def kind_of(row: Row) -> str:
+    """Return what went wrong without the names and numbers of the one file."""
+    text = row.failure.replace(f"{row.path.name}: ", "").replace(f"{row.path.stem}: ", "")
+    return re.sub(r"\d[\d.e+-]*", "N", text)
+
+
+def report(rows: Sequence[Row], folder: Path) -> None:
+    """Print the tables."""
+    groups = defaultdict(list)
+    for row in rows:
+        groups[str(row.path.parent.relative_to(folder))].append(row)
+    width = max(map(len, (*groups, "folder", "all")))
+    print(f"{'folder':{width}}  {'files':>5}  " + "  ".join(f"{step:>12}" for step in STEPS))
+    for name, some in (*sorted(groups.items()), ("all", rows)):
+        done = [sum(step in row.passed for row in some) for step in STEPS]
+        print(f"{name:{width}}  {len(some):5}  " + "  ".join(f"{count:12}" for count in done))
+    skipped = [row for row in rows if row.skipped]
+    failed = defaultdict(list)
+    for row in rows:
+        if row.failure:
+            failed[kind_of(row)].append(row)
+    if skipped:
+        print(f"\n{len(skipped)} files cannot be read by ezc3d, such as {skipped[0].path.name}")
+    if failed:
+        print("\nfiles  failure (the first file)")
+    for kind, some in sorted(failed.items(), key=lambda item: -len(item[1])):
+        print(f"{len(some):5}  {kind} ({some[0].path.relative_to(folder)})")
+    share = {step: sum(step in row.passed for row in rows) / max(len(rows), 1) for step in STEPS}
+    print(
+        f"\n{len(rows)} files, {sum(row.samples for row in rows)} samples filled: "
+        f"{share['read']:.1%} read, {share['byte-exact']:.1%} byte-exact, "
+        f"{share['read back']:.1%} read back as filled"
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Survey a folder."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--method", default="linear", help="what to fill with")
+    parser.add_argument("--gap", type=float, default=0.25, help="seconds to cut out")
+    parser.add_argument("--seconds", type=float, default=60, help="a file may take")
+    parser.add_argument("--memory", type=float, default=2, help="GB that a file may take")
+    options = parser.parse_args(arguments)
+    paths = sorted(p for p in options.folder.rglob("*") if p.suffix.lower() == ".c3d")
+    if not paths:
+        print(f"{options.folder}: no C3D file is below it", file=sys.stderr)
+        return 1
+    rows = survey(
+        paths,
+        method=options.method,
+        gap=options.gap,
+        seconds=options.seconds,
+        memory=int(options.memory * 2**30),
+    )
+    report(rows, options.folder)
+    return int(any(row.failure for row in rows))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

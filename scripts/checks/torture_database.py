@@ -1,0 +1,1225 @@
+#!/usr/bin/env python
+"""Kill, starve and trip writers of a prior database, and see whether anything is lost.
+
+    python scripts/checks/torture_database.py [--rounds 200] [--kind kill|full|fsync|all] [--seed 0]
+
+Two hundred small C3D files are made. Then, round by round, a process works on a database and is
+disturbed:
+
+kill    killed with SIGKILL: at a random moment from its start on, a little after some line of its
+        output, when an unfinished file (a journal, say) shows up in the database, or before,
+        within or after a random call that writes, flushes, commits, renames or removes
+full    no file may grow beyond a random size, or the database lies on a tmpfs that gets full
+fsync   one call that writes, flushes, commits, renames or removes fails (a write having written
+        half of its bytes), fails although it was done, or fails as every later one does
+
+The process is ``priorfill db add`` with all files, or a driver that removes, accepts, compacts,
+merges and adds by a random plan and prints what it has begun and what is done.
+
+After each round a reader opens the database, verifies it, and compares every clip with what an
+independent computation says it must be, bit for bit: every clip that was reported is there, a
+change that was begun is there as a whole or not at all, and nothing else is. Then the next
+writer (``db add``, or the rest of the plan) must get through. The exit status is 1 if anything
+was lost, found that should not be there, or if a disturbed process ended without a clean message.
+"""
+
+from __future__ import annotations
+
+import argparse
+import builtins
+import errno
+import io
+import json
+import os
+import random
+import re
+import resource
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import traceback
+import warnings
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from priorfill.database import PriorDatabase
+
+FILES = 200
+"""Clips that ``db add`` gets."""
+
+KEPT_FOR = 3
+"""Rounds for which one database is used before a new one is begun."""
+
+STEPS = 40
+"""Operations of a driver's plan."""
+
+PLAN_CLIPS = 24
+"""Clips that the driver begins with; every other one has gaps that it can fill."""
+
+OTHER_CLIPS = 10
+"""Clips of the database that it merges; three of them are in its own too."""
+
+RATE = 60.0
+LABELS = ("LASI", "RASI", "SACR", "C7", "LKNE", "RKNE")
+DATABASE_RATE = 30.0
+LEVELS = 3
+
+SMALL_SEGMENT = 20_000
+"""Bytes of a segment in some rounds: so the catalogue grows larger than every segment, and is what
+meets the limit of a file's size."""
+
+RESTING = re.compile(r"priorfill-database\.json|catalogue(-\d+)?\.(sqlite|seal)|segments|lock")
+"""What a database that nobody writes to consists of; anything else is unfinished."""
+
+AT_A_CALL = 0.3
+"""Share of the kills that come at a random call that writes, flushes, commits, ..., rather than at
+a random time."""
+
+COMMIT = 0.003
+"""Seconds that a commit takes, about."""
+
+PATIENCE = 120.0
+"""Seconds after which a disturbed process counts as hanging."""
+
+ADD = ("-c", "from priorfill.cli import main; main()", "db", "add", "-d")
+
+
+# --- what may fail -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What fails, and how.
+
+    Attributes
+    ----------
+    at : int
+        Number of the call that fails, from 1; 0: none.
+    late : bool
+        It fails after it was done. Otherwise it fails before, a write after half of its bytes.
+    for_ever : bool
+        Every later call fails too, before anything is done.
+    only : str
+        Count only calls that have this in their name: ``fsync``, ``sqlite commit``, ...
+    strike : callable, optional
+        Called at the call that fails, before the error is raised.
+    error : callable, optional
+        Makes the error; by default an OSError, from SQLite an OperationalError.
+    """
+
+    at: int = 0
+    late: bool = False
+    for_ever: bool = False
+    only: str = ""
+    strike: Callable[[], None] | None = None
+    error: Callable[[], BaseException] | None = None
+
+
+class Faults:
+    """Counts the calls that change a disk, and makes one of them fail.
+
+    While it is entered, functions of `os`, `open` and connections of SQLite made meanwhile are
+    not what they were.
+
+    Parameters
+    ----------
+    inside : Path
+        Only calls on paths in this folder count, and all on open files.
+    fault : Fault, optional
+        What fails; nothing by default.
+
+    Attributes
+    ----------
+    calls : int
+        Calls that were counted since `arm`.
+    struck : str
+        The call that failed; empty as long as none has.
+    """
+
+    PATHS = ("unlink", "remove", "rename", "replace", "mkdir", "rmdir", "truncate", "link")
+    HANDLES = ("fsync", "fdatasync", "ftruncate", "write", "pwrite", "sendfile", "copy_file_range")
+    STATEMENTS = ("BEGIN", "COMMIT", "INSERT", "UPDATE", "DELETE", "CREATE", "ROLLBACK", "PRAGMA U")
+
+    def __init__(self, inside: Path, fault: Fault | None = None) -> None:
+        self._inside = str(inside.resolve())
+        self._undo: list[tuple[Any, str, Any]] = []
+        self.arm(fault or Fault())
+
+    def arm(self, fault: Fault) -> None:
+        """Count from 0 again, and let this fail."""
+        self._fault: Fault | None = fault
+        self.calls = 0
+        self.struck = ""
+
+    def disarm(self) -> None:
+        """Let nothing fail any more; connections and files that were made live on."""
+        self._fault = None
+
+    def __enter__(self) -> Faults:
+        for name in self.PATHS:
+            self._patch(os, name, self._on_paths)
+        for name in self.HANDLES:
+            self._patch(os, name, self._always)
+        for module in (io, builtins):
+            self._patch(module, "open", self._opening)
+        self._patch(sqlite3, "connect", self._connecting)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for module, name, old in reversed(self._undo):
+            setattr(module, name, old)
+        self._undo.clear()
+        self.disarm()
+
+    def call(self, what: str, do: Callable[[], Any], half: Callable[[], Any] | None = None) -> Any:
+        """Do something that counts, or let it fail."""
+        fault = self._fault
+        if fault is None:
+            return do()
+        self.calls += fault.only in what
+        if self.struck and fault.for_ever:
+            raise self._raised(fault, what)
+        if self.calls != fault.at or self.struck or fault.only not in what:
+            return do()
+        if fault.late:
+            done = do()
+            if what == "open":
+                done.close()
+        elif half is not None:
+            half()
+        if fault.strike is not None:
+            fault.strike()
+        self.struck = what
+        raise self._raised(fault, what)
+
+    def _raised(self, fault: Fault, what: str) -> BaseException:
+        if fault.error is not None:
+            return fault.error()
+        if what.startswith("sqlite"):
+            return sqlite3.OperationalError("disk I/O error")
+        return OSError(errno.EIO, f"Input/output error ({what})")
+
+    def _patch(self, module: Any, name: str, wrap: Callable[[str, Any], Any]) -> None:
+        old = getattr(module, name, None)
+        if old is not None:
+            self._undo.append((module, name, old))
+            setattr(module, name, wrap(name, old))
+
+    def _is_inside(self, path: object) -> bool:
+        if not isinstance(path, (str, os.PathLike)):
+            return isinstance(path, int)
+        return os.path.realpath(path).startswith(self._inside)
+
+    def _on_paths(self, name: str, old: Any) -> Any:
+        def patched(path: Any, *more: Any, **options: Any) -> Any:
+            if not self._is_inside(path):
+                return old(path, *more, **options)
+            return self.call(name, lambda: old(path, *more, **options))
+
+        return patched
+
+    def _always(self, name: str, old: Any) -> Any:
+        return lambda *given, **options: self.call(name, lambda: old(*given, **options))
+
+    def _opening(self, name: str, old: Any) -> Any:
+        def patched(file: Any, mode: str = "r", *more: Any, **options: Any) -> Any:
+            is_counted = set(mode) & set("wxa+") and self._is_inside(file)
+            if not is_counted or isinstance(file, int):
+                return old(file, mode, *more, **options)
+            opened = self.call("open", lambda: old(file, mode, *more, **options))
+            return _File(opened, self)
+
+        return patched
+
+    def _connecting(self, name: str, old: Any) -> Any:
+        faults = self
+
+        class Connection(sqlite3.Connection):
+            """A connection whose changes count."""
+
+            def execute(self, sql: str, *more: Any) -> sqlite3.Cursor:
+                do = super().execute
+                word = sql.lstrip().upper()
+                if not word.startswith(Faults.STATEMENTS):
+                    return do(sql, *more)
+                what = f"sqlite {word.split()[0].lower()}"
+                return faults.call(what, lambda: do(sql, *more))  # type: ignore[no-any-return]
+
+            def executemany(self, sql: str, *more: Any) -> sqlite3.Cursor:
+                do = super().executemany
+                return faults.call("sqlite many", lambda: do(sql, *more))  # type: ignore[no-any-return]
+
+            def executescript(self, sql: str) -> sqlite3.Cursor:
+                do = super().executescript
+                return faults.call("sqlite script", lambda: do(sql))  # type: ignore[no-any-return]
+
+            def commit(self) -> None:
+                faults.call("sqlite commit", super().commit)
+
+        return lambda *given, **options: old(*given, **{"factory": Connection, **options})
+
+
+class _File:
+    """A file whose writes count."""
+
+    def __init__(self, file: Any, faults: Faults) -> None:
+        self._file = file
+        self._faults = faults
+
+    def write(self, data: Any) -> Any:
+        do = self._file.write
+        return self._faults.call("write", lambda: do(data), lambda: do(data[: len(data) // 2]))
+
+    def __enter__(self) -> _File:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+
+# --- clips, and what must become of them ---------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Stored:
+    """What a database must give back for a clip: bytes of all levels, and of the mask."""
+
+    positions: bytes
+    filled: bytes
+
+
+def make_clip(seed: int, *, gappy: bool = False) -> Any:
+    """Return a small clip: six markers that swing, some with a gap."""
+    from priorfill.clip import Clip
+
+    rng = np.random.default_rng([4711, seed])
+    frames = int(rng.integers(50, 90))
+    t = np.arange(frames)[:, None, None] / RATE
+    place = rng.uniform(-500, 500, (1, len(LABELS), 3))
+    speed = 2 * np.pi * rng.uniform(0.5, 2, (1, len(LABELS), 3))
+    positions = place + [0, 0, 1000] + 200 * np.sin(speed * t + rng.uniform(0, 6, place.shape))
+    if gappy:
+        positions[20:30, rng.integers(len(LABELS))] = np.nan
+    # as a file holds it: accepting a filled version must find the same samples
+    return Clip(positions.astype(np.float32), LABELS, RATE, name=f"clip{seed:03d}")
+
+
+def fill_of(clip: Any) -> tuple[Any, np.ndarray]:
+    """Return a clip with its gaps filled by straight lines, and the mask."""
+    filled = clip.missing
+    positions = clip.positions.copy()
+    frames = np.arange(clip.frames)
+    for marker in np.flatnonzero(filled.any(axis=0)):
+        known = ~filled[:, marker]
+        for i in range(3):
+            positions[:, marker, i] = np.interp(frames, frames[known], positions[known, marker, i])
+    return clip.with_positions(positions), filled
+
+
+def must_be(clip: Any, filled: np.ndarray | None = None) -> Stored:
+    """Return what a database must hold of a clip, computed without the database's code."""
+    from priorfill.geometry.axes import to_upright
+    from priorfill.signal.resample import pyramid, resample
+
+    fine = resample(to_upright(clip.positions, clip.up), clip.rate, DATABASE_RATE)
+    levels = pyramid(fine, DATABASE_RATE, LEVELS)
+    mask = np.zeros(fine.shape[:2], dtype=bool)
+    if filled is not None:
+        step = int(RATE / DATABASE_RATE)  # every sample of level 0 is one of the clip's
+        mask = filled[::step][: len(mask)] & ~np.isnan(fine[..., 0])
+    data = b"".join(level.positions.astype("<f4").tobytes() for level in levels)
+    return Stored(data, mask.tobytes())
+
+
+class WrongError(Exception):
+    """Something was lost, or is there that should not be."""
+
+
+def contents(folder: Path, known: dict[str, dict[str, Stored]]) -> dict[str, str]:
+    """Open and verify a database; return which version of each clip is there.
+
+    Parameters
+    ----------
+    folder : Path
+        The database; nothing counts as an empty one.
+    known : dict
+        For each clip's name, what its versions must be.
+
+    Raises
+    ------
+    WrongError
+        Where it cannot be opened, does not verify, or holds anything that is not known.
+    """
+    from priorfill.errors import PriorfillError
+
+    if not (folder / "priorfill-database.json").exists():
+        left = [path.name for path in folder.iterdir()] if folder.exists() else []
+        if set(left) <= {"priorfill-database.json.new"}:
+            return {}
+        raise WrongError(f"no database, but {left}")
+    found: dict[str, str] = {}
+    try:
+        with PriorDatabase.open(folder) as database:
+            problems = database.verify()
+            if problems:
+                raise WrongError("; ".join(problems))
+            for record in database.clips():
+                mask = database.filled(record)
+                if mask is None:
+                    mask = np.zeros((record.frames[0], len(record.labels)), dtype=bool)
+                data = b"".join(
+                    database.positions(record, level).tobytes() for level in range(LEVELS)
+                )
+                stored = Stored(data, mask.tobytes())
+                if record.name in found:
+                    raise WrongError(f"{record.name} is there twice")
+                for version, expected in known.get(record.name, {}).items():
+                    if stored == expected:
+                        found[record.name] = version
+                if record.name not in found:
+                    raise WrongError(f"{record.name} is not what was added, bit for bit")
+    except (PriorfillError, OSError, ValueError, KeyError) as error:
+        raise WrongError(f"{type(error).__name__}: {error}") from error
+    return found
+
+
+# --- plans of the driver -----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Step:
+    """One operation, and what the database holds before and after."""
+
+    kind: str
+    names: tuple[str, ...]
+    before: dict[str, str] = field(repr=False)
+    after: dict[str, str] = field(repr=False)
+
+    def admits(self, found: dict[str, str]) -> bool:
+        """Tell whether a database may look so when this step was begun and not reported."""
+        if self.kind == "merge":  # clip by clip
+            return all(self.after.get(name) == version for name, version in found.items()) and (
+                set(self.before) <= set(found)
+            )
+        return found in (self.before, self.after)
+
+
+def make_plan(rng: random.Random, own: dict[str, str], other: dict[str, str]) -> list[Step]:
+    """Return a random sequence of steps that all make sense."""
+    steps: list[Step] = []
+    state = dict(own)
+    pool = own | other
+    while len(steps) < STEPS:
+        gappy = sorted(name for name, version in state.items() if version == "gappy")
+        gone = sorted(set(pool) - set(state))
+        kind = rng.choice(("remove", "accept", "accept", "compact", "merge", "add", "add"))
+        after = dict(state)
+        names: tuple[str, ...] = ()
+        if kind == "remove" and len(state) > 5:
+            names = tuple(rng.sample(sorted(state), rng.randint(1, 3)))
+            for name in names:
+                del after[name]
+        elif kind == "accept" and gappy:
+            names = (rng.choice(gappy),)
+            after[names[0]] = "filled"
+        elif kind == "add" and gone:
+            names = (rng.choice(gone),)
+            after[names[0]] = pool[names[0]]
+        elif kind == "merge":
+            after = other | state
+        elif kind != "compact":
+            continue
+        steps.append(Step(kind, names, state, after))
+        state = after
+    return steps
+
+
+def drive(folder: Path, plan: Path, files: Path, other: Path) -> None:
+    """Carry out a plan and print what is begun and done (runs in a process of its own)."""
+    from priorfill import formats
+
+    with PriorDatabase.open(folder, write=True) as database:
+        for number, (kind, names) in enumerate(json.loads(plan.read_text())):
+            print("begin", number, flush=True)
+            if kind == "remove":
+                database.remove([r for r in database.clips() if r.name in names])
+            elif kind == "accept":
+                filled, mask = fill_of(formats.read(files / f"{names[0]}.c3d"))
+                database.accept(filled, mask, filled_by="straight lines")
+            elif kind == "add":
+                database.add(formats.read(files / f"{names[0]}.c3d"))
+            elif kind == "compact":
+                database.compact()
+            elif kind == "merge":
+                with PriorDatabase.open(other) as reader:
+                    database.merge(reader)
+            print("done", number, flush=True)
+
+
+def kill_myself() -> None:
+    """End at once."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def child(options: dict[str, Any], arguments: list[str]) -> None:
+    """Run the command line or a plan with faults (runs in a process of its own)."""
+    from priorfill.cli import main
+    from priorfill.database import segments
+    from priorfill.errors import PriorfillError
+
+    if options.get("segment_bytes"):
+        segments.SEGMENT_BYTES = options["segment_bytes"]
+    fault = Fault(
+        options.get("at", 0),
+        late=options.get("late", False),
+        for_ever=options.get("for_ever", False),
+        strike=kill_myself if options.get("kill") else None,
+    )
+    faults = Faults(Path(options["folder"]), fault)
+    try:
+        with faults:
+            if options.get("plan"):
+                try:
+                    drive(*(Path(options[key]) for key in ("folder", "plan", "files", "other")))
+                except (PriorfillError, OSError) as error:
+                    sys.exit(f"priorfill: {error}")
+            else:
+                main(arguments)
+    finally:
+        print(f"calls {faults.calls} {faults.struck}", file=sys.stderr)
+
+
+def is_unfinished(folder: Path) -> bool:
+    """Tell if there is anything that a database at rest has not, or two catalogues."""
+    try:
+        names = [path.name for path in folder.iterdir()]
+    except FileNotFoundError:
+        return False
+    catalogues = sum(name.endswith(".sqlite") for name in names)
+    return catalogues > 1 or not all(RESTING.fullmatch(name) for name in names)
+
+
+# --- a process, and how it is disturbed ----------------------------------------------------------
+
+
+class Fork:
+    """A copy of this process that runs something else: there in a moment, all being imported.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        Of Python, of one of the two forms that are used here.
+    prepare : callable
+        Called in the new process.
+    """
+
+    def __init__(self, arguments: Sequence[str], prepare: Callable[[], None]) -> None:
+        pipes = [os.pipe(), os.pipe()]
+        with warnings.catch_warnings():
+            # forking with threads about can hang a child that takes their locks; none does here
+            warnings.simplefilter("ignore", DeprecationWarning)
+            self._pid = os.fork()
+        if self._pid == 0:
+            self._be_another(arguments, prepare, [write for _, write in pipes])
+        for _, write in pipes:
+            os.close(write)
+        self.stdout, self.stderr = (os.fdopen(read, "rb", 0) for read, _ in pipes)
+        self._status: int | None = None
+
+    def _be_another(
+        self, arguments: Sequence[str], prepare: Callable[[], None], outputs: list[int]
+    ) -> None:
+        status: object = 1
+        try:
+            for number, name in enumerate(("stdout", "stderr"), start=1):
+                os.dup2(outputs[number - 1], number)
+                setattr(sys, name, open(number, "w", closefd=False))  # noqa: SIM115
+            prepare()
+            if arguments[0] == "-c":
+                from priorfill.cli import main
+
+                main(list(arguments[2:]))
+            else:
+                child(json.loads(arguments[2]), list(arguments[3:]))
+            status = 0
+        except SystemExit as error:
+            status = error.code or 0
+            if isinstance(status, str):
+                print(status, file=sys.stderr)
+        except BaseException:
+            traceback.print_exc()
+        with suppress(OSError):
+            sys.stdout.flush()
+            sys.stderr.flush()
+        os._exit(status if isinstance(status, int) else 1)
+
+    def poll(self) -> int | None:
+        """Return its status if it has ended."""
+        if self._status is None:
+            pid, status = os.waitpid(self._pid, os.WNOHANG)
+            if pid:
+                self._status = os.waitstatus_to_exitcode(status)
+        return self._status
+
+    def kill(self) -> None:
+        """Send SIGKILL."""
+        if self.poll() is None:
+            os.kill(self._pid, signal.SIGKILL)
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait until it has ended."""
+        end = time.monotonic() + (PATIENCE if timeout is None else timeout)
+        while (status := self.poll()) is None:
+            if time.monotonic() > end:
+                raise subprocess.TimeoutExpired("fork", PATIENCE)
+            time.sleep(0.001)
+        return status
+
+
+class Run:
+    """A process whose lines of output are collected while it runs.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        Of Python.
+    file_limit : int, optional
+        No file that it writes may be larger, bytes.
+    fork : bool
+        Whether it may be a copy of this process.
+    """
+
+    def __init__(
+        self, arguments: Sequence[str], file_limit: int | None = None, *, fork: bool = False
+    ) -> None:
+        def limit() -> None:
+            # Python ignores SIGXFSZ, so a write beyond the limit fails with EFBIG
+            if file_limit is not None:
+                resource.setrlimit(resource.RLIMIT_FSIZE, (file_limit, file_limit))
+
+        environment = dict(os.environ, PYTHONDONTWRITEBYTECODE="1")
+        environment.pop("PRIORFILL_DEBUG", None)
+        self.began = time.monotonic()
+        self._process: Any = (
+            Fork(arguments, limit)
+            if fork
+            else subprocess.Popen(
+                [sys.executable, *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                env=environment,
+                preexec_fn=limit if file_limit is not None else None,
+            )
+        )
+        self._output = b""
+        self._errors = b""
+        self._changed = threading.Condition()
+        self._readers = [
+            threading.Thread(target=self._read, args=(self._process.stdout, "_output")),
+            threading.Thread(target=self._read, args=(self._process.stderr, "_errors")),
+        ]
+        for reader in self._readers:
+            reader.start()
+
+    def _read(self, pipe: Any, name: str) -> None:
+        while data := os.read(pipe.fileno(), 65536):
+            with self._changed:
+                setattr(self, name, getattr(self, name) + data)
+                self._changed.notify()
+
+    @property
+    def lines(self) -> list[str]:
+        """Complete lines of its output so far."""
+        return self._output.decode().split("\n")[:-1]
+
+    @property
+    def errors(self) -> str:
+        """What it said on stderr."""
+        return self._errors.decode().strip()
+
+    @property
+    def runs(self) -> bool:
+        """Whether it has not ended."""
+        return self._process.poll() is None
+
+    def wait_for_lines(self, count: int, word: str = "") -> None:
+        """Return when so many lines that begin with a word are there, or it has ended."""
+
+        def enough() -> bool:
+            there = sum(line.startswith(word) for line in self.lines)
+            return there >= count or not self.runs
+
+        with self._changed:
+            while not self._changed.wait_for(enough, 1.0) and self.seconds < PATIENCE:
+                pass
+
+    def wait_for_unfinished(self, folder: Path) -> None:
+        """Return when there is a file that does not belong to a database at rest."""
+        end = self.began + PATIENCE
+        while self.runs and time.monotonic() < end:
+            if is_unfinished(folder):
+                return
+
+    def end(self, *, kill: bool = False) -> int:
+        """Wait until it has ended, and return its status."""
+        if kill:
+            self._process.kill()
+        try:
+            status = self._process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+            raise WrongError(f"hangs; {self.errors[-300:]}") from None
+        finally:
+            for reader in self._readers:
+                reader.join()
+            for pipe in (self._process.stdout, self._process.stderr):
+                assert pipe is not None
+                pipe.close()
+        return status
+
+    @property
+    def seconds(self) -> float:
+        """How long it has been there."""
+        return time.monotonic() - self.began
+
+
+def kill_some_time(run: Run, job: Job, rng: random.Random, share: float) -> bool:
+    """Kill a process at a random moment; return whether it was still at work.
+
+    Parameters
+    ----------
+    run : Run
+        The process.
+    job : Job
+        What it is about, and how long that takes if left alone.
+    rng : random.Random
+        Chooses the moment.
+    share : float
+        How much of the work is still to be done.
+    """
+    how = rng.choice(("time", "line", "file", "file"))
+    working = (job.seconds - job.starting) * share
+    if how == "time":
+        time.sleep(rng.uniform(0, job.starting + working))
+    else:
+        run.wait_for_lines(rng.randint(0, max(0, int(job.lines * share) - 2)), job.counts)
+        if how == "line":  # and then at any stage of the next piece of work
+            time.sleep(rng.uniform(0, 1.5 * (job.seconds - job.starting) / job.lines))
+        else:
+            run.wait_for_unfinished(job.folder)
+            time.sleep(rng.uniform(0, COMMIT) * rng.randint(0, 1))
+    return run.end(kill=True) == -signal.SIGKILL
+
+
+@dataclass
+class Row:
+    """A line of the table."""
+
+    title: str
+    rounds: int = 0
+    disturbed: int = 0
+    unfinished: int = 0
+    reported: int = 0
+    found: int = 0
+    skipped: str = ""
+    faults: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+
+
+class Torture:
+    """Everything that the rounds share.
+
+    Parameters
+    ----------
+    work : Path
+        An empty folder.
+    seed : int
+        Of the moments; the clips are always the same.
+    files : int
+        How many clips ``db add`` gets.
+    progress : callable, optional
+        Called with a line on what is going on.
+    mounts : bool
+        Whether to mount a tmpfs.
+    forks : bool
+        Whether the processes that are killed at a random time may be copies of this one, too.
+        Such start in a moment, but nothing disturbs that. All others are copies anyway.
+    """
+
+    def __init__(
+        self,
+        work: Path,
+        seed: int = 0,
+        files: int = FILES,
+        progress: Callable[[str], None] = lambda _: None,
+        *,
+        mounts: bool = True,
+        forks: bool = False,
+    ) -> None:
+        from priorfill import formats
+
+        self.work = work
+        self._seed = seed
+        self._say = progress
+        self._mounts = mounts
+        self._forks = forks
+        self.rows: list[Row] = []
+        self.known: dict[str, dict[str, Stored]] = {}
+        self._files = work / "files"
+        self._files.mkdir()
+        self._paths = []
+        plan_clips = min(PLAN_CLIPS, files * 2 // 3)
+        other_clips = min(OTHER_CLIPS, files - plan_clips)
+        for number in range(files):
+            path = self._files / f"clip{number:03d}.c3d"
+            formats.write(path, make_clip(number, gappy=number % 2 == 1))
+            clip = formats.read(path)
+            self.known[path.stem] = {"gappy" if number % 2 else "whole": must_be(clip)}
+            if number % 2:
+                self.known[path.stem]["filled"] = must_be(*fill_of(clip))
+            self._paths.append(path)
+        names = [path.stem for path in self._paths]
+        self.own = {name: next(iter(self.known[name])) for name in names[:plan_clips]}
+        others = names[plan_clips - 3 : plan_clips - 3 + other_clips]
+        self._other = {name: next(iter(self.known[name])) for name in others}
+        self._start, self._to_merge = work / "start", work / "other"
+        for folder, clips in ((self._start, self.own), (self._to_merge, self._other)):
+            with PriorDatabase.create(folder) as database:
+                for name in clips:
+                    database.add(formats.read(self._files / f"{name}.c3d"))
+
+    def run(self, kind: str, rounds: int) -> None:
+        """Do the rounds of ``kill``, ``full`` or ``fsync``; ``none`` disturbs nothing."""
+        if kind == "kill":
+            self._adding("SIGKILL in db add", rounds, self._killed)
+            self._planned("SIGKILL in remove, accept, compact, merge", rounds, self._killed)
+        elif kind == "full":
+            self._adding("file-size limit in db add", rounds, self._limited)
+            self._planned("file-size limit in remove, ...", rounds, self._limited)
+            if self._mounts:
+                self._adding("full tmpfs in db add", rounds, self._left_alone, on_tmpfs=True)
+        elif kind == "fsync":
+            self._adding("failing calls in db add", rounds, self._tripped)
+            self._planned("failing calls in remove, ...", rounds, self._tripped)
+        elif kind == "none":
+            self._planned("left alone", rounds, self._left_alone)
+
+    # --- how a process is disturbed: start it, return what it said and whether it was disturbed
+
+    def _killed(self, job: Job, rng: random.Random) -> tuple[Run, bool]:
+        if rng.random() < AT_A_CALL:
+            at = rng.randint(1, max(1, int(job.calls * job.share)))
+            run = Run(job.with_faults(at=at, late=rng.random() < 0.5, kill=True), fork=True)
+            return run, run.end() == -signal.SIGKILL
+        run = Run(job.plain(), fork=job.forks)
+        return run, kill_some_time(run, job, rng, job.share)
+
+    def _limited(self, job: Job, rng: random.Random) -> tuple[Run, bool]:
+        small = rng.random() < 0.5
+        largest = job.catalogue if small else max(job.bytes, job.catalogue)
+        # an empty catalogue is of some size already, and what a plan begins with
+        least = job.floor or largest // 2
+        largest = max(largest, 2 * job.floor)
+        size = rng.randint(least, largest) if rng.random() < 0.7 else rng.randint(0, largest)
+        arguments = job.with_faults(segment_bytes=SMALL_SEGMENT) if small else job.plain()
+        run = Run(arguments, size, fork=True)
+        return run, run.end() != 0
+
+    def _left_alone(self, job: Job, rng: random.Random) -> tuple[Run, bool]:
+        run = Run(job.plain(), fork=True)
+        return run, run.end() != 0
+
+    def _tripped(self, job: Job, rng: random.Random) -> tuple[Run, bool]:
+        late, for_ever = rng.choice(((False, False), (True, False), (False, True), (True, True)))
+        at = rng.randint(1, max(1, int(job.calls * job.share)))
+        run = Run(job.with_faults(at=at, late=late, for_ever=for_ever), fork=True)
+        return run, run.end() != 0
+
+    # --- rounds
+
+    def _adding(
+        self,
+        title: str,
+        rounds: int,
+        disturb: Callable[[Job, random.Random], tuple[Run, bool]],
+        *,
+        on_tmpfs: bool = False,
+    ) -> None:
+        row = Row(title)
+        self.rows.append(row)
+        rng = random.Random(f"{title} {self._seed}")
+        began = time.monotonic()
+        folder = self.work / "db"
+        mount = Mount(self.work / "tmpfs")
+        if on_tmpfs:
+            folder = mount.folder / "db"
+            row.skipped = mount.why_not()
+        files = [str(path) for path in self._paths]
+        rng.shuffle(files)
+        job = Job(folder, (*ADD, str(folder), *files), forks=self._forks)
+        if not row.skipped:
+            with mount if on_tmpfs else nullcontext():
+                job.measure()
+                shutil.rmtree(folder)
+        must: set[str] = set()
+        for number in range(0 if row.skipped else rounds):
+            if number % KEPT_FOR == 0 or len(must) == len(files) or on_tmpfs:
+                shutil.rmtree(folder, ignore_errors=True)
+                must = set()
+                rng.shuffle(files)
+                job.arguments = (*ADD, str(folder), *files)
+            row.rounds += 1
+            job.share = 1 - len(must) / len(files)
+            mount.bytes = rng.randint(20_000, job.bytes + job.catalogue)
+            try:
+                with mount if on_tmpfs else nullcontext():
+                    must = self._add_round(row, job, rng, disturb, must, mount)
+            except WrongError as error:
+                self._failed(row, number, folder, error)
+                must = set()
+            self._say(f"{title}: {row.rounds} of {rounds}, {len(row.faults)} faults")
+        row.seconds = time.monotonic() - began
+
+    def _add_round(
+        self,
+        row: Row,
+        job: Job,
+        rng: random.Random,
+        disturb: Callable[[Job, random.Random], tuple[Run, bool]],
+        must: set[str],
+        mount: Mount,
+    ) -> set[str]:
+        """Do a round; return the names of what the database must hold afterwards."""
+        run, was_disturbed = disturb(job, rng)
+        self._check_end(run, killed=disturb == self._killed)
+        row.disturbed += was_disturbed
+        files = job.arguments[len(ADD) + 1 :]
+        names = {f"added {file}": Path(file).stem for file in files}
+        reported = {names[line] for line in run.lines if line in names}
+        row.unfinished += is_unfinished(job.folder)
+        found = contents(job.folder, self.known)
+        row.reported += len(reported)
+        row.found += len(found)
+        if missing := (must | reported) - set(found):
+            raise WrongError(f"reported as added but not there: {', '.join(sorted(missing))}")
+        # the next one goes on: some that are there, some that are not
+        mount.grow()
+        there = [file for file in files if Path(file).stem in found][:2]
+        new = [file for file in files if Path(file).stem not in found][:2]
+        if not there + new:
+            return set(found)
+        after = Run((*ADD, str(job.folder), *there, *new), fork=True)
+        status = after.end()
+        if status != 0:
+            raise WrongError(f"the next db add ended with {status}: {after.errors[-400:]}")
+        wanted = [f"added {file}" for file in new]
+        if [line for line in after.lines if line in names] != wanted:
+            raise WrongError(f"the next db add said {after.lines} instead of {wanted}")
+        now = set(contents(job.folder, self.known))
+        if now != set(found) | {Path(file).stem for file in new}:
+            raise WrongError("after the next db add other clips are there than should be")
+        return now
+
+    def _planned(
+        self, title: str, rounds: int, disturb: Callable[[Job, random.Random], tuple[Run, bool]]
+    ) -> None:
+        row = Row(title)
+        self.rows.append(row)
+        rng = random.Random(f"{title} {self._seed}")
+        began = time.monotonic()
+        folder = self.work / "planned"
+        for number in range(rounds):
+            plan = make_plan(rng, self.own, self._other)
+            file = self.work / "plan.json"
+            file.write_text(json.dumps([(step.kind, step.names) for step in plan]))
+            job = Job(
+                folder,
+                options={"plan": file, "files": self._files, "other": self._to_merge},
+                start=self._start,
+            )
+            row.rounds += 1
+            try:
+                if number == 0:
+                    job.measure()
+                    measured = job
+                job.take_over(measured)
+                job.reset()
+                self._plan_round(row, job, rng, disturb, plan, file)
+            except WrongError as error:
+                self._failed(row, number, folder, error)
+            self._say(f"{title}: {row.rounds} of {rounds}, {len(row.faults)} faults")
+        row.seconds = time.monotonic() - began
+
+    def _plan_round(
+        self,
+        row: Row,
+        job: Job,
+        rng: random.Random,
+        disturb: Callable[[Job, random.Random], tuple[Run, bool]],
+        plan: list[Step],
+        file: Path,
+    ) -> None:
+        run, was_disturbed = disturb(job, rng)
+        self._check_end(run, killed=disturb == self._killed)
+        row.disturbed += was_disturbed
+        row.unfinished += is_unfinished(job.folder)
+        done = sum(line.startswith("done") for line in run.lines)
+        begun = sum(line.startswith("begin") for line in run.lines)
+        found = contents(job.folder, self.known)
+        row.reported += done
+        row.found += len(found)
+        step = plan[min(done, len(plan) - 1)]
+        fits = found == (step.before if done < len(plan) else step.after)
+        # a line may have been on its way when the process was killed
+        if not fits and not (done < len(plan) and step.admits(found)):
+            raise WrongError(
+                f"after {done} steps and in {step.kind} {step.names} ({begun} begun) there is "
+                f"{_difference(found, step.before)} against before and "
+                f"{_difference(found, step.after)} against after"
+            )
+        # the next one goes on, with what is left to do
+        rest = plan[done:]
+        if found == step.after and found != step.before:
+            rest = rest[1:]
+        file.write_text(json.dumps([(s.kind, s.names) for s in rest]))
+        after = Run(job.with_faults(), fork=True)
+        status = after.end()
+        if status != 0:
+            raise WrongError(f"the next writer ended with {status}: {after.errors[-400:]}")
+        now = contents(job.folder, self.known)
+        if now != plan[-1].after:
+            raise WrongError(f"the next writer left {_difference(now, plan[-1].after)}")
+
+    def _check_end(self, run: Run, *, killed: bool) -> None:
+        """Raise if a process that was not killed ended in disorder."""
+        status = run.end()
+        if killed:
+            return
+        bad = [text for text in ("Traceback", "a fault of priorfill") if text in run.errors]
+        if status not in (0, 1) or bad:
+            raise WrongError(f"ended with {status} and {run.errors[-600:]!r}")
+
+    def _failed(self, row: Row, number: int, folder: Path, error: WrongError) -> None:
+        kept = self.work / f"failed-{len(self.rows)}-{number}"
+        if folder.exists():
+            shutil.copytree(folder, kept)
+            shutil.rmtree(folder)
+        row.faults.append(f"round {number}: {error} (the database is kept in {kept})")
+        self._say(f"{row.title}: {row.faults[-1]}")
+
+    @property
+    def failed(self) -> bool:
+        """Whether there was a fault."""
+        return any(row.faults for row in self.rows)
+
+
+class Job:
+    """A process to be disturbed: how it is started, and what it does if left alone.
+
+    Parameters
+    ----------
+    folder : Path
+        The database.
+    arguments : tuple of str
+        Of Python, for the command line as users run it.
+    options : dict
+        Of `child`, for a plan.
+    start : Path, optional
+        Database that the folder is a copy of at the beginning.
+    forks : bool
+        Whether it may run in a copy of this process where it is killed at a random time.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        arguments: tuple[str, ...] = (),
+        options: dict[str, Any] | None = None,
+        start: Path | None = None,
+        *,
+        forks: bool = True,
+    ) -> None:
+        self.forks = forks
+        self.folder = folder
+        self.arguments = arguments
+        self._options = options or {}
+        self._start = start
+        self.counts = "added" if arguments else "done"  # how lines that count begin
+        self.share = 1.0  # how much of the work is still to be done
+        self.seconds = 0.0  # that it takes, and of them until the first line
+        self.starting = 0.0
+        self.lines = 0
+        self.calls = 0
+        self.bytes = 0  # of its largest segment, and of the catalogue
+        self.catalogue = 0
+        self.floor = 0  # of the catalogue at the beginning
+
+    def plain(self) -> list[str]:
+        """Return Python's arguments for the process as it is."""
+        return list(self.arguments) if self.arguments else self.with_faults()
+
+    def with_faults(self, **more: Any) -> list[str]:
+        """Return Python's arguments for the process with some options of `child`."""
+        options = self._options | {"folder": self.folder} | more
+        command = list(self.arguments[2:]) if self.arguments else []
+        return [__file__, "--child", json.dumps(options, default=str), *command]
+
+    def reset(self) -> None:
+        """Put the database at the beginning."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+        if self._start is not None:
+            shutil.copytree(self._start, self.folder)
+
+    def measure(self) -> None:
+        """Let the process run undisturbed: how long it takes, and what it writes."""
+        self.reset()
+        plain = Run(self.plain(), fork=self.forks)
+        plain.wait_for_lines(1)
+        self.starting = plain.seconds
+        if plain.end() != 0:
+            raise SystemExit(f"an undisturbed process failed: {plain.errors}")
+        self.seconds = plain.seconds
+        self.lines = sum(line.startswith(self.counts) for line in plain.lines)
+        if self._start is not None:
+            self.floor = max(path.stat().st_size for path in self._start.glob("*.sqlite"))
+        self.bytes = max(path.stat().st_size for path in self.folder.glob("segments/*"))
+        self.catalogue = max(path.stat().st_size for path in self.folder.glob("*.sqlite"))
+        self.reset()
+        counting = Run(self.with_faults(), fork=True)
+        if counting.end() != 0:
+            raise SystemExit(f"an undisturbed process failed: {counting.errors}")
+        self.calls = int(counting.errors.split("calls ")[-1].split()[0])
+
+    def take_over(self, other: Job) -> None:
+        """Take another job's figures for this one's."""
+        self.seconds, self.starting = other.seconds, other.starting
+        self.lines, self.calls, self.floor = other.lines, other.calls, other.floor
+        self.bytes, self.catalogue = other.bytes, other.catalogue
+
+
+class Mount:
+    """A small tmpfs, where mounting is allowed."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.bytes = 1 << 30
+        self._mounted = False
+
+    def why_not(self) -> str:
+        """Return why there can be none; empty where there can."""
+        self.folder.mkdir(exist_ok=True)
+        try:
+            with self:
+                return ""
+        except (OSError, subprocess.CalledProcessError) as error:
+            text = getattr(error, "stderr", None) or str(error)
+            return f"cannot mount a tmpfs here: {text.strip()}"
+
+    def __enter__(self) -> Mount:
+        self._mount(f"size={self.bytes}")
+        self._mounted = True
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        subprocess.run(["umount", self.folder], check=True)
+        self._mounted = False
+
+    def grow(self) -> None:
+        """Make room."""
+        if self._mounted:
+            self._mount("remount,size=1g")
+
+    def _mount(self, options: str) -> None:
+        subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", options, "priorfill-torture", self.folder],
+            check=True,
+            capture_output=True,
+            text=True,
+        )
+
+
+def _difference(found: dict[str, str], wanted: dict[str, str]) -> str:
+    """Return how two states differ, in words."""
+    parts = [
+        f"{name} {found.get(name, 'missing')} instead of {wanted.get(name, 'nothing')}"
+        for name in sorted(set(found) | set(wanted))
+        if found.get(name) != wanted.get(name)
+    ]
+    return ", ".join(parts) or "no difference"
+
+
+def print_table(rows: Sequence[Row]) -> None:
+    """Print what became of the rounds."""
+    print(
+        f"{'what':43s} {'rounds':>6s} {'disturbed':>9s} {'unfinished':>10s} {'reported':>8s} "
+        f"{'checked':>8s} {'good':>10s} {'min':>5s}"
+    )
+    for row in rows:
+        if row.skipped:
+            print(f"{row.title:43s} skipped: {row.skipped}")
+            continue
+        good = f"{row.rounds - len(row.faults)} of {row.rounds}"
+        print(
+            f"{row.title:43s} {row.rounds:6d} {row.disturbed:9d} {row.unfinished:10d} "
+            f"{row.reported:8d} {row.found:8d} {good:>10s} {row.seconds / 60:5.1f}"
+        )
+    print(
+        "disturbed: killed at work, or ended with an error; unfinished: a journal or the like was "
+        "left behind;\nreported: clips or steps that the process had said were done; checked: "
+        "clips compared bit for bit"
+    )
+    for row in rows:
+        for fault in row.faults:
+            print(f"FAULT in {row.title}, {fault}")
+
+
+def main() -> int:
+    """Run the rounds."""
+    if sys.argv[1:2] == ["--child"]:
+        child(json.loads(sys.argv[2]), sys.argv[3:])
+        return 0
+    assert __doc__ is not None
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rounds", type=int, default=200, help="of each line of the table")
+    parser.add_argument("--kind", choices=("kill", "full", "fsync", "all"), default="all")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--files", type=int, default=FILES, help="clips that db add gets")
+    parser.add_argument("--quiet", action="store_true", help="only the table")
+    arguments = parser.parse_args()
+    work = Path(tempfile.mkdtemp(prefix="priorfill-torture-"))
+
+    def say(line: str) -> None:
+        if not arguments.quiet:
+            print(line, file=sys.stderr, flush=True)
+
+    torture = Torture(work, arguments.seed, arguments.files, say)
+    kinds = ("kill", "full", "fsync") if arguments.kind == "all" else (arguments.kind,)
+    try:
+        for kind in kinds:
+            torture.run(kind, arguments.rounds)
+    finally:
+        print_table(torture.rows)
+        if torture.failed:
+            print(f"what was found wrong is kept in {work}")
+        else:
+            shutil.rmtree(work)
+    return int(torture.failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

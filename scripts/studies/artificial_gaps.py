@@ -1,0 +1,171 @@
+"""Gaps of every kind, cut into recordings at random: what studies of accuracy fill.
+
+A gap is cut only where all its samples are measured, and no longer than half of the clip.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+import priorfill as pf
+from priorfill.evaluation.gap_generator import (
+    EDGE,
+    TRIES,
+    GapGenerator,
+    Mask,
+)
+from priorfill.evaluation.parts import Parts
+from priorfill.evaluation.protocols import SCATTER_AT_ONCE, SCATTER_SECONDS, SCATTER_SHARE
+
+SHORT_REST = 2.0
+"""s of complete frames that are left in a clip of the kind ``short``."""
+
+
+class _Cutter(GapGenerator):
+    """Cuts gaps into one clip, whose parts it knows."""
+
+    def __init__(self, clip: pf.Clip, parts: Parts, rng: np.random.Generator) -> None:
+        super().__init__(clip, rng)
+        self.parts = parts
+
+
+def _single(cutter: _Cutter) -> bool:
+    return cutter.cut(cutter.marker(), cutter.length(0.5, 2.0))
+
+
+def _segment(cutter: _Cutter) -> bool:
+    return cutter.cut(cutter.pick(cutter.parts.segments), cutter.length(1.0, 2.0))
+
+
+def _limb(cutter: _Cutter) -> bool:
+    return cutter.cut(cutter.pick(cutter.parts.limbs), cutter.length(1.0, 3.0))
+
+
+def _limbs(cutter: _Cutter) -> bool:
+    limbs = cutter.parts.limbs
+    first, second = cutter.rng.permutation(len(limbs))[:2] if len(limbs) > 1 else (0, 0)
+    both = sorted({*limbs[first], *limbs[second]}) if limbs else []
+    return first != second and cutter.cut(both, cutter.length(1.0, 2.0))
+
+
+def _long(cutter: _Cutter) -> bool:
+    """Cut three or four parts, each with frames of its own inside a common stretch."""
+    rng, frames = cutter.rng, cutter.length(2.0, 6.0)
+    several = [*cutter.parts.segments, *cutter.parts.limbs]
+    if frames is None or len(several) < 3:
+        return False
+    for _ in range(TRIES):
+        start = cutter.start(frames)
+        chosen = rng.permutation(len(several))[: rng.integers(3, 5)]
+        pieces = []
+        for n, i in enumerate(chosen):
+            length = frames if n == 0 else round(rng.uniform(0.4, 1.0) * frames)
+            first = start + int(rng.integers(frames - length + 1))
+            pieces.append((several[i], first, first + length))
+        if all(cutter.free(*piece) for piece in pieces):
+            for markers, first, last in pieces:
+                cutter.gone[first:last, markers] = True
+            return True
+    return False
+
+
+def _ends(cutter: _Cutter) -> bool:
+    """Cut a marker, a segment or a limb out at the clip's start or end."""
+    choice = cutter.rng.integers(3)
+    markers = cutter.marker()
+    if choice:
+        markers = cutter.pick([cutter.parts.segments, cutter.parts.limbs][choice - 1]) or markers
+    frames, last = cutter.length(0.5, 1.0), cutter.clip.frames
+    if frames is None:
+        return False
+    start, stop = (0, frames) if cutter.rng.integers(2) else (last - frames, last)
+    if not cutter.free(markers, start, stop):
+        return False
+    cutter.gone[start:stop, markers] = True
+    return True
+
+
+def _scatter(cutter: _Cutter) -> bool:
+    share = cutter.rng.uniform(*SCATTER_SHARE)
+    return cutter.scatter(share, SCATTER_SECONDS, SCATTER_AT_ONCE)
+
+
+def _blackout(cutter: _Cutter) -> bool:
+    return cutter.cut(list(range(len(cutter.clip.labels))), cutter.length(0.1, 0.5))
+
+
+def _dropout(cutter: _Cutter) -> bool:
+    shown = np.flatnonzero(cutter.known.all(axis=0))
+    chosen = cutter.rng.permutation(shown)[: cutter.rng.integers(1, 3)]
+    cutter.gone[:, chosen] = True
+    return len(chosen) > 0
+
+
+KINDS: dict[str, Callable[[_Cutter], bool]] = {
+    "single": _single,
+    "segment": _segment,
+    "limb": _limb,
+    "limbs": _limbs,
+    "long": _long,
+    "ends": _ends,
+    "scatter": _scatter,
+    "blackout": _blackout,
+    "dropout": _dropout,
+    "short": _limb,
+}
+"""Kinds of gaps, by name; ``short`` is a limb of 1 to 2 s with little else in the clip."""
+
+
+def cut_gaps(
+    kind: str, clip: pf.Clip, parts: Parts, rng: np.random.Generator
+) -> tuple[pf.Clip, Mask] | None:
+    """Cut gaps of a kind into a clip.
+
+    Parameters
+    ----------
+    kind : str
+        One of `KINDS`.
+    clip : Clip
+        The truth.
+    parts : Parts
+        Of its body.
+    rng : Generator
+        What draws.
+
+    Returns
+    -------
+    clip : Clip
+        The truth, cut shorter if the kind asks for it.
+    gone : ndarray of bool [shape=(frames, markers)]
+        What is to be removed. None instead of both where the clip has no place for the kind.
+    """
+    if kind == "short":
+        return _cut_short(clip, parts, rng)
+    cutter = _Cutter(clip, parts, rng)
+    return (clip, cutter.gone) if KINDS[kind](cutter) else None
+
+
+def _cut_short(
+    clip: pf.Clip, parts: Parts, rng: np.random.Generator
+) -> tuple[pf.Clip, Mask] | None:
+    """Cut a limb out, and so much of the clip away that little else is left."""
+    frames, rest = round(rng.uniform(1.0, 2.0) * clip.rate), round(SHORT_REST * clip.rate)
+    edge = round(EDGE * clip.rate)
+    if clip.frames < frames + rest:
+        return None
+    first = int(rng.integers(clip.frames - frames - rest + 1))
+    short = replace(
+        clip,
+        positions=clip.positions[first : first + frames + rest],
+        first_frame=clip.first_frame + first,
+        source=None,
+    )
+    cutter = _Cutter(short, parts, rng)
+    limb, start = cutter.pick(parts.limbs), int(rng.integers(edge, rest - edge + 1))
+    if limb is None or not cutter.free(limb, start, start + frames):
+        return None
+    cutter.gone[start : start + frames, limb] = True
+    return short, cutter.gone

@@ -1,0 +1,257 @@
+#!/usr/bin/env python
+"""Does a prior database pay? The error of fills as a database grows clip by clip.
+
+    python scripts/studies/growth_study.py [--set gait|baumann41] [--orders 10] [--processes 2] [-o
+    FOLDER]
+
+Starts with an empty database and takes recordings in random order. Of each, a leg or an arm is
+removed for one second and filled from what the database holds by then; the filled clip is accepted
+into the database, with the mask of what was filled, and the next one comes. Once with measured
+samples only as prior, once with ``trust_filled``. Errors are means of the distance to what was
+removed, and are compared with the error of the same gap filled without any database: a table by
+number of clips in the database, a CSV file of every fill, and a plot (if matplotlib is there).
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import os
+import sys
+import tempfile
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from recordings import add_data_option, person_of
+
+import priorfill as pf
+from priorfill.evaluation.parts import LIMBS
+from priorfill.markers.definitions import load
+
+SETS = {"gait": ("gait59", ("gait",)), "baumann41": ("baumann41", ("cmu", "hdm05"))}
+"""Marker set and folders of recordings."""
+
+GAP_SECONDS = 1.0
+LONGEST = 10.0
+"""s. Longer recordings are cut into parts: a clip should not know everything by itself."""
+
+BINS = (0, 1, 3, 6, 12, 24, 48, 96)
+"""Numbers of clips in the database at which a line of the table begins."""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A recording, and the samples to be removed from it."""
+
+    clip: pf.Clip
+    gone: NDArray[np.bool_]  # (frames, markers)
+
+
+class Row(NamedTuple):
+    """The outcome of one fill."""
+
+    mode: str
+    order: int
+    clips: int
+    name: str
+    error: float
+    alone: float
+
+
+def read_cases(data: Path, name: str) -> list[Case]:
+    """Return the recordings of a set, each with a limb to be removed; the same ones every time."""
+    set_name, folders = SETS[name]
+    marker_set = load(set_name)
+    cases: list[Case] = []
+    for folder in folders:
+        for file in sorted((data / folder).glob("*.c3d")):
+            whole = pf.read(file)
+            length = round(LONGEST * whole.rate)
+            count = -(-whole.frames // length)
+            for part, positions in enumerate(np.array_split(whole.positions, count)):
+                clip = replace(
+                    whole,
+                    positions=positions,
+                    name=f"{whole.name}-{part}" if count > 1 else whole.name,
+                    subject=person_of(file),
+                    source=None,
+                )
+                gone = limb_gap(clip, marker_set, np.random.default_rng(len(cases)))
+                if gone is not None:
+                    cases.append(Case(clip, gone))
+    return cases
+
+
+def limb_gap(
+    clip: pf.Clip, marker_set: pf.MarkerSet, rng: np.random.Generator
+) -> NDArray[np.bool_] | None:
+    """Return the samples of a random limb over a second in which all of them are measured."""
+    segment = marker_set.segment
+    known = marker_set.match(clip.labels)
+    frames = round(GAP_SECONDS * clip.rate)
+    for limb, side in rng.permutation([(a, b) for a in LIMBS for b in ("left", "right")]):
+        segments = {f"{side}_{part}" for part in LIMBS[limb]}
+        markers = [i for i, x in enumerate(clip.labels) if segment.get(known.get(x)) in segments]
+        if len(markers) < 4:
+            continue
+        whole = ~clip.missing[:, markers].any(axis=1)
+        starts = [
+            start
+            for start in range(frames // 4, clip.frames - frames - frames // 4)
+            if whole[start : start + frames].all()
+        ]
+        if starts:
+            start = int(rng.choice(starts))
+            gone = np.zeros_like(clip.missing)
+            gone[start : start + frames, markers] = True
+            return gone
+    return None
+
+
+def refill(case: Case, **options: object) -> tuple[pf.Result, float]:
+    """Remove and fill; return the result and the mean error (mm)."""
+    gappy = case.clip.positions.copy()
+    gappy[case.gone] = np.nan
+    result = pf.fill(case.clip.with_positions(gappy), **options)
+    off = result.clip.positions[case.gone] - case.clip.positions[case.gone]
+    return result, float(np.linalg.norm(off, axis=1).mean())
+
+
+def alone(case: Case, method: str) -> float:
+    """Return the error without a database."""
+    return refill(case, method=method)[1]
+
+
+def grow(
+    cases: list[Case], alone: list[float], order: int, mode: str, method: str, temporary: str
+) -> list[Row]:
+    """Take the recordings in one random order, filling and accepting each."""
+    rows = []
+    folder = Path(temporary) / f"{mode}-{order}"
+    pf.PriorDatabase.create(folder).close()
+    for clips, i in enumerate(np.random.default_rng(order).permutation(len(cases))):
+        case = cases[i]
+        result, error = refill(
+            case, database=folder, method=method, trust_filled=mode == "trust filled"
+        )
+        with pf.PriorDatabase.open(folder, write=True) as database:
+            database.accept(result.clip, result.filled, filled_by=result.method)
+        rows.append(Row(mode, order, clips, case.clip.name, error, alone[i]))
+    return rows
+
+
+def print_table(rows: list[Row]) -> None:
+    """Print the errors by number of clips in the database."""
+    print(f"\n{'mode':14s} {'clips':>7s} {'fills':>6s} {'mm':>7s} {'of alone':>9s} {'worse':>6s}")
+    for mode in dict.fromkeys(row.mode for row in rows):
+        for first, after in zip(BINS, (*BINS[1:], 10**9), strict=True):
+            some = [row for row in rows if row.mode == mode and first <= row.clips < after]
+            if not some:
+                continue
+            last = max(row.clips for row in some)
+            left = sum(bool(np.isnan(row.error)) for row in some)
+            some = [row for row in some if not np.isnan(row.error)]
+            ratio = np.array([row.error / row.alone for row in some])
+            print(
+                f"{mode:14s} {f'{first}-{last}' if last > first else first:>7} {len(some):6d} "
+                f"{np.mean([row.error for row in some]):7.2f} {np.exp(np.log(ratio).mean()):9.3f} "
+                f"{(ratio > 1.02).mean():6.0%}{f'  {left} left missing' if left else ''}"
+            )
+
+
+def plot(rows: list[Row], file: Path, title: str) -> None:
+    """Plot error ratios against clips in the database: means of orders, and a running mean."""
+    try:
+        import matplotlib as mpl
+    except ImportError:
+        print("no plot: matplotlib is not installed (pip install matplotlib)", file=sys.stderr)
+        return
+    mpl.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(7, 4.5), layout="constrained")
+    for mode, colour in (("measured only", "C0"), ("trust filled", "C1")):
+        most = max(row.clips for row in rows) + 1
+        logs = [[np.log(r.error / r.alone) for r in rows if (r.mode, r.clips) == (mode, n)]
+                for n in range(most)]  # fmt: skip
+        means = np.array([np.nanmean(some) for some in logs if some])
+        axes.plot(np.exp(means), ".", color=colour, alpha=0.5)
+        width = min(5, most)
+        smooth = np.convolve(means, np.ones(width) / width, mode="valid")
+        at = np.arange(len(smooth)) + (width - 1) / 2
+        axes.plot(at, np.exp(smooth), color=colour, label=mode)
+    axes.axhline(1, color="0.6", linewidth=0.8)
+    axes.set(
+        xlabel="clips in the database",
+        ylabel="error / error without a database (geometric mean)",
+        title=title,
+    )
+    axes.legend()
+    figure.savefig(file, dpi=120)
+    print(f"plot: {file}")
+
+
+def run(
+    cases: list[Case], orders: Iterable[int], method: str, processes: int, temporary: str
+) -> list[Row]:
+    """Fill all cases alone, then in all orders and both modes."""
+    with ProcessPoolExecutor(processes) as pool:
+        by_itself = list(pool.map(alone, cases, [method] * len(cases)))
+        for case, error in zip(cases, by_itself, strict=True):
+            if np.isnan(error):
+                print(f"left out: {case.clip.name}, which cannot be filled wholly by itself")
+        cases = [case for case, error in zip(cases, by_itself, strict=True) if error > 0]
+        by_itself = [error for error in by_itself if error > 0]
+        print(f"without a database: mean {np.mean(by_itself):.2f} mm", flush=True)
+        futures = [
+            pool.submit(grow, cases, by_itself, order, mode, method, temporary)
+            for order in orders
+            for mode in ("measured only", "trust filled")
+        ]
+        rows = []
+        for future in futures:
+            rows += future.result()
+            print(".", end="", file=sys.stderr, flush=True)
+        print(file=sys.stderr)
+    return rows
+
+
+def main() -> int:
+    """Run the study."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    add_data_option(parser)
+    parser.add_argument("--set", choices=SETS, default="gait")
+    parser.add_argument("--orders", type=int, default=10)
+    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--method", default="auto")
+    parser.add_argument("--clips", type=int, help="Take only so many recordings.")
+    parser.add_argument("-o", "--output", type=Path, default=Path())
+    arguments = parser.parse_args()
+    cases = read_cases(arguments.data, arguments.set)[: arguments.clips]
+    if not cases:
+        print(f"{arguments.data}: no recordings of this set; use --data", file=sys.stderr)
+        return 1
+    people = len({case.clip.subject for case in cases})
+    print(f"{arguments.set}: {len(cases)} clips of {people} people, {arguments.orders} orders")
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as temporary:
+        rows = run(cases, range(arguments.orders), arguments.method, arguments.processes, temporary)
+    print_table(rows)
+    stem = arguments.output / f"growth_{arguments.set}"
+    with stem.with_suffix(".csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(Row._fields)
+        writer.writerows(rows)
+    plot(rows, stem.with_suffix(".png"), f"{arguments.set}: {len(cases)} clips of {people} people")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

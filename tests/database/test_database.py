@@ -1,0 +1,618 @@
+"""The prior database: what goes in comes out, whatever happens in between."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import shutil
+import sqlite3
+import stat
+import time
+import warnings
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from priorfill.clip import Clip
+from priorfill.database import PriorDatabase, catalogue, segments
+from priorfill.errors import (
+    ClipError,
+    DatabaseCorruptError,
+    DatabaseError,
+    DatabaseFormatError,
+    DatabaseLockedError,
+    DatabaseNotFoundError,
+    DuplicateClipError,
+    OptionError,
+)
+from priorfill.geometry.axes import to_upright
+from priorfill.markers.definitions import load
+from priorfill.signal.resample import pyramid, resample
+
+
+def make_clip(
+    seed: int = 0, frames: int = 130, rate: float = 120.0, up: str = "+Z", **more: str
+) -> Clip:
+    """A clip of four markers that swing, with a gap."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(frames)[:, None, None] / rate
+    place = rng.uniform(-500, 500, (1, 4, 3))
+    swing = 200 * np.sin(2 * np.pi * rng.uniform(0.5, 2, (1, 4, 3)) * t)
+    positions = place + swing
+    positions[40:60, 1] = np.nan
+    more.setdefault("name", f"clip{seed}")
+    return Clip(positions, ("LASI", "RASI", "SACR", "C7"), rate, up, **more)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return tmp_path / "db"
+
+
+def snapshot(folder: Path) -> dict[str, bytes]:
+    with PriorDatabase.open(folder) as database:
+        return {
+            record.content: b"".join(
+                database.positions(record, level).tobytes() for level in range(database.levels)
+            )
+            for record in database.clips()
+        }
+
+
+# --- in and out ------------------------------------------------------------------------------
+
+
+def test_a_segment_that_several_threads_read_is_opened_once(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Opened twice, the file of one thread would be closed while it is read."""
+    with PriorDatabase.create(folder) as database:
+        record = database.add(make_clip())
+    opened = []
+    really = Path.open
+
+    def slowly(path: Path, *given: Any, **more: Any) -> Any:
+        if path.suffix == ".f32":
+            opened.append(path)
+            time.sleep(0.05)
+        return really(path, *given, **more)
+
+    with PriorDatabase.open(folder, write=True) as database:  # else all are opened at once
+        monkeypatch.setattr(Path, "open", slowly)
+        with ThreadPoolExecutor(max_workers=4) as pool:
+            found = list(pool.map(lambda level: database.sound_positions(record, level), [0] * 4))
+        assert len(opened) == 1
+        for positions in found:
+            np.testing.assert_array_equal(positions, database.positions(record))
+
+
+def test_round_trip(folder: Path) -> None:
+    clip = make_clip(subject="anna", up="+Y")
+    with PriorDatabase.create(folder) as database:
+        added = database.add(clip, session="s1", licence="CC0", credit="me", synthetic=True)
+    with PriorDatabase.open(folder) as database:
+        (record,) = database.clips()
+        assert record == added
+        assert record.name == "clip0"
+        assert (record.subject, record.session, record.licence) == ("anna", "s1", "CC0")
+        assert (record.credit, record.synthetic, record.source) == ("me", True, "")
+        assert (record.original_rate, record.rate) == (120.0, 30.0)
+        assert record.frames == (33, 17, 9)
+        assert record.duration == pytest.approx(33 / 30)
+        assert record.labels == clip.labels
+        assert not record.has_filled
+        assert database.filled(record) is None
+        fine = resample(to_upright(clip.positions, "+Y"), 120, 30)
+        for level, expected in enumerate(pyramid(fine, 30, 3)):
+            stored = database.positions(record, level)
+            assert stored.dtype == np.float32
+            np.testing.assert_array_equal(stored, expected.positions.astype(np.float32))
+            assert not stored.flags.writeable
+            assert np.isnan(stored).any()
+        assert database.verify() == []
+
+
+def test_views_are_not_copies_and_outlive_the_database(folder: Path) -> None:
+    with PriorDatabase.create(folder) as database:
+        first = database.add(make_clip(0))
+        a = database.positions(first)
+        b = database.positions(first)
+        assert np.shares_memory(a, b)
+        expected = a.copy()
+        second = database.add(make_clip(1))  # the file grows beyond the map
+        assert database.positions(second).shape == (33, 4, 3)
+    np.testing.assert_array_equal(a, expected)
+
+
+def test_info(folder: Path) -> None:
+    with PriorDatabase.create(folder, rate=25, levels=2) as database:
+        database.add(make_clip(0), subject="anna")
+        database.add(make_clip(1), subject="anna", synthetic=True)
+        database.add(make_clip(2))
+    with PriorDatabase.open(folder) as database:
+        info = database.info()
+    assert (info.version, info.rate, info.levels) == (2, 25.0, 2)
+    assert (info.clips, info.subjects, info.synthetic) == (3, 1, 1)
+    assert info.frames == 3 * 27
+    assert info.seconds == pytest.approx(3 * 27 / 25)
+    assert info.marker_sets == {"": 3}
+    assert info.bytes == sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    assert sum(len(data) for data in snapshot(folder).values()) == 3 * (27 + 14) * 4 * 12
+
+
+def test_marker_set_is_recognised(folder: Path) -> None:
+    labels = load("baumann41").labels
+    positions = np.random.default_rng(0).normal(0, 300, (60, 41, 3))
+    with PriorDatabase.create(folder) as database:
+        assert database.add(Clip(positions, labels, 60.0)).marker_set == "baumann41"
+
+
+def test_filled_mask(folder: Path) -> None:
+    clip = make_clip()
+    filled = np.zeros((130, 4), dtype=bool)
+    filled[8, 0] = filled[9, 2] = True  # 120 Hz: frame 8 is frame 2 of level 0, 9 is none
+    filled[100:110, 3] = True
+    with PriorDatabase.create(folder) as database:
+        record = database.add(clip, filled=filled)
+        other = database.add(make_clip(1), filled=np.zeros((130, 4), dtype=bool))
+        assert not other.has_filled
+    with PriorDatabase.open(folder) as database:
+        assert record.has_filled
+        mask = database.filled(record)
+        assert mask is not None
+        expected = np.zeros((33, 4), dtype=bool)
+        expected[2, 0] = True
+        expected[25:28, 3] = True
+        np.testing.assert_array_equal(mask, expected)
+    with (
+        pytest.raises(OptionError, match=r"shape \(3, 4\)"),
+        PriorDatabase.open(folder, write=True) as database,
+    ):
+        database.add(make_clip(2), filled=filled[:3])
+
+
+@settings(max_examples=8, deadline=None)
+@given(order=st.permutations(range(5)), cut=st.integers(0, 5))
+def test_order_of_insertion_does_not_matter(
+    order: list[int], cut: int, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Grown in any order, in one go or in two, equals built at once."""
+    root = tmp_path_factory.mktemp("order")
+    with PriorDatabase.create(root / "once") as database:
+        for seed in range(5):
+            database.add(make_clip(seed))
+    with PriorDatabase.create(root / "grown") as database:
+        for seed in order[:cut]:
+            database.add(make_clip(seed))
+    with PriorDatabase.open(root / "grown", write=True) as database:
+        for seed in order[cut:]:
+            database.add(make_clip(seed))
+    once, grown = snapshot(root / "once"), snapshot(root / "grown")
+    assert list(once.items()) == list(grown.items())
+    shutil.rmtree(root)
+
+
+def test_rate_of_the_clip(folder: Path) -> None:
+    with PriorDatabase.create(folder) as database:
+        for rate, frames in [(100.0, 39), (240.0, 17), (30.0, 130), (15.0, 259)]:
+            record = database.add(make_clip(int(rate), rate=rate))
+            assert record.frames[0] == frames
+        with pytest.raises(ClipError, match=r"has 14\.9 Hz, too few for a database of 30 Hz"):
+            database.add(make_clip(rate=14.9))
+
+
+def test_segments_roll_over(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(segments, "SEGMENT_BYTES", 5000)
+    with PriorDatabase.create(folder) as database:
+        for seed in range(4):
+            database.add(make_clip(seed))  # 59 frames of 4 markers, 2832 bytes
+    before = snapshot(folder)
+    assert sorted(path.name for path in (folder / "segments").iterdir()) == [
+        f"{i:06d}.f32" for i in range(1, 5)
+    ]
+    with PriorDatabase.open(folder, write=True) as database:
+        database.add(make_clip(4, frames=40))
+        assert database.verify() == []
+    after = snapshot(folder)
+    assert {content: after[content] for content in before} == before
+
+
+# --- what is refused -------------------------------------------------------------------------
+
+
+def test_duplicates(folder: Path) -> None:
+    with PriorDatabase.create(folder) as database:
+        database.add(make_clip())
+        with pytest.raises(DuplicateClipError, match=r"other: is in the database already \(as "):
+            database.add(make_clip(name="other"))
+        assert len(database.clips()) == 1
+    with PriorDatabase.open(folder, write=True) as database, pytest.raises(DuplicateClipError):
+        database.add(make_clip())
+
+
+def test_clips_without_use(folder: Path) -> None:
+    def clip(positions: np.ndarray) -> Clip:
+        return Clip(positions, ("A", "B"), 120.0, name="x")
+
+    moving = np.cumsum(np.ones((200, 2, 3)), axis=0)
+    with PriorDatabase.create(folder) as database:
+        with pytest.raises(ClipError, match="x: no marker is ever seen"):
+            database.add(clip(np.full((200, 2, 3), np.nan)))
+        with pytest.raises(ClipError, match=r"x: is static \(no marker moves by 10 mm\)"):
+            database.add(clip(np.ones((200, 2, 3)) * 100))
+        with pytest.raises(ClipError, match=r"x: is too short \(0\.07 s\)"):
+            database.add(clip(moving[:8]))
+        one_gone = moving.copy()
+        one_gone[:, 0] = np.nan
+        database.add(clip(one_gone))
+        assert len(database.clips()) == 1
+
+
+def test_opened_for_reading(folder: Path) -> None:
+    PriorDatabase.create(folder).close()
+    with PriorDatabase.open(folder) as database, pytest.raises(DatabaseError, match="for reading"):
+        database.add(make_clip())
+
+
+def test_no_database(tmp_path: Path) -> None:
+    with pytest.raises(DatabaseNotFoundError, match="there is no database; make one with"):
+        PriorDatabase.open(tmp_path / "no")
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(DatabaseNotFoundError, match="is a file"):
+        PriorDatabase.open(tmp_path / "file")
+    with pytest.raises(DatabaseFormatError, match="is a file"):
+        PriorDatabase.open_or_create(tmp_path / "file")
+    with pytest.raises(DatabaseFormatError, match="is not a priorfill database"):
+        PriorDatabase.open(tmp_path)
+    with pytest.raises(DatabaseNotFoundError, match=r"the folder .*no is not there"):
+        PriorDatabase.create(tmp_path / "no" / "db")
+
+
+def test_a_folder_with_other_files_is_never_made_a_database(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("x")
+    for make in (PriorDatabase.create, PriorDatabase.open_or_create):
+        with pytest.raises(DatabaseFormatError, match=r"has other files in it \(thesis.tex\)"):
+            make(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_create_and_open_or_create(folder: Path) -> None:
+    folder.mkdir()  # an empty folder will do
+    with PriorDatabase.open_or_create(folder, rate=25) as database:
+        database.add(make_clip())
+    with PriorDatabase.open_or_create(folder, rate=50) as database:
+        assert database.rate == 25
+        assert len(database.clips()) == 1
+    with pytest.raises(DatabaseFormatError, match="has other files in it"):
+        PriorDatabase.create(folder)
+    for rate in (0.0, np.nan):
+        with pytest.raises(OptionError, match="a database rate of"):
+            PriorDatabase.create(folder / "x", rate=rate)
+    with pytest.raises(OptionError, match="0 levels"):
+        PriorDatabase.create(folder / "x", levels=0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            {"version": 3},
+            "has format version 3, this priorfill knows versions 1 to 2; install a newer",
+        ),
+        ({"version": 0}, "has format version 0, this priorfill knows versions 1 to 2; restore it"),
+        ({"version": None}, "is damaged or not of priorfill"),
+        ({"format": "other"}, "is not of priorfill"),
+        ({"rate": "fast"}, "has no valid rate and levels"),
+    ],
+)
+def test_other_versions_are_refused(folder: Path, change: dict[str, object], message: str) -> None:
+    PriorDatabase.create(folder).close()
+    file = folder / "priorfill-database.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | change))
+    for write in (False, True):
+        with pytest.raises(DatabaseFormatError, match=message) as caught:
+            PriorDatabase.open(folder, write=write)
+        assert "\n" not in str(caught.value)
+
+
+def test_level_out_of_range(folder: Path) -> None:
+    with PriorDatabase.create(folder) as database:
+        record = database.add(make_clip())
+        for level in (-1, 3):
+            with pytest.raises(OptionError, match=f"level {level} is not in the database"):
+                database.positions(record, level)
+
+
+# --- one writer, many readers ----------------------------------------------------------------
+
+
+def test_one_writer_and_readers_who_see_what_they_opened(folder: Path) -> None:
+    with PriorDatabase.create(folder) as writer:
+        writer.add(make_clip(0))
+        with PriorDatabase.open(folder) as reader:
+            writer.add(make_clip(1))
+            assert len(reader.clips()) == 1
+            assert len(writer.clips()) == 2
+        with PriorDatabase.open(folder) as reader:
+            assert len(reader.clips()) == 2
+        with pytest.raises(DatabaseLockedError, match=rf"process {os.getpid()} on .* is writing"):
+            PriorDatabase.open(folder, write=True)
+    PriorDatabase.open(folder, write=True).close()
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_read_only_folder(folder: Path) -> None:
+    with PriorDatabase.create(folder) as database:
+        database.add(make_clip())
+    before = snapshot(folder)
+    paths = [folder, *folder.rglob("*")]
+    modes = {path: path.stat().st_mode for path in paths}
+    for path in paths:
+        path.chmod(stat.S_IRUSR | (stat.S_IXUSR if path.is_dir() else 0))
+    try:
+        assert snapshot(folder) == before
+        with pytest.raises(PermissionError):
+            PriorDatabase.open(folder, write=True)
+    finally:
+        for path in paths:
+            path.chmod(modes[path])
+
+
+def test_reading_leaves_no_trace(folder: Path) -> None:
+    with PriorDatabase.create(folder) as database:
+        database.add(make_clip())
+    before = {path: path.stat().st_mtime_ns for path in [folder, *folder.rglob("*")]}
+    snapshot(folder)
+    assert {path: path.stat().st_mtime_ns for path in [folder, *folder.rglob("*")]} == before
+
+
+# --- crashes ---------------------------------------------------------------------------------
+
+
+def run_and_die(action: Callable[[], None]) -> None:
+    """Run `action` in another process, which ends without cleaning up."""
+    context = multiprocessing.get_context("fork")
+
+    def body() -> None:
+        action()
+        os._exit(9)
+
+    process = context.Process(target=body)
+    with warnings.catch_warnings():
+        # forking with threads about can hang a child that takes their locks; this one does not
+        warnings.simplefilter("ignore", DeprecationWarning)
+        process.start()
+    process.join()
+    assert process.exitcode == 9
+
+
+@pytest.mark.parametrize(
+    "where",
+    [(catalogue.Catalogue, "change"), (catalogue, "_row_checksum"), (segments.os, "fsync")],
+    ids=["before the row", "within the transaction", "before the segment is on disk"],
+)
+def test_killed_before_the_commit(folder: Path, where: tuple[object, str]) -> None:
+    """The clip whose row is not committed is not there; the one before is; both can go on."""
+    with PriorDatabase.create(folder) as database:
+        database.add(make_clip(0))
+
+    def die_in_add() -> None:
+        with PriorDatabase.open(folder, write=True) as database:
+            database.add(make_clip(1))
+            setattr(*where, lambda *_, **__: os._exit(9))
+            database.add(make_clip(2))
+
+    run_and_die(die_in_add)
+    left = snapshot(folder)
+    segment = folder / "segments" / "000001.f32"
+    committed = sum(len(data) for data in left.values())
+    assert len(left) == 2
+    assert segment.stat().st_size > committed  # what the dead writer left behind
+    with PriorDatabase.open(folder, write=True) as database:
+        assert segment.stat().st_size == committed
+        database.add(make_clip(2))
+        assert database.verify() == []
+    assert {content: snapshot(folder)[content] for content in left} == left
+
+
+def test_an_error_in_the_middle_leaves_the_former_state(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with PriorDatabase.create(folder) as database:
+        database.add(make_clip(0))
+        before = snapshot(folder)
+
+        def full(*_: object) -> int:
+            raise OSError(28, "No space left on device")
+
+        for module, name in ((catalogue, "_row_checksum"), (segments.os, "fsync")):
+            with monkeypatch.context() as patch:
+                patch.setattr(module, name, full)
+                with pytest.raises(OSError, match="No space left"):
+                    database.add(make_clip(1))
+            assert snapshot(folder) == before
+        database.add(make_clip(1))  # and the same writer can go on
+        assert database.verify() == []
+    assert len(snapshot(folder)) == 2
+
+
+def test_killed_within_create(folder: Path) -> None:
+    folder.mkdir()
+    (folder / "priorfill-database.json.new").write_text('{"form')
+    with PriorDatabase.open_or_create(folder) as database:
+        database.add(make_clip())
+    assert len(snapshot(folder)) == 1
+
+
+def test_killed_after_create_before_the_catalogue(folder: Path) -> None:
+    PriorDatabase.create(folder).close()
+    (folder / "catalogue.sqlite").unlink()
+    assert snapshot(folder) == {}
+    with PriorDatabase.open_or_create(folder) as database:
+        database.add(make_clip())
+    assert len(snapshot(folder)) == 1
+
+
+def test_a_lock_does_not_outlive_its_holder(folder: Path) -> None:
+    PriorDatabase.create(folder).close()
+    held = []
+    run_and_die(lambda: held.append(PriorDatabase.open(folder, write=True)))
+    PriorDatabase.open(folder, write=True).close()
+
+
+def test_hot_journal_is_rolled_back_by_a_reader(folder: Path) -> None:
+    """A writer that dies within SQLite's own commit leaves a journal; readers cope with it."""
+    with PriorDatabase.create(folder) as database:
+        database.add(make_clip(0))
+    before = snapshot(folder)
+    run_and_die(lambda: _spoil(folder / "catalogue.sqlite"))
+    assert (folder / "catalogue.sqlite-journal").exists()
+    assert snapshot(folder) == before
+
+
+def test_a_reader_that_is_open_when_a_writer_dies(folder: Path) -> None:
+    with PriorDatabase.create(folder) as database:
+        expected = database.add(make_clip(0))
+    with PriorDatabase.open(folder) as reader:
+        run_and_die(lambda: _spoil(folder / "catalogue.sqlite"))
+        assert (folder / "catalogue.sqlite-journal").exists()
+        assert reader.clips() == (expected,)
+        assert reader.verify() == []
+
+
+def test_readers_while_a_writer_adds_removes_and_compacts(folder: Path) -> None:
+    with PriorDatabase.create(folder) as database:
+        database.add(make_clip(0))
+
+    def write_on() -> None:
+        number = 1
+        while True:
+            with PriorDatabase.open(folder, write=True) as database:
+                for _ in range(3):
+                    database.add(make_clip(number))
+                    number += 1
+                database.remove(database.clips()[:2])
+                database.compact()
+
+    context = multiprocessing.get_context("fork")
+    writer = context.Process(target=write_on)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # as above
+        writer.start()
+    try:
+        seen = set()
+        until = time.monotonic() + 3
+        while time.monotonic() < until:
+            with PriorDatabase.open(folder) as reader:
+                records = reader.clips()
+                time.sleep(0.01)
+                assert reader.verify() == []
+                assert reader.clips() == records
+                seen.update(record.name for record in records)
+        assert len(seen) > 3
+        assert writer.is_alive()
+    finally:
+        writer.kill()
+        writer.join()
+    with PriorDatabase.open(folder, write=True) as database:
+        assert database.verify() == []
+
+
+def _spoil(path: Path) -> None:
+    """Change the catalogue without committing, and end."""
+    connection = sqlite3.connect(path, isolation_level=None)
+    connection.execute("PRAGMA cache_size = 1")  # spill changed pages to the file early
+    connection.execute("BEGIN IMMEDIATE")
+    connection.execute("CREATE TABLE junk (data BLOB)")
+    for _ in range(50):
+        connection.execute("INSERT INTO junk VALUES (randomblob(4000))")
+    connection.execute("UPDATE clips SET name = 'spoilt'")
+    os._exit(9)
+
+
+# --- damage ----------------------------------------------------------------------------------
+
+
+def flip(path: Path, position: int) -> None:
+    data = bytearray(path.read_bytes())
+    data[position] ^= 1
+    path.write_bytes(bytes(data))
+
+
+def test_a_flipped_byte_in_a_segment_is_found(folder: Path) -> None:
+    with PriorDatabase.create(folder) as database:
+        for seed in range(3):
+            database.add(make_clip(seed))
+    flip(folder / "segments" / "000001.f32", 2832 + 33 * 4 * 12 + 5)  # clip1, level 1
+    calls: list[tuple[int, int]] = []
+    with PriorDatabase.open(folder) as database:
+        (problem,) = database.verify(lambda done, total: calls.append((done, total)))
+        assert "positions of clip clip1 are damaged (level 1); restore" in problem
+        assert calls == [(1, 3), (2, 3), (3, 3)]
+        for record in database.clips():
+            if record.name == "clip1":
+                with pytest.raises(DatabaseCorruptError, match="clip1"):
+                    database.check(record)
+            else:
+                database.check(record)
+
+
+def test_a_changed_row_is_found(folder: Path) -> None:
+    filled = np.zeros((130, 4), dtype=bool)
+    filled[0] = True
+    with PriorDatabase.create(folder) as database:
+        database.add(make_clip(0))
+        database.add(make_clip(1), filled=filled)
+    for change in ("name = 'clipX' WHERE name = 'clip0'", "filled = x'00' WHERE name = 'clip1'"):
+        connection = sqlite3.connect(folder / "catalogue.sqlite")
+        connection.execute(f"UPDATE clips SET {change}")
+        connection.commit()
+        connection.close()
+    with PriorDatabase.open(folder) as database:
+        assert database.clips() == ()
+        assert sorted(database.damaged) == ["clip1", "clipX"]
+        problems = sorted(database.verify())
+        for name in database.damaged:
+            assert any(f"the catalogue's row of clip {name} is damaged" in p for p in problems)
+    with pytest.raises(DatabaseCorruptError, match="rows of clip1, clipX changed"):
+        PriorDatabase.open(folder, write=True)
+
+
+def test_a_damaged_catalogue(folder: Path) -> None:
+    with PriorDatabase.create(folder) as database:
+        database.add(make_clip(0))
+    file = folder / "catalogue.sqlite"
+    good = file.read_bytes()
+    file.write_bytes(b"rubbish!" * 512)
+    with pytest.raises(DatabaseCorruptError, match="is damaged"):
+        PriorDatabase.open(folder)
+    file.write_bytes(good[:100] + bytes(4000) + good[4100:])
+    with pytest.raises(DatabaseCorruptError, match="is damaged"):
+        PriorDatabase.open(folder)
+    file.unlink()
+    with pytest.raises(DatabaseCorruptError, match="is gone, but there are segments"):
+        PriorDatabase.open(folder, write=True)
+
+
+def test_a_segment_that_is_short_or_gone(folder: Path) -> None:
+    with PriorDatabase.create(folder) as database:
+        database.add(make_clip(0))
+    segment = folder / "segments" / "000001.f32"
+    os.truncate(segment, 100)
+    with PriorDatabase.open(folder) as database:
+        assert "ends before the catalogue says" in database.verify()[0]
+    with pytest.raises(DatabaseCorruptError, match="has 100 bytes where the catalogue counts"):
+        PriorDatabase.open(folder, write=True)
+    segment.unlink()
+    with PriorDatabase.open(folder) as database:
+        assert "is not there or empty" in database.verify()[0]
+    with pytest.raises(DatabaseCorruptError):
+        PriorDatabase.open(folder, write=True)
+    PriorDatabase.open(folder).close()

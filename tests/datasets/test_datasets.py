@@ -1,0 +1,489 @@
+"""Free libraries: definitions, downloads from a server that misbehaves, archives that lie."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import re
+import time
+import zipfile
+from collections.abc import Callable
+from email.utils import formatdate
+from pathlib import Path
+from typing import Any
+
+import pytest
+from db_cli import run, write_clip
+from http_server import Site, serve
+
+from priorfill.datasets import (
+    Dataset,
+    DatasetFile,
+    RetryPolicy,
+    fetch,
+    find_dataset,
+    known_datasets,
+)
+from priorfill.datasets import fetch as fetch_library
+from priorfill.datasets.download import Downloader, FileFetchError
+from priorfill.datasets.fetch import RECORD
+from priorfill.datasets.unpack import unpack
+from priorfill.errors import FetchError
+from priorfill.markers.definitions import load
+
+CONTENT = bytes(range(256)) * 4000
+QUICK = RetryPolicy(pause=0, timeout=0.3, tries=4, wait=0.5, longest_wait=60)
+
+
+@pytest.fixture(autouse=True)
+def no_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("no_proxy", "127.0.0.1")
+
+
+class Getter:
+    """Downloads ``f`` of a site into a folder, and remembers what it waited for."""
+
+    def __init__(self, site: Site, folder: Path) -> None:
+        self.site, self.target = site, folder / "f"
+        self.waited: list[float] = []
+        self.told: list[str] = []
+        self.progress: list[tuple[int, int | None]] = []
+
+    def __call__(self, **options: Any) -> str:
+        downloader = Downloader(QUICK, self.told.append, self.waited.append)
+        return downloader.get(
+            f"{self.site.url}/f",
+            self.target,
+            progress=lambda done, total: self.progress.append((done, total)),
+            **options,
+        )
+
+    @property
+    def ranges(self) -> list[str]:
+        return [asked.get("Range", "") for asked in self.site.asked]
+
+    def assert_whole(self, content: bytes = CONTENT) -> None:
+        assert self.target.read_bytes() == content
+        assert [path.name for path in self.target.parent.iterdir()] == ["f"]
+
+
+def test_a_download(tmp_path):
+    with serve({"f": CONTENT}) as site:
+        get = Getter(site, tmp_path)
+        assert get(size=len(CONTENT)) == hashlib.sha256(CONTENT).hexdigest()
+        get.assert_whole()
+        assert get.waited == []
+        assert get.progress[0] == (0, len(CONTENT))
+        assert get.progress[-1] == (len(CONTENT), len(CONTENT))
+        assert site.asked[0]["User-Agent"].startswith("priorfill/")
+
+
+def test_a_connection_that_breaks_goes_on_where_it_broke(tmp_path):
+    with serve({"f": CONTENT}) as site:
+        site.behave.extend([("cut", 100_000), ("cut", 5), ("cut", 300_000)])
+        get = Getter(site, tmp_path)
+        get()
+        get.assert_whole()
+        assert get.ranges == ["", "bytes=100000-", "bytes=100005-", "bytes=400005-"]
+        assert get.waited == [0.5, 1.0, 0.5]  # the second brought next to nothing
+        assert "broke after 100005 of 1024000 bytes; trying again in 1 s" in get.told[0]
+
+
+def test_a_second_run_goes_on_where_the_first_was_ended(tmp_path):
+    with serve({"f": CONTENT}) as site:
+        get = Getter(site, tmp_path)
+
+        def interrupt(done: int, total: int | None) -> None:
+            if done > 0:
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            Downloader(QUICK).get(f"{site.url}/f", get.target, progress=interrupt)
+        there = (tmp_path / "f.part").stat().st_size
+        assert 0 < there < len(CONTENT)
+        assert not get.target.exists()
+        get()
+        get.assert_whole()
+        assert get.ranges == ["", f"bytes={there}-"]
+
+
+def test_a_server_that_knows_no_ranges_sends_all_again(tmp_path):
+    with serve({"f": CONTENT}, ranges=False) as site:
+        site.behave.append(("cut", 100_000))
+        get = Getter(site, tmp_path)
+        get()
+        get.assert_whole()
+        assert get.ranges == ["", "bytes=100000-"]
+
+
+def test_without_a_word_on_the_version_the_rest_is_not_asked_for(tmp_path):
+    with serve({"f": CONTENT}, tags=False) as site:
+        site.behave.append(("cut", 100_000))
+        get = Getter(site, tmp_path)
+        get()
+        get.assert_whole()
+        assert get.ranges == ["", ""]
+        # but where the checksum is known, a wrong rest would be found
+        site.behave.append(("cut", 100_000))
+        get.target.unlink()
+        get(sha256=hashlib.sha256(CONTENT).hexdigest())
+        get.assert_whole()
+        assert get.ranges[2:] == ["", "bytes=100000-"]
+
+
+@pytest.mark.parametrize("new", [CONTENT[::-1], CONTENT[::-1][:90_000], CONTENT * 2])
+@pytest.mark.parametrize("tags", [True, False])
+def test_a_file_that_changes_meanwhile_comes_as_the_new_one(tmp_path, new, tags):
+    with serve({"f": CONTENT}, tags=tags) as site:
+        site.behave.extend([("cut", 100_000), ("call", lambda: site.files.update(f=new))])
+        get = Getter(site, tmp_path)
+        get(sha256="" if tags else hashlib.sha256(new).hexdigest())
+        get.assert_whole(new)
+
+
+def test_without_a_length_the_end_is_the_end(tmp_path):
+    with serve({"f": CONTENT}, length=False) as site:
+        get = Getter(site, tmp_path)
+        get()
+        get.assert_whole()
+        assert get.progress[-1] == (len(CONTENT), None)
+
+
+def test_a_server_that_is_busy_is_waited_for(tmp_path):
+    later = formatdate(time.time() + 20, usegmt=True)
+    with serve({"f": CONTENT}) as site:
+        for header in ({"Retry-After": "7"}, {"Retry-After": later}, {}):
+            site.behave.append(("status", 503, header))
+        get = Getter(site, tmp_path)
+        get()
+        get.assert_whole()
+        assert get.waited[0] == 7
+        assert 15 < get.waited[1] <= 20
+        assert get.waited[2] == 2.0
+        assert "answers 503 Service Unavailable; trying again in 7 s" in get.told[0]
+        site.behave.append(("status", 429, {"Retry-After": "3600"}))
+        with pytest.raises(FetchError, match="asks to wait 3600 s"):
+            get()
+
+
+def test_a_server_that_stalls_is_asked_again_and_given_up(tmp_path):
+    with serve({"f": CONTENT}) as site:
+        site.behave.append(("stall", 100_000))
+        get = Getter(site, tmp_path)
+        get()
+        get.assert_whole()
+        assert get.ranges[1] == "bytes=100000-"
+        site.behave.extend([("stall", 10)] * 4)
+        with pytest.raises(FetchError, match=r"timed out\) \(4 times\); what is there is kept"):
+            get()
+        assert (tmp_path / "f.part").stat().st_size == 40
+
+
+@pytest.mark.parametrize(
+    ("status", "error", "words"),
+    [
+        (404, FileFetchError, "404 Not Found; it is not there"),
+        (403, FetchError, "403 Forbidden; download it with a browser, put it at .*f, and"),
+        (418, FileFetchError, "418"),
+        (302, FetchError, "ftp://host/f, which is not followed"),
+    ],
+)
+def test_what_no_second_attempt_would_change(tmp_path, status, error, words):
+    with serve({"f": CONTENT}) as site:
+        site.behave.append(("status", status, {"Location": "ftp://host/f"}))
+        get = Getter(site, tmp_path)
+        with pytest.raises(error, match=words) as raised:
+            get()
+        assert "\n" not in str(raised.value)
+        assert len(site.asked) == 1
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_nobody_there(tmp_path):
+    with serve({}) as site:
+        get = Getter(site, tmp_path)
+    with pytest.raises(FetchError, match=r"cannot be reached \(Connection refused\) \(4 times\)"):
+        get()
+    assert get.waited == [0.5, 1.0, 2.0]
+
+
+def test_another_checksum_or_length(tmp_path):
+    with serve({"f": CONTENT}) as site:
+        get = Getter(site, tmp_path)
+        with pytest.raises(FileFetchError, match=r"its checksum is [0-9a-f]{64}, not 0000"):
+            get(sha256="0" * 64)
+        with pytest.raises(FileFetchError, match="has 1024000 bytes, not 17"):
+            get(size=17)
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_is_found_out_before(tmp_path, monkeypatch):
+    monkeypatch.setattr("shutil.disk_usage", lambda path: type("", (), {"free": 100_500_000}))
+    with serve({"f": CONTENT}) as site, pytest.raises(FetchError, match="make room"):
+        Getter(site, tmp_path)()
+
+
+# archives
+
+
+def archive(path: Path, members: dict[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> Path:
+    with zipfile.ZipFile(path, "w", method) as made:
+        for name, content in members.items():
+            made.writestr(name, content)
+    return path
+
+
+def test_recordings_are_unpacked_and_nothing_else(tmp_path):
+    made = archive(
+        tmp_path / "a.zip",
+        {
+            "s/01/walk.C3D": b"1",
+            "s/run.c3d": b"22",
+            "s/readme.txt": b"",
+            "__MACOSX/s/._run.c3d": b"",
+        },
+    )
+    to = tmp_path / "to"
+    to.mkdir()
+    assert unpack(made, to) == [to / "s/01/walk.C3D", to / "s/run.c3d"]
+    assert [p.read_bytes() for p in unpack(made, to)] == [b"1", b"22"]
+    assert sorted(p.name for p in to.rglob("*") if p.is_file()) == ["run.c3d", "walk.C3D"]
+    before = (to / "s/run.c3d").stat().st_mtime_ns
+    (to / "s/01/walk.C3D").write_bytes(b"2")
+    unpack(made, to)
+    assert (to / "s/01/walk.C3D").read_bytes() == b"1"
+    assert (to / "s/run.c3d").stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("../out.c3d", "leads out"),
+        ("/etc/out.c3d", "leads out"),
+        ("a/../../out.c3d", "leads out"),
+        ("C:/out.c3d", "leads out"),
+        ("a\\..\\out.c3d", "leads out"),
+        ("link/out.c3d", "leads out"),
+        ("RUN.c3d", "two recordings of one name"),
+    ],
+)
+def test_names_that_lead_out_of_the_folder(tmp_path, name, words):
+    made = archive(tmp_path / "a.zip", {"run.c3d": b"1", name: b"2"})
+    to = tmp_path / "to"
+    to.mkdir()
+    (to / "link").symlink_to(tmp_path)
+    with pytest.raises(FileFetchError, match=words):
+        unpack(made, to)
+    assert [path.name for path in to.iterdir()] == ["link"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.zip", "to"]
+
+
+def test_archives_that_lie_are_damaged_or_too_large(tmp_path, monkeypatch):
+    to = tmp_path / "to"
+    to.mkdir()
+    path = archive(tmp_path / "a.zip", {"a.c3d": bytes(100_000)})
+    whole = path.read_bytes()
+    monkeypatch.setattr("priorfill.datasets.unpack.LARGEST", 99_999)
+    with pytest.raises(FileFetchError, match="recording of"):
+        unpack(path, to)
+    monkeypatch.setattr("priorfill.datasets.unpack.LARGEST", 1 << 30)
+    size = whole.rindex((100_000).to_bytes(4, "little"))
+    for spoil, words in (
+        (lambda c: c[:size] + (2**29).to_bytes(4, "little") + c[size + 4 :], "what cannot be"),
+        (lambda c: c[:size] + (50_000).to_bytes(4, "little") + c[size + 4 :], "Bad CRC"),
+        (lambda c: c[:-30], "no zip file"),
+        (lambda c: b"<html>please log in</html>", "no zip file"),
+        (lambda c: c[:45] + b"\xff" * 20 + c[65:], "remove it and try again"),
+    ):
+        path.write_bytes(spoil(whole))
+        with pytest.raises(FileFetchError, match=words):
+            unpack(path, to)
+        assert list(to.iterdir()) == []
+    with pytest.raises(FileFetchError, match=r"has no recordings \(.c3d\)"):
+        unpack(archive(path, {"readme.txt": b""}), to)
+
+
+# definitions
+
+
+def test_the_libraries_that_ship_with_priorfill():
+    libraries = {library.name: library for library in known_datasets()}
+    assert list(libraries) == ["cmu", "hdm05"]
+    assert libraries["hdm05"].subject("HDM_bd_05-01_01_120") == "hdm05-bd"
+    assert libraries["cmu"].subject("127_07") == "cmu-127"
+    assert libraries["cmu"].subject("walk") == ""
+    for library in libraries.values():
+        assert load(library.marker_set)
+        assert len({file.path for file in library.files}) == len(library.files)
+        assert library.licence
+        assert library.credit
+
+
+GOOD = (
+    'name = "x"\ntitle = "X"\nhome = "h"\nbase = "http://x"\nlicence = "CC0"\nterms = "t"\n'
+    'credit = "me"\nmarker_set = ""\n[[files]]\npath = "a.zip"\n'
+)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("", "", ""),
+        ('credit = "me"\n', "", "credit is None"),
+        ("http://x", "ftp://x", "no address of the web"),
+        ("a.zip", "../a.zip", "no relative path"),
+        ("[[files]]", "odd = 1\n[[files]]", "'odd' is not known"),
+        ('path = "a.zip"', 'path = "a.zip"\nsha256 = "12"', "64 hexadecimal"),
+        ('path = "a.zip"', 'path = "a.zip"\nbytes = 0', "above 0"),
+        ("[[files]]", 'subject = {pattern = "a", name = "{}"}\n[[files]]', "one group"),
+        ("[[files]]", 'subject = {pattern = "(", name = "{}"}\n[[files]]', "is wrong"),
+        ("name", "name name", "no TOML"),
+    ],
+)
+def test_definitions(tmp_path, old, new, words):
+    path = tmp_path / "x.toml"
+    path.write_text(GOOD.replace(old, new, 1) if old else GOOD)
+    if not words:
+        assert find_dataset(str(path)).base == "http://x/"
+        return
+    with pytest.raises(FetchError, match=words):
+        find_dataset(str(path))
+    with pytest.raises(FetchError, match="use one of cmu hdm05"):
+        find_dataset("x")
+
+
+# folders
+
+
+def library(*paths: str, **more: Any) -> Dataset:
+    files = tuple(DatasetFile(path, **more) for path in paths)
+    return Dataset("x", "X", "", "http://192.0.2.1/", "CC0", "", "me", "", "", "", files)
+
+
+def zipped(**members: bytes) -> bytes:
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w") as opened:
+        for name, content in members.items():
+            opened.writestr(f"{name}.c3d", content)
+    return made.getvalue()
+
+
+def test_a_folder_remembers_what_it_has(tmp_path):
+    of = library("a.zip", "deep/b.zip")
+    files = {"a.zip": zipped(a=b"1", b=b"2"), "deep/b.zip": zipped(c=b"3")}
+    to = tmp_path / "to"
+    with serve(files) as site:
+
+        def get(**options: Any) -> list[tuple[str, bool, int, str]]:
+            found = fetch(of, to, mirror=site.url, manners=QUICK, **options)
+            return [(f.file.path, f.new, len(f.recordings), f.failure) for f in found]
+
+        assert get(limit=1) == [("a.zip", True, 2, "")]
+        assert get(only=["b.*"]) == [("deep/b.zip", True, 1, "")]
+        both = [("a.zip", False, 2, ""), ("deep/b.zip", False, 1, "")]
+        assert get() == both
+        (to / "a.zip").unlink()  # no longer needed
+        assert get() == both
+        assert len(site.asked) == 2
+        (to / "b.c3d").unlink()  # now it is
+        site.files["a.zip"] = zipped(a=b"1", b=b"x")
+        ((_, _, _, failure), _) = get()
+        assert "its checksum is" in failure
+        site.files["a.zip"] = files["a.zip"]
+        assert get() == [("a.zip", True, 2, ""), both[1]]
+        (to / "deep" / "b.zip").write_bytes(zipped(c=b"4"))
+        assert "has changed since" in get()[1][3]
+        with pytest.raises(FetchError, match=r"no file fits 'c\*'; its files are a.zip, deep/b"):
+            get(only=["c*"])
+        with pytest.raises(FetchError, match="no address of the web"):
+            list(fetch(of, to, mirror="file:///"))
+    for content in ("no JSON", '{"version": 1, "library": "x", "files": [1]}'):
+        (to / RECORD).write_text(content)
+        (to / "deep" / "b.zip").write_bytes(files["deep/b.zip"])
+        assert [f.new for f in fetch(of, to)] == [False, False]
+    (to / RECORD).write_text('{"version": 1, "library": "y", "files": {}}')
+    with pytest.raises(FetchError, match="has files of the library y"):
+        list(fetch(of, to))
+
+
+def test_one_at_a_time(tmp_path):
+    with serve({"a.zip": zipped(a=b"1"), "b.zip": zipped(b=b"1")}) as site:
+        first = fetch(library("a.zip", "b.zip"), tmp_path, mirror=site.url, manners=QUICK)
+        next(first)
+        with pytest.raises(FetchError, match="another process is downloading"):
+            next(fetch(library("a.zip"), tmp_path, mirror=site.url))
+        first.close()
+        assert len(list(fetch(library("a.zip"), tmp_path, mirror=site.url))) == 1
+
+
+# the command
+
+
+@pytest.fixture
+def hdm05(here: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], bytes]:
+    """Makes an archive of recordings as HDM05 has them."""
+    monkeypatch.setattr("time.sleep", lambda seconds: None)
+
+    def make(*names: str) -> bytes:
+        return zipped(
+            **{
+                Path(name).stem: write_clip(here / "made" / f"{name}.c3d", seed).read_bytes()
+                for seed, name in enumerate(names)
+            }
+        )
+
+    return make
+
+
+def test_the_command(here, hdm05):
+    files = {
+        "01-01/HDM_01-01_c3d.zip": hdm05("HDM_bd_01-01_01_120", "HDM_tr_01-01_02_120"),
+        "01-02/HDM_01-02_c3d.zip": b"<html>",
+    }
+    with serve(files) as site:
+        common = ["db", "fetch", "hdm05", "-d", "labs/db", "--mirror", site.url]
+        result = run(*common, "--only", "*_01-0[123]_*")
+        assert (result.exit_code, site.asked) == (1, [])  # nobody has accepted
+        assert "licence   CC BY-SA 3.0\n" in result.stderr
+        assert "CG-2007-2" in result.stderr
+        assert "files     3 of 20, from http://127" in result.stderr
+        assert not Path("labs").exists()
+
+        result = run(*common, "--only", "*_01-0[123]_*", "--yes")
+        assert result.exit_code == 1
+        lines = result.stdout.splitlines()
+        assert re.match(
+            r"downloaded .*/labs/hdm05/01-01/HDM_01-01_c3d.zip \(.* kB, 2 recordings\)", lines[0]
+        )
+        assert lines[1] == f"2 recordings in {here}/labs/hdm05, could not download 2"
+        assert lines[-1] == "added 2 clips (2.00 s)"
+        assert "01-02_c3d.zip: is no zip file or damaged" in result.stderr
+        assert "01-03_c3d.zip: the server answers 404" in result.stderr
+
+        result = run(*common, "--only", "*01-01*", "--yes")
+        assert result.exit_code == 0
+        assert "there already: " in result.stdout
+        assert result.stdout.endswith("added 0 clips (0.00 s), skipped 2 that are there already\n")
+    info = run("db", "info", "-d", "labs/db").stdout
+    assert "subjects     2\n" in info
+    assert "licence      CC BY-SA 3.0 (2)\n" in info
+    assert "credit       HDM05: Müller" in info
+    clips = json.loads(run("db", "list", "-d", "labs/db", "--json").stdout)
+    assert {clip["subject"] for clip in clips} == {"hdm05-bd", "hdm05-tr"}
+
+
+def test_the_list_and_what_is_missing(here):
+    result = run("db", "fetch", "--list")
+    assert result.exit_code == 0
+    assert "hdm05  Mocap Database HDM05" in result.stdout
+    assert run("db", "fetch", "cmu").exit_code == 2
+    assert run("db", "fetch", "cmu", "--download-only").exit_code == 2
+    assert "use one of cmu hdm05" in run("db", "fetch", "mine", "-d", "db", "-y").stderr
+
+
+def test_nothing_is_asked_for_that_is_not_fetched(monkeypatch):
+    """Neither imports nor the list of libraries touch the network."""
+    monkeypatch.setattr("socket.socket.connect", lambda *a: pytest.fail("the network is asked"))
+    assert known_datasets()
+    assert fetch_library is fetch

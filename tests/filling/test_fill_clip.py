@@ -1,0 +1,370 @@
+"""`fill`: what it promises whatever the method."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gappy import ARM, FOOT, error, person, straight, with_gaps
+
+import priorfill as pf
+from priorfill.clip import Clip
+from priorfill.database import PriorDatabase
+from priorfill.errors import DatabaseNotFoundError, OptionError
+from priorfill.filling.fill_clip import fill
+from priorfill.filling.result import FilledGap, Result, UnfilledSpan
+from priorfill.gp.calibration import BOUND_FACTOR, MEAN_FACTOR
+from priorfill.methods.gpr.dropout.donors import ROWS
+from priorfill.methods.gpr.prediction import Prediction
+from priorfill.methods.task import Estimate, Note
+from priorfill.runtime.threads import VARIABLE, thread_count
+
+METHOD = pytest.mark.parametrize("method", ["baumann2011", "neighbours", "gpr"])
+GAPS = ((60, 130, ARM), (90, 170, FOOT), (200, 240, ("LKNE",)), (0, 240, ("C7",)))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A database of one other person's walk."""
+    place = tmp_path_factory.mktemp("filling") / "db"
+    with PriorDatabase.create(place) as made:
+        made.add(person(seconds=6.0, seed=11, body=11))
+    return place
+
+
+@pytest.fixture(scope="module")
+def filled(folder: Path) -> Result:
+    """What `fill` makes of all gaps with the database, which several tests look at."""
+    return pf.fill(with_gaps(person(), *GAPS), database=folder)
+
+
+@METHOD
+def test_measured_samples_are_the_same_bits(method):
+    clip = with_gaps(person(), *GAPS)
+    before = clip.positions.copy()
+    result = fill(clip, method=method)
+    measured = ~clip.missing
+    assert result.clip.positions[measured].tobytes() == clip.positions[measured].tobytes()
+    np.testing.assert_array_equal(clip.positions, before)
+
+
+def test_fields_of_the_result(folder, filled):
+    clip = with_gaps(person(), *GAPS)
+    result = filled
+    assert isinstance(result, pf.Result)
+    assert result.method == "gpr"
+    assert result.database == folder
+    assert result.marker_set.name == "baumann41"
+    assert result.complete
+    np.testing.assert_array_equal(result.filled, clip.missing)
+    assert not result.clip.missing.any()
+    assert (result.clip.labels, result.clip.rate, result.clip.up, result.clip.name) == (
+        (clip.labels, clip.rate, clip.up, clip.name)
+    )
+    assert np.isnan(result.expected_rms[~clip.missing]).all()
+    assert (result.expected_rms[clip.missing] > 0).all()
+    assert np.isnan(result.error_bound_90[~clip.missing]).all()
+    assert [(g.start, g.stop, g.label) for g in result.gaps] == [
+        (g.start, g.stop, clip.labels[g.marker]) for g in pf.find_gaps(clip.missing)
+    ]
+    for gap in result.gaps:
+        assert isinstance(gap, FilledGap)
+        assert gap.complete
+        assert gap.filled == gap.frames == gap.stop - gap.start
+        assert gap.unfilled == ()
+        inside = result.expected_rms[gap.start : gap.stop, clip.labels.index(gap.label)]
+        assert gap.expected_rms == pytest.approx(np.sqrt((inside**2).mean()))
+        assert gap.expected_mean_error == pytest.approx(MEAN_FACTOR * inside.mean())
+        bounds = result.error_bound_90[gap.start : gap.stop, clip.labels.index(gap.label)]
+        assert (bounds > inside).all()
+        assert bounds.min() < gap.error_bound_90 < bounds.max()
+        assert gap.method == "gpr"
+        # of each of the database's people, here one, some poses tell of a marker never seen
+        assert gap.training_poses == ROWS if gap.label == "C7" else gap.training_poses > 50
+        if gap.label == "C7":
+            assert gap.sources == ("the database's bodies",)
+            assert gap.source_clips == ("synthetic_walking_011",)
+        elif gap.label in (*ARM, *FOOT):
+            assert gap.sources == ("the clip's own frames and the database's",)
+            assert gap.source_clips == (clip.name, "synthetic_walking_011")
+        else:
+            assert gap.sources == ("the clip's own frames",)
+            assert gap.source_clips == (clip.name,)
+
+
+def test_what_stays_missing_is_named():
+    clip = with_gaps(person(), *GAPS)
+    result = fill(clip)
+    assert not result.complete
+    assert result.database is None
+    (gap,) = [g for g in result.gaps if not g.complete]
+    assert (gap.label, gap.filled, gap.sources, gap.source_clips) == ("C7", 0, (), ())
+    assert np.isnan([gap.expected_rms, gap.expected_mean_error, gap.error_bound_90]).all()
+    assert gap.training_poses == 0
+    (left,) = gap.unfilled
+    assert isinstance(left, UnfilledSpan)
+    assert (left.start, left.stop) == (0, 240)
+    assert "no database" in left.reason
+    missing = result.clip.missing
+    assert missing.sum() == 240
+    assert missing[:, clip.labels.index("C7")].all()
+
+
+def test_expected_error_is_of_the_size_of_the_error(filled):
+    off = np.linalg.norm(filled.clip.positions - person().positions, axis=2)
+    for gap in filled.gaps:
+        marker = person().labels.index(gap.label)
+        real = np.sqrt((off[gap.start : gap.stop, marker] ** 2).mean())
+        assert 0.1 < gap.expected_rms / real < 10, gap.label
+
+
+def test_nine_of_ten_errors_are_below_the_bound_or_nearly(filled):
+    """Over gaps of all sizes; synthetic motion is easy, so more may be."""
+    off = np.linalg.norm(filled.clip.positions - person().positions, axis=2)
+    assert 0.6 < (off < filled.error_bound_90)[filled.filled].mean() <= 1.0
+
+
+def told(bound):
+    """A method that says 2 mm of each sample, and a bound."""
+
+    def method(task, progress):
+        shape = task.positions.shape
+        notes = [
+            Note(0, 60, 80, "one", training_poses=12),
+            Note(0, 80, 90, "two", training_poses=30),
+        ]
+        return Estimate(np.full(shape, 7.0), np.full(shape[:2], 2.0), notes, bound)
+
+    return method
+
+
+def test_a_method_may_give_bounds_or_not(monkeypatch):
+    clip = with_gaps(person(), (60, 90, person().labels[:1]))
+    own = np.full(clip.missing.shape, 9.0)
+    own[60:70] = np.nan
+    for bound, expected in ((None, 2.0 * BOUND_FACTOR), (own, 9.0)):
+        monkeypatch.setattr("priorfill.filling.fill_clip.get_method", lambda name, b=bound: told(b))
+        result = fill(clip, method="gpr")
+        (gap,) = result.gaps
+        assert gap.error_bound_90 == pytest.approx(expected)
+        assert gap.expected_mean_error == pytest.approx(2.0 * MEAN_FACTOR)
+        assert (gap.method, gap.training_poses) == ("gpr", 30)
+        assert (result.error_bound_90[70:90, 0] == expected).all()
+        assert (
+            np.isnan(result.error_bound_90[:60]).all()
+            and np.isnan(result.error_bound_90[:, 1:]).all()
+        )
+        assert np.isnan(result.error_bound_90[60:70, 0]).all() == (bound is not None)
+
+
+def test_the_factor_of_a_prediction_is_the_bound(monkeypatch, folder):
+    """Each part of a clip has the factor that its own regression found."""
+    whole = Prediction.__init__
+
+    def calibrated(self, *arguments, **told):
+        whole(self, *arguments, **told)
+        object.__setattr__(self, "bound_factor", 2.0 if len(self.piece.markers) > 1 else 3.0)
+
+    monkeypatch.setattr(Prediction, "__init__", calibrated)
+    clip = with_gaps(person(), *GAPS)
+    result = fill(clip, database=folder)
+    ratio = (result.error_bound_90 / result.expected_rms)[result.filled]
+    assert set(np.round(ratio, 9)) == {2.0, 3.0}
+    knee = clip.labels.index("LKNE")
+    np.testing.assert_allclose(
+        result.error_bound_90[200:240, knee], 3.0 * result.expected_rms[200:240, knee]
+    )
+
+
+@pytest.mark.parametrize(("method", "poses"), [("baumann2011", 256), ("neighbours", 64)])
+def test_poses_of_the_searching_methods_are_k(method, poses, folder):
+    clip = with_gaps(person(), (60, 90, ("LKNE",)))
+    (gap,) = fill(clip, method=method, database=folder).gaps
+    # the database has 180 poses at its rate, which are all that can be had
+    assert gap.training_poses == min(poses, 178)
+    (gap,) = fill(clip, method=method).gaps
+    assert 16 <= gap.training_poses <= poses
+
+
+def test_a_blackout_learns_from_windows():
+    clip = with_gaps(person(), (100, 110, person().labels))
+    result = fill(clip)
+    assert {gap.sources for gap in result.gaps} == {("similar movements of the clip",)}
+    assert min(gap.training_poses for gap in result.gaps) > 10
+
+
+def test_a_bridge_learns_from_no_poses():
+    """A second of a clip is too short for windows."""
+    short = person(seconds=1.0)
+    result = fill(with_gaps(short, (25, 35, short.labels)))
+    assert {gap.training_poses for gap in result.gaps} == {0}
+    assert {gap.sources for gap in result.gaps} == {("bridged over time",)}
+    np.testing.assert_allclose(
+        result.error_bound_90[result.filled], BOUND_FACTOR * result.expected_rms[result.filled]
+    )
+
+
+def test_how_far_off_strangers_are_is_told_by_whole_bodies(tmp_path):
+    """Two takes of a person agree about a marker better than they do with somebody else."""
+    whole = person()
+
+    def told(name, subjects):
+        """Expected and real errors by marker, each missing throughout."""
+        with PriorDatabase.create(tmp_path / name) as made:
+            for seed, subject in enumerate(subjects):
+                take = person(seconds=5.0, seed=30 + seed, body=20 + seed // 2)
+                made.add(replace(take, name=f"take{seed}"), subject=subject)
+        found = []
+        for label in ("C7", "RELB", "LKNE"):
+            clip = replace(with_gaps(whole, (0, 240, (label,))), subject="anna")
+            result = fill(clip, database=tmp_path / name)
+            off = np.linalg.norm(result.clip.positions - whole.positions, axis=2)
+            found.append((result.gaps[0].expected_rms, np.sqrt((off[clip.missing] ** 2).mean())))
+        return np.transpose(found)
+
+    expected, real = told("strangers", ["ben", "ben", "cleo", "cleo", "dan", "dan"])
+    assert (real < 1.5 * expected).all()
+    assert (expected > 1.2 * told("unknown", [""] * 6)[0]).all()  # each may be another's
+    # who has the clip's name but another shape is a stranger too
+    np.testing.assert_array_equal(
+        told("own", ["ben", "ben", "anna", "anna", "dan", "dan"]), [expected, real]
+    )
+    # one stranger alone cannot be left out: visible markers tell
+    expected, real = told("one", ["ben"] * 6)
+    assert (real < 1.5 * expected).all()
+
+
+@METHOD
+def test_a_database_as_path_or_as_object(method, folder):
+    clip = with_gaps(person(), (60, 90, ("LKNE",)), (0, 240, ("C7",)))
+    by_path = fill(clip, method=method, database=folder)
+    by_text = fill(clip, method=method, database=str(folder))
+    with PriorDatabase.open(folder) as database:
+        by_object = fill(clip, method=method, database=database)
+        assert len(list(database.clips())) == 1  # still open
+    for other in (by_text, by_object):
+        assert other.clip.positions.tobytes() == by_path.clip.positions.tobytes()
+        assert other.database == by_path.database == folder
+
+
+def test_a_database_without_a_common_marker(tmp_path):
+    with PriorDatabase.create(tmp_path / "db") as database:
+        names = tuple(f"X{i}" for i in range(41))
+        database.add(Clip(person(seed=9).positions, names, 60.0, name="strange"))
+    clip = with_gaps(person(), (60, 90, ("LKNE",)))
+    result = fill(clip, database=tmp_path / "db")
+    (note,) = result.notes
+    assert "no marker in common with synthetic_walking_003" in note
+    assert result.clip.positions.tobytes() == fill(clip).clip.positions.tobytes()
+
+
+def test_an_empty_database(tmp_path):
+    PriorDatabase.create(tmp_path / "db").close()
+    clip = with_gaps(person(), (60, 90, ("LKNE",)))
+    result = fill(clip, database=tmp_path / "db")
+    assert result.notes == (f"{tmp_path / 'db'}: the database is empty",)
+    assert result.clip.positions.tobytes() == fill(clip).clip.positions.tobytes()
+
+
+def test_no_database_there(tmp_path):
+    with pytest.raises(DatabaseNotFoundError):
+        fill(with_gaps(person(), (60, 90, ("LKNE",))), database=tmp_path / "db")
+
+
+def test_no_such_method():
+    with pytest.raises(OptionError, match="no method 'splien'; use one of auto gpr "):
+        fill(person(), method="splien")
+
+
+@METHOD
+def test_no_gaps(method):
+    result = fill(person(), method=method)
+    assert result.complete
+    assert result.gaps == ()
+    assert not result.filled.any()
+    assert result.clip.positions.tobytes() == person().positions.tobytes()
+
+
+def test_progress_counts_the_gap_groups():
+    clip = with_gaps(person(), (20, 30, ("LKNE",)), (60, 70, ("RKNE",)), (65, 90, ("C7",)))
+    calls = []
+    fill(clip, progress=lambda done, total: calls.append((done, total)))
+    assert calls == [(1, 2), (2, 2)]
+
+
+def test_what_a_method_says_of_measured_samples_is_not_heard(monkeypatch):
+    """A method that changes everything, and says nothing of one gap."""
+
+    def wild(task, progress):
+        estimate = Estimate(
+            np.full_like(task.positions, 7.0), np.full(task.positions.shape[:2], 1.0)
+        )
+        estimate.positions[60:65, 0, 1] = np.inf
+        estimate.positions[65:70, 0] = np.nan
+        estimate.notes.append(Note(0, 60, 65, "too wild", filled=False))
+        estimate.notes.append(Note(0, 70, 90, "out of thin air"))
+        return estimate
+
+    monkeypatch.setattr("priorfill.filling.fill_clip.get_method", lambda name: wild)
+    clip = with_gaps(person(), (60, 90, person().labels[:1]))
+    result = fill(clip, method="gpr")
+    measured = ~clip.missing
+    assert result.clip.positions[measured].tobytes() == clip.positions[measured].tobytes()
+    (gap,) = result.gaps
+    assert gap.filled == 20
+    assert gap.sources == ("out of thin air",)
+    assert [left.reason for left in gap.unfilled] == ["too wild"]
+    assert [(left.start, left.stop) for left in gap.unfilled] == [(60, 70)]
+    assert np.isnan(result.expected_rms[60:70, 0]).all()
+    assert (result.clip.positions[70:90, 0] == 7).all()
+
+
+PROGRAM = """
+import hashlib, sys
+sys.path.insert(0, {tests!r})
+from gappy import person, with_gaps
+from priorfill.filling.fill_clip import fill
+for method in ("baumann2011", "gpr"):
+    result = fill(with_gaps(person(), *{gaps!r}), method=method, database={database!r})
+    print(method, hashlib.sha256(result.clip.positions.tobytes()).hexdigest())
+"""
+
+
+def test_the_same_bits_from_run_to_run_and_for_any_number_of_threads(folder, filled):
+    program = PROGRAM.format(
+        tests=str(Path(__file__).parents[1] / "support"), gaps=GAPS, database=str(folder)
+    )
+    published = fill(with_gaps(person(), *GAPS), method="baumann2011", database=folder)
+    here = [
+        f"{result.method} {hashlib.sha256(result.clip.positions.tobytes()).hexdigest()}"
+        for result in (published, filled)
+    ]
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    threads = "2" if thread_count() == 1 else "1"  # other than here
+    environment = os.environ | dict.fromkeys((VARIABLE, *names), threads)
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=environment,
+    )
+    assert done.stdout.splitlines() == here
+
+
+@pytest.mark.realdata
+def test_a_limb_of_a_recording(data):
+    """The left arm is gone for a second of walking."""
+    whole = pf.read(data / "hdm05" / "HDM_bd_01-02_01_120.c3d")
+    truth = Clip(whole.positions[500:1500], whole.labels, whole.rate, whole.up)
+    clip = with_gaps(truth, (400, 520, ARM))
+    result = fill(clip)
+    assert result.complete
+    found = error(result.clip.positions, truth.positions, result.filled)
+    assert found < 0.5 * error(straight(clip), truth.positions, result.filled)

@@ -1,0 +1,139 @@
+"""What to fill: markers, frames, the longest gap, the clip's ends."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from gappy import ARM, person, with_gaps
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from priorfill.cli import main
+from priorfill.clip import Clip
+from priorfill.errors import OptionError
+from priorfill.filling.fill_clip import fill
+from priorfill.filling.gap_filter import GapFilter
+from priorfill.formats import read, write
+
+GAPS = ((0, 20, ("LKNE",)), (60, 150, ARM), (80, 90, ("RKNE", "C7")), (230, 240, ("C7",)))
+
+
+def clip(first_frame: int = 0) -> Clip:
+    return replace(with_gaps(person(), *GAPS), first_frame=first_frame)
+
+
+def filled_of(gap_filter: GapFilter, first_frame: int = 0) -> np.ndarray:
+    return fill(clip(first_frame), method="linear", gap_filter=gap_filter).filled
+
+
+def column(label: str) -> int:
+    return person().labels.index(label)
+
+
+def test_everything_by_default():
+    np.testing.assert_array_equal(filled_of(GapFilter()), clip().missing)
+
+
+def test_markers():
+    filled = filled_of(GapFilter(markers=("L*", "C7")))
+    named = np.array([label.startswith("L") or label == "C7" for label in person().labels])
+    np.testing.assert_array_equal(filled, clip().missing & named)
+
+
+def test_longer_gaps_are_left_alone_as_a_whole():
+    result = fill(clip(), method="linear", gap_filter=GapFilter(max_gap=0.5))
+    for gap in result.gaps:
+        assert gap.filled == (gap.frames if gap.frames <= 30 else 0)
+    assert result.complete
+    (left,) = next(gap for gap in result.gaps if gap.label == "LFIN").unfilled
+    assert (left.start, left.stop, left.requested) == (60, 150, False)
+    assert "longer than 0.5 s" in left.reason
+
+
+def test_edges():
+    filled = filled_of(GapFilter(skip_edges=True))
+    assert not filled[:60].any()
+    assert not filled[200:].any()
+    assert filled[60:150].sum() == 90 * len(ARM) + 20
+
+
+def test_frames_are_numbered_as_in_the_file():
+    filled = filled_of(GapFilter(frames=(1070, 1084)), first_frame=1001)
+    missing = clip().missing
+    missing[:69] = missing[84:] = False
+    np.testing.assert_array_equal(filled, missing)
+    np.testing.assert_array_equal(
+        filled_of(GapFilter(frames=(None, 84))), clip().missing & (np.arange(240) < 85)[:, None]
+    )
+
+
+@given(
+    st.integers(-5, 250),
+    st.integers(-5, 250),
+    st.floats(0.01, 2.0),
+    st.booleans(),
+    st.sets(st.sampled_from([*ARM, "C7", "RKNE"]), min_size=1),
+)
+@settings(max_examples=20, deadline=None)
+def test_what_is_left_alone_is_missing_and_told(first, last, max_gap, skip_edges, markers):
+    if first > last or last < 0 or first > 239:
+        return
+    gap_filter = GapFilter(tuple(sorted(markers)), (first, last), max_gap, skip_edges)
+    result = fill(clip(), method="linear", gap_filter=gap_filter)
+    told = np.zeros_like(result.filled)
+    for gap, reason in gap_filter.left_alone(clip()):
+        assert reason
+        told[gap.start : gap.stop, gap.marker] = True
+    np.testing.assert_array_equal(result.filled, clip().missing & ~told)
+    assert result.complete
+
+
+def test_a_method_that_fails_is_told_from_what_is_left_alone():
+    both = with_gaps(person(), (0, 240, ("C7",)), (100, 120, ("LKNE",)))
+    result = fill(both, method="linear", gap_filter=GapFilter(frames=(110, None)))
+    assert not result.complete
+    (gap,) = [gap for gap in result.gaps if gap.label == "C7"]
+    assert [(part.start, part.stop, part.requested) for part in gap.unfilled] == [
+        (0, 110, False),
+        (110, 240, True),
+    ]
+
+
+def test_the_rest_is_filled_as_without_a_scope():
+    whole = fill(clip())
+    part = fill(clip(), gap_filter=GapFilter(markers=("LWR*",)))
+    np.testing.assert_array_equal(
+        part.clip.positions[part.filled], whole.clip.positions[part.filled]
+    )
+
+
+@pytest.mark.parametrize(
+    ("fields", "word"),
+    [
+        ({"markers": ("LKNEE",)}, "LKNEE"),
+        ({"frames": (241, 300)}, "0-239"),
+        ({"frames": (20, 10)}, "20:10"),
+        ({"max_gap": 0.0}, "above 0"),
+        ({"max_gap": float("nan")}, "nan"),
+    ],
+)
+def test_scopes_that_make_no_sense(fields, word):
+    with pytest.raises(OptionError, match=word):
+        fill(clip(), method="linear", gap_filter=GapFilter(**fields))
+
+
+def test_the_command_line(here):
+    write("gaps.c3d", clip(first_frame=1))
+    run = CliRunner().invoke
+    common = ["fill", "gaps.c3d", "-o", "out.c3d", "-m", "linear", "--overwrite"]
+    result = run(main, [*common, "--max-gap", "0.5", "--skip-edges", "--frames", "60:"])
+    assert result.exit_code == 0, result.output
+    assert "20 samples filled by linear, 2 of 2 gaps wholly, 8 left alone" in result.stdout
+    assert "left alone: 540 samples of 6 markers" in result.stderr
+    assert "left missing" not in result.stderr
+    assert read("out.c3d").missing.sum() == clip().missing.sum() - 20
+    assert run(main, [*common, "--frames", "60-90"]).exit_code == 2
+    assert run(main, [*common, "--markers", "HIP"]).exit_code == 1

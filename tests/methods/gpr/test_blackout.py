@@ -1,0 +1,243 @@
+"""Blackouts: no marker is visible, or fewer than three."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gappy import ARM, FOOT, error, person, with_gaps
+from scipy.interpolate import CubicSpline
+
+from priorfill.clip import Clip
+from priorfill.database import PriorDatabase
+from priorfill.filling.fill_clip import fill
+from priorfill.filling.result import Result
+from priorfill.geometry.root_frames import RootGroup, root_group
+from priorfill.methods.gpr.blackout import Recording, fill_blackout
+from priorfill.signal.gp_interpolation import decaying_velocity, process_in_time
+
+TRUTH = person(seconds=8.0)
+SLOW = person(seconds=8.0, rate=30.0)
+"""The same at half the rate, for long blackouts: they are led through in half the time."""
+ALL = TRUTH.labels
+TWO = ((200, 236, ALL), (460, 481, ALL))
+"""A blackout in the middle, and one at the end."""
+
+
+@pytest.fixture(scope="module")
+def two_filled() -> Result:
+    return fill(with_gaps(TRUTH, *TWO))
+
+
+def off(result: Result, truth: Clip = TRUTH) -> np.ndarray:
+    """Errors of the filled samples."""
+    return np.linalg.norm(result.clip.positions - truth.positions, axis=2)[result.filled]
+
+
+def splines(clip: Clip) -> np.ndarray:
+    positions = clip.positions.copy()
+    frames = np.arange(clip.frames)
+    for marker in range(positions.shape[1]):
+        known = ~clip.missing[:, marker]
+        positions[:, marker] = CubicSpline(frames[known], positions[known, marker])(frames)
+    return positions
+
+
+@pytest.mark.parametrize(
+    ("seconds", "truth"), [(0.1, TRUTH), (0.3, TRUTH), (0.6, SLOW), (1.0, SLOW)]
+)
+def test_better_than_a_cubic_spline(seconds: float, truth: Clip) -> None:
+    ours, theirs = [], []
+    for begin in (1.7, 3.8, 5.8):
+        start = round(begin * truth.rate)
+        clip = with_gaps(truth, (start, start + round(seconds * truth.rate), ALL))
+        result = fill(clip)
+        assert result.complete
+        ours.append(off(result, truth).mean())
+        theirs.append(error(splines(clip), truth.positions, clip.missing))
+    assert np.mean(ours) < 0.85 * np.mean(theirs)
+
+
+@pytest.mark.parametrize(("start", "stop"), [(0, 1), (0, 24), (440, 481), (479, 481), (0, 60)])
+def test_at_the_ends(start: int, stop: int) -> None:
+    clip = with_gaps(TRUTH, (start, stop, ALL))
+    result = fill(clip)
+    assert result.complete
+    edge = TRUTH.positions[stop if start == 0 else start - 1]
+    held = np.linalg.norm(TRUTH.positions[start:stop] - edge, axis=2).mean()
+    assert off(result).mean() < 0.5 * held
+
+
+def test_two_near_each_other() -> None:
+    clip = with_gaps(TRUTH, (200, 220, ALL), (223, 240, ALL), (243, 250, ALL))
+    result = fill(clip)
+    assert result.complete
+    assert off(result).max() < 120
+
+
+def test_other_gaps_beside_it() -> None:
+    gaps = [(180, 230, ARM), (205, 270, FOOT), (60, 90, ARM), (300, 320, FOOT), (0, 481, ["T10"])]
+    clip = with_gaps(TRUTH, (200, 220, ALL), *gaps)
+    result = fill(clip)
+    left = clip.missing & ~result.filled
+    assert not np.delete(left, ALL.index("T10"), axis=1).any()
+    assert off(result).max() < 150
+
+
+def test_ragged_edges_are_joined() -> None:
+    rng = np.random.default_rng(0)
+    # nine ways to be ragged: with each comes another piece of work
+    gaps = [(200 - rng.integers(3), 220 + rng.integers(3), [label]) for label in ALL]
+    result = fill(with_gaps(TRUTH, *gaps))
+    assert result.complete
+    wrong = np.nan_to_num(result.clip.positions - TRUTH.positions)
+    assert np.linalg.norm(np.diff(wrong, axis=0), axis=2).max() < 20
+
+
+def test_one_visible_marker() -> None:
+    clip = with_gaps(TRUTH, (200, 224, ALL[1:]))
+    result = fill(clip)
+    assert result.complete
+    assert off(result).mean() < 40
+
+
+def test_edges_have_no_jump(two_filled: Result) -> None:
+    steps = np.linalg.norm(np.diff(two_filled.clip.positions - TRUTH.positions, axis=0), axis=2)
+    # the recording itself has a millimetre of noise
+    assert steps[[199, 235, 459]].max() < 8.0
+    assert steps[[199, 235, 459]].mean() < 2.5
+    assert steps.max() < 15.0
+
+
+def test_expected_error() -> None:
+    within = []
+    for starts in ((20, 110), (50, 140), (80, 170)):
+        result = fill(with_gaps(SLOW, *((start, start + 18, ALL) for start in starts)))
+        for start in starts:
+            expected = result.expected_rms[start : start + 18].mean(axis=1)
+            assert 4 < expected.argmax() < 14
+            assert expected[[0, -1]].max() < 0.3 * expected.max()
+        within.append(off(result, SLOW) < 1.6 * result.expected_rms[result.filled])
+    assert 0.8 < np.mean(within) <= 1.0
+
+
+def test_expected_error_grows_toward_an_end() -> None:
+    result = fill(with_gaps(TRUTH, (430, 481, ALL)))
+    expected = result.expected_rms[430:].mean(axis=1)
+    assert expected[-1] > 4 * expected[5]
+
+
+def test_a_clip_too_short_for_windows() -> None:
+    clip = person(seconds=1.0)
+    result = fill(with_gaps(clip, (20, 44, ALL)))
+    assert result.complete
+    assert {how for gap in result.gaps for how in gap.sources} == {"bridged over time"}
+    middle = np.linalg.norm(result.clip.positions - clip.positions, axis=2)[20:44]
+    assert middle.mean() < 2 * result.expected_rms[20:44].mean()
+
+
+def test_other_people_who_walk(tmp_path: Path) -> None:
+    clip = person(seconds=2.5, rate=30.0)
+    gappy = with_gaps(clip, (25, 50, ALL))
+    with PriorDatabase.create(tmp_path / "db") as made:
+        for body in (11, 12, 13):
+            made.add(person(seconds=8.0, rate=30.0, seed=body, body=body))
+    alone, helped = fill(gappy), fill(gappy, database=tmp_path / "db")
+    assert helped.complete
+    truth = clip.positions
+    assert {how for gap in helped.gaps for how in gap.sources} == {
+        "similar movements of the clip and the database"
+    }
+    assert all(gap.source_clips for gap in helped.gaps)
+    assert error(helped.clip.positions, truth, helped.filled) < 0.8 * error(
+        alone.clip.positions, truth, alone.filled
+    )
+
+
+def test_nothing_known_is_left_missing() -> None:
+    clip = with_gaps(person(seconds=2.0), (0, 121, ALL))
+    result = fill(clip)
+    assert not result.filled.any()
+    assert all("fewer than three" in p.reason for gap in result.gaps for p in gap.unfilled)
+
+
+def test_what_is_hopeless_is_left_missing() -> None:
+    clip = with_gaps(person(seconds=6.0, rate=30.0), (20, 180, ALL))
+    result = fill(clip)
+    assert result.filled[20:25].all()
+    assert not result.filled[-1].any()
+    assert {p.reason for gap in result.gaps for p in gap.unfilled} != set()
+
+
+def test_same_bits_from_run_to_run(two_filled: Result) -> None:
+    again = fill(with_gaps(TRUTH, *TWO))
+    assert two_filled.clip.positions.tobytes() == again.clip.positions.tobytes()
+    assert two_filled.expected_rms.tobytes() == again.expected_rms.tobytes()
+
+
+def test_moves_and_turns_with_the_clip(two_filled: Result) -> None:
+    angle = 0.7
+    turn = np.array(
+        [[np.cos(angle), np.sin(angle), 0], [-np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+    )
+    there = TRUTH.with_positions(TRUTH.positions @ turn + [900.0, -400.0, 30.0])
+    moved = fill(with_gaps(there, *TWO))
+    wanted = two_filled.clip.positions @ turn + [900.0, -400.0, 30.0]
+    # the solver stops at 1 % of the energy
+    np.testing.assert_allclose(moved.clip.positions, wanted, atol=0.5)
+    np.testing.assert_allclose(moved.expected_rms, two_filled.expected_rms, rtol=0.02)
+
+
+def test_labels_that_nobody_knows() -> None:
+    clip = replace(TRUTH, labels=tuple(f"M{i:02d}" for i in range(len(ALL))))
+    result = fill(with_gaps(clip, (200, 236, clip.labels)))
+    assert result.complete
+    assert off(result).mean() < 60
+
+
+def lead(positions: np.ndarray, start: int, stop: int) -> np.ndarray:
+    markers = positions.shape[1]
+
+    def root(among: np.ndarray) -> RootGroup | None:
+        return root_group(positions, [int(m) for m in among])
+
+    nobody = np.full(markers, -1, dtype=np.intp)
+    found = fill_blackout(
+        [Recording(positions)], start, stop, 100.0, root, nobody, np.arange(markers)
+    )
+    assert found is not None
+    assert np.isfinite(found.expected_rms).all()
+    return found.positions
+
+
+@pytest.mark.parametrize("power", [0, 1, 2])
+@pytest.mark.parametrize("frames", [10, 40, 90])
+def test_simple_curves_are_followed_exactly(power: int, frames: int) -> None:
+    rng = np.random.default_rng(power)
+    time = np.arange(400)[:, None, None] / 100.0
+    truth = rng.normal(0, 500, (1, 6, 3)) + rng.normal(0, 300, (1, 6, 3)) * time**power
+    gappy = truth.copy()
+    gappy[150 : 150 + frames] = np.nan
+    np.testing.assert_allclose(lead(gappy, 150, 150 + frames), truth[150 : 150 + frames], atol=1.0)
+
+
+def test_curves_go_through_what_is_seen() -> None:
+    known = np.array([-3, -2, -1, 10, 11, 12]) / 100.0
+    line = 5.0 + 3.0 * known
+    asked = np.arange(10) / 100.0
+    for curve in process_in_time(known, asked):
+        np.testing.assert_allclose(curve.each @ line, 5.0 + 3.0 * asked, atol=1e-6)
+    for sign in (1.0, -1.0):
+        for curve in decaying_velocity(*(np.sort(sign * t) for t in (known[:3], asked))):
+            np.testing.assert_allclose(curve.each @ np.ones(3), 1.0, atol=1e-9)
+            if curve.together is not None:
+                np.testing.assert_allclose(curve.together @ np.ones(3), 0.0, atol=1e-9)
+
+
+def test_a_body_that_comes_in_piece_by_piece() -> None:
+    half, rest = ALL[:20], ALL[20:]
+    gaps = [(0, 10, ALL), (10, 22, half), (22, 30, rest), (10, 22, rest[2:]), (22, 30, half[2:])]
+    result = fill(with_gaps(TRUTH, *gaps))
+    assert result.complete

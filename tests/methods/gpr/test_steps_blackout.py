@@ -1,0 +1,271 @@
+"""Blackouts: how curves are mixed, corrected by the edges, and weighed by similar windows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+from priorfill.geometry.root_frames import root_group
+from priorfill.methods.gpr.blackout.correction import (
+    CONSTANT,
+    LINEAR,
+    NOISES,
+    POWERS,
+    SCALES,
+    correct,
+)
+from priorfill.methods.gpr.blackout.predict_blackout import _learn
+from priorfill.methods.gpr.blackout.stacking import RIDGE, SHARPNESS, mix
+from priorfill.methods.gpr.blackout.window_layout import Stencil
+from priorfill.methods.gpr.blackout.windows import Recording, Windows, gather
+
+INSIDE = 3
+MARKERS = 4
+
+
+def stencil() -> Stencil:
+    before, after = np.arange(-6, 0), np.arange(12, 18)
+    return Stencil(12, before, after, np.array([2, 6, 9]), 3)
+
+
+def about_vertical(angles: np.ndarray) -> np.ndarray:
+    turns = np.zeros((len(angles), 3, 3))
+    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angles)
+    turns[:, 1, 0], turns[:, 0, 1] = np.sin(angles), -np.sin(angles)
+    turns[:, 2, 2] = 1.0
+    return turns
+
+
+def windows_of(edges: np.ndarray, inside: np.ndarray, rotation: np.ndarray) -> Windows:
+    """Windows of the clip, far enough from each other to share no frame."""
+    count = len(edges)
+    return Windows(
+        np.zeros((count, 12, MARKERS, 3)),
+        inside,
+        edges,
+        rotation,
+        100 * np.arange(count),
+        np.zeros(count, dtype=np.intp),
+        np.ones(count),
+    )
+
+
+# --- stacking ---
+
+
+def test_stacking_matches_ridge_regression() -> None:
+    """Shares by error to the power of -8 for each marker, then ridge regression by frame.
+
+    The ridge regression is solved as least squares with one more row for each weight.
+    """
+    rng = np.random.default_rng(0)
+    curves = rng.normal(0.0, 10.0, (3, 1 + 7, INSIDE, 2, 3))
+    curves[0] *= 0.5
+    truth, weight = rng.normal(0.0, 5.0, (7, INSIDE, 2, 3)), rng.uniform(0.1, 1.0, 7)
+    found = mix(curves, truth, weight)
+    expected = np.zeros_like(found)
+    for marker in range(2):
+        wrong = ((curves[:, 1:, :, marker] - truth[:, :, marker]) ** 2).sum(axis=3).mean(axis=2)
+        error = np.sqrt(wrong @ weight**2 / (weight**2).sum())
+        share = error**-SHARPNESS / (error**-SHARPNESS).sum()
+        expected[:, :, marker] = np.tensordot(share, curves[:, :, :, marker], 1)
+    mixed = expected.copy()
+    for axes in ([0, 1], [2]):
+        for frame in range(INSIDE):
+            away = (curves - mixed)[:, :, frame][..., axes]
+            matrix = (away[:, 1:] * weight[:, None, None]).reshape(3, -1).T
+            side = ((truth - mixed[1:])[:, frame][..., axes] * weight[:, None, None]).ravel()
+            ridge = np.diag(np.sqrt(RIDGE * (matrix**2).sum(axis=0)))
+            step = np.linalg.lstsq(
+                np.concatenate([matrix, ridge]), np.concatenate([side, np.zeros(3)]), rcond=None
+            )[0]
+            expected[:, frame][..., axes] += np.tensordot(step, away, 1)
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-8)
+    assert np.abs(found - mixed).max() > 0.5  # the regression is no small matter here
+
+
+def test_windows_of_little_weight_do_not_choose_the_curve() -> None:
+    rng = np.random.default_rng(1)
+    truth = rng.normal(0.0, 100.0, (20, INSIDE, MARKERS, 3))
+    noise = rng.normal(0.0, 10.0, (2, 20, INSIDE, MARKERS, 3))
+    first = np.arange(20) < 10
+    # each curve is right in half of the windows
+    right = np.stack([first, ~first])[..., None, None, None]
+    blackout = rng.normal(0.0, 10.0, (2, 1, INSIDE, MARKERS, 3))
+    curves = np.concatenate([blackout, truth + np.where(right, 0.0, noise)], axis=1)
+    for favoured, weight in ((0, np.where(first, 1.0, 0.05)), (1, np.where(first, 0.05, 1.0))):
+        away = np.linalg.norm(mix(curves, truth, weight)[0] - blackout[:, 0], axis=-1).mean((1, 2))
+        assert away[favoured] < 0.2 * away[1 - favoured]
+
+
+# --- correction ---
+
+
+def problem(seed: int, explained: float) -> tuple[Windows, np.ndarray, np.ndarray, np.ndarray]:
+    """Windows and errors of the curves there, of which the edges explain a part."""
+    rng = np.random.default_rng(seed)
+    count = 1 + 14
+    edges = rng.normal(0.0, 50.0, (count, 6))
+    values = INSIDE * MARKERS * 3
+    wrong = explained * edges[1:] @ rng.normal(0.0, 0.3, (6, values))
+    wrong += rng.normal(0.0, 10.0, (count - 1, values))
+    none = np.zeros((count, INSIDE, MARKERS, 3))
+    windows = windows_of(edges, none, about_vertical(np.zeros(count)))
+    return windows, wrong, rng.uniform(0.5, 2.0, count), rng.uniform(0.2, 1.0, count - 1)
+
+
+def refitted(
+    windows: Windows, wrong: np.ndarray, scale: np.ndarray, weight: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The correction and what it leaves wrong, each window being left out and all solved again."""
+    count = len(wrong)
+    features = windows.edges - windows.edges[1:].mean(axis=0)
+    features = features / np.sqrt((features[1:] ** 2).sum(axis=1).mean())
+    away = ((features[:, None] - features) ** 2).sum(axis=2)
+    part = weight / np.sqrt((weight**2).sum())
+    predictions, errors = [], []
+    for length in SCALES:
+        kernel = LINEAR * features @ features.T + np.exp(-away / (2 * length**2)) + CONSTANT
+        for noise in NOISES:
+            for power in POWERS:
+                by = scale**power
+
+                def predict(
+                    asked: Any, rows: np.ndarray, k: Any = kernel, noise: Any = noise, by: Any = by
+                ) -> np.ndarray:
+                    matrix = k[np.ix_(rows, rows)] + noise * np.eye(len(rows))
+                    values = wrong[rows - 1] / by[rows, None]
+                    return by[asked] * (k[asked, rows] @ np.linalg.solve(matrix, values))
+
+                everyone = np.arange(1, 1 + count)
+                out = [predict(w, everyone[everyone != w]) for w in everyone]
+                predictions.append((predict(0, everyone), np.array(out)))
+                left = wrong - predictions[-1][1]
+                errors.append(np.sqrt(((part[:, None] * left) ** 2).sum()))
+    predictions.append((np.zeros(wrong.shape[1]), np.zeros_like(wrong)))
+    errors.append(np.sqrt(((part[:, None] * wrong) ** 2).sum()))
+    share = np.array(errors) ** -SHARPNESS
+    share /= share.sum()
+    correction, fitted = (
+        sum(s * p[i] for s, p in zip(share, predictions, strict=True)) for i in (0, 1)
+    )
+
+    def cost(gain: float) -> float:
+        return float(((part[:, None] * (wrong - gain * fitted)) ** 2).sum())
+
+    gain = minimize_scalar(cost, bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-9}).x
+    return gain * correction, wrong - gain * fitted
+
+
+@pytest.mark.parametrize("explained", [0.0, 0.15, 1.0])
+def test_the_correction_matches_refitting_without_each_window(explained: float) -> None:
+    windows, wrong, scale, weight = problem(0, explained)
+    correction, left = correct(windows, wrong, scale, weight, 10)
+    expected, expected_left = refitted(windows, wrong, scale, weight)
+    np.testing.assert_allclose(correction, expected, atol=1e-3)
+    np.testing.assert_allclose(left, expected_left, atol=1e-3)
+
+
+def test_the_correction_is_scaled_by_its_cross_validated_gain() -> None:
+    """Large where the edges explain the errors, near 0 where they explain nothing."""
+
+    def kept(explained: float) -> float:
+        found = []
+        for seed in range(5):
+            windows, wrong, scale, weight = problem(seed, explained)
+            correction, left = correct(windows, wrong, scale, weight, 10)
+            square = weight[:, None] ** 2
+            # on the windows that it was chosen on, never worse than no correction
+            assert (square * left**2).sum() <= (square * wrong**2).sum() * (1 + 1e-9)
+            found.append(np.sqrt((correction**2).mean()) / np.sqrt((wrong**2).mean()))
+        return float(np.median(found))
+
+    assert kept(10.0) > 0.3
+    assert kept(0.0) < 0.1
+
+
+def turned_problem() -> tuple[Windows, np.ndarray, np.ndarray]:
+    """Curves that err by 5 mm along the body's x axis for each unit of an edge feature."""
+    rng = np.random.default_rng(3)
+    count = 1 + 30
+    feature = rng.uniform(-10.0, 10.0, count)
+    feature[0] = 6.0
+    rotation = about_vertical(rng.uniform(-3.0, 3.0, count))
+    curves = rng.normal(0.0, 100.0, (1, count, INSIDE, MARKERS, 3))
+    curves = curves + rng.normal(0.0, 3.0, (4, count, INSIDE, MARKERS, 3))
+    wrong = (5.0 * feature[:, None] * [1.0, 0.0, 0.0])[:, None] @ np.swapaxes(rotation, 1, 2)
+    truth = curves.mean(axis=0) + wrong[:, None]
+    inside = truth.copy()
+    inside[0] = np.nan
+    return windows_of(feature[:, None], inside, rotation), curves, truth[0]
+
+
+def test_errors_of_the_curves_are_predicted_from_the_edges_at_any_heading() -> None:
+    windows, curves, truth = turned_problem()
+    found, expected_rms = _learn(windows, curves, stencil())
+    # of 30 mm
+    away = np.linalg.norm(found - truth, axis=-1).mean()
+    assert away < 8.0
+    assert expected_rms.mean() < 12.0
+
+
+# --- similar windows ---
+
+
+def two_kinds() -> tuple[Windows, np.ndarray]:
+    """Quiet windows, in which the first curve is right, and lively ones, where the second is.
+
+    The two curves are 20 mm apart in the blackout and in the quiet windows, 200 mm in the lively
+    ones.
+    """
+    rng = np.random.default_rng(5)
+    count = 1 + 12 + 12
+    quiet = np.arange(count) <= 12
+    middle = rng.normal(0.0, 500.0, (count, INSIDE, MARKERS, 3))
+    way = rng.normal(0.0, 1.0, (count, INSIDE, MARKERS, 3))
+    way /= np.linalg.norm(way, axis=-1, keepdims=True)
+    half = np.where(quiet, 10.0, 100.0)[:, None, None, None] * way
+    curves = np.stack([middle + half, middle - half])
+    inside = np.where(quiet[:, None, None, None], curves[0], curves[1])
+    inside += 0.1 * half * rng.normal(0.0, 1.0, half.shape)
+    inside[0] = np.nan
+    edges = rng.normal(0.0, 50.0, (count, 5))
+    return windows_of(edges, inside, about_vertical(np.zeros(count))), curves
+
+
+def test_windows_whose_curves_disagree_as_the_blackouts_do_count_most() -> None:
+    windows, curves = two_kinds()
+    found, expected_rms = _learn(windows, curves, stencil())
+    away = [np.linalg.norm(found - curve[0], axis=-1).mean() for curve in curves]
+    # with equal weights both would be 10 mm
+    assert away[0] < 5.0 < 15.0 < away[1]
+    # with equal weights the lively windows would make it 29 mm
+    assert expected_rms.mean() < 16.0
+
+
+# --- windows ---
+
+
+def test_the_mirror_image_is_correlated_with_the_clip_but_not_the_same() -> None:
+    rng = np.random.default_rng(0)
+    time = np.arange(200)[:, None, None] / 100.0
+    positions = rng.normal(0.0, 300.0, (1, MARKERS, 3)) + 50.0 * np.sin(
+        3.0 * time + rng.uniform(0.0, 6.0, (1, MARKERS, 3))
+    )
+    positions[90:102] = np.nan
+    group = root_group(positions, list(range(MARKERS)))
+    assert group is not None
+    contralateral = np.array([1, 0, 3, 2])
+    windows = gather(
+        [Recording(positions)], np.arange(MARKERS), contralateral, 90, stencil(), group
+    )
+    own, image = windows.source == 0, windows.source == 1
+    assert image.sum() == own.sum() - 1 > 10
+    assert set(windows.kinship[own]) == {1.0}
+    assert ((windows.kinship[image] > 0.5) & (windows.kinship[image] < 0.99)).all()
+    np.testing.assert_allclose(
+        windows.inside[image], windows.inside[own][1:, :, contralateral] * [-1.0, 1.0, 1.0]
+    )

@@ -1,0 +1,111 @@
+"""What all methods of the field keep to, whatever they do."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gappy import ARM, FOOT, person, with_gaps
+
+from priorfill.clip import Clip
+from priorfill.errors import MethodError, OptionError
+from priorfill.filling.fill_clip import fill
+from priorfill.filling.result import Result
+from priorfill.methods import METHODS, get_method, resolve
+
+OWN = {"gpr", "neighbours", "baumann2011"}
+"""Tested in test_methods.py."""
+
+FIELD = pytest.mark.parametrize("method", sorted(METHODS.keys() - OWN))
+
+HARD = {
+    "gaps": with_gaps(person(), (60, 130, ARM), (90, 170, FOOT), (200, 240, ("LKNE",))),
+    "dropout": with_gaps(person(), (0, 240, ("C7",)), (60, 100, ("LELB",))),
+    "blackout": with_gaps(person(), (80, 95, person().labels), (0, 3, person().labels)),
+    "one frame": with_gaps(person(seconds=1 / 60), (0, 1, ("C7",))),
+    "three frames": with_gaps(person(seconds=3 / 60), (1, 2, ("C7", "LKNE"))),
+    "one marker": Clip(
+        np.where(np.arange(50)[:, None, None] // 9 % 2, np.nan, person().positions[:50, :1]),
+        ("LFHD",),
+        60.0,
+    ),
+    "nothing": person().with_positions(np.full_like(person().positions, np.nan)),
+    "nothing missing": person(),
+    "still": with_gaps(
+        person().with_positions(np.repeat(person().positions[:1], 240, axis=0)), (60, 130, ARM)
+    ),
+    "one place": with_gaps(
+        person().with_positions(np.repeat(person().positions[:, :1], 41, axis=1)), (60, 99, ARM)
+    ),
+    "no frame complete": with_gaps(
+        person(), *((6 * i, 6 * i + 7, (label,)) for i, label in enumerate(person().labels))
+    ),
+}
+
+
+def check(clip: Clip, result: Result) -> None:
+    """What holds whatever is filled."""
+    measured = ~clip.missing
+    assert result.clip.positions[measured].tobytes() == clip.positions[measured].tobytes()
+    np.testing.assert_array_equal(result.clip.missing, clip.missing & ~result.filled)
+    for gap in result.gaps:
+        assert bool(gap.sources) == (gap.filled > 0)
+        assert sum(part.stop - part.start for part in gap.unfilled) == gap.frames - gap.filled
+        assert all("no finite position" not in part.reason for part in gap.unfilled)
+
+
+@FIELD
+@pytest.mark.parametrize("name", HARD)
+def test_hard_clips(method, name):
+    clip = HARD[name]
+    try:
+        result = fill(clip, method=method)
+    except MethodError as error:
+        assert "\n" not in str(error)
+        assert name != "gaps"
+        return
+    check(clip, result)
+
+
+NEEDS_MORE = {"li", "lpr", "lgrnn", "glr", "wpca", "pma"}
+"""Need four markers: with fewer they cannot work on a clip as a whole."""
+
+
+@FIELD
+def test_a_method_that_could_work_gives_a_reason_for_each_gap(method):
+    if method in NEEDS_MORE:
+        with pytest.raises(MethodError, match=r"^nobody: .*\w"):
+            fill(replace(HARD["nothing"], name="nobody"), method=method)
+        return
+    for name in ("nothing", "dropout", "blackout"):
+        result = fill(HARD[name], method=method)
+        assert result.complete == (not result.clip.missing.any())
+        assert all(part.reason for gap in result.gaps for part in gap.unfilled)
+
+
+@FIELD
+def test_nothing_flies_away(method):
+    clip = HARD["gaps"]
+    result = fill(clip, method=method)
+    off = np.linalg.norm(result.clip.positions - person().positions, axis=2)
+    assert result.filled.any()
+    assert np.nanmax(off) < 1000
+
+
+@FIELD
+def test_the_same_again(method):
+    one = fill(HARD["gaps"], method=method)
+    two = fill(HARD["gaps"], method=method)
+    np.testing.assert_array_equal(one.clip.positions, two.clip.positions)
+
+
+def test_each_method_says_what_it_is():
+    for name, entry in METHODS.items():
+        assert callable(get_method(name))
+        assert entry.summary
+        assert entry.source
+
+
+def test_unknown_methods():
+    assert resolve("auto") == "gpr"
+    with pytest.raises(OptionError, match=r"'splien'; use one of auto gpr .* spline"):
+        resolve("splien")

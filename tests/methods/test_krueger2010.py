@@ -1,0 +1,299 @@
+"""The frame-by-frame method: the mean of the nearest poses, and nothing over time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import naive
+import numpy as np
+import pytest
+from gappy import ARM, FOOT, error, person, straight, with_gaps
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from priorfill.database import PriorDatabase
+from priorfill.filling.fill_clip import fill
+from priorfill.gaps import gap_groups
+from priorfill.geometry.axes import from_upright
+from priorfill.markers.marker_set import MarkerSet
+from priorfill.methods.baumann2011 import krueger2010
+from priorfill.methods.baumann2011.krueger2010 import Options
+from priorfill.methods.task import Task
+from priorfill.search.takes import own_take
+from priorfill.signal.resample import pyramid
+
+LABELS = tuple(f"M{i}" for i in range(9))
+HIDDEN = (6, 8)
+
+
+def body(seed: int, frames: int) -> np.ndarray:
+    """Nine markers about a wandering, turning root; the first four keep their shape."""
+    rng = np.random.default_rng(seed)
+    shape = np.random.default_rng(99).uniform(-300.0, 300.0, (9, 3))
+    local = np.repeat(shape[None], frames, axis=0)
+    local[:, 4:] += 80.0 * rng.normal(size=(frames, 5, 3))
+    angle = np.cumsum(0.05 * rng.normal(size=frames)) + seed
+    where = np.cumsum(5.0 * rng.normal(size=(frames, 1, 3)), axis=0)
+    turn = np.zeros((frames, 3, 3))
+    turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angle)
+    turn[:, 0, 1], turn[:, 1, 0] = np.sin(angle), -np.sin(angle)
+    turn[:, 2, 2] = 1.0
+    return local @ turn + where
+
+
+def marker_set(reliable: set[int]) -> MarkerSet:
+    return MarkerSet(
+        name="test",
+        labels=LABELS,
+        mirror={},
+        segment={x: "pelvis" if i < 4 else f"other{i}" for i, x in enumerate(LABELS)},
+        reliable={x: i in reliable for i, x in enumerate(LABELS)},
+        root_segments=("pelvis",),
+    )
+
+
+def task_of(positions: np.ndarray, others: list[np.ndarray], reliable: set[int]) -> Task:
+    takes = tuple(
+        own_take(pyramid(other, 30.0, 1), f"take {i}", "") for i, other in enumerate(others)
+    )
+    groups = tuple(gap_groups(np.isnan(positions[..., 0])))
+    return Task(positions, LABELS, 30.0, marker_set(reliable), groups, takes)
+
+
+def heading(points: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Origin and rotation of one pose, the rotation by trying all angles and refining."""
+    origin = points.mean(axis=0)
+    shape = shape - shape.mean(axis=0)
+
+    def rotation(angle: float) -> np.ndarray:
+        c, s = np.cos(angle), np.sin(angle)
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+    def off(angle: float) -> float:
+        return float(((points - origin - shape @ rotation(angle).T) ** 2).sum())
+
+    at, step = min(np.linspace(-np.pi, np.pi, 73), key=off), np.pi / 36
+    while step > 1e-10:
+        at = min((at - step, at, at + step), key=off)
+        step *= 0.6
+    return origin, rotation(at)
+
+
+def twin(gappy, others, root, template, viable, k):
+    """The method of one frame after the other, from its definition."""
+    filled = gappy.copy()
+    poses = np.concatenate([other[1:-1] for other in others])  # as a bank has them
+    frames = [heading(pose[root], template) for pose in poses]
+    local = np.array([(p - o) @ r for p, (o, r) in zip(poses, frames, strict=True)])
+    for t in np.flatnonzero(np.isnan(gappy[..., 0]).any(axis=1)):
+        gone = np.flatnonzero(np.isnan(gappy[t, :, 0]))
+        origin, rotation = heading(gappy[t, root], template)
+        seen = [m for m in viable if m not in gone]
+        query = ((gappy[t] - origin) @ rotation)[seen]
+        distance = np.sqrt(((local[:, seen] - query) ** 2).sum(axis=(1, 2)))
+        nearest = np.argsort(distance, kind="stable")[:k]
+        filled[t, gone] = local[nearest][:, gone].mean(axis=0) @ rotation.T + origin
+    return filled
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10**6), k=st.integers(1, 40))
+def test_each_frame_gets_the_mean_of_its_nearest_poses(seed, k):
+    truth, others = body(seed, 24), [body(seed + 1, 30), body(seed + 2, 20)]
+    gappy = truth.copy()
+    gappy[5:15, 6] = np.nan
+    gappy[9:20, 8] = np.nan
+    gappy[11:13, 4] = np.nan
+    task = task_of(gappy, others, {0, 1, 2, 3, 4, 5, 7})
+    found = krueger2010.fill(task, options=Options(neighbours=k))
+    group = task.root_among(np.array([0, 1, 2, 3]))
+    expected = twin(gappy, others, [0, 1, 2, 3], group.template, [0, 1, 2, 3, 4, 5, 7], k)
+    np.testing.assert_allclose(found.positions, expected, atol=1e-3)  # the bank is float32
+
+
+def test_unreliable_markers_search_only_where_others_are_too_few():
+    truth, others = body(0, 24), [body(1, 60)]
+    gappy = truth.copy()
+    gappy[5:15, 8] = np.nan
+    options = Options(neighbours=3)
+    some = krueger2010.fill(task_of(gappy, others, {0, 1, 2, 3}), options=options).positions
+    few = krueger2010.fill(task_of(gappy, others, {0, 1, 2}), options=options).positions
+    every = krueger2010.fill(task_of(gappy, others, set(range(9))), options=options).positions
+    np.testing.assert_array_equal(few, every)
+    assert np.abs(some - every)[5:15, 8].max() > 1.0
+
+
+def test_the_deviation_is_the_spread_of_the_neighbours():
+    truth, others = body(0, 24), [body(1, 40)]
+    gappy = truth.copy()
+    gappy[5:15, 8] = np.nan
+    task = task_of(gappy, others, set(range(8)))
+    found = krueger2010.fill(task, options=Options(neighbours=1000))
+    root = task.root_among(np.arange(8))
+    poses = others[0][1:-1]
+    local = root.frames(poses).to_local(poses)[:, 8]  # every pose is a neighbour
+    spread = np.sqrt(((local - local.mean(axis=0)) ** 2).sum(axis=1).mean())
+    np.testing.assert_allclose(found.expected_rms[5:15, 8], spread, rtol=1e-5)
+    (note,) = found.notes
+    assert (note.marker, note.start, note.stop, note.training_poses) == (8, 5, 15, 38)
+    assert note.source_clips == ("take 0",)
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_no_frame_knows_of_another(seed):
+    """A gap filled frame by frame is the gap filled at once, whatever the frames beside it."""
+    rng = np.random.default_rng(seed)
+    truth, others = body(seed, 30), [body(seed + 1, 50)]
+    gappy = np.where((rng.random((30, 9, 1)) < 0.2) & (np.arange(9) > 3)[:, None], np.nan, truth)
+    together = krueger2010.fill(task_of(gappy, others, set(range(7)))).positions
+    shuffled = rng.permutation(30)
+    shuffled[shuffled == 0], shuffled[0] = shuffled[0], 0  # heading 0 is that of the first pose
+    apart = krueger2010.fill(task_of(gappy[shuffled], others, set(range(7)))).positions
+    np.testing.assert_allclose(apart, together[shuffled], atol=1e-3)
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10**6), angle=st.floats(-3.0, 3.0), east=st.floats(-5000.0, 5000.0))
+def test_filling_turns_and_moves_with_the_clip(seed, angle, east):
+    gappy, others = body(seed, 20), [body(seed + 1, 60)]
+    gappy[4:12, HIDDEN] = np.nan
+    shift = np.array([east, 300.0, 0.0])
+    moved = naive.turned(gappy, angle, shift)
+    one = krueger2010.fill(task_of(gappy, others, set(range(6))), options=Options(neighbours=5))
+    two = krueger2010.fill(task_of(moved, others, set(range(6))), options=Options(neighbours=5))
+    np.testing.assert_allclose(two.positions, naive.turned(one.positions, angle, shift), atol=0.01)
+    np.testing.assert_allclose(two.expected_rms, one.expected_rms, atol=0.01)
+
+
+@pytest.fixture(scope="module")
+def database(tmp_path_factory: pytest.TempPathFactory):
+    """Two other people walking."""
+    place = tmp_path_factory.mktemp("priors") / "db"
+    with PriorDatabase.create(place) as made:
+        for number in (11, 12):
+            made.add(person(seconds=6.0, seed=number, body=number))
+    return place
+
+
+def check(clip, result):
+    """What holds whatever is filled."""
+    np.testing.assert_array_equal(
+        result.clip.positions[~clip.missing], clip.positions[~clip.missing]
+    )
+    assert np.isfinite(result.expected_rms[result.filled]).all()
+    assert (result.expected_rms[result.filled] >= 0).all()
+    for gap in result.gaps:
+        assert sum(p.stop - p.start for p in gap.unfilled) == gap.frames - gap.filled
+        assert all(p.reason and "no finite position" not in p.reason for p in gap.unfilled)
+
+
+def test_a_limb_is_filled_from_other_people(database):
+    clip = with_gaps(person(), (70, 160, ARM), (100, 190, FOOT), (120, 135, ("C7",)))
+    result = fill(clip, method="krueger2010", database=database)
+    check(clip, result)
+    assert result.complete
+    truth = person().positions
+    off = error(result.clip.positions, truth, result.filled)
+    assert off < error(straight(clip), truth, result.filled)
+    assert {gap.sources for gap in result.gaps} == {("256 nearest poses, frame by frame",)}
+    assert all(gap.filled == gap.frames for gap in result.gaps)
+
+
+def test_energies_over_time_are_smoother(database):
+    """What `baumann2011` adds to the same search."""
+    clip = with_gaps(person(), (70, 160, ARM))
+    shake = {}
+    for method in ("krueger2010", "baumann2011"):
+        result = fill(clip, method=method, database=database)
+        off = (result.clip.positions - person().positions)[:, clip.missing.any(axis=0)]
+        shake[method] = np.linalg.norm(np.diff(off[68:162], n=2, axis=0), axis=2).mean()
+    assert shake["baumann2011"] < 0.8 * shake["krueger2010"]
+
+
+def test_the_clip_itself_is_searched_without_a_database():
+    clip = with_gaps(person(), (100, 130, ("LKNE",)))
+    result = fill(clip, method="krueger2010")
+    check(clip, result)
+    (gap,) = result.gaps
+    assert gap.source_clips == (clip.name,)
+    assert error(result.clip.positions, person().positions, result.filled) < 150.0
+
+
+def test_dropouts_need_a_database(database):
+    clip = with_gaps(person(), (0, 240, ("C7",)), (60, 100, ("LELB",)))
+    alone = fill(clip, method="krueger2010")
+    check(clip, alone)
+    (gap,) = [g for g in alone.gaps if g.label == "C7"]
+    assert gap.filled == 0
+    assert "no prior pose" in gap.unfilled[0].reason
+    helped = fill(clip, method="krueger2010", database=database)
+    check(clip, helped)
+    assert helped.complete
+
+
+def test_blackouts_stay_missing(database):
+    clip = with_gaps(person(), (60, 90, ARM), (70, 75, person().labels))
+    result = fill(clip, method="krueger2010", database=database)
+    check(clip, result)
+    assert not result.filled[70:75].any()
+    assert result.filled[60:70][:, clip.missing[60]].all()
+    assert result.filled[75:90][:, clip.missing[60]].all()
+
+
+@pytest.mark.parametrize("frames", [1, 2, 20])
+def test_short_clips(frames, database):
+    clip = replace(person(), positions=person().positions[:frames])
+    clip = with_gaps(clip, (frames // 2, frames // 2 + 1, ("LKNE",)), (0, frames, ("C7",)))
+    check(clip, fill(clip, method="krueger2010"))
+    result = fill(clip, method="krueger2010", database=database)
+    check(clip, result)
+    assert result.complete
+
+
+@pytest.mark.parametrize("markers", [1, 2, 3])
+def test_few_markers(markers, database):
+    labels = person().labels[:markers]
+    clip = replace(person(), positions=person().positions[:, :markers], labels=labels)
+    clip = with_gaps(clip, (100, 110, labels[:1]))
+    for priors in (None, database):
+        check(clip, fill(clip, method="krueger2010", database=priors))
+
+
+def test_odd_clips(database):
+    nothing = replace(person(), positions=np.full((30, 41, 3), np.nan))
+    still = replace(person(), positions=np.repeat(person().positions[:1], 60, axis=0))
+    heap = replace(person(), positions=np.repeat(person().positions[:, :1], 41, axis=1))
+    gaps = [(30, 50, ARM), (0, 10, ("LKNE",)), (55, 60, ("LKNE",))]
+    for clip in (nothing, with_gaps(still, *gaps), with_gaps(heap, *gaps)):
+        for priors in (None, database):
+            check(clip, fill(clip, method="krueger2010", database=priors))
+    same = fill(with_gaps(still, *gaps), method="krueger2010")
+    np.testing.assert_allclose(same.clip.positions, still.positions, atol=0.1)
+
+
+def test_filling_does_not_depend_on_the_axes(database):
+    clip = with_gaps(person(), (80, 170, ARM))
+    turned = replace(clip, positions=from_upright(clip.positions, "+Y"), up="+Y")
+    one = fill(clip, method="krueger2010", database=database)
+    two = fill(turned, method="krueger2010", database=database)
+    np.testing.assert_allclose(
+        two.clip.positions, from_upright(one.clip.positions, "+Y"), atol=1e-3
+    )
+
+
+@pytest.mark.realdata
+def test_an_arm_of_a_recording(data):
+    """Where the clip itself holds the like, poses say more than a line, and as much as energies."""
+    from priorfill.formats import read
+
+    clip = read(data / "hdm05" / "HDM_bd_01-02_01_120.c3d")
+    gappy = with_gaps(clip, (2400, 2640, ARM))
+    off = {"line": error(straight(gappy), clip.positions, gappy.missing)}
+    for method in ("krueger2010", "baumann2011"):
+        result = fill(gappy, method=method)
+        check(gappy, result)
+        assert result.complete
+        off[method] = error(result.clip.positions, clip.positions, gappy.missing)
+    assert off["krueger2010"] < 0.5 * off["line"]
+    assert 0.9 < off["krueger2010"] / off["baumann2011"] < 1.2

@@ -1,0 +1,129 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
+
+from priorfill.signal.gp_interpolation import LONGEST, interpolate_gap
+
+RATE = 100.0
+
+
+def smooth(seed, frames=200):
+    """Everyday movement: a travelling sum of slow oscillations that get smaller with frequency."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(frames)[:, None] / RATE
+    positions = rng.normal(0, 800, 3) + rng.normal(0, 800, 3) * time
+    for frequency in np.arange(0.3, 5.0, 0.3):
+        size = 150.0 / (1 + frequency**2) * rng.normal(size=3)
+        positions = positions + size * np.sin(2 * np.pi * frequency * time + rng.uniform(0, 6, 3))
+    return positions
+
+
+def without(positions, start, stop):
+    gappy = positions.copy()
+    gappy[start:stop] = np.nan
+    return gappy
+
+
+def rms(values):
+    return float(np.sqrt((values**2).sum(axis=1).mean()))
+
+
+def test_a_known_curve():
+    time = np.arange(200)[:, None] / RATE
+    curve = np.concatenate(
+        [900 + 200 * np.sin(5 * time), 1000 * time, 80 * np.cos(7 * time + 1)], axis=1
+    )
+    found, expected_rms = interpolate_gap(without(curve, 90, 120), 90, 120, RATE)
+    assert np.abs(found - curve[90:120]).max() < 2.5
+    assert expected_rms.shape == (30,)
+    assert expected_rms.argmax() in range(12, 18)
+    assert expected_rms[0] < expected_rms[15] / 10
+
+
+@given(st.integers(0, 2**31), st.integers(1, 50), st.floats(20, 500))
+@settings(deadline=None, max_examples=40)
+def test_straight_movement_is_bridged_exactly(seed, frames, rate):
+    rng = np.random.default_rng(seed)
+    if frames / rate > LONGEST:
+        frames = int(LONGEST * rate)
+    line = rng.normal(0, 3000, 3) + rng.normal(0, 10, 3) * np.arange(300)[:, None]
+    found, _ = interpolate_gap(without(line, 100, 100 + frames), 100, 100 + frames, rate)
+    np.testing.assert_allclose(found, line[100 : 100 + frames], atol=1e-4)
+
+
+@pytest.mark.parametrize("frames", [25, 50])
+def test_better_than_a_cubic_spline(frames):
+    ours, splines = [], []
+    for seed in range(60):
+        curve = smooth(seed)
+        start, stop = 80, 80 + frames
+        found, _ = interpolate_gap(without(curve, start, stop), start, stop, RATE)
+        known = np.setdiff1d(np.arange(len(curve)), np.arange(start, stop))
+        spline = CubicSpline(known, curve[known])(np.arange(start, stop))
+        ours.append(rms(found - curve[start:stop]))
+        splines.append(rms(spline - curve[start:stop]))
+    assert np.mean(ours) < 0.9 * np.mean(splines)
+    assert np.mean(np.array(ours) < np.array(splines)) > 0.6
+
+
+def test_deviation_is_of_the_size_of_the_error():
+    ratios = []
+    for seed in range(60):
+        curve = smooth(seed)
+        found, expected_rms = interpolate_gap(without(curve, 80, 120), 80, 120, RATE)
+        ratios.append(rms(found - curve[80:120]) / np.sqrt((expected_rms**2).mean()))
+    assert 0.3 < np.median(ratios) < 3.0
+
+
+def test_noise_on_the_samples_is_not_blown_up():
+    rng = np.random.default_rng(0)
+    for seed in range(20):
+        curve = smooth(seed)
+        noisy = curve + rng.normal(0, 0.3, curve.shape)
+        clean, _ = interpolate_gap(without(curve, 80, 105), 80, 105, RATE)
+        found, _ = interpolate_gap(without(noisy, 80, 105), 80, 105, RATE)
+        assert rms(found - clean) < 30.0
+
+
+def test_moves_and_turns_with_the_movement():
+    curve, turn = smooth(5), np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    found, expected_rms = interpolate_gap(without(curve, 80, 110), 80, 110, RATE)
+    moved = curve @ turn + [4000, -2000, 100]
+    found_there, deviation_there = interpolate_gap(without(moved, 80, 110), 80, 110, RATE)
+    np.testing.assert_allclose(found_there, found @ turn + [4000, -2000, 100], atol=1e-5)
+    np.testing.assert_allclose(deviation_there, expected_rms, rtol=1e-3)
+
+
+def test_refused_where_too_long():
+    curve = smooth(0)
+    assert interpolate_gap(without(curve, 70, 120), 70, 120, RATE) is not None
+    assert interpolate_gap(without(curve, 70, 121), 70, 121, RATE) is None
+
+
+@pytest.mark.parametrize(("start", "stop"), [(0, 10), (1, 10), (190, 200), (189, 199)])
+def test_refused_at_the_ends(start, stop):
+    assert interpolate_gap(without(smooth(0), start, stop), start, stop, RATE) is None
+
+
+def test_refused_where_too_little_is_seen_beside_it():
+    gappy = without(smooth(0), 80, 100)
+    gappy[:79] = np.nan
+    assert interpolate_gap(gappy, 80, 100, RATE) is None
+    gappy = without(smooth(0), 80, 100)
+    gappy[101:] = np.nan
+    assert interpolate_gap(gappy, 80, 100, RATE) is None
+    gappy = without(smooth(0), 80, 100)
+    gappy[:78] = gappy[102:] = np.nan
+    found, expected_rms = interpolate_gap(gappy, 80, 100, RATE)
+    assert np.isfinite(found).all()
+    assert np.isfinite(expected_rms).all()
+
+
+def test_a_marker_that_stands_still():
+    still = np.tile([100.0, 200.0, 300.0], (60, 1))
+    found, expected_rms = interpolate_gap(without(still, 20, 40), 20, 40, RATE)
+    np.testing.assert_allclose(found, still[20:40], atol=1e-6)
+    assert np.isfinite(expected_rms).all()
+    assert expected_rms.max() < 0.1

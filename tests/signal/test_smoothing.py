@@ -1,0 +1,165 @@
+"""Predictions shake no more than what is measured."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from priorfill.signal.smoothing import (
+    BODY_HZ,
+    CUTS,
+    FEWEST,
+    HIGHEST,
+    MOVED,
+    ORDER,
+    SHARE,
+    jitter_power,
+    low_pass,
+    smooth_jitter,
+)
+
+RATE = 120.0
+UNSURE = np.full((200, 1), 100.0)
+
+
+def movement(frames=200, seed=0):
+    """One marker of a body (frames, 3): slow sines of a few Hz."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(frames) / RATE
+    wave = [rng.uniform(0.3, 2.5), rng.uniform(0.3, 2.5), rng.uniform(0.3, 2.5)]
+    return 200.0 * np.sin(2.0 * np.pi * time[:, None] * wave + rng.uniform(0, 6, 3))
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.integers(ORDER + 1, 60), st.floats(3.0, 40.0), st.integers(0, 2**31))
+def test_the_low_pass_is_the_minimum(frames, cut, seed):
+    path = np.random.default_rng(seed).normal(0.0, 10.0, (frames, 3))
+    difference = np.diff(np.eye(frames), ORDER, axis=0)
+    stiffness = (2.0 * np.sin(np.pi * cut / RATE)) ** (-2.0 * ORDER)
+    naive = np.linalg.solve(np.eye(frames) + stiffness * difference.T @ difference, path)
+    np.testing.assert_allclose(low_pass(path, RATE, cut), naive, atol=1e-5)
+
+
+def test_the_low_pass_halves_its_frequency_and_keeps_parabolas():
+    time = np.arange(1200) / RATE
+    sine = np.sin(2.0 * np.pi * 10.0 * time)[:, None] * np.ones(3)
+    middle = slice(400, 800)
+    np.testing.assert_allclose(low_pass(sine, RATE, 10.0)[middle], 0.5 * sine[middle], atol=1e-3)
+    parabola = (time**2 * 50.0 - time)[:, None] * np.ones(3)
+    np.testing.assert_allclose(low_pass(parabola, RATE, 10.0), parabola, atol=1e-4)
+
+
+def test_slow_movement_does_not_shake_and_noise_does():
+    slow = movement()
+    noisy = slow + np.random.default_rng(0).normal(0.0, 0.5, slow.shape)
+    assert jitter_power(noisy, RATE) > 100.0 * jitter_power(slow, RATE)
+
+
+def test_holes_do_not_shake():
+    noisy = movement() + np.random.default_rng(0).normal(0.0, 0.5, (200, 3))
+    holes = noisy.copy()
+    holes[60:80] = np.nan
+    assert jitter_power(holes, RATE) == pytest.approx(jitter_power(noisy, RATE), rel=0.3)
+    holes[FEWEST - 1 :] = np.nan
+    assert np.isnan(jitter_power(holes, RATE))
+
+
+def test_a_low_rate_tells_nothing():
+    assert np.isnan(jitter_power(movement(), 2.0 * BODY_HZ))
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.integers(0, 2**31), st.floats(0.5, 5.0))
+def test_what_shakes_becomes_calm_without_moving(seed, noise):
+    rng = np.random.default_rng(seed)
+    slow = movement(seed=seed % 1000)
+    usual = jitter_power(slow + rng.normal(0.0, 0.3, slow.shape), RATE)
+    shaky = slow + rng.normal(0.0, noise, slow.shape)
+    found = smooth_jitter(shaky[:, None], UNSURE, np.array([usual]), RATE)[:, 0]
+    assert jitter_power(found, RATE) <= max(SHARE * usual, 1e-2)
+    off = [np.linalg.norm(x - slow, axis=1).mean() for x in (found, shaky)]
+    assert off[0] < off[1]
+
+
+def test_a_jump_is_spread_over_a_few_frames():
+    path = movement()
+    usual = jitter_power(path + np.random.default_rng(0).normal(0.0, 0.2, path.shape), RATE)
+    jump = path + np.where(np.arange(200) < 100, 0.0, 30.0)[:, None]
+    found = smooth_jitter(jump[:, None], UNSURE, np.array([usual]), RATE)[:, 0]
+    step = np.linalg.norm(np.diff(found - path, axis=0), axis=1).max()
+    assert step < 0.4 * 30.0 * np.sqrt(3.0)
+
+
+def test_what_is_calm_stays_to_the_bit():
+    slow = np.stack([movement(seed=1), movement(seed=2)], axis=1)
+    noisy = slow + np.random.default_rng(0).normal(0.0, 1.0, slow.shape)
+    usual = np.array([jitter_power(noisy[:, 0], RATE), np.nan])
+    unsure = np.full((200, 2), 100.0)
+    np.testing.assert_array_equal(smooth_jitter(slow, unsure, usual, RATE), slow)
+    found = smooth_jitter(noisy, unsure, usual * [0.1, 1.0], RATE)
+    np.testing.assert_array_equal(found[:, 1], noisy[:, 1])  # of this one nothing is known
+    assert (found[:, 0] != noisy[:, 0]).any()
+
+
+def test_too_short_a_piece_stays():
+    few = movement(frames=FEWEST - 1)[:, None]
+    assert smooth_jitter(few, UNSURE[: FEWEST - 1], np.array([0.0]), RATE) is few
+
+
+def test_what_is_known_well_may_shake():
+    noise = np.random.default_rng(0).normal(0.0, 2.0, (200, 3))
+    shaky = (movement() + noise)[:, None]
+    usual = np.array([0.01])
+    np.testing.assert_array_equal(smooth_jitter(shaky, np.full((200, 1), 0.1), usual, RATE), shaky)
+    some = smooth_jitter(shaky, np.full((200, 1), 7.0), usual, RATE)
+    assert (some != shaky).any()
+    moved = np.sqrt(((some - shaky) ** 2).sum(axis=2).mean())
+    assert moved <= MOVED * 7.0
+
+
+def test_how_far_a_low_pass_may_move_a_prediction():
+    """By half of its expected error, on the mean over its frames."""
+    rng = np.random.default_rng(3)
+    shaky = (movement() + rng.normal(0.0, 2.0, (200, 3)))[:, None]
+    mildest = low_pass(shaky, RATE, CUTS[0])
+    moved = np.sqrt(((mildest - shaky) ** 2).sum(axis=2).mean())
+    size = rng.uniform(0.5, 2.0, (200, 1))
+    size *= moved / MOVED / np.sqrt((size**2).mean())
+    usual = np.array([1e-6])
+    np.testing.assert_array_equal(smooth_jitter(shaky, 0.999 * size, usual, RATE), shaky)
+    np.testing.assert_array_equal(smooth_jitter(shaky, 1.001 * size, usual, RATE), mildest)
+
+
+def test_the_mildest_low_pass_that_is_enough_is_taken():
+    shaky = (movement() + np.random.default_rng(4).normal(0.0, 2.0, (200, 3)))[:, None]
+    smoothed = [low_pass(shaky, RATE, cut) for cut in CUTS]
+    assert sorted(CUTS, reverse=True) == list(CUTS)
+    for smooth in smoothed:
+        usual = np.array([jitter_power(smooth[:, 0], RATE) / SHARE])
+        found = smooth_jitter(shaky, UNSURE, 1.001 * usual, RATE)
+        np.testing.assert_array_equal(found, smooth)
+    # 20 Hz are too near to half of a rate of 50 Hz
+    enough, stronger = (low_pass(shaky, 50.0, cut) for cut in CUTS[:2])
+    usual = np.array([1.001 * jitter_power(enough[:, 0], 50.0) / SHARE])
+    np.testing.assert_array_equal(smooth_jitter(shaky, UNSURE, usual, 50.0), stronger)
+
+
+def test_shaking_is_a_mean_square_second_difference():
+    path = movement(70) + np.random.default_rng(5).normal(0.0, 1.0, (70, 3))
+    path[[20, 20 + FEWEST]] = np.nan  # runs of 20 frames, one too short, and the rest
+    squares = []
+    for start, stop in ((0, 20), (21 + FEWEST, 70)):
+        fast = path[start:stop] - low_pass(path[start:stop], RATE, BODY_HZ)
+        squares += [(x**2).sum() for x in np.diff(fast, 2, axis=0)]
+    assert jitter_power(path, RATE) == pytest.approx(np.mean(squares))
+
+
+def test_the_shortest_run_and_the_lowest_rate():
+    few = movement(FEWEST)
+    assert np.isfinite(jitter_power(few, RATE))
+    assert np.isnan(jitter_power(movement(), BODY_HZ / HIGHEST))
+    assert np.isfinite(jitter_power(movement(), 1.001 * BODY_HZ / HIGHEST))
+    shaky = (few + np.random.default_rng(6).normal(0.0, 2.0, few.shape))[:, None]
+    assert (smooth_jitter(shaky, UNSURE[:FEWEST], np.array([1e-6]), RATE) != shaky).any()
