@@ -10,8 +10,8 @@ test executes, which takes as long as the test suite; records are cached in ``--
 is the outcome of each fault, the share caught by operator and by folder, and the survivors.
 
 ``--list`` prints the drawn faults without running them, ``--key KEY`` runs a single one. Faults in
-``mutation_equivalents.toml`` change no result; they are skipped and counted separately. The
-operators are in ``mutation_operators.py``.
+``mutation/equivalents.toml`` change no result; they are skipped and counted separately. The
+operators are in ``mutation/operators.py``.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TypeVar
 
-from mutation_reach import Reach, Readers, Record, Recorder, test_files
-from mutation_run import HUNG, SURVIVED, Outcome, Workspace, run_fault
-from mutation_sites import Site, sites
+from mutation.reach import Reach, Readers, Record, Recorder, test_files
+from mutation.run import HUNG, SURVIVED, Outcome, Workspace, run_fault
+from mutation.sites import Site, sites
 
-NOT_NUMERIC_FOLDERS = ("cli", "formats", "database", "datasets", "libraries", "runtime", "interop")
-"""Folders without numeric modules, at any depth of the package."""
+NOT_NUMERIC_FOLDERS = ("cli", "formats", "database", "datasets", "runtime")
+"""Folders without numeric modules, directly below the package."""
 
 NOT_NUMERIC = (
-    *("__init__", "errors", "interop", "decisions", "shipped", "demo"),
-    *("isolation", "threads", "memory", "compiling", "parallel", "workers"),
-    *("campaign", "runner", "store", "results", "plots"),  # of the evaluation
+    *("__init__", "errors", "interop", "clip"),
+    *("demo", "overrides", "uncertainty_file"),
+    *("runner", "store", "results", "plots"),  # of the evaluation
 )
 """Modules that are not numeric, in any folder."""
 
@@ -54,9 +54,7 @@ def numeric_modules(root: Path, package: str) -> list[str]:
     return sorted(
         file.as_posix()
         for file in files
-        if file.stem not in NOT_NUMERIC
-        and file.stem not in NOT_NUMERIC_FOLDERS
-        and not set(file.parts[1:-1]) & set(NOT_NUMERIC_FOLDERS)
+        if file.stem not in NOT_NUMERIC and file.parts[1] not in NOT_NUMERIC_FOLDERS
     )
 
 
@@ -267,7 +265,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--list", action="store_true", help="print the faults without running them")
     parser.add_argument("--key", help="run only the fault with this key")
     parser.add_argument(
-        "--equivalents", type=Path, default=HERE / "mutation_equivalents.toml", metavar="FILE"
+        "--equivalents", type=Path, default=HERE / "mutation" / "equivalents.toml", metavar="FILE"
     )
     cache = Path(tempfile.gettempdir()) / "priorfill-mutation-records"
     parser.add_argument("--cache", type=Path, default=cache, help="folder of records")

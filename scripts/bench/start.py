@@ -21,7 +21,7 @@ HELP, IMPORT, MORE = 0.15, 0.3, 8.0
 MAKE = """
 import sys
 import priorfill as pf
-from priorfill.demo import make_demo_clip
+from priorfill.synthetic.demo import make_demo_clip
 pf.write(sys.argv[1], make_demo_clip()[1])
 """
 

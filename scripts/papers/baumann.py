@@ -16,9 +16,9 @@ from pathlib import Path
 from types import ModuleType
 
 from paper import cut, error
-from recordings import LIMBS
 
 import priorfill as pf
+from priorfill.evaluation.parts import LIMBS
 from priorfill.gaps import gap_groups
 from priorfill.geometry.axes import from_upright, to_upright
 from priorfill.markers.definitions import load

@@ -1,0 +1,1 @@
+"""Mutation testing: fault sites, the tests that reach them, and runs in private copies."""
