@@ -1,63 +1,81 @@
-"""Keep feet out of the floor: no marker is predicted lower than where the floor stops it.
+"""Keep feet out of the floor: no marker may be predicted below the height where the floor stops it.
 
-Where a marker rests on the floor, or on the shoe that does, its lowest measured height is as low as
-it gets. The floor is found from the clip itself, marker by marker. Predictions below it are lifted
-by the least squares
+A marker that rests on the floor, or on a shoe that does, gets no lower than its lowest measured
+height. That height is found in the clip itself, marker by marker
+(`priorfill.geometry.floor_heights`). Where a prediction lies below it, all missing markers of the
+frame are moved to the minimum of
 
     sum_i |x_i - p_i|² / σ_i²  +  sum_ij (|x_i - x_j| - |p_i - p_j|)² / s_ij²
                                +  sum_i max(0, h_i - z_i)² / s²
 
-in each frame: p_i is what was predicted, with deviation σ_i a coordinate; h_i is the height that a
-marker is to have at least: the floor's, and just before and after it was too low a little more than
-was predicted. Distances that hardly vary stay as predicted, so a lifted toe takes the foot along,
-and bends the knee. A frame near which nothing is too low stays as it is. The minimum is found by
-Gauss-Newton steps.
+p_i is the predicted position with standard deviation σ_i per coordinate, s_ij the standard
+deviation of a distance that hardly varies, h_i the least height of a marker, and s the field
+``floor_std`` of `FloorOptions`. h_i is the height of the floor, and shortly before and after a
+penetration a little more than the predicted height, so that the correction has no jumps. Since the
+distances keep their predicted lengths, a raised toe takes the foot along and bends the knee. Frames
+away from any penetration are left unchanged. The minimum is found by Gauss-Newton steps with a
+line search.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import convolve1d, maximum_filter1d
 
 from priorfill.constraints.distance_terms import (
-    LEAST_LENGTH,
-    STIFF,
+    MAX_CONSTRAINED_SPREAD,
+    MIN_DISTANCE,
     DistanceTerm,
     coordinate_variance,
+    energy,
+    gauss_newton_step,
     normal_equations,
-    step,
 )
 from priorfill.geometry.distances import norms
 
-__all__ = ["enforce_floor"]
+__all__ = ["FloorOptions", "enforce_floor"]
+
+ITERATIONS = 12
+"""Gauss-Newton steps; after half of them straight legs can be a tenth above the minimum."""
+
+STEP_FRACTIONS = (1.0, 0.5, 0.25, 0.1)
+"""The fraction of a step that reduces the sum of squares most is taken: a straight leg can bend
+either way, and the floor constraint switches on in the middle of a step."""
+
+BATCH_SIZE = 200
+"""Frames solved together: the matrices of a complete body take 250 kB per frame."""
 
 
-FIRMNESS = 1.0
-"""mm. How far the floor gives way, against predictions that err by centimetres."""
+@dataclass(frozen=True)
+class FloorOptions:
+    """When and how firmly the floor constraint acts.
 
-LEAST_SPREAD = 1.0
-"""mm. A lift keeps no distance better than this: it need not."""
+    Attributes
+    ----------
+    floor_std : float
+        mm. Tolerance of the floor; small against predictions that err by centimetres.
+    max_spread : float
+        mm. Distances with a larger standard deviation in the clip do not tie markers together.
+    min_spread : float
+        mm. Least tolerance of a distance; a correction needs no more.
+    ramp_seconds : float
+        s. Half-width of the window over which a correction fades in and out, so that feet do not
+        stop abruptly. Longer windows cost accuracy.
+    max_penetration_std, max_penetration : float
+        A marker predicted lower below its floor than ``max_penetration_std`` expected errors plus
+        ``max_penetration`` mm probably stands on something else, such as a stair, and is not
+        corrected.
+    """
 
-ROUND_SECONDS = 0.025
-"""s. A lift comes and goes over so long, that feet do not stop dead. Longer ones cost accuracy."""
-
-DISBELIEF = 3.0
-"""A marker that is predicted lower than its floor by more deviations than this, and by `ANYHOW`,
-is where the clip shows no floor: on a stair, say. It is left alone."""
-
-ANYHOW = 20.0
-"""mm."""
-
-STEPS = 12
-"""Gauss-Newton steps; with half of them straight legs can be a tenth above the minimum."""
-
-SHORTER = (1.0, 0.5, 0.25, 0.1)
-"""Of a step, what lowers the sum of squares the most is taken: a straight leg bends either way, and
-a floor that is met on the way turns the step."""
-
-AT_ONCE = 200
-"""Frames lifted at once: the matrices of a whole body take 250 kB a frame."""
+    floor_std: float = 1.0
+    max_spread: float = MAX_CONSTRAINED_SPREAD
+    min_spread: float = 1.0
+    ramp_seconds: float = 0.025
+    max_penetration_std: float = 3.0
+    max_penetration: float = 20.0
 
 
 def enforce_floor(
@@ -67,99 +85,117 @@ def enforce_floor(
     spread: NDArray[np.float64],
     floor: NDArray[np.float64],
     rate: float,
+    options: FloorOptions = FloorOptions(),
 ) -> NDArray[np.float64]:
-    """Lift what is predicted below the floor.
+    """Raise predictions that lie below the floor.
 
     Parameters
     ----------
     predicted : ndarray [shape=(frames, missing markers, 3), mm]
-        Upright.
-    deviation : ndarray [shape=(frames, missing markers), mm]
-        Expected rms Euclidean error.
+        Upright (+Z up).
+    expected_rms : ndarray [shape=(frames, missing markers), mm]
+        Expected rms Euclidean error of the predictions.
     visible : ndarray [shape=(frames, visible markers, 3), mm]
-        Measured ones that missing ones may be tied to; NaN where they are not measured.
+        Positions of measured markers that missing ones may be tied to; NaN where missing.
     spread : ndarray [shape=(missing markers, missing and visible markers), mm]
-        How much each distance varies.
+        Standard deviation of each distance.
     floor : ndarray [shape=(missing markers,), mm]
-        As `floor_heights` gives it.
+        As returned by `priorfill.geometry.floor_heights.floor_heights`.
     rate : float
         Hz.
+    options : FloorOptions
 
     Returns
     -------
     ndarray [shape=(frames, missing markers, 3), mm]
-        ``predicted`` itself where nothing is too low.
+        ``predicted`` itself where nothing is below the floor.
     """
-    below = np.maximum(floor - predicted[..., 2], 0.0)  # mm
-    absent = (below > DISBELIEF * expected_rms + ANYHOW).any(axis=0)
-    below[:, absent] = 0.0
-    if not below.any():
+    penetration = np.maximum(floor - predicted[..., 2], 0.0)  # mm
+    limit = options.max_penetration_std * expected_rms + options.max_penetration
+    off_floor = (penetration > limit).any(axis=0)
+    penetration[:, off_floor] = 0.0
+    if not penetration.any():
         return predicted
-    wanted = _rounded(below, rate)
-    # what a lift tilts must not sink for that
-    raised = predicted[..., 2] + wanted
-    least = np.where(wanted > 0, raised, np.where(absent, -np.inf, floor))
-    frames = np.flatnonzero(wanted.any(axis=1))
-    lifted = predicted.copy()
-    for some in np.array_split(frames, -(-len(frames) // AT_ONCE)):
-        lifted[some] = _lifted(
-            predicted[some], expected_rms[some], visible[some], spread, least[some]
+    correction = _ramped(penetration, round(options.ramp_seconds * rate))
+    # the floor applies to all markers of a corrected frame, since raising one can tilt another down
+    min_height = np.where(
+        correction > 0,
+        predicted[..., 2] + correction,
+        np.where(off_floor, -np.inf, floor),
+    )
+    frames = np.flatnonzero(correction.any(axis=1))
+    raised = predicted.copy()
+    for batch in np.array_split(frames, -(-len(frames) // BATCH_SIZE)):
+        terms = _constant_distances(predicted[batch], visible[batch], spread, options)
+        raised[batch] = _raise_batch(
+            predicted[batch],
+            coordinate_variance(expected_rms[batch]),
+            np.where(np.isnan(visible[batch]), 0.0, visible[batch]),
+            terms,
+            min_height[batch],
+            options.floor_std,
         )
-    return lifted
+    return raised
 
 
-def _rounded(below: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
-    """Return a lift (frames, markers; mm) that is smooth in time and nowhere less than asked."""
-    reach = round(ROUND_SECONDS * rate)
-    window = np.hanning(2 * reach + 3)
-    # the mean of a greatest value over the same window is no less than the value
-    greatest = maximum_filter1d(below, 2 * reach + 1, axis=0, mode="nearest")
+def _ramped(penetration: NDArray[np.float64], half_width: int) -> NDArray[np.float64]:
+    """Return corrections (frames, markers; mm) smooth in time and no less than the penetration."""
+    window = np.hanning(2 * half_width + 3)
+    # the weighted mean of a running maximum over the same window is no less than the value itself
+    maximum = maximum_filter1d(penetration, 2 * half_width + 1, axis=0, mode="nearest")
     smooth: NDArray[np.float64] = convolve1d(
-        greatest, window[1:-1] / window.sum(), axis=0, mode="nearest"
+        maximum, window[1:-1] / window.sum(), axis=0, mode="nearest"
     )
     return smooth
 
 
-def _lifted(
+def _constant_distances(
     predicted: NDArray[np.float64],
-    expected_rms: NDArray[np.float64],
     visible: NDArray[np.float64],
     spread: NDArray[np.float64],
-    least: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Minimise the least squares; parameters as for `enforce_floor`, and the least heights (mm)."""
-    frames, markers = predicted.shape[:2]
-    variance = coordinate_variance(expected_rms)
+    options: FloorOptions,
+) -> list[DistanceTerm]:
+    """Return the terms that keep nearly constant distances as predicted."""
     points = np.concatenate([predicted, visible], axis=1)
-    pairs = [(i, j) for i, j in np.argwhere(spread < STIFF) if j > i]
-    edges: list[DistanceTerm] = []
-    for one, other in pairs:
-        apart = points[:, one] - points[:, other]
-        length = norms(apart)
+    terms = []
+    for first, second in np.argwhere(spread < options.max_spread):
+        if second <= first:
+            continue
+        length = norms(points[:, first] - points[:, second])
         known = np.isfinite(length)
-        weight = np.where(known, 1.0 / max(spread[one, other], LEAST_SPREAD) ** 2, 0.0)
-        edges.append((one, other, np.where(known, length, LEAST_LENGTH), weight))
-    points = np.where(np.isnan(points), 0.0, points)
+        tolerance = max(spread[first, second], options.min_spread)
+        weight = np.where(known, 1.0 / tolerance**2, 0.0)
+        terms.append(DistanceTerm(first, second, np.where(known, length, MIN_DISTANCE), weight))
+    return terms
 
-    def squares(found: NDArray[np.float64]) -> NDArray[np.float64]:
-        whole = np.concatenate([found, points[:, markers:]], axis=1)
-        sums: NDArray[np.float64] = ((found - predicted) ** 2 / variance[..., None]).sum((1, 2))
-        sums += (np.maximum(least - found[..., 2], 0.0) ** 2).sum(axis=1) / FIRMNESS**2
-        for one, other, length, weight in edges:
-            far = norms(whole[:, one] - whole[:, other])
-            sums += weight * (far - length) ** 2
-        return sums
 
-    for _ in range(STEPS):
-        matrix, force = normal_equations(points, predicted, variance, edges)
-        sunk = np.maximum(least - points[:, :markers, 2], 0.0)
-        firm = (sunk > 0) / FIRMNESS**2
+def _raise_batch(
+    predicted: NDArray[np.float64],
+    variance: NDArray[np.float64],
+    visible: NDArray[np.float64],
+    terms: list[DistanceTerm],
+    min_height: NDArray[np.float64],
+    floor_std: float,
+) -> NDArray[np.float64]:
+    """Minimise the least squares for a batch of frames; ``min_height`` (frames, markers) in mm."""
+    frames, markers = predicted.shape[:2]
+    points = np.concatenate([predicted, visible], axis=1)
+
+    def total(candidate: NDArray[np.float64]) -> NDArray[np.float64]:
+        everything = np.concatenate([candidate, visible], axis=1)
+        sunk = np.maximum(min_height - candidate[..., 2], 0.0)
+        floor_term: NDArray[np.float64] = (sunk**2).sum(axis=1) / floor_std**2
+        return energy(everything, predicted, variance, terms) + floor_term
+
+    for _ in range(ITERATIONS):
+        matrix, rhs = normal_equations(points, predicted, variance, terms)
+        sunk = np.maximum(min_height - points[:, :markers, 2], 0.0)
+        active = (sunk > 0) / floor_std**2
         for i in range(markers):
-            matrix[:, i, 2, i, 2] += firm[:, i]
-        force[..., 2] += firm * sunk
-        ahead = step(matrix, force)
-        tried = [points[:, :markers] + part * ahead for part in SHORTER]
-        best = np.argmin([squares(one) for one in tried], axis=0)
-        points[:, :markers] = np.array(tried)[best, np.arange(frames)]
-    found: NDArray[np.float64] = points[:, :markers]
-    return found
+            matrix[:, i, 2, i, 2] += active[:, i]
+        rhs[..., 2] += active * sunk
+        step = gauss_newton_step(matrix, rhs)
+        candidates = [points[:, :markers] + fraction * step for fraction in STEP_FRACTIONS]
+        best = np.argmin([total(candidate) for candidate in candidates], axis=0)
+        points[:, :markers] = np.array(candidates)[best, np.arange(frames)]
+    return points[:, :markers]

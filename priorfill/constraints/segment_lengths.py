@@ -1,13 +1,15 @@
-"""Hold the distances of markers on one segment: bones neither stretch nor shrink.
+"""Hold the distances between markers of one segment: bones neither stretch nor shrink.
 
-A prediction is a mean over movements that might have been, and the mean of an arm's directions is
-a shorter arm. The distances that hardly vary where they are measured are held in what is predicted,
-by a term of the least squares
+A prediction is a mean over plausible poses, and averaging the directions of an arm shortens it.
+Distances that hardly vary where they are measured are therefore held in the prediction, by the
+second term of the least squares
 
-    sum_i |x_i - p_i|² / σ_i²  +  sum_ij (|x_i - x_j| - L_ij)² / s_ij²
+    sum_i |x_i - p_i|² / σ_i²  +  sum_ij (|x_i - x_j| - L_ij)² / (c² s_ij² + r² σ_i²)
 
-in each frame: p_i is what was predicted, with deviation σ_i a coordinate; L_ij and its spread are
-measured in the clip. The minimum is found by Gauss-Newton steps.
+in each frame. p_i is the predicted position with standard deviation σ_i per coordinate, L_ij and
+s_ij are mean and standard deviation of the distance in the clip, and c and r are the fields
+``spread_factor`` and ``relative_tolerance`` of `SegmentLengthOptions`. The minimum is found by
+Gauss-Newton steps, halved where a full step would increase the sum.
 """
 
 from __future__ import annotations
@@ -19,167 +21,214 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import minimum_spanning_tree
 
 from priorfill.constraints.distance_terms import (
-    STIFF,
+    MAX_CONSTRAINED_SPREAD,
+    DistanceTerm,
     coordinate_variance,
     energy,
+    gauss_newton_step,
     normal_equations,
-    step,
 )
 
-__all__ = ["Edges", "hold_lengths", "stiff_edges"]
+__all__ = ["LengthEdges", "SegmentLengthOptions", "choose_length_edges", "hold_lengths"]
 
-SOFTNESS = 0.5
-"""How far lengths give way, in deviations of what is predicted: predictions are better pulled
-towards their lengths than onto them."""
+MAX_ITERATIONS = 12
+"""Gauss-Newton steps. Three nearly always come within a thousandth of the minimum."""
 
-CAUTION = 2.0
-"""How many times its spread a length is off by at worst: it changes with the pose, which a
-regression of a few markers knows better. With 1, what is known to a millimetre gets worse."""
+MAX_HALVINGS = 6
+"""How often a step that increases the sum of squares is halved."""
 
-LEAST_SPREAD = 0.1
-"""mm. No distance is known better."""
+CONVERGED = 1e-5
+"""mm. Frames in which no coordinate moves farther in a step are finished; no file format stores
+smaller differences."""
 
-STEPS = 12
-"""Gauss-Newton steps: to a part in a thousand of the least squares, nearly always in three."""
+COST_OFFSET = 0.1
+"""mm. Added to the cost of every edge of the spanning tree, because the sparse graph takes a cost
+of 0 for no edge; the tree does not depend on it."""
 
-HALVINGS = 6
-"""How often a step that leads uphill is halved."""
-
-STILL = 1e-5
-"""mm. Frames whose markers a step moves by no more are done: no file holds that much."""
-
-AT_ONCE = 500
-"""Frames that are solved together: their matrices stay in the cache, however long the gap is."""
+BATCH_SIZE = 500
+"""Frames solved together: their matrices fit into the cache, however long the gap is."""
 
 
-@dataclass(frozen=True, eq=False)
-class Edges:
-    """Distances to be held.
+@dataclass(frozen=True)
+class SegmentLengthOptions:
+    """Which distances are held, and how tightly.
 
     Attributes
     ----------
-    one, other : ndarray of int [shape=(edges,)]
-        Columns of the markers: missing ones come first, then visible ones. ``one`` is missing.
-    length, spread : ndarray [shape=(edges,), mm]
-        Distance and how much it varies.
+    max_spread : float
+        mm. Distances with a larger standard deviation in the clip are not held.
+    spread_factor : float
+        Multiple of a length's standard deviation used as its tolerance. A length changes with the
+        pose, which a regression on a few markers predicts better than a mean does. With 1,
+        predictions accurate to a millimetre degrade.
+    relative_tolerance : float
+        Additional tolerance, relative to the expected error of the prediction. Predictions are
+        more accurate when they are drawn towards their lengths than when they are forced to them.
     """
 
-    one: NDArray[np.intp]
-    other: NDArray[np.intp]
+    max_spread: float = MAX_CONSTRAINED_SPREAD
+    spread_factor: float = 2.0
+    relative_tolerance: float = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class LengthEdges:
+    """Pairs of markers whose distance is to be held.
+
+    Attributes
+    ----------
+    first, second : ndarray of int [shape=(edges,)]
+        Columns of the markers: the missing ones come first, then the visible ones. ``first`` is a
+        missing marker.
+    length, spread : ndarray [shape=(edges,), mm]
+        Mean and standard deviation of the distance.
+    """
+
+    first: NDArray[np.intp]
+    second: NDArray[np.intp]
     length: NDArray[np.float64]
     spread: NDArray[np.float64]
 
-    def anchored(self, markers: int) -> tuple[NDArray[np.intp], Edges]:
-        """Return the visible markers that something hangs on, and edges to these alone.
+    def anchored(self, markers: int) -> tuple[NDArray[np.intp], LengthEdges]:
+        """Return the visible markers that have an edge, and the edges renumbered to these alone.
 
         Parameters
         ----------
         markers : int
-            How many are missing.
+            Number of missing markers.
 
         Returns
         -------
         anchors : ndarray of int
-            Among the visible markers.
-        edges : Edges
-            With columns of the missing markers and the anchors.
+            Ascending indices into the visible markers.
+        edges : LengthEdges
+            Columns: the missing markers, then the anchors.
         """
-        on_body = self.other >= markers
-        anchors, place = np.unique(self.other[on_body] - markers, return_inverse=True)
-        other = self.other.copy()
-        other[on_body] = markers + place
-        return anchors, replace(self, other=other)
+        to_visible = self.second >= markers
+        anchors, column = np.unique(self.second[to_visible] - markers, return_inverse=True)
+        second = self.second.copy()
+        second[to_visible] = markers + column
+        return anchors, replace(self, second=second)
 
 
-def stiff_edges(
+def choose_length_edges(
     distance: NDArray[np.float64],
     spread: NDArray[np.float64],
     missing: NDArray[np.intp],
     visible: NDArray[np.intp],
-) -> Edges:
-    """Choose the distances that are to be held.
+    options: SegmentLengthOptions = SegmentLengthOptions(),
+) -> LengthEdges:
+    """Choose the distances to be held: a tree of the most constant ones.
+
+    In the minimum spanning tree by standard deviation, each missing marker is linked to another
+    missing one or to the visible marker to which its distance is most constant.
 
     Parameters
     ----------
     distance, spread : ndarray [shape=(markers, markers), mm]
-        As `priorfill.geometry.distances.pair_distances` gives them.
+        As returned by `priorfill.geometry.distances.pair_distances`.
     missing, visible : ndarray of int
         Markers that are predicted, and those that are measured.
+    options : SegmentLengthOptions
+
+    Returns
+    -------
+    LengthEdges
+        At most one edge per missing marker.
+
+    See Also
+    --------
+    hold_lengths : Applies them.
     """
-    # a tree of the stiffest: each marker hangs on another missing one, or on the visible body
-    inner = spread[np.ix_(missing, missing)]
-    outer = spread[np.ix_(missing, visible)]
+    among_missing = spread[np.ix_(missing, missing)]
+    to_visible = spread[np.ix_(missing, visible)]
     graph = np.full((len(missing) + 1, len(missing) + 1), np.inf)
-    graph[:-1, :-1] = inner
-    graph[:-1, -1] = outer.min(axis=1, initial=np.inf)
-    held = np.where(np.isfinite(graph) & (graph < STIFF), graph + LEAST_SPREAD, 0.0)
-    one, other = minimum_spanning_tree(np.triu(held, 1)).nonzero()
-    body = other == len(missing)
-    if body.any():
-        other[body] += np.argmin(outer[one[body]], axis=1)
-    among = np.concatenate([missing, visible])
-    a, b = missing[one], among[other]
-    return Edges(one.astype(np.intp), other.astype(np.intp), distance[a, b], spread[a, b])
+    graph[:-1, :-1] = among_missing
+    graph[:-1, -1] = to_visible.min(axis=1, initial=np.inf)  # the last node: all visible markers
+    constrained = np.isfinite(graph) & (graph < options.max_spread)
+    cost = np.where(constrained, graph + COST_OFFSET, 0.0)
+    first, second = minimum_spanning_tree(np.triu(cost, 1)).nonzero()
+    outward = second == len(missing)
+    if outward.any():
+        second[outward] += np.argmin(to_visible[first[outward]], axis=1)
+    columns = np.concatenate([missing, visible])
+    a, b = missing[first], columns[second]
+    return LengthEdges(first.astype(np.intp), second.astype(np.intp), distance[a, b], spread[a, b])
 
 
 def hold_lengths(
     predicted: NDArray[np.float64],
     expected_rms: NDArray[np.float64],
     visible: NDArray[np.float64],
-    edges: Edges,
+    edges: LengthEdges,
+    options: SegmentLengthOptions = SegmentLengthOptions(),
 ) -> NDArray[np.float64]:
-    """Pull predicted markers towards their distances from each other and from visible ones.
+    """Move predicted markers towards their known distances from each other and from visible ones.
 
     Parameters
     ----------
     predicted : ndarray [shape=(frames, missing markers, 3), mm]
-    deviation : ndarray [shape=(frames, missing markers), mm]
-        Expected rms Euclidean error.
+    expected_rms : ndarray [shape=(frames, missing markers), mm]
+        Expected rms Euclidean error of the predictions.
     visible : ndarray [shape=(frames, visible markers, 3), mm]
-    edges : Edges
-        Which distances.
+        Measured positions.
+    edges : LengthEdges
+        The distances to be held.
+    options : SegmentLengthOptions
 
     Returns
     -------
     ndarray [shape=(frames, missing markers, 3), mm]
+
+    See Also
+    --------
+    choose_length_edges : Chooses the distances.
     """
-    if not len(edges.one):
+    if not len(edges.first):
         return predicted
     held = np.empty_like(predicted)
-    for start in range(0, len(predicted), AT_ONCE):
-        some = slice(start, start + AT_ONCE)
-        held[some] = _held(predicted[some], expected_rms[some], visible[some], edges)
+    for start in range(0, len(predicted), BATCH_SIZE):
+        batch = slice(start, start + BATCH_SIZE)
+        held[batch] = _hold_batch(
+            predicted[batch], expected_rms[batch], visible[batch], edges, options
+        )
     return held
 
 
-def _held(
+def _hold_batch(
     predicted: NDArray[np.float64],
     expected_rms: NDArray[np.float64],
     visible: NDArray[np.float64],
-    edges: Edges,
+    edges: LengthEdges,
+    options: SegmentLengthOptions,
 ) -> NDArray[np.float64]:
-    """Do the same to a part of the frames."""
+    """Do the work of `hold_lengths` for a batch of frames."""
     markers = predicted.shape[1]
     points = np.concatenate([predicted, visible], axis=1)
     variance = coordinate_variance(expected_rms)
-    softness = SOFTNESS**2 * variance[:, edges.one]  # (frames, edges)
-    weight = 1.0 / ((CAUTION * edges.spread) ** 2 + softness)
+    relative = options.relative_tolerance**2 * variance[:, edges.first]  # (frames, edges)
+    weight = 1.0 / ((options.spread_factor * edges.spread) ** 2 + relative)
 
     moving = np.arange(len(points))
-    for _ in range(STEPS):
-        here, target, doubt = points[moving], predicted[moving], variance[moving]
-        springs = list(zip(edges.one, edges.other, edges.length, weight[moving].T, strict=True))
-        reached = energy(here, target, doubt, springs)
+    for _ in range(MAX_ITERATIONS):
+        here, target, target_variance = points[moving], predicted[moving], variance[moving]
+        terms = [
+            DistanceTerm(*term)
+            for term in zip(edges.first, edges.second, edges.length, weight[moving].T, strict=True)
+        ]
+        reached = energy(here, target, target_variance, terms)
         move = np.zeros_like(here)
-        move[:, :markers] = step(*normal_equations(here, target, doubt, springs))
-        # short links turn under a whole step, which may then lead uphill
-        for _ in range(HALVINGS):
-            uphill = energy(here + move, target, doubt, springs) > reached
+        move[:, :markers] = gauss_newton_step(
+            *normal_equations(here, target, target_variance, terms)
+        )
+        # a full step can rotate short links so far that the sum increases
+        for _ in range(MAX_HALVINGS):
+            uphill = energy(here + move, target, target_variance, terms) > reached
             if not uphill.any():
                 break
             move[uphill] *= 0.5
         points[moving] += move
-        moving = moving[np.abs(move).max(axis=(1, 2)) > STILL]
+        moving = moving[np.abs(move).max(axis=(1, 2)) > CONVERGED]
         if not len(moving):
             break
     return points[:, :markers]

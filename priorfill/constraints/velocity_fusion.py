@@ -1,46 +1,58 @@
-"""Join where markers are predicted to be with how fast they are predicted to move.
+"""Fuse predicted positions with predicted velocities and with the samples measured nearby.
 
-A foot that stands is known to stand, wherever it is; an arm that swings is known to swing. What
-a prediction of positions gets wrong changes within some tenths of a second, so its differences
-over time tell less of how a marker moves than velocities that are predicted directly. Both are
-joined, and with what is measured beside the gap, by the least squares
+A foot that stands is known to stand, wherever it is, and an arm that swings is known to swing. The
+error of a predicted position changes within tenths of a second, so differences of positions over
+time describe the movement of a marker less well than velocities predicted directly. Positions,
+velocities and measured samples are combined by the least squares
 
     sum_t |x[t] - p[t]|² / s²  +  sum_t |(x[t+1] - x[t]) / dt - u[t]|² / w[t]²
 
-p is what is predicted of positions, with error s. u is the mean of the velocity that is predicted
-and of the derivative of p, weighted by their errors, and w the error of this mean. The error of the
-derivative is d = s / `CHANGE`; for a velocity that is expected to err by r it is
-r (1 + (r / d / `BEARABLE`)²)^½. Measured samples are held fast. Errors of all kinds are taken to
-change alike, so that nothing but their ratio counts.
+p is the predicted position, with expected error s. u is the mean of the predicted velocity and of
+the derivative of p, weighted by their inverse variances, and w is the standard deviation of that
+mean. The derivative has the error d = s / τ, where τ is the field ``error_time`` of
+`VelocityFusionOptions`. A velocity with expected error r counts with the error
+r (1 + (r / (d b))²)^½, where b is the field ``half_weight_ratio``. Measured samples enter with a
+fixed, small error. Only the ratios of the errors matter, so they need not be calibrated.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
-from priorfill.gp.velocities import (
-    Motion,
-)
+from priorfill.gp.velocities import Motion
 
-__all__ = ["fuse_velocity"]
+__all__ = ["VelocityFusionOptions", "fuse_velocity"]
 
-CHANGE = 0.2
-"""s. How long an error of predicted positions takes to change: its size / the size of its
-derivative. In gaps of limbs 0.08 to 0.27 s; 0.1 to 0.4 s fill alike."""
-
-BEARABLE = 2.0
-"""Velocities that err by so many times the error of the derivative count half: they err for longer
-than positions do. Without it, what is known to a millimetre gets worse by a few parts in a hundred,
-some of it by a third."""
+MIN_ERROR = 1e-3
+"""mm, and mm/s over ``error_time``. Least expected error: in a clip without any movement every
+prediction is exact."""
 
 
-HELD = 0.01
-"""mm. Error that measured samples are held with."""
+@dataclass(frozen=True)
+class VelocityFusionOptions:
+    """How velocities are weighted against positions.
 
-LEAST_ERROR = 1e-3
-"""mm, and mm/s over `CHANGE`. Nothing is predicted better: in a clip that stands still all is."""
+    Attributes
+    ----------
+    error_time : float
+        s. Time in which the error of a predicted position changes: the rms error divided by the
+        rms error of the derivative. It was 0.08 to 0.27 s in gaps of limbs; values from 0.1 to
+        0.4 s fill equally well.
+    half_weight_ratio : float
+        A velocity whose error exceeds that of the derivative by this factor gets half its weight,
+        because errors of velocities persist for longer than those of positions. Without this,
+        predictions accurate to a millimetre degrade by a few per cent, some by a third.
+    measured_std : float
+        mm. Error assigned to measured samples: nearly exact.
+    """
+
+    error_time: float = 0.2
+    half_weight_ratio: float = 2.0
+    measured_std: float = 0.01
 
 
 def fuse_velocity(
@@ -48,19 +60,21 @@ def fuse_velocity(
     motion: Motion,
     measured: NDArray[np.float64],
     rate: float,
+    options: VelocityFusionOptions = VelocityFusionOptions(),
 ) -> NDArray[np.float64]:
-    """Join predicted positions with predicted velocities and measured samples.
+    """Combine predicted positions with predicted velocities and measured samples.
 
     Parameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
-        Predicted, of frames that follow each other.
+        Predicted positions in consecutive frames.
     motion : Motion
-        Of these.
+        Predicted velocities in these frames.
     measured : ndarray [shape=(frames, markers, 3), mm]
-        What is known of them; NaN where nothing is.
+        Measured samples; NaN where missing.
     rate : float
         Hz.
+    options : VelocityFusionOptions
 
     Returns
     -------
@@ -69,28 +83,42 @@ def fuse_velocity(
     frames, markers = positions.shape[:2]
     if frames < 2:
         return positions
-    error = np.maximum(motion.error, LEAST_ERROR)
-    square = np.maximum(motion.expected_rms, LEAST_ERROR / CHANGE) ** 2
-    derived = (error / CHANGE) ** -2.0
-    told = 1.0 / (square * (1.0 + square * derived / BEARABLE**2))
-    derivative = np.gradient(positions, axis=0) * rate
-    sure = told + derived
-    velocity = (told[..., None] * motion.velocity + derived[:, None] * derivative) / sure[..., None]
+    error = np.maximum(motion.error, MIN_ERROR)
+    velocity, precision = _fused_velocity(positions, motion, error, rate, options)
+    # the constraint of two consecutive frames: the mean velocity and precision between them
     step = 0.5 * (velocity[1:] + velocity[:-1]) / rate
-    stiffness = 0.5 * (sure[1:] + sure[:-1]) * rate**2
+    stiffness = 0.5 * (precision[1:] + precision[:-1]) * rate**2
 
     known = ~np.isnan(measured[..., 0])
-    pull = np.where(known, HELD, error) ** -2.0
+    weight = np.where(known, options.measured_std, error) ** -2.0
+    # upper banded form of one tridiagonal system per marker, the systems one after another; no
+    # element links the last frame of a marker with the first frame of the next
     bands = np.zeros((2, markers, frames))
-    bands[1] = pull.T
+    bands[0, :, 1:] = -stiffness.T
+    bands[1] = weight.T
     bands[1, :, 1:] += stiffness.T
     bands[1, :, :-1] += stiffness.T
-    bands[
-        0, :, 1:
-    ] = -stiffness.T  # nothing between one marker's last frame and the next one's first
-    side = pull[..., None] * np.where(known[..., None], measured, positions)
-    side[1:] += stiffness[..., None] * step
-    side[:-1] -= stiffness[..., None] * step
-    solved = solveh_banded(bands.reshape(2, -1), np.swapaxes(side, 0, 1).reshape(-1, 3))
-    joined: NDArray[np.float64] = np.swapaxes(solved.reshape(markers, frames, 3), 0, 1)
-    return joined
+    rhs = weight[..., None] * np.where(known[..., None], measured, positions)
+    rhs[1:] += stiffness[..., None] * step
+    rhs[:-1] -= stiffness[..., None] * step
+    solved = solveh_banded(bands.reshape(2, -1), np.swapaxes(rhs, 0, 1).reshape(-1, 3))
+    fused: NDArray[np.float64] = np.swapaxes(solved.reshape(markers, frames, 3), 0, 1)
+    return fused
+
+
+def _fused_velocity(
+    positions: NDArray[np.float64],
+    motion: Motion,
+    error: NDArray[np.float64],
+    rate: float,
+    options: VelocityFusionOptions,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return u (frames, markers, 3; mm/s) and 1 / w² (frames, markers; s²/mm²)."""
+    variance = np.maximum(motion.expected_rms, MIN_ERROR / options.error_time) ** 2
+    of_derivative = (error / options.error_time) ** -2.0
+    ratio = variance * of_derivative / options.half_weight_ratio**2
+    of_velocity = 1.0 / (variance * (1.0 + ratio))
+    derivative = np.gradient(positions, axis=0) * rate
+    precision = of_velocity + of_derivative
+    fused = of_velocity[..., None] * motion.velocity + of_derivative[:, None] * derivative
+    return fused / precision[..., None], precision

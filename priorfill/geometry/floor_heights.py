@@ -1,64 +1,87 @@
-"""Find the floor from where markers rest."""
+"""Find the height of the floor below each marker, from where the markers rest."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["floor_heights"]
-
-LOWEST = 1.0
-"""Percentile of a marker's heights that is its lowest: a few samples may be wrong, or of a push
-into a soft floor."""
+__all__ = ["FloorHeightOptions", "floor_heights"]
 
 
-FEWEST = 30
-"""Measured samples that say where a marker's floor is."""
+@dataclass(frozen=True)
+class FloorHeightOptions:
+    """What counts as resting on the floor.
 
+    Attributes
+    ----------
+    lowest_percentile : float
+        Percentile of a marker's heights taken as its lowest height: single samples may be wrong,
+        or taken while the foot pressed into a soft floor.
+    min_samples : int
+        Measured samples that a marker needs.
+    rest_tolerance : float
+        mm. A marker rests while it is at most this far above its lowest height.
+    min_rest_share : float
+        Fraction of its samples in which a marker must rest for the floor to be what stops it. Feet
+        stand during a good part of any clip, whereas a marker that swings past its lowest point
+        stays there only for moments.
+    max_height : float
+        mm. The lowest height of a marker that rests on the floor, above that of the lowest marker
+        of all. The ankle's is 90 to 100 mm.
+    """
 
-NEAR = 10.0
-"""mm. A marker rests while it is no higher above its lowest."""
-
-
-RESTING = 0.04
-"""Share of its samples in which a marker rests that the floor stops: feet stand for a good part of
-any clip, while what swings or bends is lowest for moments only."""
-
-
-STANDING = 150.0
-"""mm. Lowest heights above the ground that the floor is behind: an ankle's is 90 to 100."""
+    lowest_percentile: float = 1.0
+    min_samples: int = 30
+    rest_tolerance: float = 10.0
+    min_rest_share: float = 0.04
+    max_height: float = 150.0
 
 
 def floor_heights(
-    positions: NDArray[np.float64], contralateral: NDArray[np.intp]
+    positions: NDArray[np.float64],
+    contralateral: NDArray[np.intp],
+    options: FloorHeightOptions = FloorHeightOptions(),
 ) -> NDArray[np.float64]:
-    """Find where the floor stops each marker.
+    """Find the height at which the floor stops each marker.
 
     Parameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
-        Upright, NaN where missing.
-    partner : ndarray of int [shape=(markers,)]
-        Each marker's partner on the other side of the body; -1 where it has none.
+        Upright (+Z up), NaN where missing.
+    contralateral : ndarray of int [shape=(markers,)]
+        Each marker's counterpart on the other side of the body; -1 where it has none.
+    options : FloorHeightOptions
 
     Returns
     -------
     ndarray [shape=(markers,), mm]
-        Minus infinity for markers that are not seen to rest low, nor their partners.
+        Minus infinity where neither the marker nor its counterpart is seen to rest on the floor.
+
+    Examples
+    --------
+    >>> positions = np.zeros((100, 2, 3))
+    >>> positions[:, 0, 2], positions[:, 1, 2] = 20.0, 900.0  # a toe and a hip
+    >>> floor_heights(positions, np.array([-1, -1]))
+    array([ 20., -inf])
     """
     count = positions.shape[1]
     lowest, rests = np.full(count, np.inf), np.zeros(count, dtype=bool)
     for marker in range(count):
         heights = positions[:, marker, 2]
         heights = heights[~np.isnan(heights)]
-        if len(heights) >= FEWEST:
-            lowest[marker] = np.percentile(heights, LOWEST)
-            rests[marker] = (heights <= lowest[marker] + NEAR).mean() >= RESTING
+        if len(heights) >= options.min_samples:
+            lowest[marker] = np.percentile(heights, options.lowest_percentile)
+            resting = heights <= lowest[marker] + options.rest_tolerance
+            rests[marker] = resting.mean() >= options.min_rest_share
     ground = lowest.min(initial=np.inf)
-    rests &= lowest <= ground + STANDING
-    # feet of one body stand about as high; the lower one of both is the more cautious
-    beside = np.where((contralateral >= 0) & rests[contralateral], lowest[contralateral], np.inf)
+    rests &= lowest <= ground + options.max_height
+    # both feet of a subject have the same height; the lower one of the two is the safer limit
+    other_side = np.where(
+        (contralateral >= 0) & rests[contralateral], lowest[contralateral], np.inf
+    )
     floor: NDArray[np.float64] = np.where(
-        rests | np.isfinite(beside), np.minimum(lowest, beside), -np.inf
+        rests | np.isfinite(other_side), np.minimum(lowest, other_side), -np.inf
     )
     return floor

@@ -1,140 +1,177 @@
-"""Keep predictions from shaking more than what is measured.
+"""Smooth predictions that have more jitter than the measured trajectory of the same marker.
 
-A prediction shakes with the noise of the markers that it is made from, and jumps where its members
-change. What is faster than a body moves is taken out by a low-pass, as far as it is more than the
-marker's own measured path has of it. A prediction that shakes no more stays as it is.
+A prediction inherits the noise of the markers it is computed from, and jumps where the models of
+its ensemble change. Frequencies above those of body motion are low-passed until their power is no
+higher than in the marker's measured trajectory. A prediction with no more jitter than that is left
+unchanged.
 
-The low-pass is the x that minimises ``|x - p|² + λ |D³ x|²`` with third differences D³
-(Whittaker 1923): without delay, and with natural ends.
+The low-pass is the x that minimises ``|x - p|² + λ |D³ x|²`` with third differences D³, the
+graduation of [W23]_. It has no delay, and natural boundary conditions.
+
+References
+----------
+.. [W23] Whittaker, On a new method of graduation, Proceedings of the Edinburgh Mathematical
+   Society 41, 1923.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gaps import runs
 
-__all__ = ["jitter_power", "low_pass", "smooth_jitter"]
+__all__ = ["SmoothingOptions", "jitter_power", "low_pass", "smooth_jitter"]
 
-BODY_HZ = 10.0
-"""Hz. Bodies move little above it."""
-
-CUTS = (20.0, 16.0, 13.0, 10.0, 8.0, 6.5, 5.0)
-"""Hz. Low-passes, the mildest first: the first one that is enough is taken. Fixed ones of 7 Hz and
-less cost accuracy (2 % and more), chosen ones do not."""
-
-HIGHEST = 0.4
-"""Low-passes above this part of the rate do nothing."""
-
-SHARE = 0.8
-"""A prediction may shake with so much of the mean power that is measured: the seam adds some."""
-
-MOVED = 0.5
-"""A low-pass that moves a prediction by more than this part of its expected error (rms) is too
-strong: what is known so well shakes because the body does."""
-
-ORDER = 3
-"""Order of the differences: the response is 1 / (1 + (f / cut)^6), sharp enough to keep steps."""
-
-FEWEST = 12
-"""Frames that a path needs to be judged or smoothed."""
+DIFFERENCE_ORDER = 3
+"""Order of the differences. The response is 1 / (1 + (f / cutoff)^6), steep enough to preserve
+steps."""
 
 
-def low_pass(path: NDArray[np.float64], rate: float, cut: float) -> NDArray[np.float64]:
-    """Return a path without what is faster than a frequency.
+@dataclass(frozen=True)
+class SmoothingOptions:
+    """What counts as jitter, and how much smoothing is allowed.
+
+    Attributes
+    ----------
+    body_frequency : float
+        Hz. Bodies hardly move faster: power above it is jitter.
+    cutoffs : tuple of float
+        Hz, descending. The highest one that removes enough jitter is used. Low-passing every
+        prediction at 7 Hz or less costs 2 % of accuracy and more; cut-offs chosen by the jitter
+        cost none.
+    max_cutoff_per_rate : float
+        Low-passes above this fraction of the frame rate have no effect and are skipped.
+    max_jitter_ratio : float
+        Jitter power that a prediction may have, relative to the measured trajectory. Below 1,
+        because the seams with measured samples add some.
+    max_shift : float
+        A low-pass is too strong if it moves a prediction by more than this multiple of its
+        expected error (both rms): fast changes of an accurate prediction are motion of the body.
+    min_frames : int
+        Frames that a trajectory needs to be assessed or smoothed.
+    """
+
+    body_frequency: float = 10.0
+    cutoffs: tuple[float, ...] = (20.0, 16.0, 13.0, 10.0, 8.0, 6.5, 5.0)
+    max_cutoff_per_rate: float = 0.4
+    max_jitter_ratio: float = 0.8
+    max_shift: float = 0.5
+    min_frames: int = 12
+
+
+def low_pass(path: NDArray[np.float64], rate: float, cutoff: float) -> NDArray[np.float64]:
+    """Return a trajectory without its high frequencies.
 
     Parameters
     ----------
     path : ndarray [shape=(frames, ...), mm]
-        More frames than `ORDER`, none NaN.
+        More frames than `DIFFERENCE_ORDER`, none NaN.
     rate : float
         Hz.
-    cut : float
+    cutoff : float
         Hz; a sine of this frequency is halved. Below half the rate.
+
+    Returns
+    -------
+    ndarray [shape as given, mm]
+
+    Examples
+    --------
+    >>> line = np.linspace(0.0, 9.0, 10)[:, None]
+    >>> bool(np.allclose(low_pass(line, 100.0, 10.0), line))
+    True
     """
     from scipy.linalg import solveh_banded
 
-    frames = len(path)
-    gain = 2.0 * np.sin(np.pi * cut / rate)  # of a difference at ``cut``
-    stiffness = gain ** (-2.0 * ORDER)
+    order, frames = DIFFERENCE_ORDER, len(path)
+    gain = 2.0 * np.sin(np.pi * cutoff / rate)  # of one difference, at the cut-off
+    penalty = gain ** (-2.0 * order)  # λ
     difference = np.ones(1)
-    for _ in range(ORDER):
+    for _ in range(order):
         difference = np.convolve(difference, [1.0, -1.0])
-    bands = np.zeros((ORDER + 1, frames))  # of I + λ D'D, upper form
-    bands[ORDER] = 1.0
-    for offset in range(ORDER + 1):
-        for i in range(ORDER + 1 - offset):
-            columns = slice(i + offset, i + offset + frames - ORDER)
-            bands[ORDER - offset, columns] += stiffness * difference[i] * difference[i + offset]
+    bands = np.zeros((order + 1, frames))  # I + λ D'D in upper banded form
+    bands[order] = 1.0
+    for offset in range(order + 1):
+        for i in range(order + 1 - offset):
+            columns = slice(i + offset, i + offset + frames - order)
+            bands[order - offset, columns] += penalty * difference[i] * difference[i + offset]
     smooth: NDArray[np.float64] = solveh_banded(bands, path.reshape(frames, -1))
     return smooth.reshape(path.shape)
 
 
-def jitter_power(path: NDArray[np.float64], rate: float) -> float:
-    """Return the mean square acceleration of what is faster than a body moves.
+def jitter_power(
+    path: NDArray[np.float64], rate: float, options: SmoothingOptions = SmoothingOptions()
+) -> float:
+    """Return the mean squared second difference of what is faster than body motion.
 
     Parameters
     ----------
     path : ndarray [shape=(frames, 3), mm]
-        Of one marker; NaN where missing.
+        Trajectory of one marker; NaN where missing.
     rate : float
         Hz.
+    options : SmoothingOptions
 
     Returns
     -------
     float
-        mm² per frame⁴. NaN where no run of samples is long enough, or the rate too low, to tell.
+        mm² per frame⁴. NaN where no run of samples is long enough, or the rate is too low to
+        contain frequencies above those of body motion.
     """
-    if rate * HIGHEST <= BODY_HZ:
+    if rate * options.max_cutoff_per_rate <= options.body_frequency:
         return float("nan")
     total, count = 0.0, 0
     for start, stop in runs(~np.isnan(path[:, 0])):
-        if stop - start < FEWEST:
+        if stop - start < options.min_frames:
             continue
-        fast = path[start:stop] - low_pass(path[start:stop], rate, BODY_HZ)
-        bend = fast[2:] - 2.0 * fast[1:-1] + fast[:-2]
-        total += float((bend**2).sum())
-        count += len(bend)
+        fast = path[start:stop] - low_pass(path[start:stop], rate, options.body_frequency)
+        second_difference = fast[2:] - 2.0 * fast[1:-1] + fast[:-2]
+        total += float((second_difference**2).sum())
+        count += len(second_difference)
     return total / count if count else float("nan")
 
 
 def smooth_jitter(
     predicted: NDArray[np.float64],
     expected_rms: NDArray[np.float64],
-    usual: NDArray[np.float64],
+    measured_power: NDArray[np.float64],
     rate: float,
+    options: SmoothingOptions = SmoothingOptions(),
 ) -> NDArray[np.float64]:
-    """Smooth what shakes more than usual.
+    """Smooth predictions with more jitter than is measured.
 
     Parameters
     ----------
     predicted : ndarray [shape=(frames, markers, 3), mm]
         None NaN.
-    deviation : ndarray [shape=(frames, markers), mm]
-        Expected rms Euclidean error.
-    usual : ndarray [shape=(markers,), mm² per frame⁴]
-        `jitter_power` of each marker's measured path. NaN: it is not smoothed.
+    expected_rms : ndarray [shape=(frames, markers), mm]
+        Expected rms Euclidean error of the predictions.
+    measured_power : ndarray [shape=(markers,), mm² per frame⁴]
+        `jitter_power` of each marker's measured trajectory. NaN: the marker is not smoothed.
     rate : float
         Hz.
+    options : SmoothingOptions
 
     Returns
     -------
     ndarray [shape=(frames, markers, 3), mm]
-        Of the markers that shake no more than `SHARE` of that exactly what was given.
+        Markers with little enough jitter are returned bit by bit as given.
     """
-    if len(predicted) < FEWEST:
+    if len(predicted) < options.min_frames:
         return predicted
-    calmed = predicted.copy()
-    cuts = [cut for cut in CUTS if cut < HIGHEST * rate]
-    for marker in np.flatnonzero(np.isfinite(usual)):
-        bearable = SHARE * usual[marker]
-        known = float((expected_rms[:, marker] ** 2).mean())
-        for cut in cuts:
-            if jitter_power(calmed[:, marker], rate) <= bearable:
+    smoothed = predicted.copy()
+    cutoffs = [cutoff for cutoff in options.cutoffs if cutoff < options.max_cutoff_per_rate * rate]
+    for marker in np.flatnonzero(np.isfinite(measured_power)):
+        allowed_power = options.max_jitter_ratio * measured_power[marker]
+        max_shift = options.max_shift**2 * float((expected_rms[:, marker] ** 2).mean())  # mm²
+        for cutoff in cutoffs:
+            if jitter_power(smoothed[:, marker], rate, options) <= allowed_power:
                 break
-            smooth = low_pass(predicted[:, marker], rate, cut)
-            if ((smooth - predicted[:, marker]) ** 2).sum(axis=1).mean() > MOVED**2 * known:
+            candidate = low_pass(predicted[:, marker], rate, cutoff)
+            if ((candidate - predicted[:, marker]) ** 2).sum(axis=1).mean() > max_shift:
                 break
-            calmed[:, marker] = smooth
-    return calmed
+            smoothed[:, marker] = candidate
+    return smoothed

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from priorfill.constraints.distance_terms import (
-    LEAST_LENGTH,
+    MIN_DISTANCE,
     coordinate_variance,
     energy,
+    gauss_newton_step,
     normal_equations,
-    step,
 )
 
 FRAMES, MISSING = 3, 3
@@ -58,8 +58,8 @@ def jacobian(x, *arguments):
 def test_energy_and_gauss_newton_step(seed):
     points, predicted, variance, terms = case(seed)
     total = energy(points, predicted, variance, terms)
-    matrix, force = normal_equations(points, predicted, variance, terms)
-    ahead = step(matrix, force)
+    matrix, rhs = normal_equations(points, predicted, variance, terms)
+    ahead = gauss_newton_step(matrix, rhs)
     for frame in range(FRAMES):
         x = points[frame, :MISSING].ravel()
         arguments = frame, points, predicted, variance, terms
@@ -68,7 +68,7 @@ def test_energy_and_gauss_newton_step(seed):
         np.testing.assert_allclose(
             matrix[frame].reshape(9, 9), slope.T @ slope, rtol=1e-6, atol=1e-8
         )
-        np.testing.assert_allclose(force[frame].ravel(), -slope.T @ off, rtol=1e-6, atol=1e-7)
+        np.testing.assert_allclose(rhs[frame].ravel(), -slope.T @ off, rtol=1e-6, atol=1e-7)
         best = np.linalg.lstsq(slope, -off, rcond=None)[0]
         np.testing.assert_allclose(ahead[frame].ravel(), best, rtol=1e-5, atol=1e-6)
 
@@ -80,10 +80,10 @@ def test_variance_of_a_coordinate():
 
 def test_markers_in_one_place_have_no_direction():
     points = np.zeros((1, 2, 3))
-    points[0, 0, 0] = 0.5 * LEAST_LENGTH
-    matrix, force = normal_equations(
+    points[0, 0, 0] = 0.5 * MIN_DISTANCE
+    matrix, rhs = normal_equations(
         points, points[:, :1], np.ones((1, 1)), [(0, 1, 10.0, np.array([4.0]))]
     )
     # half a direction of the x axis, and the distance counts as 1 mm
     np.testing.assert_allclose(matrix[0, 0, :, 0], np.diag([1.0 + 4.0 * 0.25, 1.0, 1.0]))
-    np.testing.assert_allclose(force[0, 0], [4.0 * 9.0 * 0.5, 0.0, 0.0])
+    np.testing.assert_allclose(rhs[0, 0], [4.0 * 9.0 * 0.5, 0.0, 0.0])

@@ -10,22 +10,17 @@ from naive import turned
 from scipy.optimize import least_squares
 
 from priorfill.constraints.floor import (
-    ANYHOW,
-    DISBELIEF,
-    FIRMNESS,
-    LEAST_SPREAD,
-    ROUND_SECONDS,
+    FloorOptions,
     enforce_floor,
 )
 from priorfill.geometry.floor_heights import (
-    FEWEST,
-    NEAR,
-    RESTING,
-    STANDING,
+    FloorHeightOptions,
     floor_heights,
 )
 
 RATE = 100.0
+OPTIONS = FloorOptions()
+HEIGHTS = FloorHeightOptions()
 
 
 def leg(frames=60, seed=0):
@@ -74,8 +69,8 @@ def test_what_swings_low_for_a_moment_has_no_floor():
     clip = np.concatenate([leg(frames=300), leg(frames=300)[:, :1]], axis=1)
     time = np.arange(300) / RATE
     clip[:, 5, 2] = 400.0 - 350.0 * np.maximum(np.sin(2.0 * np.pi * time), 0.0) ** 20
-    assert clip[:, 5, 2].min() < STANDING
-    assert (clip[:, 5, 2] < clip[:, 5, 2].min() + NEAR).mean() < 0.1
+    assert clip[:, 5, 2].min() < HEIGHTS.max_height
+    assert (clip[:, 5, 2] < clip[:, 5, 2].min() + HEIGHTS.rest_tolerance).mean() < 0.1
     clip[:, 5, 2][clip[:, 5, 2] < 60.0] += np.linspace(0.0, 300.0, (clip[:, 5, 2] < 60.0).sum())
     assert floor_heights(clip, np.full(6, -1))[5] == -np.inf
 
@@ -102,11 +97,13 @@ def test_nothing_stays_below_the_floor(seed, depth, expected_rms):
     clip = leg(seed=seed % 1000)
     rng = np.random.default_rng(seed)
     predicted = clip[:, 1:] + rng.normal(0.0, 3.0, (1, 4, 3))
-    predicted[..., 2] -= min(depth, DISBELIEF * expected_rms) * rng.uniform(0.0, 1.0, (60, 1))
+    predicted[..., 2] -= min(depth, OPTIONS.max_penetration_std * expected_rms) * rng.uniform(
+        0.0, 1.0, (60, 1)
+    )
     found = lifted(predicted, clip[:, :1], expected_rms)
     # the floor gives way a little against the pull of what was predicted of all four markers
     pull = 4 * (depth + 10.0) / (expected_rms**2 / 3.0)
-    assert (found[..., 2] > FLOOR - 1.0 - pull * FIRMNESS**2).all()
+    assert (found[..., 2] > FLOOR - 1.0 - pull * OPTIONS.floor_std**2).all()
 
 
 @settings(deadline=None, max_examples=20)
@@ -153,7 +150,11 @@ def test_a_lift_turns_and_moves_with_the_body_over_the_floor():
 
 def test_a_stair_is_no_floor():
     clip = leg()
-    lower = clip[:, 1:] - [0.0, 0.0, ANYHOW + DISBELIEF * 5.0 + 1.0 + 80.0]
+    lower = clip[:, 1:] - [
+        0.0,
+        0.0,
+        OPTIONS.max_penetration + OPTIONS.max_penetration_std * 5.0 + 1.0 + 80.0,
+    ]
     assert lifted(lower, clip[:, :1], expected_rms=5.0) is lower
 
 
@@ -173,10 +174,10 @@ def test_it_is_the_minimum_of_its_least_squares(seed):
         origin = np.concatenate([predicted[0], clip[0, :1]])
         off = [
             (np.linalg.norm(points[i] - points[j]) - np.linalg.norm(origin[i] - origin[j]))
-            / max(SPREAD[i, j], LEAST_SPREAD)
+            / max(SPREAD[i, j], OPTIONS.min_spread)
             for i, j in pairs
         ]
-        sunk = np.maximum(FLOOR[1:] - points[1:4, 2], 0.0) / FIRMNESS
+        sunk = np.maximum(FLOOR[1:] - points[1:4, 2], 0.0) / OPTIONS.floor_std
         away = (points[:4] - predicted[0]) / (expected_rms[0] / np.sqrt(3.0))[:, None]
         return np.concatenate([away.ravel(), off, sunk])
 
@@ -198,7 +199,7 @@ def test_a_lifted_toe_does_not_tilt_the_heel_into_the_floor():
     foot[0, :, 2] = [100.0, 20.0, -20.0]
     expected_rms = np.array([[5.0, 60.0, 60.0]])
 
-    def found(heel, spread=LEAST_SPREAD):
+    def found(heel, spread=OPTIONS.min_spread):
         floor, spreads = np.array([-np.inf, heel, 10.0]), np.full((3, 3), spread)
         return enforce_floor(foot, expected_rms, np.empty((1, 0, 3)), spreads, floor, RATE)[0, :, 2]
 
@@ -206,12 +207,12 @@ def test_a_lifted_toe_does_not_tilt_the_heel_into_the_floor():
     assert found(20.0)[1] > 19.0
     assert found(-np.inf)[1] < 15.0  # a heel without a floor turns about the ankle
     np.testing.assert_array_equal(found(20.0, 0.0), found(20.0))  # no distance is held better
-    assert (np.abs(found(20.0, 2.0 * LEAST_SPREAD) - found(20.0)) > 1e-3).any()
+    assert (np.abs(found(20.0, 2.0 * OPTIONS.min_spread) - found(20.0)) > 1e-3).any()
 
 
 def test_a_floor_is_ignored_by_markers_far_below_it():
     clip = leg()
-    depth = ANYHOW + DISBELIEF * 5.0
+    depth = OPTIONS.max_penetration + OPTIONS.max_penetration_std * 5.0
     for more, stays in ((-0.01, False), (0.01, True)):
         sunk = clip[:, 1:].copy()
         sunk[30, 3, 2] = FLOOR[3] - depth - more
@@ -235,22 +236,26 @@ def test_a_floor_needs_samples_that_rest_low():
     clip = np.zeros((100, 3, 3))
     clip[..., 2] = 500.0
     clip[:, 0, 2] = 10.0
-    rest = round(RESTING * 100)
-    clip[: rest - 1, 1, 2] = 10.0 + STANDING  # too few
-    clip[:rest, 2, 2] = 10.0 + STANDING
-    np.testing.assert_allclose(floor_heights(clip, none), [10.0, -np.inf, 10.0 + STANDING])
-    clip[..., 2] = 10.0 + STANDING * np.array([0.0, 0.999, 1.001])  # too high
-    np.testing.assert_allclose(floor_heights(clip, none), [10.0, 10.0 + 0.999 * STANDING, -np.inf])
-    clip[FEWEST:, 0] = np.nan
+    rest = round(HEIGHTS.min_rest_share * 100)
+    clip[: rest - 1, 1, 2] = 10.0 + HEIGHTS.max_height  # too few
+    clip[:rest, 2, 2] = 10.0 + HEIGHTS.max_height
+    np.testing.assert_allclose(
+        floor_heights(clip, none), [10.0, -np.inf, 10.0 + HEIGHTS.max_height]
+    )
+    clip[..., 2] = 10.0 + HEIGHTS.max_height * np.array([0.0, 0.999, 1.001])  # too high
+    np.testing.assert_allclose(
+        floor_heights(clip, none), [10.0, 10.0 + 0.999 * HEIGHTS.max_height, -np.inf]
+    )
+    clip[HEIGHTS.min_samples :, 0] = np.nan
     assert floor_heights(clip, none)[2] == -np.inf
     clip[0, 0] = np.nan  # too few samples for a floor, or for the ground
-    expected = [-np.inf, *(10.0 + STANDING * np.array([0.999, 1.001]))]
+    expected = [-np.inf, *(10.0 + HEIGHTS.max_height * np.array([0.999, 1.001]))]
     np.testing.assert_allclose(floor_heights(clip, none), expected)
 
 
 def test_a_lift_comes_and_goes_smoothly():
     rate = 200.0
-    reach = round(ROUND_SECONDS * rate)
+    reach = round(OPTIONS.ramp_seconds * rate)
     heights = np.full(60, 50.0)
     heights[[30, 33]] = 5.0, 14.0
     predicted = np.zeros((60, 1, 3))

@@ -12,20 +12,21 @@ from naive import turned
 from scipy.optimize import least_squares
 
 from priorfill.constraints.distance_terms import (
-    STIFF,
+    MAX_CONSTRAINED_SPREAD,
     energy,
+    gauss_newton_step,
     normal_equations,
-    step,
 )
 from priorfill.constraints.segment_lengths import (
-    CAUTION,
-    LEAST_SPREAD,
-    SOFTNESS,
-    Edges,
+    LengthEdges,
+    SegmentLengthOptions,
+    choose_length_edges,
     hold_lengths,
-    stiff_edges,
 )
 from priorfill.geometry.distances import pair_distances
+
+OPTIONS = SegmentLengthOptions()
+SMALL_SPREAD = 0.1  # mm
 
 
 def arm(frames=40, seed=0):
@@ -46,26 +47,29 @@ MISSING, VISIBLE = np.arange(3, 7), np.arange(3)
 
 
 def chosen(clip):
-    return stiff_edges(*pair_distances(clip), MISSING, VISIBLE)
+    return choose_length_edges(*pair_distances(clip), MISSING, VISIBLE)
 
 
 def test_each_marker_hangs_on_the_stiffest():
     edges = chosen(arm())
     pairs = {
         (MISSING[a], np.r_[MISSING, VISIBLE][b])
-        for a, b in zip(edges.one, edges.other, strict=True)
+        for a, b in zip(edges.first, edges.second, strict=True)
     }
     assert len(pairs) == 4  # a tree
     assert (3, 1) in pairs  # on the shoulder
     assert all({3, 4} >= set(p) or {4, 5, 6} >= set(p) for p in pairs - {(3, 1)})
-    assert (edges.spread < STIFF).all()
+    assert (edges.spread < MAX_CONSTRAINED_SPREAD).all()
 
 
 def test_nothing_holds_what_varies():
     clip = arm()
     distance, spread = pair_distances(clip)
-    assert len(stiff_edges(distance, spread + STIFF, MISSING, VISIBLE).one) == 0
-    edges = stiff_edges(distance, spread + STIFF, MISSING, VISIBLE)
+    assert (
+        len(choose_length_edges(distance, spread + MAX_CONSTRAINED_SPREAD, MISSING, VISIBLE).first)
+        == 0
+    )
+    edges = choose_length_edges(distance, spread + MAX_CONSTRAINED_SPREAD, MISSING, VISIBLE)
     held = hold_lengths(clip[:, 3:], np.ones((40, 4)), clip[:, :3], edges)
     np.testing.assert_array_equal(held, clip[:, 3:])
 
@@ -78,7 +82,7 @@ def test_lengths_come_nearer():
 
     def off(missing):
         points = np.concatenate([missing, clip[:, :3]], axis=1)
-        length = np.linalg.norm(points[:, edges.one] - points[:, edges.other], axis=2)
+        length = np.linalg.norm(points[:, edges.first] - points[:, edges.second], axis=2)
         return np.abs(length - edges.length).mean()
 
     assert off(held) < 0.5 * off(short)
@@ -102,9 +106,11 @@ def test_it_is_the_minimum_of_its_least_squares(seed):
         points = np.concatenate([x.reshape(4, 3), clip[0, :3]])
         off = [
             (np.linalg.norm(points[a] - points[b]) - length)
-            / np.sqrt((CAUTION * s) ** 2 + SOFTNESS**2 * variance[a])
+            / np.sqrt(
+                (OPTIONS.spread_factor * s) ** 2 + OPTIONS.relative_tolerance**2 * variance[a]
+            )
             for a, b, length, s in zip(
-                edges.one, edges.other, edges.length, edges.spread, strict=True
+                edges.first, edges.second, edges.length, edges.spread, strict=True
             )
         ]
         away = (points[:4] - predicted[0]) / np.sqrt(variance)[:, None]
@@ -138,7 +144,7 @@ def test_frames_and_other_visible_markers_make_no_difference():
     held = hold_lengths(predicted, expected_rms, clip[:, :3], edges)
     anchors, fewer = edges.anchored(4)
     assert anchors.tolist() == [1]  # the shoulder
-    with mock.patch("priorfill.constraints.segment_lengths.AT_ONCE", 7):
+    with mock.patch("priorfill.constraints.segment_lengths.BATCH_SIZE", 7):
         alone = hold_lengths(predicted, expected_rms, clip[:, anchors], fewer)
     np.testing.assert_allclose(alone, held, atol=1e-9)
 
@@ -146,8 +152,8 @@ def test_frames_and_other_visible_markers_make_no_difference():
 def test_markers_that_hang_on_each_other_alone_need_no_visible_one():
     clip = arm()
     edges = chosen(clip)
-    inner = edges.other < 4
-    free = Edges(*(x[inner] for x in (edges.one, edges.other, edges.length, edges.spread)))
+    inner = edges.second < 4
+    free = LengthEdges(*(x[inner] for x in (edges.first, edges.second, edges.length, edges.spread)))
     predicted = clip[:, 3:] + np.random.default_rng(3).normal(0, 20.0, (40, 4, 3))
     expected_rms = np.full((40, 4), 30.0)
     anchors, fewer = free.anchored(4)
@@ -160,22 +166,22 @@ def test_markers_that_hang_on_each_other_alone_need_no_visible_one():
 
 def test_markers_in_one_place_do_no_harm():
     clip = np.zeros((10, 7, 3))
-    edges = stiff_edges(*pair_distances(clip), MISSING, VISIBLE)
+    edges = choose_length_edges(*pair_distances(clip), MISSING, VISIBLE)
     held = hold_lengths(clip[:, 3:], np.ones((10, 4)), clip[:, :3], edges)
     assert np.isfinite(held).all()
-    assert np.abs(held).max() < LEAST_SPREAD
+    assert np.abs(held).max() < SMALL_SPREAD
 
 
 @pytest.mark.parametrize("spread", [0.5, 4.0])
 def test_one_distance_along_one_line(spread):
     """The mean of predicted and known distance, weighted by their inverse variances."""
     one, other = np.array([0]), np.array([1])
-    edges = Edges(one, other, np.array([100.0]), np.array([spread]))
+    edges = LengthEdges(one, other, np.array([100.0]), np.array([spread]))
     expected_rms = np.array([[3.0], [30.0]])
     predicted = np.array([[[0.0, 160.0, 0.0]], [[0.0, 0.0, 160.0]]])
     held = hold_lengths(predicted, expected_rms, np.zeros((2, 1, 3)), edges)
     variance = expected_rms[:, 0] ** 2 / 3.0  # of a coordinate
-    of_length = (CAUTION * spread) ** 2 + SOFTNESS**2 * variance
+    of_length = (OPTIONS.spread_factor * spread) ** 2 + OPTIONS.relative_tolerance**2 * variance
     expected = (160.0 / variance + 100.0 / of_length) / (1.0 / variance + 1.0 / of_length)
     np.testing.assert_allclose(np.linalg.norm(held[:, 0], axis=1), expected)
     np.testing.assert_allclose(held[0, 0, [0, 2]], 0.0, atol=1e-9)
@@ -190,14 +196,18 @@ def test_short_links_converge(noise, still):
     links *= 15.0 / np.linalg.norm(links, axis=2, keepdims=True)
     predicted = np.cumsum(links, axis=1) + rng.normal(0.0, noise, links.shape)
     visible, expected_rms = np.zeros((400, 1, 3)), np.full((400, 3), 30.0)
-    one, other, spread = np.array([0, 0, 1]), np.array([3, 1, 2]), np.full(3, LEAST_SPREAD)
-    edges = Edges(one, other, np.full(3, 15.0), spread)
+    one, other, spread = np.array([0, 0, 1]), np.array([3, 1, 2]), np.full(3, SMALL_SPREAD)
+    edges = LengthEdges(one, other, np.full(3, 15.0), spread)
     held = hold_lengths(predicted, expected_rms, visible, edges)
     variance = expected_rms**2 / 3.0
-    weight = 1.0 / ((CAUTION * LEAST_SPREAD) ** 2 + SOFTNESS**2 * variance[:, 0])
+    weight = 1.0 / (
+        (OPTIONS.spread_factor * SMALL_SPREAD) ** 2 + OPTIONS.relative_tolerance**2 * variance[:, 0]
+    )
     terms = [(a, b, 15.0, weight) for a, b in zip(one, other, strict=True)]
     start, end = (np.concatenate([x, visible], axis=1) for x in (predicted, held))
-    left = np.abs(step(*normal_equations(end, predicted, variance, terms))).max(axis=(1, 2))
+    left = np.abs(gauss_newton_step(*normal_equations(end, predicted, variance, terms))).max(
+        axis=(1, 2)
+    )
     assert np.median(left) < still
     sums = [energy(x, predicted, variance, terms) for x in (start, end)]
     assert (sums[1] <= sums[0]).all()
@@ -207,17 +217,17 @@ def test_only_lengths_that_vary_less_than_the_limit_are_held():
     distance = np.full((3, 3), 200.0)
     missing, visible = np.array([0]), np.array([1, 2])
     for more, held in ((-1e-6, [2]), (0.0, [])):
-        spread = np.full((3, 3), STIFF + more)
-        spread[0, 1] = spread[1, 0] = STIFF + 1.0
-        edges = stiff_edges(distance, spread, missing, visible)
-        assert edges.other.tolist() == held
+        spread = np.full((3, 3), MAX_CONSTRAINED_SPREAD + more)
+        spread[0, 1] = spread[1, 0] = MAX_CONSTRAINED_SPREAD + 1.0
+        edges = choose_length_edges(distance, spread, missing, visible)
+        assert edges.second.tolist() == held
 
 
 def test_edges_to_the_visible_markers_that_they_need():
     length = np.array([10.0, 20.0, 30.0, 40.0])
-    edges = Edges(np.array([0, 1, 0, 1]), np.array([5, 2, 1, 5]), length, 0.1 * length)
+    edges = LengthEdges(np.array([0, 1, 0, 1]), np.array([5, 2, 1, 5]), length, 0.1 * length)
     anchors, fewer = edges.anchored(2)
     assert anchors.tolist() == [0, 3]
-    assert fewer.one.tolist() == [0, 1, 0, 1]
-    assert fewer.other.tolist() == [3, 2, 1, 3]
+    assert fewer.first.tolist() == [0, 1, 0, 1]
+    assert fewer.second.tolist() == [3, 2, 1, 3]
     np.testing.assert_array_equal([fewer.length, fewer.spread], [length, 0.1 * length])

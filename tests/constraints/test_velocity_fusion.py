@@ -10,9 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from priorfill.constraints.velocity_fusion import (
-    BEARABLE,
-    CHANGE,
-    HELD,
+    VelocityFusionOptions,
     fuse_velocity,
 )
 from priorfill.gp.velocities import (
@@ -21,6 +19,8 @@ from priorfill.gp.velocities import (
     Motion,
     error_by_speed,
 )
+
+OPTIONS = VelocityFusionOptions()
 
 
 def some(seed, frames=12, markers=2):
@@ -49,13 +49,13 @@ def test_the_minimum_of_what_the_docs_say(seed):
             equations, side = [], []
             slope = np.gradient(positions[:, m, i]) * 100.0
             expected = motion.expected_rms[:, m]
-            ratio = expected / (motion.error[m] / CHANGE)
-            told = 1 / (expected**2 * (1 + (ratio / BEARABLE) ** 2))
-            derived = (CHANGE / motion.error[m]) ** 2
+            ratio = expected / (motion.error[m] / OPTIONS.error_time)
+            told = 1 / (expected**2 * (1 + (ratio / OPTIONS.half_weight_ratio) ** 2))
+            derived = (OPTIONS.error_time / motion.error[m]) ** 2
             u = (told * motion.velocity[:, m, i] + derived * slope) / (told + derived)
             for t in range(frames):
                 known = not np.isnan(measured[t, m, i])
-                error = HELD if known else motion.error[m]
+                error = OPTIONS.measured_std if known else motion.error[m]
                 equations.append(np.eye(frames)[t] / error)
                 side.append((measured if known else positions)[t, m, i] / error)
                 if t + 1 < frames:

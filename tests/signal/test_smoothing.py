@@ -8,19 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from priorfill.signal.smoothing import (
-    BODY_HZ,
-    CUTS,
-    FEWEST,
-    HIGHEST,
-    MOVED,
-    ORDER,
-    SHARE,
+    DIFFERENCE_ORDER,
+    SmoothingOptions,
     jitter_power,
     low_pass,
     smooth_jitter,
 )
 
 RATE = 120.0
+OPTIONS = SmoothingOptions()
 UNSURE = np.full((200, 1), 100.0)
 
 
@@ -33,11 +29,11 @@ def movement(frames=200, seed=0):
 
 
 @settings(deadline=None, max_examples=20)
-@given(st.integers(ORDER + 1, 60), st.floats(3.0, 40.0), st.integers(0, 2**31))
+@given(st.integers(DIFFERENCE_ORDER + 1, 60), st.floats(3.0, 40.0), st.integers(0, 2**31))
 def test_the_low_pass_is_the_minimum(frames, cut, seed):
     path = np.random.default_rng(seed).normal(0.0, 10.0, (frames, 3))
-    difference = np.diff(np.eye(frames), ORDER, axis=0)
-    stiffness = (2.0 * np.sin(np.pi * cut / RATE)) ** (-2.0 * ORDER)
+    difference = np.diff(np.eye(frames), DIFFERENCE_ORDER, axis=0)
+    stiffness = (2.0 * np.sin(np.pi * cut / RATE)) ** (-2.0 * DIFFERENCE_ORDER)
     naive = np.linalg.solve(np.eye(frames) + stiffness * difference.T @ difference, path)
     np.testing.assert_allclose(low_pass(path, RATE, cut), naive, atol=1e-5)
 
@@ -62,12 +58,12 @@ def test_holes_do_not_shake():
     holes = noisy.copy()
     holes[60:80] = np.nan
     assert jitter_power(holes, RATE) == pytest.approx(jitter_power(noisy, RATE), rel=0.3)
-    holes[FEWEST - 1 :] = np.nan
+    holes[OPTIONS.min_frames - 1 :] = np.nan
     assert np.isnan(jitter_power(holes, RATE))
 
 
 def test_a_low_rate_tells_nothing():
-    assert np.isnan(jitter_power(movement(), 2.0 * BODY_HZ))
+    assert np.isnan(jitter_power(movement(), 2.0 * OPTIONS.body_frequency))
 
 
 @settings(deadline=None, max_examples=20)
@@ -78,7 +74,7 @@ def test_what_shakes_becomes_calm_without_moving(seed, noise):
     usual = jitter_power(slow + rng.normal(0.0, 0.3, slow.shape), RATE)
     shaky = slow + rng.normal(0.0, noise, slow.shape)
     found = smooth_jitter(shaky[:, None], UNSURE, np.array([usual]), RATE)[:, 0]
-    assert jitter_power(found, RATE) <= max(SHARE * usual, 1e-2)
+    assert jitter_power(found, RATE) <= max(OPTIONS.max_jitter_ratio * usual, 1e-2)
     off = [np.linalg.norm(x - slow, axis=1).mean() for x in (found, shaky)]
     assert off[0] < off[1]
 
@@ -104,8 +100,8 @@ def test_what_is_calm_stays_to_the_bit():
 
 
 def test_too_short_a_piece_stays():
-    few = movement(frames=FEWEST - 1)[:, None]
-    assert smooth_jitter(few, UNSURE[: FEWEST - 1], np.array([0.0]), RATE) is few
+    few = movement(frames=OPTIONS.min_frames - 1)[:, None]
+    assert smooth_jitter(few, UNSURE[: OPTIONS.min_frames - 1], np.array([0.0]), RATE) is few
 
 
 def test_what_is_known_well_may_shake():
@@ -116,17 +112,17 @@ def test_what_is_known_well_may_shake():
     some = smooth_jitter(shaky, np.full((200, 1), 7.0), usual, RATE)
     assert (some != shaky).any()
     moved = np.sqrt(((some - shaky) ** 2).sum(axis=2).mean())
-    assert moved <= MOVED * 7.0
+    assert moved <= OPTIONS.max_shift * 7.0
 
 
 def test_how_far_a_low_pass_may_move_a_prediction():
     """By half of its expected error, on the mean over its frames."""
     rng = np.random.default_rng(3)
     shaky = (movement() + rng.normal(0.0, 2.0, (200, 3)))[:, None]
-    mildest = low_pass(shaky, RATE, CUTS[0])
+    mildest = low_pass(shaky, RATE, OPTIONS.cutoffs[0])
     moved = np.sqrt(((mildest - shaky) ** 2).sum(axis=2).mean())
     size = rng.uniform(0.5, 2.0, (200, 1))
-    size *= moved / MOVED / np.sqrt((size**2).mean())
+    size *= moved / OPTIONS.max_shift / np.sqrt((size**2).mean())
     usual = np.array([1e-6])
     np.testing.assert_array_equal(smooth_jitter(shaky, 0.999 * size, usual, RATE), shaky)
     np.testing.assert_array_equal(smooth_jitter(shaky, 1.001 * size, usual, RATE), mildest)
@@ -134,32 +130,36 @@ def test_how_far_a_low_pass_may_move_a_prediction():
 
 def test_the_mildest_low_pass_that_is_enough_is_taken():
     shaky = (movement() + np.random.default_rng(4).normal(0.0, 2.0, (200, 3)))[:, None]
-    smoothed = [low_pass(shaky, RATE, cut) for cut in CUTS]
-    assert sorted(CUTS, reverse=True) == list(CUTS)
+    smoothed = [low_pass(shaky, RATE, cut) for cut in OPTIONS.cutoffs]
+    assert sorted(OPTIONS.cutoffs, reverse=True) == list(OPTIONS.cutoffs)
     for smooth in smoothed:
-        usual = np.array([jitter_power(smooth[:, 0], RATE) / SHARE])
+        usual = np.array([jitter_power(smooth[:, 0], RATE) / OPTIONS.max_jitter_ratio])
         found = smooth_jitter(shaky, UNSURE, 1.001 * usual, RATE)
         np.testing.assert_array_equal(found, smooth)
     # 20 Hz are too near to half of a rate of 50 Hz
-    enough, stronger = (low_pass(shaky, 50.0, cut) for cut in CUTS[:2])
-    usual = np.array([1.001 * jitter_power(enough[:, 0], 50.0) / SHARE])
+    enough, stronger = (low_pass(shaky, 50.0, cut) for cut in OPTIONS.cutoffs[:2])
+    usual = np.array([1.001 * jitter_power(enough[:, 0], 50.0) / OPTIONS.max_jitter_ratio])
     np.testing.assert_array_equal(smooth_jitter(shaky, UNSURE, usual, 50.0), stronger)
 
 
 def test_shaking_is_a_mean_square_second_difference():
     path = movement(70) + np.random.default_rng(5).normal(0.0, 1.0, (70, 3))
-    path[[20, 20 + FEWEST]] = np.nan  # runs of 20 frames, one too short, and the rest
+    path[[20, 20 + OPTIONS.min_frames]] = np.nan  # runs of 20 frames, one too short, and the rest
     squares = []
-    for start, stop in ((0, 20), (21 + FEWEST, 70)):
-        fast = path[start:stop] - low_pass(path[start:stop], RATE, BODY_HZ)
+    for start, stop in ((0, 20), (21 + OPTIONS.min_frames, 70)):
+        fast = path[start:stop] - low_pass(path[start:stop], RATE, OPTIONS.body_frequency)
         squares += [(x**2).sum() for x in np.diff(fast, 2, axis=0)]
     assert jitter_power(path, RATE) == pytest.approx(np.mean(squares))
 
 
 def test_the_shortest_run_and_the_lowest_rate():
-    few = movement(FEWEST)
+    few = movement(OPTIONS.min_frames)
     assert np.isfinite(jitter_power(few, RATE))
-    assert np.isnan(jitter_power(movement(), BODY_HZ / HIGHEST))
-    assert np.isfinite(jitter_power(movement(), 1.001 * BODY_HZ / HIGHEST))
+    assert np.isnan(jitter_power(movement(), OPTIONS.body_frequency / OPTIONS.max_cutoff_per_rate))
+    assert np.isfinite(
+        jitter_power(movement(), 1.001 * OPTIONS.body_frequency / OPTIONS.max_cutoff_per_rate)
+    )
     shaky = (few + np.random.default_rng(6).normal(0.0, 2.0, few.shape))[:, None]
-    assert (smooth_jitter(shaky, UNSURE[:FEWEST], np.array([1e-6]), RATE) != shaky).any()
+    assert (
+        smooth_jitter(shaky, UNSURE[: OPTIONS.min_frames], np.array([1e-6]), RATE) != shaky
+    ).any()

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.constraints.distance_terms import STIFF
+from priorfill.constraints.distance_terms import MAX_CONSTRAINED_SPREAD
 from priorfill.constraints.floor import enforce_floor
 from priorfill.methods.gpr.prediction import Prediction
 from priorfill.methods.task import Task
@@ -43,7 +43,9 @@ class Finish:
         """Lift a prediction out of the floor."""
         markers, visible = prediction.piece.markers, prediction.piece.visible
         # visible markers that a missing one is firmly tied to; others take no part
-        held = visible[(self._spread[np.ix_(markers, visible)] < STIFF).any(axis=0)]
+        held = visible[
+            (self._spread[np.ix_(markers, visible)] < MAX_CONSTRAINED_SPREAD).any(axis=0)
+        ]
         frames = slice(prediction.first, prediction.last)
         positions = enforce_floor(
             prediction.positions,

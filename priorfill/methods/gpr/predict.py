@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.constraints.segment_lengths import hold_lengths, stiff_edges
+from priorfill.constraints.segment_lengths import choose_length_edges, hold_lengths
 from priorfill.constraints.velocity_fusion import fuse_velocity
 from priorfill.gp.ensemble import regress
 from priorfill.methods.gpr.blackout import Blackouts
@@ -135,7 +135,7 @@ class Predictor:
         if found.motion is not None:
             known = self.task.positions[np.ix_(frames, piece.markers)]
             positions = fuse_velocity(positions, found.motion, known, self.task.rate)
-        edges = stiff_edges(self.distance, self.spread, piece.markers, visible)
+        edges = choose_length_edges(self.distance, self.spread, piece.markers, visible)
         anchors, edges = edges.anchored(len(piece.markers))
         seen = self.task.positions[np.ix_(frames, visible[anchors])]
         return Prediction(
