@@ -16,7 +16,7 @@ from priorfill.gp.features import (
     Moment,
     View,
 )
-from priorfill.gp.kernels import (
+from priorfill.gp.pose_kernel import (
     Kernel,
 )
 

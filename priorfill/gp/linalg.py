@@ -1,83 +1,98 @@
-"""What Gaussian processes share: distances, inverses, blocks left out, shares in a mixture."""
+"""Linear algebra of Gaussian processes, and weights of ensembles.
+
+References
+----------
+.. [RW06] Rasmussen and Williams, Gaussian Processes for Machine Learning, MIT Press 2006.
+"""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["explained", "inverse_root", "left_out_residuals", "shares", "squared_distances"]
+__all__ = [
+    "block_residuals",
+    "explained_variance",
+    "inverse_root",
+    "power_weights",
+    "squared_distances",
+]
 
-ROWS_AT_ONCE = 64
-"""Rows of a triangular matrix multiplied together: of fewer, more is spent on the way than is
-saved."""
+TRIANGLE_ROWS = 64
+"""Rows of a triangular matrix that are multiplied at a time: with fewer, the overhead of the calls
+exceeds the products that are saved."""
 
-MORE_NOISE = (1e-14, 1e-12, 1e-10, 1e-8)
-"""Parts of a covariance matrix's mean variance that are added in turn to its diagonal, where
-rounding has left it not positive definite."""
+JITTER = (1e-14, 1e-12, 1e-10, 1e-8)
+"""Parts of a covariance matrix's mean variance, tried in turn, that are added to its diagonal
+where rounding has left it not positive definite."""
 
 
 def squared_distances(
     product: NDArray[np.float64], one: NDArray[np.float64], other: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return squared distances of features, none below 0 by rounding [shape=(a, b)].
+    """Return the squared distances of points, at least 0 [shape=(a, b)].
 
     Parameters
     ----------
     product : ndarray [shape=(a, b)]
-        Inner products of the features.
+        Inner products of the points' features.
     one, other : ndarray [shapes=(a,), (b,)]
-        Inner product of each with itself.
+        Their squared norms.
     """
     square: NDArray[np.float64] = np.maximum(one[:, None] + other - 2.0 * product, 0.0)
     return square
 
 
-def shares(error: NDArray[np.float64], power: float) -> NDArray[np.float64]:
-    """Return how much each of several ways to predict counts in their mixture.
+def power_weights(error: NDArray[np.float64], power: float) -> NDArray[np.float64]:
+    """Return the weights of an ensemble's models by their errors.
 
     Parameters
     ----------
-    error : ndarray [shape=(ways, ...)]
-        Of each, above 0.
+    error : ndarray [shape=(models, ...)]
+        Of each model, above 0.
     power : float
-        They count as (least error / own error) to this: between the mean of all (0) and the
-        best alone (infinite).
+        A model's weight is proportional to ``error ** -power``: 0 gives the mean of all models,
+        infinity the best one alone.
 
     Returns
     -------
     ndarray [shape as given]
-        Sum 1 over the ways.
+        Weights that sum to 1 over the models.
     """
-    share: NDArray[np.float64] = (error.min(axis=0) / error) ** power
-    share /= share.sum(axis=0)
-    return share
+    weight: NDArray[np.float64] = (error.min(axis=0) / error) ** power
+    weight /= weight.sum(axis=0)
+    return weight
 
 
 def inverse_root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the lower triangular R with R'R = the inverse of a covariance matrix.
 
-    It says all that the inverse does, and takes a third of the time.
+    It replaces the inverse at a third of the cost. `JITTER` is added to the diagonal where
+    rounding has left the matrix not positive definite.
 
     Parameters
     ----------
-    covariance : ndarray [shape=(rows, rows)]
-        Positive definite, but perhaps for the last bit.
+    covariance : ndarray [shape=(samples, samples)]
+        Positive definite up to rounding.
 
     Returns
     -------
-    ndarray [shape=(rows, rows)]
-        In the order of Fortran.
+    ndarray [shape=(samples, samples)]
+        In Fortran order.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Where the matrix is not positive definite even with the largest jitter.
     """
     from scipy.linalg.lapack import dpotrf, dtrtri  # slow to import
 
     factor, failed = dpotrf(covariance, lower=True, clean=True)
-    for more in MORE_NOISE:
+    for jitter in JITTER:
         if not failed:
             break
-        noise = more * np.trace(covariance) / len(covariance)
-        factor, failed = dpotrf(covariance + noise * np.eye(len(covariance)), lower=True)
+        added = jitter * np.trace(covariance) / len(covariance)
+        factor, failed = dpotrf(covariance + added * np.eye(len(covariance)), lower=True)
     root, singular = dtrtri(factor, lower=True, overwrite_c=True)
     if failed or singular:
         raise np.linalg.LinAlgError("a covariance matrix is not positive definite")
@@ -85,58 +100,75 @@ def inverse_root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     return inverse
 
 
-def explained(root: NDArray[np.float64], cross: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how much of their variance rows explain of queries: c' inv(C) c [shape=(queries,)].
+def explained_variance(
+    root: NDArray[np.float64], cross: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the variance that samples explain of other points, c' inv(C) c [shape=(points,)].
+
+    The difference of the prior and the posterior variance [RW06]_ (Eq. 2.26).
 
     Parameters
     ----------
-    root : ndarray [shape=(rows, rows)]
-        `inverse_root` of the rows' covariance C.
-    cross : ndarray [shape=(queries, rows)]
-        Covariance of the queries with the rows, c of each.
+    root : ndarray [shape=(samples, samples)]
+        `inverse_root` of the samples' covariance C, noise included.
+    cross : ndarray [shape=(points, samples)]
+        Covariance of the points with the samples, one row c for each point.
     """
-    share = np.zeros(len(cross))
-    # The root is triangular: parts of its rows need so many columns only. BLAS has a product for
-    # that, but the way to it from Python lets no other thread work meanwhile.
-    for start in range(0, len(root), ROWS_AT_ONCE):
-        stop = min(start + ROWS_AT_ONCE, len(root))
-        turned = cross[:, :stop] @ root[start:stop, :stop].T  # (queries, some rows)
-        share += np.einsum("qr,qr->q", turned, turned)
-    return share
+    explained = np.zeros(len(cross))
+    # Only the columns left of the diagonal are multiplied. BLAS has a product of triangular
+    # matrices, but SciPy's wrapper of it holds the interpreter lock.
+    for start in range(0, len(root), TRIANGLE_ROWS):
+        stop = min(start + TRIANGLE_ROWS, len(root))
+        whitened = cross[:, :stop] @ root[start:stop, :stop].T  # (points, rows)
+        explained += np.einsum("qr,qr->q", whitened, whitened)
+    return explained
 
 
-def left_out_residuals(
+def block_residuals(
     root: NDArray[np.float64],
     weights: NDArray[np.float64],
-    blocks: Sequence[NDArray[np.intp]],
+    blocks: NDArray[np.intp],
+    removed: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Residuals of a Gaussian process when blocks of rows are left out, in closed form.
+    """Residuals of blocks of samples predicted from all others, in closed form.
+
+    [RW06]_ Eq. (5.12) for blocks; see `priorfill.gp.process.FittedGP.leave_blocks_out`.
 
     Parameters
     ----------
-    root : ndarray [shape=(rows, rows)]
-        `inverse_root` of the rows' covariance with noise.
-    weights : ndarray [shape=(rows, outputs)]
-        The inverse times what the rows should be predicted as.
-    blocks : sequence of ndarray of int
-        Rows of each block, ascending.
+    root : ndarray [shape=(samples, samples)]
+        `inverse_root` of the samples' covariance with noise.
+    weights : ndarray [shape=(samples, outputs)]
+        The inverse covariance times the targets.
+    blocks : ndarray of int [shape=(blocks, length)]
+        The samples of each block, all blocks of one length.
+    removed : ndarray [shape=(blocks, length, length)], optional
+        Subtracted from each block of the inverse covariance, for free basis functions.
 
     Returns
     -------
-    residuals : ndarray [shape=(rows, outputs)]
-        Target minus prediction from all rows outside the row's block; NaN outside all blocks.
-    variance : ndarray [shape=(rows,)]
-        Predicted variance of each residual, noise included, in units of the kernel.
+    residuals : ndarray [shape=(blocks, length, outputs)]
+    variance : ndarray [shape=(blocks, length)]
+        Noise included, in the kernel's unit.
     """
-    residuals = np.full_like(weights, np.nan)
-    variance = np.full(len(weights), np.nan)
-    by_length: dict[int, list[NDArray[np.intp]]] = {}
-    for block in blocks:
-        by_length.setdefault(len(block), []).append(block)
-    for alike in by_length.values():
-        rows = np.stack(alike)  # (blocks, rows of each)
-        own = root.T[rows]  # (blocks, rows of each, rows)
-        covariance = np.linalg.inv(own @ np.swapaxes(own, 1, 2))
-        residuals[rows] = covariance @ weights[rows]
-        variance[rows] = np.diagonal(covariance, axis1=1, axis2=2)
-    return residuals, variance
+    own = root.T[blocks]  # (blocks, length, samples)
+    precision = own @ np.swapaxes(own, 1, 2)
+    if removed is not None:
+        precision -= removed
+    covariance = np.linalg.inv(precision)
+    variance: NDArray[np.float64] = np.diagonal(covariance, axis1=1, axis2=2)
+    return covariance @ weights[blocks], variance
+
+
+# ---- names of callers that are not converted yet ----
+shares, explained = power_weights, explained_variance
+
+
+def left_out_residuals(
+    root: NDArray[np.float64], weights: NDArray[np.float64], blocks: list[NDArray[np.intp]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """See `priorfill.gp.process.FittedGP.leave_blocks_out`."""
+    from priorfill.gp.kernels import Constant
+    from priorfill.gp.process import FittedGP
+
+    return FittedGP(Constant(), root, weights).leave_blocks_out(blocks)

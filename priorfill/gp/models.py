@@ -21,8 +21,8 @@ from priorfill.gp.data import (
     Rows,
 )
 from priorfill.gp.features import ALIGNMENT_FLOOR, Moment, View
-from priorfill.gp.kernels import Kernel
 from priorfill.gp.linalg import explained, inverse_root, left_out_residuals
+from priorfill.gp.pose_kernel import Kernel
 
 __all__ = ["Learnt", "Reader", "Shared", "Told"]
 

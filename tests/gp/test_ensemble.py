@@ -16,7 +16,7 @@ from priorfill.gp.data import (
 )
 from priorfill.gp.ensemble import PRIOR_BLOCKS, _calibrate, regress
 from priorfill.gp.features import ALIGNMENT_FLOOR, Moment, View
-from priorfill.gp.kernels import FADED, Kernel
+from priorfill.gp.pose_kernel import FADED, Kernel
 
 KERNEL = Kernel(1.0, 0.1, 1.0, 0.001, 0.1, smooth=False, noise=1e-4)
 VIEW = View("rigid", 220.0, 0.005, 10.0)

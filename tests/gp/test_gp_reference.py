@@ -22,9 +22,9 @@ from sklearn.gaussian_process.kernels import (
 
 from priorfill.gp import data as lesson
 from priorfill.gp import features as gp_features
-from priorfill.gp import kernels
 from priorfill.gp import linalg as gaussian
 from priorfill.gp import models as readers
+from priorfill.gp import pose_kernel as kernels
 from priorfill.methods.gpr.blackout import correction, windows
 from priorfill.methods.gpr.blackout import stacking as mixture
 from priorfill.methods.gpr.dropout import (

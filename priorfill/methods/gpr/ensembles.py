@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from priorfill.gp.data import Member
 from priorfill.gp.features import Moment, View
-from priorfill.gp.kernels import Kernel
+from priorfill.gp.pose_kernel import Kernel
 
 __all__ = ["BASIC", "BRIEF_MEMBERS", "LIMB_MEMBERS", "MARKER_MEMBERS", "seconds_of"]
 

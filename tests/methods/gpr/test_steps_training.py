@@ -13,7 +13,7 @@ from priorfill.gaps import gap_groups
 from priorfill.gp.data import Lesson, Member, Rows
 from priorfill.gp.ensemble import CHOICE, _calibrate, regress
 from priorfill.gp.features import View
-from priorfill.gp.kernels import Kernel
+from priorfill.gp.pose_kernel import Kernel
 from priorfill.markers.describe import describe
 from priorfill.methods.gpr.gap_segments import Piece, pieces_of
 from priorfill.methods.gpr.options import Options
