@@ -7,30 +7,35 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from importlib import import_module
+from typing import Any
 
 from priorfill.errors import OptionError
 from priorfill.methods.task import Method
 
-__all__ = ["DEFAULT_METHOD", "METHODS", "Entry", "get_method", "resolve"]
+__all__ = ["DEFAULT_METHOD", "METHODS", "Entry", "get_method", "get_options", "resolve"]
 
 
 @dataclass(frozen=True)
 class Entry:
-    """Where a method is, and what it is in a line.
+    """A method's function, description and options.
 
     Attributes
     ----------
     place : str
         ``module:function`` below `priorfill.methods`.
     summary : str
-        What it does.
+        The method in one line.
     source : str
-        The publication, or whose method it is.
+        Its publication or authors.
+    options_class : str or None
+        ``module:class`` below `priorfill.methods` of the options that its function accepts as
+        ``options=``; None for a method without options. See `get_options`.
     """
 
     place: str
     summary: str
     source: str
+    options_class: str | None = None
 
 
 METHODS = {
@@ -38,6 +43,7 @@ METHODS = {
         "gpr.gpr_fill:fill",
         "Gaussian-process regression on the clip's own poses and the database's",
         "priorfill",
+        "gpr.options:GPROptions",
     ),
     "neighbours": Entry(
         "baumann2011.weighted_votes:fill",
@@ -48,56 +54,107 @@ METHODS = {
         "baumann2011.neighbour_votes:fill",
         "the nearest poses of a database vote on position, velocity, acceleration",
         "Baumann et al. 2011",
+        "baumann2011.neighbour_votes:Baumann2011Options",
     ),
     "krueger2010": Entry(
         "baumann2011.krueger2010:fill",
         "each frame by itself: the mean of the nearest poses of a database",
         "Krüger et al. 2010",
+        "baumann2011.krueger2010:Krueger2010Options",
     ),
-    "linear": Entry("interpolation:linear", "straight lines over time", "SciPy"),
-    "pchip": Entry("interpolation:pchip", "monotone cubic curves over time", "SciPy"),
-    "spline": Entry("interpolation:spline", "cubic splines over time", "SciPy"),
+    "linear": Entry(
+        "interpolation:linear",
+        "straight lines over time",
+        "SciPy",
+    ),
+    "pchip": Entry(
+        "interpolation:pchip",
+        "monotone cubic curves over time",
+        "SciPy",
+    ),
+    "spline": Entry(
+        "interpolation:spline",
+        "cubic splines over time",
+        "SciPy",
+    ),
     "rigid": Entry(
-        "rigid_body:fill", "the marker moves with those that keep their distances", "Kabsch 1976"
+        "rigid_body:fill",
+        "the marker moves with those that keep their distances",
+        "Kabsch 1976",
+        "rigid_body:RigidBodyOptions",
     ),
     "r1": Entry(
-        "gloersen2016:r1", "weighted PCA, all markers at once", "Gløersen and Federolf 2016"
+        "gloersen2016:r1",
+        "weighted PCA, all markers at once",
+        "Gløersen and Federolf 2016",
+        "gloersen2016.strategies:Gloersen2016Options",
     ),
-    "r2": Entry("gloersen2016:r2", "weighted PCA, marker by marker", "Gløersen and Federolf 2016"),
+    "r2": Entry(
+        "gloersen2016:r2",
+        "weighted PCA, marker by marker",
+        "Gløersen and Federolf 2016",
+        "gloersen2016.strategies:Gloersen2016Options",
+    ),
     "li": Entry(
         "tits2018:li",
         "straight lines over time in the frame of three stiffly linked markers",
         "Tits et al. 2018",
+        "tits2018.tits2018_options:Tits2018Options",
     ),
     "lpr": Entry(
         "tits2018:lpr",
         "polynomial regression on the shape of three stiffly linked markers",
         "Tits et al. 2018",
+        "tits2018.tits2018_options:Tits2018Options",
     ),
     "lgrnn": Entry(
         "tits2018:lgrnn",
         "frames in which three stiffly linked markers have a like shape",
         "Tits et al. 2018",
+        "tits2018.tits2018_options:Tits2018Options",
     ),
     "glr": Entry(
         "tits2018:glr",
         "linear regression on all markers that are seen throughout a gap",
         "Tits et al. 2018",
+        "tits2018.tits2018_options:Tits2018Options",
     ),
     "wpca": Entry(
         "tits2018:wpca",
         "weighted PCA, held to distances from three markers",
         "Tits et al. 2018",
+        "tits2018.tits2018_options:Tits2018Options",
     ),
     "pma": Entry(
         "tits2018:pma",
         "li, lpr, lgrnn, glr and wpca averaged by how likely their distances are",
         "Tits et al. 2018",
+        "tits2018.tits2018_options:Tits2018Options",
     ),
-    "pca-train": Entry("li2020:pca_train", "eigenspaces of training pieces", "Li et al. 2020"),
-    "pca-pieces": Entry("li2020:pca_pieces", "eigenspaces of each piece", "Li et al. 2020"),
-    "pca-frames": Entry("li2020:pca_frames", "eigenspaces of trajectories", "Li et al. 2020"),
-    "lds": Entry("lds:fill", "linear dynamical system, learnt by EM", "Li et al. 2009"),
+    "pca-train": Entry(
+        "li2020:pca_train",
+        "eigenspaces of training pieces",
+        "Li et al. 2020",
+        "li2020.li2020_options:Li2020Options",
+    ),
+    "pca-pieces": Entry(
+        "li2020:pca_pieces",
+        "eigenspaces of each piece",
+        "Li et al. 2020",
+        "li2020.li2020_options:Li2020Options",
+    ),
+    "pca-frames": Entry(
+        "li2020:pca_frames",
+        "eigenspaces of trajectories",
+        "Li et al. 2020",
+        "li2020.li2020_options:Li2020Options",
+    ),
+    "lds": Entry(
+        "lds:fill",
+        "linear dynamical system, learnt by EM",
+        "Li et al. 2009",
+        "lds:LdsOptions",
+    ),
 }
 """The methods by name."""
 
@@ -133,3 +190,27 @@ def get_method(name: str) -> Method:
     module, function = METHODS[resolve(name)].place.split(":")
     method: Method = getattr(import_module(f"{__name__}.{module}"), function)
     return method
+
+
+def get_options(name: str) -> Any:
+    """Return the default options of a method; None where it has none.
+
+    They are a frozen dataclass. `priorfill.methods.options` sets its fields by dotted name.
+
+    Raises
+    ------
+    OptionError
+        Where there is no such method.
+
+    Examples
+    --------
+    >>> get_options("linear") is None
+    True
+    >>> get_options("r1").sigma
+    200.0
+    """
+    options_class = METHODS[resolve(name)].options_class
+    if options_class is None:
+        return None
+    module, name_of_class = options_class.split(":")
+    return getattr(import_module(f"{__name__}.{module}"), name_of_class)()

@@ -34,7 +34,7 @@ from priorfill.energy.solver import minimise
 from priorfill.energy.targets import Prior
 from priorfill.gaps import GapGroup, runs
 from priorfill.methods.gpr.gap_segments import Piece, pieces_of
-from priorfill.methods.gpr.options import Options
+from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.postprocess import Finish
 from priorfill.methods.gpr.predict import Predictor
 from priorfill.methods.gpr.prediction import Prediction, unfilled
@@ -42,7 +42,7 @@ from priorfill.methods.task import Estimate, Note, Task
 from priorfill.runtime.threads import thread_count
 from priorfill.signal.resample import Resolution
 
-__all__ = ["Options", "fill"]
+__all__ = ["GPROptions", "fill"]
 
 JOIN_SECONDS = 0.015
 """s. Reach of the velocity and acceleration terms of a marker whose expected error in the piece is
@@ -68,7 +68,7 @@ that can be expected of a limb in sight of the body is some 400 mm."""
 
 
 def fill(
-    task: Task, progress: Callable[[], None] = lambda: None, options: Options | None = None
+    task: Task, progress: Callable[[], None] = lambda: None, options: GPROptions | None = None
 ) -> Estimate:
     """Fill the gaps of a task with a regression prior.
 
@@ -78,8 +78,8 @@ def fill(
         The clip and the takes to learn from.
     progress : callable
         Called once a gap group.
-    options : Options, optional
-        See `Options`.
+    options : GPROptions, optional
+        See `GPROptions`.
 
     Returns
     -------
@@ -89,7 +89,7 @@ def fill(
     """
     count = levels_for(task.rate)
     # the coarsest level's differences reach two of its steps beyond a piece
-    predictor = Predictor(task, 2 * 2 ** (count - 1), options or Options())
+    predictor = Predictor(task, 2 * 2 ** (count - 1), options or GPROptions())
     levels = [Resolution(task.positions, task.rate, 2**i) for i in range(count)]
     filling = _Filling(task, predictor, levels)
     cores = thread_count()

@@ -1,15 +1,15 @@
-"""Options of the method ``prior``."""
+"""GPROptions of the method ``prior``."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["Options"]
+__all__ = ["GPROptions"]
 
 
 @dataclass(frozen=True)
-class Options:
-    """Options of the predictions.
+class GPROptions:
+    """GPROptions of the predictions.
 
     Attributes
     ----------

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from priorfill.geometry.poses import evenly_spaced
 from priorfill.geometry.root_frames import RootGroup
-from priorfill.methods.gpr.options import Options
+from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.task import Task
 from priorfill.search.bank import Banks, PoseBank
 
@@ -35,11 +35,11 @@ class PoseSearch:
     ----------
     task : Task
         The clip and the takes.
-    options : Options
+    options : GPROptions
         How many poses to search for.
     """
 
-    def __init__(self, task: Task, options: Options) -> None:
+    def __init__(self, task: Task, options: GPROptions) -> None:
         self.task = task
         self._options = options
         self._banks = Banks(task.takes)

@@ -13,9 +13,9 @@ from priorfill.constraints.segment_lengths import choose_length_edges, hold_leng
 from priorfill.constraints.velocity_fusion import fuse_velocity
 from priorfill.gp.ensemble import regress
 from priorfill.methods.gpr.blackout import Blackouts
-from priorfill.methods.gpr.dropout import Dropouts
+from priorfill.methods.gpr.dropout import DropoutOptions, DropoutPredictor
 from priorfill.methods.gpr.gap_segments import Piece
-from priorfill.methods.gpr.options import Options
+from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.gpr.prediction import Prediction
 from priorfill.methods.gpr.spline_nodes import between
@@ -38,7 +38,7 @@ class Predictor:
         The clip and the takes to learn from.
     margin : int
         Frames around a piece to be predicted too, where the visible markers allow.
-    options : Options
+    options : GPROptions
         See there.
 
     Attributes
@@ -51,13 +51,13 @@ class Predictor:
         See `priorfill.geometry.distances.pair_distances`.
     """
 
-    def __init__(self, task: Task, margin: int, options: Options) -> None:
+    def __init__(self, task: Task, margin: int, options: GPROptions) -> None:
         self.task = task
         self.each: Callable[..., Any] = map
         self._margin = margin
         search = PoseSearch(task, options)
         self._lessons = Lessons(task, search, margin, options)
-        self._dropouts = Dropouts(task)
+        self._dropouts = DropoutPredictor(task, DropoutOptions())
         self._blackouts = Blackouts(task, search, options)
         self.valid = self._lessons.own.valid
         self.distance, self.spread = self._lessons.own.distance, self._lessons.own.spread
@@ -110,7 +110,7 @@ class Predictor:
                         positions[:, None],
                         expected_rms[:, None],
                         complete=True,
-                        how="bridged over time",
+                        how="interpolation over time",
                         takes=(self.task.name,),
                     )
                 )
@@ -164,7 +164,7 @@ class Predictor:
             told.positions,
             told.expected_rms,
             complete=True,
-            how=told.how,
-            takes=told.takes,
-            poses=told.poses,
+            how=told.source,
+            takes=told.source_clips,
+            poses=told.training_poses,
         )

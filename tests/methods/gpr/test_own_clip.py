@@ -11,7 +11,7 @@ from priorfill.gaps import gap_groups
 from priorfill.markers.describe import describe
 from priorfill.methods.gpr.ensembles import LIMB_MEMBERS, seconds_of
 from priorfill.methods.gpr.gap_segments import pieces_of
-from priorfill.methods.gpr.options import Options
+from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.training.own_clip import OwnLessons
 from priorfill.methods.task import Task
 
@@ -22,7 +22,7 @@ def test_queries_are_surrounded_by_what_is_measured_around_them():
     clip = with_gaps(person(seconds=6.0, rate=RATE), (120, 240, ARM), (100, 101, ["RKNE"]))
     groups = tuple(gap_groups(clip.missing))
     task = Task(clip.positions, clip.labels, clip.rate, describe(clip), groups)
-    lessons = OwnLessons(task, 8, Options())
+    lessons = OwnLessons(task, 8, GPROptions())
     pieces = [part for group in groups for part in pieces_of(group, task.valid, lessons.distance)]
     piece = next(part for part in pieces if len(part.markers) > 1)
     own = lessons.with_moments(lessons.read(piece, None), LIMB_MEMBERS)

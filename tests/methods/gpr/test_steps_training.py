@@ -16,7 +16,7 @@ from priorfill.gp.features import View
 from priorfill.gp.pose_kernel import Kernel
 from priorfill.markers.describe import describe
 from priorfill.methods.gpr.gap_segments import Piece, pieces_of
-from priorfill.methods.gpr.options import Options
+from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.gpr.training.own_clip import OwnLesson, OwnLessons
 from priorfill.methods.gpr.training.plan import Course, Lessons
@@ -121,7 +121,7 @@ def arm_of(task: Task) -> Piece:
 
 
 def course_of(clip: Clip, *others: Clip) -> Course:
-    task, options = task_of(clip, *others), Options()
+    task, options = task_of(clip, *others), GPROptions()
     found = Lessons(task, PoseSearch(task, options), 8, options).of(arm_of(task), None)
     assert found is not None
     return found
@@ -151,7 +151,7 @@ def test_long_clips_penalise_other_recordings_and_short_ones_reward_them(
 
 def own_problem(clip: Clip) -> tuple[OwnLessons, OwnLesson]:
     task = task_of(clip)
-    lessons = OwnLessons(task, 8, Options())
+    lessons = OwnLessons(task, 8, GPROptions())
     found = lessons.read(arm_of(task), None)
     assert found is not None
     return lessons, found

@@ -13,7 +13,7 @@ from priorfill.geometry.poses import evenly_spaced
 from priorfill.gp.data import Lesson, Member, Rows
 from priorfill.methods.gpr.ensembles import seconds_of
 from priorfill.methods.gpr.gap_segments import FEWEST_VISIBLE, Piece
-from priorfill.methods.gpr.options import Options
+from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.spline_nodes import knots
 from priorfill.methods.gpr.training.lagged_poses import standing_in
 from priorfill.methods.gpr.training.subject_correlation import MIRROR_KINSHIP
@@ -78,7 +78,7 @@ class OwnLessons:
         The clip.
     margin : int
         Frames around a piece to be predicted too, where the visible markers allow.
-    options : Options
+    options : GPROptions
         How many rows.
 
     Attributes
@@ -89,7 +89,7 @@ class OwnLessons:
         See `ClipGeometry`.
     """
 
-    def __init__(self, task: Task, margin: int, options: Options) -> None:
+    def __init__(self, task: Task, margin: int, options: GPROptions) -> None:
         self.valid = task.valid
         self.distance, self.spread = task.geometry.distance, task.geometry.spread
         self._task = task

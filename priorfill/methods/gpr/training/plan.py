@@ -16,7 +16,7 @@ from priorfill.methods.gpr.ensembles import (
     MARKER_MEMBERS,
 )
 from priorfill.methods.gpr.gap_segments import Piece
-from priorfill.methods.gpr.options import Options
+from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.gpr.training.own_clip import OwnLessons
 from priorfill.methods.gpr.training.with_database import shared_lesson
@@ -76,7 +76,7 @@ class Lessons:
         Of these takes.
     margin : int
         Frames around a piece to be predicted too, where the visible markers allow.
-    options : Options
+    options : GPROptions
         How many rows of what.
 
     Attributes
@@ -85,7 +85,7 @@ class Lessons:
         The clip's.
     """
 
-    def __init__(self, task: Task, search: PoseSearch, margin: int, options: Options) -> None:
+    def __init__(self, task: Task, search: PoseSearch, margin: int, options: GPROptions) -> None:
         self.own = OwnLessons(task, margin, options)
         self._task = task
         self._search = search

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from priorfill.geometry.poses import evenly_spaced
 from priorfill.gp.data import Lesson, Rows
 from priorfill.methods.gpr.gap_segments import FEWEST_VISIBLE
-from priorfill.methods.gpr.options import Options
+from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import OWN_BODY, PoseSearch
 from priorfill.methods.gpr.training.lagged_poses import standing_in
 from priorfill.methods.gpr.training.own_clip import (
@@ -43,7 +43,7 @@ where it is half as long or less, for then few blocks can be left out to tell.""
 
 
 def shared_lesson(
-    own: OwnLesson, task: Task, search: PoseSearch, options: Options
+    own: OwnLesson, task: Task, search: PoseSearch, options: GPROptions
 ) -> tuple[Lesson, tuple[str, ...]] | None:
     """Make a lesson of the clip and the database together; None where that shows too little.
 
@@ -55,7 +55,7 @@ def shared_lesson(
         The clip and the takes to learn from.
     search : PoseSearch
         Of these takes.
-    options : Options
+    options : GPROptions
         How many rows.
 
     Returns

@@ -1,0 +1,126 @@
+"""Options by dotted name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from inspect import signature
+from typing import Literal
+
+import pytest
+
+from priorfill.errors import OptionError
+from priorfill.methods import METHODS, get_method, get_options
+from priorfill.methods.options import (
+    check_at_least,
+    check_between,
+    differing,
+    flattened,
+    with_values,
+)
+
+
+@dataclass(frozen=True)
+class Training:
+    max_poses: int = 250
+    share: float = 0.5
+    limit: float | None = None
+    parts: tuple[int, int] = (60, 30)
+    scales: tuple[float, ...] = (0.4, 0.7)
+
+    def __post_init__(self) -> None:
+        check_at_least(self, 1, "max_poses")
+        check_between(self, 0.0, 1.0, "share")
+
+
+@dataclass(frozen=True)
+class Everything:
+    training: Training = field(default_factory=Training)
+    frame: Literal["rigid", "heading"] = "rigid"
+    smooth: bool = True
+    title: str = ""
+
+
+def test_flattened_and_differing() -> None:
+    changed = Everything(Training(share=0.6), smooth=False)
+    assert flattened(changed) == {
+        "training.max_poses": 250,
+        "training.share": 0.6,
+        "training.limit": None,
+        "training.parts": (60, 30),
+        "training.scales": (0.4, 0.7),
+        "frame": "rigid",
+        "smooth": False,
+        "title": "",
+    }
+    assert differing(changed) == {"training.share": 0.6, "smooth": False}
+    assert differing(Everything()) == {}
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "stored"),
+    [
+        ("training.max_poses", "300", 300),
+        ("training.max_poses", 300.0, 300),
+        ("training.share", "0.25", 0.25),
+        ("training.share", 1, 1.0),
+        ("training.limit", "3.5", 3.5),
+        ("training.limit", "None", None),
+        ("training.parts", "1, 2", (1, 2)),
+        ("training.parts", [1, 2], (1, 2)),
+        ("training.scales", "(0.1,0.2,0.3)", (0.1, 0.2, 0.3)),
+        ("frame", "heading", "heading"),
+        ("smooth", "no", False),
+        ("smooth", True, True),
+        ("title", "12", "12"),
+    ],
+)
+def test_values_by_name(name: str, given: object, stored: object) -> None:
+    changed = with_values(Everything(training=Training(limit=9.0)), {name: given})
+    value = flattened(changed)[name]
+    assert value == stored
+    assert type(value) is type(stored)
+    others = flattened(Everything(training=Training(limit=9.0)))
+    assert {k: v for k, v in flattened(changed).items() if k != name} == {
+        k: v for k, v in others.items() if k != name
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "message"),
+    [
+        ("training.max_poses", "many", "training.max_poses cannot be 'many'; it must be an int"),
+        ("training.max_poses", 2.5, "must be an integer"),
+        ("training.max_poses", True, "must be an integer"),
+        ("training.share", "1.5", "Training.share is 1.5; it must be from 0 to 1"),
+        ("training.max_poses", 0, "Training.max_poses is 0; it must be at least 1"),
+        ("training.share", float("nan"), "must be"),
+        ("training.limit", "x", "must be a number or none"),
+        ("training.parts", "1,2,3", "must be 2 values, each an integer"),
+        ("training.scales", "a", "must be a list, each item a number"),
+        ("frame", "upright", "must be one of 'rigid', 'heading'"),
+        ("smooth", "maybe", "must be true or false"),
+        ("title", 3, "must be text"),
+        ("training", 3, "no option 'training'"),
+        ("training.max_pose", 3, "did you mean training.max_poses"),
+        ("share", 3, "did you mean training.share"),
+        ("zzz", 3, "use one of training.max_poses, "),
+    ],
+)
+def test_wrong_values_are_refused(name: str, given: object, message: str) -> None:
+    with pytest.raises(OptionError, match=message.replace("(", r"\(")) as error:
+        with_values(Everything(), {name: given})
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_methods_accept_their_options(name: str) -> None:
+    options = get_options(name)
+    accepted = signature(get_method(name)).parameters
+    assert ("options" in accepted) == (options is not None)
+    if options is not None:
+        assert differing(options) == {}
+        assert options.__dataclass_params__.frozen
+        assert with_values(options, {}) == options
+        for option, value in flattened(options).items():
+            if isinstance(value, int | float):
+                assert with_values(options, {option: str(value)}) == options
