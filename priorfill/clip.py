@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from priorfill.errors import ClipError
 from priorfill.geometry.axes import UP_AXES
 
-__all__ = ["Clip", "Source", "blank_partly_known"]
+__all__ = ["Clip", "Source", "blank_incomplete_samples"]
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class Clip:
                 f"{self.first_frame + int(frame)}; mark the sample as missing"
             )
         if positions.flags.writeable:
-            blank_partly_known(positions)
+            blank_incomplete_samples(positions)
             positions.setflags(write=False)
         object.__setattr__(self, "positions", positions)
         object.__setattr__(self, "labels", labels)
@@ -169,7 +169,7 @@ class Clip:
         return replace(self, positions=positions)
 
 
-def blank_partly_known(positions: NDArray[np.float64]) -> None:
+def blank_incomplete_samples(positions: NDArray[np.float64]) -> None:
     """Make samples missing, in place, of which one coordinate is [shape=(frames, markers, 3)]."""
     unknown = np.isnan(positions)
     some = unknown.any(axis=2)

@@ -5,7 +5,7 @@
     PriorfillError
     ├── FormatError (ValueError)         a file that cannot be read as what it claims to be
     ├── ClipError (ValueError)           a clip whose contents make no sense
-    │   └── SeveralSubjectsError         a file of several people, of whom none was chosen
+    │   └── MultipleSubjectsError         a file of several people, of whom none was chosen
     ├── OptionError (ValueError)         an option that is out of range or contradicts another
     ├── MarkerSetError (ValueError)      a marker-set definition that is wrong or unknown
     ├── MethodError (ValueError)         a method that cannot work on a clip
@@ -43,7 +43,7 @@ __all__ = [
     "OptionError",
     "OutputError",
     "PriorfillError",
-    "SeveralSubjectsError",
+    "MultipleSubjectsError",
 ]
 
 
@@ -59,7 +59,7 @@ class ClipError(PriorfillError, ValueError):
     """A clip's contents make no sense (no frames, rate 0, infinite coordinates, ...)."""
 
 
-class SeveralSubjectsError(ClipError):
+class MultipleSubjectsError(ClipError):
     """A file holds several people, and none was chosen.
 
     Parameters

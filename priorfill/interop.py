@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from priorfill.clip import Clip
 from priorfill.errors import ClipError
-from priorfill.formats.recording import Reading, Recording, make_clip
+from priorfill.formats.recording import ReadOptions, Recording, make_clip
 from priorfill.formats.units import UNITS
 
 __all__ = [
@@ -84,7 +84,7 @@ def from_arrays(
     OptionError
         Where unit or axis is unknown.
     """
-    array = np.asarray(positions, dtype=np.float64)
+    array = np.array(positions, dtype=np.float64)
     if array.ndim == 2 and array.shape[1] == 3 * len(labels):
         array = array.reshape(len(array), len(labels), 3)
     if array.ndim != 3 or array.shape[1:] != (len(labels), 3):
@@ -92,10 +92,16 @@ def from_arrays(
             f"{name}: positions have shape {array.shape}; (frames, {len(labels)}, 3) or "
             f"(frames, {3 * len(labels)}) is needed for {len(labels)} labels"
         )
-    recording = Recording(
-        array, tuple(str(label) for label in labels), float(rate), "", first_frame=first_frame
-    )
-    return make_clip(recording, name, Reading(zeros_missing, up, None, unit, subject))
+    texts = tuple(str(label) for label in labels)
+    twice = next((text for text in texts if texts.count(text) > 1), None)
+    if twice is not None:  # a file's twins are renamed with a note, but only a source has notes
+        raise ClipError(
+            f"{name}: markers {texts.index(twice) + 1} and "
+            f"{texts.index(twice, texts.index(twice) + 1) + 1} are both named {twice}; "
+            "rename one of them"
+        )
+    recording = Recording(array, texts, float(rate), "", first_frame=first_frame)
+    return make_clip(recording, name, ReadOptions(zeros_missing, up, None, unit, subject))
 
 
 def from_timeseries(series: Any, **options: Any) -> Clip:

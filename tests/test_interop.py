@@ -128,9 +128,22 @@ def test_subjects_units_and_options():
     assert interop.from_arrays(zero, LABELS, 50, zeros_missing=False).missing.sum() == 0
 
 
+def test_the_array_given_is_not_changed():
+    positions = standing()
+    positions[2, 2] = 0.0
+    positions[3, 1, 0] = np.nan
+    before = positions.copy()
+    clip = interop.from_arrays(positions, LABELS, 50, unit="cm")
+    assert np.array_equal(positions, before, equal_nan=True)
+    assert clip.missing.sum() == 2
+    assert np.allclose(clip.positions[0], 10 * before[0])
+
+
 def test_what_makes_no_sense():
     with pytest.raises(ClipError, match=r"shape \(12, 6, 3\); \(frames, 2, 3\) or \(frames, 6\)"):
         interop.from_arrays(standing(), ["a", "b"], 100)
+    with pytest.raises(ClipError, match="markers 2 and 4 are both named RTOE; rename one"):
+        interop.from_arrays(standing(), ["LTOE", "RTOE", "LKNE", "RTOE", "C7", "LFHD"], 100)
     with pytest.raises(ClipError, match="no data of shape"):
         interop.from_timeseries(TimeSeries(time=[0, 1], data={"EMG": [1, 2]}))
     series = interop.to_timeseries(with_gap(), TimeSeries)

@@ -19,20 +19,17 @@ from priorfill.errors import FormatError, OptionError
 from priorfill.formats.arrays.mat import create_mat, parse_mat, recognise_mat
 from priorfill.formats.arrays.npz import create_npz_clip, parse_npz, recognise_npz
 from priorfill.formats.c3d.create import create_c3d
-from priorfill.formats.c3d.patch import WriteReport, write_c3d
-from priorfill.formats.c3d.read import read_c3d
+from priorfill.formats.c3d.patch import write_c3d
+from priorfill.formats.c3d.read import parse_c3d, read_c3d, read_c3d_bytes
 from priorfill.formats.c3d.rewrite import rewrite_c3d
-from priorfill.formats.recording import (
-    Reading,
-    Recording,
-    make_clip,
-    read_bounded,
-)
+from priorfill.formats.file_bytes import read_bounded
+from priorfill.formats.recording import ReadOptions, Recording, clip_from_file
 from priorfill.formats.tables.motive_csv import parse_motive, recognise_motive
 from priorfill.formats.tables.nexus_csv import parse_nexus, recognise_nexus
 from priorfill.formats.tables.qualisys_tsv import parse_qualisys, recognise_qualisys
 from priorfill.formats.tables.text_table import TableRecording, write_table
 from priorfill.formats.tables.trc import create_trc, parse_trc, recognise_trc
+from priorfill.formats.write_report import WriteReport
 from priorfill.runtime.atomic_file import check_target
 from priorfill.runtime.npz_file import create_npz
 
@@ -87,23 +84,12 @@ class Format:
 
     title: str
     suffixes: tuple[str, ...]
-    read: Callable[[Path, Reading], Clip]
+    read: Callable[[Path, ReadOptions], Clip]
     recognise: Callable[[Path], bool]
     copy: Callable[..., WriteReport] | None = None
     create: Callable[..., WriteReport] | None = None
     rewrite: Callable[..., WriteReport] | None = None
     alone: bool = False
-
-
-def _c3d(path: Path, reading: Reading) -> Clip:
-    return read_c3d(
-        path,
-        zeros_missing=reading.zeros_missing,
-        up=reading.up,
-        rate=reading.rate,
-        unit=reading.unit,
-        subject=reading.subject,
-    )
 
 
 def _by_head(recognise: Callable[[bytes], bool]) -> Callable[[Path], bool]:
@@ -119,13 +105,15 @@ def _by_head(recognise: Callable[[bytes], bool]) -> Callable[[Path], bool]:
     return look
 
 
-def _reader(name: str, parse: Callable[[bytes, str], Recording]) -> Callable[[Path, Reading], Clip]:
-    """Return what reads files of a format, of which a function understands the contents."""
+def _reader(
+    name: str,
+    parse: Callable[[bytes, str], Recording],
+    load: Callable[[Path], bytes] = read_bounded,
+) -> Callable[[Path, ReadOptions], Clip]:
+    """Return a function that reads files of a format, given its parser."""
 
-    def read_one(path: Path, reading: Reading) -> Clip:
-        data = read_bounded(path)
-        recording = parse(data, path.name)
-        return make_clip(recording, path.name, reading, path=path, data=data, format=name)
+    def read_one(path: Path, options: ReadOptions) -> Clip:
+        return clip_from_file(path, options, name, parse, load)
 
     return read_one
 
@@ -154,7 +142,14 @@ def _table(
 
 FORMATS = {
     "c3d": Format(
-        "C3D", (".c3d",), _c3d, lambda path: True, write_c3d, create_c3d, rewrite_c3d, alone=True
+        "C3D",
+        (".c3d",),
+        _reader("c3d", parse_c3d, read_c3d_bytes),
+        lambda path: True,
+        write_c3d,
+        create_c3d,
+        rewrite_c3d,
+        alone=True,
     ),
     "trc": _table("trc", "TRC", parse_trc, recognise_trc, (".trc",), create=create_trc, alone=True),
     "nexus": _table(
@@ -186,7 +181,7 @@ SUFFIXES = tuple(dict.fromkeys(s for one in FORMATS.values() for s in one.suffix
 def format_of(path: Path | str) -> str:
     """Return the name of a file's format.
 
-    Parameters
+    C3DParameters
     ----------
     path : Path or str
         The file.
@@ -219,7 +214,7 @@ def format_of(path: Path | str) -> str:
 def recognised(path: Path | str) -> bool:
     """Tell if a file is likely a recording: many a .csv, .npz or .mat is not.
 
-    Parameters
+    C3DParameters
     ----------
     path : Path or str
         The file.
@@ -242,7 +237,7 @@ def read(
 ) -> Clip:
     """Read the markers of a motion-capture file.
 
-    Parameters
+    C3DParameters
     ----------
     path : Path or str
         The file; its suffix tells the format.
@@ -276,7 +271,7 @@ def read(
         raise FormatError(f"{path}: is a folder; give the name of a file")
     if not path.exists():
         raise FormatError(f"{path}: there is no such file; check the name")
-    return FORMATS[format_of(path)].read(path, Reading(zeros_missing, up, rate, unit, subject))
+    return FORMATS[format_of(path)].read(path, ReadOptions(zeros_missing, up, rate, unit, subject))
 
 
 def write(
@@ -293,7 +288,7 @@ def write(
     filled samples differ, if `path` has a suffix of the same format, unless it is to be rewritten;
     else as a new file.
 
-    Parameters
+    C3DParameters
     ----------
     path : Path or str
         The file to write; its suffix tells the format.
@@ -346,7 +341,7 @@ def check_output(
 ) -> None:
     """Find out, before the work is done, whether its result can be written.
 
-    Parameters
+    C3DParameters
     ----------
     path : Path or str
         The file to write.

@@ -1,56 +1,63 @@
-"""From what a file holds to a clip: what formats other than C3D have in common."""
+"""The path from file contents to a clip, the same for every format.
+
+Each format has a parser that turns bytes into a `Recording`: all points of the file, in file
+units, with whatever the file declares about them. `make_clip` turns a recording into a clip: it
+selects the markers of one subject, makes labels unique, blanks missing samples, converts to mm and
+finds the up axis.
+"""
 
 from __future__ import annotations
 
 import hashlib
-import os
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.clip import Clip, Source
-from priorfill.errors import (
-    ClipError,
-    FormatError,
-    OptionError,
-    OutputError,
-)
-from priorfill.formats.c3d.parameters import Parameters
-from priorfill.formats.c3d.point_kinds import find_model_points, split_label
-from priorfill.formats.contents import check_unchanged, read_contents
+from priorfill.clip import Clip, Source, blank_incomplete_samples
+from priorfill.errors import ClipError, OptionError
+from priorfill.formats.file_bytes import read_bounded
+from priorfill.formats.point_kinds import find_model_points, split_label
 from priorfill.formats.subjects import choose_subject
 from priorfill.formats.units import find_unit
 from priorfill.formats.up_axis import find_up_axis
 
-__all__ = [
-    "LARGEST",
-    "Reading",
-    "Recording",
-    "check_filled",
-    "check_size",
-    "make_clip",
-    "read_bounded",
-    "read_source",
-]
+__all__ = ["ReadOptions", "Recording", "clip_from_file", "make_clip"]
 
-LARGEST = 1 << 30
-"""Bytes of the largest file, or array in a file, that is read: ten hours of 50 markers at 100 Hz
-as text are about as much, and reading text takes several times its size in memory."""
+MAX_COORDINATE = 1e12
+"""Largest coordinate accepted, in any unit of length. No marker is that far away, and squares of
+smaller numbers stay finite."""
 
-FARTHEST = 1e12
-"""In any unit of length: no marker is farther away, and squares stay finite."""
-
-_NOTHING_DECLARED = Parameters({})
-"""Only C3D files declare which points are model outputs."""
+MIN_RESIDUAL_SHARE = 0.1
+"""Minimum share of present samples with a residual above 0 for residuals of 0 to mean
+"interpolated". Many systems write 0 everywhere; those that write residuals write one for nearly
+every measured sample, and nobody fills more than nine tenths of a recording."""
 
 
 @dataclass(frozen=True)
-class Reading:
-    """How a file is to be understood; see `priorfill.formats.read`."""
+class ReadOptions:
+    """How to interpret a file.
+
+    Attributes
+    ----------
+    zeros_missing : bool
+        Treat samples at exactly (0, 0, 0) as missing.
+    up : str or None
+        The axis that points up, one of `priorfill.geometry.axes.UP_AXES`; found if None.
+    rate : float or None
+        Frame rate (Hz) that replaces the file's.
+    unit : str or None
+        Unit of length (mm, cm, m, ...) that replaces the file's.
+    subject : str or None
+        The subject whose markers are read; needed if the file holds several.
+
+    Raises
+    ------
+    OptionError
+        If the rate is not positive.
+    """
 
     zeros_missing: bool = True
     up: str | None = None
@@ -58,35 +65,46 @@ class Reading:
     unit: str | None = None
     subject: str | None = None
 
+    def __post_init__(self) -> None:
+        if self.rate is not None and not (np.isfinite(self.rate) and self.rate > 0):
+            raise OptionError(f"rate {self.rate:g} Hz is not positive; give the frames per second")
+
 
 @dataclass(frozen=True)
 class Recording:
-    """What a file holds, before it is said which of it are markers.
+    """Contents of a file, before markers are separated from other points.
 
     Attributes
     ----------
     positions : ndarray [shape=(frames, points, 3), file units]
-        NaN where the file says so or has no number.
+        NaN where the sample is missing according to the file.
     labels : tuple of str
-        As the file spells them, with the subject's prefix.
+        Labels as spelled in the file, including the subject's prefix.
     rate : float or None
-        Frames per second (Hz); None if the file does not tell, or tells nonsense.
+        Frame rate (Hz); None if the file states none, or none that is positive.
     unit : str
-        Unit of length as the file spells it; empty if it does not.
+        Unit of length as spelled in the file; empty if absent.
     first_frame : int
         Number of the first frame.
     up : str
-        The up axis as the file says it; empty if it does not.
-    usual_up : str
-        The up axis that is usual in such files, for when nothing tells.
-    subject : str
-        Whose motion it is, where the file says so apart from the labels.
-    no_markers : mapping of int to str
-        Points that the file says are no markers, with the reason.
+        The up axis declared by the file; empty if absent.
+    default_up : str
+        The customary up axis of the format, used if nothing else determines it.
+    prefixes : tuple of str
+        Label prefixes declared by the file, separator included. A prefix before a colon needs no
+        declaration.
+    subjects : tuple of str
+        Subjects declared by the file apart from label prefixes.
+    model_outputs : mapping of str to str
+        Labels declared as model outputs, with the reason.
+    not_markers : mapping of int to str
+        Points declared as something other than markers, with the reason.
     notes : tuple of str
-        What a user should know, a sentence each.
+        What a user should know about the file, one sentence each.
     interpolated : ndarray [shape=(frames, points), bool] or None
-        Which samples the file says are filled.
+        Which samples the file declares as filled.
+    residuals : ndarray [shape=(frames, points)] or None
+        Residual of each sample, where 0 may mean "interpolated"; used if `interpolated` is None.
     """
 
     positions: NDArray[np.float64]
@@ -95,163 +113,135 @@ class Recording:
     unit: str
     first_frame: int = 1
     up: str = ""
-    usual_up: str = "+Z"
-    subject: str = ""
-    no_markers: Mapping[int, str] = field(default_factory=dict)
+    default_up: str = "+Z"
+    prefixes: tuple[str, ...] = ()
+    subjects: tuple[str, ...] = ()
+    model_outputs: Mapping[str, str] = field(default_factory=dict)
+    not_markers: Mapping[int, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     interpolated: NDArray[np.bool_] | None = None
+    residuals: NDArray[np.float64] | None = None
 
 
-def check_size(size: int, name: str) -> None:
-    """Raise FormatError if something is too large to be read."""
-    if size > LARGEST:
-        raise FormatError(
-            f"{name}: holds {size / 2**30:.1f} GiB; at most {LARGEST / 2**30:.0f} GiB are read: "
-            "export it in parts"
-        )
+@dataclass(frozen=True)
+class _Markers:
+    """The points of a recording that become markers of the clip.
+
+    Attributes
+    ----------
+    names : dict of int to str
+        Unique label of each point used, in the file's order.
+    left_out : dict of int to str
+        The reason for each point not used.
+    subject : str
+        The subject; empty if unknown.
+    notes : list of str
+        Notes on labels that occur twice.
+    """
+
+    names: dict[int, str]
+    left_out: dict[int, str]
+    subject: str
+    notes: list[str]
 
 
-def read_bounded(path: Path) -> bytes:
-    """Return a file's contents.
+def clip_from_file(
+    path: Path,
+    options: ReadOptions,
+    format: str,
+    parse: Callable[[bytes, str], Recording],
+    load: Callable[[Path], bytes] = read_bounded,
+) -> Clip:
+    """Read a clip from a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    options : ReadOptions
+        How to interpret it.
+    format : str
+        The format's name in `priorfill.formats.FORMATS`.
+    parse : callable
+        Makes a recording from the file's contents and name.
+    load : callable
+        Returns the file's contents.
 
     Raises
     ------
-    FormatError
-        If it cannot be read, or is larger than `LARGEST`.
+    FormatError, ClipError, OptionError
+        As `load`, `parse` and `make_clip` do.
+
+    See Also
+    --------
+    priorfill.read
     """
-    with suppress(OSError):  # reading says better what is wrong
-        check_size(path.stat().st_size, path.name)
-    return read_contents(path, most=LARGEST)
-
-
-def read_source(source: Source) -> bytes:
-    """Return the contents of the file that a clip was read from.
-
-    Raises
-    ------
-    FormatError
-        If it is gone.
-    OutputError
-        If it has changed since.
-    """
-    data = read_bounded(source.path)
-    check_unchanged(source.path, hashlib.sha256(data).hexdigest(), source.sha256)
-    return data
-
-
-def check_filled(clip: Clip, filled: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
-    """Return the mask of filled samples, of none if there is none.
-
-    Raises
-    ------
-    OutputError
-        If its shape is wrong, or a filled sample has no position.
-    """
-    if filled is None:
-        return np.zeros_like(clip.missing)
-    filled = np.asarray(filled, dtype=bool)
-    if filled.shape != clip.missing.shape:
-        raise OutputError(
-            f"{clip.name}: the mask of filled samples has shape {filled.shape}; "
-            f"{clip.missing.shape} (frames, markers) is needed"
-        )
-    unknown = filled & clip.missing
-    if unknown.any():
-        frame, marker = np.argwhere(unknown)[0]
-        raise OutputError(
-            f"{clip.name}: marker {clip.labels[marker]} is to be written as filled in frame "
-            f"{clip.first_frame + int(frame)} but has no position; mark only samples that have one"
-        )
-    return filled
+    data = load(path)
+    recording = parse(data, path.name)
+    return make_clip(recording, path.name, options, path=path, data=data, format=format)
 
 
 def make_clip(
     recording: Recording,
     name: str,
-    reading: Reading,
+    options: ReadOptions,
     *,
     path: Path | None = None,
     data: bytes = b"",
     format: str = "",
 ) -> Clip:
-    """Make a clip of what a file holds.
+    """Make a clip from a recording.
 
     Parameters
     ----------
     recording : Recording
-        What the file holds.
+        The contents of the file. Its positions are modified and may become the clip's, which saves
+        a copy of a large file.
     name : str
-        What to call the file in messages.
-    reading : Reading
-        How it is to be understood.
+        The file's name in messages.
+    options : ReadOptions
+        How to interpret the recording.
     path : Path or None
-        The file; None for what comes from memory, which gets no source.
+        The file; None for data from memory, which get no source.
     data : bytes
         The file's contents.
     format : str
-        The name of the file's format.
+        The format's name in `priorfill.formats.FORMATS`.
+
+    Returns
+    -------
+    Clip
+        The markers of one subject in mm.
 
     Raises
     ------
     ClipError
-        If its contents make no sense: no marker, no rate, a marker beyond `FARTHEST`,
-        two markers of one name, an implausible unit, an unknown subject, or several subjects and
-        none chosen.
+        If there are no points, no frames, no labelled marker or no rate; a marker is farther away
+        than `MAX_COORDINATE`; the unit is implausible; the subject is unknown, or there are
+        several and none is chosen (MultipleSubjectsError).
     OptionError
-        If an option is out of range.
+        If the unit or up axis of `options` is unknown.
     """
-    if reading.rate is not None and not (np.isfinite(reading.rate) and reading.rate > 0):
-        raise OptionError(f"rate {reading.rate:g} Hz is not positive; give the frames per second")
-    positions = np.array(recording.positions, dtype=np.float64)
-    if positions.shape[0] == 0 or positions.shape[1] == 0:
-        raise ClipError(
-            f"{name}: has {positions.shape[0]} frames of {positions.shape[1]} markers; "
-            "there is nothing to fill"
-        )
-    positions[np.isnan(positions).any(axis=2)] = np.nan
-    beyond = np.abs(positions) > FARTHEST
-    if beyond.any():
-        frame, point = np.argwhere(beyond.any(axis=2))[0]
-        raise ClipError(
-            f"{name}: {recording.labels[point]} is out of this world in frame "
-            f"{recording.first_frame + int(frame)}; mark the sample as missing"
-        )
-    split = [split_label(label, ()) for label in recording.labels]
-    names = [marker for _, marker in split]
-    reasons = dict(recording.no_markers)
-    modelled = find_model_points(names, recording.labels, positions, _NOTHING_DECLARED)
-    for point, reason in modelled.items():
-        reasons.setdefault(point, reason)
-    owners = {point: owner for point, (owner, _) in enumerate(split) if point not in reasons}
-    declared = [recording.subject] if recording.subject else []
-    subject, others = choose_subject(owners, reading.subject, declared, name)
-    reasons |= others
-    points = [point for point in range(len(names)) if point not in reasons]
-    if not points:
-        raise ClipError(
-            f"{name}: none of its {len(names)} points is a labelled marker; label the markers first"
-        )
-    labels = tuple(names[point] for point in points)
-    _check_labels(points, labels, name)
-    kept = positions[:, points]
-    zero = (kept == 0).all(axis=2)
-    if reading.zeros_missing:
-        kept[zero] = np.nan
-    _, mm_per_unit, unit_notes = find_unit(kept, recording.unit, reading.unit, name)
+    positions = recording.positions
+    for count, what in zip(positions.shape, ("frames", "points"), strict=False):
+        if count == 0:
+            raise ClipError(f"{name}: has no {what}; there is nothing to fill")
+    blank_incomplete_samples(positions)
+    markers, zero = _choose_markers(recording, options, name)
+    points, labels = list(markers.names), tuple(markers.names.values())
+    kept = _kept_points(positions, points)
+    _check_coordinates(kept, labels, recording.first_frame, name)
+    _, mm_per_unit, unit_notes = find_unit(kept, recording.unit, options.unit, name)
     kept *= mm_per_unit
-    up, found_from, up_notes = find_up_axis(kept, labels, recording.up, reading.up)
-    if found_from == "default":
-        up = recording.usual_up
-        up_notes = [f"Nothing tells which axis is up; {up} is assumed (see --up)."]
-    rate = recording.rate if reading.rate is None else reading.rate
+    kept.setflags(write=False)  # so that the clip need not copy it
+    up, up_found_from, up_notes = find_up_axis(
+        kept, labels, recording.up, options.up, recording.default_up
+    )
+    rate = recording.rate if options.rate is None else options.rate
     if rate is None or not (np.isfinite(rate) and rate > 0):
         raise ClipError(f"{name}: has no frame rate; give the frames per second (--rate)")
     source = None
     if path is not None:
-        interpolated = recording.interpolated
-        if interpolated is not None:
-            interpolated = interpolated[:, points] & ~np.isnan(kept[:, :, 0])
-            interpolated.setflags(write=False)
         source = Source(
             path=path,
             sha256=hashlib.sha256(data).hexdigest(),
@@ -259,11 +249,11 @@ def make_clip(
             point_labels=tuple(recording.labels[point] for point in points),
             unit=recording.unit,
             mm_per_unit=mm_per_unit,
-            up_found_from=found_from,
-            zero_samples=int(zero.sum()) if reading.zeros_missing else 0,
-            left_out=_left_out(reasons, recording.labels),
-            notes=(*recording.notes, *unit_notes, *up_notes),
-            interpolated=interpolated,
+            up_found_from=up_found_from,
+            zero_samples=int(zero[:, points].sum()),
+            left_out=_by_label(markers.left_out, recording.labels),
+            notes=(*recording.notes, *markers.notes, *unit_notes, *up_notes),
+            interpolated=_interpolated_samples(recording, points, ~np.isnan(kept[:, :, 0])),
             format=format,
         )
     return Clip(
@@ -271,31 +261,153 @@ def make_clip(
         labels=labels,
         rate=rate,
         up=up,
-        name=os.path.splitext(name)[0] if path is not None else name,  # noqa: PTH122 (no path)
-        subject=subject,
+        name=name if path is None else path.stem,
+        subject=markers.subject,
         first_frame=recording.first_frame,
         source=source,
     )
 
 
-def _check_labels(points: Sequence[int], labels: Sequence[str], name: str) -> None:
-    """Raise ClipError if two markers have the same name."""
-    first: dict[str, int] = {}
-    for point, label in zip(points, labels, strict=True):
-        if label in first:
-            raise ClipError(
-                f"{name}: markers {first[label] + 1} and {point + 1} are both named {label}; "
-                "rename one of them"
+def _choose_markers(
+    recording: Recording, options: ReadOptions, name: str
+) -> tuple[_Markers, NDArray[np.bool_]]:
+    """Choose the markers of one subject, and blank samples at the origin in place.
+
+    Returns
+    -------
+    markers : _Markers
+        The points used, and why the others are not.
+    zero : ndarray [shape=(frames, points), bool]
+        The samples treated as missing because they are (0, 0, 0).
+
+    Raises
+    ------
+    ClipError
+        If no point is a labelled marker, the subject is unknown, or several are there and none is
+        chosen.
+    """
+    positions, labels = recording.positions, recording.labels
+    split = [split_label(label, recording.prefixes) for label in labels]
+    names = [marker for _, marker in split]
+    left_out = find_model_points(names, labels, positions, recording.model_outputs)
+    left_out |= recording.not_markers
+    owners = {point: owner for point, (owner, _) in enumerate(split) if point not in left_out}
+    subject, others = choose_subject(owners, options.subject, recording.subjects, name)
+    left_out |= others
+    points = [point for point in range(len(labels)) if point not in left_out]
+    if not points:
+        raise ClipError(
+            f"{name}: none of its {len(labels)} points is a labelled marker; "
+            "label the markers first"
+        )
+    if options.zeros_missing:
+        zero = np.asarray((positions == 0).all(axis=2))
+        positions[zero] = np.nan
+    else:
+        zero = np.zeros(positions.shape[:2], dtype=bool)
+    seen = [not np.isnan(positions[:, point, 0]).all() for point in range(len(labels))]
+    unique, twins, notes = _unique_names(points, names, seen)
+    return _Markers(unique, left_out | twins, subject, notes), zero
+
+
+def _unique_names(
+    points: Sequence[int], names: Sequence[str], seen: Sequence[bool]
+) -> tuple[dict[int, str], dict[int, str], list[str]]:
+    """Give markers that share a label different names.
+
+    The file does not say which of them is the right one. So no marker with samples is dropped, none
+    is merged with another, and the first keeps the name.
+
+    Returns
+    -------
+    unique : dict of int to str
+        Name of each point.
+    twins : dict of int to str
+        Why points are left out: they have no samples, and another point of their label has some.
+    notes : list of str
+        What the user should know.
+    """
+    by_name: dict[str, list[int]] = {}
+    for point in points:
+        by_name.setdefault(names[point], []).append(point)
+    unique = {point: names[point] for point in points}
+    twins: dict[int, str] = {}
+    notes = []
+    for name, same in by_name.items():
+        used = [point for point in same if seen[point]] or same[:1]
+        for point in same:
+            if point not in used:
+                del unique[point]
+                twins[point] = f"never seen, and point {used[0] + 1} is labelled {name} too"
+        for point in used[1:]:
+            other = f"{name}#{point + 1}"
+            while other in by_name:
+                other += "#"
+            unique[point] = other
+            notes.append(
+                f"Points {used[0] + 1} and {point + 1} are both labelled {name}; "
+                f"the second is called {other} here. Rename one of them if it is another marker."
             )
-        first[label] = point
+    return unique, twins, notes
 
 
-def _left_out(reasons: Mapping[int, str], labels: Sequence[str]) -> dict[str, str]:
-    """Return the reasons by label; a label that is empty or taken gets the point's number."""
-    left_out: dict[str, str] = {}
+def _kept_points(positions: NDArray[np.float64], points: list[int]) -> NDArray[np.float64]:
+    """Return the positions of the markers, as an array that owns its memory.
+
+    Most files hold markers only; their positions are used without a copy.
+    """
+    if points == list(range(positions.shape[1])) and positions.flags.owndata:
+        return positions
+    return np.take(positions, points, axis=1)
+
+
+def _check_coordinates(
+    positions: NDArray[np.float64], labels: tuple[str, ...], first_frame: int, name: str
+) -> None:
+    """Raise ClipError at the first coordinate beyond `MAX_COORDINATE`."""
+    beyond = (positions > MAX_COORDINATE).any(axis=2)
+    beyond |= (positions < -MAX_COORDINATE).any(axis=2)
+    if beyond.any():
+        frame, marker = np.argwhere(beyond)[0]
+        largest = float(np.abs(positions[frame, marker]).max())
+        size = (
+            f"a coordinate of {largest:.3g}" if np.isfinite(largest) else "an infinite coordinate"
+        )
+        raise ClipError(
+            f"{name}: marker {labels[marker]} has {size} in frame "
+            f"{first_frame + int(frame)}; mark the sample as missing"
+        )
+
+
+def _interpolated_samples(
+    recording: Recording, points: list[int], present: NDArray[np.bool_]
+) -> NDArray[np.bool_] | None:
+    """Return which samples the file marks as interpolated [shape=(frames, markers)].
+
+    C3D marks them by residual 0 and no cameras. Both are in the fourth word of a sample, which is
+    compared as stored: decoded, a residual below one step, or one written as a plain fraction,
+    would be 0, too. None if the file does not distinguish interpolated from measured samples.
+    """
+    if recording.interpolated is not None:
+        found: NDArray[np.bool_] = recording.interpolated[:, points] & present
+    elif recording.residuals is not None:
+        words = recording.residuals[:, points]
+        of_present = words[present]
+        if of_present.size == 0 or (of_present > 0).mean() < MIN_RESIDUAL_SHARE:
+            return None
+        found = present & (words == 0)
+    else:
+        return None
+    found.setflags(write=False)
+    return found
+
+
+def _by_label(reasons: Mapping[int, str], labels: Sequence[str]) -> dict[str, str]:
+    """Return the reasons by label; an empty or repeated label gets the point's number."""
+    by_label: dict[str, str] = {}
     for point in sorted(reasons):
         label = labels[point].strip()
-        if not label or label in left_out:
+        if not label or label in by_label:
             label = f"{label} (point {point + 1})".strip()
-        left_out[label] = reasons[point]
-    return left_out
+        by_label[label] = reasons[point]
+    return by_label

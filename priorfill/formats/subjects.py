@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from priorfill.errors import ClipError, SeveralSubjectsError
+from priorfill.errors import ClipError, MultipleSubjectsError
 
 __all__ = ["choose_subject"]
 
@@ -14,7 +14,7 @@ def choose_subject(
 ) -> tuple[str, dict[int, str]]:
     """Choose the subject whose markers are read.
 
-    Parameters
+    C3DParameters
     ----------
     owners : mapping of int to str
         Whose marker each point is by its label's prefix; empty where it has none.
@@ -35,13 +35,13 @@ def choose_subject(
     Raises
     ------
     ClipError
-        Where several are there and none is asked for (SeveralSubjectsError), or the one asked for
+        Where several are there and none is asked for (MultipleSubjectsError), or the one asked for
         is not there.
     """
     present = sorted({owner for owner in owners.values() if owner})
     if subject is None:
         if len(present) > 1:
-            raise SeveralSubjectsError(
+            raise MultipleSubjectsError(
                 f"{name}: holds {len(present)} subjects ({', '.join(present)}); "
                 "choose one (--subject NAME)",
                 present,

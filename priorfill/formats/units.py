@@ -42,7 +42,7 @@ def find_unit(
 ) -> tuple[str, float, list[str]]:
     """Find the unit that positions are in.
 
-    Parameters
+    C3DParameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), file units]
         NaN where missing.

@@ -45,15 +45,16 @@ the markers' names, of 331 recordings these find the right axis in 209 and a wro
 def find_up_axis(
     positions: NDArray[np.float64],
     labels: tuple[str, ...],
-    screen_up: str,
+    declared: str,
     option: str | None,
+    default: str = "+Z",
 ) -> tuple[str, str, list[str]]:
     """Find which axis points up.
 
     The option is believed; then the data where they are plain, then the file's Y_SCREEN (the
     axis shown upwards), then the floor, then +Z.
 
-    Parameters
+    C3DParameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
         NaN where missing.
@@ -83,7 +84,7 @@ def find_up_axis(
         if up is None:
             raise OptionError(f"up axis {option!r} is unknown; use one of {' '.join(UP_AXES)}")
         return up, "option", []
-    from_file = _axis_name(screen_up)
+    from_file = _axis_name(declared)
     from_names = up_from_names(positions, labels)
     if from_file is not None:
         if from_names in (None, from_file):
@@ -97,13 +98,13 @@ def find_up_axis(
     if from_floor is not None:
         note = f"Up is taken to be {from_floor}, as the lowest markers rest there (see --up)."
         return from_floor, "data", [note]
-    return "+Z", "default", ["Nothing tells which axis is up; +Z is assumed (see --up)."]
+    return default, "default", [f"Nothing tells which axis is up; {default} is assumed (see --up)."]
 
 
 def up_from_names(positions: NDArray[np.float64], labels: tuple[str, ...]) -> str | None:
     """Return the axis from the lowest to the highest named part of the body.
 
-    Parameters
+    C3DParameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), any unit]
         NaN where missing.
@@ -140,7 +141,7 @@ def up_from_floor(positions: NDArray[np.float64]) -> str | None:
 
     Feet stand on the floor in most frames; the top of the head moves.
 
-    Parameters
+    C3DParameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), any unit]
         NaN where missing.

@@ -20,7 +20,7 @@ from priorfill.errors import (
     OutputError,
     PriorfillError,
 )
-from priorfill.formats import recording
+from priorfill.formats import file_bytes
 from priorfill.formats.arrays import mat
 
 
@@ -98,7 +98,7 @@ WRONG = {
                        "no variable is"),
     "turned": ({"labels": list(LABELS), "positions": standing().T, "rate": 1.0}, "no variable is"),
     "infinite": ({"labels": list(LABELS), "positions": np.full((12, 6, 3), np.inf), "rate": 1.0},
-                 "variable positions is infinite in row 1 for marker LTOE"),
+                 "marker LTOE has an infinite coordinate in frame 1; mark the sample"),
     "no rate": ({"labels": list(LABELS), "positions": standing()}, r"no frame rate; .*\(--rate\)"),
     "rates": ({"labels": list(LABELS), "positions": standing(), "fs": [1.0, 2.0]},
               "variable fs should be one number"),
@@ -156,7 +156,7 @@ def test_what_unpacks_to_too_much_is_not_read(path, monkeypatch):
     save(path, labels=list(LABELS), positions=np.zeros((2000, 18)), rate=1.0)
     if path.suffix == ".npz":
         np.savez_compressed(path, labels=list(LABELS), positions=np.zeros((2000, 18)), rate=1.0)
-    monkeypatch.setattr(recording, "LARGEST", 100_000)
+    monkeypatch.setattr(file_bytes, "MAX_BYTES", 100_000)
     with pytest.raises(FormatError, match=r"holds .* GiB; at most"):
         formats.read(path)
 
@@ -169,7 +169,7 @@ def test_what_a_structure_unpacks_to_counts(tmp_path, monkeypatch):
     kind, size = struct.unpack_from("<II", data, 128)
     assert kind == 15
     assert mat._inflated(data) == len(zlib.decompress(data[136 : 136 + size])) > 288_000
-    monkeypatch.setattr(recording, "LARGEST", 100_000)
+    monkeypatch.setattr(file_bytes, "MAX_BYTES", 100_000)
     with pytest.raises(FormatError, match=r"holds .* GiB; at most"):
         formats.read(path)
 

@@ -20,9 +20,9 @@ from priorfill.errors import (
     PriorfillError,
 )
 from priorfill.formats.c3d.layout import parse_layout, read_points
-from priorfill.formats.c3d.parameters import Parameters
-from priorfill.formats.c3d.point_kinds import find_model_points, split_label
-from priorfill.formats.c3d.read import read_c3d
+from priorfill.formats.c3d.parameters import C3DParameters
+from priorfill.formats.c3d.read import declared_model_outputs, read_c3d
+from priorfill.formats.point_kinds import find_model_points, split_label
 from priorfill.formats.units import find_unit
 from priorfill.formats.up_axis import find_up_axis, up_from_floor, up_from_names
 
@@ -426,7 +426,7 @@ def test_what_is_no_recording_is_not_read(tmp_path):
         one_line(error)
     if hasattr(os, "mkfifo"):
         os.mkfifo(tmp_path / "pipe.c3d")
-        with pytest.raises(FormatError, match="is no file"):
+        with pytest.raises(FormatError, match="is not a regular file"):
             read_c3d(tmp_path / "pipe.c3d")
 
 
@@ -633,7 +633,8 @@ OTHERS = [
 def reasons(names, positions=None, parameters=None):
     if positions is None:
         positions = np.random.default_rng(0).normal(0, 500, (20, len(names), 3))
-    return find_model_points(names, names, positions, Parameters(parameters or {}))
+    declared = declared_model_outputs(C3DParameters(parameters or {}))
+    return find_model_points(names, names, positions, declared)
 
 
 def test_markers_are_kept():

@@ -18,7 +18,7 @@ from priorfill.errors import (
     OutputError,
     PriorfillError,
 )
-from priorfill.formats import recording
+from priorfill.formats import file_bytes
 from priorfill.formats.tables import text_table
 
 GAP = (slice(4, 7), 2)
@@ -298,7 +298,7 @@ WRONG = {
     "thousands": (files.trc, lambda d: d.replace(b"\t30.00000\t", b"\t1_000\t", 1), ".trc",
                   r"line 7, cell 4 \(LTOE Y\) is '1_000'"),
     "infinite": (files.trc, lambda d: d.replace(b"\t30.00000\t", b"\tinf\t", 1), ".trc",
-                 r"line 7, cell 4 \(LTOE Y\) is infinite"),
+                 "marker LTOE has an infinite coordinate in frame 1; mark the sample as missing"),
     "no header": (files.trc, lambda d: d[d.index(b"\r\n1\t"):], ".trc", "no line 'Frame# Time"),
     "no frames": (files.trc, lambda d: d[: d.index(b"\r\n1\t")], ".trc",
                   "has no frames after line 4"),
@@ -312,8 +312,6 @@ WRONG = {
     "binary": (files.trc, lambda d: d[:300] + b"\0" + d[300:], ".trc", r"line \d is no text"),
     "utf-16": (files.trc, lambda d: d.decode().encode("utf-16"), ".trc",
                "UTF-16; save it as UTF-8"),
-    "two of a name": (files.trc, lambda d: d.replace(b"RTOE", b"LTOE"), ".trc",
-                      "markers 1 and 2 are both named LTOE"),
     "blanks": (files.trc, lambda d: d.replace(b"\t", b" ").replace(b" 30.00000", b"", 1), ".trc",
                "line 7 has 19 of 20 cells; which are missing cannot be told"),
     "no trajectories": (files.nexus, lambda d: d.replace(b"Trajectories", b"Devices"), ".csv",
@@ -349,7 +347,7 @@ def test_a_wrong_file_gives_one_line(tmp_path, fault):
 
 
 def test_a_file_that_is_too_large_is_not_read(tmp_path, monkeypatch):
-    monkeypatch.setattr(recording, "LARGEST", 1000)
+    monkeypatch.setattr(file_bytes, "MAX_BYTES", 1000)
     with pytest.raises(FormatError, match=r"odd.trc: holds .* at most"):
         read_bytes(tmp_path, files.trc(standing()), ".trc")
 

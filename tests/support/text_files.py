@@ -57,7 +57,7 @@ def trc(
         "\t\t" + "".join(f"X{k}\tY{k}\tZ{k}\t" for k in range(1, count + 1)),
     ]
     lines += [""] * blank_line
-    for frame, row in enumerate(positions.reshape(frames, -1)):
+    for frame, row in enumerate(positions.reshape(frames, positions.shape[1] * 3)):
         cells = [str(first + frame), f"{frame / rate:.5f}"]
         cells += [number(value, decimals, missing) for value in row]
         lines.append("\t".join(cells) + "\t" * trailing_tab)
@@ -86,7 +86,7 @@ def nexus(
         "Frame,Sub Frame" + ",X,Y,Z" * count,
         "," + ",mm" * (3 * count),
     ]
-    for frame, row in enumerate(positions.reshape(frames, -1)):
+    for frame, row in enumerate(positions.reshape(frames, positions.shape[1] * 3)):
         cells = [str(first + frame), "0", *(number(value, decimals, "") for value in row)]
         lines.append(",".join(cells))
     text = "".join(f"{line}\n" for line in lines).replace(",", delimiter)
@@ -127,7 +127,7 @@ def qualisys(
     if titles:
         names = ["Frame", "Time"] if numbers else []
         lines.append("\t".join(names + [f"{label} {a}" for label in labels for a in "XYZ"]))
-    for frame, row in enumerate(positions.reshape(frames, -1)):
+    for frame, row in enumerate(positions.reshape(frames, positions.shape[1] * 3)):
         cells = [str(first + frame), f"{frame / 100:.5f}"] if numbers else []
         cells += [number(value, decimals, missing) for value in row]
         lines.append("\t".join(cells) + "\t" * trailing_tab)
@@ -168,7 +168,7 @@ def motive(
     rows.append(["", "", *lead[2:], *(column[3] for column in columns)])
     clock = ["TimeCode"] if timecode else []
     rows.append(["Frame", "Time (Seconds)", *clock, *(column[4] for column in columns)])
-    for frame, row in enumerate(positions.reshape(frames, -1)):
+    for frame, row in enumerate(positions.reshape(frames, positions.shape[1] * 3)):
         cells = [str(first + frame), f"{frame / rate:.6f}", *["15:26:46:12.02"] * timecode]
         cells += [f"{0.1 * k:.6f}" for k in range(before)]
         rows.append(cells + [number(value, decimals, "") for value in row])

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from priorfill.clip import Clip
 from priorfill.errors import FormatError, OutputError
-from priorfill.formats.c3d.patch import WriteReport
-from priorfill.formats.recording import Recording, check_filled
+from priorfill.formats.recording import Recording
+from priorfill.formats.write_report import WriteReport, check_filled
 from priorfill.geometry.axes import UP_AXES
 from priorfill.runtime.atomic_file import replace_file
 
@@ -55,7 +55,7 @@ def write_arrays(
 ) -> WriteReport:
     """Write a clip as a new file of named arrays, and read it back before it gets its name.
 
-    Parameters
+    C3DParameters
     ----------
     path : Path or str
         The file to write.
@@ -94,7 +94,7 @@ def write_arrays(
 def as_recording(arrays: Mapping[str, Any], name: str) -> Recording:
     """Understand named arrays.
 
-    Parameters
+    C3DParameters
     ----------
     arrays : mapping of str to array_like
         Positions may be (frames, markers, 3) or (frames, 3 markers) with X, Y, Z of a marker
@@ -119,18 +119,12 @@ def as_recording(arrays: Mapping[str, Any], name: str) -> Recording:
         )
     raw = np.asarray(arrays[candidates[0]])
     positions = np.array(raw, dtype=np.float64).reshape(raw.shape[0], len(labels), 3)
-    infinite = np.isinf(positions)
-    if infinite.any():
-        frame, marker, _ = (int(k) for k in np.argwhere(infinite)[0])
-        raise FormatError(
-            f"{name}: variable {candidates[0]} is infinite in row {frame + 1} for marker "
-            f"{labels[marker]}; put NaN where the sample is missing"
-        )
     up = _text(arrays, known, ("up",))
     if up and up not in UP_AXES:
         raise FormatError(
             f"{name}: variable up is {up[:20]!r}; one of {' '.join(UP_AXES)} is needed"
         )
+    subject = _text(arrays, known, ("subject",))
     first_frame = _number(arrays, known, ("first_frame",), name)
     filled = arrays[known["filled"]] if "filled" in known else None
     mask = None
@@ -147,7 +141,7 @@ def as_recording(arrays: Mapping[str, Any], name: str) -> Recording:
         _text(arrays, known, _UNITS),
         first_frame=1 if first_frame is None else round(first_frame),
         up=up,
-        subject=_text(arrays, known, ("subject",)),
+        subjects=(subject,) if subject else (),
         interpolated=mask,
     )
 

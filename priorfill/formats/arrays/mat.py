@@ -19,19 +19,16 @@ from numpy.typing import NDArray
 
 from priorfill.clip import Clip
 from priorfill.errors import FormatError
+from priorfill.formats import file_bytes
 from priorfill.formats.arrays.array_files import (
     LABELS,
     POSITIONS,
     as_recording,
     write_arrays,
 )
-from priorfill.formats.c3d.patch import WriteReport
-from priorfill.formats.recording import (
-    LARGEST,
-    Recording,
-    check_size,
-    read_bounded,
-)
+from priorfill.formats.file_bytes import check_size, read_bounded
+from priorfill.formats.recording import Recording
+from priorfill.formats.write_report import WriteReport
 
 __all__ = ["create_mat", "parse_mat", "recognise_mat"]
 
@@ -109,18 +106,18 @@ def _listed(data: bytes, name: str) -> list[tuple[str, tuple[int, ...], str]]:
 
 
 def _inflated(data: bytes) -> int:
-    """Return how many bytes the compressed variables have, about, counted up to `LARGEST`.
+    """Return how many bytes the compressed variables have, about, counted up to `MAX_BYTES`.
 
     A structure's listed shape says nothing of what is in it, and zlib packs a thousand to one.
     """
     order = {b"IM": "<", b"MI": ">"}.get(data[_ORDER_AT:_HEADER])
     total, place = 0, _HEADER
-    while order and place + 8 <= len(data) and total <= LARGEST:
+    while order and place + 8 <= len(data) and total <= file_bytes.MAX_BYTES:
         kind, size = struct.unpack_from(f"{order}II", data, place)
         place += 8
         if kind == _COMPRESSED:
             inflater, rest = zlib.decompressobj(), data[place : place + size]
-            while rest and total <= LARGEST:
+            while rest and total <= file_bytes.MAX_BYTES:
                 try:
                     part = inflater.decompress(rest, _PART)
                 except zlib.error:
@@ -198,7 +195,7 @@ def _of_qualisys(structure: Any, name: str) -> Recording:
             f"{name}: Trajectories.Labeled.Data has shape {data.shape}; "
             f"({len(labels)}, 4, frames) is needed: export again"
         )
-    positions = np.ascontiguousarray(data[:, :3].transpose(2, 0, 1))
+    positions = np.array(data[:, :3].transpose(2, 0, 1), order="C")
     return Recording(positions, labels, rate, "mm", first_frame=first)
 
 

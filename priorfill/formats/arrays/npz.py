@@ -18,8 +18,9 @@ from priorfill.formats.arrays.array_files import (
     as_recording,
     write_arrays,
 )
-from priorfill.formats.c3d.patch import WriteReport
-from priorfill.formats.recording import Recording, check_size
+from priorfill.formats.file_bytes import check_size
+from priorfill.formats.recording import Recording
+from priorfill.formats.write_report import WriteReport
 from priorfill.runtime.npz_file import save_arrays
 
 __all__ = ["create_npz_clip", "parse_npz", "recognise_npz"]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from priorfill.clip import Clip
 from priorfill.errors import OutputError, PriorfillError
 from priorfill.formats.c3d.layout import parse_layout, read_points
-from priorfill.formats.c3d.patch import WriteReport
+from priorfill.formats.write_report import WriteReport, check_filled
 from priorfill.runtime.atomic_file import replace_file
 
 __all__ = ["MOST_FRAMES", "create_c3d"]
@@ -36,7 +36,7 @@ def create_c3d(
 ) -> WriteReport:
     """Write a clip as a new C3D file with float coordinates in mm.
 
-    Parameters
+    C3DParameters
     ----------
     path : Path or str
         The file to write.
@@ -66,12 +66,7 @@ def create_c3d(
             f"{clip.name}: has {clip.frames} frames of {len(clip.labels)} markers; "
             f"C3D holds {MOST_FRAMES} of each: cut the clip into parts"
         )
-    if filled is not None and (np.asarray(filled, dtype=bool) & clip.missing).any():
-        frame, marker = np.argwhere(filled & clip.missing)[0]
-        raise OutputError(
-            f"{clip.name}: marker {clip.labels[marker]} is to be written as filled in frame "
-            f"{clip.first_frame + int(frame)} but has no position; mark only samples that have one"
-        )
+    written = check_filled(clip, filled)
     missing = clip.missing.T
     points = np.ones((4, len(clip.labels), clip.frames))
     points[:3] = clip.positions.transpose(2, 1, 0)
@@ -100,8 +95,7 @@ def create_c3d(
                 f"{path}: what was written there is not what should be; "
                 "check the folder's permissions and space"
             )
-    written = filled if filled is not None else np.zeros_like(clip.missing)
-    values = clip.positions[np.asarray(written, dtype=bool)]
+    values = clip.positions[written]
     rounded = values.astype(np.float32).astype(np.float64)
     return WriteReport(
         samples=len(values), worst_error_mm=float(np.abs(rounded - values).max(initial=0.0))

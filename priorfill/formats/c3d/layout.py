@@ -14,14 +14,14 @@ from priorfill.errors import ClipError, FormatError
 from priorfill.formats.c3d.encoding import Processor, decode_floats, decode_integers
 from priorfill.formats.c3d.parameters import (
     BLOCK,
-    Contents,
-    Header,
-    Parameters,
+    C3DHeader,
+    C3DParameters,
+    FileBytes,
     parse_header,
     parse_parameters,
 )
 
-__all__ = ["WORDS_PER_POINT", "Layout", "parse_layout", "read_points"]
+__all__ = ["WORDS_PER_POINT", "C3DLayout", "parse_layout", "read_points"]
 
 WORDS_PER_POINT = 4
 """X, Y, Z, and the word that holds residual and camera mask."""
@@ -40,7 +40,7 @@ _SATURATED = 65535
 
 
 @dataclass(frozen=True)
-class Layout:
+class C3DLayout:
     """Geometry of a file's data section, checked against the file's size.
 
     Attributes
@@ -65,7 +65,7 @@ class Layout:
         Byte at which the first frame begins.
     labels : tuple of str
         A label for each point, empty where the file has none.
-    parameters : Parameters
+    parameters : C3DParameters
         All the parameters.
     contradictions : tuple of str
         Where the file contradicts itself and what was believed, a sentence each.
@@ -81,7 +81,7 @@ class Layout:
     scale: float
     data_start: int
     labels: tuple[str, ...]
-    parameters: Parameters
+    parameters: C3DParameters
     contradictions: tuple[str, ...] = ()
 
     @property
@@ -110,7 +110,7 @@ class Layout:
 
 
 @dataclass(frozen=True)
-class _Geometry:
+class _DataSection:
     """One reading of the data section: what parameters or header say of it."""
 
     data_start: int
@@ -136,22 +136,22 @@ class _Geometry:
         return 0 <= self.size - self.end <= BLOCK
 
 
-def parse_layout(data: Contents, name: str) -> Layout:
+def parse_layout(data: FileBytes, name: str) -> C3DLayout:
     """Find the data section of a C3D file.
 
-    Parameters and header often say the same thing twice. Parameters are believed, as the
+    C3DParameters and header often say the same thing twice. C3DParameters are believed, as the
     format's guide has it, unless only what the header says fits the file's size.
 
-    Parameters
+    C3DParameters
     ----------
-    data : Contents
+    data : FileBytes
         The whole file.
     name : str
         What to call the file in messages.
 
     Returns
     -------
-    Layout
+    C3DLayout
         Where its samples are.
 
     Raises
@@ -181,7 +181,7 @@ def parse_layout(data: Contents, name: str) -> Layout:
             f"{name}: POINT:SCALE is {scale:g}, so coordinates are unknown; export it again"
         )
     rate, doubt = _rate(header, parameters)
-    return Layout(
+    return C3DLayout(
         processor=processor,
         points=points,
         analog_words=geometry.analog_words,
@@ -197,14 +197,14 @@ def parse_layout(data: Contents, name: str) -> Layout:
     )
 
 
-def read_points(data: bytes, layout: Layout) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def read_points(data: bytes, layout: C3DLayout) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Read the points of a file.
 
-    Parameters
+    C3DParameters
     ----------
     data : bytes
         The whole file.
-    layout : Layout
+    layout : C3DLayout
         Where its samples are.
 
     Returns
@@ -233,8 +233,8 @@ def read_points(data: bytes, layout: Layout) -> tuple[NDArray[np.float64], NDArr
 
 
 def _geometry(
-    data: Contents, header: Header, parameters: Parameters, points: int, name: str
-) -> tuple[_Geometry, list[str]]:
+    data: FileBytes, header: C3DHeader, parameters: C3DParameters, points: int, name: str
+) -> tuple[_DataSection, list[str]]:
     """Return the reading of the data section that fits the file, and what it overruled."""
     starts = [
         (block - 1) * BLOCK
@@ -253,7 +253,7 @@ def _geometry(
         frame_bytes = _frame_bytes(points, analog, is_float)
         room = _room(data, start, frame_bytes)
         readings += [
-            _Geometry(start, analog, is_float, points, count or room, len(data))
+            _DataSection(start, analog, is_float, points, count or room, len(data))
             for count in counts
             if count or room
         ]
@@ -285,7 +285,7 @@ def _said(what: str, chosen: object) -> str:
     return f"byte {chosen}" if what.startswith("where") else str(chosen)
 
 
-def _frame_counts(header: Header, parameters: Parameters) -> list[int]:
+def _frame_counts(header: C3DHeader, parameters: C3DParameters) -> list[int]:
     """Return the frame counts that a file states, most trusted first.
 
     A 0 stands for as many as the file has room for: where the count is one of 16 bits and
@@ -306,14 +306,14 @@ def _frame_counts(header: Header, parameters: Parameters) -> list[int]:
     return _unique([0 if count == _SATURATED else count for count in counts])
 
 
-def _room(data: Contents, start: int, frame_bytes: int) -> int:
+def _room(data: FileBytes, start: int, frame_bytes: int) -> int:
     """Return the frames that a file has room for, without the zeros that fill its last block."""
     tail = data[max(start, len(data) - BLOCK) :]
     used = len(data) - (len(tail) - len(tail.rstrip(b"\0"))) - start
     return max(0, min(-(-used // frame_bytes), (len(data) - start) // frame_bytes))
 
 
-def _rate(header: Header, parameters: Parameters) -> tuple[float, list[str]]:
+def _rate(header: C3DHeader, parameters: C3DParameters) -> tuple[float, list[str]]:
     """Return the frames per second, 0 if nothing says them, and a contradiction if there is one."""
     stated = [
         rate
@@ -331,7 +331,7 @@ def _rate(header: Header, parameters: Parameters) -> tuple[float, list[str]]:
     ]
 
 
-def _first_frame(header: Header, parameters: Parameters) -> int:
+def _first_frame(header: C3DHeader, parameters: C3DParameters) -> int:
     """Return the number of the first frame, in full where 16 bits have cut it."""
     begin = parameters.numbers("TRIAL", "ACTUAL_START_FIELD")
     if begin.size and _long(begin) % 65536 == header.first:
@@ -345,7 +345,7 @@ def _long(words: NDArray[np.float64]) -> int:
     return low + (high << 16)
 
 
-def _analog_words(header: Header, parameters: Parameters) -> int:
+def _analog_words(header: C3DHeader, parameters: C3DParameters) -> int:
     """Return the analog numbers in a frame as the parameters have it."""
     channels = parameters.count("ANALOG", "USED")
     if channels is None:

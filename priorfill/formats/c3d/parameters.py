@@ -1,4 +1,4 @@
-"""Header and parameter section of a C3D file."""
+"""C3DHeader and parameter section of a C3D file."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from priorfill.formats.c3d.encoding import Processor, decode_floats, decode_inte
 
 __all__ = [
     "BLOCK",
-    "Contents",
-    "Header",
-    "Parameters",
+    "C3DHeader",
+    "C3DParameters",
+    "FileBytes",
     "is_c3d",
     "parse_header",
     "parse_parameters",
@@ -38,12 +38,12 @@ _SHORT = np.iinfo(np.int16)
 
 Value = list[str] | NDArray[np.float64]
 
-Contents = bytes | mmap.mmap
+FileBytes = bytes | mmap.mmap
 """A whole file: read, or looked into where it is."""
 
 
 @dataclass(frozen=True)
-class Header:
+class C3DHeader:
     """What the first block says; counts as unsigned numbers.
 
     Attributes
@@ -73,10 +73,10 @@ class Header:
     rate: float
 
 
-class Parameters:
+class C3DParameters:
     """The parameters of a file by group and name, upper case, lists joined over 255.
 
-    Parameters
+    C3DParameters
     ----------
     values : dict of (str, str) to list of str or ndarray
         Each parameter's contents: strings without trailing blanks, or flat numbers.
@@ -128,24 +128,24 @@ class Parameters:
             part += 1
 
 
-def is_c3d(start: Contents) -> bool:
+def is_c3d(start: FileBytes) -> bool:
     """Tell if a file may be C3D by its first bytes."""
     return len(start) >= 2 and start[0] != 0 and start[1] == _KEY
 
 
-def parse_header(data: Contents, name: str) -> tuple[Header, Processor]:
+def parse_header(data: FileBytes, name: str) -> tuple[C3DHeader, Processor]:
     """Read the first block.
 
-    Parameters
+    C3DParameters
     ----------
-    data : Contents
+    data : FileBytes
         The whole file.
     name : str
         What to call the file in messages.
 
     Returns
     -------
-    tuple of Header and Processor
+    tuple of C3DHeader and Processor
         What it says, and in whose numbers.
 
     Raises
@@ -174,7 +174,7 @@ def parse_header(data: Contents, name: str) -> tuple[Header, Processor]:
     words = decode_integers(data[:BLOCK], processor).astype(np.int64) & 0xFFFF
     scale = decode_floats(data[12:16], processor)[0]
     rate = decode_floats(data[20:24], processor)[0]
-    header = Header(
+    header = C3DHeader(
         parameter_start=start,
         points=int(words[1]),
         analog_words=int(words[2]),
@@ -188,14 +188,16 @@ def parse_header(data: Contents, name: str) -> tuple[Header, Processor]:
     return header, processor
 
 
-def parse_parameters(data: Contents, header: Header, processor: Processor, name: str) -> Parameters:
+def parse_parameters(
+    data: FileBytes, header: C3DHeader, processor: Processor, name: str
+) -> C3DParameters:
     """Read the parameter section.
 
-    Parameters
+    C3DParameters
     ----------
-    data : Contents
+    data : FileBytes
         The whole file.
-    header : Header
+    header : C3DHeader
         What its first block says.
     processor : Processor
         Its number format.
@@ -204,7 +206,7 @@ def parse_parameters(data: Contents, header: Header, processor: Processor, name:
 
     Returns
     -------
-    contents : Parameters
+    contents : C3DParameters
         All of them.
 
     Raises
@@ -229,11 +231,11 @@ def parse_parameters(data: Contents, header: Header, processor: Processor, name:
     for identity, label, value in found:
         # a parameter may stand before its group, so groups are looked up at the end
         values.setdefault((groups.get(identity, ""), label), value)
-    return Parameters(values, regular=regular)
+    return C3DParameters(values, regular=regular)
 
 
 def _records(
-    data: Contents, header: Header, processor: Processor, name: str
+    data: FileBytes, header: C3DHeader, processor: Processor, name: str
 ) -> Iterator[tuple[int, str, bytes]]:
     """Yield identity, name and body of each record: groups (identity < 0) and parameters."""
     at = header.parameter_start + 4

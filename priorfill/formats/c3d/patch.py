@@ -25,12 +25,13 @@ from priorfill.formats.c3d.encoding import (
     encode_floats,
     encode_integers,
 )
-from priorfill.formats.c3d.layout import WORDS_PER_POINT, Layout, parse_layout
-from priorfill.formats.c3d.parameters import Contents
-from priorfill.formats.contents import check_unchanged, told
+from priorfill.formats.c3d.layout import WORDS_PER_POINT, C3DLayout, parse_layout
+from priorfill.formats.c3d.parameters import FileBytes
+from priorfill.formats.file_bytes import check_unchanged, os_errors_explained
+from priorfill.formats.write_report import WriteReport, check_filled
 from priorfill.runtime.atomic_file import check_target, replace_file
 
-__all__ = ["Prepared", "WriteReport", "prepare", "write_c3d"]
+__all__ = ["PatchPlan", "plan_patch", "write_c3d"]
 
 _INTEGERS = np.iinfo(np.int16)
 
@@ -45,26 +46,7 @@ _OFF_ORIGIN = 1e-6
 
 
 @dataclass(frozen=True)
-class WriteReport:
-    """What writing a file did.
-
-    Attributes
-    ----------
-    samples : int
-        Filled samples written.
-    worst_error_mm : float
-        Largest change of a coordinate (mm) by rounding it to what the file can hold.
-    changes : tuple of str
-        What is otherwise in the file than in its source, beside the filled samples.
-    """
-
-    samples: int
-    worst_error_mm: float
-    changes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Prepared:
+class PatchPlan:
     """A source file, and the samples that are to be written into a copy.
 
     Attributes
@@ -73,7 +55,7 @@ class Prepared:
         The source: it is gone through part by part, as it may be large.
     size : int
         Its bytes.
-    layout : Layout
+    layout : C3DLayout
         Where its samples are.
     frames, markers, points : ndarray [shape=(samples,)]
         Frame, marker of the clip and point of the file of each sample.
@@ -85,7 +67,7 @@ class Prepared:
 
     source: Source
     size: int
-    layout: Layout
+    layout: C3DLayout
     frames: NDArray[np.intp]
     markers: NDArray[np.intp]
     points: NDArray[np.intp]
@@ -100,7 +82,7 @@ def write_c3d(
 
     A filled sample gets residual 0 and no cameras, the format's sign for "interpolated".
 
-    Parameters
+    C3DParameters
     ----------
     path : Path or str
         The file to write; never the source.
@@ -125,27 +107,27 @@ def write_c3d(
     FormatError
         If the source is gone or cannot be read.
     """
-    ready = prepare(path, clip, filled, overwrite=overwrite)
-    _check_range(ready, clip)
+    plan = plan_patch(path, clip, filled, overwrite=overwrite)
+    _check_range(plan, clip)
     with replace_file(path, overwrite=overwrite) as temporary:
-        _write(temporary, ready)
-        worst = _verify(temporary, ready)
-    return WriteReport(samples=len(ready.frames), worst_error_mm=worst * ready.mm_per_unit)
+        _write(temporary, plan)
+        worst = _verify(temporary, plan)
+    return WriteReport(samples=len(plan.frames), worst_error_mm=worst * plan.mm_per_unit)
 
 
-def prepare(
+def plan_patch(
     path: Path | str, clip: Clip, filled: NDArray[np.bool_], *, overwrite: bool = False
-) -> Prepared:
+) -> PatchPlan:
     """Check that filled samples can be written into a copy of the clip's source.
 
-    Parameters
+    C3DParameters
     ----------
     path, clip, filled, overwrite
         As `write_c3d` takes them.
 
     Returns
     -------
-    Prepared
+    PatchPlan
         The source and the samples to write.
 
     Raises
@@ -156,25 +138,12 @@ def prepare(
     source = clip.source
     if source is None:
         raise OutputError(f"{clip.name}: comes from no file to copy; write it as a new file")
-    filled = np.asarray(filled, dtype=bool)
-    if filled.shape != clip.missing.shape:
-        raise OutputError(
-            f"{clip.name}: the mask of filled samples has shape {filled.shape}; "
-            f"{clip.missing.shape} (frames, markers) is needed"
-        )
+    filled = check_filled(clip, filled)
     check_target(path, overwrite=overwrite, source=source.path)
     frames, markers = np.nonzero(filled)
     values = clip.positions[frames, markers]
-    unknown = np.isnan(values).any(axis=1)
-    if unknown.any():
-        first = int(np.argmax(unknown))
-        raise OutputError(
-            f"{clip.name}: marker {clip.labels[markers[first]]} is to be written as filled in "
-            f"frame {clip.first_frame + int(frames[first])} but has no position; "
-            "mark only samples that have one"
-        )
     layout, size = _layout(source)
-    return Prepared(
+    return PatchPlan(
         source=source,
         size=size,
         layout=layout,
@@ -186,13 +155,13 @@ def prepare(
     )
 
 
-def _layout(source: Source) -> tuple[Layout, int]:
+def _layout(source: Source) -> tuple[C3DLayout, int]:
     """Return where the source's samples are, and its bytes; it is as it was read."""
-    with told(source.path), source.path.open("rb") as file:
+    with os_errors_explained(source.path), source.path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
         check_unchanged(source.path, digest, source.sha256)
         file.seek(0)
-        contents: Contents
+        contents: FileBytes
         try:
             contents = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         except (OSError, ValueError):  # not on every file system; a file just emptied
@@ -200,24 +169,24 @@ def _layout(source: Source) -> tuple[Layout, int]:
         return parse_layout(contents, source.path.name), len(contents)
 
 
-def _check_range(ready: Prepared, clip: Clip) -> None:
+def _check_range(plan: PatchPlan, clip: Clip) -> None:
     """Raise OutputError at the first coordinate that the file's numbers cannot hold."""
-    if ready.layout.is_float:
+    if plan.layout.is_float:
         return
-    steps = np.rint(ready.in_units / ready.layout.scale)
+    steps = np.rint(plan.in_units / plan.layout.scale)
     beyond = ((steps < _INTEGERS.min) | (steps > _INTEGERS.max)).any(axis=1)
     if beyond.any():
         first = int(np.argmax(beyond))
-        limit = ready.layout.scale * _INTEGERS.max
+        limit = plan.layout.scale * _INTEGERS.max
         raise OutputError(
-            f"{clip.name}: the filled position of {clip.labels[ready.markers[first]]} in frame "
-            f"{clip.first_frame + int(ready.frames[first])} is "
-            f"{np.abs(ready.in_units[first]).max():.4g} file units from the origin; this file's "
+            f"{clip.name}: the filled position of {clip.labels[plan.markers[first]]} in frame "
+            f"{clip.first_frame + int(plan.frames[first])} is "
+            f"{np.abs(plan.in_units[first]).max():.4g} file units from the origin; this file's "
             f"integers end at {limit:.4g}: write a file with float coordinates (--rewrite)"
         )
 
 
-def _encode(in_units: NDArray[np.float64], layout: Layout) -> NDArray[np.uint8]:
+def _encode(in_units: NDArray[np.float64], layout: C3DLayout) -> NDArray[np.uint8]:
     """Return the bytes of the records: position, then residual 0 and no cameras."""
     words = np.zeros((len(in_units), WORDS_PER_POINT))
     words[:, :3] = in_units if layout.is_float else np.rint(in_units / layout.scale)
@@ -228,7 +197,7 @@ def _encode(in_units: NDArray[np.float64], layout: Layout) -> NDArray[np.uint8]:
     return encode_integers(words.astype(np.int16), layout.processor)
 
 
-def _parts(ready: Prepared) -> Iterator[tuple[NDArray[np.uint8], slice, NDArray[np.intp]]]:
+def _parts(plan: PatchPlan) -> Iterator[tuple[NDArray[np.uint8], slice, NDArray[np.intp]]]:
     """Go through the source, from end to end: it may be too large to have it in memory.
 
     Yields
@@ -240,40 +209,40 @@ def _parts(ready: Prepared) -> Iterator[tuple[NDArray[np.uint8], slice, NDArray[
     places : ndarray of int [shape=(samples, bytes of a record)]
         Where in these bytes the samples' records are.
     """
-    layout, path = ready.layout, ready.source.path
+    layout, path = plan.layout, plan.source.path
     cuts = range(0, layout.frames, _FRAMES_AT_ONCE)
     edges = [0, *(layout.data_start + frame * layout.frame_bytes for frame in cuts)]
     # no sample is before the first frame
-    starts = [0, *np.searchsorted(ready.frames, cuts).tolist()]
+    starts = [0, *np.searchsorted(plan.frames, cuts).tolist()]
     digest = hashlib.sha256()
-    with told(path):
+    with os_errors_explained(path):
         file = path.open("rb")
     with file:
         for (first, last), (start, stop) in zip(
-            pairwise([*edges, ready.size]), pairwise([*starts, len(ready.frames)]), strict=True
+            pairwise([*edges, plan.size]), pairwise([*starts, len(plan.frames)]), strict=True
         ):
-            with told(path):
+            with os_errors_explained(path):
                 part = file.read(last - first)
             digest.update(part)
             if len(part) != last - first:
                 break
             some = slice(start, stop)
-            offsets = layout.record_offsets(ready.frames[some], ready.points[some]) - first
+            offsets = layout.record_offsets(plan.frames[some], plan.points[some]) - first
             original = np.frombuffer(part, np.uint8)
             yield original, some, offsets[:, None] + np.arange(layout.record_bytes)
-    check_unchanged(path, digest.hexdigest(), ready.source.sha256)  # meanwhile
+    check_unchanged(path, digest.hexdigest(), plan.source.sha256)  # meanwhile
 
 
-def _write(temporary: Path, ready: Prepared) -> None:
+def _write(temporary: Path, plan: PatchPlan) -> None:
     """Write the source with the filled samples in it."""
     with temporary.open("wb") as file:
-        for original, some, places in _parts(ready):
+        for original, some, places in _parts(plan):
             part = original.copy()
-            part[places] = _encode(ready.in_units[some], ready.layout)
+            part[places] = _encode(plan.in_units[some], plan.layout)
             file.write(part.data)
 
 
-def _verify(temporary: Path, ready: Prepared) -> float:
+def _verify(temporary: Path, plan: PatchPlan) -> float:
     """Read the written file back and return the largest error of a coordinate (file units).
 
     Raises
@@ -283,11 +252,11 @@ def _verify(temporary: Path, ready: Prepared) -> float:
         should be: neither has a cause that we know; a full disk and a faulty program have.
         Or if the source has changed meanwhile.
     """
-    layout = ready.layout
-    as_intended = temporary.stat().st_size == ready.size
+    layout = plan.layout
+    as_intended = temporary.stat().st_size == plan.size
     worst = 0.0
     with temporary.open("rb") as file:
-        for original, some, places in _parts(ready):  # to its end, which tells if it has changed
+        for original, some, places in _parts(plan):  # to its end, which tells if it has changed
             written = np.frombuffer(file.read(len(original)), np.uint8)
             if not as_intended or len(written) != len(original):
                 as_intended = False
@@ -295,7 +264,7 @@ def _verify(temporary: Path, ready: Prepared) -> float:
             differs = written != original
             differs[places] = False
             words = _decode(written[places], layout)
-            expected = ready.in_units[some]
+            expected = plan.in_units[some]
             error = np.abs(words[:, :3] - expected)
             allowed = np.abs(expected) * _FLOAT_STEP + _OFF_ORIGIN
             if not layout.is_float:
@@ -311,7 +280,7 @@ def _verify(temporary: Path, ready: Prepared) -> float:
     return worst
 
 
-def _decode(records: NDArray[np.uint8], layout: Layout) -> NDArray[np.float64]:
+def _decode(records: NDArray[np.uint8], layout: C3DLayout) -> NDArray[np.float64]:
     """Return the words of records: position (file units), then the fourth [shape=(n, 4)]."""
     raw = records.tobytes()
     if layout.is_float:

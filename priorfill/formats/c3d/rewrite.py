@@ -21,14 +21,15 @@ from priorfill.errors import OutputError, PriorfillError
 from priorfill.formats.c3d.encoding import Processor, decode_floats, decode_integers
 from priorfill.formats.c3d.layout import (
     WORDS_PER_POINT,
-    Layout,
+    C3DLayout,
     parse_layout,
     read_points,
 )
 from priorfill.formats.c3d.parameters import Value
-from priorfill.formats.c3d.patch import Prepared, WriteReport, prepare
+from priorfill.formats.c3d.patch import PatchPlan, plan_patch
 from priorfill.formats.c3d.read import read_c3d_bytes
-from priorfill.formats.contents import check_unchanged
+from priorfill.formats.file_bytes import check_unchanged
+from priorfill.formats.write_report import WriteReport
 from priorfill.runtime.atomic_file import replace_file
 
 __all__ = ["rewrite_c3d"]
@@ -48,13 +49,13 @@ _ANALOG_ERROR = 1e-5
 _EVENT_KEY = 0x3039
 _EVENT_WORDS = slice(149, 151)
 _EVENT_TIMES = 304
-"""Header: the words with the key, 12345, and the number of events; the byte of their times."""
+"""C3DHeader: the words with the key, 12345, and the number of events; the byte of their times."""
 
 _MOST_EVENTS = 18
 """Events that a header has room for."""
 
 _PLACES = frozenset({("POINT", "DATA_START")})
-"""Parameters that say where things are in the file, which differs of course."""
+"""C3DParameters that say where things are in the file, which differs of course."""
 
 _WORD = (-(1 << 15), (1 << 16) - 1)
 """What the fourth word of a sample can be, signed or not."""
@@ -69,7 +70,7 @@ def rewrite_c3d(
 ) -> WriteReport:
     """Write what the clip's source holds, with the filled samples, as a file of float numbers.
 
-    Parameters
+    C3DParameters
     ----------
     path : Path or str
         The file to write; never the source.
@@ -94,16 +95,16 @@ def rewrite_c3d(
     """
     import ezc3d  # slow to import, and `--help` should not wait for it
 
-    ready = prepare(path, clip, filled, overwrite=overwrite)
-    assert clip.source is not None  # prepare has seen to it
-    _check_suits_ezc3d(ready.layout, clip.source.path.name)
+    plan = plan_patch(path, clip, filled, overwrite=overwrite)
+    assert clip.source is not None  # plan_patch has seen to it
+    _check_suits_ezc3d(plan.layout, clip.source.path.name)
     with replace_file(path, overwrite=overwrite) as temporary:
         try:
             content = ezc3d.c3d(str(clip.source.path))
             data = content["data"]
-            data["points"][:3, ready.points, ready.frames] = ready.in_units.T
-            data["meta_points"]["residuals"][0, ready.points, ready.frames] = 0
-            data["meta_points"]["camera_masks"][:, ready.points, ready.frames] = False
+            data["points"][:3, plan.points, plan.frames] = plan.in_units.T
+            data["meta_points"]["residuals"][0, plan.points, plan.frames] = 0
+            data["meta_points"]["camera_masks"][:, plan.points, plan.frames] = False
             _fit_labels(content, "POINT", data["points"].shape[1])
             _fit_labels(content, "ANALOG", data["analogs"].shape[1])
             content.write(str(temporary))
@@ -114,15 +115,15 @@ def rewrite_c3d(
                 "write a copy (without --rewrite) and leave what does not fit unfilled"
             ) from error
         written = temporary.read_bytes()
-        worst, changes = _compare(ready, written, clip.source.path.name)
+        worst, changes = _compare(plan, written, clip.source.path.name)
     return WriteReport(
-        samples=len(ready.frames),
-        worst_error_mm=worst * ready.mm_per_unit,
+        samples=len(plan.frames),
+        worst_error_mm=worst * plan.mm_per_unit,
         changes=tuple(changes),
     )
 
 
-def _check_suits_ezc3d(layout: Layout, name: str) -> None:
+def _check_suits_ezc3d(layout: C3DLayout, name: str) -> None:
     """Raise OutputError if a file has what ezc3d misreads, hangs on or crashes on.
 
     It does not know MIPS; it believes the header where the parameters are right; it reads no
@@ -172,7 +173,7 @@ def _fit_labels(content: Any, group: str, count: int) -> None:
             content.add_parameter(group, part, some)
 
 
-def _compare(ready: Prepared, written: bytes, name: str) -> tuple[float, list[str]]:
+def _compare(plan: PatchPlan, written: bytes, name: str) -> tuple[float, list[str]]:
     """Return the largest error of a filled coordinate (file units), and what else has changed.
 
     Raises
@@ -180,14 +181,14 @@ def _compare(ready: Prepared, written: bytes, name: str) -> tuple[float, list[st
     OutputError
         If a sample is not where it should be, or the source has changed meanwhile.
     """
-    before = ready.layout
-    original = read_c3d_bytes(ready.source.path)
-    source = ready.source
+    before = plan.layout
+    original = read_c3d_bytes(plan.source.path)
+    source = plan.source
     check_unchanged(source.path, hashlib.sha256(original).hexdigest(), source.sha256)  # meanwhile
     expected, residual = read_points(original, before)
     expected[residual < 0] = np.nan
     expected[np.isnan(expected).any(axis=2)] = np.nan
-    expected[ready.frames, ready.points] = ready.in_units
+    expected[plan.frames, plan.points] = plan.in_units
     failed = OutputError(
         f"{name}: ezc3d does not write back all of this file's samples as they are; "
         "write a copy (without --rewrite) and leave what does not fit unfilled"
@@ -202,9 +203,9 @@ def _compare(ready: Prepared, written: bytes, name: str) -> tuple[float, list[st
         positions, expected, rtol=_FLOAT_STEP, atol=0, equal_nan=True
     ):
         raise failed
-    error = np.abs(positions[ready.frames, ready.points] - ready.in_units)
+    error = np.abs(positions[plan.frames, plan.points] - plan.in_units)
     untouched = np.asarray(~np.isnan(expected).any(axis=2))
-    untouched[ready.frames, ready.points] = False
+    untouched[plan.frames, plan.points] = False
     return float(error.max(initial=0.0)), list(
         _changes(original, before, written, after, untouched)
     )
@@ -212,9 +213,9 @@ def _compare(ready: Prepared, written: bytes, name: str) -> tuple[float, list[st
 
 def _changes(
     original: bytes,
-    before: Layout,
+    before: C3DLayout,
     written: bytes,
-    after: Layout,
+    after: C3DLayout,
     untouched: NDArray[np.bool_],
 ) -> Iterator[str]:
     """Yield what differs between two files, beside the filled samples."""
@@ -239,7 +240,7 @@ def _changes(
     yield from _parameter_changes(before, after)
 
 
-def _events(data: bytes, layout: Layout) -> NDArray[np.float64]:
+def _events(data: bytes, layout: C3DLayout) -> NDArray[np.float64]:
     """Return the times of the events that a file's header holds."""
     key, count = decode_integers(data[:512], layout.processor)[_EVENT_WORDS]
     if key != _EVENT_KEY or not 0 < count <= _MOST_EVENTS:
@@ -247,7 +248,7 @@ def _events(data: bytes, layout: Layout) -> NDArray[np.float64]:
     return decode_floats(data[_EVENT_TIMES : _EVENT_TIMES + 4 * int(count)], layout.processor)
 
 
-def _quality(data: bytes, layout: Layout) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _quality(data: bytes, layout: C3DLayout) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return cameras, and residuals in thousandths of a file unit [shape=(frames, points)]."""
     # a float may be anything; what has more than 16 bits says nothing of cameras or residuals
     words = np.nan_to_num(read_points(data, layout)[1]).clip(*_WORD).astype(np.int64)
@@ -257,7 +258,7 @@ def _quality(data: bytes, layout: Layout) -> tuple[NDArray[np.int64], NDArray[np
         return cameras, np.nan_to_num(np.rint(1000 * layout.scale * steps))
 
 
-def _same_analog(original: bytes, before: Layout, written: bytes, after: Layout) -> bool:
+def _same_analog(original: bytes, before: C3DLayout, written: bytes, after: C3DLayout) -> bool:
     """Tell if two files have the same analog values, scaled as each says."""
     one, two = _analog(original, before), _analog(written, after)
     if one.shape != two.shape:
@@ -270,7 +271,7 @@ def _same_analog(original: bytes, before: Layout, written: bytes, after: Layout)
     return bool(np.allclose(one, two, rtol=_ANALOG_ERROR, atol=_ANALOG_ERROR * largest))
 
 
-def _analog(data: bytes, layout: Layout) -> NDArray[np.float64]:
+def _analog(data: bytes, layout: C3DLayout) -> NDArray[np.float64]:
     """Return a file's analog values [shape=(frames, samples, channels), as scaled]."""
     channels = layout.parameters.count("ANALOG", "USED") or 0
     if layout.analog_words == 0 or channels == 0:
@@ -293,7 +294,7 @@ def _analog(data: bytes, layout: Layout) -> NDArray[np.float64]:
     return scaled
 
 
-def _parameter_changes(before: Layout, after: Layout) -> Iterator[str]:
+def _parameter_changes(before: C3DLayout, after: C3DLayout) -> Iterator[str]:
     """Yield a sentence for each group whose parameters differ."""
     old, new = dict(before.parameters.items()), dict(after.parameters.items())
     groups: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.errors import FormatError
-from priorfill.formats.contents import read_contents
+from priorfill.formats.file_bytes import read_bytes
 from priorfill.formats.skeletons.numbered_lines import GREATEST, NumberedLines
 from priorfill.skeleton.joints import Motion, Skeleton, euler
 
@@ -76,7 +76,7 @@ def read_asf(path: Path) -> AsfSkeleton:
     FormatError
         Where the file is not there, or is no ASF file, or a damaged one.
     """
-    return parse_asf(read_contents(path, most=LARGEST), str(path))
+    return parse_asf(read_bytes(path, max_bytes=LARGEST), str(path))
 
 
 def read_amc(path: Path, asf: AsfSkeleton) -> Motion:
@@ -87,7 +87,7 @@ def read_amc(path: Path, asf: AsfSkeleton) -> Motion:
     FormatError
         Where the file is not there, is damaged, or does not fit the skeleton.
     """
-    return parse_amc(read_contents(path, most=LARGEST), asf, str(path))
+    return parse_amc(read_bytes(path, max_bytes=LARGEST), asf, str(path))
 
 
 def find_asf(amc: Path) -> Path | None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.errors import FormatError
-from priorfill.formats.contents import read_contents
+from priorfill.formats.file_bytes import read_bytes
 from priorfill.formats.skeletons.numbered_lines import GREATEST, NumberedLines
 from priorfill.skeleton.joints import Motion, Skeleton, euler
 
@@ -51,7 +51,7 @@ def read_bvh(path: Path) -> Motion:
     FormatError
         Where the file is not there, or is no BVH file, or a damaged one.
     """
-    return parse_bvh(read_contents(path, most=LARGEST), str(path))
+    return parse_bvh(read_bytes(path, max_bytes=LARGEST), str(path))
 
 
 def parse_bvh(data: bytes, name: str) -> Motion:

@@ -19,7 +19,7 @@ _LONGEST_SHOWN = 40
 class NumberedLines:
     """Goes through the lines of a file that have words; may be left and taken up again.
 
-    Parameters
+    C3DParameters
     ----------
     data : bytes
         The file's contents; what is no UTF-8 is taken as Latin-1.
@@ -59,7 +59,7 @@ class NumberedLines:
     ) -> tuple[float, ...]:
         """Return words as numbers.
 
-        Parameters
+        C3DParameters
         ----------
         words : sequence of str
             The words.

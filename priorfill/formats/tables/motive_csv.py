@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import re
 
-from priorfill.errors import FormatError
+from priorfill.errors import ClipError, FormatError
 from priorfill.formats.recording import Recording
 from priorfill.formats.tables.text_table import (
     TableRecording,
@@ -88,7 +88,7 @@ def parse_motive(data: bytes, name: str) -> TableRecording:
     columns = [where for _, where in chosen]
     rows = [row for row in range(frame_row + 1, len(lines)) if lines[row].strip(b" ,\r\n")]
     if not rows:
-        raise FormatError(f"{name}: has no frames after line {frame_row + 1}; export it again")
+        raise ClipError(f"{name}: has no frames after line {frame_row + 1}; export it again")
     positions, table = read_table(lines, rows, columns, labels, _DELIMITER, name)
     split = [cells_of(lines[row], _DELIMITER)[:2] for row in rows]
     first, of_frames = frame_numbers([cells[0] for cells in split], rows, name)
@@ -102,7 +102,7 @@ def parse_motive(data: bytes, name: str) -> TableRecording:
             rate,
             header.get("Length Units", ""),
             first_frame=first,
-            usual_up="+Y",
+            default_up="+Y",
             notes=(*notes, *of_frames, *of_rate),
         ),
         table,

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import re
 
-from priorfill.errors import FormatError
+from priorfill.errors import ClipError, FormatError
 from priorfill.formats.recording import Recording
 from priorfill.formats.tables.text_table import (
     TableRecording,
@@ -83,7 +83,7 @@ def parse_nexus(data: bytes, name: str) -> TableRecording:
             break
         rows.append(row)
     if not rows:
-        raise FormatError(f"{name}: has no frames after line {start + 5}; export it again")
+        raise ClipError(f"{name}: has no frames after line {start + 5}; export it again")
     positions, table = read_table(lines, rows, columns, labels, delimiter, name)
     first, notes = frame_numbers([cells_of(lines[row], delimiter)[0] for row in rows], rows, name)
     here = sorted({units[c[0]] for c in columns if c[0] < len(units) and units[c[0]]})

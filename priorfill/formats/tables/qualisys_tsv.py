@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import re
 
-from priorfill.errors import FormatError
+from priorfill.errors import ClipError, FormatError
 from priorfill.formats.recording import Recording
 from priorfill.formats.tables.text_table import (
     TableRecording,
@@ -80,7 +80,7 @@ def parse_qualisys(data: bytes, name: str) -> TableRecording:
         row += 1
     rows = [k for k in range(row, len(lines)) if lines[k].strip(b" \r\n")]
     if not rows:
-        raise FormatError(f"{name}: has no frames after line {row}; export it again")
+        raise ClipError(f"{name}: has no frames after line {row}; export it again")
     split = [cells_of(lines[k], _DELIMITER) for k in rows]
     before = _columns_before(split, titles, len(labels), rows, name)
     columns = [[before + 3 * k, before + 3 * k + 1, before + 3 * k + 2] for k in range(len(labels))]
@@ -109,7 +109,7 @@ def parse_qualisys(data: bytes, name: str) -> TableRecording:
             rate,
             "mm",
             first_frame=first,
-            no_markers={
+            not_markers={
                 point: _NO_MARKERS[kind.lower()]
                 for point, kind in enumerate(types[: len(labels)])
                 if kind.lower() in _NO_MARKERS

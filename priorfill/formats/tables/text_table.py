@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from priorfill.clip import Clip
 from priorfill.errors import FormatError, OutputError, PriorfillError
-from priorfill.formats.c3d.patch import WriteReport
-from priorfill.formats.recording import Recording, check_filled, read_source
+from priorfill.formats.file_bytes import read_source
+from priorfill.formats.recording import Recording
+from priorfill.formats.write_report import WriteReport, check_filled
 from priorfill.runtime.atomic_file import check_target, replace_file
 
 __all__ = [
@@ -165,7 +166,7 @@ def read_table(
 ) -> tuple[NDArray[np.float64], Table]:
     """Read the numbers of a table.
 
-    Parameters
+    C3DParameters
     ----------
     lines : list of bytes
         All lines of the file.
@@ -218,13 +219,6 @@ def read_table(
                 _number(cells[cell], number, row, cell, labels, name)
                 for number, cell in enumerate(flat)
             ]
-    infinite = np.isinf(values)
-    if infinite.any():
-        frame, number = (int(k) for k in np.argwhere(infinite)[0])
-        raise FormatError(
-            f"{_place(rows[frame], flat[number], number, labels, name)} is infinite; "
-            "leave the cell blank if the sample is missing"
-        )
     _check_end(lines, rows, last, delimiter, name)
     table = Table(lines, np.array(rows, dtype=np.intp), where, delimiter, comma)
     return values.reshape(len(rows), len(where), 3), table
@@ -235,7 +229,7 @@ def frame_numbers(
 ) -> tuple[int, list[str]]:
     """Read the column of frame numbers.
 
-    Parameters
+    C3DParameters
     ----------
     first_cells : sequence of bytes
         The cells.
@@ -280,7 +274,7 @@ def find_rate(
 ) -> tuple[float | None, list[str]]:
     """Return the frame rate by a header and a time column.
 
-    Parameters
+    C3DParameters
     ----------
     said : float or None
         Of the header (Hz); None if it has none.
@@ -326,7 +320,7 @@ def write_table(
     Every other byte is as in the source. Numbers have as many decimals as the measured ones.
     The copy is read back and compared before it gets its name.
 
-    Parameters
+    C3DParameters
     ----------
     path : Path or str
         The file to write; never the source.

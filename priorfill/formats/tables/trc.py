@@ -22,9 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.clip import Clip
-from priorfill.errors import FormatError, OutputError
-from priorfill.formats.c3d.patch import WriteReport
-from priorfill.formats.recording import Recording, check_filled
+from priorfill.errors import ClipError, FormatError, OutputError
+from priorfill.formats.recording import Recording
 from priorfill.formats.tables.text_table import (
     BLANKS,
     TableRecording,
@@ -35,6 +34,7 @@ from priorfill.formats.tables.text_table import (
     split_lines,
     texts_of,
 )
+from priorfill.formats.write_report import WriteReport, check_filled
 from priorfill.runtime.atomic_file import replace_file
 
 __all__ = ["create_trc", "parse_trc", "recognise_trc"]
@@ -72,7 +72,7 @@ def parse_trc(data: bytes, name: str) -> TableRecording:
         if lines[row].strip() and lines[row].strip()[:1] not in b"Xx"
     ]
     if not rows:
-        raise FormatError(f"{name}: has no frames after line {names_row + 1}; export it again")
+        raise ClipError(f"{name}: has no frames after line {names_row + 1}; export it again")
     delimiter = b"\t" if b"\t" in lines[rows[0]] else BLANKS
     labels, columns = _markers(lines, names_row, rows[0], delimiter, name)
     positions, table = read_table(lines, rows, columns, labels, delimiter, name)
@@ -95,7 +95,7 @@ def parse_trc(data: bytes, name: str) -> TableRecording:
             rate,
             header.get("units", ""),
             first_frame=first,
-            usual_up="+Y",
+            default_up="+Y",
             notes=(*notes, *of_rate),
         ),
         table,
@@ -111,7 +111,7 @@ def create_trc(
 ) -> WriteReport:
     """Write a clip as a new TRC file, in mm and the clip's own axes; missing cells are blank.
 
-    Parameters
+    C3DParameters
     ----------
     path : Path or str
         The file to write.

@@ -1,34 +1,23 @@
-"""Which points of a C3D file are markers, and why the others are not.
+"""Which points of a file are markers, and why the others are not.
 
 Programs store joint angles, forces, centres of mass and the axes of body segments among the
-points. A point is left out only for a reason that can be named; in doubt it is a marker.
-A marker that is never seen in the clip stays one: it is to be filled.
+points. A point is left out only for a reason that can be stated; in doubt it is a marker. A marker
+without any sample in the clip remains one, because it is to be filled.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.formats.c3d.parameters import Parameters
-
 __all__ = ["find_model_points", "split_label"]
-
-_GROUPS = (
-    *("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS", "BONES"),
-    "MODELED_MARKERS",
-)
-"""POINT parameters that list model outputs; TYPE_GROUPS may name more."""
-
-_NOT_OUTPUTS = frozenset({"MARKERS", "POINTS", "LABELS", "TYPE_GROUPS", "DESCRIPTIONS"})
-"""Names in TYPE_GROUPS that would list measured points."""
 
 _UNLABELLED = re.compile(
     r"""\*\d*                       # Vicon: *12, and its virtual points *0
-    | (?:C_|U_?)\*\d* | uname\*?\d*   # and so in other programs
+    | (?:C_|U_?)\*\d* | uname\*?\d*   # other programs
     | (?i:unlabell?ed|unidentified|unknown|phantom|ghost)[\s_:-]*\d*
     """,
     re.VERBOSE,
@@ -59,46 +48,53 @@ _JOINT_CENTRE = re.compile(
 )
 
 _OXFORD_FOOT = re.compile(r"[LR](?:D1M0|HE1|PROXFF|DISTFF)")
-"""Points of the Oxford foot model that belong to no axes; looked for beside its forefoot axes."""
+"""Points of the Oxford foot model outside its axes; recognised if its forefoot axes are present."""
 
 _OXFORD_FOREFOOT = re.compile(r"[LR]FOF[0-3]")
 
 _PLUG_IN_GAIT = ("O", "A", "L", "P")
 _NUMBERED = ("0", "1", "2", "3")
-"""Suffixes of a segment's origin and the ends of its three axes."""
+"""Suffixes of a segment's origin and of the ends of its three axes."""
 
 _SEGMENT = re.compile(r"[A-Z]{3}")
 """Base name of a segment of Plug-in Gait: PEL, LFE, ..."""
 
 _VIRTUAL_COPY = "v"
-"""Suffix of the reconstructed twin of a marker: LSTLv beside LSTL."""
+"""Suffix of a reconstructed copy of a marker: LSTLv of LSTL."""
 
-_SQUARE = 0.01
-"""Largest cosine between computed axes: real markers are never so square in every frame, and
-integer files round the ends of 50 mm axes by up to 0.1 mm."""
+_MAX_AXIS_COSINE = 0.01
+"""Largest cosine between computed axes. Real markers are not this close to right angles in every
+frame, and integer files round the ends of 50 mm axes by up to 0.1 mm."""
 
-_MOST_CENTRES = 500
-"""Points of a file beyond which the centre of numbered axes is not looked for among them all: no
-model has so many, and the time grows with their square."""
+_MAX_CENTRES = 500
+"""Number of points beyond which the origin of numbered axes is not searched among all points: no
+model has this many, and the time grows with the square of their number."""
 
-_FRAMES_CHECKED = 50
+_CHECKED_FRAMES = 50
 """Frames, spread over the clip, in which axes are checked."""
 
 
 def split_label(label: str, prefixes: Iterable[str]) -> tuple[str, str]:
     """Split a label into subject and name.
 
-    Parameters
+    C3DParameters
     ----------
     label : str
-        The label as the file has it.
+        The label as spelled in the file.
     prefixes : iterable of str
-        What the file declares as prefixes, the separator included.
+        Prefixes declared by the file, separator included.
 
     Returns
     -------
-    tuple of str
-        The subject, empty if there is none, and the marker's name.
+    subject : str
+        The subject; empty if there is none.
+    name : str
+        The marker's name.
+
+    Examples
+    --------
+    >>> split_label("Anna:LTOE", ())
+    ('Anna', 'LTOE')
     """
     label = label.strip()
     for prefix in prefixes:
@@ -114,20 +110,20 @@ def find_model_points(
     names: Sequence[str],
     labels: Sequence[str],
     positions: NDArray[np.float64],
-    parameters: Parameters,
+    declared: Mapping[str, str],
 ) -> dict[int, str]:
     """Find the points that are not markers.
 
-    Parameters
+    C3DParameters
     ----------
     names : sequence of str
-        Each point's name without prefix.
+        Name of each point without prefix.
     labels : sequence of str
-        Each point's label as the file has it.
+        Label of each point as spelled in the file.
     positions : ndarray [shape=(frames, points, 3), any unit]
         NaN where missing.
-    parameters : Parameters
-        The file's parameters.
+    declared : mapping of str to str
+        Labels that the file declares as model outputs, with the reason.
 
     Returns
     -------
@@ -135,13 +131,12 @@ def find_model_points(
         The reason for each point that is not a marker.
     """
     reasons: dict[int, str] = {}
-    declared = _declared(parameters)
     present = set(names)
     for point, name in enumerate(names):
         reason = _reason(name, present)
         for known in (labels[point].strip(), name):
             if known in declared:
-                reason = f"model output (POINT:{declared[known]})"
+                reason = declared[known]
         if reason:
             reasons[point] = reason
     for point, reason in _axis_points(names, positions).items():
@@ -149,20 +144,8 @@ def find_model_points(
     return reasons
 
 
-def _declared(parameters: Parameters) -> dict[str, str]:
-    """Return the labels that the file itself lists as model outputs, with the parameter."""
-    groups = dict.fromkeys((*_GROUPS, *parameters.texts("POINT", "TYPE_GROUPS")))
-    return {
-        label: group
-        for group in groups
-        if group not in _NOT_OUTPUTS
-        for label in parameters.texts("POINT", group.upper())
-        if label
-    }
-
-
 def _reason(name: str, present: set[str]) -> str:
-    """Return why a point of this name is no marker; empty if it is one."""
+    """Return why a point of this name is not a marker; empty if it is one."""
     if not name:
         return "has no label"
     for pattern, reason in (
@@ -185,11 +168,11 @@ def _reason(name: str, present: set[str]) -> str:
 def _axis_points(names: Sequence[str], positions: NDArray[np.float64]) -> dict[int, str]:
     """Return the origins and axis ends of segments: families of names at right angles.
 
-    Names alone do for Plug-in Gait's where the clip does not show a whole family; numbers are
-    too common among markers.
+    If no frame shows a complete family, the names alone suffice for Plug-in Gait; numbered names
+    are too common among markers.
     """
     where = {name: point for point, name in enumerate(names)}
-    chosen = np.unique(np.linspace(0, len(positions) - 1, _FRAMES_CHECKED).astype(int))
+    chosen = np.unique(np.linspace(0, len(positions) - 1, _CHECKED_FRAMES).astype(int))
     sample = positions[chosen]
     found: dict[int, str] = {}
     for suffixes in (_PLUG_IN_GAIT, _NUMBERED):
@@ -205,11 +188,11 @@ def _axis_points(names: Sequence[str], positions: NDArray[np.float64]) -> dict[i
                 by_name = suffixes == _PLUG_IN_GAIT and _SEGMENT.fullmatch(base)
                 computed = bool(by_name) if square is None else square
             else:
-                # numbered axes may start at a point of another name, such as a joint centre
+                # numbered axes may start at a point with another name, such as a joint centre
                 family = axes
                 computed = (
                     suffixes == _NUMBERED
-                    and len(names) <= _MOST_CENTRES
+                    and len(names) <= _MAX_CENTRES
                     and bool(_is_square(sample, axes, list(range(len(names)))))
                 )
             if computed:
@@ -218,18 +201,19 @@ def _axis_points(names: Sequence[str], positions: NDArray[np.float64]) -> dict[i
 
 
 def _is_square(sample: NDArray[np.float64], axes: list[int], centres: list[int]) -> bool | None:
-    """Tell if three points lie at right angles about one of the centres in every frame.
+    """Check whether three points lie at right angles about one of the centres in every frame.
 
-    None where no frame shows all of them; an axis of length 0 is no direction.
+    None if no frame shows all of them. Axes of length 0 have no direction and do not count.
     """
     # frames, centres, 3 ends, 3 coordinates
-    arms = sample[:, None, axes] - sample[:, centres, None]
-    length = np.linalg.norm(arms, axis=3)
-    known = (length > 0).all(axis=2)  # false where NaN
+    with np.errstate(invalid="ignore", over="ignore"):  # infinite coordinates
+        arms = sample[:, None, axes] - sample[:, centres, None]
+        length = np.linalg.norm(arms, axis=3)
+    known = (length > 0).all(axis=2)  # False where NaN
     if not known.any():
         return None
     with np.errstate(invalid="ignore", divide="ignore"):
         unit = arms / length[..., None]
         cosines = np.abs(np.einsum("fcid,fcid->fci", unit, np.roll(unit, 1, axis=2))).max(axis=2)
     worst = np.where(known, cosines, 0.0).max(axis=0)
-    return bool(((worst < _SQUARE) & known.any(axis=0)).any())
+    return bool(((worst < _MAX_AXIS_COSINE) & known.any(axis=0)).any())

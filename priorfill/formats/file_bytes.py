@@ -1,0 +1,133 @@
+"""Bytes of a file, with a one-line message where it cannot be read."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from priorfill.clip import Source
+from priorfill.errors import FormatError, OutputError, PriorfillError
+
+__all__ = [
+    "HEAD_BYTES",
+    "MAX_BYTES",
+    "check_size",
+    "check_unchanged",
+    "os_errors_explained",
+    "read_bounded",
+    "read_bytes",
+    "read_source",
+]
+
+HEAD_BYTES = 512
+"""Bytes examined before the rest of a file is read: one block of a C3D file."""
+
+MAX_BYTES = 1 << 30
+"""Size limit of a text or array file, and of what an array file unpacks to. Ten hours of 50
+markers at 100 Hz take about this much as text, and parsing takes several times that in memory."""
+
+
+def check_unchanged(path: Path, digest: str, expected: str) -> None:
+    """Raise OutputError if the SHA-256 of a clip's source differs from that of the file read."""
+    if digest != expected:
+        raise OutputError(f"{path.name}: has changed since it was read; read and fill it again")
+
+
+def check_size(size: int, name: str) -> None:
+    """Raise FormatError if a size (bytes) exceeds `MAX_BYTES`."""
+    if size > MAX_BYTES:
+        raise FormatError(
+            f"{name}: holds {size / 2**30:.1f} GiB; at most {MAX_BYTES / 2**30:.0f} GiB are read: "
+            "export it in parts"
+        )
+
+
+@contextmanager
+def os_errors_explained(path: Path) -> Iterator[None]:
+    """Turn an OSError from opening or reading a file into a FormatError of one line.
+
+    Raises
+    ------
+    FormatError
+        If the file does not exist, is not a regular file, or cannot be read.
+    """
+    try:
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            # reading a pipe might block for ever
+            raise FormatError(f"{path}: is not a regular file; give the name of one")
+        yield
+    except PriorfillError:  # an OutputError is an OSError
+        raise
+    except FileNotFoundError:
+        raise FormatError(f"{path}: there is no such file; check the name") from None
+    except IsADirectoryError:
+        raise FormatError(f"{path}: is a folder; give the name of a file") from None
+    except OSError as error:
+        raise FormatError(
+            f"{path}: cannot be read ({error.strerror}); check its permissions"
+        ) from error
+
+
+def read_bytes(
+    path: Path, *, max_bytes: int, accept: Callable[[bytes], bool] = lambda head: True
+) -> bytes:
+    """Return a file's contents.
+
+    C3DParameters
+    ----------
+    path : Path
+        The file.
+    max_bytes : int
+        Size limit (bytes).
+    accept : callable
+        Checks the first `HEAD_BYTES` bytes. If it returns False, only these bytes are returned,
+        however large the file, and the caller's parser reports what is wrong with them.
+
+    Raises
+    ------
+    FormatError
+        If the file does not exist, cannot be read, or exceeds `max_bytes`.
+    """
+    with os_errors_explained(path), path.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        head = file.read(HEAD_BYTES)
+        if not accept(head):
+            return head
+        if size > max_bytes:
+            raise FormatError(
+                f"{path}: has {size / 1e9:.1f} GB, and at most {max_bytes / 1e9:g} are read; "
+                "cut the recording into parts"
+            )
+        file.seek(0)
+        return file.read()
+
+
+def read_bounded(path: Path) -> bytes:
+    """Return the contents of a text or array file.
+
+    Raises
+    ------
+    FormatError
+        If it cannot be read, or exceeds `MAX_BYTES`.
+    """
+    with suppress(OSError):  # read_bytes reports it better
+        check_size(path.stat().st_size, path.name)
+    return read_bytes(path, max_bytes=MAX_BYTES)
+
+
+def read_source(source: Source) -> bytes:
+    """Return the contents of the text or array file that a clip was read from.
+
+    Raises
+    ------
+    FormatError
+        If it no longer exists.
+    OutputError
+        If it has changed since.
+    """
+    data = read_bounded(source.path)
+    check_unchanged(source.path, hashlib.sha256(data).hexdigest(), source.sha256)
+    return data

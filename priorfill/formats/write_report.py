@@ -1,0 +1,74 @@
+"""What all writers share: the report they return, and the check of the filled samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.clip import Clip
+from priorfill.errors import OutputError
+
+__all__ = ["WriteReport", "check_filled"]
+
+
+@dataclass(frozen=True)
+class WriteReport:
+    """Outcome of writing a file.
+
+    Attributes
+    ----------
+    samples : int
+        Number of filled samples written.
+    worst_error_mm : float
+        Largest change of a coordinate (mm) due to rounding to the file's number format.
+    changes : tuple of str
+        Differences between the file and its source other than the filled samples.
+
+    See Also
+    --------
+    priorfill.write
+    """
+
+    samples: int
+    worst_error_mm: float
+    changes: tuple[str, ...] = ()
+
+
+def check_filled(clip: Clip, filled: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
+    """Return the mask of filled samples; all False if None is given.
+
+    C3DParameters
+    ----------
+    clip : Clip
+        The clip, with positions for the filled samples.
+    filled : ndarray [shape=(frames, markers), bool] or None
+        Which samples were filled.
+
+    Returns
+    -------
+    ndarray [shape=(frames, markers), bool]
+        The mask.
+
+    Raises
+    ------
+    OutputError
+        If the shape is wrong, or a filled sample has no position.
+    """
+    if filled is None:
+        return np.zeros_like(clip.missing)
+    filled = np.asarray(filled, dtype=bool)
+    if filled.shape != clip.missing.shape:
+        raise OutputError(
+            f"{clip.name}: the mask of filled samples has shape {filled.shape}; "
+            f"{clip.missing.shape} (frames, markers) is needed"
+        )
+    without = filled & clip.missing
+    if without.any():
+        frame, marker = np.argwhere(without)[0]
+        raise OutputError(
+            f"{clip.name}: marker {clip.labels[marker]} is marked as filled in frame "
+            f"{clip.first_frame + int(frame)} but has no position; mark only samples that have one"
+        )
+    return filled
