@@ -7,7 +7,7 @@
 Takes a marker, or an arm, out of a 49 s recording of the HDM05 library for so many seconds, and
 runs ``priorfill fill -m prior`` from databases of so many poses at 30 Hz. These are made of takes
 of 20 s: three for each of hundreds of bodies, strung together from stretches of all recordings that
-there are, scaled, turned, faster or slower, with noise (see `bench_database.py`), and for every
+there are, scaled, turned, faster or slower, with noise (see `database.py`), and for every
 other body in a mirror. Making them is not counted: 10^6 poses take a minute or two and 0.9 GB of
 disk, 10^7 ten times that. With ``--folder`` they stay there and are used again.
 
@@ -36,7 +36,7 @@ from database import minutes, recordings
 from priorfill.formats import create_c3d
 from priorfill.geometry.mirror import mirrored
 from priorfill.markers.definitions import load
-from priorfill.markers.left_right import partners
+from priorfill.markers.left_right import contralateral_markers
 
 RATE = 30.0
 """Hz of the database."""
@@ -55,7 +55,7 @@ def database(folder: Path, data: Path, poses: int) -> Path:
         return made
     definition = load("baumann41")
     labels = definition.labels
-    partner = partners(labels, definition)
+    mirror = contralateral_markers(labels, definition)
     rng = np.random.default_rng(0)
     source = minutes(recordings(data, RATE), RATE, rng)
     frames = round(SECONDS * RATE)
@@ -65,7 +65,7 @@ def database(folder: Path, data: Path, poses: int) -> Path:
     with pf.PriorDatabase.create(unfinished) as writer:
         while stored < poses:
             minute = next(source)
-            minute = mirrored(minute, partner) if body % 2 else minute
+            minute = mirrored(minute, mirror) if body % 2 else minute
             for at in range(0, len(minute), frames):
                 take = minute[at : at + frames]
                 clip = pf.Clip(take, labels, RATE, name=f"b{body}_{at}", subject=f"b{body}")

@@ -20,7 +20,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from priorfill.energy.multiresolution import levels_for, synthesise
+from priorfill.energy.multiresolution import levels_for, solve_levels
 from priorfill.energy.solver import (
     Descent,
     Solution,
@@ -127,7 +127,7 @@ def main() -> int:
                     count += solution.updates
                     return solution
 
-                found[name] = synthesise(levels, group, prior_of(predicted, expected_rms), timed)
+                found[name] = solve_levels(levels, group, prior_of(predicted, expected_rms), timed)
                 spent.append(total)
             times[name], updates[name] = min(spent), count
         if number == 0:

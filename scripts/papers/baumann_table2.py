@@ -23,7 +23,7 @@ import priorfill as pf
 from priorfill.errors import MethodError
 from priorfill.methods import METHODS
 
-DEFAULT = "baumann2011,krueger2010,neighbours,prior,r2,pca-train,linear,spline"
+DEFAULT = "baumann2011,krueger2010,neighbours,gpr,r2,pca-train,linear,spline"
 """Those of them that this version has."""
 
 BOTH = ("left", "right")

@@ -1,0 +1,288 @@
+"""Every script of ``scripts/`` runs: by a smoke invocation here, or in a test file of its own."""
+
+from __future__ import annotations
+
+import importlib.machinery
+import importlib.util
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from gappy import person, with_gaps
+from scripted import SCRIPTS, load_script
+from skeleton_files import amc, asf
+
+import priorfill as pf
+from priorfill.formats.skeletons.asf_amc import read_amc, read_asf
+from priorfill.markers import definitions
+from priorfill.skeleton.place_markers import place
+
+TESTED_ELSEWHERE = {
+    "checks/fuzz_c3d.py": "scripts/test_fuzz_c3d.py",
+    "checks/survey.py": "scripts/test_survey.py",
+    "checks/torture_database.py": "database/test_torture.py",
+    "golden.py": "test_golden.py",
+    "golden_motions.py": "synthetic/test_golden_motions.py",
+    "mutation_sample.py": "scripts/test_mutation_sample.py",
+    "papers/gloersen_fig4.py": "scripts/test_papers_gloersen.py",
+    "papers/gloersen_fig6.py": "scripts/test_papers_gloersen.py",
+    "papers/gloersen_table1.py": "scripts/test_papers_gloersen.py",
+    "papers/gloersen_table2.py": "scripts/test_papers_gloersen.py",
+    "papers/gloersen_walkl.py": "scripts/test_papers_gloersen.py",
+    "papers/li_fig8.py": "scripts/test_papers_li.py",
+    "papers/li_fig9.py": "scripts/test_papers_li.py",
+    "papers/li_table1.py": "scripts/test_papers_li.py",
+    "papers/li_table2.py": "scripts/test_papers_li.py",
+    "papers/li_table3.py": "scripts/test_papers_li.py",
+    "papers/li_table4.py": "scripts/test_papers_li.py",
+    "studies/accuracy_study.py": "scripts/test_accuracy_study.py",
+}
+"""Scripts whose ``main`` another test file runs, below ``tests/``."""
+
+SHORT_CLIP = """
+import sys
+import priorfill as pf
+from priorfill.synthetic import synthesise
+clip = synthesise("walking", seconds=0.5, rate=30.0)
+positions = clip.positions.copy()
+positions[6:9, 0] = float("nan")
+pf.write(sys.argv[1], clip.with_positions(positions))
+"""
+"""What `bench/start.py` makes the clip with that it fills."""
+
+
+@dataclass(frozen=True)
+class Smoke:
+    """How a script is tried.
+
+    Attributes
+    ----------
+    arguments : str
+        Command line; ``{data}`` is the folder of recordings, ``{tmp}`` an empty folder.
+    prints : str
+        What the output must contain.
+    changes : mapping
+        Module attributes that are replaced, to keep the input small.
+    statuses : sequence of int or None
+        Accepted results of ``main``. A benchmark returns 1 where a bound on time is exceeded.
+    environment : mapping
+        Environment variables.
+    """
+
+    arguments: str
+    prints: str
+    changes: Mapping[str, object] = field(default_factory=dict)
+    statuses: Sequence[int | None] = (0,)
+    environment: Mapping[str, str] = field(default_factory=dict)
+
+
+ONE_METHOD = {"METHODS": ("baumann2011",)}
+RECORDING = "--data {data} --recording {data}/hdm05/HDM_bd_05-01_01_120.c3d"
+SMOKE = {
+    "bench/database.py": Smoke(
+        "--data {data} --poses 100",
+        "cost of adding one clip",
+        {"MINUTE": 2.0, "ONE_MORE": 1, "GATHERED": 50},
+    ),
+    "bench/fill.py": Smoke(
+        "--data {data} --seconds 0.2,0.4 --takes 0,1 --methods linear,baumann2011",
+        "s CPU per second of gap",
+        {"START": 480, "PARTS": {"marker": ("LFRM",)}},
+    ),
+    "bench/fill_databases.py": Smoke(
+        "--data {data} --poses 100 --seconds 0.1 --repeat 1",
+        "marker         100",
+        {"START": 480, "GONE": {"marker": ("LFRM",)}},
+    ),
+    "bench/long_clip.py": Smoke(
+        "{tmp}/long.c3d --minutes 0.05 --rate 30 --markers 45",
+        "90 frames, 45 markers",
+        statuses=(None,),
+    ),
+    "bench/memory.py": Smoke("--minutes 0.05 --rate 30 --markers 45 --method linear", "MB: held"),
+    "bench/search.py": Smoke(
+        "--data {data} --poses 1000 --takes 02_01 --repeats 1 --check 9", "9 of 9 random queries"
+    ),
+    "bench/solver.py": Smoke("--seconds 0.3 --repeat 1", "bounds", statuses=(0, 1)),
+    "bench/start.py": Smoke(
+        "--repeat 1",
+        "second fill",
+        {"MAKE": SHORT_CLIP},
+        statuses=(0, 1),
+        environment={"NUMBA_DISABLE_JIT": "1"},
+    ),
+    "bench/threads.py": Smoke("{data}/gaps.c3d --repeat 1", "files are the same"),
+    "build_starter_database": Smoke("{tmp}/starter", "MB", {"SECONDS": 0.5}),
+    "papers/baumann_fig2.py": Smoke(RECORDING, "Seconds to read a database", ONE_METHOD),
+    "papers/baumann_fig3.py": Smoke(
+        "--data {data} --recording {data}/hdm05_cut_markers/HDM_bd_walk_001_120.c3d",
+        "Mean error in mm of a marker",
+        ONE_METHOD,
+    ),
+    "papers/baumann_fig4.py": Smoke("--data {data}", "same motion, same actor", ONE_METHOD),
+    "papers/baumann_fig5.py": Smoke("--data {data}", "divided by the scale", ONE_METHOD),
+    "papers/baumann_table2.py": Smoke("--data {data} --methods linear,baumann2011", "baumann2011"),
+    "studies/artefact_study.py": Smoke(
+        "--data {data} --count 1 --fill 1",
+        "of a limit of speed",
+        {"CLEAN": ("hdm05/HDM_bd_05-01_01_120.c3d",), "LONGEST": 480},
+        statuses=(None,),
+    ),
+    "studies/growth_study.py": Smoke(
+        "--data {data} --set baumann41 --orders 1 --clips 2 --processes 1 --method linear -o {tmp}",
+        "measured only",
+    ),
+    "studies/learn_markers.py": Smoke(
+        "{data}/skeleton.c3d {data}/skeleton.amc --skeleton {data}/skeleton.asf"
+        " -o {tmp}/markers.toml",
+        "mm rms; left out",
+        statuses=(None,),
+    ),
+}
+"""Scripts that are tried here."""
+
+
+def scripts() -> list[str]:
+    """The scripts, relative to their folder: what can be run, rather than imported."""
+    found = []
+    for file in SCRIPTS.rglob("*"):
+        if file.is_file() and file.suffix not in (".pyc", ".toml"):
+            text = file.read_text(encoding="utf-8")
+            if text.startswith("#!") or '__name__ == "__main__"' in text:
+                found.append(file.relative_to(SCRIPTS).as_posix())
+    return sorted(found)
+
+
+def test_every_script_is_tried() -> None:
+    shell = {"check", "demo", "environment", "test"}
+    assert set(scripts()) == shell | set(SMOKE) | set(TESTED_ELSEWHERE)
+
+
+@pytest.mark.parametrize(("script", "file"), TESTED_ELSEWHERE.items())
+def test_the_other_test_file_names_the_script(script: str, file: str) -> None:
+    text = (SCRIPTS.parent / "tests" / file).read_text(encoding="utf-8")
+    family, _, name = Path(script).stem.partition("_")
+    assert Path(script).stem in text or (f'"{name}"' in text and f"{family}_{{name}}" in text)
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of synthetic recordings with the file names of HDM05 and CMU."""
+    data = tmp_path_factory.mktemp("data")
+    for folder in ("hdm05", "hdm05_cut_markers", "cmu"):
+        (data / folder).mkdir()
+    long = person(seconds=8.0, rate=120.0)
+    pf.write(data / "hdm05" / "HDM_bd_05-01_01_120.c3d", long)
+    pf.write(data / "cmu" / "02_01.c3d", person(seconds=6.0, rate=60.0, seed=4))
+    takes = {"bd_walk_001": (5, 0), "bd_walk_002": (6, 0), "mm_walk_001": (7, 1)}
+    for name, (seed, body) in takes.items():
+        clip = replace(person(seconds=1.2, seed=seed, body=body), subject=name[:2])
+        pf.write(data / "hdm05_cut_markers" / f"HDM_{name}_120.c3d", clip)
+    gappy = with_gaps(person(seconds=2.0, rate=30.0), (20, 30, ("LKNE",)))
+    pf.write(data / "gaps.c3d", gappy)
+    write_skeleton(data)
+    return data
+
+
+def write_skeleton(data: Path) -> None:
+    """Write a motion of a skeleton, and the C3D file of markers placed on it."""
+    (data / "skeleton.asf").write_text(asf(), encoding="utf-8")
+    (data / "skeleton.amc").write_text(amc(60), encoding="utf-8")
+    motion = read_amc(data / "skeleton.amc", read_asf(data / "skeleton.asf"))
+    clip = place(motion, definitions.load("baumann41"), name="skeleton", file="skeleton.amc")
+    x, y, z = np.moveaxis(clip.positions, 2, 0)
+    turned = replace(clip, positions=np.stack([z, x, y], axis=2), up="+Z")
+    pf.write(data / "skeleton.c3d", turned)
+
+
+def load(script: str) -> ModuleType:
+    """A fresh module of a script."""
+    path = SCRIPTS / script
+    if path.suffix:
+        sys.modules.pop(path.stem, None)
+        return load_script(path.stem)
+    loader = importlib.machinery.SourceFileLoader(path.name, str(path))
+    spec = importlib.util.spec_from_loader(path.name, loader)
+    assert spec is not None
+    module = importlib.util.module_from_spec(spec)
+    loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("script", SMOKE)
+def test_script_runs(
+    script: str,
+    recordings: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    smoke = SMOKE[script]
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(SCRIPTS.parent))
+    for name, value in smoke.environment.items():
+        monkeypatch.setenv(name, value)
+    module = load(script)
+    for name, value in smoke.changes.items():
+        monkeypatch.setattr(module, name, value)
+    arguments = smoke.arguments.format(data=recordings, tmp=tmp_path).split()
+    monkeypatch.setattr(sys, "argv", [script, *arguments])
+    main: Callable[..., int | None] = module.main
+    status = main(arguments) if script == "build_starter_database" else main()
+    output = capfd.readouterr()
+    assert status in smoke.statuses, output
+    assert smoke.prints in output.out
+
+
+# shell scripts, with a stand-in for the environment that they make
+
+
+@pytest.fixture
+def environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An installed environment, whose programs print their names and arguments."""
+    folder = tmp_path / "environment"
+    (folder / "bin").mkdir(parents=True)
+    for name in ("python", "ruff", "mypy"):
+        program = folder / "bin" / name
+        program.write_text(f'#!/bin/sh\necho {name} "$@"\n', encoding="utf-8")
+        program.chmod(0o755)
+    program = folder / "bin" / "priorfill"
+    line = f"exec {sys.executable} -c 'from priorfill.cli import main; main()' \"$@\"\n"
+    program.write_text(f"#!/bin/sh\n{line}", encoding="utf-8")
+    program.chmod(0o755)
+    (folder / "priorfill-installed").touch()
+    monkeypatch.setenv("PRIORFILL_VENV", str(folder))
+    return folder
+
+
+def run_shell(script: str, *arguments: str) -> list[str]:
+    """Run a shell script and return the lines that it prints."""
+    line = [str(SCRIPTS / script), *arguments]
+    done = subprocess.run(line, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+class TestShellScripts:
+    def test_environment_prints_the_folder_that_is_there(self, environment: Path) -> None:
+        assert run_shell("environment") == [str(environment)]
+
+    def test_check_runs_ruff_and_mypy(self, environment: Path) -> None:
+        assert run_shell("check") == ["ruff check .", "ruff format --check .", "mypy"]
+
+    def test_test_checks_and_passes_arguments_to_pytest(self, environment: Path) -> None:
+        *checks, tests = run_shell("test", "-m", "not realdata")
+        assert len(checks) == 3
+        assert tests == "python -m pytest --numprocesses auto -m not realdata"
+
+    def test_demo_fills_its_clip(self, environment: Path, tmp_path: Path) -> None:
+        lines = run_shell("demo", "--output", str(tmp_path / "demo"), "--method", "linear")
+        assert lines[0].startswith("Demo on synthetic motion")
+        assert len(list((tmp_path / "demo").glob("*.c3d"))) == 3
