@@ -52,16 +52,16 @@ ARRAYS_ONLY = (
 """Places that see arrays, and neither clips nor tasks."""
 
 EVALUATION_ORDER = (
-    "parts",
+    "body_parts",
     "gap_generator",
     "protocols",
-    "joints",
+    "joint_angles",
     "metrics",
-    "case",
-    "plan",
-    "tables",
-    "results",
-    "store",
+    "gap_case",
+    "evaluation_plan",
+    "summary_tables",
+    "evaluation_results",
+    "outcome_store",
     "runner",
 )
 """The modules of ``evaluation``; each imports only those before it."""

@@ -12,20 +12,20 @@ from pathlib import Path
 from priorfill.clip import Clip
 from priorfill.database import PriorDatabase, Selection
 from priorfill.errors import OptionError
-from priorfill.evaluation.metrics import Summary
-from priorfill.evaluation.plan import ALL_METHODS, make_plan
+from priorfill.evaluation.evaluation_plan import ALL_METHODS, make_plan
+from priorfill.evaluation.evaluation_results import Evaluation, write_results
+from priorfill.evaluation.metrics import ErrorSummary
+from priorfill.evaluation.outcome_store import OutcomeStore
 from priorfill.evaluation.protocols import (
     DEFAULT_PROTOCOL,
     PROTOCOLS,
     GapProtocol,
     make_protocol,
 )
-from priorfill.evaluation.results import Evaluation, write_results
-from priorfill.evaluation.runner import carry_out
-from priorfill.evaluation.store import Store
+from priorfill.evaluation.runner import run_plan
 from priorfill.markers.marker_set import MarkerSet
 
-__all__ = ["PROTOCOLS", "Evaluation", "Summary", "evaluate", "make_protocol"]
+__all__ = ["PROTOCOLS", "ErrorSummary", "Evaluation", "evaluate", "make_protocol"]
 
 
 def evaluate(
@@ -113,8 +113,8 @@ def evaluate(
         trust_filled=trust_filled,
     )
     folder = None if output is None else Path(output)
-    store = None if folder is None else Store(folder, plan, overwrite=overwrite)
-    evaluation = Evaluation(plan, carry_out(plan, jobs=jobs, store=store, progress=progress))
+    store = None if folder is None else OutcomeStore(folder, plan, overwrite=overwrite)
+    evaluation = Evaluation(plan, run_plan(plan, jobs=jobs, store=store, progress=progress))
     if folder is not None:
         write_results(folder, evaluation)
     return evaluation

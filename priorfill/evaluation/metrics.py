@@ -13,8 +13,8 @@ from priorfill.gp.calibration import MEAN_FACTOR
 
 __all__ = [
     "MEASURES",
-    "Samples",
-    "Summary",
+    "ErrorSummary",
+    "SampleErrors",
     "distances",
     "measure",
     "summarise",
@@ -22,11 +22,11 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-Samples = NDArray[np.float32]
+SampleErrors = NDArray[np.float32]
 """Measures of samples [shape=(len(MEASURES), samples)]; NaN where there is none."""
 
 MEASURES = ("error", "absolute", "velocity", "acceleration", "expected", "bound")
-"""Rows of `Samples`: distance from the truth (mm), mean over the coordinates of the absolute
+"""Rows of `SampleErrors`: distance from the truth (mm), mean over the coordinates of the absolute
 error (mm), error of the velocity (mm/s), of the acceleration (m/s²), distance expected by the
 method (mm), distance below which it expects 90 % of the errors (mm)."""
 
@@ -39,7 +39,7 @@ MM_PER_M = 1000.0
 
 
 @dataclass(frozen=True)
-class Summary:
+class ErrorSummary:
     """What some samples, filled by one method, say together; NaN where nothing is known.
 
     Attributes
@@ -93,7 +93,7 @@ def measure(
     bound: Array,
     gaps: Sequence[Gap],
     rate: float,
-) -> Samples:
+) -> SampleErrors:
     """Compare the samples of some gaps with the truth.
 
     Velocities are central differences, (x[t+1] - x[t-1]) / 2 by the frame step, accelerations
@@ -135,16 +135,16 @@ def measure(
     )
 
 
-def summarise(samples: Samples) -> Summary:
+def summarise(samples: SampleErrors) -> ErrorSummary:
     """Return what some samples [shape=(6, samples)] say together."""
     nothing = float("nan")
     there = np.isfinite(samples[ERROR])
     some = samples[:, there].astype(np.float64)
     if not some.shape[1]:
-        return Summary(samples.shape[1], 0, *[nothing] * 10)
+        return ErrorSummary(samples.shape[1], 0, *[nothing] * 10)
     error = some[ERROR]
     bounded = np.isfinite(some[BOUND])
-    return Summary(
+    return ErrorSummary(
         samples=samples.shape[1],
         filled=some.shape[1],
         mean=float(error.mean()),

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from priorfill.errors import OptionError
-from priorfill.evaluation.results import Evaluation
-from priorfill.evaluation.tables import LENGTHS, GapRow, length_class
+from priorfill.evaluation.evaluation_results import Evaluation
+from priorfill.evaluation.summary_tables import LENGTHS, GapRow, length_class
 from priorfill.runtime.atomic_file import replace_file
 
 if TYPE_CHECKING:

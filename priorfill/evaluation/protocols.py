@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from priorfill.clip import Clip
 from priorfill.errors import OptionError
+from priorfill.evaluation.body_parts import LIMBS, SIDES, BodyParts
 from priorfill.evaluation.gap_generator import (
     MOST,
     TRIES,
@@ -33,31 +34,30 @@ from priorfill.evaluation.gap_generator import (
     Mask,
     measured_in,
 )
-from priorfill.evaluation.parts import LIMBS, SIDES, Parts
 from priorfill.gaps import find_gaps
 
 __all__ = [
     "DEFAULT_PROTOCOL",
+    "MAX_MISSING_AT_ONCE",
     "PROTOCOLS",
-    "SCATTER_AT_ONCE",
-    "SCATTER_SECONDS",
-    "SCATTER_SHARE",
-    "Cut",
+    "RANDOM_GAP_SECONDS",
+    "RANDOM_GAP_SHARE",
+    "GapMask",
     "GapProtocol",
-    "NoPlace",
+    "SkippedCase",
     "make_protocol",
     "settings_of",
 ]
 
 Range = tuple[float, float]
 
-SCATTER_SHARE = (0.03, 0.09)
+RANDOM_GAP_SHARE = (0.03, 0.09)
 """Share of samples missing in the 50 patterns that [G16] published: 2.9 to 9.1 %."""
 
-SCATTER_SECONDS = (0.1, 2.0)
+RANDOM_GAP_SECONDS = (0.1, 2.0)
 """s. Lengths of the gaps there: nine in ten lie between 0.17 and 1.95 s."""
 
-SCATTER_AT_ONCE = 7
+MAX_MISSING_AT_ONCE = 7
 """Markers missing at once at most. There it is 3 to 9, by pattern."""
 
 MARKER_SECONDS = 1.0
@@ -69,12 +69,12 @@ GROUP_SECONDS = 3.0
 MEASURED = 0.5
 """Share of the frames in which a marker must be measured to be removed with its group."""
 
-ENOUGH = 20
+TRIES_PER_GAP = 20
 """Placements tried for each gap of a scatter."""
 
 
 @dataclass(frozen=True, eq=False)
-class Cut:
+class GapMask:
     """A case: what is removed from a clip.
 
     Attributes
@@ -93,7 +93,7 @@ class Cut:
 
 
 @dataclass(frozen=True)
-class NoPlace:
+class SkippedCase:
     """A case that could not be made of a clip, and why."""
 
     name: str
@@ -108,7 +108,7 @@ Draw = Callable[[str, int], np.random.Generator]
 class GapProtocol(Protocol):
     """A protocol: a function of a clip, with options."""
 
-    def cases(self, clip: Clip, parts: Parts, draw: Draw) -> Iterator[Cut | NoPlace]:
+    def cases(self, clip: Clip, parts: BodyParts, draw: Draw) -> Iterator[GapMask | SkippedCase]:
         """Make the cases of a clip."""
         ...
 
@@ -141,19 +141,19 @@ def _cut_out(
     rng: np.random.Generator,
     name: str,
     copy: int,
-) -> Cut | NoPlace:
+) -> GapMask | SkippedCase:
     """Remove some markers for a while, somewhere inside the clip."""
     cutter = GapGenerator(clip, rng, measured_in(clip))
     frames = cutter.length(*seconds)
     if frames is None:
-        return NoPlace(name, copy, _too_short(clip, seconds))
+        return SkippedCase(name, copy, _too_short(clip, seconds))
     if not cutter.cut(markers, frames):
-        return NoPlace(name, copy, _nowhere(frames, clip))
-    return Cut(name, copy, cutter.gone)
+        return SkippedCase(name, copy, _nowhere(frames, clip))
+    return GapMask(name, copy, cutter.gone)
 
 
 @dataclass(frozen=True)
-class Random:
+class RandomGaps:
     """Gaps of random markers at random times ([G16], fig. 4).
 
     The paper has 50 copies of a recording, each with gaps at random. The defaults are those of
@@ -175,11 +175,11 @@ class Random:
 
     copies: int = 10
     number: tuple[int, int] | None = None
-    share: Range = SCATTER_SHARE
-    seconds: Range = SCATTER_SECONDS
-    at_once: int = SCATTER_AT_ONCE
+    share: Range = RANDOM_GAP_SHARE
+    seconds: Range = RANDOM_GAP_SECONDS
+    at_once: int = MAX_MISSING_AT_ONCE
 
-    def cases(self, clip: Clip, parts: Parts, draw: Draw) -> Iterator[Cut | NoPlace]:
+    def cases(self, clip: Clip, parts: BodyParts, draw: Draw) -> Iterator[GapMask | SkippedCase]:
         """Make the cases of a clip."""
         del parts
         for copy in range(1, self.copies + 1):
@@ -189,21 +189,23 @@ class Random:
                 share = rng.uniform(*self.share)
                 samples = share * cutter.gone.size
                 likely = samples / (clip.rate * (self.seconds[0] + self.seconds[1]) / 2)
-                tries = max(TRIES, round(ENOUGH * likely))
+                tries = max(TRIES, round(TRIES_PER_GAP * likely))
                 found = cutter.scatter(share, self.seconds, self.at_once, tries)
             else:
                 found = self._some(cutter, int(rng.integers(*self.number, endpoint=True)))
             if found:
-                yield Cut("random", copy, cutter.gone)
+                yield GapMask("random", copy, cutter.gone)
             elif cutter.length(*self.seconds) is None:
-                yield NoPlace("random", copy, _too_short(clip, self.seconds))
+                yield SkippedCase("random", copy, _too_short(clip, self.seconds))
             else:
-                yield NoPlace("random", copy, "no place where a gap would be measured throughout")
+                yield SkippedCase(
+                    "random", copy, "no place where a gap would be measured throughout"
+                )
 
     def _some(self, cutter: GapGenerator, gaps: int) -> bool:
         """Cut a number of gaps."""
         left = gaps
-        for _ in range(ENOUGH * gaps):
+        for _ in range(TRIES_PER_GAP * gaps):
             left -= bool(cutter.scatter_one(self.seconds, self.at_once))
             if not left:
                 break
@@ -211,7 +213,7 @@ class Random:
 
 
 @dataclass(frozen=True)
-class Markers:
+class MarkerGaps:
     """Each marker in turn is missing for a while, alone ([B11], fig. 3).
 
     Attributes
@@ -228,12 +230,12 @@ class Markers:
     seconds: Range = (MARKER_SECONDS, MARKER_SECONDS)
     markers: tuple[str, ...] = ()
 
-    def cases(self, clip: Clip, parts: Parts, draw: Draw) -> Iterator[Cut | NoPlace]:
+    def cases(self, clip: Clip, parts: BodyParts, draw: Draw) -> Iterator[GapMask | SkippedCase]:
         """Make the cases of a clip."""
         del parts
         unknown = [label for label in self.markers if label not in clip.labels]
         for label in unknown:
-            yield NoPlace(label, 1, "the clip has no such marker")
+            yield SkippedCase(label, 1, "the clip has no such marker")
         for label in self.markers or clip.labels:
             for copy in range(1, self.copies + 1):
                 if label not in unknown:
@@ -246,7 +248,7 @@ BOTH = "both"
 
 
 @dataclass(frozen=True)
-class Groups:
+class GroupGaps:
     """Arms, legs, and both are missing for a while ([B11], table 2).
 
     Where the marker set names no arms and legs, each segment found from the data, with its nearest
@@ -267,7 +269,7 @@ class Groups:
     seconds: Range = (GROUP_SECONDS, GROUP_SECONDS)
     groups: tuple[str, ...] = ()
 
-    def cases(self, clip: Clip, parts: Parts, draw: Draw) -> Iterator[Cut | NoPlace]:
+    def cases(self, clip: Clip, parts: BodyParts, draw: Draw) -> Iterator[GapMask | SkippedCase]:
         """Make the cases of a clip."""
         measured = measured_in(clip).mean(axis=0) >= MEASURED
         known = groups_of(parts)
@@ -275,7 +277,7 @@ class Groups:
         for name in self.groups or usual:
             if name not in known:
                 reason = f"the clip has no such group; it has {' '.join(known)}"
-                yield NoPlace(name, 1, reason)
+                yield SkippedCase(name, 1, reason)
                 continue
             markers = [i for i in known[name] if measured[i]]
             for copy in range(1, self.copies + 1):
@@ -287,7 +289,7 @@ class Groups:
         return min(self.seconds[0], most), min(self.seconds[1], most)
 
 
-def groups_of(parts: Parts) -> dict[str, list[int]]:
+def groups_of(parts: BodyParts) -> dict[str, list[int]]:
     """Return the markers of each group that the parts of a body make."""
     groups = dict(zip(parts.limb_names, parts.limbs, strict=True))
     if parts.known:
@@ -300,7 +302,7 @@ def groups_of(parts: Parts) -> dict[str, list[int]]:
 
 
 @dataclass(frozen=True)
-class Periodic:
+class PeriodicGaps:
     """Some markers are missing again and again, at regular times (the mask of [L20]).
 
     Attributes
@@ -327,7 +329,7 @@ class Periodic:
                 "give shorter ones, or a longer period"
             )
 
-    def cases(self, clip: Clip, parts: Parts, draw: Draw) -> Iterator[Cut | NoPlace]:
+    def cases(self, clip: Clip, parts: BodyParts, draw: Draw) -> Iterator[GapMask | SkippedCase]:
         """Make the cases of a clip."""
         del parts
         for copy in range(1, self.copies + 1):
@@ -343,13 +345,13 @@ class Periodic:
                 if stop < clip.frames and cutter.free(list(markers), start, stop):
                     cutter.gone[start:stop, markers] = True
             if cutter.gone.any():
-                yield Cut("periodic", copy, cutter.gone)
+                yield GapMask("periodic", copy, cutter.gone)
             else:
-                yield NoPlace("periodic", copy, _nowhere(frames, clip))
+                yield SkippedCase("periodic", copy, _nowhere(frames, clip))
 
 
 @dataclass(frozen=True)
-class Frames:
+class FrameGaps:
     """Whole frames are missing: every marker at once ([L20], fig. 8).
 
     Attributes
@@ -366,7 +368,7 @@ class Frames:
     number: tuple[int, int] = (1, 1)
     seconds: Range = (0.1, 0.5)
 
-    def cases(self, clip: Clip, parts: Parts, draw: Draw) -> Iterator[Cut | NoPlace]:
+    def cases(self, clip: Clip, parts: BodyParts, draw: Draw) -> Iterator[GapMask | SkippedCase]:
         """Make the cases of a clip."""
         del parts
         known = measured_in(clip)
@@ -380,13 +382,13 @@ class Frames:
                 cutter.cut(markers, cutter.length(*self.seconds))
             gone: Mask = np.logical_and(cutter.gone, known)
             if gone.any():
-                yield Cut("frames", copy, gone)
+                yield GapMask("frames", copy, gone)
             else:
-                yield NoPlace("frames", copy, _too_short(clip, self.seconds))
+                yield SkippedCase("frames", copy, _too_short(clip, self.seconds))
 
 
 @dataclass(frozen=True)
-class Like:
+class CopiedGaps:
     """The gaps of another file, placed where the clip is whole.
 
     In the first copy they are where they are in the file, in others all are moved by the same time.
@@ -408,7 +410,7 @@ class Like:
         if not self.pattern.missing.any():
             raise OptionError(f"{self.pattern.name}: has no gaps to be copied; give another file")
 
-    def cases(self, clip: Clip, parts: Parts, draw: Draw) -> Iterator[Cut | NoPlace]:
+    def cases(self, clip: Clip, parts: BodyParts, draw: Draw) -> Iterator[GapMask | SkippedCase]:
         """Make the cases of a clip."""
         del parts
         mine = {label.upper(): i for i, label in enumerate(clip.labels)}
@@ -424,10 +426,10 @@ class Like:
             if asked.any():
                 self._place(cutter, asked, here, copy)
             if cutter.gone.any():
-                yield Cut("like", copy, cutter.gone)
+                yield GapMask("like", copy, cutter.gone)
             else:
                 reason = f"no gap of {self.pattern.name} is of its markers and finds a place"
-                yield NoPlace("like", copy, reason)
+                yield SkippedCase("like", copy, reason)
 
     def _at_rate(self, rate: float, markers: list[int]) -> Mask:
         """Return the pattern of some markers at another frame rate."""
@@ -456,12 +458,12 @@ class Like:
 
 
 PROTOCOLS: dict[str, type[Any]] = {
-    "random": Random,
-    "markers": Markers,
-    "groups": Groups,
-    "periodic": Periodic,
-    "frames": Frames,
-    "like": Like,
+    "random": RandomGaps,
+    "markers": MarkerGaps,
+    "groups": GroupGaps,
+    "periodic": PeriodicGaps,
+    "frames": FrameGaps,
+    "like": CopiedGaps,
 }
 """The protocols by name."""
 
@@ -510,7 +512,7 @@ def _check(given: dict[str, Any]) -> None:
 
 def settings_of(protocol: GapProtocol) -> dict[str, Any]:
     """Return a protocol's options as they go into a JSON file, for a clip its gaps' checksum."""
-    if isinstance(protocol, Like):
+    if isinstance(protocol, CopiedGaps):
         gaps = zlib.crc32(np.packbits(protocol.pattern.missing).tobytes())
         return {"pattern": f"{protocol.pattern.name} ({gaps:08x})", "copies": protocol.copies}
     return asdict(cast(Any, protocol))

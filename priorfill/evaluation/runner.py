@@ -15,45 +15,49 @@ from multiprocessing.connection import wait
 from threadpoolctl import threadpool_limits
 
 from priorfill.errors import EvaluationError
-from priorfill.evaluation.case import (
-    Case,
-    Outcome,
-    Source,
+from priorfill.evaluation.evaluation_plan import EvaluationPlan, FillJob
+from priorfill.evaluation.gap_case import (
+    EvaluatedClip,
+    FillOutcome,
+    GapCase,
     run_case,
 )
-from priorfill.evaluation.plan import Job, Plan
-from priorfill.evaluation.store import Store
-from priorfill.runtime.threads import at_most
+from priorfill.evaluation.outcome_store import OutcomeStore
+from priorfill.runtime.threads import limit_threads
 
-__all__ = ["carry_out"]
+__all__ = ["run_plan"]
 
 AHEAD = 2
 """Jobs handed out for each process, so that none waits for its next."""
 
 Progress = Callable[[int, int], None]
 
-_Outcomes = Generator[tuple[Job, Outcome], None, None]
+_FillOutcomes = Generator[tuple[FillJob, FillOutcome], None, None]
 
 
-def carry_out(
-    plan: Plan, *, jobs: int, store: Store | None = None, progress: Progress | None = None
-) -> dict[Job, Outcome]:
+def run_plan(
+    plan: EvaluationPlan,
+    *,
+    jobs: int,
+    store: OutcomeStore | None = None,
+    progress: Progress | None = None,
+) -> dict[FillJob, FillOutcome]:
     """Do what is not done yet.
 
     Parameters
     ----------
-    plan : Plan
+    plan : EvaluationPlan
         What is to be done.
     jobs : int
         Processes; 0: this one.
-    store : Store, optional
+    store : OutcomeStore, optional
         Where finished jobs are, and are kept at once.
     progress : callable, optional
         Called with the jobs done and all of them.
 
     Returns
     -------
-    dict of Job to Outcome
+    dict of FillJob to FillOutcome
         Of all jobs. It does not depend on the number of processes, but for the seconds.
 
     Raises
@@ -82,18 +86,18 @@ def carry_out(
     return {job: done[job] for job in plan.jobs}
 
 
-def _here(plan: Plan, rest: Sequence[Job]) -> _Outcomes:
+def _here(plan: EvaluationPlan, rest: Sequence[FillJob]) -> _FillOutcomes:
     """Do jobs in this process."""
     for job in rest:
         case = plan.cases[job.case]
         yield job, run_case(plan.sources[case.clip], case, job.method)
 
 
-def _in_processes(plan: Plan, rest: Sequence[Job], processes: int) -> _Outcomes:
+def _in_processes(plan: EvaluationPlan, rest: Sequence[FillJob], processes: int) -> _FillOutcomes:
     """Do jobs in other processes; give them as they are finished."""
     waiting = iter(rest)
     with _pool(plan.sources, min(processes, max(len(rest), 1))) as pool:
-        running: dict[Future[Outcome], Job] = {}
+        running: dict[Future[FillOutcome], FillJob] = {}
 
         def hand_out() -> None:
             for job in waiting:
@@ -110,7 +114,7 @@ def _in_processes(plan: Plan, rest: Sequence[Job], processes: int) -> _Outcomes:
 
 
 @contextmanager
-def _pool(sources: Sequence[Source], processes: int) -> Iterator[ProcessPoolExecutor]:
+def _pool(sources: Sequence[EvaluatedClip], processes: int) -> Iterator[ProcessPoolExecutor]:
     """Hand out a pool whose processes end at once when something goes wrong here."""
     others = set(mp.active_children())
     # spawned, not forked: a fork would copy locks that threads of BLAS and numba hold
@@ -127,15 +131,15 @@ def _pool(sources: Sequence[Source], processes: int) -> Iterator[ProcessPoolExec
         raise
 
 
-_sources: tuple[Source, ...] = ()
+_sources: tuple[EvaluatedClip, ...] = ()
 """In a process of the pool: the clips, sent once."""
 
 
-def _begin(sources: tuple[Source, ...]) -> None:
+def _begin(sources: tuple[EvaluatedClip, ...]) -> None:
     """Make a process of the pool ready: one thread, no interrupts, no life after its parent."""
     global _sources
     _sources = sources
-    at_most(1)
+    limit_threads(1)
     threadpool_limits(1)
     # Ctrl-C reaches every process of the terminal; the parent decides what comes of it
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -150,5 +154,5 @@ def _end_with(sentinel: int) -> None:
     os._exit(1)
 
 
-def _work(case: Case, method: str) -> Outcome:
+def _work(case: GapCase, method: str) -> FillOutcome:
     return run_case(_sources[case.clip], case, method)

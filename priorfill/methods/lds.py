@@ -33,7 +33,16 @@ from numpy.typing import NDArray
 from priorfill.gaps import Gap
 from priorfill.methods.task import Estimate, Task
 
-__all__ = ["Model", "Options", "Smoothed", "Visible", "fill", "first_model", "learn", "smooth"]
+__all__ = [
+    "LdsModel",
+    "LdsOptions",
+    "Observations",
+    "SmoothedStates",
+    "fill",
+    "first_model",
+    "learn",
+    "smooth",
+]
 
 Array = NDArray[np.float64]
 
@@ -49,8 +58,8 @@ REASON = "it is never seen; use a method that learns from other recordings"
 
 
 @dataclass(frozen=True)
-class Options:
-    """Options of `fill`.
+class LdsOptions:
+    """LdsOptions of `fill`.
 
     Attributes
     ----------
@@ -73,7 +82,7 @@ class Options:
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class LdsModel:
     """A linear dynamical system.
 
     Attributes
@@ -100,7 +109,7 @@ class Model:
     start_covariance: Array
 
 
-class Visible:
+class Observations:
     """What is visible, arranged for filter and learning.
 
     Parameters
@@ -128,7 +137,7 @@ class Visible:
 
 
 @dataclass(frozen=True, eq=False)
-class Smoothed:
+class SmoothedStates:
     """What filter and smoother say of the hidden numbers, given all that is visible.
 
     Attributes
@@ -187,7 +196,7 @@ class _Forward:
     costs one product of a matrix with a vector.
     """
 
-    def __init__(self, model: Model, visible: Visible) -> None:
+    def __init__(self, model: LdsModel, visible: Observations) -> None:
         weighted = model.emission / model.noise[:, None]
         # sum of c c' / r over the coordinates of each pattern
         products = weighted[:, :, None] * model.emission[:, None]
@@ -237,7 +246,7 @@ class _Forward:
             self.means[frame] = mean
 
 
-def smooth(model: Model, visible: Visible) -> Smoothed:
+def smooth(model: LdsModel, visible: Observations) -> SmoothedStates:
     """Return what is known of the hidden numbers: Kalman filter, Rauch-Tung-Striebel smoother."""
     forward = _Forward(model, visible)
     a = model.transition
@@ -269,10 +278,10 @@ def smooth(model: Model, visible: Visible) -> Smoothed:
             settled = _same(covariance, before)
         sums[visible.which[frame]] += covariance
         means[frame] = rest @ forward.means[frame] + back @ means[frame + 1]
-    return Smoothed(means, covariance, last, sums, lagged, forward.likelihood)
+    return SmoothedStates(means, covariance, last, sums, lagged, forward.likelihood)
 
 
-def _learnt(smoothed: Smoothed, visible: Visible, least: float) -> Model:
+def _learnt(smoothed: SmoothedStates, visible: Observations, least: float) -> LdsModel:
     """Return the model of highest expected likelihood (the M-step)."""
     means, values = smoothed.means, visible.values
     frames, k = means.shape
@@ -304,10 +313,10 @@ def _learnt(smoothed: Smoothed, visible: Visible, least: float) -> Model:
     fitted = (emission * products).sum(axis=1)
     bent = np.einsum("di,dij,dj->d", emission, squares, emission)
     noise = np.maximum((visible.squares - 2.0 * fitted + bent) / visible.counts, least)
-    return Model(transition, emission, process, noise, means[0].copy(), start_covariance)
+    return LdsModel(transition, emission, process, noise, means[0].copy(), start_covariance)
 
 
-def first_model(observed: Array, hidden: int, least: float) -> Model:
+def first_model(observed: Array, hidden: int, least: float) -> LdsModel:
     """Return what learning starts from: principal components of the bridged clip.
 
     Parameters
@@ -334,31 +343,31 @@ def first_model(observed: Array, hidden: int, least: float) -> Model:
         transition = np.linalg.lstsq(numbers[:-1], numbers[1:], rcond=None)[0].T
         error = numbers[1:] - numbers[:-1] @ transition.T
         process = _floored(error.T @ error / len(error), least)
-    return Model(transition, emission, process, noise, numbers[0].copy(), process.copy())
+    return LdsModel(transition, emission, process, noise, numbers[0].copy(), process.copy())
 
 
 def learn(
-    observed: Array, options: Options, report: Callable[[float], None] | None = None
-) -> tuple[Model, Smoothed]:
+    observed: Array, options: LdsOptions, report: Callable[[float], None] | None = None
+) -> tuple[LdsModel, SmoothedStates]:
     """Learn a linear dynamical system from what is visible.
 
     Parameters
     ----------
     observed : ndarray [shape=(frames, d), mm]
         Centred; NaN where missing, but no column of nothing else.
-    options : Options
+    options : LdsOptions
         How long, and with how many hidden numbers.
     report : callable, optional
         Called with the log-likelihood of each round.
 
     Returns
     -------
-    Model
+    LdsModel
         The one of highest likelihood.
-    Smoothed
+    SmoothedStates
         The hidden numbers by it.
     """
-    visible = Visible(observed)
+    visible = Observations(observed)
     least = options.least_deviation**2
     model = first_model(observed, options.hidden, least)
     smoothed = smooth(model, visible)
@@ -377,7 +386,7 @@ def learn(
 
 
 def fill(
-    task: Task, progress: Callable[[], None] = lambda: None, options: Options | None = None
+    task: Task, progress: Callable[[], None] = lambda: None, options: LdsOptions | None = None
 ) -> Estimate:
     """Fill gaps by a linear dynamical system learnt from the clip.
 
@@ -387,7 +396,7 @@ def fill(
         The clip; takes are not looked at.
     progress : callable
         Called once a gap group.
-    options : Options, optional
+    options : LdsOptions, optional
         The constants.
 
     Returns
@@ -396,7 +405,7 @@ def fill(
         Markers that are never seen stay missing, and samples that the system leads `FAR` from
         where the marker is seen: a system that grows has no bounds in a long gap.
     """
-    options = options or Options()
+    options = options or LdsOptions()
     positions = task.positions.copy()
     if task.groups and task.valid.any():
         seen = task.valid.any(axis=0)

@@ -23,12 +23,12 @@ from priorfill.gaps import constant_spans
 from priorfill.geometry.root_frames import rigid_frames
 from priorfill.methods.task import Estimate, Task
 
-__all__ = ["Options", "fill"]
+__all__ = ["RigidBodyOptions", "fill"]
 
 
 @dataclass(frozen=True)
-class Options:
-    """Options of the rigid-body fill.
+class RigidBodyOptions:
+    """RigidBodyOptions of the rigid-body fill.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ REASON = (
 
 
 def fill(
-    task: Task, progress: Callable[[], None] = lambda: None, options: Options | None = None
+    task: Task, progress: Callable[[], None] = lambda: None, options: RigidBodyOptions | None = None
 ) -> Estimate:
     """Fill gaps by markers on the same rigid body.
 
@@ -70,7 +70,7 @@ def fill(
         The clip; takes are not looked at.
     progress : callable
         Called once a gap group.
-    options : Options, optional
+    options : RigidBodyOptions, optional
         What counts as a neighbour.
 
     Returns
@@ -79,7 +79,7 @@ def fill(
         Frames in which fewer than three neighbours are visible stay missing, and markers that the
         clip never shows together with them.
     """
-    options = options or Options()
+    options = options or RigidBodyOptions()
     positions = task.positions.copy()
     spread = task.geometry.spread
     for group in task.groups:
@@ -94,7 +94,7 @@ def fill(
 
 
 @dataclass(frozen=True, eq=False)
-class _Body:
+class _RigidNeighbours:
     """The neighbours of a marker.
 
     Attributes
@@ -109,8 +109,11 @@ class _Body:
 
 
 def _body(
-    expected_rms: NDArray[np.float64], marker: int, visible: NDArray[np.intp], options: Options
-) -> _Body:
+    expected_rms: NDArray[np.float64],
+    marker: int,
+    visible: NDArray[np.intp],
+    options: RigidBodyOptions,
+) -> _RigidNeighbours:
     """Choose a marker's neighbours among the visible ones: stiff to it and to each other."""
     chosen: list[int] = []
     for other in visible[np.argsort(expected_rms[marker, visible], kind="stable")]:
@@ -119,11 +122,11 @@ def _body(
         if all(expected_rms[other, mate] <= options.stiff for mate in chosen):
             chosen.append(int(other))
     markers = np.array(chosen, dtype=np.intp)
-    return _Body(markers, 1.0 / np.maximum(expected_rms[marker, markers], FLOOR) ** 2)
+    return _RigidNeighbours(markers, 1.0 / np.maximum(expected_rms[marker, markers], FLOOR) ** 2)
 
 
 def _placed(
-    task: Task, marker: int, body: _Body, span: slice, options: Options
+    task: Task, marker: int, body: _RigidNeighbours, span: slice, options: RigidBodyOptions
 ) -> NDArray[np.float64]:
     """Place a marker by its body in a run of frames.
 

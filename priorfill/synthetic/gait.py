@@ -7,18 +7,18 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from priorfill.errors import OptionError
-from priorfill.synthetic.body import SIDES, Skeleton
-from priorfill.synthetic.curves import (
+from priorfill.synthetic.gait_curves import (
     RUNNING,
     STEPPING,
     WALKING,
     GaitCurves,
 )
 from priorfill.synthetic.grounding import root_velocity
-from priorfill.synthetic.kinematics import Score
+from priorfill.synthetic.kinematics import JointTrajectories
 from priorfill.synthetic.noise import smooth_noise
-from priorfill.synthetic.options import Style
 from priorfill.synthetic.posture import stand
+from priorfill.synthetic.synthetic_body import SIDES, SyntheticSkeleton
+from priorfill.synthetic.synthetic_options import Style
 
 __all__ = ["pivoting", "running", "turning", "walking"]
 
@@ -59,8 +59,8 @@ def _window(phase: Array, start: float, end: float, edge: float) -> Array:
 
 
 def cycle(
-    curves: GaitCurves, phase: Array, style: Style, skeleton: Skeleton, extent: float
-) -> Score:
+    curves: GaitCurves, phase: Array, style: Style, skeleton: SyntheticSkeleton, extent: float
+) -> JointTrajectories:
     """Return the score of a gait.
 
     Parameters
@@ -71,7 +71,7 @@ def cycle(
         Of the left leg.
     style : Style
         Arm swing, step width, toe-out, lean.
-    skeleton : Skeleton
+    skeleton : SyntheticSkeleton
         For the angles that the step width takes.
     extent : float
         Factor on the range of the hips: the length of the steps.
@@ -125,7 +125,7 @@ def cycle(
     return score
 
 
-def _extent(curves: GaitCurves, style: Style, skeleton: Skeleton, step: float) -> float:
+def _extent(curves: GaitCurves, style: Style, skeleton: SyntheticSkeleton, step: float) -> float:
     """Return the extent that makes steps of a given length (mm)."""
     samples = 100
     phase = np.arange(3 * samples) / samples
@@ -178,9 +178,9 @@ def _checked_speed(
 
 
 def _walk(
-    motion: str, natural: float, time: Array, rate: float, skeleton: Skeleton, style: Style,
-    rng: np.random.Generator,
-) -> Score:  # fmt: skip
+    motion: str, natural: float, time: Array, rate: float, skeleton: SyntheticSkeleton,
+    style: Style, rng: np.random.Generator,
+) -> JointTrajectories:  # fmt: skip
     slowest, _, fastest = WALKING_SPEEDS
     speed = _checked_speed(motion, style.speed, natural, (slowest, fastest))
     # step length = ratio * cadence and speed = step length * cadence / 60; both lengths grow
@@ -192,15 +192,15 @@ def _walk(
 
 
 def walking(
-    time: Array, rate: float, skeleton: Skeleton, style: Style, rng: np.random.Generator
-) -> Score:
+    time: Array, rate: float, skeleton: SyntheticSkeleton, style: Style, rng: np.random.Generator
+) -> JointTrajectories:
     """Walk straight on."""
     return _walk("walking", WALKING_SPEEDS[1], time, rate, skeleton, style, rng)
 
 
 def turning(
-    time: Array, rate: float, skeleton: Skeleton, style: Style, rng: np.random.Generator
-) -> Score:
+    time: Array, rate: float, skeleton: SyntheticSkeleton, style: Style, rng: np.random.Generator
+) -> JointTrajectories:
     """Walk along a serpentine: curves to one side and to the other, some 4 s each."""
     score = _walk("turning", TURNING_SPEED, time, rate, skeleton, style, rng)
     wave = np.sin(2.0 * np.pi * (time / 8.0 + rng.uniform(0.0, 0.5)))
@@ -215,8 +215,8 @@ def turning(
 
 
 def pivoting(
-    time: Array, rate: float, skeleton: Skeleton, style: Style, rng: np.random.Generator
-) -> Score:
+    time: Array, rate: float, skeleton: SyntheticSkeleton, style: Style, rng: np.random.Generator
+) -> JointTrajectories:
     """Turn about on the spot, stepping; to one side, a pause, and back."""
     cadence = style.cadence or 105.0
     stepping = cycle(STEPPING, _phase(cadence, time, rate, style, rng), style, skeleton, 1.0)
@@ -225,7 +225,7 @@ def pivoting(
     turn = PIVOT_RATE * np.tanh(3.0 * wave) * np.abs(wave) ** 0.5
     busy = gaussian_filter1d((np.abs(wave) > 0.25).astype(np.float64), 0.12 * rate, mode="nearest")
     share = busy[:, None]
-    score = Score(
+    score = JointTrajectories(
         share * stepping.angles + (1.0 - share) * standing.angles,
         share * stepping.contact + (1.0 - share),
         share * stepping.flat + (1.0 - share),
@@ -237,8 +237,8 @@ def pivoting(
 
 
 def running(
-    time: Array, rate: float, skeleton: Skeleton, style: Style, rng: np.random.Generator
-) -> Score:
+    time: Array, rate: float, skeleton: SyntheticSkeleton, style: Style, rng: np.random.Generator
+) -> JointTrajectories:
     """Run straight on, with a flight between the steps."""
     slowest, natural, fastest = RUNNING_SPEEDS
     speed = _checked_speed("running", style.speed, natural, (slowest, fastest))

@@ -9,12 +9,12 @@ from scipy.interpolate import CubicSpline
 
 from priorfill.clip import Clip
 from priorfill.errors import OptionError
-from priorfill.synthetic.body import LABELS, Body
 from priorfill.synthetic.grounding import ground
 from priorfill.synthetic.kinematics import Segments, marker_positions, rot_z
 from priorfill.synthetic.motions import compose
 from priorfill.synthetic.noise import soft_tissue
-from priorfill.synthetic.options import Noise, Style
+from priorfill.synthetic.synthetic_body import LABELS, Body
+from priorfill.synthetic.synthetic_options import Noise, Style
 
 __all__ = ["simulate", "synthesise"]
 

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d, minimum_filter1d
 
-from priorfill.synthetic.body import SIDES, Skeleton
 from priorfill.synthetic.kinematics import (
-    Score,
+    JointTrajectories,
     Segments,
     align,
     leg,
@@ -25,6 +24,7 @@ from priorfill.synthetic.kinematics import (
     solve_leg,
     upper_body,
 )
+from priorfill.synthetic.synthetic_body import SIDES, SyntheticSkeleton
 
 __all__ = ["ground", "root_velocity"]
 
@@ -68,7 +68,7 @@ GRAVITY = 9810.0
 """mm/s²."""
 
 
-def _feet(score: Score, skeleton: Skeleton, pelvis: Array) -> list[Segments]:
+def _feet(score: JointTrajectories, skeleton: SyntheticSkeleton, pelvis: Array) -> list[Segments]:
     origin = np.zeros((len(pelvis), 3))
     legs = [leg(score, side, skeleton, origin, pelvis) for side in (0, 1)]
     up = np.broadcast_to([0.0, 0.0, 1.0], origin.shape)
@@ -79,20 +79,23 @@ def _feet(score: Score, skeleton: Skeleton, pelvis: Array) -> list[Segments]:
     return legs
 
 
-def _sole(ankle: Array, foot: Array, skeleton: Skeleton) -> tuple[Array, Array]:
+def _sole(ankle: Array, foot: Array, skeleton: SyntheticSkeleton) -> tuple[Array, Array]:
     """Return heel and ball [shape=(frames, 2, 3)], and how far each is the lower one."""
     points = ankle[:, None] + np.einsum("fij,kj->fki", foot, skeleton.sole)
     lower = 1.0 / (1.0 + np.exp(np.clip(np.diff(points[..., 2]) / ROLL_SOFTNESS, -50, 50)))
     return points, np.concatenate([1.0 - lower, lower], axis=1)
 
 
-def _bearing(score: Score) -> tuple[Array, NDArray[np.bool_]]:
+def _bearing(score: JointTrajectories) -> tuple[Array, NDArray[np.bool_]]:
     total = score.contact.sum(axis=1)
     return score.contact / np.maximum(total, 1e-6)[:, None], total >= BEARING
 
 
 def _velocity(
-    score: Score, feet: list[tuple[Array, Array]], skeleton: Skeleton, rate: float
+    score: JointTrajectories,
+    feet: list[tuple[Array, Array]],
+    skeleton: SyntheticSkeleton,
+    rate: float,
 ) -> Array:
     """Return the pelvis' horizontal velocity [shape=(frames, 2), mm/s] from the feet's."""
     weight, bears = _bearing(score)
@@ -108,7 +111,7 @@ def _velocity(
     return np.asarray(gaussian_filter1d(velocity, ROOT_SMOOTHING * rate, axis=0, mode="nearest"))
 
 
-def root_velocity(score: Score, skeleton: Skeleton, rate: float) -> Array:
+def root_velocity(score: JointTrajectories, skeleton: SyntheticSkeleton, rate: float) -> Array:
     """Return the velocity [shape=(frames, 2), mm/s] with which a score moves the pelvis.
 
     The heading is taken as constant, x forwards.
@@ -120,7 +123,10 @@ def root_velocity(score: Score, skeleton: Skeleton, rate: float) -> Array:
 
 
 def _height(
-    score: Score, feet: list[tuple[Array, Array]], skeleton: Skeleton, rate: float
+    score: JointTrajectories,
+    feet: list[tuple[Array, Array]],
+    skeleton: SyntheticSkeleton,
+    rate: float,
 ) -> Array:
     """Return the pelvis' height [shape=(frames,), mm] above the floor."""
     weight, bears = _bearing(score)
@@ -188,7 +194,7 @@ def _held_offset(values: Array, held: NDArray[np.bool_], limit: float = np.inf) 
 
 
 def _plant(
-    ankle: Array, foot: Array, skeleton: Skeleton, held: NDArray[np.bool_], rate: float
+    ankle: Array, foot: Array, skeleton: SyntheticSkeleton, held: NDArray[np.bool_], rate: float
 ) -> tuple[Array, Array, Array]:
     """Return ankle and foot that neither slide, turn nor sink, and the angle that was turned."""
     lateral = foot[:, :, 1]  # the foot's heading is ill-defined where the toes point down
@@ -221,14 +227,14 @@ def _plant(
     return ankle + offset, foot, turned
 
 
-def ground(score: Score, skeleton: Skeleton, rate: float) -> Segments:
+def ground(score: JointTrajectories, skeleton: SyntheticSkeleton, rate: float) -> Segments:
     """Put a motion on the floor.
 
     Parameters
     ----------
-    score : Score
+    score : JointTrajectories
         The joints' angles and which foot bears.
-    skeleton : Skeleton
+    skeleton : SyntheticSkeleton
         The body.
     rate : float
         Frames per second (Hz).
@@ -285,7 +291,7 @@ def _make_way(
     hips: list[Array],
     ankles: list[Array],
     held: NDArray[np.bool_],
-    skeleton: Skeleton,
+    skeleton: SyntheticSkeleton,
     rate: float,
 ) -> Array:
     """Return by how much [shape=(frames,), mm] the pelvis goes down for bearing legs to reach."""

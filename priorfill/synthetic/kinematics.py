@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.synthetic.body import MARKER_SEGMENTS, SIDES, Skeleton
+from priorfill.synthetic.synthetic_body import MARKER_SEGMENTS, SIDES, SyntheticSkeleton
 
 __all__ = [
     "CHANNELS",
-    "Score",
+    "JointTrajectories",
     "Segments",
     "align",
     "leg",
@@ -50,15 +50,15 @@ _LIMB = (
 )  # fmt: skip
 
 CHANNELS: tuple[str, ...] = _AXIAL + tuple(side + name for side in SIDES for name in _LIMB)
-"""The joint angles of a `Score`. Flexion is positive (trunk and pelvis: forwards); list and
-side bending are positive where the left side goes up; rotations of trunk and head are
+"""The joint angles of a `JointTrajectories`. Flexion is positive (trunk and pelvis: forwards);
+list and side bending are positive where the left side goes up; rotations of trunk and head are
 positive to the left, those of the limbs inwards."""
 
 _COLUMN = {name: i for i, name in enumerate(CHANNELS)}
 
 
 @dataclass(frozen=True)
-class Score:
+class JointTrajectories:
     """A motion before it meets the floor, as a musician's score: what each joint does when.
 
     Attributes
@@ -79,7 +79,7 @@ class Score:
     turn: Array
 
     @classmethod
-    def standing(cls, frames: int) -> Score:
+    def standing(cls, frames: int) -> JointTrajectories:
         """Return a score of all angles 0, standing on both feet, to be written into."""
         return cls(
             np.zeros((frames, len(CHANNELS))),
@@ -159,13 +159,15 @@ def align(start: Array, end: Array, fraction: Array | float = 1.0) -> Array:
     return np.asarray(np.eye(3) + sine * cross + versine * (cross @ cross))
 
 
-def pelvis_rotation(score: Score, heading: Array) -> Array:
+def pelvis_rotation(score: JointTrajectories, heading: Array) -> Array:
     """Return the pelvis' axes [shape=(frames, 3, 3)] for a heading [shape=(frames,), degrees]."""
     yaw = rot_z(heading + score["pelvis_rotation"])
     return yaw @ rot_x(score["pelvis_list"]) @ rot_y(score["pelvis_tilt"])
 
 
-def leg(score: Score, side: int, skeleton: Skeleton, origin: Array, pelvis: Array) -> Segments:
+def leg(
+    score: JointTrajectories, side: int, skeleton: SyntheticSkeleton, origin: Array, pelvis: Array
+) -> Segments:
     """Return thigh, shank and foot of one side, from the joint angles."""
     name, sign = SIDES[side], (1.0, -1.0)[side]
     thigh = (
@@ -192,7 +194,7 @@ def leg(score: Score, side: int, skeleton: Skeleton, origin: Array, pelvis: Arra
 
 
 def solve_leg(
-    hip: Array, thigh: Array, target: Array, skeleton: Skeleton
+    hip: Array, thigh: Array, target: Array, skeleton: SyntheticSkeleton
 ) -> tuple[Array, Array, Array]:
     """Bring an ankle to a target with the smallest change of the leg.
 
@@ -202,7 +204,7 @@ def solve_leg(
         Hip joint, and where the ankle is to be.
     thigh : ndarray [shape=(frames, 3, 3)]
         Axes of the thigh before; they settle which way the knee points.
-    skeleton : Skeleton
+    skeleton : SyntheticSkeleton
         Lengths.
 
     Returns
@@ -227,7 +229,9 @@ def solve_leg(
     return thigh, hip + _apply(thigh, down) * upper, thigh @ bend
 
 
-def upper_body(score: Score, skeleton: Skeleton, origin: Array, pelvis: Array) -> Segments:
+def upper_body(
+    score: JointTrajectories, skeleton: SyntheticSkeleton, origin: Array, pelvis: Array
+) -> Segments:
     """Return pelvis, trunk, head and arms, from the joint angles."""
     segments: Segments = {"pelvis": (origin, pelvis)}
     base = origin + _apply(pelvis, skeleton.offsets["thorax"])
@@ -272,7 +276,7 @@ def upper_body(score: Score, skeleton: Skeleton, origin: Array, pelvis: Array) -
 
 
 def marker_positions(
-    segments: Segments, skeleton: Skeleton, displacement: Array | None = None
+    segments: Segments, skeleton: SyntheticSkeleton, displacement: Array | None = None
 ) -> Array:
     """Return the markers [shape=(frames, 41, 3), mm] on the segments.
 
@@ -280,7 +284,7 @@ def marker_positions(
     ----------
     segments : dict
         All segments.
-    skeleton : Skeleton
+    skeleton : SyntheticSkeleton
         Where the markers sit.
     displacement : ndarray [shape=(frames, 41, 3), mm] or None
         Added in the frame of each marker's segment: soft tissue.

@@ -11,15 +11,15 @@ from scipy.ndimage import gaussian_filter1d
 
 from priorfill.errors import OptionError
 from priorfill.synthetic import gait, tasks
-from priorfill.synthetic.body import Skeleton
-from priorfill.synthetic.kinematics import CHANNELS, Score
+from priorfill.synthetic.kinematics import CHANNELS, JointTrajectories
 from priorfill.synthetic.noise import smooth_noise
-from priorfill.synthetic.options import Style
+from priorfill.synthetic.synthetic_body import SyntheticSkeleton
+from priorfill.synthetic.synthetic_options import Style
 
 __all__ = ["MOTIONS", "SEQUENCE", "compose"]
 
 Array = NDArray[np.float64]
-Maker = Callable[[Array, float, Skeleton, Style, np.random.Generator], Score]
+Maker = Callable[[Array, float, SyntheticSkeleton, Style, np.random.Generator], JointTrajectories]
 
 _MAKERS: MappingProxyType[str, Maker] = MappingProxyType(
     {
@@ -63,7 +63,9 @@ VARIATION_HZ, DRIFT_HZ = 0.5, 0.06
 """Bandwidths (Hz) of the variation from cycle to cycle, and of the slow drift."""
 
 
-def _vary(score: Score, rate: float, style: Style, rng: np.random.Generator) -> Score:
+def _vary(
+    score: JointTrajectories, rate: float, style: Style, rng: np.random.Generator
+) -> JointTrajectories:
     """Return a score with asymmetry, drift and variability."""
     frames = len(score.angles)
     size = np.array(
@@ -75,7 +77,7 @@ def _vary(score: Score, rate: float, style: Style, rng: np.random.Generator) -> 
     middle = score.angles.mean(axis=0)
     factor = (1.0 + 0.5 * style.asymmetry * side) * (1.0 + np.clip(drift, -0.2, 0.2))
     angles = middle + factor * (score.angles - middle) + style.variability * size * noise
-    return Score(angles, score.contact, score.flat, score.turn)
+    return JointTrajectories(angles, score.contact, score.flat, score.turn)
 
 
 def _side(channel: str) -> str:
@@ -87,10 +89,10 @@ def compose(
     motion: str,
     time: Array,
     rate: float,
-    skeleton: Skeleton,
+    skeleton: SyntheticSkeleton,
     style: Style,
     rng: np.random.Generator,
-) -> Score:
+) -> JointTrajectories:
     """Return the score of a motion.
 
     Parameters
@@ -101,7 +103,7 @@ def compose(
         Time, evenly spaced.
     rate : float
         Frames per second (Hz).
-    skeleton : Skeleton
+    skeleton : SyntheticSkeleton
         The body.
     style : Style
         The manner.
@@ -121,7 +123,7 @@ def compose(
     scores = {
         name: _MAKERS[name](time, rate, skeleton, style, rng) for name in dict.fromkeys(SEQUENCE)
     }
-    mixed = Score.standing(len(time))
+    mixed = JointTrajectories.standing(len(time))
     mixed.flat[:] = 0.0
     for name, score in scores.items():
         playing = np.isin(part % len(SEQUENCE), [i for i, n in enumerate(SEQUENCE) if n == name])

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 from scipy.ndimage import gaussian_filter1d
 
-from priorfill.synthetic.body import MARKER_SEGMENTS
 from priorfill.synthetic.kinematics import Segments
+from priorfill.synthetic.synthetic_body import MARKER_SEGMENTS
 
 __all__ = ["TISSUE", "Tissue", "smooth_noise", "soft_tissue"]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.synthetic.body import SIDES
-from priorfill.synthetic.kinematics import Score
-from priorfill.synthetic.options import Style
+from priorfill.synthetic.kinematics import JointTrajectories
+from priorfill.synthetic.synthetic_body import SIDES
+from priorfill.synthetic.synthetic_options import Style
 
 __all__ = ["bend_legs", "minimum_jerk", "stand"]
 
@@ -31,7 +31,7 @@ def minimum_jerk(progress: Array) -> Array:
     return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
 
 
-def bend_legs(score: Score, knee: Array) -> None:
+def bend_legs(score: JointTrajectories, knee: Array) -> None:
     """Bend both legs by a knee angle [shape=(frames,), degrees] with the soles flat."""
     for name in SIDES:
         score[f"{name}knee_flexion"][:] = knee
@@ -39,9 +39,9 @@ def bend_legs(score: Score, knee: Array) -> None:
         score[f"{name}ankle_dorsiflexion"][:] = (1.0 - THIGH_SHARE) * knee
 
 
-def stand(frames: int, style: Style) -> Score:
+def stand(frames: int, style: Style) -> JointTrajectories:
     """Return the score of standing at ease with the arms hanging."""
-    score = Score.standing(frames)
+    score = JointTrajectories.standing(frames)
     bend_legs(score, np.full(frames, STANDING_KNEE))
     score["lumbar_flexion"][:] = 1.0 + style.lean
     score["neck_flexion"][:] = -0.7 * style.lean

@@ -9,16 +9,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.synthetic.body import SIDES, Skeleton
-from priorfill.synthetic.curves import SQUAT_KNEE
-from priorfill.synthetic.kinematics import Score
-from priorfill.synthetic.options import Style
+from priorfill.synthetic.gait_curves import SQUAT_KNEE
+from priorfill.synthetic.kinematics import JointTrajectories
 from priorfill.synthetic.posture import (
     STANDING_KNEE,
     bend_legs,
     minimum_jerk,
     stand,
 )
+from priorfill.synthetic.synthetic_body import SIDES, SyntheticSkeleton
+from priorfill.synthetic.synthetic_options import Style
 
 __all__ = ["reaching", "squatting"]
 
@@ -59,14 +59,14 @@ def _bouts(
     return bouts
 
 
-def _widen(score: Score) -> None:
+def _widen(score: JointTrajectories) -> None:
     for name in SIDES:
         score[f"{name}hip_adduction"][:] -= STANCE_ABDUCTION
 
 
 def reaching(
-    time: Array, rate: float, skeleton: Skeleton, style: Style, rng: np.random.Generator
-) -> Score:
+    time: Array, rate: float, skeleton: SyntheticSkeleton, style: Style, rng: np.random.Generator
+) -> JointTrajectories:
     """Stand and reach with the left, the right or both hands: low, level, high, sideways."""
     score = stand(len(time), style)
     _widen(score)
@@ -109,8 +109,8 @@ def reaching(
 
 
 def squatting(
-    time: Array, rate: float, skeleton: Skeleton, style: Style, rng: np.random.Generator
-) -> Score:
+    time: Array, rate: float, skeleton: SyntheticSkeleton, style: Style, rng: np.random.Generator
+) -> JointTrajectories:
     """Squat again and again, arms forwards for balance."""
     score = stand(len(time), style)
     _widen(score)

@@ -18,7 +18,7 @@ from types import ModuleType
 from paper import cut, error
 
 import priorfill as pf
-from priorfill.evaluation.parts import LIMBS
+from priorfill.evaluation.body_parts import LIMBS
 from priorfill.gaps import gap_groups
 from priorfill.geometry.axes import from_upright, to_upright
 from priorfill.markers.definitions import load

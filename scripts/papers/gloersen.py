@@ -21,11 +21,11 @@ from threadpoolctl import threadpool_limits
 import priorfill as pf
 from priorfill.errors import MethodError
 from priorfill.evaluation.gap_generator import GapGenerator, Mask, measured_in
-from priorfill.evaluation.protocols import ENOUGH, SCATTER_AT_ONCE, SCATTER_SECONDS
+from priorfill.evaluation.protocols import MAX_MISSING_AT_ONCE, RANDOM_GAP_SECONDS, TRIES_PER_GAP
 from priorfill.gaps import gap_groups
 from priorfill.geometry.axes import from_upright, to_upright
 from priorfill.markers.describe import describe
-from priorfill.methods.gloersen2016 import Options, r1, r2
+from priorfill.methods.gloersen2016 import Gloersen2016Options, r1, r2
 from priorfill.methods.task import Estimate, Task
 
 __all__ = [
@@ -111,16 +111,16 @@ def runs_in_frames(clip: pf.Clip, share: float, copy: int) -> Mask:
     lower one stopped, so that shares can be compared.
     """
     cutter = GapGenerator(clip, np.random.default_rng([SEED, copy]), measured_in(clip))
-    for _ in range(ENOUGH * clip.frames):
+    for _ in range(TRIES_PER_GAP * clip.frames):
         if cutter.gone.any(axis=1).mean() >= share:
             break
-        if cutter.scatter_one(SCATTER_SECONDS, SCATTER_AT_ONCE) is None:
+        if cutter.scatter_one(RANDOM_GAP_SECONDS, MAX_MISSING_AT_ONCE) is None:
             break
     return cutter.gone
 
 
 def deviations(
-    clip: pf.Clip, gone: Mask, method: str, options: Options | None = None
+    clip: pf.Clip, gone: Mask, method: str, options: Gloersen2016Options | None = None
 ) -> Array | None:
     """Remove samples, fill them by a method, and take the truth from the fill.
 
@@ -132,7 +132,7 @@ def deviations(
         What is removed.
     method : str
         Name of a method.
-    options : Options, optional
+    options : Gloersen2016Options, optional
         Constants of the paper's methods; those of the paper if not given.
 
     Returns
@@ -169,14 +169,16 @@ def _task(gappy: pf.Clip) -> Task:
 
 
 def distances(
-    clip: pf.Clip, gone: Mask, method: str, options: Options | None = None
+    clip: pf.Clip, gone: Mask, method: str, options: Gloersen2016Options | None = None
 ) -> Array | None:
     """Return the distance of each removed sample from the truth (mm); see `deviations`."""
     off = deviations(clip, gone, method, options)
     return None if off is None else np.asarray(np.linalg.norm(off, axis=1))
 
 
-def mean_distance(clip: pf.Clip, gone: Mask, method: str, options: Options | None = None) -> float:
+def mean_distance(
+    clip: pf.Clip, gone: Mask, method: str, options: Gloersen2016Options | None = None
+) -> float:
     """Return the mean error (mm) over the removed samples; NaN if any is left missing."""
     found = distances(clip, gone, method, options)
     return float("nan") if found is None or not found.size else float(found.mean())

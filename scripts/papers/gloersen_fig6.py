@@ -28,7 +28,7 @@ from gloersen import (
 )
 from paper import Cell, beside, in_processes, options
 
-from priorfill.methods.gloersen2016 import Options
+from priorfill.methods.gloersen2016 import Gloersen2016Options
 
 SHARE = 0.5
 """Of the frames."""
@@ -65,7 +65,7 @@ def errors(case: Case) -> list[list[float]]:
     """Return the mean error (mm) for each constant's values, and each method."""
     clip = read(case.file)
     gone = runs_in_frames(clip, SHARE, case.copy)
-    published = Options()
+    published = Gloersen2016Options()
     return [
         [
             mean_distance(clip, gone, method, replace(published, **{name: value}))
@@ -91,7 +91,7 @@ def main() -> int:
             row: list[Cell] = [NAMES[name], f"{value:g}"]
             for j in range(len(METHODS)):
                 row += quartiles(found[:, where, j])
-            rows.append([*row, "chosen" if value == getattr(Options(), name) else None])
+            rows.append([*row, "chosen" if value == getattr(Gloersen2016Options(), name) else None])
             where += 1
     beside(
         "Medians over copies of the mean error in mm",

@@ -34,9 +34,9 @@ from paper import Cell, beside, in_processes, options
 from scipy.stats import spearmanr
 
 import priorfill as pf
+from priorfill.evaluation.body_parts import parts_of
 from priorfill.evaluation.gap_generator import Mask
-from priorfill.evaluation.parts import parts_of
-from priorfill.evaluation.protocols import Cut, Random, draw_for
+from priorfill.evaluation.protocols import GapMask, RandomGaps, draw_for
 from priorfill.methods.gloersen2016.weighted_pca import mean_distances
 
 PAPER = {"r1": 2.1, "r2": 1.7}
@@ -87,10 +87,10 @@ def seconds(case: Case) -> float:
 def protocol(file: Path, copies: int) -> list[Mask]:
     """Return patterns as ``priorfill evaluate --protocol random`` makes them by default."""
     clip = read(file)
-    cases = Random(copies=copies).cases(
+    cases = RandomGaps(copies=copies).cases(
         clip, parts_of(clip), draw_for(EVALUATE_SEED, "random", clip.name)
     )
-    return [case.gone for case in cases if isinstance(case, Cut)]
+    return [case.gone for case in cases if isinstance(case, GapMask)]
 
 
 def far(clip: pf.Clip, gone: NDArray[np.bool_]) -> NDArray[np.float64]:

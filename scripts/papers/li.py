@@ -24,9 +24,9 @@ from paper import Cell, beside, find, options
 import priorfill as pf
 from priorfill.errors import ClipError
 from priorfill.evaluation import Evaluation
+from priorfill.evaluation.body_parts import BodyParts
 from priorfill.evaluation.gap_generator import measured_in
-from priorfill.evaluation.parts import Parts
-from priorfill.evaluation.protocols import Cut, GapProtocol, NoPlace
+from priorfill.evaluation.protocols import GapMask, GapProtocol, SkippedCase
 from priorfill.formats import SUFFIXES
 from priorfill.methods import METHODS
 from priorfill.signal.resample import resample
@@ -260,8 +260,8 @@ class Onward:
     copies: int = 1
 
     def cases(
-        self, clip: pf.Clip, parts: Parts, draw: Callable[[str, int], np.random.Generator]
-    ) -> Iterator[Cut | NoPlace]:
+        self, clip: pf.Clip, parts: BodyParts, draw: Callable[[str, int], np.random.Generator]
+    ) -> Iterator[GapMask | SkippedCase]:
         """Make the cases of a clip."""
         del parts
         for copy in range(1, self.copies + 1):
@@ -269,11 +269,11 @@ class Onward:
             order = draw("onward", copy).permutation(len(clip.labels))
             for number in self.numbers:
                 if number >= len(clip.labels):
-                    yield NoPlace(str(number), copy, "no marker would be left")
+                    yield SkippedCase(str(number), copy, "no marker would be left")
                     continue
                 gone = np.zeros_like(clip.missing)
                 gone[self.start :, order[:number]] = True
-                yield Cut(str(number), copy, gone)
+                yield GapMask(str(number), copy, gone)
 
 
 @dataclass(frozen=True)
@@ -289,8 +289,8 @@ class Several:
     protocols: Mapping[str, GapProtocol]
 
     def cases(
-        self, clip: pf.Clip, parts: Parts, draw: Callable[[str, int], np.random.Generator]
-    ) -> Iterator[Cut | NoPlace]:
+        self, clip: pf.Clip, parts: BodyParts, draw: Callable[[str, int], np.random.Generator]
+    ) -> Iterator[GapMask | SkippedCase]:
         """Make the cases of a clip."""
         for name, protocol in self.protocols.items():
             for made in protocol.cases(clip, parts, draw):
@@ -302,14 +302,14 @@ class Throughout:
     """Each marker in turn is missing in the whole clip."""
 
     def cases(
-        self, clip: pf.Clip, parts: Parts, draw: Callable[[str, int], np.random.Generator]
-    ) -> Iterator[Cut | NoPlace]:
+        self, clip: pf.Clip, parts: BodyParts, draw: Callable[[str, int], np.random.Generator]
+    ) -> Iterator[GapMask | SkippedCase]:
         """Make the cases of a clip."""
         del parts, draw
         for marker, label in enumerate(clip.labels):
             gone = np.zeros_like(clip.missing)
             gone[:, marker] = True
-            yield Cut(label, 1, gone)
+            yield GapMask(label, 1, gone)
 
 
 def evaluated(some: Material, protocol: GapProtocol, methods: str) -> Evaluation:

@@ -15,13 +15,13 @@ import sys
 
 from li import PIECE, RATE, Several, by_part, evaluated, material, parser_of, refusals, tell
 
-from priorfill.evaluation.protocols import Frames
+from priorfill.evaluation.protocols import FrameGaps
 
 METHODS = "pca-frames,linear,spline,lds,auto"
 
 MISSING = (1, 2, 5, 10, 20, 30, 40)
 MORE_MISSING = tuple(range(1, 41))
-"""Frames."""
+"""FrameGaps."""
 
 FEW, MANY = 3, 5
 """Copies of each sample, with the gap elsewhere."""
@@ -34,7 +34,7 @@ def main() -> int:
     some = material(arguments).first(PIECE)
     tell(some, "frames 301-400 of Maju Undur (a Malay dance, 30 Hz).")
     protocols = {
-        str(frames): Frames(
+        str(frames): FrameGaps(
             copies=MANY if arguments.full else FEW, seconds=(frames / RATE, frames / RATE)
         )
         for frames in (MORE_MISSING if arguments.full else MISSING)

@@ -16,7 +16,7 @@ import sys
 
 from li import PIECE, RATE, Several, by_part, evaluated, material, parser_of, refusals, tell
 
-from priorfill.evaluation.protocols import Periodic
+from priorfill.evaluation.protocols import PeriodicGaps
 
 INTERVALS = (2, 10, 25)
 """Frames."""
@@ -36,7 +36,7 @@ def main() -> int:
     tell(some, "frames 301-400 of Maju Undur, 451-550 of fastsong7 (Malay dances, 30 Hz).")
     number = max(1, len(some.samples[0].labels) // SHARE)
     protocols = {
-        str(frames): Periodic(
+        str(frames): PeriodicGaps(
             copies=MANY if arguments.full else FEW,
             number=(number, number),
             seconds=(frames / RATE, frames / RATE),

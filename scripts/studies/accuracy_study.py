@@ -47,7 +47,7 @@ from recordings import PERSON, SETS, add_data_option, person_of
 
 import priorfill as pf
 from priorfill.cli.progress import progress
-from priorfill.evaluation.parts import FEET, Parts, parts_of
+from priorfill.evaluation.body_parts import FEET, BodyParts, parts_of
 from priorfill.gaps import find_gaps
 from priorfill.geometry.axes import to_upright
 from priorfill.methods import get_method
@@ -95,7 +95,7 @@ class Case:
     file: Path
     truth: pf.Clip
     gone: NDArray[np.bool_]
-    parts: Parts
+    parts: BodyParts
 
     @property
     def gappy(self) -> pf.Clip:

@@ -11,14 +11,14 @@ from dataclasses import replace
 import numpy as np
 
 import priorfill as pf
+from priorfill.evaluation.body_parts import BodyParts
 from priorfill.evaluation.gap_generator import (
     EDGE,
     TRIES,
     GapGenerator,
     Mask,
 )
-from priorfill.evaluation.parts import Parts
-from priorfill.evaluation.protocols import SCATTER_AT_ONCE, SCATTER_SECONDS, SCATTER_SHARE
+from priorfill.evaluation.protocols import MAX_MISSING_AT_ONCE, RANDOM_GAP_SECONDS, RANDOM_GAP_SHARE
 
 SHORT_REST = 2.0
 """s of complete frames that are left in a clip of the kind ``short``."""
@@ -27,7 +27,7 @@ SHORT_REST = 2.0
 class _Cutter(GapGenerator):
     """Cuts gaps into one clip, whose parts it knows."""
 
-    def __init__(self, clip: pf.Clip, parts: Parts, rng: np.random.Generator) -> None:
+    def __init__(self, clip: pf.Clip, parts: BodyParts, rng: np.random.Generator) -> None:
         super().__init__(clip, rng)
         self.parts = parts
 
@@ -89,8 +89,8 @@ def _ends(cutter: _Cutter) -> bool:
 
 
 def _scatter(cutter: _Cutter) -> bool:
-    share = cutter.rng.uniform(*SCATTER_SHARE)
-    return cutter.scatter(share, SCATTER_SECONDS, SCATTER_AT_ONCE)
+    share = cutter.rng.uniform(*RANDOM_GAP_SHARE)
+    return cutter.scatter(share, RANDOM_GAP_SECONDS, MAX_MISSING_AT_ONCE)
 
 
 def _blackout(cutter: _Cutter) -> bool:
@@ -120,7 +120,7 @@ KINDS: dict[str, Callable[[_Cutter], bool]] = {
 
 
 def cut_gaps(
-    kind: str, clip: pf.Clip, parts: Parts, rng: np.random.Generator
+    kind: str, clip: pf.Clip, parts: BodyParts, rng: np.random.Generator
 ) -> tuple[pf.Clip, Mask] | None:
     """Cut gaps of a kind into a clip.
 
@@ -130,7 +130,7 @@ def cut_gaps(
         One of `KINDS`.
     clip : Clip
         The truth.
-    parts : Parts
+    parts : BodyParts
         Of its body.
     rng : Generator
         What draws.
@@ -149,7 +149,7 @@ def cut_gaps(
 
 
 def _cut_short(
-    clip: pf.Clip, parts: Parts, rng: np.random.Generator
+    clip: pf.Clip, parts: BodyParts, rng: np.random.Generator
 ) -> tuple[pf.Clip, Mask] | None:
     """Cut a limb out, and so much of the clip away that little else is left."""
     frames, rest = round(rng.uniform(1.0, 2.0) * clip.rate), round(SHORT_REST * clip.rate)

@@ -32,7 +32,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from recordings import add_data_option, person_of
 
 import priorfill as pf
-from priorfill.evaluation.parts import LIMBS
+from priorfill.evaluation.body_parts import LIMBS
 from priorfill.markers.definitions import load
 
 SETS = {"gait": ("gait59", ("gait",)), "baumann41": ("baumann41", ("cmu", "hdm05"))}

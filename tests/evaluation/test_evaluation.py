@@ -28,28 +28,28 @@ from priorfill.errors import (
     OutputError,
 )
 from priorfill.evaluation import (
-    case,
     evaluate,
+    evaluation_results,
+    gap_case,
     make_protocol,
     plots,
-    results,
 )
 from priorfill.evaluation import (
     runner as campaign,
 )
+from priorfill.evaluation.body_parts import parts_of
 from priorfill.evaluation.gap_generator import GapGenerator, measured_in
-from priorfill.evaluation.joints import angles, joint_errors
+from priorfill.evaluation.joint_angles import angles, joint_errors
 from priorfill.evaluation.metrics import MEASURES, measure, summarise
-from priorfill.evaluation.parts import parts_of
+from priorfill.evaluation.outcome_store import OutcomeStore
 from priorfill.evaluation.protocols import (
     PROTOCOLS,
-    Cut,
-    NoPlace,
+    GapMask,
+    SkippedCase,
     draw_for,
     groups_of,
 )
-from priorfill.evaluation.store import Store
-from priorfill.evaluation.tables import (
+from priorfill.evaluation.summary_tables import (
     LENGTHS,
     compare,
     length_class,
@@ -72,16 +72,16 @@ def unknown(clip: Clip) -> Clip:
     return replace(clip, labels=tuple(f"M{i:02d}" for i in range(len(clip.labels))))
 
 
-def cuts(name: str, clip: Clip, seed: int = 0, **options: object) -> list[Cut]:
+def cuts(name: str, clip: Clip, seed: int = 0, **options: object) -> list[GapMask]:
     made = make_protocol(name, **options).cases(clip, parts_of(clip), draw_for(seed, name, "c"))
     found = list(made)
-    assert all(isinstance(one, Cut) for one in found), found
-    return [one for one in found if isinstance(one, Cut)]
+    assert all(isinstance(one, GapMask) for one in found), found
+    return [one for one in found if isinstance(one, GapMask)]
 
 
-def refusals(name: str, clip: Clip, **options: object) -> list[NoPlace]:
+def refusals(name: str, clip: Clip, **options: object) -> list[SkippedCase]:
     made = make_protocol(name, **options).cases(clip, parts_of(clip), draw_for(0, name, "c"))
-    return [one for one in made if isinstance(one, NoPlace)]
+    return [one for one in made if isinstance(one, SkippedCase)]
 
 
 # protocols
@@ -91,7 +91,7 @@ def refusals(name: str, clip: Clip, **options: object) -> list[NoPlace]:
 @pytest.mark.parametrize("name", [name for name in PROTOCOLS if name != "like"])
 def test_only_measured_samples_are_removed(name: str, clip: Clip) -> None:
     made = make_protocol(name).cases(clip, parts_of(clip), draw_for(0, name, clip.name))
-    found = [one for one in made if isinstance(one, Cut)]
+    found = [one for one in made if isinstance(one, GapMask)]
     assert found
     for one in found:
         assert one.gone.any()
@@ -535,7 +535,7 @@ def test_wrong_usage(
     options: dict[str, object], error: type[Exception], message: str,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
-    monkeypatch.setattr(case, "fill", None)  # nothing is filled
+    monkeypatch.setattr(gap_case, "fill", None)  # nothing is filled
     with pytest.raises(error, match=message):
         evaluate(**{"clips": person(), "methods": "linear"} | options)
 
@@ -566,16 +566,16 @@ def test_files_say_what_was_found(tmp_path: Path) -> None:
     assert facts["settings"]["seed"] == 0
     assert facts["settings"]["protocol"]["name"] == "markers"
     assert {file.name for file in (tmp_path / "out").iterdir()} == {
-        *results.FILES, "evaluation.json", "cases"
+        *evaluation_results.FILES, "evaluation.json", "cases"
     }  # fmt: skip
 
 
 def _count_fills(monkeypatch: pytest.MonkeyPatch, last: int | None = None) -> list[str]:
     """Count fills; after the last one an interrupt comes."""
     made: list[str] = []
-    real = case.run_case
+    real = gap_case.run_case
 
-    def counted(source: object, one: case.Case, method: str) -> object:
+    def counted(source: object, one: gap_case.GapCase, method: str) -> object:
         if last is not None and len(made) == last:
             raise KeyboardInterrupt
         made.append(method)
@@ -665,11 +665,11 @@ def test_processes_make_no_difference_and_a_killed_one_is_named(tmp_path: Path) 
     clip = person(seconds=2.0)
     alone = evaluate(clip, methods="linear", protocol="frames")
     plan = replace(alone.plan, cases=(*alone.plan.cases, _Deadly(0, "deadly", 1, ())))
-    store = Store(tmp_path, plan)
+    store = OutcomeStore(tmp_path, plan)
     with pytest.raises(
         EvaluationError, match=r"a process was killed with . of 6 fills done.* kept"
     ):
-        campaign.carry_out(plan, jobs=2, store=store)
+        campaign.run_plan(plan, jobs=2, store=store)
     kept = dict(store.kept())
     # four were handed out at first, and the last one only when two of them were finished
     assert 2 <= len(kept) <= 5
@@ -679,7 +679,7 @@ def test_processes_make_no_difference_and_a_killed_one_is_named(tmp_path: Path) 
         assert outcome.how == alone.outcomes[job].how
 
 
-class _Deadly(case.Case):
+class _Deadly(gap_case.GapCase):
     """A case that ends the process that it is sent to."""
 
     def __reduce__(self) -> tuple[object, ...]:

@@ -15,7 +15,7 @@ from priorfill.errors import MethodError
 from priorfill.filling.fill_clip import fill
 from priorfill.formats import read
 from priorfill.geometry.axes import from_upright
-from priorfill.methods.gloersen2016.weighted_pca import Moments, mean_distances, regression
+from priorfill.methods.gloersen2016.weighted_pca import ColumnMoments, mean_distances, regression
 
 METHOD = pytest.mark.parametrize("method", ["r1", "r2"])
 SIGMA, LOST, CUTOFF, EXPLAINED = 200.0, 0.02, 0.5, 0.99
@@ -185,7 +185,7 @@ def test_moments_over_any_frames():
     whole = rng.random(50) < 0.5
     frames = whole | (rng.random(50) < 0.5)
     which = np.array([True, False, True, True, False, True])
-    mean, covariance = Moments(columns, whole).over(frames, which)
+    mean, covariance = ColumnMoments(columns, whole).over(frames, which)
     chosen = columns[frames][:, which]
     np.testing.assert_allclose(mean, chosen.mean(axis=0), atol=1e-12)
     np.testing.assert_allclose(covariance, np.cov(chosen.T, bias=True), atol=1e-12)

@@ -17,7 +17,7 @@ from priorfill.gaps import gap_groups
 from priorfill.geometry.axes import from_upright
 from priorfill.markers.marker_set import MarkerSet
 from priorfill.methods.baumann2011 import krueger2010
-from priorfill.methods.baumann2011.krueger2010 import Options
+from priorfill.methods.baumann2011.krueger2010 import Krueger2010Options
 from priorfill.methods.task import Task
 from priorfill.search.takes import own_take
 from priorfill.signal.resample import pyramid
@@ -105,7 +105,7 @@ def test_each_frame_gets_the_mean_of_its_nearest_poses(seed, k):
     gappy[9:20, 8] = np.nan
     gappy[11:13, 4] = np.nan
     task = task_of(gappy, others, {0, 1, 2, 3, 4, 5, 7})
-    found = krueger2010.fill(task, options=Options(neighbours=k))
+    found = krueger2010.fill(task, options=Krueger2010Options(neighbours=k))
     group = task.root_among(np.array([0, 1, 2, 3]))
     expected = twin(gappy, others, [0, 1, 2, 3], group.template, [0, 1, 2, 3, 4, 5, 7], k)
     np.testing.assert_allclose(found.positions, expected, atol=1e-3)  # the bank is float32
@@ -115,7 +115,7 @@ def test_unreliable_markers_search_only_where_others_are_too_few():
     truth, others = body(0, 24), [body(1, 60)]
     gappy = truth.copy()
     gappy[5:15, 8] = np.nan
-    options = Options(neighbours=3)
+    options = Krueger2010Options(neighbours=3)
     some = krueger2010.fill(task_of(gappy, others, {0, 1, 2, 3}), options=options).positions
     few = krueger2010.fill(task_of(gappy, others, {0, 1, 2}), options=options).positions
     every = krueger2010.fill(task_of(gappy, others, set(range(9))), options=options).positions
@@ -128,7 +128,7 @@ def test_the_deviation_is_the_spread_of_the_neighbours():
     gappy = truth.copy()
     gappy[5:15, 8] = np.nan
     task = task_of(gappy, others, set(range(8)))
-    found = krueger2010.fill(task, options=Options(neighbours=1000))
+    found = krueger2010.fill(task, options=Krueger2010Options(neighbours=1000))
     root = task.root_among(np.arange(8))
     poses = others[0][1:-1]
     local = root.frames(poses).to_local(poses)[:, 8]  # every pose is a neighbour
@@ -160,8 +160,12 @@ def test_filling_turns_and_moves_with_the_clip(seed, angle, east):
     gappy[4:12, HIDDEN] = np.nan
     shift = np.array([east, 300.0, 0.0])
     moved = naive.turned(gappy, angle, shift)
-    one = krueger2010.fill(task_of(gappy, others, set(range(6))), options=Options(neighbours=5))
-    two = krueger2010.fill(task_of(moved, others, set(range(6))), options=Options(neighbours=5))
+    one = krueger2010.fill(
+        task_of(gappy, others, set(range(6))), options=Krueger2010Options(neighbours=5)
+    )
+    two = krueger2010.fill(
+        task_of(moved, others, set(range(6))), options=Krueger2010Options(neighbours=5)
+    )
     np.testing.assert_allclose(two.positions, naive.turned(one.positions, angle, shift), atol=0.01)
     np.testing.assert_allclose(two.expected_rms, one.expected_rms, atol=0.01)
 

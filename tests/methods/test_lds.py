@@ -22,7 +22,7 @@ def model(rng, k, d, decay=0.9):
     """A stable system of random numbers."""
     turn, _ = np.linalg.qr(rng.normal(size=(k, k)))
     root = rng.normal(size=(k, k))
-    return lds.Model(
+    return lds.LdsModel(
         decay * turn,
         rng.normal(size=(d, k)),
         root @ root.T / k + 0.1 * np.eye(k),
@@ -85,7 +85,7 @@ def test_the_smoother_is_the_exact_posterior(seed, k, d, frames, missing):
     system = model(rng, k, d)
     observed, _ = draw(rng, system, frames)
     observed[rng.random(observed.shape) < missing] = np.nan
-    visible = lds.Visible(observed)
+    visible = lds.Observations(observed)
     found = lds.smooth(system, visible)
     mean, posterior, likelihood = dense(system, observed)
     np.testing.assert_allclose(found.means, mean, atol=1e-7)
@@ -104,7 +104,7 @@ def test_covariances_that_have_settled_are_still_exact():
     system = model(rng, 2, 3, decay=0.7)
     observed, _ = draw(rng, system, 90)
     observed[40:60, 0] = np.nan
-    found = lds.smooth(system, lds.Visible(observed))
+    found = lds.smooth(system, lds.Observations(observed))
     mean, posterior, likelihood = dense(system, observed)
     np.testing.assert_allclose(found.means, mean, atol=1e-6)
     np.testing.assert_allclose(found.likelihood, likelihood, rtol=1e-8)
@@ -120,7 +120,7 @@ def test_learning_never_lowers_the_likelihood(seed, missing):
     hidden = rng.random(observed.shape) < missing
     hidden[:2] = False  # no column of nothing else
     observed[hidden] = np.nan
-    visible, least = lds.Visible(observed), 1e-4
+    visible, least = lds.Observations(observed), 1e-4
     system = lds.first_model(observed, 3, least)
     before = lds.smooth(system, visible)
     for _ in range(12):
@@ -138,14 +138,14 @@ def test_a_motion_of_the_system_is_recovered():
         c, s = np.cos(angle), np.sin(angle)
         blocks[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = [[c, -s], [s, c]]
     start = np.array([300.0, 0.0, 0.0, 200.0])
-    system = lds.Model(
+    system = lds.LdsModel(
         blocks, rng.normal(size=(18, 4)), np.eye(4), np.full(18, 0.25), start, np.eye(4)
     )
     observed, clean = draw(rng, system, 400)
     gone = np.zeros(observed.shape, dtype=bool)
     gone[100:170, :6] = gone[250:270] = gone[380:, 6:9] = True
     observed[gone] = np.nan
-    found, smoothed = lds.learn(observed, lds.Options(hidden=4, iterations=30))
+    found, smoothed = lds.learn(observed, lds.LdsOptions(hidden=4, iterations=30))
     off = smoothed.means @ found.emission.T - clean
     assert np.sqrt((off[100:170, :6] ** 2).mean()) < 0.6  # beside visible markers: the noise
     assert np.sqrt((off[gone] ** 2).mean()) < 20.0  # a blackout of 20 frames, moving by 600 mm
@@ -192,7 +192,7 @@ def test_it_turns_and_moves_with_the_clip():
     c, s = np.cos(angle), np.sin(angle)
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     moved = clip.with_positions(clip.positions @ turn + [500.0, -200.0, 0.0])
-    options = lds.Options(iterations=5)
+    options = lds.LdsOptions(iterations=5)
     found = []
     for each in (clip, moved):
         groups = tuple(gap_groups(each.missing))

@@ -18,9 +18,9 @@ from priorfill.filling.fill_clip import fill
 from priorfill.gaps import gap_groups
 from priorfill.markers.describe import describe
 from priorfill.methods.li2020 import (
-    Options,
-    core,
-    fills,
+    Li2020Options,
+    eigenspaces,
+    li2020_fill,
     pca_frames,
     pca_pieces,
     pca_train,
@@ -66,7 +66,7 @@ def test_transformation_is_the_least_squares_of_equation_2(seed, r):
     rng = np.random.default_rng(seed)
     masked = [rng.normal(size=(20, r)) for _ in range(3)]
     full = [rng.normal(size=(20, r)) for _ in range(3)]
-    found = core.transformation(np.concatenate(masked), np.concatenate(full))
+    found = eigenspaces.transformation(np.concatenate(masked), np.concatenate(full))
     products = sum(a.T @ a for a in masked)
     mixed = sum(a.T @ b for a, b in zip(masked, full, strict=True))
     np.testing.assert_allclose(found, np.linalg.inv(products) @ mixed, atol=1e-8)
@@ -84,14 +84,14 @@ def test_transformation_has_bounds_where_the_published_one_has_none():
     rng = np.random.default_rng(0)
     masked = rng.normal(size=(40, 2)) @ rng.normal(size=(2, 6))  # spans two of six directions
     full = rng.normal(size=(40, 6))
-    assert abs(core.transformation(masked, full)).max() < 100.0
+    assert abs(eigenspaces.transformation(masked, full)).max() < 100.0
 
 
 @settings(max_examples=30, deadline=None)
 @given(SEEDS, st.integers(1, 40), st.integers(1, 9))
 def test_eigenspace(seed, rows, columns):
     matrix = np.random.default_rng(seed).normal(size=(rows, columns))
-    values, vectors = core.eigenspace(matrix)
+    values, vectors = eigenspaces.eigenspace(matrix)
     squares, _ = np.linalg.eigh(matrix.T @ matrix)
     np.testing.assert_allclose(values**2, squares[::-1][: len(values)], atol=1e-9)
     np.testing.assert_allclose(vectors.T @ vectors, np.eye(len(values)), atol=1e-9)
@@ -101,10 +101,10 @@ def test_eigenspace(seed, rows, columns):
 
 
 def test_components():
-    assert core.components(np.array([98.0, 1.0, 1.0]), 0.99) == 2
-    assert core.components(np.array([100.0, 0.1]), 0.99) == 1
-    assert core.components(np.array([1.0, 1.0, 1.0]), 1.0) == 3
-    assert core.components(np.zeros(3), 0.99) == 1
+    assert eigenspaces.components(np.array([98.0, 1.0, 1.0]), 0.99) == 2
+    assert eigenspaces.components(np.array([100.0, 0.1]), 0.99) == 1
+    assert eigenspaces.components(np.array([1.0, 1.0, 1.0]), 1.0) == 3
+    assert eigenspaces.components(np.zeros(3), 0.99) == 1
 
 
 @settings(max_examples=20, deadline=None)
@@ -113,8 +113,8 @@ def test_low_rank_is_recovered_exactly(seed):
     """Eqs. (1)-(4) and (5)-(8): pieces and clip in one space, of which enough is visible."""
     rng = np.random.default_rng(seed)
     full, masked, shown = masked_pieces(rng)
-    one = core.train(np.concatenate(full), np.concatenate(masked), rank=3)
-    two = core.train_pieces(full, masked, rank=3)
+    one = eigenspaces.train(np.concatenate(full), np.concatenate(masked), rank=3)
+    two = eigenspaces.train_pieces(full, masked, rank=3)
     for truth, clip in zip(full, masked, strict=True):
         np.testing.assert_allclose(one.complete(clip), truth, atol=1e-6)
         np.testing.assert_allclose(two.complete(clip), truth, atol=1e-6)
@@ -129,8 +129,8 @@ def test_trajectories_of_low_rank_are_recovered_exactly(seed):
     truth = low_rank(rng, 60, 50, 4)  # a row a frame
     shown = np.ones(60, dtype=bool)
     shown[25:40] = False
-    space = core.trajectory_space(truth[:, 9:].T, rank=4)
-    found = core.whole_frames(truth[shown, :9], space, shown)
+    space = eigenspaces.trajectory_space(truth[:, 9:].T, rank=4)
+    found = eigenspaces.whole_frames(truth[shown, :9], space, shown)
     np.testing.assert_allclose(found, truth[~shown, :9], atol=1e-6)
 
 
@@ -140,12 +140,14 @@ def test_nearest_basis_spans_the_same_and_is_nearest(seed):
     rng = np.random.default_rng(seed)
     basis, _ = np.linalg.qr(rng.normal(size=(9, 4)))
     wanted, _ = np.linalg.qr(rng.normal(size=(9, 4)))
-    found = core.nearest_basis(basis, wanted)
+    found = eigenspaces.nearest_basis(basis, wanted)
     np.testing.assert_allclose(found @ found.T, basis @ basis.T, atol=1e-9)
     turn, _ = np.linalg.qr(rng.normal(size=(4, 4)))
     assert np.linalg.norm(found - wanted) <= np.linalg.norm(basis @ turn - wanted) + 1e-9
     # signs and order of the eigenvectors make no difference
-    np.testing.assert_allclose(core.nearest_basis(basis[:, ::-1] * -1, wanted), found, atol=1e-7)
+    np.testing.assert_allclose(
+        eigenspaces.nearest_basis(basis[:, ::-1] * -1, wanted), found, atol=1e-7
+    )
 
 
 def low_rank_clip(rng, frames=120, markers=8, rank=5):
@@ -165,7 +167,7 @@ def task_of(clip):
 def test_a_clip_of_low_rank_is_filled_exactly(method):
     truth = low_rank_clip(np.random.default_rng(4))
     clip = with_gaps(truth, (20, 50, ("M1", "M2")), (70, 90, ("M5",)))
-    found = method(task_of(clip), options=Options(rank=5)).positions
+    found = method(task_of(clip), options=Li2020Options(rank=5)).positions
     np.testing.assert_allclose(found, truth.positions, atol=1e-6)
 
 
@@ -177,7 +179,7 @@ def test_missing_frames_of_a_periodic_clip_are_filled_exactly():
     positions = (waves @ (100.0 * rng.normal(size=(4, 15)))).reshape(400, 5, 3)
     truth = Clip(positions, tuple("ABCDE"), 60.0)
     clip = with_gaps(truth, (150, 190, truth.labels), (300, 320, ("A", "C")))
-    options = Options(rank=4)
+    options = Li2020Options(rank=4)
     found = pca_frames(task_of(clip), options=options).positions
     np.testing.assert_allclose(found, truth.positions, atol=1e-6)
 
@@ -232,8 +234,8 @@ def test_whole_frames():
 def test_errors_are_not_multiplied_at_the_ends(bounded, monkeypatch):
     """Sums of slow waves, of which the first half is measured with a small error."""
     if not bounded:
-        monkeypatch.setattr(fills, "MOST_GAIN", np.inf)
-        monkeypatch.setattr(fills, "CAUTIONS", (1e-6,))
+        monkeypatch.setattr(li2020_fill, "MOST_GAIN", np.inf)
+        monkeypatch.setattr(li2020_fill, "CAUTIONS", (1e-6,))
     rng = np.random.default_rng(3)
     waves = np.cos(np.pi * np.outer(np.arange(80) + 0.5, np.arange(1, 13)) / 80)
     rows = rng.normal(size=(200, 12)) @ waves.T
@@ -241,11 +243,11 @@ def test_errors_are_not_multiplied_at_the_ends(bounded, monkeypatch):
     window = 100.0 * rows[:2].T[:, :, None] * np.ones(3)
     noise = rng.normal(size=window.shape) * shown[:, None, None]
     rows += 1e-3 * rng.normal(size=rows.shape)
-    options = Options(trajectory_share=0.9999)
+    options = Li2020Options(trajectory_share=0.9999)
     halves = [rows[:100], rows[100:]]
-    change = fills._completed(window + noise, shown, halves, options) - fills._completed(
-        window, shown, halves, options
-    )
+    change = li2020_fill._completed(
+        window + noise, shown, halves, options
+    ) - li2020_fill._completed(window, shown, halves, options)
     # that of the fit, and the mean
     multiplied = np.linalg.norm(change[~shown]) / np.linalg.norm(noise)
     assert (multiplied < 15.0 + 1.0) == bounded

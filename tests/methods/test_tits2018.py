@@ -14,20 +14,20 @@ from priorfill.formats import read
 from priorfill.gaps import Gap, runs
 from priorfill.methods import METHODS
 from priorfill.methods.tits2018 import (
-    averaging,
     continuity,
-    interpolation,
-    neighbours,
-    network,
-    pca,
-    polynomial,
-    regression,
-    skeleton,
-    smoothing,
-    triad,
+    distance_bounds,
+    global_pca,
+    global_regression,
+    local_grnn,
+    local_interpolation,
+    local_polynomial,
+    median_mean_filter,
+    model_averaging,
+    reference_triads,
+    triad_frame,
 )
-from priorfill.methods.tits2018.options import Options, thinned
 from priorfill.methods.tits2018.recovery import MODELS, recover
+from priorfill.methods.tits2018.tits2018_options import Tits2018Options, thinned
 
 ALL = (*MODELS, "pma")
 
@@ -79,7 +79,7 @@ def test_smooth_against_twin(seed, frames, window):
     rng = np.random.default_rng(seed)
     values = holed(rng, wander(rng, frames, 2), 0.1)
     expected = values if window < 2 else np.stack([naive_smooth(c, window) for c in values.T], 1)
-    np.testing.assert_allclose(smoothing.smooth(values, window), expected, atol=1e-12)
+    np.testing.assert_allclose(median_mean_filter.smooth(values, window), expected, atol=1e-12)
 
 
 @given(seed=seeds, window=st.integers(1, 15))
@@ -87,7 +87,7 @@ def test_smooth_keeps_straight_lines(seed, window):
     window = 2 * window + 1
     line = np.arange(50.0)[:, None] * np.array([1.0, -2.0]) + 3.0
     line = holed(np.random.default_rng(seed), line, 0.1)
-    np.testing.assert_allclose(smoothing.smooth(line, window), line, atol=1e-9)
+    np.testing.assert_allclose(median_mean_filter.smooth(line, window), line, atol=1e-9)
 
 
 # the frame of a triad
@@ -97,16 +97,16 @@ def test_smooth_keeps_straight_lines(seed, window):
 def test_triad_there_and_back(seed):
     rng = np.random.default_rng(seed)
     markers, points = 100 * rng.normal(size=(7, 3, 3)), 100 * rng.normal(size=(7, 3))
-    frame = triad.axes(markers)
+    frame = triad_frame.axes(markers)
     np.testing.assert_allclose(frame @ frame.transpose(0, 2, 1), [np.eye(3)] * 7, atol=1e-6)
-    local = triad.into(points, markers, frame)
-    np.testing.assert_allclose(triad.out_of(local, markers, frame), points, atol=1e-3)
+    local = triad_frame.into(points, markers, frame)
+    np.testing.assert_allclose(triad_frame.out_of(local, markers, frame), points, atol=1e-3)
     for f in range(7):
-        second = triad.into(markers[:, 1], markers, frame)[f]
-        third = triad.into(markers[:, 2], markers, frame)[f]
+        second = triad_frame.into(markers[:, 1], markers, frame)[f]
+        third = triad_frame.into(markers[:, 2], markers, frame)[f]
         np.testing.assert_allclose(second[1:], 0.0, atol=1e-6)
         np.testing.assert_allclose(third[1], 0.0, atol=1e-6)
-        shape = triad.shape_of(markers, frame)[f]
+        shape = triad_frame.shape_of(markers, frame)[f]
         np.testing.assert_allclose(shape, [second[0], third[0], third[2]], atol=1e-6)
 
 
@@ -114,7 +114,7 @@ def test_triad_without_a_frame():
     line = np.arange(3.0)[None, :, None] * np.array([10.0, 0.0, 5.0])
     place = np.ones((1, 3, 3))
     missing = np.where(np.arange(3)[:, None] == 2, np.nan, np.eye(3))[None]
-    assert np.isnan(triad.axes(np.concatenate([line, place, missing]))).all()
+    assert np.isnan(triad_frame.axes(np.concatenate([line, place, missing]))).all()
 
 
 # the continuity correction
@@ -162,7 +162,7 @@ def test_constrain_against_twin(seed, missing):
     longest = shortest + rng.uniform(0.0, 2.0, size=3)
     if missing:
         references[::3, 1] = np.nan
-    got = skeleton.constrain(points, references, shortest, longest, 5)
+    got = distance_bounds.constrain(points, references, shortest, longest, 5)
     for f in range(20):
         some = np.where(np.isnan(references[f]), points[f], references[f])
         if missing and f % 3 == 0:
@@ -179,17 +179,17 @@ def test_constrain_against_twin(seed, missing):
 def test_constrain_leaves_alone_what_is_within_bounds():
     points = np.zeros((1, 3))
     references = 10.0 * np.eye(3)[None]
-    got = skeleton.constrain(points, references, np.full(3, 9.0), np.full(3, 11.0), 5)
+    got = distance_bounds.constrain(points, references, np.full(3, 9.0), np.full(3, 11.0), 5)
     np.testing.assert_array_equal(got, points)
     on_it = np.zeros((1, 3, 3))
     assert np.isfinite(
-        skeleton.constrain(points, on_it, np.full(3, 9.0), np.full(3, 11.0), 5)
+        distance_bounds.constrain(points, on_it, np.full(3, 9.0), np.full(3, 11.0), 5)
     ).all()
 
 
 def test_bounds():
     distances = np.array([[1.0, np.nan], [2.0, np.nan], [3.0, np.nan], [4.0, np.nan]])
-    shortest, longest = skeleton.bounds(distances, 0.25, 0.99)
+    shortest, longest = distance_bounds.bounds(distances, 0.25, 0.99)
     # samples stand at 1/8, 3/8, 5/8, 7/8
     np.testing.assert_allclose([shortest[0], longest[0]], [1.5, 4.0])
     assert (shortest[1], longest[1]) == (0.0, np.inf)
@@ -203,7 +203,7 @@ def test_deviations_against_twin(seed, frames):
     rng = np.random.default_rng(seed)
     positions = rng.normal(size=(frames, 5, 3))
     positions[rng.random((frames, 5)) < 0.3] = np.nan
-    got = neighbours.deviations(positions, Options())
+    got = reference_triads.deviations(positions, Tits2018Options())
     for a in range(5):
         assert got[a, a] == np.inf
         for b in set(range(5)) - {a}:
@@ -217,7 +217,7 @@ def test_deviations_of_complete_frames_alone():
     rng = np.random.default_rng(0)
     positions = rng.normal(size=(20, 4, 3))
     positions[:10, 3] = np.nan
-    got = neighbours.deviations(positions, Options(complete=5))
+    got = reference_triads.deviations(positions, Tits2018Options(complete=5))
     distance = np.linalg.norm(positions[10:, 0] - positions[10:, 1], axis=1)
     assert got[0, 1] == pytest.approx(distance.std(ddof=1))
 
@@ -242,9 +242,9 @@ def test_choose_against_twin(seed, share):
     for three in combinations(np.argsort(deviation)[:5].tolist(), 3):
         filled = tuple(gap for gap in gaps if fits(three, gap))
         if filled:
-            expected = neighbours.Triad(three, filled)
+            expected = reference_triads.Triad(three, filled)
             break
-    assert neighbours.choose(seen, 0, gaps, deviation) == expected
+    assert reference_triads.choose(seen, 0, gaps, deviation) == expected
 
 
 @given(count=st.integers(0, 3000), most=st.integers(1, 600))
@@ -262,7 +262,7 @@ def test_thinned(count, most):
 def test_interpolate_against_twin(seed):
     rng = np.random.default_rng(seed)
     local = holed(rng, wander(rng, 12, 3), 0.5)
-    got = interpolation.interpolate(local)
+    got = local_interpolation.interpolate(local)
     seen = np.flatnonzero(~np.isnan(local[:, 0]))
     for f in range(12):
         if not len(seen):
@@ -277,7 +277,7 @@ def test_interpolate_against_twin(seed):
 
 def test_products():
     x, y, z = 2.0, 3.0, 5.0
-    got = polynomial.products(np.array([[x, y, z]]))[0]
+    got = local_polynomial.products(np.array([[x, y, z]]))[0]
     assert sorted(got) == sorted([x, y, z, x * x, x * y, x * z, y * y, y * z, z * z])
 
 
@@ -285,12 +285,12 @@ def test_products():
 def test_polynomial_recovers_a_polynomial(seed):
     rng = np.random.default_rng(seed)
     shape = 300.0 + 40.0 * rng.normal(size=(60, 3))
-    local = polynomial.products(shape) @ rng.normal(size=(9, 3)) / 300.0 + 50.0
-    got = polynomial.predict(shape[:40], local[:40], shape[40:], shape)
+    local = local_polynomial.products(shape) @ rng.normal(size=(9, 3)) / 300.0 + 50.0
+    got = local_polynomial.predict(shape[:40], local[:40], shape[40:], shape)
     np.testing.assert_allclose(got, local[40:], rtol=1e-6, atol=1e-3)
     # a triad that is stiff tells nothing: the mean
     still = np.full((60, 3), 300.0)
-    got = polynomial.predict(still[:40], local[:40], still[40:], still)
+    got = local_polynomial.predict(still[:40], local[:40], still[40:], still)
     np.testing.assert_allclose(got, [local[:40].mean(axis=0)] * 20, atol=1e-6)
 
 
@@ -300,7 +300,7 @@ def test_network_against_twin(seed):
     shape, local = 300.0 + 20.0 * rng.normal(size=(30, 3)), rng.normal(size=(25, 3))
     shape[27] = np.nan
     known = shape[~np.isnan(shape[:, 0])]
-    got = network.predict(shape[:25], local, shape[25:], known, 0.3)
+    got = local_grnn.predict(shape[:25], local, shape[25:], known, 0.3)
     scaled = (shape - known.mean(axis=0)) / known.std(axis=0, ddof=1)
     for i in range(5):
         weight = [0.5 ** (np.sum((scaled[25 + i] - row) ** 2) / 0.3**2) for row in scaled[:25]]
@@ -312,7 +312,7 @@ def test_network_far_from_all():
     shape = np.linspace(0.0, 10.0, 11)[:, None] * np.ones(3)
     local = shape**2
     far = np.full((1, 3), 1e6)
-    np.testing.assert_allclose(network.predict(shape, local, far, shape, 0.3), local[-1:])
+    np.testing.assert_allclose(local_grnn.predict(shape, local, far, shape, 0.3), local[-1:])
 
 
 @given(seed=seeds, start=st.integers(0, 20))
@@ -326,7 +326,7 @@ def test_regression_recovers_a_linear_relation(seed, start):
         positions[gap.start : gap.stop, 0] = np.nan
     positions[52, 5] = np.nan
     stiff = np.array([np.inf, 1.0, 1.0, 1.0, 1.0, 1.0])
-    got = regression.predict(positions, 0, gaps, stiff, Options())
+    got = global_regression.predict(positions, 0, gaps, stiff, Tits2018Options())
     first = slice(start, start + 8)
     np.testing.assert_allclose(got[first], mixed[first], atol=1e-6)
     # the second gap must do without marker 5, but is joined to what is measured
@@ -346,10 +346,12 @@ def test_regression_by_stiff_markers_alone():
     positions[20:30, 0] = np.nan
     deviation = np.array([np.inf, 1.0, 60.0, 60.0, 60.0, 60.0])
     positions[:12, 2:] = 1e6  # would spoil any fit that used them
-    got = regression.predict(positions, 0, [Gap(20, 30, 0)], deviation, Options())
+    got = global_regression.predict(positions, 0, [Gap(20, 30, 0)], deviation, Tits2018Options())
     np.testing.assert_allclose(got[20:30], truth[20:30], atol=1e-6)
     few = positions[:, :4]
-    assert np.isnan(regression.predict(few, 0, [Gap(20, 30, 0)], deviation[:4], Options())).all()
+    assert np.isnan(
+        global_regression.predict(few, 0, [Gap(20, 30, 0)], deviation[:4], Tits2018Options())
+    ).all()
 
 
 def test_pca_is_that_of_gloersen_about_the_centre():
@@ -359,7 +361,7 @@ def test_pca_is_that_of_gloersen_about_the_centre():
     positions[120:150, 5] = np.nan
     constant = ~np.isnan(positions[..., 0]).any(axis=0)
     about = np.zeros((len(positions), 1, 3)) + positions[:, constant].mean(axis=1, keepdims=True)
-    got = pca.predict(positions - about, Options())
+    got = global_pca.predict(positions - about, Tits2018Options())
     missing = np.isnan(positions[..., 0])
     np.testing.assert_array_equal(np.isnan(got[..., 0]), ~missing)
     clip = replace(person(), positions=positions)
@@ -376,10 +378,10 @@ def test_density_against_twin(seed):
     sample, at = rng.normal(size=30), rng.normal(size=8)
     spread = np.median(np.abs(sample - np.median(sample))) / 0.6745
     width = spread * (4 / (3 * 30)) ** (1 / 5)
-    for point, got in zip(at, averaging.density(sample, at), strict=True):
+    for point, got in zip(at, model_averaging.density(sample, at), strict=True):
         each = np.exp(-0.5 * ((point - sample) / width) ** 2) / (width * np.sqrt(2 * np.pi))
         assert got == pytest.approx(each.mean())
-    assert averaging.bandwidth(np.ones(5)) > 0.0
+    assert model_averaging.bandwidth(np.ones(5)) > 0.0
 
 
 def test_average_believes_who_keeps_the_distances():
@@ -390,14 +392,16 @@ def test_average_believes_who_keeps_the_distances():
     noise = np.random.default_rng(0).normal(size=(200, 3))
     samples = [truth[:, i].mean() + noise[:, i] for i in range(3)]
     curves = np.stack([right, right + 40.0, right + np.array([0.0, 0.0, 90.0])])
-    np.testing.assert_allclose(averaging.average(curves, references, samples, 3), right, atol=1e-6)
+    np.testing.assert_allclose(
+        model_averaging.average(curves, references, samples, 3), right, atol=1e-6
+    )
     curves[0, 4:7] = references[12, 1] = np.nan
-    got = averaging.average(curves, references, samples, 3)
+    got = model_averaging.average(curves, references, samples, 3)
     assert np.flatnonzero(np.isnan(got[:, 0])).tolist() == [4, 5, 6, 12]
     references[12, 1] = references[11, 1]
     # models that are all as unlikely count the same
     far = np.stack([right + 4e4, right + 2e4])
-    got = averaging.average(far, references, samples, 3)
+    got = model_averaging.average(far, references, samples, 3)
     np.testing.assert_allclose(got, right + 3e4, atol=0.1)
 
 
@@ -421,8 +425,8 @@ def test_moves_and_turns_with_the_clip(seed, method):
     positions, models = GAPS.positions, MODELS if method == "pma" else (method,)
     move = 1000.0 * rng.normal(size=3)
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    one = recover(positions, GAPS.rate, models, Options()).positions
-    two = recover(positions @ turn.T + move, GAPS.rate, models, Options()).positions
+    one = recover(positions, GAPS.rate, models, Tits2018Options()).positions
+    two = recover(positions @ turn.T + move, GAPS.rate, models, Tits2018Options()).positions
     np.testing.assert_allclose(two, one @ turn.T + move, atol=1e-3)
 
 
@@ -442,7 +446,7 @@ def test_rigid_bodies_are_filled_exactly():
     gappy = truth.copy()
     gappy[50:120, 2] = np.nan
     # less what the smoothing takes off a curve: one frame turns by 0.01
-    got = recover(gappy, 60.0, ("li",), Options()).positions
+    got = recover(gappy, 60.0, ("li",), Tits2018Options()).positions
     np.testing.assert_allclose(got, truth, atol=0.1)
 
 
@@ -469,7 +473,7 @@ def test_somebody_who_walks_in(method):
 def test_measured_samples_stay_and_help():
     """Where the published program changes the samples beside a gap, they stay."""
     for models in [(name,) for name in MODELS] + [MODELS]:
-        got = recover(GAPS.positions, GAPS.rate, models, Options()).positions
+        got = recover(GAPS.positions, GAPS.rate, models, Tits2018Options()).positions
         measured = ~GAPS.missing
         assert got[measured].tobytes() == GAPS.positions[measured].tobytes()
 

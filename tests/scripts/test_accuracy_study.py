@@ -14,7 +14,7 @@ from scripted import load_script
 import priorfill as pf
 from priorfill.clip import Clip
 from priorfill.evaluation.gap_generator import EDGE
-from priorfill.evaluation.parts import LIMB_MARKERS, parts_of
+from priorfill.evaluation.body_parts import LIMB_MARKERS, parts_of
 from priorfill.formats import write
 from priorfill.gaps import find_gaps
 
@@ -83,9 +83,9 @@ def test_gaps_of_a_kind(kind: str, clip: Clip) -> None:
         elif kind == "segment":
             assert markers >= 2
         elif kind == "scatter":
-            assert gone.sum(axis=1).max() <= gaps.SCATTER_AT_ONCE
+            assert gone.sum(axis=1).max() <= gaps.MAX_MISSING_AT_ONCE
             assert len(runs) > 3
-            assert gone.mean() < gaps.SCATTER_SHARE[1] + 0.02
+            assert gone.mean() < gaps.RANDOM_GAP_SHARE[1] + 0.02
         elif kind == "long":
             span = np.flatnonzero(gone.any(axis=1))
             assert 2.0 - 0.02 <= len(span) / truth.rate <= 6.02

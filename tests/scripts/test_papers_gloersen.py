@@ -17,7 +17,7 @@ import priorfill as pf
 from priorfill.clip import Clip
 from priorfill.formats import write
 from priorfill.gaps import find_gaps
-from priorfill.methods.gloersen2016 import Options
+from priorfill.methods.gloersen2016 import Gloersen2016Options
 
 PAPERS = SCRIPTS / "papers"
 if str(PAPERS) not in sys.path:
@@ -107,9 +107,9 @@ def test_the_papers_constants_give_what_fill_gives(method: str) -> None:
     wanted = (filled - lying.positions)[gone]
     np.testing.assert_array_equal(gloersen.deviations(lying, gone, method), wanted)
     np.testing.assert_allclose(
-        gloersen.deviations(lying, gone, method, Options()), wanted, atol=1e-9
+        gloersen.deviations(lying, gone, method, Gloersen2016Options()), wanted, atol=1e-9
     )
-    other = gloersen.deviations(lying, gone, method, Options(explained=0.5))
+    other = gloersen.deviations(lying, gone, method, Gloersen2016Options(explained=0.5))
     assert np.abs(other - wanted).max() > 0.1
 
 

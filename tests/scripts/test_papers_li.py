@@ -16,9 +16,9 @@ from scripted import SCRIPTS
 import priorfill as pf
 from priorfill.clip import Clip
 from priorfill.evaluation.protocols import (
-    Cut,
-    Frames,
-    NoPlace,
+    GapMask,
+    FrameGaps,
+    SkippedCase,
     draw_for,
 )
 from priorfill.formats import write
@@ -207,7 +207,7 @@ def test_what_is_too_short_is_refused(tmp_path: Path) -> None:
 # gaps
 
 
-def cases(protocol: object, clip: Clip) -> list[Cut | NoPlace]:
+def cases(protocol: object, clip: Clip) -> list[GapMask | SkippedCase]:
     return list(protocol.cases(clip, None, draw_for(0, "test", clip.name)))
 
 
@@ -215,7 +215,7 @@ def test_markers_are_missing_to_the_end_and_more_of_them_in_turn() -> None:
     clip = person(seconds=8.0, rate=30.0)
     few, more = cases(li.Onward(numbers=(2, 5)), clip)
     for made, number in ((few, 2), (more, 5)):
-        assert isinstance(made, Cut)
+        assert isinstance(made, GapMask)
         gaps = find_gaps(made.gone)
         assert {(gap.start, gap.stop) for gap in gaps} == {(li.SEEN, clip.frames)}
         assert len(gaps) == number
@@ -227,7 +227,7 @@ def test_markers_are_missing_to_the_end_and_more_of_them_in_turn() -> None:
 def test_some_marker_stays() -> None:
     clip = person(seconds=8.0, rate=30.0)
     [made] = cases(li.Onward(numbers=(len(clip.labels),)), clip)
-    assert isinstance(made, NoPlace)
+    assert isinstance(made, SkippedCase)
 
 
 def test_each_marker_is_missing_throughout() -> None:
@@ -240,7 +240,7 @@ def test_each_marker_is_missing_throughout() -> None:
 
 def test_several_protocols_are_told_apart() -> None:
     clip = person()
-    few, many = (Frames(copies=2, seconds=(s, s)) for s in (0.1, 0.5))
+    few, many = (FrameGaps(copies=2, seconds=(s, s)) for s in (0.1, 0.5))
     found = cases(li.Several({"few": few, "many": many}), clip)
     assert [case.name for case in found] == ["few", "few", "many", "many"]
     wanted = cases(few, clip) + cases(many, clip)

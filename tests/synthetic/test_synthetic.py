@@ -22,8 +22,8 @@ from priorfill.synthetic import (
     Style,
     synthesise,
 )
-from priorfill.synthetic.curves import RUNNING_PEAKS, SQUAT_KNEE, WALKING_PEAKS
 from priorfill.synthetic.demo import DEMO_GAPS, SECONDS, make_demo_clip
+from priorfill.synthetic.gait_curves import RUNNING_PEAKS, SQUAT_KNEE, WALKING_PEAKS
 from priorfill.synthetic.generate import INNER_RATE, simulate
 from priorfill.synthetic.kinematics import (
     align,

@@ -33,12 +33,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.methods.baumann2011.pose_searches import (
-    CHUNK,
-    FEWEST_POSES,
-    FEWEST_VIABLE,
-    NEIGHBOURS,
-    Planner,
-    Search,
+    BATCH_FRAMES,
+    DEFAULT_NEIGHBOURS,
+    MIN_POSES,
+    MIN_VIABLE,
+    MarkerSearch,
+    SearchPlanner,
 )
 from priorfill.methods.task import (
     Estimate,
@@ -50,32 +50,32 @@ from priorfill.search.bank import PoseBank
 from priorfill.search.takes import Take, own_take
 from priorfill.signal.resample import pyramid
 
-__all__ = ["Options", "fill"]
+__all__ = ["Krueger2010Options", "fill"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Options:
+class Krueger2010Options:
     """Options of the method.
 
     Attributes
     ----------
     neighbours : int
-        k; see `NEIGHBOURS`.
-    fewest_viable : int
+        k; see `DEFAULT_NEIGHBOURS`.
+    min_viable : int
         With fewer reliable markers in sight a frame is searched for by all that are.
-    fewest_poses : int
+    min_poses : int
         With fewer poses that have all the wanted markers, they are looked for one by one.
     """
 
-    neighbours: int = NEIGHBOURS
-    fewest_viable: int = FEWEST_VIABLE
-    fewest_poses: int = FEWEST_POSES
+    neighbours: int = DEFAULT_NEIGHBOURS
+    min_viable: int = MIN_VIABLE
+    min_poses: int = MIN_POSES
 
 
 def _means(
-    bank: PoseBank, search: Search, positions: Array, k: int
+    bank: PoseBank, search: MarkerSearch, positions: Array, k: int
 ) -> tuple[Array, Array, NDArray[np.intp]]:
     """Return the neighbours' mean of a search's wanted markers, frame by frame.
 
@@ -83,7 +83,7 @@ def _means(
     ----------
     bank : PoseBank
         Of the search.
-    search : Search
+    search : MarkerSearch
         Its viable markers are valid in all of the frames.
     positions : ndarray [shape=(frames, all markers, 3), mm]
         Upright.
@@ -110,7 +110,7 @@ def _means(
 def _fill_alike(
     task: Task,
     estimate: Estimate,
-    planner: Planner,
+    planner: SearchPlanner,
     takes: tuple[Take, ...],
     frames: NDArray[np.intp],
     k: int,
@@ -127,8 +127,8 @@ def _fill_alike(
     for search in plan.searches:
         bank = planner.bank(search, task.rate)
         used = []
-        for at in range(0, len(frames), CHUNK):
-            some = frames[at : at + CHUNK]
+        for at in range(0, len(frames), BATCH_FRAMES):
+            some = frames[at : at + BATCH_FRAMES]
             mean, spread, take = _means(bank, search, task.positions[some], k)
             cells = np.ix_(some, search.wanted)
             estimate.positions[cells] = mean
@@ -152,7 +152,9 @@ def _stretches(frames: NDArray[np.intp]) -> list[tuple[int, int]]:
 
 
 def fill(
-    task: Task, progress: Callable[[], None] = lambda: None, options: Options | None = None
+    task: Task,
+    progress: Callable[[], None] = lambda: None,
+    options: Krueger2010Options | None = None,
 ) -> Estimate:
     """Fill each frame of a task's gaps by the mean of the poses that are nearest to it.
 
@@ -162,7 +164,7 @@ def fill(
         The clip and the takes to learn from; without takes the clip itself is searched.
     progress : callable
         Called once a gap group.
-    options : Options, optional
+    options : Krueger2010Options, optional
         k, and the bounds that the publications leave open.
 
     Returns
@@ -171,10 +173,10 @@ def fill(
         The deviation is the rms spread of the neighbours about their mean. Blackouts, and
         markers that no pose has, stay missing and are noted.
     """
-    options = options or Options()
+    options = options or Krueger2010Options()
     own = own_take(pyramid(task.positions, task.rate, 1), task.name, task.subject)
     takes = task.takes or (own,)
-    planner = Planner(task, takes, options.fewest_viable, options.fewest_poses)
+    planner = SearchPlanner(task, takes, options.min_viable, options.min_poses)
     estimate = Estimate.of(task)
     for group in task.groups:
         shown, which = np.unique(task.valid[group.start : group.stop], axis=0, return_inverse=True)

@@ -7,8 +7,8 @@ is minimised by scheduled gradient descent from coarse to fine (section 4.3).
 
 Where it departs from the paper:
 
-* Without a database the clip itself is searched; the paper always has one. (`Options.own` searches
-  both.)
+* Without a database the clip itself is searched; the paper always has one.
+  (`Baumann2011Options.own` searches both.)
 * The database is searched at its own resolutions (30 Hz and below unless it was made with
   another rate); levels finer than that use its finest.
 * Differences are taken in the world, with the root frames of the frames they span; where the
@@ -33,12 +33,12 @@ from priorfill.energy.targets import Prior, fold, to_world
 from priorfill.gaps import GapGroup, constant_spans, runs
 from priorfill.geometry.root_frames import RootFrames, RootGroup
 from priorfill.methods.baumann2011.pose_searches import (
-    CHUNK,
-    FEWEST_POSES,
-    FEWEST_VIABLE,
-    NEIGHBOURS,
-    Planner,
-    Search,
+    BATCH_FRAMES,
+    DEFAULT_NEIGHBOURS,
+    MIN_POSES,
+    MIN_VIABLE,
+    MarkerSearch,
+    SearchPlanner,
 )
 from priorfill.methods.task import (
     Estimate,
@@ -50,20 +50,20 @@ from priorfill.search.bank import PoseBank
 from priorfill.search.takes import own_take
 from priorfill.signal.resample import Level, pyramid
 
-__all__ = ["Options", "fill", "vote_weights"]
+__all__ = ["Baumann2011Options", "fill", "vote_weights"]
 
 
 @dataclass(frozen=True)
-class Options:
+class Baumann2011Options:
     """Options of the published method.
 
     Attributes
     ----------
     neighbours : int
-        k; see `NEIGHBOURS`.
-    fewest_viable : int
-        A gap group is split rather than searched with fewer viable markers; see `FEWEST_VIABLE`.
-    fewest_poses : int
+        k; see `DEFAULT_NEIGHBOURS`.
+    min_viable : int
+        A gap group is split rather than searched with fewer viable markers; see `MIN_VIABLE`.
+    min_poses : int
         With fewer poses that have all the wanted markers, they are looked for one by one.
     kernel : bool
         Weigh the votes by how near their poses are, as Tautges et al. 2011 do; the published
@@ -71,15 +71,15 @@ class Options:
     own : bool
         Search the clip's own frames beside the database.
     chunk : int
-        Frames whose neighbours are gathered at once; see `CHUNK`.
+        Frames whose neighbours are gathered at once; see `BATCH_FRAMES`.
     """
 
-    neighbours: int = NEIGHBOURS
-    fewest_viable: int = FEWEST_VIABLE
-    fewest_poses: int = FEWEST_POSES
+    neighbours: int = DEFAULT_NEIGHBOURS
+    min_viable: int = MIN_VIABLE
+    min_poses: int = MIN_POSES
     kernel: bool = False
     own: bool = False
-    chunk: int = CHUNK
+    chunk: int = BATCH_FRAMES
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,23 +88,26 @@ class _Part:
 
     start: int
     stop: int
-    search: Search
+    search: MarkerSearch
 
 
 def _stretches(
-    valid: NDArray[np.bool_], reliable: NDArray[np.bool_], group: GapGroup, options: Options
+    valid: NDArray[np.bool_],
+    reliable: NDArray[np.bool_],
+    group: GapGroup,
+    options: Baumann2011Options,
 ) -> list[tuple[int, int]]:
     """Split a gap group as little as keeps enough viable markers in each stretch."""
 
     def viable(start: int, stop: int) -> int:
         return int((valid[start:stop].all(axis=0) & reliable).sum())
 
-    if viable(group.start, group.stop) >= options.fewest_viable:
+    if viable(group.start, group.stop) >= options.min_viable:
         return [(group.start, group.stop)]
     stretches: list[tuple[int, int]] = []
     for first, last in constant_spans(valid[group.start : group.stop]):
         start, stop = group.start + first, group.start + last
-        if stretches and viable(stretches[-1][0], stop) >= options.fewest_viable:
+        if stretches and viable(stretches[-1][0], stop) >= options.min_viable:
             stretches[-1] = (stretches[-1][0], stop)
         else:
             stretches.append((start, stop))
@@ -112,7 +115,7 @@ def _stretches(
 
 
 def _parts(
-    task: Task, planner: Planner, group: GapGroup, options: Options
+    task: Task, planner: SearchPlanner, group: GapGroup, options: Baumann2011Options
 ) -> tuple[list[_Part], list[Note]]:
     """Plan the searches of a gap group, and note what cannot be searched for."""
     parts: list[_Part] = []
@@ -170,9 +173,9 @@ def vote_weights(distance: NDArray[np.float64], *, kernel: bool) -> NDArray[np.f
 def _votes(
     level: Level,
     numbers: NDArray[np.intp],
-    search: Search,
+    search: MarkerSearch,
     bank: PoseBank,
-    options: Options,
+    options: Baumann2011Options,
 ) -> tuple[Prior, NDArray[np.float64], NDArray[np.intp]]:
     """Let the neighbours of some frames of a level vote on a search's wanted markers.
 
@@ -202,7 +205,9 @@ def _votes(
 
 
 def fill(
-    task: Task, progress: Callable[[], None] = lambda: None, options: Options | None = None
+    task: Task,
+    progress: Callable[[], None] = lambda: None,
+    options: Baumann2011Options | None = None,
 ) -> Estimate:
     """Fill the gaps of a task by the published method.
 
@@ -212,7 +217,7 @@ def fill(
         The clip and the takes to learn from; without takes the clip itself is searched.
     progress : callable
         Called once a gap group.
-    options : Options, optional
+    options : Baumann2011Options, optional
         k and the bounds that the paper leaves open.
 
     Returns
@@ -221,11 +226,11 @@ def fill(
         The deviation is the rms spread of the neighbours about their mean. Blackouts, and
         markers that no pose has, stay missing and are noted.
     """
-    options = options or Options()
+    options = options or Baumann2011Options()
     levels = pyramid(task.positions, task.rate, levels_for(task.rate))
     own = own_take(levels, task.name, task.subject)
     takes = (*task.takes, own) if options.own else task.takes or (own,)
-    planner = Planner(task, takes, options.fewest_viable, options.fewest_poses)
+    planner = SearchPlanner(task, takes, options.min_viable, options.min_poses)
     estimate = Estimate.of(task)
     for group in task.groups:
         parts, notes = _parts(task, planner, group, options)
@@ -274,7 +279,7 @@ def _solver(positions: NDArray[np.float64], free: NDArray[np.bool_], prior: Prio
 
 
 def _notes(
-    task: Task, part: _Part, names: tuple[str, ...], options: Options, poses: int
+    task: Task, part: _Part, names: tuple[str, ...], options: Baumann2011Options, poses: int
 ) -> list[Note]:
     """Say for each run of missing samples of a part what it was filled from."""
     how = f"{options.neighbours} nearest poses by {len(part.search.viable)} markers"

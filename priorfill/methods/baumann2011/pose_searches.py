@@ -17,30 +17,30 @@ from priorfill.search.bank import Banks, PoseBank
 from priorfill.search.takes import Take
 
 __all__ = [
-    "CHUNK",
-    "FEWEST_POSES",
-    "FEWEST_VIABLE",
-    "NEIGHBOURS",
-    "Plan",
-    "Planner",
-    "Search",
+    "BATCH_FRAMES",
+    "DEFAULT_NEIGHBOURS",
+    "MIN_POSES",
+    "MIN_VIABLE",
+    "MarkerSearch",
+    "SearchPlan",
+    "SearchPlanner",
 ]
 
-NEIGHBOURS = 256
+DEFAULT_NEIGHBOURS = 256
 """k. Krüger et al. 2010 and Tautges et al. 2011 search for 256 poses."""
 
-FEWEST_VIABLE = 4
+MIN_VIABLE = 4
 """Four reliable markers fix the root and leave something to tell poses apart."""
 
-FEWEST_POSES = 16
+MIN_POSES = 16
 """With fewer poses that have all the wanted markers, they are looked for one by one."""
 
-CHUNK = 64
+BATCH_FRAMES = 64
 """Frames whose neighbours are gathered at once; bounds the memory to some 100 MB."""
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
+class MarkerSearch:
     """What poses are searched by, and for.
 
     Attributes
@@ -59,22 +59,22 @@ class Search:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class SearchPlan:
     """The searches for some missing markers.
 
     Attributes
     ----------
-    searches : list of Search
+    searches : list of MarkerSearch
         Each missing marker is wanted by at most one.
     left : list of (ndarray of int, str)
         Missing markers that cannot be searched for, and why.
     """
 
-    searches: list[Search]
+    searches: list[MarkerSearch]
     left: list[tuple[NDArray[np.intp], str]]
 
 
-class Planner:
+class SearchPlanner:
     """Plans searches, and keeps the banks that they use.
 
     Parameters
@@ -83,9 +83,9 @@ class Planner:
         The clip.
     takes : sequence of Take
         Where to search.
-    fewest_viable : int
+    min_viable : int
         With fewer reliable markers in sight, all that are in sight are searched by.
-    fewest_poses : int
+    min_poses : int
         With fewer poses that have all the wanted markers, they are looked for one by one, and by
         fewer markers.
 
@@ -99,12 +99,12 @@ class Planner:
         self,
         task: Task,
         takes: tuple[Take, ...],
-        fewest_viable: int = FEWEST_VIABLE,
-        fewest_poses: int = FEWEST_POSES,
+        min_viable: int = MIN_VIABLE,
+        min_poses: int = MIN_POSES,
     ) -> None:
         self._task = task
-        self._fewest_viable = fewest_viable
-        self._fewest_poses = fewest_poses
+        self._min_viable = min_viable
+        self._min_poses = min_poses
         labels = task.labels
         self.reliable = np.array([task.marker_set.reliable.get(label, False) for label in labels])
         # how often the takes have each marker: the rarest are the first to be searched without
@@ -113,39 +113,39 @@ class Planner:
             self._seen += take.shown * (take.lengths[-1] / take.lengths[0])
         self._banks = Banks(takes)
 
-    def bank(self, search: Search, rate: float) -> PoseBank:
+    def bank(self, search: MarkerSearch, rate: float) -> PoseBank:
         """Return the bank of a search at a rate (Hz)."""
         return self._banks.get(search.root, search.viable, search.wanted, rate)
 
-    def plan(self, visible: NDArray[np.bool_]) -> Plan:
+    def plan(self, visible: NDArray[np.bool_]) -> SearchPlan:
         """Plan the searches for all markers that are not visible [shape=(markers,)]."""
         wanted = np.flatnonzero(~visible)
         viable = np.flatnonzero(visible & self.reliable)
-        if len(viable) < self._fewest_viable:
+        if len(viable) < self._min_viable:
             viable = np.flatnonzero(visible)
         root = self._task.root_among(np.flatnonzero(visible))
         if root is None:
-            return Plan([], [(wanted, "fewer than two markers are visible")])
-        found = self._with_poses(Search(root, viable, wanted))
+            return SearchPlan([], [(wanted, "fewer than two markers are visible")])
+        found = self._with_poses(MarkerSearch(root, viable, wanted))
         reason = "no prior pose has this marker together with visible ones"
-        return Plan(
+        return SearchPlan(
             [search for search in found if len(search.viable)],
             [(search.wanted, reason) for search in found if not len(search.viable)],
         )
 
-    def _with_poses(self, search: Search) -> list[Search]:
+    def _with_poses(self, search: MarkerSearch) -> list[MarkerSearch]:
         """Split a search or drop markers until the takes hold enough poses for it.
 
         A search that finds no pose however small comes back without viable markers.
         """
         bank = self.bank(search, self._task.rate)
-        if len(bank) >= self._fewest_poses:
+        if len(bank) >= self._min_poses:
             return [search]
         if len(search.wanted) > 1:
             return [
                 part
                 for marker in search.wanted
-                for part in self._with_poses(Search(search.root, search.viable, marker[None]))
+                for part in self._with_poses(MarkerSearch(search.root, search.viable, marker[None]))
             ]
         if len(search.viable) > 2:
             kept = np.sort(
@@ -155,7 +155,7 @@ class Planner:
             )
             root = self._task.root_among(kept)
             if root is not None:
-                return self._with_poses(Search(root, kept, search.wanted))
+                return self._with_poses(MarkerSearch(root, kept, search.wanted))
         if len(bank):
             return [search]
-        return [Search(search.root, search.viable[:0], search.wanted)]
+        return [MarkerSearch(search.root, search.viable[:0], search.wanted)]

@@ -15,7 +15,7 @@ from priorfill.methods.task import Estimate, Task
 
 __all__ = ["OPTIONS", "fill"]
 
-OPTIONS = baumann2011.Options(neighbours=64, kernel=True, own=True)
+OPTIONS = baumann2011.Baumann2011Options(neighbours=64, kernel=True, own=True)
 """With weights that fall with distance, more than some tens of neighbours change nothing."""
 
 

@@ -46,7 +46,7 @@ References
    marker intercorrelations, PLoS ONE 11(3), e0152616, 2016. DOI 10.1371/journal.pone.0152616.
 """
 
-from priorfill.methods.gloersen2016.methods import r1, r2
-from priorfill.methods.gloersen2016.strategies import Options
+from priorfill.methods.gloersen2016.gloersen2016_fill import r1, r2
+from priorfill.methods.gloersen2016.strategies import Gloersen2016Options
 
-__all__ = ["Options", "r1", "r2"]
+__all__ = ["Gloersen2016Options", "r1", "r2"]

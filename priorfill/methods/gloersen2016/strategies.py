@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.methods.gloersen2016.weighted_pca import Moments, mean_distances, regression
+from priorfill.methods.gloersen2016.weighted_pca import ColumnMoments, mean_distances, regression
 
-__all__ = ["Frames", "Lost", "Options", "at_once", "one_by_one"]
+__all__ = ["Gloersen2016Options", "MissingMarkers", "PcaFrames", "at_once", "one_by_one"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -23,7 +23,7 @@ FEWEST_FRAMES = 2
 
 
 @dataclass(frozen=True)
-class Options:
+class Gloersen2016Options:
     """Constants of the publication; the names are those of its program.
 
     Attributes
@@ -47,7 +47,7 @@ class Options:
 
 
 @dataclass(frozen=True, eq=False)
-class Lost:
+class MissingMarkers:
     """Markers lost together, and what they are told from.
 
     Attributes
@@ -65,7 +65,7 @@ class Lost:
     distances: Array
 
 
-class Frames:
+class PcaFrames:
     """Frames to learn from and to fill, and their moments.
 
     Parameters
@@ -88,13 +88,15 @@ class Frames:
         self._centre = self._shown.sum(axis=0) / self.valid.sum(axis=0)[:, None]
         offsets = np.where(self.valid[..., None], self._shown - self._centre, 0.0)
         self._columns = offsets.reshape(len(offsets), -1)
-        self._moments = Moments(self._columns, np.asarray(self.valid.all(axis=1)))
+        self._moments = ColumnMoments(self._columns, np.asarray(self.valid.all(axis=1)))
 
     def distances(self, markers: NDArray[np.intp]) -> Array:
         """Return the mean distances of some markers from all; see `mean_distances`."""
         return mean_distances(self._shown, self.valid, markers)
 
-    def told(self, lost: Lost, options: Options) -> tuple[NDArray[np.intp], Array] | None:
+    def told(
+        self, lost: MissingMarkers, options: Gloersen2016Options
+    ) -> tuple[NDArray[np.intp], Array] | None:
         """Tell lost markers from the others.
 
         Returns
@@ -118,15 +120,15 @@ class Frames:
         return gaps, found.reshape(len(gaps), -1, 3) + self._centre[lost.markers]
 
 
-def at_once(frames: Frames, options: Options) -> Iterator[Lost]:
+def at_once(frames: PcaFrames, options: Gloersen2016Options) -> Iterator[MissingMarkers]:
     """All markers with gaps lost together."""
     lost = np.flatnonzero(~frames.constant)
     if len(lost):
         every = np.ones(len(frames.constant), dtype=bool)
-        yield Lost(lost, every, frames.distances(lost).min(axis=0))
+        yield MissingMarkers(lost, every, frames.distances(lost).min(axis=0))
 
 
-def one_by_one(frames: Frames, options: Options) -> Iterator[Lost]:
+def one_by_one(frames: PcaFrames, options: Gloersen2016Options) -> Iterator[MissingMarkers]:
     """Each marker with gaps lost alone."""
     lost = np.flatnonzero(~frames.constant)
     for marker, distances in zip(lost, frames.distances(lost), strict=True):
@@ -134,4 +136,4 @@ def one_by_one(frames: Frames, options: Options) -> Iterator[Lost]:
         beside = frames.valid[~frames.valid[:, marker]].all(axis=0)
         used = frames.constant | (near & beside)
         used[marker] = True
-        yield Lost(np.array([marker]), used, distances)
+        yield MissingMarkers(np.array([marker]), used, distances)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Moments", "mean_distances", "regression"]
+__all__ = ["ColumnMoments", "mean_distances", "regression"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -49,7 +49,7 @@ def mean_distances(positions: Array, valid: Mask, markers: NDArray[np.intp]) -> 
     return distances
 
 
-class Moments:
+class ColumnMoments:
     """Means and covariances of columns, over frames that differ from call to call.
 
     Frames that show every marker are in all of them, and are summed up once.

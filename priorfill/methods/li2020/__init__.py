@@ -6,8 +6,9 @@ other. `pca_pieces`, Eqs. (5)-(8): the same with eigenvectors of its own for eac
 those of the clip. `pca_frames`, Eqs. (9)-(16): whole frames are missing, and the eigenvectors are
 those of trajectories, one number a frame.
 
-`core` has the equations on arrays, `training` the pieces, `options` every constant, `fills` joins
-them. Where all of it departs from the paper is said in `fills`.
+`eigenspaces` has the equations on arrays, `training_windows` the choice of training data,
+`li2020_options` every constant, and `li2020_fill` joins
+them. Where all of it departs from the paper is in `li2020_fill`.
 
 References
 ----------
@@ -17,7 +18,7 @@ References
 
 from __future__ import annotations
 
-from priorfill.methods.li2020.fills import pca_frames, pca_pieces, pca_train
-from priorfill.methods.li2020.options import Options
+from priorfill.methods.li2020.li2020_fill import pca_frames, pca_pieces, pca_train
+from priorfill.methods.li2020.li2020_options import Li2020Options
 
-__all__ = ["Options", "pca_frames", "pca_pieces", "pca_train"]
+__all__ = ["Li2020Options", "pca_frames", "pca_pieces", "pca_train"]

@@ -46,7 +46,7 @@ Where it departs from paper and program:
 * The program means to smooth what it is given, but uses the positions as they were; so do we.
 """
 
-from priorfill.methods.tits2018.methods import (
+from priorfill.methods.tits2018.tits2018_fill import (
     glr,
     lgrnn,
     li,
@@ -54,6 +54,6 @@ from priorfill.methods.tits2018.methods import (
     pma,
     wpca,
 )
-from priorfill.methods.tits2018.options import Options
+from priorfill.methods.tits2018.tits2018_options import Tits2018Options
 
-__all__ = ["Options", "glr", "lgrnn", "li", "lpr", "pma", "wpca"]
+__all__ = ["Tits2018Options", "glr", "lgrnn", "li", "lpr", "pma", "wpca"]

@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 
 from priorfill.gaps import Gap, runs
 from priorfill.methods.tits2018 import (
-    averaging,
-    interpolation,
-    network,
-    pca,
-    polynomial,
-    regression,
-    skeleton,
-    triad,
+    distance_bounds,
+    global_pca,
+    global_regression,
+    local_grnn,
+    local_interpolation,
+    local_polynomial,
+    model_averaging,
+    triad_frame,
 )
 from priorfill.methods.tits2018.continuity import ramp
-from priorfill.methods.tits2018.neighbours import Triad, choose, deviations
-from priorfill.methods.tits2018.options import Options, spread_evenly, thinned
-from priorfill.methods.tits2018.smoothing import frames_in, smooth
+from priorfill.methods.tits2018.median_mean_filter import frames_in, smooth
+from priorfill.methods.tits2018.reference_triads import Triad, choose, deviations
+from priorfill.methods.tits2018.tits2018_options import Tits2018Options, spread_evenly, thinned
 
 __all__ = ["MODELS", "Recovery", "centre", "often", "recover"]
 
@@ -41,7 +41,7 @@ def centre(positions: Array) -> Array | None:
     return positions[:, never].mean(axis=1) if never.any() else None
 
 
-def often(positions: Array, options: Options) -> NDArray[np.bool_]:
+def often(positions: Array, options: Tits2018Options) -> NDArray[np.bool_]:
     """Return which markers are seen often enough to be filled and used [shape=(markers,)]."""
     seen = (~np.isnan(positions[..., 0])).sum(axis=0)
     often_enough: NDArray[np.bool_] = seen >= max(options.presence * len(positions), 1)
@@ -64,7 +64,9 @@ class Recovery:
     failed: NDArray[np.bool_]
 
 
-def recover(positions: Array, rate: float, models: Sequence[str], options: Options) -> Recovery:
+def recover(
+    positions: Array, rate: float, models: Sequence[str], options: Tits2018Options
+) -> Recovery:
     """Fill the gaps of markers that are seen often enough.
 
     Parameters
@@ -75,7 +77,7 @@ def recover(positions: Array, rate: float, models: Sequence[str], options: Optio
         Hz.
     models : sequence of str
         Names of `MODELS`; several are averaged.
-    options : Options
+    options : Tits2018Options
         All constants.
 
     Returns
@@ -134,7 +136,7 @@ class _State:
     """
 
     def __init__(
-        self, positions: Array, rate: float, models: Sequence[str], options: Options
+        self, positions: Array, rate: float, models: Sequence[str], options: Tits2018Options
     ) -> None:
         self.filled = positions.copy()
         # only markers without a gap left help others
@@ -143,7 +145,7 @@ class _State:
         self._options = options
         self._window = frames_in(options.window, rate)
         self._deviations = deviations(positions, options)
-        self._rebuilt = pca.predict(positions, options) if "wpca" in models else None
+        self._rebuilt = global_pca.predict(positions, options) if "wpca" in models else None
         self._smoothed: dict[int, Array] = {}
 
     def fill(self, marker: int) -> NDArray[np.bool_]:
@@ -180,7 +182,7 @@ class _State:
         """Predict a marker by the models that need no references."""
         curves = {}
         if "glr" in self._models:
-            curves["glr"] = regression.predict(
+            curves["glr"] = global_regression.predict(
                 self._helpful, marker, gaps, self._deviations[marker], self._options
             )
         if self._rebuilt is not None:
@@ -195,9 +197,9 @@ class _State:
 
     def _lesson(self, marker: int, references: Triad) -> _Lesson:
         smoothed = np.stack([self._smooth(one) for one in references.markers], axis=1)
-        frame = triad.axes(smoothed)
-        shape = triad.shape_of(smoothed, frame)
-        local = triad.into(self.filled[:, marker], smoothed, frame)
+        frame = triad_frame.axes(smoothed)
+        shape = triad_frame.shape_of(smoothed, frame)
+        local = triad_frame.into(self.filled[:, marker], smoothed, frame)
         rows = np.flatnonzero(~np.isnan(local[:, 0]) & ~np.isnan(shape[:, 0]))
         rows = rows[thinned(len(rows), self._options.local_rows)]
         distances = np.linalg.norm(smoothed - self._smooth(marker)[:, None], axis=2)
@@ -217,7 +219,7 @@ class _State:
         first, stop = max(gap.start - 1, 0), min(gap.stop + 1, len(known))
         beside = known[first:stop]
         positions = self._helpful[first:stop][:, references.markers]
-        frame = triad.axes(positions)
+        frame = triad_frame.axes(positions)
         curves = []
         for model in self._models:
             if model in whole:
@@ -227,11 +229,11 @@ class _State:
                 if np.isnan(curve[gap.start - first : gap.stop - first, 0]).all():
                     continue
             elif model == "li":
-                local = interpolation.interpolate(triad.into(beside, positions, frame))
-                curve = triad.out_of(local, positions, frame)
+                local = local_interpolation.interpolate(triad_frame.into(beside, positions, frame))
+                curve = triad_frame.out_of(local, positions, frame)
             else:
                 local = self._local(model, lesson, first, stop, gap)
-                curve = triad.out_of(local, positions, frame)
+                curve = triad_frame.out_of(local, positions, frame)
             curves.append(curve)
         if not curves:
             return np.full((gap.frames, 3), np.nan)
@@ -239,9 +241,9 @@ class _State:
         if len(curves) > 1:
             samples = [column[~np.isnan(column)] for column in lesson.distances.T]
             samples = [one[spread_evenly(len(one), options.density_rows)] for one in samples]
-            curve = averaging.average(np.stack(curves), positions, samples, self._window)
-        shortest, longest = skeleton.bounds(lesson.distances, options.narrow, options.wide)
-        curve = skeleton.constrain(curve, positions, shortest, longest, options.rounds)
+            curve = model_averaging.average(np.stack(curves), positions, samples, self._window)
+        shortest, longest = distance_bounds.bounds(lesson.distances, options.narrow, options.wide)
+        curve = distance_bounds.constrain(curve, positions, shortest, longest, options.rounds)
         return curve[gap.start - first : gap.stop - first]
 
     def _local(self, model: str, lesson: _Lesson, first: int, stop: int, gap: Gap) -> Array:
@@ -252,9 +254,9 @@ class _State:
             return np.full(asked.shape, np.nan)
         rows, targets = lesson.shape[lesson.rows], lesson.local[lesson.rows]
         if model == "lpr":
-            local = polynomial.predict(rows, targets, asked, known)
+            local = local_polynomial.predict(rows, targets, asked, known)
         else:
-            local = network.predict(rows, targets, asked, known, self._options.spread)
+            local = local_grnn.predict(rows, targets, asked, known, self._options.spread)
         before = local[0] - lesson.local[first] if gap.start > 0 else None
         after = local[-1] - lesson.local[stop - 1] if gap.stop < len(lesson.local) else None
         return local - ramp(len(local), before, after)

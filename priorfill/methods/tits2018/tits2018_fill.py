@@ -7,19 +7,19 @@ from collections.abc import Callable
 from priorfill.errors import MethodError
 from priorfill.gaps import Gap
 from priorfill.methods.task import Estimate, Task
-from priorfill.methods.tits2018.options import Options
 from priorfill.methods.tits2018.recovery import (
     MODELS,
     centre,
     often,
     recover,
 )
+from priorfill.methods.tits2018.tits2018_options import Tits2018Options
 
 __all__ = ["glr", "lgrnn", "li", "lpr", "pma", "wpca"]
 
 Progress = Callable[[], None]
 
-PUBLISHED = Options()
+PUBLISHED = Tits2018Options()
 """The options of the published program."""
 
 FEWEST_MARKERS = 4
@@ -49,7 +49,7 @@ def _filled(
     task: Task,
     progress: Progress,
     models: tuple[str, ...],
-    options: Options,
+    options: Tits2018Options,
     how: str,
     failure: str = ON_A_LINE,
 ) -> Estimate:
@@ -87,7 +87,7 @@ def _nothing() -> None:
     """Report no progress."""
 
 
-def li(task: Task, progress: Progress = _nothing, options: Options = PUBLISHED) -> Estimate:
+def li(task: Task, progress: Progress = _nothing, options: Tits2018Options = PUBLISHED) -> Estimate:
     """Fill gaps by straight lines in the frame of three stiffly linked markers.
 
     Parameters
@@ -96,7 +96,7 @@ def li(task: Task, progress: Progress = _nothing, options: Options = PUBLISHED) 
         The clip; takes are not looked at.
     progress : callable
         Called once a gap group.
-    options : Options
+    options : Tits2018Options
         All constants.
 
     Returns
@@ -112,22 +112,30 @@ def li(task: Task, progress: Progress = _nothing, options: Options = PUBLISHED) 
     return _filled(task, progress, ("li",), options, "local interpolation between three markers")
 
 
-def lpr(task: Task, progress: Progress = _nothing, options: Options = PUBLISHED) -> Estimate:
+def lpr(
+    task: Task, progress: Progress = _nothing, options: Tits2018Options = PUBLISHED
+) -> Estimate:
     """Fill gaps by a polynomial of the shape that three stiffly linked markers have; see `li`."""
     return _filled(task, progress, ("lpr",), options, "local polynomial regression")
 
 
-def lgrnn(task: Task, progress: Progress = _nothing, options: Options = PUBLISHED) -> Estimate:
+def lgrnn(
+    task: Task, progress: Progress = _nothing, options: Tits2018Options = PUBLISHED
+) -> Estimate:
     """Fill gaps by frames in which three stiffly linked markers have a like shape; see `li`."""
     return _filled(task, progress, ("lgrnn",), options, "local generalised regression network")
 
 
-def glr(task: Task, progress: Progress = _nothing, options: Options = PUBLISHED) -> Estimate:
+def glr(
+    task: Task, progress: Progress = _nothing, options: Tits2018Options = PUBLISHED
+) -> Estimate:
     """Fill gaps by linear regression on the markers seen throughout; see `li`."""
     return _filled(task, progress, ("glr",), options, "global linear regression", TOO_FEW)
 
 
-def wpca(task: Task, progress: Progress = _nothing, options: Options = PUBLISHED) -> Estimate:
+def wpca(
+    task: Task, progress: Progress = _nothing, options: Tits2018Options = PUBLISHED
+) -> Estimate:
     """Fill gaps by weighted PCA; see `li`.
 
     Raises
@@ -138,7 +146,9 @@ def wpca(task: Task, progress: Progress = _nothing, options: Options = PUBLISHED
     return _filled(task, progress, ("wpca",), options, "weighted PCA", NOT_WHOLE)
 
 
-def pma(task: Task, progress: Progress = _nothing, options: Options = PUBLISHED) -> Estimate:
+def pma(
+    task: Task, progress: Progress = _nothing, options: Tits2018Options = PUBLISHED
+) -> Estimate:
     """Fill gaps by the mean of all five models, weighed by how likely distances are; see `li`.
 
     Where no marker is seen in every frame, by the mean of the four others.

@@ -25,7 +25,7 @@ def predict(features: Array, local: Array, asked: Array, scaled_by: Array, sprea
     Parameters
     ----------
     features, local, asked, scaled_by : ndarray [shape=(..., 3), mm]
-        As in `priorfill.methods.tits2018.polynomial.predict`.
+        As in `priorfill.methods.tits2018.local_polynomial.predict`.
     spread : float
         Distance at which the weight is half.
 

@@ -30,7 +30,7 @@ def smooth(values: Array, window: int) -> Array:
     values : ndarray [shape=(frames, columns)]
         NaN where missing; a frame is missing where its first column is.
     window : int
-        Frames: length of the window. An even one reaches one frame further back than forward.
+        PcaFrames: length of the window. An even one reaches one frame further back than forward.
 
     Returns
     -------

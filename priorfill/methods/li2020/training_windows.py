@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.geometry.poses import evenly_spaced
-from priorfill.methods.li2020.options import Options
+from priorfill.methods.li2020.li2020_options import Li2020Options
 from priorfill.search.takes import Take
 
-__all__ = ["Piece", "chosen_pieces", "is_learnable"]
+__all__ = ["TrainingWindow", "choose_windows", "is_learnable"]
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ STIFFEST = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class TrainingWindow:
     """A stretch of a take with frames that show every marker.
 
     Attributes
@@ -73,7 +73,7 @@ def _distances(poses: Array, pairs: tuple[NDArray[np.intp], NDArray[np.intp]]) -
 class _Likeness:
     """How far pieces are from a clip: in their poses, and in the body that moves."""
 
-    def __init__(self, positions: Array, options: Options) -> None:
+    def __init__(self, positions: Array, options: Li2020Options) -> None:
         valid = ~np.isnan(positions[..., 0])
         seen = valid.mean(axis=0)
         self.markers = np.flatnonzero(seen >= STEADY * seen.max())
@@ -110,13 +110,13 @@ class _Likeness:
         return math.hypot(float(poses.mean()), self._body * body)
 
 
-def chosen_pieces(
+def choose_windows(
     positions: Array,
     rate: float,
     takes: Sequence[Take],
     markers: NDArray[np.intp],
-    options: Options,
-) -> list[Piece]:
+    options: Li2020Options,
+) -> list[TrainingWindow]:
     """Choose the pieces of takes that are most like a clip.
 
     Parameters
@@ -129,12 +129,12 @@ def chosen_pieces(
         The database.
     markers : ndarray of int
         Which of the clip's markers a piece must show.
-    options : Options
+    options : Li2020Options
         How many, and what is alike.
 
     Returns
     -------
-    list of Piece
+    list of TrainingWindow
         At their finest resolution, the most alike first; none longer than the clip.
     """
     if not takes or np.isnan(positions[..., 0]).all():
@@ -167,5 +167,5 @@ def chosen_pieces(
         take = takes[number]
         first, last = round(begin * take.rates[0]), round(end * take.rates[0])
         found = np.asarray(take.positions(0, markers), dtype=np.float64)[first:last]
-        pieces.append(Piece(take.name, found, take.rates[0]))
+        pieces.append(TrainingWindow(take.name, found, take.rates[0]))
     return pieces

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy.linalg import lstsq
 
 __all__ = [
-    "PieceSpaces",
-    "Spaces",
+    "TrainingSpaces",
     "TrajectorySpace",
+    "WindowSpaces",
     "components",
     "eigenspace",
     "nearest_basis",
@@ -100,7 +100,7 @@ def transformation(masked: Array, full: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Spaces:
+class TrainingSpaces:
     """What `train` learns.
 
     Attributes
@@ -127,7 +127,9 @@ class Spaces:
         return completed
 
 
-def train(full: Array, masked: Array, *, share: float = 0.99, rank: int | None = None) -> Spaces:
+def train(
+    full: Array, masked: Array, *, share: float = 0.99, rank: int | None = None
+) -> TrainingSpaces:
     """Learn from pieces and the same pieces masked: Eqs. (1)-(3).
 
     Parameters
@@ -135,18 +137,18 @@ def train(full: Array, masked: Array, *, share: float = 0.99, rank: int | None =
     full, masked : ndarray [shape=(n, columns)]
         A_N and A_N0: all pieces, one upon the other.
     share, rank
-        See `Options`; the larger number of both spaces.
+        See `Li2020Options`; the larger number of both spaces.
 
     Returns
     -------
-    Spaces
+    TrainingSpaces
         U_N and U_N0, the eigenvectors of both, Eq. (1), and T, Eqs. (2) and (3).
     """
     values, vectors = eigenspace(full)
     masked_values, masked_vectors = eigenspace(masked)
     r = _rank(share, rank, values, masked_values)
     u, u0 = vectors[:, :r], masked_vectors[:, :r]
-    return Spaces(u, u0, transformation(masked @ u0, full @ u))
+    return TrainingSpaces(u, u0, transformation(masked @ u0, full @ u))
 
 
 def nearest_basis(vectors: Array, wanted: Array) -> Array:
@@ -170,7 +172,7 @@ def nearest_basis(vectors: Array, wanted: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class PieceSpaces:
+class WindowSpaces:
     """What `train_pieces` learns.
 
     Attributes
@@ -206,7 +208,7 @@ def _own_basis(masked: Array, reference: Array) -> Array:
 
 def train_pieces(
     full: Sequence[Array], masked: Sequence[Array], *, share: float = 0.99, rank: int | None = None
-) -> PieceSpaces:
+) -> WindowSpaces:
     """Learn from pieces, each masked one with eigenvectors of its own: Eqs. (5)-(7).
 
     Parameters
@@ -214,11 +216,11 @@ def train_pieces(
     full, masked : sequence of ndarray [shape=(n_i, columns)]
         A_i and A_i0.
     share, rank
-        See `Options`; the larger number of both spaces of all pieces.
+        See `Li2020Options`; the larger number of both spaces of all pieces.
 
     Returns
     -------
-    PieceSpaces
+    WindowSpaces
         U_N, U_N0, and T, the least squares of A_i0 U_i0 T = A_i U_N over all pieces.
 
     Notes
@@ -233,7 +235,7 @@ def train_pieces(
     u, u0 = vectors[:, :r], masked_vectors[:, :r]
     coordinates = np.concatenate([piece @ _own_basis(piece, u0) for piece in masked])
     target = np.concatenate([piece @ u for piece in full])
-    return PieceSpaces(u, u0, transformation(coordinates, target))
+    return WindowSpaces(u, u0, transformation(coordinates, target))
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,7 +265,7 @@ def trajectory_space(
     trajectories : ndarray [shape=(n, frames)]
         Each a coordinate of a marker in a piece, centred.
     share, rank
-        See `Options`.
+        See `Li2020Options`.
     """
     values, vectors = eigenspace(trajectories)
     r = _rank(share, rank, values)

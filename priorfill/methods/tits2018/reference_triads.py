@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gaps import Gap
-from priorfill.methods.tits2018.options import Options, spread_evenly
+from priorfill.methods.tits2018.tits2018_options import Tits2018Options, spread_evenly
 
 __all__ = ["Triad", "choose", "deviations"]
 
@@ -19,14 +19,14 @@ REFERENCES = 3
 """Markers that make a frame."""
 
 
-def deviations(positions: Array, options: Options) -> Array:
+def deviations(positions: Array, options: Tits2018Options) -> Array:
     """Return the standard deviation of the distance of each pair of markers.
 
     Parameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
         NaN where missing.
-    options : Options
+    options : Tits2018Options
         Which frames count.
 
     Returns

@@ -11,7 +11,7 @@ from priorfill.geometry.distances import pair_distances
 from priorfill.markers.describe import describe
 from priorfill.markers.marker_set import MarkerSet
 
-__all__ = ["FEET", "LIMBS", "LIMB_MARKERS", "SIDES", "Parts", "parts_of"]
+__all__ = ["FEET", "LIMBS", "LIMB_MARKERS", "SIDES", "BodyParts", "parts_of"]
 
 LIMBS = {
     "leg": ("thigh", "shank", "foot", "hindfoot", "forefoot", "hallux"),
@@ -31,7 +31,7 @@ neighbouring segments until it has."""
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
+class BodyParts:
     """Which markers of a clip belong together.
 
     Attributes
@@ -54,7 +54,7 @@ class Parts:
     known: bool
 
 
-def parts_of(clip: Clip, marker_set: MarkerSet | None = None) -> Parts:
+def parts_of(clip: Clip, marker_set: MarkerSet | None = None) -> BodyParts:
     """Return the parts of a body: by its marker set, or found from the data.
 
     Parameters
@@ -80,7 +80,7 @@ def parts_of(clip: Clip, marker_set: MarkerSet | None = None) -> Parts:
     if not known:
         limbs = dict(zip(by_name, _grown(clip, list(by_name.values())), strict=True))
     segments = [some for some in by_name.values() if len(some) > 1]
-    return Parts(segments, list(limbs.values()), segment_of, list(limbs), known)
+    return BodyParts(segments, list(limbs.values()), segment_of, list(limbs), known)
 
 
 def _grown(clip: Clip, segments: list[list[int]]) -> list[list[int]]:

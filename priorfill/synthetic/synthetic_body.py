@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.synthetic.options import check_range
+from priorfill.synthetic.synthetic_options import check_range
 
-__all__ = ["LABELS", "MARKER_SEGMENTS", "SIDES", "Body", "Skeleton"]
+__all__ = ["LABELS", "MARKER_SEGMENTS", "SIDES", "Body", "SyntheticSkeleton"]
 
 SIDES = ("l", "r")
 """Prefixes of the segments and joint angles of the left and the right limbs."""
@@ -112,7 +112,7 @@ _BALL = np.array([145.0, 0.0])
 
 
 @dataclass(frozen=True)
-class Skeleton:
+class SyntheticSkeleton:
     """The joints and markers of one body, in mm, in the frames of the segments.
 
     Attributes
@@ -184,7 +184,7 @@ class Body:
             seed=seed,
         )
 
-    def skeleton(self) -> Skeleton:
+    def skeleton(self) -> SyntheticSkeleton:
         """Return the joints and markers of this body."""
         height, widen = self.height, self.breadth
         scale = height / REFERENCE_HEIGHT
@@ -222,4 +222,4 @@ class Body:
         placed += self.placement_sd * np.clip(rng.normal(size=placed.shape), -2.5, 2.5)
         ankle = ANKLE_HEIGHT * height
         sole = np.array([[*_HEEL * scale, -ankle], [*_BALL * scale, -ankle]])
-        return Skeleton(offsets, placed, thigh, shank, sole)
+        return SyntheticSkeleton(offsets, placed, thigh, shank, sole)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["Options"]
+__all__ = ["Li2020Options"]
 
 
 @dataclass(frozen=True)
-class Options:
+class Li2020Options:
     """Options of `pca_train`, `pca_pieces` and `pca_frames`.
 
     Attributes

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.methods.tits2018.smoothing import smooth
+from priorfill.methods.tits2018.median_mean_filter import smooth
 
 __all__ = ["average", "bandwidth", "density"]
 

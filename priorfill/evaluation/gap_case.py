@@ -14,19 +14,19 @@ from priorfill.clip import Clip
 from priorfill.database import Selection
 from priorfill.errors import MethodError, PriorfillError
 from priorfill.evaluation.gap_generator import Mask
-from priorfill.evaluation.joints import joint_errors
-from priorfill.evaluation.metrics import MEASURES, Samples, measure
+from priorfill.evaluation.joint_angles import joint_errors
+from priorfill.evaluation.metrics import MEASURES, SampleErrors, measure
 from priorfill.filling.fill_clip import fill
 from priorfill.filling.result import Result
 from priorfill.gaps import Gap
 from priorfill.markers.describe import describe
 from priorfill.markers.marker_set import MarkerSet
 
-__all__ = ["Case", "Outcome", "Source", "run_case"]
+__all__ = ["EvaluatedClip", "FillOutcome", "GapCase", "run_case"]
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class EvaluatedClip:
     """A clip to be evaluated on, and what fills of it may learn from.
 
     Attributes
@@ -51,7 +51,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Case:
+class GapCase:
     """What is removed from a clip.
 
     Attributes
@@ -85,7 +85,7 @@ class Case:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class FillOutcome:
     """What a method made of a case.
 
     Attributes
@@ -105,14 +105,14 @@ class Outcome:
     """
 
     seconds: float
-    samples: Samples
+    samples: SampleErrors
     joints: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     how: tuple[str, ...] = ()
     refused: str = ""
     notes: tuple[str, ...] = ()
 
 
-def run_case(source: Source, case: Case, method: str) -> Outcome:
+def run_case(source: EvaluatedClip, case: GapCase, method: str) -> FillOutcome:
     """Remove the samples of a case, fill it with a method, and compare.
 
     A method that cannot work on the case, or fails by a fault of its own, leaves all samples
@@ -146,7 +146,7 @@ def run_case(source: Source, case: Case, method: str) -> Outcome:
         return _refusal(case, begin, f"a fault of the method ({text})")
     seconds = time.process_time() - begin
     marker_set = describe(truth, source.marker_set)
-    return Outcome(
+    return FillOutcome(
         seconds=seconds,
         samples=measure(
             truth.positions,
@@ -162,9 +162,9 @@ def run_case(source: Source, case: Case, method: str) -> Outcome:
     )
 
 
-def _refusal(case: Case, begin: float, reason: str) -> Outcome:
+def _refusal(case: GapCase, begin: float, reason: str) -> FillOutcome:
     samples = np.full((len(MEASURES), case.samples), np.nan, dtype=np.float32)
-    return Outcome(time.process_time() - begin, samples, refused=reason)
+    return FillOutcome(time.process_time() - begin, samples, refused=reason)
 
 
 def _how(result: Result, gaps: Sequence[Gap], labels: Sequence[str]) -> list[str]:

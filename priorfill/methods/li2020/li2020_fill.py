@@ -2,10 +2,10 @@
 
 Where they depart from the paper, and from the program that its authors published:
 
-* Eq. (3) is solved as least squares; see `core.transformation`.
-* U_i0 and U_10 of `pca_pieces` are turned to be nearest to U_N0; see `core.train_pieces`. (The
-  published program learns T with the U_i0 and applies it to U_N0.)
-* Pieces of the database are chosen by their likeness to the clip; see `training`. The clip's own
+* Eq. (3) is solved as least squares; see `eigenspaces.transformation`.
+* U_i0 and U_10 of `pca_pieces` are turned to be nearest to U_N0; see `eigenspaces.train_pieces`.
+  (The published program learns T with the U_i0 and applies it to U_N0.)
+* Pieces of the database are chosen by their likeness to the clip; see `training_windows`. The clip's own
   whole frames are one piece more, and the only one without a database.
 * The clip's template masks markers, not samples: a marker with a gap is masked in all frames of all
   pieces, as in the published comparison. Where that leaves fewer than three markers, each gap group
@@ -17,7 +17,7 @@ Where they depart from the paper, and from the program that its authors publishe
   last measured frame in another, and as many eigenvectors as a frame has coordinates: hardly fewer
   than there are measured frames. Coordinates that these tell little of are held back by how large
   they usually are, the more the worse each half of the trajectories completes the other, and until
-  errors are not multiplied by more than `MOST_GAIN`; see `core.whole_frames`. A gap in
+  errors are not multiplied by more than `MOST_GAIN`; see `eigenspaces.whole_frames`. A gap in
   some markers is filled as well, by each marker's own trajectory.
 """
 
@@ -32,9 +32,9 @@ from numpy.typing import NDArray
 
 from priorfill.errors import MethodError
 from priorfill.gaps import Gap, find_gaps, runs
-from priorfill.methods.li2020 import core
-from priorfill.methods.li2020.options import Options
-from priorfill.methods.li2020.training import Piece, chosen_pieces, is_learnable
+from priorfill.methods.li2020 import eigenspaces
+from priorfill.methods.li2020.li2020_options import Li2020Options
+from priorfill.methods.li2020.training_windows import TrainingWindow, choose_windows, is_learnable
 from priorfill.methods.task import Estimate, Task
 from priorfill.signal.resample import resample
 
@@ -44,7 +44,7 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.intp]
 
-Solve = Callable[[list[Array], list[Array], Array, Options], Array]
+Solve = Callable[[list[Array], list[Array], Array, Li2020Options], Array]
 """Completes a masked clip, from pieces and masked pieces."""
 
 FEWEST_VISIBLE = 3
@@ -68,15 +68,17 @@ MOST_TRAJECTORIES = 6000
 """As many are learnt from at most; they lie close to each other in time."""
 
 
-def _train(full: list[Array], masked: list[Array], clip: Array, options: Options) -> Array:
-    spaces = core.train(
+def _train(full: list[Array], masked: list[Array], clip: Array, options: Li2020Options) -> Array:
+    spaces = eigenspaces.train(
         np.concatenate(full), np.concatenate(masked), share=options.share, rank=options.rank
     )
     return spaces.complete(clip)
 
 
-def _train_pieces(full: list[Array], masked: list[Array], clip: Array, options: Options) -> Array:
-    spaces = core.train_pieces(full, masked, share=options.share, rank=options.rank)
+def _train_pieces(
+    full: list[Array], masked: list[Array], clip: Array, options: Li2020Options
+) -> Array:
+    spaces = eigenspaces.train_pieces(full, masked, share=options.share, rank=options.rank)
     return spaces.complete(clip)
 
 
@@ -109,7 +111,7 @@ class _Training:
 
 def _condensed(frames: Array) -> Array:
     rows = np.concatenate([np.ones((len(frames), 1)), _coordinates(frames)], axis=1)
-    return core.triangular(rows)
+    return eigenspaces.triangular(rows)
 
 
 def _mean_distances(pieces: list[Array]) -> Array:
@@ -141,11 +143,11 @@ def _marker_sets(task: Task) -> Iterator[Ints]:
         yield np.flatnonzero(seen)
 
 
-def _training(task: Task, options: Options) -> _Training:
+def _training(task: Task, options: Li2020Options) -> _Training:
     """Collect what is learnt from."""
     for markers in _marker_sets(task):
         clip = task.positions[:, markers]
-        chosen = chosen_pieces(clip, task.rate, task.takes, markers, options)
+        chosen = choose_windows(clip, task.rate, task.takes, markers, options)
         pieces = [
             frames
             for frames in [_whole(clip), *(_whole(piece.positions) for piece in chosen)]
@@ -200,7 +202,7 @@ def _without_mean(rows: Array, visible: Bools) -> tuple[Array, Array]:
 
 
 def _filled_part(
-    clip: Array, template: Bools, training: _Training, solve: Solve, options: Options
+    clip: Array, template: Bools, training: _Training, solve: Solve, options: Li2020Options
 ) -> Array:
     """Complete the masked markers of some frames [shape=(frames, markers, 3)]."""
     visible = ~template
@@ -212,7 +214,7 @@ def _filled_part(
     squares = np.sum([(rows**2).sum(axis=0) for rows in centred], axis=0)
     expected_rms = np.sqrt(squares / max(frames - 1.0, 1.0))
     # a coordinate that never moves has rounding errors only
-    expected_rms[expected_rms <= core.SMALLEST * max(expected_rms.max(), 1.0)] = 1.0
+    expected_rms[expected_rms <= eigenspaces.SMALLEST * max(expected_rms.max(), 1.0)] = 1.0
 
     distance = training.apart[template].min(axis=0)
     weight = np.where(
@@ -231,7 +233,7 @@ def _filled_part(
 
 
 def _by_markers(
-    task: Task, progress: Callable[[], None], options: Options, solve: Solve, how: str
+    task: Task, progress: Callable[[], None], options: Li2020Options, solve: Solve, how: str
 ) -> Estimate:
     """Fill from the markers that are visible beside those that are missing."""
     positions = task.positions.copy()
@@ -257,7 +259,7 @@ def _by_markers(
 
 
 def pca_train(
-    task: Task, progress: Callable[[], None] = lambda: None, options: Options | None = None
+    task: Task, progress: Callable[[], None] = lambda: None, options: Li2020Options | None = None
 ) -> Estimate:
     """Fill by the eigenvectors of training pieces, Eqs. (1)-(4).
 
@@ -267,7 +269,7 @@ def pca_train(
         The clip, and the takes to choose pieces from.
     progress : callable
         Called once a gap group.
-    options : Options, optional
+    options : Li2020Options, optional
         The constants.
 
     Returns
@@ -280,27 +282,29 @@ def pca_train(
     MethodError
         Where no two frames, of the clip and the takes, show all markers.
     """
-    return _by_markers(task, progress, options or Options(), _train, "eigenspaces of whole frames")
+    return _by_markers(
+        task, progress, options or Li2020Options(), _train, "eigenspaces of whole frames"
+    )
 
 
 def pca_pieces(
-    task: Task, progress: Callable[[], None] = lambda: None, options: Options | None = None
+    task: Task, progress: Callable[[], None] = lambda: None, options: Li2020Options | None = None
 ) -> Estimate:
     """Fill by eigenvectors of its own for each masked piece, Eqs. (5)-(8); see `pca_train`."""
     how = "eigenspaces of each piece"
-    return _by_markers(task, progress, options or Options(), _train_pieces, how)
+    return _by_markers(task, progress, options or Li2020Options(), _train_pieces, how)
 
 
 class _Trajectories:
     """Trajectories of a length to learn from: of the clip itself, and of pieces of the database."""
 
-    def __init__(self, task: Task, options: Options) -> None:
+    def __init__(self, task: Task, options: Li2020Options) -> None:
         self._options = options
         self._sources = [task.positions]
         self.takes: tuple[str, ...] = ()
         seen = np.flatnonzero(task.valid.any(axis=0))
         if len(seen):
-            chosen = chosen_pieces(task.positions[:, seen], task.rate, task.takes, seen, options)
+            chosen = choose_windows(task.positions[:, seen], task.rate, task.takes, seen, options)
             self._sources += [_at_rate(piece, task.rate) for piece in chosen]
             self.takes = tuple(dict.fromkeys(piece.name for piece in chosen))
         self._known: dict[int, list[Array]] = {}
@@ -328,7 +332,9 @@ class _Trajectories:
             found = found[:: 1 + sum(map(len, found)) // MOST_TRAJECTORIES]
             middle = (len(found) + 1) // 2
             halves = [found[:middle], found[middle:]]
-            self._known[length] = [core.triangular(np.concatenate(half)) for half in halves if half]
+            self._known[length] = [
+                eigenspaces.triangular(np.concatenate(half)) for half in halves if half
+            ]
         return self._known[length]
 
 
@@ -338,13 +344,13 @@ def _unbroken(window: Array) -> Array:
     return window[:, visible].reshape(len(window), -1).T
 
 
-def _at_rate(piece: Piece, rate: float) -> Array:
+def _at_rate(piece: TrainingWindow, rate: float) -> Array:
     """Return a piece's positions at a rate (Hz)."""
     return resample(piece.positions, piece.rate, rate)
 
 
 def pca_frames(
-    task: Task, progress: Callable[[], None] = lambda: None, options: Options | None = None
+    task: Task, progress: Callable[[], None] = lambda: None, options: Li2020Options | None = None
 ) -> Estimate:
     """Fill missing frames by the eigenvectors of trajectories, Eqs. (9)-(16).
 
@@ -354,7 +360,7 @@ def pca_frames(
         The clip, and the takes to choose pieces from.
     progress : callable
         Called once a gap group.
-    options : Options, optional
+    options : Li2020Options, optional
         The constants.
 
     Returns
@@ -362,7 +368,7 @@ def pca_frames(
     Estimate
         Gaps longer than anything to learn from, and markers never seen, stay missing.
     """
-    options = options or Options()
+    options = options or Li2020Options()
     learnt = _Trajectories(task, options) if task.groups else None
     positions = task.positions.copy()
     spans: dict[tuple[int, int], list[int]] = {}
@@ -398,7 +404,7 @@ def pca_frames(
     return Estimate.told(task, positions, "eigenspaces of trajectories", reason, takes)
 
 
-def _caution(halves: list[Array], shown: Bools, options: Options) -> float:
+def _caution(halves: list[Array], shown: Bools, options: Li2020Options) -> float:
     """Return the caution by which each half of some trajectories completes the other best.
 
     Trajectories of the same frames complete each other far too well: with one half alone it is the
@@ -408,23 +414,23 @@ def _caution(halves: list[Array], shown: Bools, options: Options) -> float:
         return CAUTIONS[-1]
     errors = np.zeros(len(CAUTIONS))
     for one, other in permutations(halves, 2):
-        space = core.trajectory_space(one, share=options.trajectory_share, rank=options.rank)
+        space = eigenspaces.trajectory_space(one, share=options.trajectory_share, rank=options.rank)
         for number, caution in enumerate(CAUTIONS):
-            found = core.whole_frames(other[:, shown].T, space, shown, caution)
+            found = eigenspaces.whole_frames(other[:, shown].T, space, shown, caution)
             errors[number] += ((found - other[:, ~shown].T) ** 2).sum()
     return CAUTIONS[int(errors.argmin())]
 
 
-def _gain(space: core.TrajectorySpace, shown: Bools, caution: float) -> float:
+def _gain(space: eigenspaces.TrajectorySpace, shown: Bools, caution: float) -> float:
     """Return what errors of the measured frames are multiplied by in the others, at most."""
     unit = np.eye(int(shown.sum()))
-    return float(np.linalg.norm(core.whole_frames(unit, space, shown, caution), 2))
+    return float(np.linalg.norm(eigenspaces.whole_frames(unit, space, shown, caution), 2))
 
 
-def _completed(window: Array, shown: Bools, halves: list[Array], options: Options) -> Array:
+def _completed(window: Array, shown: Bools, halves: list[Array], options: Li2020Options) -> Array:
     """Complete markers that are missing in the same frames [shape=(frames, markers, 3)]."""
     centred = [half - half[:, shown].mean(axis=1, keepdims=True) for half in halves]
-    space = core.trajectory_space(
+    space = eigenspaces.trajectory_space(
         np.concatenate(centred), share=options.trajectory_share, rank=options.rank
     )
     caution = _caution(centred, shown, options)
@@ -433,6 +439,6 @@ def _completed(window: Array, shown: Bools, halves: list[Array], options: Option
     visible = window[shown].reshape(int(shown.sum()), -1)
     middle = visible.mean(axis=0)
     completed = np.array(window)
-    found = core.whole_frames(visible - middle, space, shown, caution)
+    found = eigenspaces.whole_frames(visible - middle, space, shown, caution)
     completed[~shown] = (found + middle).reshape(-1, *window.shape[1:])
     return completed

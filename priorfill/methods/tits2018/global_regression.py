@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from priorfill.gaps import Gap
 from priorfill.methods.tits2018.continuity import ramp
-from priorfill.methods.tits2018.options import Options, thinned
 from priorfill.methods.tits2018.scaling import Scale
+from priorfill.methods.tits2018.tits2018_options import Tits2018Options, thinned
 
 __all__ = ["FEWEST_MARKERS", "predict"]
 
@@ -23,7 +23,7 @@ FEWEST_MARKERS = 4
 
 
 def predict(
-    positions: Array, marker: int, gaps: list[Gap], deviations: Array, options: Options
+    positions: Array, marker: int, gaps: list[Gap], deviations: Array, options: Tits2018Options
 ) -> Array:
     """Predict a marker in its gaps.
 
@@ -39,7 +39,7 @@ def predict(
         Its gaps.
     deviations : ndarray [shape=(markers,), mm]
         Standard deviation of its distance from each marker.
-    options : Options
+    options : Tits2018Options
         Which markers and how many rows are used.
 
     Returns

@@ -26,7 +26,7 @@ def check_range(what: str, value: float, low: float, high: float) -> None:
 class Style:
     """How a synthetic person moves.
 
-    The defaults are the published mean movements (`priorfill.synthetic.curves`).
+    The defaults are the published mean movements (`priorfill.synthetic.gait_curves`).
 
     Attributes
     ----------

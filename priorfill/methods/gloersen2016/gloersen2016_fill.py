@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from priorfill.errors import MethodError
 from priorfill.gaps import Gap
 from priorfill.methods.gloersen2016.strategies import (
-    Frames,
-    Lost,
-    Options,
+    Gloersen2016Options,
+    MissingMarkers,
+    PcaFrames,
     at_once,
     one_by_one,
 )
@@ -63,8 +63,8 @@ def _workable(valid: Mask) -> Mask:
 def _filled(
     task: Task,
     progress: Callable[[], None],
-    options: Options,
-    strategy: Callable[[Frames, Options], Iterator[Lost]],
+    options: Gloersen2016Options,
+    strategy: Callable[[PcaFrames, Gloersen2016Options], Iterator[MissingMarkers]],
 ) -> Estimate:
     """Fill what can be filled by a strategy, and say why of the rest."""
     positions = task.positions.copy()
@@ -77,7 +77,7 @@ def _filled(
         clip = positions[np.ix_(rows, markers)]
         constant = task.valid[np.ix_(rows, markers)].all(axis=0)
         origin = clip[:, constant].mean(axis=1, keepdims=True)
-        frames = Frames(clip - origin)
+        frames = PcaFrames(clip - origin)
         for lost in strategy(frames, options):
             told = frames.told(lost, options)
             if told is None:
@@ -101,7 +101,9 @@ def _filled(
 
 
 def r1(
-    task: Task, progress: Callable[[], None] = lambda: None, options: Options | None = None
+    task: Task,
+    progress: Callable[[], None] = lambda: None,
+    options: Gloersen2016Options | None = None,
 ) -> Estimate:
     """Fill all markers with gaps at once (simultaneous strategy, R1 of the publication).
 
@@ -111,7 +113,7 @@ def r1(
         The clip; takes are not looked at.
     progress : callable
         Called once a gap group.
-    options : Options, optional
+    options : Gloersen2016Options, optional
         The publication's constants by default.
 
     Returns
@@ -124,14 +126,16 @@ def r1(
     MethodError
         Where no marker is seen in all of these frames, or no two of them show all markers (``r1``).
     """
-    return _filled(task, progress, options or Options(), at_once)
+    return _filled(task, progress, options or Gloersen2016Options(), at_once)
 
 
 def r2(
-    task: Task, progress: Callable[[], None] = lambda: None, options: Options | None = None
+    task: Task,
+    progress: Callable[[], None] = lambda: None,
+    options: Gloersen2016Options | None = None,
 ) -> Estimate:
     """Fill one marker after the other (consecutive strategy, R2 of the publication); see `r1`.
 
     What two frames or more do not show beside the markers seen in its gaps stays missing, too.
     """
-    return _filled(task, progress, options or Options(), one_by_one)
+    return _filled(task, progress, options or Gloersen2016Options(), one_by_one)

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.methods.gloersen2016.strategies import Options as PcaOptions
+from priorfill.methods.gloersen2016.strategies import Gloersen2016Options
 
-__all__ = ["Options", "thinned"]
+__all__ = ["Tits2018Options", "thinned"]
 
 
 @dataclass(frozen=True)
-class Options:
+class Tits2018Options:
     """Options of Tits et al. 2018; the defaults are those of their program.
 
     Attributes
@@ -55,7 +55,7 @@ class Options:
     narrow: float = 0.01
     wide: float = 0.99
     rounds: int = 5
-    pca: PcaOptions = field(default_factory=PcaOptions)
+    pca: Gloersen2016Options = field(default_factory=Gloersen2016Options)
 
 
 def thinned(count: int, most: int) -> NDArray[np.intp]:

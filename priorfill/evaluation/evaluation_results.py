@@ -11,15 +11,15 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from priorfill.evaluation import tables
-from priorfill.evaluation.case import Outcome
-from priorfill.evaluation.metrics import Summary
-from priorfill.evaluation.plan import Job, Plan
-from priorfill.evaluation.tables import (
-    Comparison,
+from priorfill.evaluation import summary_tables
+from priorfill.evaluation.evaluation_plan import EvaluationPlan, FillJob
+from priorfill.evaluation.gap_case import FillOutcome
+from priorfill.evaluation.metrics import ErrorSummary
+from priorfill.evaluation.summary_tables import (
     GapRow,
+    MethodComparison,
+    MethodPair,
     MethodRow,
-    Pair,
 )
 from priorfill.runtime.atomic_file import replace_file
 
@@ -38,14 +38,14 @@ class Evaluation:
 
     Attributes
     ----------
-    plan : Plan
+    plan : EvaluationPlan
         Clips, cases, methods and settings.
-    outcomes : dict of Job to Outcome
+    outcomes : dict of FillJob to FillOutcome
         What each method made of each case.
     """
 
-    plan: Plan
-    outcomes: dict[Job, Outcome]
+    plan: EvaluationPlan
+    outcomes: dict[FillJob, FillOutcome]
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -56,7 +56,7 @@ class Evaluation:
     def methods(self) -> dict[str, MethodRow]:
         """Each method over all cases, by name."""
         return {
-            method: tables.method_row(self.outcomes, self.plan, method)
+            method: summary_tables.method_row(self.outcomes, self.plan, method)
             for method in self.plan.methods
         }
 
@@ -66,7 +66,7 @@ class Evaluation:
         there = dict.fromkeys(case.clip for case in self.plan.cases)
         return {
             self.plan.sources[clip].clip.name: {
-                method: tables.method_row(self.outcomes, self.plan, method, clip)
+                method: summary_tables.method_row(self.outcomes, self.plan, method, clip)
                 for method in self.plan.methods
             }
             for clip in there
@@ -75,27 +75,27 @@ class Evaluation:
     @cached_property
     def gaps(self) -> list[GapRow]:
         """Each gap filled by each method."""
-        return tables.gap_rows(self.outcomes, self.plan)
+        return summary_tables.gap_rows(self.outcomes, self.plan)
 
     @cached_property
-    def markers(self) -> dict[tuple[str, str, str], tuple[int, Summary]]:
+    def markers(self) -> dict[tuple[str, str, str], tuple[int, ErrorSummary]]:
         """Gaps and errors by marker set, marker and method."""
-        return tables.marker_rows(self.outcomes, self.plan)
+        return summary_tables.marker_rows(self.outcomes, self.plan)
 
     @cached_property
-    def lengths(self) -> dict[tuple[str, str], tuple[int, Summary]]:
+    def lengths(self) -> dict[tuple[str, str], tuple[int, ErrorSummary]]:
         """Gaps and errors by class of length and method."""
-        return tables.length_rows(self.outcomes, self.plan)
+        return summary_tables.length_rows(self.outcomes, self.plan)
 
     @cached_property
-    def comparison(self) -> Comparison:
+    def comparison(self) -> MethodComparison:
         """The methods over the samples that all of them filled."""
-        return tables.compare(self.outcomes, self.plan)
+        return summary_tables.compare(self.outcomes, self.plan)
 
     @cached_property
-    def pairs(self) -> list[Pair]:
+    def pairs(self) -> list[MethodPair]:
         """Every two methods over the samples that both filled."""
-        return tables.pairs(self.outcomes, self.plan)
+        return summary_tables.pairs(self.outcomes, self.plan)
 
     @property
     def best(self) -> str | None:
@@ -149,7 +149,7 @@ class Evaluation:
         return _known(facts)  # type: ignore[no-any-return]
 
 
-def errors_of(errors: Summary) -> dict[str, Any]:
+def errors_of(errors: ErrorSummary) -> dict[str, Any]:
     """Return errors under the names that they have in files."""
     return {
         "samples": errors.samples,

@@ -19,13 +19,13 @@ from typing import Any
 import numpy as np
 
 from priorfill.errors import OptionError, OutputError
-from priorfill.evaluation.case import Outcome
+from priorfill.evaluation.evaluation_plan import EvaluationPlan, FillJob
+from priorfill.evaluation.evaluation_results import FILES
+from priorfill.evaluation.gap_case import FillOutcome
 from priorfill.evaluation.metrics import MEASURES
-from priorfill.evaluation.plan import Job, Plan
-from priorfill.evaluation.results import FILES
 from priorfill.runtime.atomic_file import replace_file
 
-__all__ = ["Store"]
+__all__ = ["OutcomeStore"]
 
 SETTINGS = "evaluation.json"
 CASES = "cases"
@@ -38,14 +38,14 @@ SHOWN = 60
 """Characters of a setting shown in a message."""
 
 
-class Store:
+class OutcomeStore:
     """A folder that keeps the outcomes of one plan.
 
     Parameters
     ----------
     folder : Path
         Made if it is not there.
-    plan : Plan
+    plan : EvaluationPlan
         What is to be done.
     overwrite : bool
         Begin anew, whatever an earlier evaluation left there.
@@ -58,7 +58,7 @@ class Store:
         Where it holds something else, or cannot be written.
     """
 
-    def __init__(self, folder: Path, plan: Plan, *, overwrite: bool = False) -> None:
+    def __init__(self, folder: Path, plan: EvaluationPlan, *, overwrite: bool = False) -> None:
         self.folder = folder
         self.plan = plan
         settings = json.loads(json.dumps(plan.settings))
@@ -87,10 +87,10 @@ class Store:
             with replace_file(folder / SETTINGS, overwrite=True) as temporary:
                 temporary.write_text(json.dumps(settings, indent=2) + "\n", encoding="utf-8")
 
-    def _file(self, job: Job) -> Path:
+    def _file(self, job: FillJob) -> Path:
         return self.folder / CASES / f"{job.case:05d}-{job.method}.npz"
 
-    def keep(self, job: Job, outcome: Outcome) -> None:
+    def keep(self, job: FillJob, outcome: FillOutcome) -> None:
         """Write an outcome, whole or not at all."""
         facts = {
             "seconds": outcome.seconds,
@@ -104,7 +104,7 @@ class Store:
                 temporary, facts=np.array(json.dumps(facts)), samples=outcome.samples, **arrays
             )
 
-    def kept(self) -> Iterator[tuple[Job, Outcome]]:
+    def kept(self) -> Iterator[tuple[FillJob, FillOutcome]]:
         """Give the outcomes that are there; one that cannot be read is made again."""
         for job in self.plan.jobs:
             with suppress(OSError, ValueError, KeyError, zipfile.BadZipFile):
@@ -112,10 +112,10 @@ class Store:
                 if outcome.samples.shape == (len(MEASURES), self.plan.cases[job.case].samples):
                     yield job, outcome
 
-    def _read(self, job: Job) -> Outcome:
+    def _read(self, job: FillJob) -> FillOutcome:
         with self._file(job).open("rb") as file, np.load(file, allow_pickle=False) as arrays:
             facts = json.loads(str(arrays["facts"]))
-            return Outcome(
+            return FillOutcome(
                 seconds=facts["seconds"],
                 samples=arrays["samples"],
                 joints={

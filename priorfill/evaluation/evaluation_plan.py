@@ -14,10 +14,10 @@ from priorfill.clip import Clip
 from priorfill.database import PriorDatabase, Selection
 from priorfill.database.ingest import content_hash
 from priorfill.errors import ClipError, OptionError
-from priorfill.evaluation.case import Case, Source
-from priorfill.evaluation.parts import parts_of
+from priorfill.evaluation.body_parts import parts_of
+from priorfill.evaluation.gap_case import EvaluatedClip, GapCase
 from priorfill.evaluation.protocols import (
-    Cut,
+    GapMask,
     GapProtocol,
     draw_for,
     settings_of,
@@ -27,7 +27,7 @@ from priorfill.markers.describe import describe
 from priorfill.markers.marker_set import MarkerSet
 from priorfill.methods import METHODS, resolve
 
-__all__ = ["ALL_METHODS", "Job", "Plan", "choose_methods", "make_plan"]
+__all__ = ["ALL_METHODS", "EvaluationPlan", "FillJob", "choose_methods", "make_plan"]
 
 ALL_METHODS = "all"
 """Stands for every method that there is."""
@@ -40,7 +40,7 @@ HASH_DIGITS = 16
 
 
 @dataclass(frozen=True)
-class Job:
+class FillJob:
     """A case to be filled by a method."""
 
     case: int
@@ -48,16 +48,16 @@ class Job:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class EvaluationPlan:
     """What an evaluation is to do.
 
     Attributes
     ----------
-    sources : tuple of Source
+    sources : tuple of EvaluatedClip
         The clips, and what fills of them may learn from.
     marker_sets : tuple of MarkerSet
         Of each clip, under its own labels: for names of segments only.
-    cases : tuple of Case
+    cases : tuple of GapCase
         What is removed from them.
     methods : tuple of str
         What fills, in the order of all tables.
@@ -67,17 +67,17 @@ class Plan:
         Cases that could not be made, and why.
     """
 
-    sources: tuple[Source, ...]
+    sources: tuple[EvaluatedClip, ...]
     marker_sets: tuple[MarkerSet, ...]
-    cases: tuple[Case, ...]
+    cases: tuple[GapCase, ...]
     methods: tuple[str, ...]
     settings: dict[str, Any]
     notes: tuple[str, ...]
 
     @property
-    def jobs(self) -> list[Job]:
+    def jobs(self) -> list[FillJob]:
         """Every case with every method."""
-        return [Job(case, method) for case in range(len(self.cases)) for method in self.methods]
+        return [FillJob(case, method) for case in range(len(self.cases)) for method in self.methods]
 
 
 def choose_methods(names: Sequence[str] | str) -> tuple[str, ...]:
@@ -108,7 +108,7 @@ def make_plan(
     marker_set: MarkerSet | None = None,
     selection: Selection | None = None,
     trust_filled: bool = False,
-) -> Plan:
+) -> EvaluationPlan:
     """Make the cases of some clips.
 
     Raises
@@ -124,15 +124,15 @@ def make_plan(
     named = _with_names(clips)
     selection = selection or Selection()
     sources, prior = _sources(named, database, marker_set, selection, trust_filled)
-    cases: list[Case] = []
+    cases: list[GapCase] = []
     notes: list[str] = []
     for number, clip in enumerate(named):
         parts = parts_of(clip, marker_set)
         refused: dict[str, list[str]] = {}
         for made in protocol.cases(clip, parts, draw_for(seed, protocol_name, clip.name)):
-            if isinstance(made, Cut):
+            if isinstance(made, GapMask):
                 gaps = tuple(find_gaps(made.gone))
-                cases.append(Case(number, made.name, made.copy, gaps))
+                cases.append(GapCase(number, made.name, made.copy, gaps))
             else:
                 refused.setdefault(made.reason, []).append(made.name)
         for reason, names in refused.items():
@@ -154,7 +154,7 @@ def make_plan(
         "marker_set": marker_set.name if marker_set is not None else None,
     }
     described = tuple(describe(clip, marker_set) for clip in named)
-    return Plan(sources, described, tuple(cases), chosen, settings, tuple(notes))
+    return EvaluationPlan(sources, described, tuple(cases), chosen, settings, tuple(notes))
 
 
 def _with_names(clips: Sequence[Clip]) -> list[Clip]:
@@ -181,10 +181,10 @@ def _sources(
     marker_set: MarkerSet | None,
     selection: Selection,
     trust_filled: bool,
-) -> tuple[tuple[Source, ...], dict[str, Any] | None]:
+) -> tuple[tuple[EvaluatedClip, ...], dict[str, Any] | None]:
     """Return the clips with what may be learnt from, and what the database is."""
     if database is None:
-        return tuple(Source(clip, marker_set) for clip in clips), None
+        return tuple(EvaluatedClip(clip, marker_set) for clip in clips), None
     sources = []
     with PriorDatabase.open(database) as prior:
         records = prior.clips()
@@ -192,7 +192,9 @@ def _sources(
             # told by the whole clip: of what is left of it too little may be there to tell
             own = tuple(record.content for record in prior.versions(clip))
             without = replace(selection, not_names=selection.not_names + own)
-            sources.append(Source(clip, marker_set, database.resolve(), without, trust_filled))
+            sources.append(
+                EvaluatedClip(clip, marker_set, database.resolve(), without, trust_filled)
+            )
     contents = "".join(sorted(record.content for record in records))
     digest = hashlib.sha256(contents.encode()).hexdigest()[:HASH_DIGITS]
     return tuple(sources), {"path": str(database), "clips": len(records), "contents": digest}

@@ -13,23 +13,23 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.evaluation.case import Case, Outcome
+from priorfill.evaluation.evaluation_plan import EvaluationPlan, FillJob
+from priorfill.evaluation.gap_case import FillOutcome, GapCase
 from priorfill.evaluation.metrics import (
     ERROR,
-    Samples,
-    Summary,
+    ErrorSummary,
+    SampleErrors,
     summarise,
 )
-from priorfill.evaluation.plan import Job, Plan
 from priorfill.gaps import Gap
 
 __all__ = [
     "COMPARED_SHARE",
     "LENGTHS",
-    "Comparison",
     "GapRow",
+    "MethodComparison",
+    "MethodPair",
     "MethodRow",
-    "Pair",
     "compare",
     "gap_rows",
     "length_class",
@@ -46,7 +46,7 @@ filled would be few, and easy ones."""
 LENGTHS = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 """s. Classes of length of gaps; the last is of longer ones."""
 
-Outcomes = Mapping[Job, Outcome]
+FillOutcomes = Mapping[FillJob, FillOutcome]
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class GapRow:
         First frame, by the file's own numbers, and length.
     seconds : float
         Length.
-    errors : Summary
+    errors : ErrorSummary
         Of its samples.
     how : str
         What it was filled from, and why a part was not.
@@ -81,7 +81,7 @@ class GapRow:
     start: int
     frames: int
     seconds: float
-    errors: Summary
+    errors: ErrorSummary
     how: str
 
 
@@ -95,7 +95,7 @@ class MethodRow:
         The method; the clip, empty for all of them.
     cases, gaps : int
         What there was to fill.
-    errors : Summary
+    errors : ErrorSummary
         Over all samples.
     joint_angle : float
         Mean error of the joint angles (degrees); NaN where none is defined.
@@ -111,7 +111,7 @@ class MethodRow:
     clip: str
     cases: int
     gaps: int
-    errors: Summary
+    errors: ErrorSummary
     joint_angle: float
     joints: dict[str, float]
     seconds: float
@@ -119,12 +119,12 @@ class MethodRow:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class MethodComparison:
     """Methods over the samples that all of them filled.
 
     Attributes
     ----------
-    methods : dict of str to Summary
+    methods : dict of str to ErrorSummary
         The methods compared, the best (least mean error) first.
     samples, of : int
         Samples that all of these filled, and all samples.
@@ -132,7 +132,7 @@ class Comparison:
         Methods that filled less than `COMPARED_SHARE` of the samples.
     """
 
-    methods: dict[str, Summary]
+    methods: dict[str, ErrorSummary]
     samples: int
     of: int
     left_out: tuple[str, ...]
@@ -144,7 +144,7 @@ class Comparison:
 
 
 @dataclass(frozen=True)
-class Pair:
+class MethodPair:
     """Two methods over the samples that both filled.
 
     Attributes
@@ -171,17 +171,17 @@ class Pair:
 
 
 def _of(
-    outcomes: Outcomes, plan: Plan, method: str, clip: int | None = None
-) -> list[tuple[Case, Outcome]]:
+    outcomes: FillOutcomes, plan: EvaluationPlan, method: str, clip: int | None = None
+) -> list[tuple[GapCase, FillOutcome]]:
     """Return a method's outcomes, of one clip or of all."""
     return [
-        (case, outcomes[Job(number, method)])
+        (case, outcomes[FillJob(number, method)])
         for number, case in enumerate(plan.cases)
         if clip is None or case.clip == clip
     ]
 
 
-def _joined(several: Iterable[Samples]) -> Samples:
+def _joined(several: Iterable[SampleErrors]) -> SampleErrors:
     """Return the samples of several cases as one."""
     return np.concatenate(list(several), axis=1)
 
@@ -192,7 +192,9 @@ def _by_gap(gaps: Sequence[Gap]) -> list[tuple[Gap, slice]]:
     return [(gap, slice(int(a), int(b))) for gap, (a, b) in zip(gaps, pairwise(stops), strict=True)]
 
 
-def method_row(outcomes: Outcomes, plan: Plan, method: str, clip: int | None = None) -> MethodRow:
+def method_row(
+    outcomes: FillOutcomes, plan: EvaluationPlan, method: str, clip: int | None = None
+) -> MethodRow:
     """Return what a method made of all cases, or of those of one clip, which has some."""
     some = _of(outcomes, plan, method, clip)
     joints: dict[str, list[NDArray[np.float64]]] = {}
@@ -216,7 +218,7 @@ def method_row(outcomes: Outcomes, plan: Plan, method: str, clip: int | None = N
     )
 
 
-def gap_rows(outcomes: Outcomes, plan: Plan) -> list[GapRow]:
+def gap_rows(outcomes: FillOutcomes, plan: EvaluationPlan) -> list[GapRow]:
     """Return a row for each gap and method."""
     rows = []
     for method in plan.methods:
@@ -243,9 +245,11 @@ def gap_rows(outcomes: Outcomes, plan: Plan) -> list[GapRow]:
     return rows
 
 
-def marker_rows(outcomes: Outcomes, plan: Plan) -> dict[tuple[str, str, str], tuple[int, Summary]]:
+def marker_rows(
+    outcomes: FillOutcomes, plan: EvaluationPlan
+) -> dict[tuple[str, str, str], tuple[int, ErrorSummary]]:
     """Return gaps and errors by marker set, marker and method."""
-    found: dict[tuple[str, str, str], list[Samples]] = {}
+    found: dict[tuple[str, str, str], list[SampleErrors]] = {}
     for method in plan.methods:
         for case, outcome in _of(outcomes, plan, method):
             name = plan.marker_sets[case.clip].name
@@ -278,9 +282,11 @@ def length_class(seconds: float) -> str:
     return f"> {LENGTHS[-1]:g} s"
 
 
-def length_rows(outcomes: Outcomes, plan: Plan) -> dict[tuple[str, str], tuple[int, Summary]]:
+def length_rows(
+    outcomes: FillOutcomes, plan: EvaluationPlan
+) -> dict[tuple[str, str], tuple[int, ErrorSummary]]:
     """Return gaps and errors by class of length and method, the shortest first."""
-    found: dict[tuple[str, str], list[Samples]] = {}
+    found: dict[tuple[str, str], list[SampleErrors]] = {}
     for method in plan.methods:
         for case, outcome in _of(outcomes, plan, method):
             rate = plan.sources[case.clip].clip.rate
@@ -296,7 +302,7 @@ def length_rows(outcomes: Outcomes, plan: Plan) -> dict[tuple[str, str], tuple[i
     }
 
 
-def compare(outcomes: Outcomes, plan: Plan) -> Comparison:
+def compare(outcomes: FillOutcomes, plan: EvaluationPlan) -> MethodComparison:
     """Compare methods over the samples that all of them filled."""
     whole = {
         m: _joined(outcome.samples for _, outcome in _of(outcomes, plan, m)) for m in plan.methods
@@ -306,7 +312,7 @@ def compare(outcomes: Outcomes, plan: Plan) -> Comparison:
     common = np.logical_and.reduce([filled[m] for m in compared]) if compared else np.zeros(0, bool)
     found = {method: summarise(whole[method][:, common]) for method in compared}
     order = sorted(found, key=lambda method: found[method].mean)
-    return Comparison(
+    return MethodComparison(
         methods={method: found[method] for method in order},
         samples=int(common.sum()),
         of=sum(case.samples for case in plan.cases),
@@ -314,7 +320,7 @@ def compare(outcomes: Outcomes, plan: Plan) -> Comparison:
     )
 
 
-def pairs(outcomes: Outcomes, plan: Plan) -> list[Pair]:
+def pairs(outcomes: FillOutcomes, plan: EvaluationPlan) -> list[MethodPair]:
     """Compare every two methods over the samples that both filled."""
     whole = {
         method: _joined(outcome.samples for _, outcome in _of(outcomes, plan, method))[ERROR]
@@ -333,7 +339,7 @@ def pairs(outcomes: Outcomes, plan: Plan) -> list[Pair]:
             touched = np.add.reduceat(both, starts) > 0
             ahead = np.sign(np.add.reduceat(b - a, starts))[touched]
             found.append(
-                Pair(
+                MethodPair(
                     first,
                     second,
                     samples,
