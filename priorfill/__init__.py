@@ -2,13 +2,27 @@
 
 Examples
 --------
->>> import priorfill as pf
->>> clip = pf.read("walk.c3d")
->>> result = pf.fill(clip, database="lab-priors")
->>> pf.write("walk_filled.c3d", result.clip, result.filled)
+Remove samples from a synthetic recording and fill the gap:
 
-What is listed in ``__all__`` is the public interface. It is loaded when it is first used, so
-that importing priorfill costs next to nothing.
+>>> import priorfill as pf
+>>> from priorfill.synthetic import synthesise
+>>> recording = synthesise("walking", seconds=2.0, rate=30.0)
+>>> positions = recording.positions.copy()  # (frames, markers, 3), mm; NaN = missing
+>>> positions[20:35, recording.labels.index("LKNE")] = float("nan")
+>>> result = pf.fill(recording.with_positions(positions))
+>>> [(gap.label, gap.start, gap.stop) for gap in result.gaps]
+[('LKNE', 20, 35)]
+>>> result.complete
+True
+
+The same with files:
+
+>>> clip = pf.read("walk.c3d")  # doctest: +SKIP
+>>> result = pf.fill(clip, database="lab-priors")  # doctest: +SKIP
+>>> pf.write("walk_filled.c3d", result.clip, result.filled)  # doctest: +SKIP
+
+The names in ``__all__`` are the public interface. Each is imported on first use, so that
+``import priorfill`` loads neither NumPy nor numba.
 """
 
 from __future__ import annotations
