@@ -1,4 +1,4 @@
-"""What a method is given and what it gives back."""
+"""The input and the output of a method."""
 
 from __future__ import annotations
 
@@ -17,12 +17,19 @@ from priorfill.markers.marker_set import MarkerSet
 from priorfill.markers.root_choice import choose_root
 from priorfill.search.takes import Take
 
-__all__ = ["Estimate", "Method", "Note", "Task", "take_names"]
+__all__ = ["MIRROR_IMAGE", "THIS_CLIP", "Estimate", "Method", "Note", "Task", "take_names"]
+
+THIS_CLIP = -1
+"""Number of the clip that is filled, among the numbers of takes, and of its subject, among those of
+subjects. Takes and subjects of the database have numbers from 0."""
+
+MIRROR_IMAGE = -2
+"""The same for the clip's mirror image, whose proportions are those of a different subject."""
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A clip to be filled and what may be learnt from.
+    """A clip to be filled, and the recordings to learn from.
 
     Attributes
     ----------
@@ -33,15 +40,15 @@ class Task:
     rate : float
         Hz.
     marker_set : MarkerSet
-        Segments and reliable bits of all the clip's markers.
+        Body segments and reliable markers, of all markers of the clip.
     groups : tuple of GapGroup
         The gap groups to be filled.
     takes : tuple of Take
-        Recordings of the prior database; empty without one.
+        Recordings of the prior database and other recordings of the same subject.
     name, subject : str
         Of the clip.
     known_geometry : ClipGeometry, optional
-        Of the clip's upright positions; made on first use if not given.
+        Of the clip's upright positions; computed on first use by default.
     """
 
     positions: NDArray[np.float64]
@@ -69,8 +76,8 @@ class Task:
         """Each marker's counterpart on the other side; see `ClipGeometry.contralateral`."""
         return self.geometry.contralateral
 
-    def beside(self, takes: Sequence[str], database: str) -> str:
-        """Say what was learnt from beside the clip itself.
+    def and_sources(self, takes: Sequence[str], database: str) -> str:
+        """Return text that continues a list of sources with some recordings.
 
         Parameters
         ----------
@@ -78,18 +85,23 @@ class Task:
             Names of the recordings.
         database : str
             What to call those of the database.
+
+        Returns
+        -------
+        str
+            For example ``" and the database"``; empty without recordings.
         """
         same_subject = {take.name for take in self.takes if take.same_subject}
-        said = []
+        sources = []
         if any(name in same_subject for name in takes):
-            said.append("other clips of the same person")
+            sources.append("other clips of the same person")
         if any(name not in same_subject for name in takes):
-            said.append(database)
-        joints = (",", " and") if len(said) > 1 else (" and",)
-        return "".join(f"{joint} {one}" for joint, one in zip(joints, said, strict=False))
+            sources.append(database)
+        joints = (",", " and") if len(sources) > 1 else (" and",)
+        return "".join(f"{joint} {source}" for joint, source in zip(joints, sources, strict=False))
 
     def root_among(self, markers: NDArray[np.intp]) -> RootGroup | None:
-        """Choose a root group among some markers; None where they give none."""
+        """Choose a root group among some markers; None if they contain none."""
         among = np.zeros(len(self.labels), dtype=bool)
         among[markers] = True
         return choose_root(self.marker_set, self.labels, self.positions, among)
@@ -97,21 +109,20 @@ class Task:
 
 @dataclass(frozen=True)
 class Note:
-    """What a method says of a run of frames of one marker.
+    """How a run of frames of one marker was filled, or why it was not.
 
     Attributes
     ----------
     marker, start, stop : int
-        Which samples.
+        The marker, and its frames ``start <= frame < stop``.
     source : str
-        What they were filled from, or the reason why they were not.
+        What the samples were filled from, or the reason why they were not filled.
     filled : bool
         Whether they were filled.
     source_clips : tuple of str
-        Names of the recordings that were learnt from.
+        Names of the recordings in the training data.
     training_poses : int
-        How many poses, or stretches, were learnt from; 0 where none were, as by a bridge over
-        time.
+        Number of training poses or windows; 0 without training, as for interpolation over time.
     """
 
     marker: int
@@ -125,19 +136,19 @@ class Note:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What a method gives back.
+    """A method's positions and their expected errors.
 
     Attributes
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
-        Upright; NaN where it could not say. Only missing samples are looked at.
-    deviation : ndarray [shape=(frames, markers), mm]
-        Expected rms error (Euclidean) of each filled sample; NaN where unknown.
+        Upright; NaN where it has no estimate. Only missing samples are used.
+    expected_rms : ndarray [shape=(frames, markers), mm]
+        Expected rms Euclidean error of each filled sample; NaN where unknown.
     notes : list of Note
         How each run of missing samples was filled, or why not.
     error_bound_90 : ndarray [shape=(frames, markers), mm] or None
         Distance below which 90 % of the errors are expected to lie; NaN where unknown. None:
-        `BOUND_FACTOR` times the deviation.
+        `priorfill.gp.calibration.BOUND_FACTOR` times `expected_rms`.
     """
 
     positions: NDArray[np.float64]
@@ -147,75 +158,82 @@ class Estimate:
 
     @classmethod
     def of(cls, task: Task) -> Estimate:
-        """Return an estimate that holds what is measured and nothing else."""
+        """Return an estimate with the measured samples only."""
         return cls(task.positions.copy(), np.full(task.positions.shape[:2], np.nan))
 
     @classmethod
-    def told(
+    def without_errors(
         cls,
         task: Task,
         positions: NDArray[np.float64],
-        how: str | Callable[[Gap], str],
+        source: str | Callable[[Gap], str],
         reason: str | Callable[[Gap], str],
         takes: tuple[str, ...] = (),
     ) -> Estimate:
-        """Return an estimate by a method that fills whole markers and knows no deviation.
+        """Return the estimate of a method that does not predict its errors.
 
         Parameters
         ----------
         task : Task
-            What was asked.
+            The task.
         positions : ndarray [shape=(frames, markers, 3), mm]
-            NaN where the method could not say.
-        how, reason : str or callable
-            What gaps were filled from, and why others were not: of all, or of one.
+            NaN where the method has no estimate.
+        source, reason : str or callable
+            What gaps were filled from, and why others were not filled: a text, or a function of
+            the gap.
         takes : tuple of str
-            Names of the recordings that were learnt from.
+            Names of the recordings in the training data.
         """
         missing = ~task.valid
         given = missing & np.isfinite(positions).all(axis=2)
         notes = [
-            Note(gap.marker, gap.start, gap.stop, _of(how, gap), source_clips=takes)
+            Note(gap.marker, gap.start, gap.stop, _text(source, gap), source_clips=takes)
             for gap in find_gaps(given)
         ]
         notes += [
-            Note(gap.marker, gap.start, gap.stop, _of(reason, gap), filled=False)
+            Note(gap.marker, gap.start, gap.stop, _text(reason, gap), filled=False)
             for gap in find_gaps(missing & ~given)
         ]
         filled = np.where(given[..., None], positions, task.positions)
         return cls(filled, np.full(missing.shape, np.nan), notes)
 
 
-def _of(said: str | Callable[[Gap], str], gap: Gap) -> str:
-    """Return what is said of a gap."""
-    return said if isinstance(said, str) else said(gap)
+def _text(text: str | Callable[[Gap], str], gap: Gap) -> str:
+    """Return a text, or the text for a gap."""
+    return text if isinstance(text, str) else text(gap)
 
 
 class Method(Protocol):
     """A method: a function of a task."""
 
     def __call__(self, task: Task, progress: Callable[[], None]) -> Estimate:
-        """Fill the gaps of a task; ``progress`` is to be called once a gap group.
+        """Fill the gaps of a task, calling ``progress`` once per gap group.
 
-        Gaps that it cannot fill stay missing, each with its reason. It raises a `MethodError` only
-        where what it needs of the clip or the takes as a whole is not there: whole frames, a
-        number of markers, a database.
+        Gaps that it cannot fill stay missing, each with a note of the reason.
+
+        Raises
+        ------
+        MethodError
+            Where the clip or the takes lack what the method needs throughout: complete frames, a
+            number of markers, a database.
         """
         ...
 
 
-def take_names(takes: Sequence[Take], used: NDArray[np.intp], most: int = 10) -> tuple[str, ...]:
-    """Names of the takes used most often, the most used first.
+def take_names(
+    takes: Sequence[Take], used: NDArray[np.intp], max_names: int = 10
+) -> tuple[str, ...]:
+    """Return the names of the takes used most often, the most used first.
 
     Parameters
     ----------
     takes : sequence of Take
-        The takes that ``used`` counts in.
-    used : ndarray of int
-        Index of the take behind each vote, any shape.
-    most : int
-        How many names at most.
+        All takes.
+    used : ndarray of int [any shape]
+        Index of the take of each training pose or vote.
+    max_names : int
+        Number of names at most.
     """
     counts = np.bincount(used.ravel(), minlength=len(takes))
-    order = np.argsort(-counts, kind="stable")[:most]
+    order = np.argsort(-counts, kind="stable")[:max_names]
     return tuple(takes[i].name for i in order if counts[i])
