@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from itertools import pairwise, product
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,21 +26,10 @@ from priorfill.gp import models as readers
 from priorfill.gp import pose_kernel as kernels
 from priorfill.methods.gpr.blackout import correction, windows
 from priorfill.methods.gpr.blackout import stacking as mixture
-from priorfill.methods.gpr.dropout import (
-    donors as witnesses,
-)
-from priorfill.methods.gpr.dropout import (
-    marker_coupling as ties,
-)
-from priorfill.methods.gpr.dropout import (
-    predict_from_donors as prediction,
-)
-from priorfill.methods.gpr.dropout import (
-    subject_kernel as covariance,
-)
-from priorfill.methods.gpr.dropout import (
-    subjects as bodies,
-)
+from priorfill.methods.gpr.dropout import DropoutOptions, predict_from_donors
+from priorfill.methods.gpr.dropout.donors import Donor
+from priorfill.methods.gpr.dropout.marker_coupling import MarkerCoupling
+from priorfill.methods.gpr.dropout.subjects import THIS_CLIP
 from priorfill.signal import gp_interpolation as gp_interpolation
 
 # ---- adapter: only this section uses the names of priorfill --------------------------------------
@@ -49,10 +37,9 @@ from priorfill.signal import gp_interpolation as gp_interpolation
 SUBJECT_OFFSET = lesson.BODY_OFFSET
 REMEMBERED = kernels.FADED
 MIN_ALIGNMENT = gp_features.ALIGNMENT_FLOOR
-OWN_NOISE = prediction.OWN_NOISE
-SHAPE_SCALE = ties.SHAPE_REACH
-SHAPE_SPREAD = ties.FIRM
-CLIP = bodies.OWN
+OWN_NOISE = DropoutOptions().own_noise_ratio
+SHAPE_SCALE = DropoutOptions().shape_length_scale
+SHAPE_SPREAD = DropoutOptions().shape_rigidity_scale
 CURVE_SETTINGS = gp_interpolation.PROCESSES
 """Smoothness, time scale (s) and noise of each curve through a blackout."""
 
@@ -175,37 +162,15 @@ def curve_weights(known, asked):
     return [curve.each for curve in gp_interpolation.process_in_time(known, asked)]
 
 
-@dataclass(frozen=True, eq=False)
-class Donor:
-    """Poses of one subject, or of its mirror image, that show the missing markers."""
-
-    subject: int
-    mirrored: bool
-    visible: np.ndarray
-    missing: np.ndarray
-
-
-def predict_from_donors(donors, query, distance, spread, inner, alignment, calibrated):
-    """Hyper-parameters, positions, variances and held-out error of each model."""
-    tied = ties.Ties(distance, spread, inner)
-    seen = [witnesses.Witness(d.subject, d.mirrored, d.visible, d.missing) for d in donors]
-    rows = prediction._Rows.of(seen, query, tied)
-    found = prediction._predict(_view(alignment), rows, query, tied, calibrated)
-    kinds = [
-        SimpleNamespace(
-            linear=kind.linear,
-            rbf=kind.radial,
-            length_scale=kind.length,
-            offset=kind.offset,
-            movement=kind.movement,
-            shape=kind.shape,
-            image=kind.image,
-            shape_scale=kind.reach,
-            noise=kind.noise,
-        )
-        for kind in covariance.KINDS
-    ]
-    return list(zip(kinds, found, strict=True))
+def models_of_donors(donors, query, distance, spread, visible_spread, alignment, calibrated):
+    """Kernel and noise, positions, variances and held-out error of each model."""
+    options = DropoutOptions()
+    coupling = MarkerCoupling(distance, spread, visible_spread)
+    training = predict_from_donors._TrainingPoses.of(donors, query, coupling, options)
+    found = predict_from_donors._predict_aligned(
+        _view(alignment), training, query, coupling, options, calibrated
+    )
+    return list(zip(options.processes, found.positions, found.variance, found.errors, strict=True))
 
 
 def correct_curve(edges, start, source, correlation, errors, scale, weight, min_distance):
@@ -664,13 +629,13 @@ def donors_of(seed, own_poses, own_image):
     query = poses[20:, VISIBLE]
 
     def donor(subject, mirrored, frames):
-        off = rng.normal(0.0, 12.0, (1, 7, 3)) * (subject != CLIP)
+        off = rng.normal(0.0, 12.0, (1, 7, 3)) * (subject != THIS_CLIP)
         moved, _ = movement(seed, frames)
         moved = moved + off + rng.normal(0.0, 1.0, moved.shape)
         return Donor(subject, mirrored, moved[:, VISIBLE], moved[:, MISSING])
 
-    found = [donor(CLIP, False, own_poses)] if own_poses else []
-    found += [donor(CLIP, True, 12)] if own_image else []
+    found = [donor(THIS_CLIP, False, own_poses)] if own_poses else []
+    found += [donor(THIS_CLIP, True, 12)] if own_image else []
     found += [donor(3, False, 14), donor(3, True, 11), donor(8, False, 13)]
     inner = rng.uniform(0.5, 9.0, (len(VISIBLE), len(VISIBLE)))
     return found, query, 0.5 * (inner + inner.T)
@@ -703,10 +668,12 @@ def test_donors_of_several_subjects(kind, own_poses, own_image, calibrated):
     whose = np.repeat(np.arange(len(donors)), [len(d.visible) for d in donors])
     subject = np.array([d.subject for d in donors])[whose]
     mirrored = np.array([d.mirrored for d in donors])[whose]
-    own = (subject == CLIP) & ~mirrored
+    own = (subject == THIS_CLIP) & ~mirrored
     shapes = np.array(
         [
-            shape_of(query if d.subject == CLIP and not d.mirrored else d.visible, DISTANCE, inner)
+            shape_of(
+                query if d.subject == THIS_CLIP and not d.mirrored else d.visible, DISTANCE, inner
+            )
             for d in donors
         ]
     )
@@ -730,34 +697,40 @@ def test_donors_of_several_subjects(kind, own_poses, own_image, calibrated):
     inputs_asked = Inputs(
         features=(asked - middle) / scale,
         shape=np.outer(here, shape_of(query, DISTANCE, inner)),
-        subject=CLIP * here,
+        subject=THIS_CLIP * here,
         side=0.0 * here,
     )
     targets = local(frames, missing).reshape(len(whose), -1)
     centre = (targets[own] if own.any() else targets).mean(axis=0)
     if own_image:
-        blocks = [np.flatnonzero(whose == i) for i, d in enumerate(donors) if d.subject != CLIP]
+        blocks = [
+            np.flatnonzero(whose == i) for i, d in enumerate(donors) if d.subject != THIS_CLIP
+        ]
     else:
         blocks = [np.flatnonzero(subject == s) for s in (3, 8)]
 
-    found = predict_from_donors(donors, query, DISTANCE, SPREAD, inner, alignment, calibrated)
+    found = models_of_donors(donors, query, DISTANCE, SPREAD, inner, alignment, calibrated)
     assert len(found) > 1
-    for settings, (positions, variance, error) in found:
-        pose = constant(settings.linear) * inputs.on("features", dot()) + constant(
-            settings.rbf
+    for model, positions, variance, error in found:
+        settings = model.kernel
+        pose = constant(settings.linear_variance) * inputs.on("features", dot()) + constant(
+            settings.rbf_variance
         ) * inputs.on("features", rbf(settings.length_scale))
         same = inputs.on("subject", equal())
         shared = (
-            constant(settings.shape) * inputs.on("shape", rbf(settings.shape_scale))
-            + constant(settings.image) * same
-            + constant(1.0 - settings.shape - settings.image) * same * inputs.on("side", equal())
+            constant(settings.shape_share) * inputs.on("shape", rbf(settings.shape_scale))
+            + constant(settings.image_share) * same
+            + constant(1.0 - settings.shape_share - settings.image_share)
+            * same
+            * inputs.on("side", equal())
         )
         kernel = (
             constant(1.0)
             + pose
-            + shared * (constant(settings.offset) + constant(settings.movement) * pose)
+            + shared
+            * (constant(settings.offset_variance) + constant(settings.movement_ratio) * pose)
         )
-        noise = np.where(own, OWN_NOISE * settings.noise, settings.noise)
+        noise = model.noise_variance * np.where(own, OWN_NOISE, 1.0)
         process = fit(kernel, inputs.matrix, targets - centre, noise)
         mean, expected = predict(process, inputs_asked.matrix)
         expected = expected + noise.min()

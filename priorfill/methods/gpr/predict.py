@@ -144,7 +144,7 @@ class Predictor:
             hold_lengths(positions, found.expected_rms, seen, edges),
             found.expected_rms,
             complete=course.complete,
-            how="the clip's own frames" + self.task.beside(course.takes, "the database's"),
+            how="the clip's own frames" + self.task.and_sources(course.takes, "the database's"),
             takes=(self.task.name, *course.takes),
             own=True,
             poses=course.poses,

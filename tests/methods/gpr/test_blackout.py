@@ -133,7 +133,7 @@ def test_a_clip_too_short_for_windows() -> None:
     clip = person(seconds=1.0)
     result = fill(with_gaps(clip, (20, 44, ALL)))
     assert result.complete
-    assert {how for gap in result.gaps for how in gap.sources} == {"bridged over time"}
+    assert {how for gap in result.gaps for how in gap.sources} == {"interpolation over time"}
     middle = np.linalg.norm(result.clip.positions - clip.positions, axis=2)[20:44]
     assert middle.mean() < 2 * result.expected_rms[20:44].mean()
 

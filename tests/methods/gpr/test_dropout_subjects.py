@@ -17,7 +17,7 @@ from priorfill.gp.data import Lesson
 from priorfill.markers.describe import describe
 from priorfill.methods.gpr.blackout.database_windows import similar_movements
 from priorfill.methods.gpr.gap_segments import Piece
-from priorfill.methods.gpr.options import Options
+from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.gpr.training.plan import Lessons
 from priorfill.methods.task import Task
@@ -50,7 +50,7 @@ def limb_lesson(task: Task) -> Lesson:
     markers = np.array([task.labels.index(label) for label in ARM])
     start, stop = (int(f) for f in np.flatnonzero(~task.valid[:, markers[0]])[[0, -1]])
     visible = np.setdiff1d(np.arange(len(task.labels)), markers)
-    options = Options()
+    options = GPROptions()
     lessons = Lessons(task, PoseSearch(task, options), 8, options)
     course = lessons.of(Piece(markers, start, stop + 1, visible), None)
     assert course is not None
@@ -109,7 +109,7 @@ def test_movements_of_a_slow_recording_are_as_fast_as_they_were() -> None:
     whole, start, stop = person(seconds=8.0), 199, 234  # edges that the other shows too
     clip = with_gaps(whole, (start, stop, whole.labels))
     task = task_of(clip, sampled(whole, SLOW))
-    options = Options()
+    options = GPROptions()
     found, takes = similar_movements(
         task, PoseSearch(task, options), options, clip.positions, start, stop
     )
@@ -146,7 +146,7 @@ def test_a_companion_is_of_the_clips_own_body_but_another_take() -> None:
 def test_movements_of_a_companion_are_of_the_clips_own_body() -> None:
     clip = with_gaps(person(seconds=8.0), (200, 236, person().labels))
     task = task_of(clip, person(seconds=8.0, seed=9))
-    options = Options()
+    options = GPROptions()
     found, _ = similar_movements(task, PoseSearch(task, options), options, clip.positions, 200, 236)
     assert found
     assert {recording.kinship for recording in found} == {1.0}

@@ -309,7 +309,7 @@ def test_a_bridge_replaces_other_bodies_but_never_the_clips_own_frames() -> None
     other = Clip(other.positions[:, kept], labels, RATE, name="companion")
     result = pf.fill(clip, same_subject=[other])
     here = {gap.label: gap for gap in result.gaps if (gap.start, gap.stop) == (start, stop)}
-    assert here[rare].sources == ("bridged over time",)
+    assert here[rare].sources == ("interpolation over time",)
     marker = truth.labels.index(rare)
     away = np.linalg.norm(result.clip.positions - truth.positions, axis=2)[start:stop, marker]
     assert away.max() < 5.0

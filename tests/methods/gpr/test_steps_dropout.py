@@ -1,4 +1,4 @@
-"""Markers that the clip hardly shows: donors, and the regression over several bodies."""
+"""Markers that the clip hardly shows: donors, and the regression over several subjects."""
 
 from __future__ import annotations
 
@@ -16,12 +16,20 @@ from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
 from priorfill.geometry.root_frames import heading_frames, rigid_frames
 from priorfill.gp.features import ALIGNMENT_FLOOR
-from priorfill.methods.gpr.dropout.donors import Witness
-from priorfill.methods.gpr.dropout.marker_coupling import Ties
-from priorfill.methods.gpr.dropout.predict_from_donors import VIEWS, predict_by_all
-from priorfill.methods.gpr.dropout.predict_from_donors import testify as mixture
-from priorfill.methods.gpr.dropout.subject_kernel import KINDS
-from priorfill.methods.gpr.dropout.subjects import OWN
+from priorfill.markers.describe import describe
+from priorfill.methods.gpr.dropout import DropoutOptions, DropoutPredictor, MultiSubjectKernel
+from priorfill.methods.gpr.dropout.donors import Donor
+from priorfill.methods.gpr.dropout.marker_coupling import MarkerCoupling
+from priorfill.methods.gpr.dropout.predict_from_donors import (
+    predict_from_donors,
+    predict_with_each_model,
+)
+from priorfill.methods.gpr.dropout.subjects import THIS_CLIP
+from priorfill.methods.task import Task
+from priorfill.search.takes import same_subject_take
+
+OPTIONS = DropoutOptions()
+MODELS = len(OPTIONS.alignments) * len(OPTIONS.processes)
 
 SHAPE = np.array(
     [[0, 0, 0], [180, 20, 0], [30, 170, 10], [20, 40, 190], [150, 140, 60], [90, 80, 70.0]]
@@ -32,15 +40,15 @@ VISIBLE = len(SHAPE) - 1
 
 
 def donor(
-    body: int,
+    subject: int,
     scale: float = 1.0,
     shift: Sequence[float] = (0.0, 0.0, 0.0),
     rows: int = 6,
     mirrored: bool = False,
     seed: int = 0,
-) -> Witness:
-    """Poses of a body of some size that bends, its last marker shifted in its own frame."""
-    rng = np.random.default_rng([seed, body + 1, mirrored])
+) -> Donor:
+    """Poses of a subject of some size that bends, its last marker shifted in the body's frame."""
+    rng = np.random.default_rng([seed, subject + 1, mirrored])
     poses = np.tile(scale * SHAPE, (rows, 1, 1))
     bend = rng.normal(0.0, 15.0, rows)
     poses[:, 4, 2] += bend
@@ -48,27 +56,27 @@ def donor(
     poses[:, 5] += np.array(shift)
     turns = Rotation.from_rotvec(rng.uniform(-3.0, 3.0, (rows, 1)) * [0.0, 0.0, 1.0]).as_matrix()
     poses = np.einsum("rij,rmj->rmi", turns, poses) + rng.normal(0.0, 500.0, (rows, 1, 3))
-    return Witness(body, mirrored, poses[:, :-1], poses[:, -1:])
+    return Donor(subject, mirrored, poses[:, :-1], poses[:, -1:])
 
 
-def ties_of() -> Ties:
+def coupling_of() -> MarkerCoupling:
     far = np.linalg.norm(SHAPE[:-1] - SHAPE[-1], axis=1)
     inner = 2.0 + np.arange(VISIBLE)[:, None] + np.arange(VISIBLE)
-    return Ties(far, np.linspace(3.0, 12.0, VISIBLE), inner.astype(np.float64))
+    return MarkerCoupling(far, np.linspace(3.0, 12.0, VISIBLE), inner.astype(np.float64))
 
 
-# --- shapes of bodies ---
+# --- body shapes ---
 
 
 def test_a_shape_difference_has_the_size_of_the_distances_differences() -> None:
     """Where every distance differs by 10 mm, so do the shapes, whatever the weights."""
     side = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, np.sqrt(0.75), 0]])
-    ties = Ties(
+    coupling = MarkerCoupling(
         np.array([50.0, 200.0, 400.0]),
         np.full(3, 5.0),
         np.array([[0, 1, 9.0], [1, 0, 4], [9, 4, 0]]),
     )
-    one, other = (ties.shape((length * side)[None]) for length in (150.0, 160.0))
+    one, other = (coupling.body_shape((length * side)[None], OPTIONS) for length in (150.0, 160.0))
     assert np.linalg.norm(one - other) == pytest.approx(10.0)
 
 
@@ -78,7 +86,7 @@ def test_shape_differences_match_the_weighted_rms() -> None:
     distance, inner = rng.uniform(50.0, 500.0, 5), rng.uniform(0.0, 20.0, (5, 5))
     inner = inner + inner.T
     bodies = rng.normal(0.0, 200.0, (2, 8, 5, 3))
-    ties = Ties(distance, np.full(5, 5.0), inner)
+    coupling = MarkerCoupling(distance, np.full(5, 5.0), inner)
     square, total = 0.0, 0.0
     for i in range(5):
         for j in range(i):
@@ -87,24 +95,24 @@ def test_shape_differences_match_the_weighted_rms() -> None:
             lengths = np.linalg.norm(bodies[:, :, i] - bodies[:, :, j], axis=2).mean(axis=1)
             square += weight * (lengths[0] - lengths[1]) ** 2
             total += weight
-    away = ties.shape(bodies[0]) - ties.shape(bodies[1])
+    away = coupling.body_shape(bodies[0], OPTIONS) - coupling.body_shape(bodies[1], OPTIONS)
     assert np.linalg.norm(away) == pytest.approx(np.sqrt(square / total))
 
 
-def test_bodies_of_the_same_shape_count_most() -> None:
-    """Two people differ by 40 mm in where the marker sits; one has the shape of the clip's body.
+def test_subjects_of_the_same_shape_count_most() -> None:
+    """Two people differ by 40 mm in where the marker sits; one has the clip's body shape.
 
     The shapes differ in a far marker, which hardly counts among the features.
     """
-    ties = Ties(
+    coupling = MarkerCoupling(
         np.array([100.0, 900.0, 100.0, 100.0, 100.0]), np.full(5, 3.0), np.full((5, 5), 2.0)
     )
     clip, alike = donor(5, rows=10), donor(1, shift=(20.0, 0.0, 0.0), rows=10)
     other = donor(2, shift=(-20.0, 0.0, 0.0), rows=10)
     ahead = other.visible[:, 1] - other.visible[:, 0]
     other.visible[:, 1] += 300.0 * ahead / np.linalg.norm(ahead, axis=1, keepdims=True)
-    errors = np.full(len(VIEWS) * len(KINDS), 10.0)
-    found = mixture([alike, other], clip.visible, ties, errors)[0]
+    errors = np.full(MODELS, 10.0)
+    found = predict_from_donors([alike, other], clip.visible, coupling, OPTIONS, errors)[0]
     frames = rigid_frames(clip.visible, SHAPE[:-1], np.ones(VISIBLE))
     # mm from the middle between the two, along the body's x axis
     away = (frames.to_local(found) - frames.to_local(clip.missing))[..., 0].mean()
@@ -115,10 +123,10 @@ def test_bodies_of_the_same_shape_count_most() -> None:
 # --- the regression, against solving for every query by itself ---
 
 
-def some_donors() -> list[Witness]:
+def some_donors() -> list[Donor]:
     return [
-        donor(OWN, shift=(3.0, 0.0, 0.0), rows=3),
-        donor(OWN, shift=(9.0, 0.0, 0.0), rows=4, mirrored=True),
+        donor(THIS_CLIP, shift=(3.0, 0.0, 0.0), rows=3),
+        donor(THIS_CLIP, shift=(9.0, 0.0, 0.0), rows=4, mirrored=True),
         donor(1, 1.05, (0.0, 12.0, 0.0)),
         donor(1, 1.05, (0.0, 10.0, 4.0), mirrored=True),
         donor(2, 0.9, (0.0, -15.0, 0.0)),
@@ -127,35 +135,33 @@ def some_donors() -> list[Witness]:
 
 
 @pytest.mark.parametrize("own", [True, False])
-def test_each_member_matches_the_textbook_formulas(own: bool) -> None:
+def test_each_model_matches_the_textbook_formulas(own: bool) -> None:
     """Covariance 1 + k + b (offset + movement k), a tenth of the noise for the clip's own frames.
 
-    b is shape exp(-|d|² / 2 reach²) + image [same body] + rest [same body and side].
+    b is shape exp(-|d|² / 2 scale²) + image [same subject] + rest [same subject and side].
     """
-    donors = [one for one in some_donors() if own or one.body != OWN]
-    query, ties = donor(OWN, rows=4, seed=8).visible, ties_of()
-    found = predict_by_all(donors, query, ties, None)
+    donors = [one for one in some_donors() if own or one.subject != THIS_CLIP]
+    query, coupling = donor(THIS_CLIP, rows=4, seed=8).visible, coupling_of()
+    found = predict_with_each_model(donors, query, coupling, OPTIONS, None)
     visible = np.concatenate([one.visible for one in donors])
     missing = np.concatenate([one.missing for one in donors])
     who = [i for i, one in enumerate(donors) for _ in one.visible]
-    shapes = [
-        ties.shape(query if one.body == OWN and not one.mirrored else one.visible) for one in donors
-    ]
-    shapes.append(ties.shape(query))
-    sides = [*((one.body, one.mirrored) for one in donors), (OWN, False)]
-    mine = np.array([sides[i] == (OWN, False) for i in who])
-    # left out together: one side of a body if the clip has a mirror image, else the body
-    groups = {sides[i] if own else sides[i][0] for i in who if sides[i][0] != OWN}
+    shapes = [coupling.body_shape(query if one.is_own else one.visible, OPTIONS) for one in donors]
+    shapes.append(coupling.body_shape(query, OPTIONS))
+    sides = [*((one.subject, one.mirrored) for one in donors), (THIS_CLIP, False)]
+    mine = np.array([sides[i] == (THIS_CLIP, False) for i in who])
+    # held out together: one side of a subject if the clip has a mirror image, else both
+    groups = {sides[i] if own else sides[i][0] for i in who if sides[i][0] != THIS_CLIP}
     blocks = [
         np.array([r for r, i in enumerate(who) if (sides[i] if own else sides[i][0]) == group])
         for group in sorted(groups)
     ]
     number = 0
-    for view in VIEWS:
-        nearness = np.exp(-(ties.distance**2) / (2.0 * view.reach**2))
+    for view in OPTIONS.alignments:
+        nearness = np.exp(-(coupling.distance**2) / (2.0 * view.reach**2))
         firmness = np.ones(VISIBLE)
         if view.slack is not None:
-            firmness = 1.0 / (1.0 + (ties.spread / view.slack) ** 2)
+            firmness = 1.0 / (1.0 + (coupling.spread / view.slack) ** 2)
         align = rigid_frames if view.frame == "rigid" else heading_frames
         template, alignment = query[len(query) // 2], nearness * firmness + ALIGNMENT_FLOOR
         weight = (nearness * np.sqrt(firmness) + view.floor)[:, None]
@@ -167,23 +173,26 @@ def test_each_member_matches_the_textbook_formulas(own: bool) -> None:
         known, asked = (known - middle) / scale, (asked - middle) / scale
         targets = row_frames.to_local(missing)[:, 0]
         centre = (targets[mine] if own else targets).mean(axis=0)
-        for kind in KINDS:
+        for process in OPTIONS.processes:
+            kernel = process.kernel
+            assert isinstance(kernel, MultiSubjectKernel)
 
-            def shared(i: int, j: int, kind: object = kind) -> float:
+            def shared(i: int, j: int, of: MultiSubjectKernel = kernel) -> float:
                 away = np.sum((shapes[i] - shapes[j]) ** 2)
-                value = kind.shape * np.exp(-away / (2.0 * kind.reach**2))
-                value += kind.image * (sides[i][0] == sides[j][0])
-                return value + (1.0 - kind.shape - kind.image) * (sides[i] == sides[j])
+                value = of.shape_share * np.exp(-away / (2.0 * of.shape_scale**2))
+                value += of.image_share * (sides[i][0] == sides[j][0])
+                return value + (1.0 - of.shape_share - of.image_share) * (sides[i] == sides[j])
 
             def covariance(
-                a: np.ndarray, b: np.ndarray, i: int, j: int, kind: object = kind
+                a: np.ndarray, b: np.ndarray, i: int, j: int, of: MultiSubjectKernel = kernel
             ) -> float:
                 square = np.sum((a - b) ** 2)
-                k = kind.linear * a @ b + kind.radial * np.exp(-square / (2 * kind.length**2))
-                return 1.0 + k + shared(i, j) * (kind.offset + kind.movement * k)
+                k = of.linear_variance * a @ b
+                k += of.rbf_variance * np.exp(-square / (2 * of.length_scale**2))
+                return 1.0 + k + shared(i, j) * (of.offset_variance + of.movement_ratio * k)
 
             rows = list(zip(known, who, strict=True))
-            noise = np.where(mine, 0.1, 1.0) * kind.noise
+            noise = np.where(mine, 0.1, 1.0) * process.noise_variance
             matrix = np.array([[covariance(a, b, i, j) for b, j in rows] for a, i in rows])
             matrix += np.diag(noise)
             cross = np.array([[covariance(q, b, len(donors), j) for b, j in rows] for q in asked])
@@ -210,14 +219,13 @@ def test_each_member_matches_the_textbook_formulas(own: bool) -> None:
     assert number == len(found.positions)
 
 
-def test_members_that_err_less_count_more() -> None:
-    query, ties = donor(OWN, rows=4, seed=8).visible, ties_of()
-    members = len(VIEWS) * len(KINDS)
-    each = predict_by_all(some_donors(), query, ties, 10.0).positions
-    errors = np.full(members, 10.0)
+def test_models_that_err_less_count_more() -> None:
+    query, coupling = donor(THIS_CLIP, rows=4, seed=8).visible, coupling_of()
+    each = predict_with_each_model(some_donors(), query, coupling, OPTIONS, 10.0).positions
+    errors = np.full(MODELS, 10.0)
     errors[2] = 5.0
-    weight = np.where(np.arange(members) == 2, 16.0, 1.0)  # (10 / 5)⁴
-    mean, expected_rms = mixture(some_donors(), query, ties, errors)
+    weight = np.where(np.arange(MODELS) == 2, 16.0, 1.0)  # (10 / 5)⁴
+    mean, expected_rms = predict_from_donors(some_donors(), query, coupling, OPTIONS, errors)
     np.testing.assert_allclose(mean, np.average(each, axis=0, weights=weight), atol=1e-6)
     spread = ((each - mean) ** 2).sum(axis=3) + (errors**2)[:, None, None]
     expected = np.sqrt(np.average(spread, axis=0, weights=weight))
@@ -226,11 +234,11 @@ def test_members_that_err_less_count_more() -> None:
 
 def test_the_clips_own_few_frames_are_trusted_most() -> None:
     """One frame of the clip and one of its twin, with the marker 60 mm away from each other."""
-    ties = ties_of()
-    own = donor(OWN, rows=1, seed=4)
-    twin = Witness(1, False, own.visible, own.missing + np.array([60.0, 0.0, 0.0]))
-    errors = np.full(len(VIEWS) * len(KINDS), 10.0)
-    found = mixture([own, twin], own.visible, ties, errors)[0]
+    coupling = coupling_of()
+    own = donor(THIS_CLIP, rows=1, seed=4)
+    twin = Donor(1, False, own.visible, own.missing + np.array([60.0, 0.0, 0.0]))
+    errors = np.full(MODELS, 10.0)
+    found = predict_from_donors([own, twin], own.visible, coupling, OPTIONS, errors)[0]
     away = np.linalg.norm(found - own.missing)
     # with the noise of the twin's frames 10 and more
     assert away < 5.0
@@ -243,19 +251,23 @@ def without(clip: Clip, *labels: str) -> Clip:
     return with_gaps(clip, (0, clip.frames, labels))
 
 
-def test_donors_of_the_most_similar_shape_are_chosen(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Sizes of 0.85 to 1.15 of the same person; one donor is to be taken."""
-    truth = person()
-    with PriorDatabase.create(tmp_path / "db") as made:
-        for size in (0.85, 0.96, 1.15):
-            other = person(seconds=3.0, seed=9)
-            other = replace(other, positions=size * other.positions, name=f"size{size}")
-            made.add(other, subject=f"size{size}")
-    monkeypatch.setattr("priorfill.methods.gpr.dropout.donors.BODIES", 1)
-    (gap,) = pf.fill(without(truth, "C7"), database=tmp_path / "db").gaps
-    assert gap.source_clips == ("size0.96",)
+def test_donors_of_the_most_similar_shape_are_chosen() -> None:
+    """Sizes of 0.85 to 1.15 of the same person; one of them is to be a donor."""
+    clip = without(person(), "C7")
+    takes = []
+    for size in (0.85, 0.96, 1.15):
+        other = person(seconds=3.0, seed=9)
+        other = replace(other, positions=size * other.positions, name=f"size {size}")
+        take = same_subject_take(other, clip.labels)
+        takes.append(replace(take, same_subject=False, subject=other.name))
+    task = Task(clip.positions, clip.labels, clip.rate, describe(clip), (), tuple(takes))
+    predictor = DropoutPredictor(task, replace(OPTIONS, max_donor_subjects=1))
+    missing = np.array([clip.labels.index("C7")])
+    visible = np.flatnonzero(task.valid.all(axis=0))
+    visible = predictor.nearest_visible(missing, visible)
+    found = predictor.predict(missing, visible, np.arange(3))
+    assert found is not None
+    assert found.source_clips == ("size 0.96",)
 
 
 def test_a_donor_that_shows_the_other_side_only_is_mirrored(tmp_path: Path) -> None:
@@ -267,5 +279,5 @@ def test_a_donor_that_shows_the_other_side_only_is_mirrored(tmp_path: Path) -> N
             made.add(without(person(seconds=3.0, seed=body, body=body), "LELB"))
     result = pf.fill(clip, database=tmp_path / "db")
     assert result.complete
-    assert {gap.sources for gap in result.gaps} == {("the database's bodies",)}
+    assert {gap.sources for gap in result.gaps} == {("other subjects of the database",)}
     assert error(result.clip.positions, truth.positions, clip.missing) < 50.0

@@ -14,7 +14,7 @@ from priorfill.geometry.root_frames import RootGroup
 from priorfill.methods.gpr.blackout.window_layout import REACH
 from priorfill.methods.gpr.blackout.windows import OVERLAP, Recording
 from priorfill.methods.gpr.gap_segments import FEWEST_VISIBLE
-from priorfill.methods.gpr.options import Options
+from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import DATABASE_RATE, OWN_BODY, PoseSearch
 from priorfill.methods.gpr.training.subject_correlation import STRANGER_KINSHIP, SYNTHESISED_KINSHIP
 from priorfill.methods.task import Task, take_names
@@ -73,7 +73,7 @@ class _Stretch:
 def similar_movements(
     task: Task,
     search: PoseSearch,
-    options: Options,
+    options: GPROptions,
     clip: NDArray[np.float64],
     start: int,
     stop: int,
@@ -86,7 +86,7 @@ def similar_movements(
         The takes.
     search : PoseSearch
         Of these.
-    options : Options
+    options : GPROptions
         How many stretches.
     clip : ndarray [shape=(frames, markers, 3), mm]
         Filled but for blackouts.

@@ -12,7 +12,7 @@ from priorfill.methods.gpr.blackout.database_windows import similar_movements
 from priorfill.methods.gpr.blackout.predict_blackout import fill_blackout
 from priorfill.methods.gpr.blackout.windows import Recording
 from priorfill.methods.gpr.gap_segments import Piece
-from priorfill.methods.gpr.options import Options
+from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.gpr.prediction import Prediction
 from priorfill.methods.task import Task
@@ -29,11 +29,11 @@ class Blackouts:
         The clip and the takes to learn from.
     search : PoseSearch
         Of these takes.
-    options : Options
+    options : GPROptions
         How many stretches of them.
     """
 
-    def __init__(self, task: Task, search: PoseSearch, options: Options) -> None:
+    def __init__(self, task: Task, search: PoseSearch, options: GPROptions) -> None:
         self.task = task
         self._search = search
         self._options = options
@@ -65,8 +65,8 @@ class Blackouts:
         positions, expected_rms, windows = self._lead(
             [Recording(clip), *others], start, stop, wanted
         )
-        how = "similar movements of the clip" if windows else "bridged over time"
-        how += self.task.beside(takes, "the database") if windows else ""
+        how = "similar movements of the clip" if windows else "interpolation over time"
+        how += self.task.and_sources(takes, "the database") if windows else ""
         predictions = []
         for piece in pieces:
             inside = slice(piece.start - start, piece.stop - start)

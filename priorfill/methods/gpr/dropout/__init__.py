@@ -1,21 +1,24 @@
-"""Markers that the clip hardly shows: from other recordings, other bodies, and the mirror.
+"""Dropouts: markers that the clip hardly shows, predicted from other recordings.
 
-Where a marker sits on a body cannot be learnt from such a clip, so it is learnt from *witnesses*,
-bodies that are seen with the marker. A witness is
+Where a marker sits on the body cannot be learnt from such a clip. It is learnt from *donors*,
+recordings that show the marker together with the visible ones:
 
-* the clip's own body: other recordings of it (the clip's companions, and takes of the database
+* the clip's own subject: other recordings of it (those given as such, and takes of the database
   whose markers keep the same distances), and the few frames in which the clip shows the marker;
-* the clip's own body in a mirror, where the marker is the image of its partner;
-* other people of the database, and they in a mirror.
+* the clip's mirror image, where the marker is the image of its contralateral one;
+* other subjects of the database, and their mirror images.
 
-All of them are rows of one Gaussian process from the visible markers nearby to the missing ones,
-in frames aligned with those. Bodies differ by an offset and by how they move. Both are parts of
-the covariance that rows share as far as their bodies do: wholly for one body, much for bodies of
-nearly the same shape (the distances between visible markers that hardly vary), partly for a body
-and its mirror image. How far a prediction is off is told by leaving whole bodies out, each
-predicted from the others and its own image as the clip is. Several members are mixed by that.
+All donors' poses train one Gaussian process from the visible to the missing markers, in frames
+aligned by the visible markers nearby. Subjects differ by a constant and by how they move. Both
+deviations are correlated between donors: fully for one subject, strongly for subjects of nearly the
+same shape (the distances of the visible markers that hardly vary), and partly for a subject and its
+mirror image (`MultiSubjectKernel`). The expected error is cross-validated by holding out one
+subject at a time; each is predicted from the others and, as the clip is, from its own mirror image.
+Several models, one for each alignment and kernel, are weighted by their held-out errors.
 """
 
-from priorfill.methods.gpr.dropout.fill_dropouts import Dropouts
+from priorfill.methods.gpr.dropout.fill_dropouts import DropoutPrediction, DropoutPredictor
+from priorfill.methods.gpr.dropout.multi_subject_kernel import MultiSubjectKernel
+from priorfill.methods.gpr.dropout.options import DropoutOptions
 
-__all__ = ["Dropouts"]
+__all__ = ["DropoutOptions", "DropoutPrediction", "DropoutPredictor", "MultiSubjectKernel"]

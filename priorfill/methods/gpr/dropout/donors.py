@@ -1,4 +1,4 @@
-"""Witnesses of missing markers: who they are, and what they show of the visible markers."""
+"""Donors of missing markers: recordings that show them together with the visible markers."""
 
 from __future__ import annotations
 
@@ -10,263 +10,298 @@ from numpy.typing import NDArray
 
 from priorfill.geometry.mirror import mirrored, reflected
 from priorfill.geometry.poses import complete_poses, evenly_spaced, sample_complete_poses
-from priorfill.methods.gpr.dropout.marker_coupling import Ties
-from priorfill.methods.gpr.dropout.subjects import (
-    OWN,
-    OWN_ROWS,
-    RATE,
-    Bodies,
-    Sample,
-)
+from priorfill.methods.gpr.dropout.marker_coupling import MarkerCoupling
+from priorfill.methods.gpr.dropout.options import DropoutOptions
+from priorfill.methods.gpr.dropout.subjects import THIS_CLIP, Subjects, SubjectSample
 from priorfill.methods.task import Task
 
-__all__ = ["IMAGE_ROWS", "Witness", "Witnesses", "said_by"]
-
-VISIBLE = 12
-"""Visible markers that a missing one is predicted by, the nearest ones."""
-
-BODIES = 16
-"""Other bodies learnt from, those of the most similar shape."""
-
-TAKES = 6
-"""Takes of each."""
-
-ROWS = 20
-"""Poses of each other body, and as many of its mirror image."""
-
-IMAGE_ROWS = 60
-"""Poses of its mirror image."""
-
-OFTEN = 0.5
-"""Visible markers that fewer of the witnesses have are given up: a row must have all."""
-
-FEW_POSES = 12
-"""Poses of the own body that say more of a marker than its partner does."""
-
-STILL = 0.25
-"""A witness whose markers move against each other by less than this part of what the clip's do
-tells nothing of what moves with what."""
-
-BESIDE = 120.0
-"""mm. How near are the visible markers that tell it instead."""
+__all__ = ["Donor", "Donors", "describe_donors"]
 
 OWN_FRAMES = "the clip's own few frames"
-OTHER_RECORDINGS = "other recordings of the same body"
+SAME_SUBJECT = "other recordings of the same subject"
 OWN_IMAGE = "the clip's mirror image"
-OTHER_BODIES = "the database's bodies"
-"""What witnesses are called, in this order."""
+OTHER_SUBJECTS = "other subjects of the database"
+_SOURCES = (OWN_FRAMES, SAME_SUBJECT, OWN_IMAGE, OTHER_SUBJECTS)
+"""Names of the kinds of donors in reports, in the order in which they are listed."""
 
 
 @dataclass(frozen=True, eq=False)
-class Witness:
-    """A body that is seen with the missing markers, from one side.
+class Donor:
+    """Poses of a subject, or of its mirror image, that show the missing markers.
 
     Attributes
     ----------
-    body : int
-        Number of the body; `OWN` for the clip's.
+    subject : int
+        Number of the subject; `THIS_CLIP` for the clip's own.
     mirrored : bool
-        Whether it is seen in a mirror.
+        Whether the poses are those of the mirror image.
     visible : ndarray [shape=(poses, visible markers, 3), mm]
         Upright.
     missing : ndarray [shape=(poses, missing markers, 3), mm]
-        What is to be predicted of the clip.
+        The markers that are missing from the clip.
     takes : tuple of str
-        The recordings.
-    said : tuple of str
-        What to call it in reports.
+        Names of the recordings.
+    sources : tuple of str
+        Kinds of these recordings, for reports.
     """
 
-    body: int
+    subject: int
     mirrored: bool
     visible: NDArray[np.float64]
     missing: NDArray[np.float64]
     takes: tuple[str, ...] = ()
-    said: tuple[str, ...] = ()
+    sources: tuple[str, ...] = ()
 
-    @classmethod
-    def of(
-        cls,
-        body: int,
-        mirrored: bool,
-        rows: NDArray[np.float64],
-        missing: int,
-        takes: tuple[str, ...],
-        *said: str,
-    ) -> Witness:
-        """Return a witness by its rows, whose last markers are the missing ones."""
-        return cls(body, mirrored, rows[:, :-missing], rows[:, -missing:], takes, said)
+    @property
+    def is_own(self) -> bool:
+        """Whether it is the clip's own subject, not mirrored."""
+        return self.subject == THIS_CLIP and not self.mirrored
 
 
-class Witnesses:
-    """Finds the witnesses of markers that the clip of a task hardly shows.
+class Donors:
+    """Finds the donors of markers that the clip of a task hardly shows.
 
     Parameters
     ----------
     task : Task
-        The clip and the takes to learn from.
+        The clip and the takes.
+    options : DropoutOptions
+        Numbers of donors and of their poses.
     """
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: Task, options: DropoutOptions) -> None:
         self.task = task
-        self.bodies = Bodies(task)
+        self.subjects = Subjects(task, options)
+        self._options = options
 
     def nearest_visible(
         self, markers: NDArray[np.intp], visible: NDArray[np.intp]
     ) -> NDArray[np.intp]:
-        """Choose the visible markers to predict by, the nearest first.
+        """Choose the visible markers to predict from.
 
         Parameters
         ----------
         markers : ndarray of int
-            What is missing.
+            The missing markers.
         visible : ndarray of int
-            Markers seen where they are to be predicted.
+            Markers visible where these are to be predicted.
+
+        Returns
+        -------
+        ndarray of int
+            The nearest first; empty where no recording shows the missing markers.
         """
-        samples = self.bodies.witnessing(markers)
+        samples = self.subjects.samples_with(markers)
         if not samples:
             return visible[:0]
-        having = np.array([~np.isnan(s.poses[..., 0]).all(axis=0) for s in samples])
-        often = having[:, visible].mean(axis=0) >= OFTEN
-        distance = self.bodies.distances(markers, samples)[0].min(axis=0)
-        usable = visible[often & np.isfinite(distance[visible])]
-        image = mirrored(self.task.positions, self.bodies.contralateral)
-        shown = image[complete_poses(image[:, markers])]
-        if len(shown) and not self._moves(markers, usable):
-            # what the image does not show would cost it: the image of a partner is what is missing
-            usable = usable[~np.isnan(shown[:, usable, 0]).all(axis=0)]
+        shown = np.array([~np.isnan(s.poses[..., 0]).all(axis=0) for s in samples])
+        common = shown[:, visible].mean(axis=0) >= self._options.min_visible_share
+        distance = self.subjects.distances(markers, samples)[0].min(axis=0)
+        usable = visible[common & np.isfinite(distance[visible])]
+        image = mirrored(self.task.positions, self.subjects.contralateral)
+        image = image[complete_poses(image[:, markers])]
+        if len(image) and not self._own_subject_moves(markers, usable):
+            # a donor pose must show every marker that is used; where the mirror image is the main
+            # donor, a visible marker that it never shows would exclude it
+            usable = usable[~np.isnan(image[:, usable, 0]).all(axis=0)]
         nearest: NDArray[np.intp] = usable[np.argsort(distance[usable], kind="stable")]
-        return nearest[:VISIBLE]
+        return nearest[: self._options.max_visible]
 
-    def _moves(self, markers: NDArray[np.intp], visible: NDArray[np.intp]) -> bool:
-        """Whether other recordings of the clip's body show some markers moving."""
+    def _own_subject_moves(self, markers: NDArray[np.intp], visible: NDArray[np.intp]) -> bool:
+        """Whether recordings of the clip's own subject show some markers in motion."""
+        subjects = self.subjects
         own = [
-            Sample(s.take, s.body, s.poses[complete_poses(s.poses[:, markers])])
-            for s in self.bodies.samples
-            if s.take < 0 or s.take in self.bodies.same_body
+            SubjectSample(s.take, s.subject, s.poses[complete_poses(s.poses[:, markers])])
+            for s in subjects.samples
+            if s.from_clip or s.take in subjects.same_subject_takes
         ]
-        if sum(len(s.poses) for s in own) < FEW_POSES:
+        if sum(len(s.poses) for s in own) < self._options.min_own_poses:
             return False
-        there, here = (self._inner(visible, some) for some in (own, self.bodies.samples))
-        known = np.isfinite(there)
-        return bool(known.any() and there[known].mean() >= STILL * here[known].mean())
+        own_spread = self._visible_spread(visible, own)
+        spread = self._visible_spread(visible, subjects.samples)
+        known = np.isfinite(own_spread)
+        least = self._options.min_relative_motion
+        return bool(known.any() and own_spread[known].mean() >= least * spread[known].mean())
 
-    def _inner(self, visible: NDArray[np.intp], samples: Sequence[Sample]) -> NDArray[np.float64]:
-        """Return how much the distances of visible markers vary in some samples."""
-        return self.bodies.distances(visible, samples)[1][:, visible]
+    def _visible_spread(
+        self, visible: NDArray[np.intp], samples: Sequence[SubjectSample]
+    ) -> NDArray[np.float64]:
+        """Return the standard deviations (mm) of the distances of visible markers in samples."""
+        return self.subjects.distances(visible, samples)[1][:, visible]
 
-    def speaking_for(
+    def donors_of(
         self, markers: NDArray[np.intp], visible: NDArray[np.intp]
-    ) -> tuple[list[Witness], Ties]:
-        """Return who can speak for some markers, and how these are tied to the visible ones."""
-        ties = self.ties(markers, visible)
-        here = self.task.positions[:, visible]
-        shape = ties.shape(here[complete_poses(here)])
-        away: dict[int, float] = {}  # by take
-        for sample in self.bodies.samples:
-            seen = sample.poses[:, visible]
-            seen = seen[complete_poses(seen)]
-            if sample.take >= 0 and len(seen):
-                away[sample.take] = float(np.linalg.norm(ties.shape(seen) - shape))
-        takes = self.task.takes
-        own = [i for i in away if i in self.bodies.same_body]
-        people: dict[int, list[int]] = {}
-        for sample in self.bodies.samples:
-            if sample.take in away and sample.take not in own:
-                people.setdefault(sample.body, []).append(sample.take)
-        placed = {  # markers placed on a skeleton speak where there are too few recordings
-            body for body, some in people.items() if all(takes[i].virtual_markers for i in some)
-        }
-        nearest = sorted(
-            people, key=lambda body: (body in placed, min(away[i] for i in people[body]), body)
-        )
+    ) -> tuple[list[Donor], MarkerCoupling]:
+        """Return the donors of some missing markers, and these markers' coupling.
 
-        witnesses = self.own(own, markers, visible, self.shown(markers))
-        for body in nearest[:BODIES]:
-            some = sorted(people[body], key=lambda i: (away[i], i))[:TAKES]
-            witnesses += self._read(some, body, markers, visible)
-        return witnesses, ties
+        Parameters
+        ----------
+        markers : ndarray of int
+            The missing markers.
+        visible : ndarray of int
+            The visible markers to predict from.
 
-    def ties(self, markers: NDArray[np.intp], visible: NDArray[np.intp]) -> Ties:
-        """Return how some markers are tied to visible ones, by whoever shows them."""
-        witnessing = self.bodies.witnessing(markers)
-        distances, spreads = self.bodies.distances(markers, witnessing)
+        Returns
+        -------
+        donors : list of Donor
+            The clip's own subject first, then others, those of the most similar shape first.
+        coupling : MarkerCoupling
+            Of the missing markers to the visible ones.
+        """
+        options, takes = self._options, self.task.takes
+        coupling = self.coupling(markers, visible)
+        difference = self._shape_differences(coupling, visible)
+        own = [i for i in difference if i in self.subjects.same_subject_takes]
+        by_subject: dict[int, list[int]] = {}
+        for sample in self.subjects.samples:
+            if sample.take in difference and sample.take not in own:
+                by_subject.setdefault(sample.subject, []).append(sample.take)
+
+        def rank(subject: int) -> tuple[bool, float, int]:
+            """Rank recorded markers before virtual ones, then by shape."""
+            some = by_subject[subject]
+            virtual = all(takes[i].virtual_markers for i in some)
+            return virtual, min(difference[i] for i in some), subject
+
+        donors = self.own_donors(own, markers, visible, self.frames_with(markers))
+        for subject in sorted(by_subject, key=rank)[: options.max_donor_subjects]:
+            some = sorted(by_subject[subject], key=lambda i: (difference[i], i))
+            donors += self._database_donors(
+                some[: options.max_takes_per_subject], subject, markers, visible
+            )
+        return donors, coupling
+
+    def _shape_differences(
+        self, coupling: MarkerCoupling, visible: NDArray[np.intp]
+    ) -> dict[int, float]:
+        """Return the difference (mm) of each take's body shape from the clip's, by take."""
+        clip = self.task.positions[:, visible]
+        shape = coupling.body_shape(clip[complete_poses(clip)], self._options)
+        difference = {}
+        for sample in self.subjects.samples:
+            poses = sample.poses[:, visible]
+            poses = poses[complete_poses(poses)]
+            if not sample.from_clip and len(poses):
+                other = coupling.body_shape(poses, self._options)
+                difference[sample.take] = float(np.linalg.norm(other - shape))
+        return difference
+
+    def coupling(self, markers: NDArray[np.intp], visible: NDArray[np.intp]) -> MarkerCoupling:
+        """Return the coupling of missing markers to visible ones, from all that show them."""
+        subjects, options = self.subjects, self._options
+        samples = subjects.samples_with(markers)
+        distances, spreads = subjects.distances(markers, samples)
         distance, spread = distances.min(axis=0)[visible], spreads.min(axis=0)[visible]
-        inner, moved = (self._inner(visible, some) for some in (self.bodies.samples, witnessing))
-        if np.nanmean(moved[np.isfinite(moved)]) < STILL * inner[np.isfinite(inner)].mean():
-            # who stands still does not show what moves with what; the markers beside it do
-            beside = np.exp(-0.5 * (distance / BESIDE) ** 2) * (1.0 - np.eye(len(visible)))
-            spread = np.maximum(spread, (beside * inner).sum(axis=1) / beside.sum(axis=1))
-        return Ties(distance, spread, inner)
+        visible_spread = self._visible_spread(visible, subjects.samples)
+        donor_spread = self._visible_spread(visible, samples)
+        motion = np.nanmean(donor_spread[np.isfinite(donor_spread)])
+        usual_motion = visible_spread[np.isfinite(visible_spread)].mean()
+        if motion < options.min_relative_motion * usual_motion:
+            # donors that stand still show no rigidity; that of adjacent markers is used
+            near = np.exp(-0.5 * (distance / options.neighbour_length_scale) ** 2)
+            weight = near * (1.0 - np.eye(len(visible)))
+            spread = np.maximum(spread, (weight * visible_spread).sum(axis=1) / weight.sum(axis=1))
+        return MarkerCoupling(distance, spread, visible_spread)
 
-    def own(
+    def own_donors(
         self,
         takes: Sequence[int],
         markers: NDArray[np.intp],
         visible: NDArray[np.intp],
         frames: NDArray[np.intp],
-    ) -> list[Witness]:
-        """Return the clip's own body in some frames, and its mirror image, as witnesses."""
-        task = self.task
+    ) -> list[Donor]:
+        """Return the clip's own subject and its mirror image as donors.
+
+        Parameters
+        ----------
+        takes : sequence of int
+            Other recordings of the subject.
+        markers, visible : ndarray of int
+            The missing markers, and the visible ones to predict from.
+        frames : ndarray of int
+            Frames of the clip that may be used.
+        """
+        task, options = self.task, self._options
         columns = np.concatenate([visible, markers])
         parts, names = [task.positions[np.ix_(frames, columns)]], [task.name]
         for i in takes:
-            # what is measured, not what is left of it at a lower rate: there may be little
+            # at the recorded rate, because the recording may be short
             parts.append(task.takes[i].positions(0, columns).astype(np.float64))
             names.append(task.takes[i].name)
-        rows = [sample_complete_poses(part, OWN_ROWS) for part in parts]
-        told = tuple(name for name, part in zip(names, rows, strict=True) if len(part))
-        seen = np.concatenate(rows)
-        seen = seen[evenly_spaced(len(seen), OWN_ROWS)]
+        samples = [sample_complete_poses(part, options.max_own_poses) for part in parts]
+        poses = np.concatenate(samples)
+        poses = poses[evenly_spaced(len(poses), options.max_own_poses)]
         image = sample_complete_poses(
-            mirrored(task.positions, self.bodies.contralateral)[:, columns], IMAGE_ROWS
+            mirrored(task.positions, self.subjects.contralateral)[:, columns],
+            options.max_image_poses,
         )
-        found = []
-        if len(seen):
-            said = [OWN_FRAMES] if len(rows[0]) else []
-            said += [OTHER_RECORDINGS] if any(map(len, rows[1:])) else []
-            found.append(Witness.of(OWN, False, seen, len(markers), told, *said))
+        count = len(visible)
+        donors = []
+        if len(poses):
+            used = tuple(name for name, part in zip(names, samples, strict=True) if len(part))
+            sources: tuple[str, ...] = (OWN_FRAMES,) if len(samples[0]) else ()
+            sources += (SAME_SUBJECT,) if any(len(part) for part in samples[1:]) else ()
+            donors.append(
+                Donor(THIS_CLIP, False, poses[:, :count], poses[:, count:], used, sources)
+            )
         if len(image):
-            found.append(Witness.of(OWN, True, image, len(markers), (task.name,), OWN_IMAGE))
-        return found
+            donors.append(
+                Donor(
+                    THIS_CLIP,
+                    True,
+                    image[:, :count],
+                    image[:, count:],
+                    (task.name,),
+                    (OWN_IMAGE,),
+                )
+            )
+        return donors
 
-    def _read(
+    def _database_donors(
         self,
         takes: Sequence[int],
-        body: int,
+        subject: int,
         markers: NDArray[np.intp],
         visible: NDArray[np.intp],
-    ) -> list[Witness]:
-        """Return a body of the database as witness, and its mirror image."""
+    ) -> list[Donor]:
+        """Return a subject of the database and its mirror image as donors."""
         columns = np.concatenate([visible, markers])
-        found = []
-        for image, wanted in ((False, columns), (True, self.bodies.contralateral[columns])):
+        count, donors = len(visible), []
+        for image, wanted in ((False, columns), (True, self.subjects.contralateral[columns])):
             if (wanted < 0).any():
-                continue
+                continue  # a marker without a contralateral one has no image
             parts, names = [], []
             for i in takes:
                 take = self.task.takes[i]
-                poses = take.positions(take.nearest_level(RATE), wanted).astype(np.float64)
+                level = take.nearest_level(self._options.database_rate)
+                poses = take.positions(level, wanted).astype(np.float64)
                 poses = poses[complete_poses(poses)]
                 if len(poses):
                     parts.append(poses)
                     names.append(take.name)
             if parts:
-                rows = np.concatenate(parts)
-                rows = rows[evenly_spaced(len(rows), ROWS)]
-                rows = reflected(rows) if image else rows
-                told = tuple(names)
-                found.append(Witness.of(body, image, rows, len(markers), told, OTHER_BODIES))
-        return found
+                poses = np.concatenate(parts)
+                poses = poses[evenly_spaced(len(poses), self._options.poses_per_subject)]
+                poses = reflected(poses) if image else poses
+                donors.append(
+                    Donor(
+                        subject,
+                        image,
+                        poses[:, :count],
+                        poses[:, count:],
+                        tuple(names),
+                        (OTHER_SUBJECTS,),
+                    )
+                )
+        return donors
 
-    def shown(self, markers: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return the frames of the clip in which some markers are seen."""
+    def frames_with(self, markers: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return the frames of the clip in which some markers are all visible."""
         frames: NDArray[np.intp] = np.flatnonzero(self.task.valid[:, markers].all(axis=1))
         return frames
 
 
-def said_by(witnesses: Sequence[Witness]) -> str:
-    """Say who the witnesses are."""
-    said = {name for witness in witnesses for name in witness.said}
-    names = (OWN_FRAMES, OTHER_RECORDINGS, OWN_IMAGE, OTHER_BODIES)
-    return ", ".join(name for name in names if name in said)
+def describe_donors(donors: Sequence[Donor]) -> str:
+    """Return the kinds of some donors, for reports."""
+    found = {source for donor in donors for source in donor.sources}
+    return ", ".join(source for source in _SOURCES if source in found)

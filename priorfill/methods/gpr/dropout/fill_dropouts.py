@@ -1,4 +1,4 @@
-"""Predict the markers of one task that its clip hardly shows."""
+"""Predict markers that a clip shows in too few frames to learn from."""
 
 from __future__ import annotations
 
@@ -8,133 +8,168 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.geometry.poses import sample_complete_poses
-from priorfill.methods.gpr.dropout.donors import IMAGE_ROWS, Witnesses, said_by
-from priorfill.methods.gpr.dropout.predict_from_donors import VIEWS, predict_by_all, testify
-from priorfill.methods.gpr.dropout.subject_kernel import KINDS
-from priorfill.methods.gpr.dropout.subjects import OWN
+from priorfill.methods.gpr.dropout.donors import Donor, Donors, describe_donors
+from priorfill.methods.gpr.dropout.options import DropoutOptions
+from priorfill.methods.gpr.dropout.predict_from_donors import (
+    predict_from_donors,
+    predict_with_each_model,
+)
+from priorfill.methods.gpr.dropout.subjects import THIS_CLIP
 from priorfill.methods.gpr.gap_segments import FEWEST_VISIBLE
 from priorfill.methods.task import Task
 
-__all__ = ["Dropouts", "Told"]
-
-STAND_INS = 5
-"""Visible markers nearby, at most, that stand in for the missing one to find out how well it is
-predicted where there is no other body to tell."""
-
-UNTOLD = 100.0
-"""mm. Expected error where nothing tells it."""
+__all__ = ["DropoutPrediction", "DropoutPredictor"]
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
-    """What witnesses say of missing markers.
+class DropoutPrediction:
+    """Prediction of missing markers from donors.
 
     Attributes
     ----------
     positions : ndarray [shape=(poses, missing markers, 3), mm]
         Upright.
-    deviation : ndarray [shape=(poses, missing markers), mm]
+    expected_rms : ndarray [shape=(poses, missing markers), mm]
         Expected rms Euclidean error.
-    how : str
-        Which witnesses.
-    takes : tuple of str
-        Recordings learnt from.
-    poses : int
-        Of all witnesses.
+    source : str
+        Kinds of the donors.
+    source_clips : tuple of str
+        Names of their recordings.
+    training_poses : int
+        Number of poses of all donors.
     """
 
     positions: NDArray[np.float64]
     expected_rms: NDArray[np.float64]
-    how: str
-    takes: tuple[str, ...]
-    poses: int
+    source: str
+    source_clips: tuple[str, ...]
+    training_poses: int
 
 
-class Dropouts:
-    """Predicts the markers of one task that its clip hardly shows.
+class DropoutPredictor:
+    """Predicts markers that the clip of a task shows in too few frames to learn from.
 
     Parameters
     ----------
     task : Task
-        The clip and the takes to learn from.
+        The clip and the takes.
+    options : DropoutOptions
+        Donors and models.
+
+    See Also
+    --------
+    priorfill.methods.gpr.blackout.BlackoutPredictor : Where too few other markers are visible.
     """
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: Task, options: DropoutOptions) -> None:
         self.task = task
-        self._witnesses = Witnesses(task)
+        self._donors = Donors(task, options)
+        self._options = options
 
     def nearest_visible(
         self, markers: NDArray[np.intp], visible: NDArray[np.intp]
     ) -> NDArray[np.intp]:
-        """Choose the visible markers to predict by; see `Witnesses.nearest_visible`."""
-        return self._witnesses.nearest_visible(markers, visible)
+        """Choose the visible markers to predict from; see `Donors.nearest_visible`."""
+        return self._donors.nearest_visible(markers, visible)
 
     def predict(
         self,
         markers: NDArray[np.intp],
         visible: NDArray[np.intp],
         frames: NDArray[np.intp],
-    ) -> Told | None:
-        """Predict missing markers from witnesses; None where there is none.
+    ) -> DropoutPrediction | None:
+        """Predict missing markers.
 
         Parameters
         ----------
         markers : ndarray of int
-            What is missing.
+            The missing markers.
         visible : ndarray of int
-            The markers to predict by, from `nearest_visible`.
+            The markers to predict from, chosen by `nearest_visible`.
         frames : ndarray of int
-            Frames of the clip in which those are seen.
+            Frames of the clip in which these are visible.
+
+        Returns
+        -------
+        DropoutPrediction or None
+            None where there is no donor, or too few markers to predict from.
         """
         if len(visible) < FEWEST_VISIBLE:
             return None
-        witnesses, ties = self._witnesses.speaking_for(markers, visible)
-        if not witnesses:
+        donors, coupling = self._donors.donors_of(markers, visible)
+        if not donors:
             return None
         query = self.task.positions[np.ix_(frames, visible)]
-        bodies = {w.body for w in witnesses}
-        # with a single body left out, nobody would be left to tell how far off it is
-        judged = len(bodies) > 1
-        errors = None if judged else self._stand_in_errors(markers, visible, OWN not in bodies)
-        positions, expected_rms = testify(witnesses, query, ties, errors)
-        return Told(
+        subjects = {donor.subject for donor in donors}
+        errors = None
+        if len(subjects) == 1:  # with it held out, no donor would be left
+            errors = self._proxy_errors(markers, visible, from_clip=THIS_CLIP in subjects)
+        positions, expected_rms = predict_from_donors(
+            donors, query, coupling, self._options, errors
+        )
+        return DropoutPrediction(
             positions,
             expected_rms,
-            said_by(witnesses),
-            tuple(dict.fromkeys(name for w in witnesses for name in w.takes)),
-            sum(len(w.visible) for w in witnesses),
+            describe_donors(donors),
+            tuple(dict.fromkeys(name for donor in donors for name in donor.takes)),
+            sum(len(donor.visible) for donor in donors),
         )
 
-    def _stand_in_errors(
-        self, markers: NDArray[np.intp], visible: NDArray[np.intp], stranger: bool
+    def _proxy_errors(
+        self, markers: NDArray[np.intp], visible: NDArray[np.intp], *, from_clip: bool
     ) -> NDArray[np.float64]:
-        """Return the error (mm) of each member for visible markers nearby.
+        """Estimate the error of each model on visible markers near the missing ones.
 
-        They are predicted as the missing ones are: from the same frames, companions, and in the
-        mirror; or from a stranger who is the only witness.
+        Parameters
+        ----------
+        markers, visible : ndarray of int
+            As for `predict`.
+        from_clip : bool
+            Whether the only donor is the clip's own subject; else it is one of the database.
+
+        Returns
+        -------
+        ndarray [shape=(models,), mm]
+            Rms error; `DropoutOptions.default_error` where no marker can be predicted.
         """
-        bodies = self._witnesses.bodies
-        frames, same_body = self._witnesses.shown(markers), sorted(bodies.same_body)
+        options = self._options
+        frames = self._donors.frames_with(markers)
         squares = []
-        for marker in visible[:STAND_INS]:
-            alone, others = np.array([marker]), visible[visible != marker]
+        for marker in visible[: options.max_proxy_markers]:
+            proxy, others = np.array([marker]), visible[visible != marker]
             if len(others) < FEWEST_VISIBLE:
                 continue
-            if stranger:
-                speaking = self._witnesses.speaking_for(alone, others)[0]
-                found = [w for w in speaking if w.body != OWN]
-            else:
-                found = self._witnesses.own(same_body, alone, others, frames)
-            if all(w.mirrored for w in found) and bodies.contralateral[marker] == marker:
-                continue  # a marker in the middle is its own image
-            truth = self.task.positions[:, np.concatenate([others, alone])]
-            truth = sample_complete_poses(truth, IMAGE_ROWS)
-            if found and len(truth):
-                ties = self._witnesses.ties(alone, others)
-                told = predict_by_all(found, truth[:, :-1], ties, UNTOLD)
-                off = told.positions[:, :, 0] - truth[:, -1]
-                squares.append((off**2).sum(axis=2).mean(axis=1))
+            donors = self._proxy_donors(proxy, others, frames, from_clip)
+            if all(donor.mirrored for donor in donors) and self._on_midline(int(marker)):
+                continue  # its image is the marker itself
+            truth = self.task.positions[:, np.concatenate([others, proxy])]
+            truth = sample_complete_poses(truth, options.max_image_poses)
+            if donors and len(truth):
+                coupling = self._donors.coupling(proxy, others)
+                found = predict_with_each_model(
+                    donors, truth[:, :-1], coupling, options, options.default_error
+                )
+                error = found.positions[:, :, 0] - truth[:, -1]
+                squares.append((error**2).sum(axis=2).mean(axis=1))
         if not squares:
-            return np.full(len(VIEWS) * len(KINDS), UNTOLD)
+            return np.full(len(options.alignments) * len(options.processes), options.default_error)
         errors: NDArray[np.float64] = np.sqrt(np.mean(squares, axis=0))
         return errors
+
+    def _proxy_donors(
+        self,
+        proxy: NDArray[np.intp],
+        others: NDArray[np.intp],
+        frames: NDArray[np.intp],
+        from_clip: bool,
+    ) -> list[Donor]:
+        """Return donors of a visible marker, the same as those of the missing ones."""
+        if from_clip:
+            takes = sorted(self._donors.subjects.same_subject_takes)
+            return self._donors.own_donors(takes, proxy, others, frames)
+        donors, _ = self._donors.donors_of(proxy, others)
+        return [donor for donor in donors if donor.subject != THIS_CLIP]
+
+    def _on_midline(self, marker: int) -> bool:
+        """Whether a marker is its own contralateral one."""
+        return int(self._donors.subjects.contralateral[marker]) == marker

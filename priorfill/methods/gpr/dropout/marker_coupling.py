@@ -1,4 +1,4 @@
-"""How missing markers are tied to the visible ones, and what tells one body from another."""
+"""Coupling of the missing markers to the visible ones, and the shape of a body."""
 
 from __future__ import annotations
 
@@ -7,40 +7,50 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Ties"]
+from priorfill.methods.gpr.dropout.options import DropoutOptions
 
-FIRM = 5.0
-"""mm. Distances that vary by this much count half as much in the shape of a body."""
-
-SHAPE_REACH = 300.0
-"""mm. Markers at this distance D from the missing one count exp(-1/2) in the shape."""
+__all__ = ["MarkerCoupling"]
 
 
 @dataclass(frozen=True, eq=False)
-class Ties:
-    """How the missing markers are tied to the visible ones.
+class MarkerCoupling:
+    """Coupling of the missing markers to the visible ones: how near, and how rigid.
 
     Attributes
     ----------
     distance, spread : ndarray [shape=(visible markers,), mm]
-        Rms distance of each visible marker to the nearest missing one, and how much it varies.
-    inner : ndarray [shape=(visible markers, visible markers), mm]
-        How much the distances of the visible ones vary.
+        Rms distance of each visible marker to the nearest missing one, and its standard deviation.
+    visible_spread : ndarray [shape=(visible markers, visible markers), mm]
+        Standard deviations of the distances of the visible markers from each other.
     """
 
     distance: NDArray[np.float64]
     spread: NDArray[np.float64]
-    inner: NDArray[np.float64]
+    visible_spread: NDArray[np.float64]
 
-    def shape(self, visible: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what tells one body from another: its mean distances, weighted.
+    def body_shape(
+        self, visible: NDArray[np.float64], options: DropoutOptions
+    ) -> NDArray[np.float64]:
+        """Return the shape of a body: weighted mean distances of its visible markers.
 
-        The difference of two of them has the length of the rms difference (mm) of the distances,
-        those counting most that vary least and are near the missing markers.
+        The norm of the difference of two shapes is the weighted rms difference (mm) of the
+        distances. Pairs that are rigid, and near the missing markers, have the greatest weights.
+
+        Parameters
+        ----------
+        visible : ndarray [shape=(poses, visible markers, 3), mm]
+            Poses of the body.
+        options : DropoutOptions
+            `shape_length_scale` and `shape_rigidity_scale`.
+
+        Returns
+        -------
+        ndarray [shape=(pairs of visible markers,), mm]
         """
         one, other = np.triu_indices(len(self.distance), 1)
-        near = np.exp(-0.25 * (self.distance / SHAPE_REACH) ** 2)
-        weight = near[one] * near[other] / (1.0 + (self.inner[one, other] / FIRM) ** 2)
+        near = np.exp(-0.25 * (self.distance / options.shape_length_scale) ** 2)
+        spread = self.visible_spread[one, other]
+        weight = near[one] * near[other] / (1.0 + (spread / options.shape_rigidity_scale) ** 2)
         weight /= weight.sum()
         between = np.linalg.norm(visible[:, one] - visible[:, other], axis=2).mean(axis=0)
         result: NDArray[np.float64] = np.sqrt(weight) * between

@@ -1,4 +1,4 @@
-"""What witnesses say: a Gaussian process of several bodies, and how far it is off."""
+"""Gaussian-process regression from the visible to the missing markers of several subjects."""
 
 from __future__ import annotations
 
@@ -11,277 +11,277 @@ from numpy.typing import NDArray
 from priorfill.geometry.root_frames import RootFrames, heading_frames, rigid_frames
 from priorfill.gp.calibration import LEAST_DEVIATION
 from priorfill.gp.features import ALIGNMENT_FLOOR, View
-from priorfill.gp.linalg import (
-    explained,
-    inverse_root,
-    left_out_residuals,
-    shares,
-    squared_distances,
-)
-from priorfill.methods.gpr.dropout.donors import Witness
-from priorfill.methods.gpr.dropout.marker_coupling import Ties
-from priorfill.methods.gpr.dropout.subject_kernel import KINDS, Kin
-from priorfill.methods.gpr.dropout.subjects import OWN
+from priorfill.gp.kernels import Pairs
+from priorfill.gp.linalg import power_weights
+from priorfill.gp.process import FittedGP
+from priorfill.methods.gpr.dropout.donors import Donor
+from priorfill.methods.gpr.dropout.marker_coupling import MarkerCoupling
+from priorfill.methods.gpr.dropout.multi_subject_kernel import subject_pairs
+from priorfill.methods.gpr.dropout.options import DropoutOptions
+from priorfill.methods.gpr.dropout.subjects import THIS_CLIP
 
-__all__ = ["VIEWS", "predict_by_all", "testify"]
+__all__ = ["DonorPredictions", "predict_from_donors", "predict_with_each_model"]
 
-OWN_NOISE = 0.1
-"""Noise of rows of the clip's own body, of that of other rows."""
+_Floats = NDArray[np.float64]
 
-SELECTION_POWER = 4.0
-"""Members count by (least error / own error) to this power when bodies are left out."""
+MIN_ERROR = 1e-9
+"""mm. Keeps the weight of a model without any error finite."""
 
-LEAST_ERROR = 1e-9
-"""mm. Even a member without an error has a finite share."""
-
-CHUNK = 500
-"""Frames predicted at a time."""
-
-VIEWS = (
-    View("rigid", 160.0, 0.002),
-    View("rigid", 220.0, 0.005, 10.0),
-    View("heading", 220.0, 0.005, 10.0),
-)
-"""How poses are aligned and visible markers weighted."""
+QUERY_BATCH = 500
+"""Query poses predicted at a time, to bound memory."""
 
 
 @dataclass(frozen=True, eq=False)
-class Members:
-    """What all members predict."""
+class DonorPredictions:
+    """Predictions of each model.
 
-    positions: NDArray[np.float64]  # (members, poses, missing, 3)
-    variance: NDArray[np.float64]  # (members, poses, missing)
-    errors: NDArray[np.float64]  # (members,)
+    Attributes
+    ----------
+    positions : ndarray [shape=(models, poses, missing markers, 3), mm]
+        Upright.
+    variance : ndarray [shape=(models, poses, missing markers), mm²]
+        Expected squared Euclidean error.
+    errors : ndarray [shape=(models,), mm]
+        Rms error with subjects held out; NaN where none was.
+    """
+
+    positions: _Floats
+    variance: _Floats
+    errors: _Floats
 
 
-def testify(
-    witnesses: Sequence[Witness],
-    query: NDArray[np.float64],
-    ties: Ties,
-    errors: NDArray[np.float64] | None = None,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Predict missing markers from witnesses.
+def predict_from_donors(
+    donors: Sequence[Donor],
+    query: _Floats,
+    coupling: MarkerCoupling,
+    options: DropoutOptions,
+    errors: _Floats | None = None,
+) -> tuple[_Floats, _Floats]:
+    """Predict missing markers from donors.
 
     Parameters
     ----------
-    witnesses : sequence of Witness
+    donors : sequence of Donor
         At least one.
     query : ndarray [shape=(poses, visible markers, 3), mm]
         The clip's visible markers.
-    ties : Ties
-        Of the missing markers and the visible ones.
-    errors : ndarray [shape=(members,), mm], optional
-        Expected error of each member; without it, it is told by leaving other bodies out.
+    coupling : MarkerCoupling
+        Of the missing markers to the visible ones.
+    options : DropoutOptions
+        The models and their weighting.
+    errors : ndarray [shape=(models,), mm], optional
+        Expected error of each model. By default it is cross-validated: each subject of the
+        database is predicted from the others.
 
     Returns
     -------
     positions : ndarray [shape=(poses, missing markers, 3), mm]
-        Upright.
-    deviation : ndarray [shape=(poses, missing markers), mm]
-        Expected rms Euclidean error.
+        Upright; mean of the models' predictions, weighted by their errors.
+    expected_rms : ndarray [shape=(poses, missing markers), mm]
+        Expected rms Euclidean error: the models' variances and their disagreement.
     """
-    told = predict_by_all(witnesses, query, ties, errors)
-    share = shares(np.maximum(told.errors, LEAST_ERROR), SELECTION_POWER)
-    mean = np.einsum("k,kqmi->qmi", share, told.positions)
-    variance = told.variance + ((told.positions - mean) ** 2).sum(axis=3)
-    expected_rms = np.sqrt(np.einsum("k,kqm->qm", share, variance))
+    found = predict_with_each_model(donors, query, coupling, options, errors)
+    weights = power_weights(np.maximum(found.errors, MIN_ERROR), options.weight_power)
+    mean = np.einsum("k,kqmi->qmi", weights, found.positions)
+    variance = found.variance + ((found.positions - mean) ** 2).sum(axis=3)
+    expected_rms = np.sqrt(np.einsum("k,kqm->qm", weights, variance))
     return mean, np.maximum(expected_rms, LEAST_DEVIATION)
 
 
-def predict_by_all(
-    witnesses: Sequence[Witness],
-    query: NDArray[np.float64],
-    ties: Ties,
-    errors: NDArray[np.float64] | float | None,
-) -> Members:
-    """Predict by all members; parameters as for `testify`."""
-    rows = _Rows.of(witnesses, query, ties)
-    found = [
-        member for view in VIEWS for member in _predict(view, rows, query, ties, errors is None)
+def predict_with_each_model(
+    donors: Sequence[Donor],
+    query: _Floats,
+    coupling: MarkerCoupling,
+    options: DropoutOptions,
+    errors: _Floats | float | None,
+) -> DonorPredictions:
+    """Predict missing markers with each alignment and process.
+
+    Parameters are those of `predict_from_donors`; with ``errors`` given, they also replace the
+    predicted variances.
+    """
+    training = _TrainingPoses.of(donors, query, coupling, options)
+    parts = [
+        _predict_aligned(alignment, training, query, coupling, options, errors is None)
+        for alignment in options.alignments
     ]
-    positions, variances, judged = zip(*found, strict=True)
-    variance = np.stack(variances)
-    if errors is None:
-        return Members(np.stack(positions), variance, np.array(judged))
-    told = np.broadcast_to(errors, len(found)).astype(np.float64)
-    return Members(
-        np.stack(positions), np.broadcast_to(told[:, None, None] ** 2, variance.shape), told
+    found = DonorPredictions(
+        np.concatenate([part.positions for part in parts]),
+        np.concatenate([part.variance for part in parts]),
+        np.concatenate([part.errors for part in parts]),
     )
+    if errors is None:
+        return found
+    given = np.broadcast_to(errors, found.errors.shape).astype(np.float64)
+    variance = np.broadcast_to(given[:, None, None] ** 2, found.variance.shape)
+    return DonorPredictions(found.positions, variance, given)
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
-    """The poses of all witnesses."""
+class _TrainingPoses:
+    """Poses of all donors. The clip itself is the last entry of subject, mirrored and shapes."""
 
-    visible: NDArray[np.float64]  # (rows, visible, 3)
-    missing: NDArray[np.float64]  # (rows, missing, 3)
-    witness: NDArray[np.intp]  # (rows,) whose
-    body: NDArray[np.intp]  # (witnesses and the clip,)
-    mirrored: NDArray[np.bool_]  # (witnesses and the clip,)
-    shapes: NDArray[np.float64]  # (witnesses and the clip, pairs)
+    visible: _Floats  # (poses, visible, 3)
+    missing: _Floats  # (poses, missing, 3)
+    donor: NDArray[np.intp]  # (poses,) number of the donor
+    subject: NDArray[np.intp]  # (donors + 1,)
+    mirrored: NDArray[np.bool_]  # (donors + 1,)
+    shapes: _Floats  # (donors + 1, pairs of visible markers)
 
     @classmethod
-    def of(cls, witnesses: Sequence[Witness], query: NDArray[np.float64], ties: Ties) -> _Rows:
-        # one body has one shape, whatever its takes show
-        shapes = [
-            ties.shape(query if w.body == OWN and not w.mirrored else w.visible) for w in witnesses
-        ]
+    def of(
+        cls,
+        donors: Sequence[Donor],
+        query: _Floats,
+        coupling: MarkerCoupling,
+        options: DropoutOptions,
+    ) -> _TrainingPoses:
+        # all recordings of the clip's subject have the shape seen in the clip
+        poses = [*(query if d.is_own else d.visible for d in donors), query]
         return cls(
-            np.concatenate([w.visible for w in witnesses]),
-            np.concatenate([w.missing for w in witnesses]),
-            np.repeat(np.arange(len(witnesses)), [len(w.visible) for w in witnesses]),
-            np.array([*(w.body for w in witnesses), OWN]),
-            np.array([*(w.mirrored for w in witnesses), False]),
-            np.array([*shapes, ties.shape(query)]),
+            np.concatenate([d.visible for d in donors]),
+            np.concatenate([d.missing for d in donors]),
+            np.repeat(np.arange(len(donors)), [len(d.visible) for d in donors]),
+            np.array([*(d.subject for d in donors), THIS_CLIP]),
+            np.array([*(d.mirrored for d in donors), False]),
+            np.array([coupling.body_shape(p, options) for p in poses]),
         )
 
     @property
     def own(self) -> NDArray[np.bool_]:
-        """Which rows are of the clip's own body, and not in a mirror."""
-        own: NDArray[np.bool_] = (self.body == OWN)[self.witness] & ~self.mirrored[self.witness]
-        return own
+        """Which poses are of the clip's own subject, not mirrored [shape=(poses,)]."""
+        own: NDArray[np.bool_] = (self.subject == THIS_CLIP) & ~self.mirrored
+        return own[self.donor]
 
-    def blocks(self) -> list[NDArray[np.intp]]:
-        """Rows of each other body; its image stays if the clip has one to learn from."""
-        others = self.body[:-1] != OWN
-        seen_in_mirror = bool(np.any(~others & self.mirrored[:-1]))
-        blocks = []
-        for number in np.flatnonzero(others):
-            same = np.flatnonzero(self.body[:-1] == self.body[number])
-            if seen_in_mirror:
+    def pairs(self, queries: int | None = None) -> Pairs:
+        """Return pairs of the training poses, or of some query poses with them."""
+        clip = len(self.subject) - 1
+        one = self.donor if queries is None else np.full(queries, clip, dtype=np.intp)
+        return subject_pairs(self.shapes, self.subject, self.mirrored, one, self.donor)
+
+    def held_out_blocks(self) -> list[NDArray[np.intp]]:
+        """Return the poses that are held out together, for each subject of the database.
+
+        A subject is predicted as the clip is: if the clip has a mirror image to learn from, then
+        so has the subject, and only poses of the same side are held out.
+        """
+        subject, mirrored = self.subject[:-1], self.mirrored[:-1]
+        with_image = bool(np.any((subject == THIS_CLIP) & mirrored))
+        held_out = []
+        for number in np.flatnonzero(subject != THIS_CLIP):
+            same = np.flatnonzero(subject == subject[number])
+            if with_image:
                 same = np.array([number])
             elif number != same[0]:
-                continue  # done with the other side
-            blocks.append(np.flatnonzero(np.isin(self.witness, same)))
-        return blocks
-
-
-_Member = tuple[NDArray[np.float64], NDArray[np.float64], float]
-"""Position and variance (poses, missing) that a member predicts, and its left-out error."""
+                continue  # held out together with the first donor of the subject
+            held_out.append(np.flatnonzero(np.isin(self.donor, same)))
+        return held_out
 
 
 @dataclass(frozen=True, eq=False)
-class _Aligned:
-    """Rows and queries as a view sees them."""
+class _AlignedPoses:
+    """Features and targets of training and query poses in one alignment."""
 
-    known: NDArray[np.float64]  # (rows, features), of mean 0 and mean square norm 1
-    asked: NDArray[np.float64]  # (queries, features)
-    frames: RootFrames  # of the queries
-    targets: NDArray[np.float64]  # (rows, missing * 3), mm, about the centre
-    centre: NDArray[np.float64]  # (missing * 3,), mm
+    train: _Floats  # (poses, features), mean 0, mean square norm 1
+    query: _Floats  # (query poses, features)
+    query_frames: RootFrames
+    targets: _Floats  # (poses, missing * 3), mm, relative to the centre
+    centre: _Floats  # (missing * 3,), mm
 
     @classmethod
-    def of(cls, view: View, rows: _Rows, query: NDArray[np.float64], ties: Ties) -> _Aligned:
-        """Align poses as a view asks, and weigh their visible markers."""
-        nearness = np.exp(-0.5 * (ties.distance / view.reach) ** 2)
-        firmness = np.ones_like(nearness)
-        if view.slack is not None:
-            firmness = 1.0 / (1.0 + (ties.spread / view.slack) ** 2)
-        alignment = nearness * firmness + ALIGNMENT_FLOOR
-        weight = nearness * np.sqrt(firmness) + view.floor
-        align = rigid_frames if view.frame == "rigid" else heading_frames
+    def of(
+        cls, alignment: View, training: _TrainingPoses, query: _Floats, coupling: MarkerCoupling
+    ) -> _AlignedPoses:
+        """Align poses with the middle query pose, and weight the visible markers."""
+        near = np.exp(-0.5 * (coupling.distance / alignment.reach) ** 2)
+        rigidity = np.ones_like(near)
+        if alignment.slack is not None:
+            rigidity = 1.0 / (1.0 + (coupling.spread / alignment.slack) ** 2)
+        marker_weight = near * rigidity + ALIGNMENT_FLOOR
+        feature_weight = near * np.sqrt(rigidity) + alignment.floor
+        align = rigid_frames if alignment.frame == "rigid" else heading_frames
         template = query[len(query) // 2]
-        row_frames = align(rows.visible, template, alignment)
-        query_frames = align(query, template, alignment)
+        train_frames = align(training.visible, template, marker_weight)
+        query_frames = align(query, template, marker_weight)
 
-        known = (row_frames.to_local(rows.visible) * weight[:, None]).reshape(len(rows.visible), -1)
-        asked = (query_frames.to_local(query) * weight[:, None]).reshape(len(query), -1)
-        middle = known.mean(axis=0)
-        known, asked = known - middle, asked - middle
-        scale = float(np.sqrt((known**2).sum(axis=1).mean())) or 1.0
-        targets = row_frames.to_local(rows.missing).reshape(len(known), -1)
-        # the own body, where it is a witness, is what others are compared with
-        centre = (targets[rows.own] if rows.own.any() else targets).mean(axis=0)
-        return cls(known / scale, asked / scale, query_frames, targets - centre, centre)
+        def features(frames: RootFrames, poses: _Floats) -> _Floats:
+            return (frames.to_local(poses) * feature_weight[:, None]).reshape(len(poses), -1)
+
+        train, queries = features(train_frames, training.visible), features(query_frames, query)
+        mean = train.mean(axis=0)
+        train, queries = train - mean, queries - mean
+        scale = float(np.sqrt((train**2).sum(axis=1).mean())) or 1.0
+        targets = train_frames.to_local(training.missing).reshape(len(train), -1)
+        # deviations of other subjects are relative to the clip's own, where it is a donor
+        centre = (targets[training.own] if training.own.any() else targets).mean(axis=0)
+        return cls(train / scale, queries / scale, query_frames, targets - centre, centre)
 
 
-def _predict(
-    view: View, rows: _Rows, query: NDArray[np.float64], ties: Ties, judge: bool
-) -> list[_Member]:
-    """Predict by the members of one view; ``judge`` them by leaving bodies out, too."""
-    aligned = _Aligned.of(view, rows, query, ties)
-    product = aligned.known @ aligned.known.T
-    norm = np.diag(product)
-    square = squared_distances(product, norm, norm)
-    blocks = rows.blocks() if judge else []
+def _predict_aligned(
+    alignment: View,
+    training: _TrainingPoses,
+    query: _Floats,
+    coupling: MarkerCoupling,
+    options: DropoutOptions,
+    calibrate: bool,
+) -> DonorPredictions:
+    """Predict with each process in one alignment.
+
+    With ``calibrate``, subjects are held out, and variances are scaled to their errors; else the
+    variances are in units of the kernel and the errors NaN.
+    """
+    aligned = _AlignedPoses.of(alignment, training, query, coupling)
+    train = training.pairs().with_features(*_products(aligned.train, aligned.train))
+    blocks = training.held_out_blocks() if calibrate else []
     markers = aligned.targets.shape[1] // 3
-    members = []
-    for kin in KINDS:
-        shared = kin.shared(rows.shapes, rows.body, rows.mirrored)
-        alike = kin.similarity(product, square)
-        covariance = kin.covariance(alike, shared[np.ix_(rows.witness, rows.witness)])
-        noise = kin.noise * np.where(rows.own, OWN_NOISE, 1.0)
-        covariance[np.diag_indices_from(covariance)] += noise
-        root = inverse_root(covariance)
-        weights = root.T @ (root @ aligned.targets)
-        local, left = _expect(kin, aligned, norm, shared[-1][rows.witness], root, weights)
-        least = float(noise.min())
-        left = np.maximum(left + least, least)
-        positions = aligned.frames.to_world((local + aligned.centre).reshape(-1, markers, 3))
-        unit, missed = np.ones(markers), np.nan
-        if judge:
-            unit, missed = _judge(root, weights, blocks, markers)
-        members.append((positions, left[:, None] * unit, missed))
-    return members
+    positions, variances, errors = [], [], []
+    for process in options.processes:
+        noise = process.noise_variance * np.where(training.own, options.own_noise_ratio, 1.0)
+        fitted = process.fit(train, aligned.targets, noise_variance=noise)
+        local, variance = _posterior(fitted, aligned, training)
+        local = (local + aligned.centre).reshape(-1, markers, 3)
+        positions.append(aligned.query_frames.to_world(local))
+        scale, error = np.ones(markers), np.nan
+        if calibrate:
+            scale, error = _calibrate(fitted, blocks, markers)
+        variances.append((variance + noise.min())[:, None] * scale)
+        errors.append(error)
+    return DonorPredictions(np.array(positions), np.array(variances), np.array(errors))
 
 
-def _expect(
-    kin: Kin,
-    aligned: _Aligned,
-    norm: NDArray[np.float64],
-    shared: NDArray[np.float64],
-    root: NDArray[np.float64],
-    weights: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the process's mean and variance, without noise, for the queries.
+def _products(one: _Floats, other: _Floats) -> tuple[_Floats, _Floats, _Floats]:
+    """Return inner products and squared norms of features, as for `Pairs.with_features`."""
+    return one @ other.T, (one**2).sum(axis=1), (other**2).sum(axis=1)
 
-    Parameters
-    ----------
-    kin : Kin
-        The covariance.
-    aligned : _Aligned
-        Rows and queries.
-    norm : ndarray [shape=(rows,)]
-        Inner product of each row's features with themselves.
-    shared : ndarray [shape=(rows,)]
-        What each row's body shares with the clip's.
-    root : ndarray [shape=(rows, rows)]
-        `inverse_root` of the rows' covariance with noise.
-    weights : ndarray [shape=(rows, missing * 3)]
-        Its inverse times the targets.
+
+def _posterior(
+    fitted: FittedGP, aligned: _AlignedPoses, training: _TrainingPoses
+) -> tuple[_Floats, _Floats]:
+    """Return the posterior of the query poses.
 
     Returns
     -------
-    mean : ndarray [shape=(queries, missing * 3), mm]
-        In the queries' frames, from the targets' centre.
-    variance : ndarray [shape=(queries,)]
-        In units of the kernel.
+    mean : ndarray [shape=(query poses, missing * 3), mm]
+        In the queries' frames, relative to the targets' centre.
+    variance : ndarray [shape=(query poses,)]
+        Without noise, in units of the kernel.
     """
-    asked = aligned.asked
-    mean = np.empty((len(asked), aligned.targets.shape[1]))
-    variance = np.empty(len(asked))
-    for start in range(0, len(asked), CHUNK):
-        some = slice(start, start + CHUNK)
-        product = asked[some] @ aligned.known.T
-        length = (asked[some] ** 2).sum(axis=1)
-        alike = kin.similarity(product, squared_distances(product, length, norm))
-        cross = kin.covariance(alike, shared)
-        itself = kin.linear * length + kin.radial
-        mean[some] = cross @ weights
-        variance[some] = 1.0 + itself + kin.offset + kin.movement * itself
-        variance[some] -= explained(root, cross)
-    return mean, variance
+    means, variances = [], []
+    for start in range(0, len(aligned.query), QUERY_BATCH):
+        query = aligned.query[start : start + QUERY_BATCH]
+        cross = training.pairs(len(query)).with_features(*_products(query, aligned.train))
+        mean, variance = fitted.predict(cross)
+        means.append(mean)
+        variances.append(variance)
+    return np.concatenate(means), np.concatenate(variances)
 
 
-def _judge(
-    root: NDArray[np.float64],
-    weights: NDArray[np.float64],
-    blocks: Sequence[NDArray[np.intp]],
-    markers: int,
-) -> tuple[NDArray[np.float64], float]:
-    """Leave bodies out: what a unit of variance is in mm², by marker, and the rms error in mm."""
-    residuals, variance = left_out_residuals(root, weights, blocks)
-    judged = np.concatenate(blocks)
-    square = (residuals[judged].reshape(len(judged), markers, 3) ** 2).sum(axis=2)
-    unit = (square / variance[judged][:, None]).mean(axis=0)
-    return unit, float(np.sqrt(square.mean()))
+def _calibrate(
+    fitted: FittedGP, blocks: Sequence[NDArray[np.intp]], markers: int
+) -> tuple[_Floats, float]:
+    """Return the held-out squared error (mm²) per unit of variance, by marker, and the rms (mm)."""
+    residuals, variance = fitted.leave_blocks_out(blocks)
+    held_out = np.concatenate(blocks)
+    square = (residuals[held_out].reshape(len(held_out), markers, 3) ** 2).sum(axis=2)
+    scale = (square / variance[held_out][:, None]).mean(axis=0)
+    return scale, float(np.sqrt(square.mean()))

@@ -1,4 +1,4 @@
-"""Bodies: a few poses of each recording, and which recordings are of the clip's own body."""
+"""Subjects of a task: a few poses of each recording, and which recordings are of the clip's own."""
 
 from __future__ import annotations
 
@@ -12,142 +12,132 @@ from numpy.typing import NDArray
 from priorfill.geometry.distances import median_distances, pooled_distances
 from priorfill.geometry.mirror import mirrored
 from priorfill.geometry.poses import complete_poses, evenly_spaced
+from priorfill.methods.gpr.dropout.options import DropoutOptions
 from priorfill.methods.task import Task
 
-__all__ = ["CLIP", "OWN", "OWN_ROWS", "RATE", "Bodies", "Sample"]
+__all__ = ["THIS_CLIP", "SubjectSample", "Subjects"]
 
-EXAMPLES = 400
-"""Takes of a database that are looked at, evenly spread: enough to meet most of its people."""
-
-SAMPLED = 24
-"""Poses of each by which distances and shapes are judged."""
-
-OWN_ROWS = 400
-"""Poses of the clip's own body."""
-
-RATE = 15.0
-"""Hz. Poses that follow each other more closely say the same."""
-
-SAME_BODY = 2.8
-"""mm. A take of a database whose firm distances differ from the clip's by no more than this
-(median) is of the same body with the same markers on it. In CMU, HDM05 and gait recordings takes
-of one session differ by 0.3 to 2.4 mm, those of different people by 3.4 and more."""
-
-SAME_NAME = 6.0
-"""mm. The same for takes whose subject has the name of the clip's: markers put on again differ by
-4 mm and more, but names like "male" are no proof."""
-
-FIRM_PAIRS = 2
-"""So many pairs of markers for each marker are compared, those whose distances vary least."""
-
-OWN = -1
-"""Number of the clip's own body."""
-
-CLIP = -1
-"""Number of the clip among the takes."""
+THIS_CLIP = -1
+"""Number of the clip among the takes, and of its subject among the subjects."""
 
 
 @dataclass(frozen=True, eq=False)
-class Sample:
+class SubjectSample:
     """A few poses of a take, or of the clip itself.
 
     Attributes
     ----------
     take : int
-        Its number in the task; `CLIP` for the clip.
-    body : int
-        Number of the body; `OWN` for the clip's.
+        Number of the take in the task; `THIS_CLIP` for the clip.
+    subject : int
+        Number of the subject; `THIS_CLIP` for the clip's own.
     poses : ndarray [shape=(poses, all markers, 3), mm]
         Upright; NaN where missing.
     """
 
     take: int
-    body: int
+    subject: int
     poses: NDArray[np.float64]
 
+    @property
+    def from_clip(self) -> bool:
+        """Whether the poses are the clip's."""
+        return self.take == THIS_CLIP
 
-class Bodies:
-    """The bodies that the clip of a task, its companions and its database show.
+
+class Subjects:
+    """The subjects of a task's clip and takes.
 
     Parameters
     ----------
     task : Task
-        The clip and the takes to learn from.
-
-    Attributes
-    ----------
-    partner : ndarray of int [shape=(markers,)]
-        See `Task.contralateral`.
+        The clip and the takes.
+    options : DropoutOptions
+        Numbers of takes and poses, and limits for the same subject.
     """
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: Task, options: DropoutOptions) -> None:
         self.task = task
         self.contralateral = task.contralateral
+        self._options = options
 
     @cached_property
-    def _takes(self) -> list[int]:
-        """Takes that are looked at: the companions, and some of the database's."""
+    def samples(self) -> list[SubjectSample]:
+        """A few poses of the clip, which is the first, and of each take that is examined."""
+        samples = [self._clip_sample()]
+        numbers: dict[str, int] = {}
+        for i in self._examined_takes:
+            take = self.task.takes[i]
+            subject = THIS_CLIP
+            if not take.same_subject:
+                subject = numbers.setdefault(take.subject or f"\0{i}", len(numbers))
+            level = take.nearest_level(self._options.database_rate)
+            frames = evenly_spaced(take.lengths[level], self._options.shape_poses)
+            poses = take.positions(level)[frames].astype(np.float64)
+            samples.append(SubjectSample(i, subject, poses))
+        return samples
+
+    @property
+    def _examined_takes(self) -> list[int]:
+        """Takes of the same subject, and some of the database."""
         takes = self.task.takes
         same_subject = [i for i, take in enumerate(takes) if take.same_subject]
         others = [i for i, take in enumerate(takes) if not take.same_subject]
-        return same_subject + [others[i] for i in evenly_spaced(len(others), EXAMPLES)]
+        chosen = evenly_spaced(len(others), self._options.max_database_takes)
+        return same_subject + [others[i] for i in chosen]
 
-    @cached_property
-    def samples(self) -> list[Sample]:
-        """A few poses of the clip, of its companions and of takes of the database."""
-        task = self.task
-        numbers: dict[str, int] = {}
-        # every other frame, say, of the clip: what few frames show a marker are all looked at
-        rare = task.valid.any(axis=0) & (task.valid.sum(axis=0) < OWN_ROWS)
-        some = np.union1d(
-            evenly_spaced(len(task.positions), OWN_ROWS),
+    def _clip_sample(self) -> SubjectSample:
+        """Evenly spaced frames of the clip, and all that show a rarely visible marker."""
+        task, most = self.task, self._options.max_own_poses
+        rare = task.valid.any(axis=0) & (task.valid.sum(axis=0) < most)
+        frames = np.union1d(
+            evenly_spaced(len(task.positions), most),
             np.flatnonzero(task.valid[:, rare].any(axis=1)),
         )
-        samples = [Sample(CLIP, OWN, task.positions[some])]
-        for i in self._takes:
-            take = task.takes[i]
-            body = OWN
-            if not take.same_subject:
-                body = numbers.setdefault(take.subject or f"\0{i}", len(numbers))
-            level = take.nearest_level(RATE)
-            at = evenly_spaced(take.lengths[level], SAMPLED)
-            samples.append(Sample(i, body, take.positions(level)[at].astype(np.float64)))
-        return samples
+        return SubjectSample(THIS_CLIP, THIS_CLIP, task.positions[frames])
 
     @cached_property
-    def same_body(self) -> frozenset[int]:
-        """Takes that are of the clip's own body: companions, and what is of the same shape."""
-        task, first = self.task, self.samples[0]
-        markers = np.arange(len(task.labels))
+    def same_subject_takes(self) -> frozenset[int]:
+        """Takes of the clip's own subject with the same marker placement.
+
+        These are the task's recordings of the same subject, and takes of the database in which the
+        distances of rigid pairs of markers are the clip's.
+        """
+        options = self._options
+        clip = self.samples[0]
+        markers = np.arange(len(self.task.labels))
         one, other = np.triu_indices(len(markers), 1)
         spread = self.distances(markers)[1][one, other]
-        mine = median_distances(first.poses, one, other)
+        clip_distance = median_distances(clip.poses, one, other)
         found = []
         for sample in self.samples[1:]:
-            take = task.takes[sample.take]
-            differ = np.abs(median_distances(sample.poses, one, other) - mine)
-            known = np.flatnonzero(~np.isnan(differ))
-            shared = np.unique([one[known], other[known]])
-            firm = known[np.argsort(spread[known], kind="stable")][: FIRM_PAIRS * len(shared)]
-            if take.virtual_markers and not take.same_subject:
-                continue  # its markers are not where the body's were
-            named = take.subject != "" and take.subject == task.subject
-            most = SAME_NAME if named else SAME_BODY
-            if take.same_subject or (len(firm) and np.median(differ[firm]) <= most):
+            take = self.task.takes[sample.take]
+            if take.same_subject:
+                found.append(sample.take)
+                continue
+            if take.virtual_markers:
+                continue  # they are not placed where the subject's markers were
+            difference = np.abs(median_distances(sample.poses, one, other) - clip_distance)
+            known = np.flatnonzero(~np.isnan(difference))
+            count = options.rigid_pairs_per_marker * len(np.unique([one[known], other[known]]))
+            rigid = known[np.argsort(spread[known], kind="stable")][:count]
+            same_name = take.subject != "" and take.subject == self.task.subject
+            limit = options.same_name_distance if same_name else options.same_subject_distance
+            if len(rigid) and np.median(difference[rigid]) <= limit:
                 found.append(sample.take)
         return frozenset(found)
 
     def distances(
-        self, markers: NDArray[np.intp], samples: Sequence[Sample] | None = None
+        self, markers: NDArray[np.intp], samples: Sequence[SubjectSample] | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return `pooled_distances` of some markers in some samples, or in all."""
-        some = self.samples if samples is None else samples
-        return pooled_distances([sample.poses for sample in some], markers)
+        chosen = self.samples if samples is None else samples
+        return pooled_distances([sample.poses for sample in chosen], markers)
 
-    def witnessing(self, markers: NDArray[np.intp]) -> list[Sample]:
-        """Return the samples that show some markers, in a mirror if need be."""
+    def samples_with(self, markers: NDArray[np.intp]) -> list[SubjectSample]:
+        """Return the samples, and mirror images of samples, that show some markers together."""
         return [
-            Sample(sample.take, sample.body, poses)
+            SubjectSample(sample.take, sample.subject, poses)
             for sample in self.samples
             for poses in (sample.poses, mirrored(sample.poses, self.contralateral))
             if complete_poses(poses[:, markers]).any()

@@ -1,0 +1,173 @@
+"""Options of the prediction of blackouts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["BlackoutOptions", "CurveProcess"]
+
+
+@dataclass(frozen=True)
+class CurveProcess:
+    """Gaussian process in time that gives a curve through a blackout.
+
+    Attributes
+    ----------
+    smoothness : {1.5, 2.5, 3.5}
+        Of its Matérn covariance.
+    time_scale : float
+        s.
+    noise_variance : float
+        In units of the variance of the process.
+    """
+
+    smoothness: float
+    time_scale: float
+    noise_variance: float
+
+
+_PROCESSES = (
+    CurveProcess(smoothness=2.5, time_scale=0.3, noise_variance=1e-7),
+    CurveProcess(smoothness=2.5, time_scale=0.5, noise_variance=1e-7),
+    CurveProcess(smoothness=2.5, time_scale=1.0, noise_variance=1e-7),
+    CurveProcess(smoothness=2.5, time_scale=0.3, noise_variance=1e-5),
+    CurveProcess(smoothness=2.5, time_scale=0.2, noise_variance=1e-5),
+    CurveProcess(smoothness=2.5, time_scale=0.3, noise_variance=1e-4),
+    CurveProcess(smoothness=3.5, time_scale=0.2, noise_variance=1e-7),
+    CurveProcess(smoothness=3.5, time_scale=0.2, noise_variance=1e-6),
+    CurveProcess(smoothness=1.5, time_scale=0.3, noise_variance=1e-7),
+)
+
+
+@dataclass(frozen=True)
+class BlackoutOptions:
+    """Options of the prediction of blackouts (`priorfill.methods.gpr.blackout`).
+
+    Unless stated otherwise, the defaults were chosen by the mean error on blackouts of 0.1 to 2 s
+    cut into takes of walking, exercises and sports, and nearby values fill about as well.
+
+    Attributes
+    ----------
+    edge_seconds : float
+        s. How much of the recording on either side of a blackout is used; 0.1 to 0.3 s fill
+        equally well.
+    max_edge_samples : int
+        Samples of each side that are used.
+    difference_seconds : float
+        s. Step of the finite differences that give velocities and accelerations at an edge.
+    inside_rate : float
+        Hz. Rate at which the movement inside a blackout is learnt: the errors of the curves vary
+        slowly.
+    min_inside_frames, max_inside_frames : int
+        Limits of the number of frames at which it is learnt. A second away from either edge only
+        the coarse shape is predictable.
+    processes : tuple of CurveProcess
+        Processes whose predictions are the curves through a blackout with two edges; the first is
+        the curve where no windows are available. Noisy and smooth recordings, and long and short
+        blackouts, need different ones.
+    marker_decay_seconds : tuple of float
+        s. Decay times of a marker's velocity, one curve each, for a blackout with one edge; the
+        first is the curve where no windows are available.
+    common_decay_seconds : tuple of float
+        s. Decay times of the mean velocity of all markers, one further curve each.
+    velocity_fit_seconds : float
+        s. The velocity at the edge is the slope of a line fitted to this much of the recording.
+    max_windows : int
+        Training windows of the clip, and as many of its mirror image.
+    nearest_share : float
+        Share of them whose edges are the most similar to the blackout's; the others are evenly
+        spaced.
+    max_candidates : int
+        Windows of the clip that they are chosen from.
+    window_spacing : float
+        Distance between the first frames of consecutive windows, in units of their length.
+    min_windows : int
+        With fewer windows none is used.
+    min_paired_share : float
+        Share of the markers that must have a contralateral one for the mirror image to be used.
+    velocity_seconds : float
+        s. A velocity at an edge enters the features as the distance covered in this time.
+    acceleration_seconds : float
+        s. An acceleration enters as itself times the square of this.
+    max_database_windows : int
+        Windows of the database.
+    search_markers : int
+        Markers by which poses of the database are searched.
+    edge_neighbours : int
+        Poses of the database nearest to each edge that are examined; those at both edges must
+        belong together.
+    max_edge_distance : float
+        mm. Rms distance of the markers at the edges above which a window of the database belongs
+        to a different movement. The most similar walks of other people are at 60 to 90 mm;
+        windows farther away gain nothing.
+    weight_power : float
+        Curves, and corrections, are weighted by their error to the power of minus this.
+    stacking_ridge : float
+        Ridge penalty of the stacking weights, in units of each curve's own sum of squares.
+    correction_linear_variance, correction_constant_variance : float
+        Variances of the linear and constant parts of the correction's covariance; that of its
+        squared-exponential part is 1.
+    correction_length_scales : tuple of float
+        Length scales of the squared-exponential part, in units of the rms distance of the windows'
+        edge features from their mean.
+    correction_noise_variances : tuple of float
+        Variances of what the edges do not explain.
+    correction_scale_exponents : tuple of float
+        The errors of the curves are proportional to about this power of their disagreement.
+        Corrections are made for each length scale, noise variance and exponent.
+    scale_log_std : float
+        Windows are weighted by a normal density of the logarithm of their disagreement relative
+        to the blackout's; this is its standard deviation.
+    min_similarity : float
+        Added to that weight, in units of its maximum.
+    min_relative_scale : float
+        Lower limit of a window's disagreement in units of the median: at rest, only measurement
+        noise is left of it.
+    error_scale_exponent : float
+        The expected error is proportional to this power of the disagreement, which leaves a third
+        of the variance of its logarithm.
+    untrained_error_ratio : float
+        Expected error without windows, in units of the disagreement of the curves.
+    predictable_seconds : float
+        s. A movement continues as it began for this long; without windows, the distance covered
+        afterwards is added to the expected error.
+    min_speed : float
+        mm/s. Lower limit of the speed used for that distance.
+    """
+
+    edge_seconds: float = 0.15
+    max_edge_samples: int = 9
+    difference_seconds: float = 0.05
+    inside_rate: float = 20.0
+    min_inside_frames: int = 3
+    max_inside_frames: int = 60
+    processes: tuple[CurveProcess, ...] = _PROCESSES
+    marker_decay_seconds: tuple[float, ...] = (0.2, 0.05, 0.1, 0.4, 1.0)
+    common_decay_seconds: tuple[float, ...] = (0.3, 1.0, 4.0)
+    velocity_fit_seconds: float = 0.05
+    max_windows: int = 100
+    nearest_share: float = 0.5
+    max_candidates: int = 600
+    window_spacing: float = 0.25
+    min_windows: int = 3
+    min_paired_share: float = 0.5
+    velocity_seconds: float = 0.15
+    acceleration_seconds: float = 0.1
+    max_database_windows: int = 60
+    search_markers: int = 12
+    edge_neighbours: int = 240
+    max_edge_distance: float = 130.0
+    weight_power: float = 8.0
+    stacking_ridge: float = 0.02
+    correction_linear_variance: float = 0.1
+    correction_constant_variance: float = 1.0
+    correction_length_scales: tuple[float, ...] = (0.4, 0.7)
+    correction_noise_variances: tuple[float, ...] = (0.1, 0.5)
+    correction_scale_exponents: tuple[float, ...] = (0.5, 1.0)
+    scale_log_std: float = 0.4
+    min_similarity: float = 0.05
+    min_relative_scale: float = 0.2
+    error_scale_exponent: float = 0.7
+    untrained_error_ratio: float = 1.5
+    predictable_seconds: float = 0.25
+    min_speed: float = 100.0
