@@ -1,44 +1,52 @@
-"""What trouble is: kinds, and what is said of each."""
+"""Kinds of artefact, and the description of a single one."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-__all__ = ["FROZEN", "JUMP", "KINDS", "RELABELLED", "SPIKE", "SWAPPED", "Artefact"]
+__all__ = ["JUMP", "KINDS", "LABEL_SWAP", "MISLABELLED", "SPIKE", "STUCK", "Artefact"]
 
-SPIKE, JUMP, RELABELLED, SWAPPED, FROZEN = "spike", "jump", "relabelled", "swapped", "frozen"
+SPIKE, JUMP, MISLABELLED = "spike", "jump", "mislabelled"
+LABEL_SWAP, STUCK = "label swap", "stuck"
 
 KINDS = {
-    SPIKE: "is elsewhere for a moment",
-    JUMP: "is elsewhere",
-    RELABELLED: "looks relabelled",
-    SWAPPED: "look swapped",
-    FROZEN: "does not move while its body does",
+    SPIKE: "leaves its path for a moment",
+    JUMP: "is in a different place",
+    MISLABELLED: "appears to be mislabelled",
+    LABEL_SWAP: "appear to have swapped labels",
+    STUCK: "does not move while the body does",
 }
-"""Every kind, and what markers of it do."""
+"""Every kind of artefact, with a predicate for messages ("LWRA leaves its path for a moment")."""
 
 
 @dataclass(frozen=True)
 class Artefact:
-    """Measured samples that cannot be what they are labelled as.
+    """Measured samples that cannot belong to the marker they are labelled as.
 
     Attributes
     ----------
     kind : str
         One of `KINDS`.
     markers : tuple of str
-        The marker; of a swap both.
+        The marker; for a label swap both markers.
     start, stop : int
-        Frames ``start <= frame < stop``, counted from the clip's first as 0.
+        Frames ``start <= frame < stop``, counted from 0 at the clip's first frame.
     size : float
-        mm: by how far the path breaks; of a swap how far apart the two are; of a frozen marker how
-        far its partner goes meanwhile. 0 where a path does not break.
-    partner : str
-        The marker that tells best, or that a relabelled one is on; empty if there is none.
-    distance, usual, spread : float
-        mm: how far the partner is there, otherwise (the median), and how much that varies. NaN
-        where it is no evidence.
+        mm. Size of the jump at the ends; for a label swap the distance between the two markers;
+        for a stuck marker how far its reference marker moves meanwhile. 0 where the path does not
+        jump.
+    reference_marker : str
+        The reference marker that shows the artefact most clearly, or the marker whose path a
+        mislabelled one continues; empty if there is none.
+    distance, typical_distance, spread : float
+        mm. Distance from the reference marker during the artefact; its median in the rest of the
+        clip; and the standard deviation of the latter. NaN where the distance is no evidence.
+
+    Examples
+    --------
+    >>> Artefact("spike", ("LWRA",), 10, 12, 61.0, "LWRB", 102.0, 58.0, 2.5).evidence
+    'LWRA-LWRB 102 mm, usually 58 +- 2.5; its path jumps by 61 mm'
     """
 
     kind: str
@@ -46,28 +54,31 @@ class Artefact:
     start: int
     stop: int
     size: float
-    partner: str = ""
+    reference_marker: str = ""
     distance: float = math.nan
-    usual: float = math.nan
+    typical_distance: float = math.nan
     spread: float = math.nan
 
     @property
     def evidence(self) -> str:
-        """What tells it, in words and figures."""
-        if self.kind == SWAPPED:
-            return f"each goes on with the other's path, {self.size:.0f} mm apart"
-        if self.kind == RELABELLED and math.isnan(self.distance) and self.partner:
+        """The measurements that show the artefact, as a phrase for messages."""
+        if self.kind == LABEL_SWAP:
+            return f"each continues the path of the other, {self.size:.0f} mm apart"
+        if self.kind == MISLABELLED and math.isnan(self.distance) and self.reference_marker:
             return (
-                f"goes on with the path of {self.partner}, which is missing then, "
+                f"continues the path of {self.reference_marker}, which is missing then, "
                 f"{self.size:.0f} mm apart"
             )
-        if self.kind == FROZEN:
-            return f"exactly the same place while {self.partner} moves by {self.size:.0f} mm"
-        told = [f"its path breaks by {self.size:.0f} mm"] if self.size else []
-        if not math.isnan(self.distance):
-            told.insert(
-                0,
-                f"{self.markers[0]}-{self.partner} {self.distance:.0f} mm, "
-                f"usually {self.usual:.0f} +- {self.spread:.1f}",
+        if self.kind == STUCK:
+            return (
+                f"exactly the same place while {self.reference_marker} moves by {self.size:.0f} mm"
             )
-        return "; ".join(told)
+        phrases = []
+        if not math.isnan(self.distance):
+            phrases.append(
+                f"{self.markers[0]}-{self.reference_marker} {self.distance:.0f} mm, "
+                f"usually {self.typical_distance:.0f} +- {self.spread:.1f}"
+            )
+        if self.size:
+            phrases.append(f"its path jumps by {self.size:.0f} mm")
+        return "; ".join(phrases)

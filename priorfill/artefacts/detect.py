@@ -1,4 +1,4 @@
-"""All trouble of a clip: each detector looks at what those before it have left."""
+"""Find all artefacts of a clip: each detector sees the clip without the artefacts found so far."""
 
 from __future__ import annotations
 
@@ -8,150 +8,208 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.artefacts.artefact import (
-    FROZEN,
     JUMP,
-    RELABELLED,
+    LABEL_SWAP,
+    MISLABELLED,
     SPIKE,
-    SWAPPED,
+    STUCK,
     Artefact,
 )
-from priorfill.artefacts.discontinuities import find_breaks
+from priorfill.artefacts.artefact_options import DEFAULT_ARTEFACT_OPTIONS, ArtefactOptions
+from priorfill.artefacts.discontinuities import PathBreaks, find_breaks
 from priorfill.artefacts.distance_outliers import distance_outliers
-from priorfill.artefacts.frozen import frozen_runs
-from priorfill.artefacts.label_swaps import exchange, find_swaps
-from priorfill.artefacts.label_takeovers import find_takeovers
-from priorfill.artefacts.outlier_runs import LEAST_LONG, OutlierRun, outlier_runs
-from priorfill.artefacts.reference_markers import choose_reference_markers
+from priorfill.artefacts.label_swaps import find_label_swaps, swap_labels
+from priorfill.artefacts.marker_path import MarkerPath
+from priorfill.artefacts.mislabelled import find_mislabelled
+from priorfill.artefacts.outlier_runs import OutlierRun, outlier_runs
+from priorfill.artefacts.reference_markers import ReferenceMarkers, choose_reference_markers
+from priorfill.artefacts.stuck import find_stuck
 from priorfill.clip import Clip
 
 __all__ = ["artefact_samples", "find_artefacts", "without_artefacts"]
 
 
-def find_artefacts(clip: Clip) -> tuple[Artefact, ...]:
-    """Find measured samples that cannot be what they are labelled as.
+def find_artefacts(
+    clip: Clip, *, options: ArtefactOptions = DEFAULT_ARTEFACT_OPTIONS
+) -> tuple[Artefact, ...]:
+    """Find measured samples that cannot belong to the marker they are labelled as.
 
     Parameters
     ----------
     clip : Clip
-        Any clip; which way is up makes no difference.
+        Any clip; its up axis makes no difference.
+    options : ArtefactOptions
+        Thresholds of the detectors.
 
     Returns
     -------
-    tuple of Trouble
+    tuple of Artefact
         In order of time.
+
+    See Also
+    --------
+    artefact_samples : The samples concerned, as a mask.
+    without_artefacts : The clip with these samples missing.
+    fill : Fills them too, with ``reject_artefacts=True``.
+
+    Examples
+    --------
+    >>> time = np.arange(120)[:, None, None] / 120.0
+    >>> positions = np.array([[0, 0, 0], [80, 0, 0], [0, 60, 0.0]]) + 300.0 * np.sin(3.0 * time)
+    >>> positions[50:53, 0, 2] += 90.0
+    >>> [spike] = find_artefacts(Clip(positions, ("A", "B", "C"), rate=120.0))
+    >>> spike.kind, spike.markers, spike.start, spike.stop
+    ('spike', ('A',), 50, 53)
     """
-    positions = clip.positions
-    partners = choose_reference_markers(positions)
-    found = []
-    frozen = frozen_runs(positions, partners)
-    if frozen:
-        positions = positions.copy()
-        for run in frozen:
-            positions[run.start : run.stop, run.marker] = np.nan
-            found.append(
-                Artefact(
-                    FROZEN,
-                    (clip.labels[run.marker],),
-                    run.start,
-                    run.stop,
-                    run.moved,
-                    clip.labels[run.partner],
-                )
-            )
-    breaks = find_breaks(positions, partners, clip.rate)
-    swaps = find_swaps(positions, breaks.broken)
+    references = choose_reference_markers(clip.positions, options.reference_markers)
+
+    def breaks_of(positions: NDArray[np.float64]) -> PathBreaks:
+        return find_breaks(positions, references, clip.rate, options.breaks)
+
+    positions, stuck = _remove_stuck(clip, references, options)
+    breaks = breaks_of(positions)
+    positions, swaps = _undo_swaps(clip, positions, breaks, options)
     if swaps:
-        positions = exchange(positions, swaps)
-        breaks = find_breaks(positions, partners, clip.rate)
-        found += [
-            Artefact(
-                SWAPPED,
-                (clip.labels[swap.one], clip.labels[swap.other]),
-                swap.start,
-                swap.stop,
-                swap.apart,
-            )
-            for swap in swaps
-        ]
-    takeovers = find_takeovers(positions, breaks.size >= LEAST_LONG)
-    if takeovers:
-        positions = positions.copy()
-        for takeover in takeovers:
-            positions[takeover.start : takeover.stop, takeover.marker] = np.nan
-            found.append(
-                Artefact(
-                    RELABELLED,
-                    (clip.labels[takeover.marker],),
-                    takeover.start,
-                    takeover.stop,
-                    takeover.apart,
-                    clip.labels[takeover.other],
-                )
-            )
-        breaks = find_breaks(positions, partners, clip.rate)
-    far = distance_outliers(positions, partners)
-    gone = np.isnan(positions[:, :, 0])
-    worth = np.flatnonzero(breaks.broken.any(axis=0) | gone.any(axis=0)).tolist()
-    for marker in sorted({*worth, *far}):
-        strays = outlier_runs(
-            positions,
-            marker,
-            partners.of(marker),
-            breaks.size[:, marker],
-            far.get(marker),
-            clip.rate,
-        )
-        seen = np.flatnonzero(~gone[:, marker])
-        found += [_of_stray(stray, clip.labels, seen) for stray in strays]
+        breaks = breaks_of(positions)
+    positions, mislabelled = _remove_mislabelled(clip, positions, breaks, options)
+    if mislabelled:
+        breaks = breaks_of(positions)
+    elsewhere = _find_outlier_runs(clip, positions, references, breaks, options)
     return tuple(
-        sorted(found, key=lambda artefacts: (artefacts.start, artefacts.stop, artefacts.markers))
+        sorted(
+            [*stuck, *swaps, *mislabelled, *elsewhere],
+            key=lambda artefact: (artefact.start, artefact.stop, artefact.markers),
+        )
     )
 
 
 def artefact_samples(
     artefacts: Iterable[Artefact], labels: Sequence[str], frames: int
 ) -> NDArray[np.bool_]:
-    """Return which samples trouble is about [shape=(frames, markers)].
+    """Return which samples belong to artefacts.
 
     Parameters
     ----------
-    trouble : iterable of Trouble
-        As from `find_artefacts`.
+    artefacts : iterable of Artefact
+        As returned by `find_artefacts`.
     labels : sequence of str
-        The clip's.
+        The clip's labels.
     frames : int
-        The clip's.
+        The clip's length.
+
+    Returns
+    -------
+    ndarray of bool [shape=(frames, markers)]
+
+    Examples
+    --------
+    >>> artefact_samples([Artefact("spike", ("B",), 1, 2, 50.0)], ("A", "B"), 3).tolist()
+    [[False, False], [False, True], [False, False]]
     """
     column = {label: marker for marker, label in enumerate(labels)}
     samples = np.zeros((frames, len(labels)), dtype=bool)
-    for one in artefacts:
-        for label in one.markers:
-            samples[one.start : one.stop, column[label]] = True
+    for artefact in artefacts:
+        for label in artefact.markers:
+            samples[artefact.start : artefact.stop, column[label]] = True
     return samples
 
 
-def without_artefacts(clip: Clip) -> tuple[Clip, tuple[Artefact, ...]]:
-    """Return a clip in which the samples in trouble are missing, and the trouble."""
-    artefacts = find_artefacts(clip)
+def without_artefacts(
+    clip: Clip, *, options: ArtefactOptions = DEFAULT_ARTEFACT_OPTIONS
+) -> tuple[Clip, tuple[Artefact, ...]]:
+    """Return the clip with the samples of artefacts missing, and the artefacts.
+
+    Parameters and artefacts as for `find_artefacts`.
+    """
+    artefacts = find_artefacts(clip, options=options)
     if not artefacts:
         return clip, artefacts
     samples = artefact_samples(artefacts, clip.labels, clip.frames)
     return clip.with_positions(np.where(samples[..., None], np.nan, clip.positions)), artefacts
 
 
-def _of_stray(stray: OutlierRun, labels: Sequence[str], seen: NDArray[np.intp]) -> Artefact:
-    """Say of a stray piece what kind of trouble it is."""
-    kind = SPIKE if stray.short else JUMP
-    if not stray.short and (stray.start == seen[0] or stray.stop == seen[-1] + 1):
-        kind = RELABELLED
+def _remove_stuck(
+    clip: Clip, references: ReferenceMarkers, options: ArtefactOptions
+) -> tuple[NDArray[np.float64], list[Artefact]]:
+    """Return the positions without stuck samples, and these artefacts."""
+    stuck = find_stuck(clip.positions, references, options.stuck)
+    positions = clip.positions.copy() if stuck else clip.positions
+    artefacts = []
+    for run in stuck:
+        positions[run.start : run.stop, run.marker] = np.nan
+        marker, reference = clip.labels[run.marker], clip.labels[run.reference]
+        artefacts.append(Artefact(STUCK, (marker,), run.start, run.stop, run.shift, reference))
+    return positions, artefacts
+
+
+def _undo_swaps(
+    clip: Clip,
+    positions: NDArray[np.float64],
+    breaks: PathBreaks,
+    options: ArtefactOptions,
+) -> tuple[NDArray[np.float64], list[Artefact]]:
+    """Return the positions with swapped labels exchanged, and these artefacts."""
+    swaps = find_label_swaps(positions, breaks.broken, options.max_miss_ratio)
+    artefacts = []
+    for swap in swaps:
+        pair = clip.labels[swap.first], clip.labels[swap.second]
+        artefacts.append(Artefact(LABEL_SWAP, pair, swap.start, swap.stop, swap.distance))
+    return swap_labels(positions, swaps) if swaps else positions, artefacts
+
+
+def _remove_mislabelled(
+    clip: Clip,
+    positions: NDArray[np.float64],
+    breaks: PathBreaks,
+    options: ArtefactOptions,
+) -> tuple[NDArray[np.float64], list[Artefact]]:
+    """Return the positions without labels that moved to another marker, and these artefacts."""
+    large = breaks.size >= options.outlier_runs.min_long_break
+    found = find_mislabelled(positions, large, options.max_miss_ratio)
+    if not found:
+        return positions, []
+    positions = positions.copy()
+    artefacts = []
+    for run in found:
+        positions[run.start : run.stop, run.marker] = np.nan
+        marker, actual = clip.labels[run.marker], clip.labels[run.actual]
+        artefacts.append(Artefact(MISLABELLED, (marker,), run.start, run.stop, run.jump, actual))
+    return positions, artefacts
+
+
+def _find_outlier_runs(
+    clip: Clip,
+    positions: NDArray[np.float64],
+    references: ReferenceMarkers,
+    breaks: PathBreaks,
+    options: ArtefactOptions,
+) -> list[Artefact]:
+    """Return spikes, jumps and mislabelled ends of paths."""
+    far = distance_outliers(positions, references, options.distance_outliers)
+    missing = np.isnan(positions[:, :, 0])
+    cut = np.flatnonzero(breaks.broken.any(axis=0) | missing.any(axis=0)).tolist()
+    artefacts = []
+    for marker in sorted({*cut, *far}):
+        path = MarkerPath(positions, marker, references.of(marker), clip.rate, options.outlier_runs)
+        seen = np.flatnonzero(~missing[:, marker])
+        found = outlier_runs(path, breaks.size[:, marker], far.get(marker))
+        artefacts += [_from_outlier_run(run, clip.labels, seen) for run in found]
+    return artefacts
+
+
+def _from_outlier_run(run: OutlierRun, labels: Sequence[str], seen: NDArray[np.intp]) -> Artefact:
+    """Classify an outlier run; ``seen`` are the frames in which the marker is measured."""
+    kind = SPIKE if run.spike else JUMP
+    if not run.spike and (run.start == seen[0] or run.stop == seen[-1] + 1):
+        kind = MISLABELLED
     return Artefact(
         kind,
-        (labels[stray.marker],),
-        stray.start,
-        stray.stop,
-        stray.size,
-        labels[stray.judge] if stray.judge != stray.marker else "",
-        stray.distance,
-        stray.usual,
-        stray.spread,
+        (labels[run.marker],),
+        run.start,
+        run.stop,
+        run.size,
+        labels[run.reference] if run.reference != run.marker else "",
+        run.distance,
+        run.typical_distance,
+        run.spread,
     )

@@ -1,12 +1,13 @@
-"""Where a marker's path breaks: steps that its partners do not make.
+"""Breaks: discontinuities of a marker's path that its reference markers do not share.
 
-Between two frames the path that is led on from before, half a frame, should meet the path that is
-led back from after. By how far they miss is the step,
+Between two consecutive frames, the path extrapolated from the frames before by half a frame should
+meet the path extrapolated back from the frames after. The vector by which they miss is the step
 
     s(t) = v(t) - (v(t-1) + v(t+1)) / 2,    v(t) = x(t+1) - x(t),
 
-a third difference: of a body's own motion it holds hardly anything, of a jump all. What a marker's
-partners do at the same time, as in the hit of a foot, is no step of its own.
+half of a third difference: almost zero for the motion of a body, and the whole jump for a jump.
+The step that the reference markers make at the same time, for example when a foot hits the floor,
+is subtracted.
 """
 
 from __future__ import annotations
@@ -18,55 +19,67 @@ from numpy.typing import NDArray
 
 from priorfill.artefacts.reference_markers import ReferenceMarkers
 
-__all__ = ["Steps", "against_partners", "find_breaks", "steps"]
+__all__ = ["BreakOptions", "PathBreaks", "find_breaks", "path_steps", "relative_step_sizes"]
 
-LEAST = 10.0
-"""mm. Smaller steps are no trouble but noise, or soft tissue: half a marker's width. In a minute
-and a half of real HDM05 takes at 120 Hz no step against the partners is above 2 mm."""
-
-ACCELERATION = 60e3
-"""mm/s². What one frame of it makes of a path is no step: in 50 Hz 24 mm, in 120 Hz 4 mm. Markers
-of a segment are accelerated against each other by less, but for hits."""
-
-NOISE = 8.0
-"""Times the step that nine in ten of the marker's own stay below: where a clip shakes, or was
-measured badly as a whole, more is needed."""
-
-USUAL = 0.9
-"""The quantile of a marker's own steps that its noise is told by."""
-
-SAMPLES = 500
-"""Frames, spread evenly, by which the noise is told."""
-
-AT_ONCE = 4000
-"""Frames whose steps are taken at once: a long clip's take several times its memory."""
-
-EDGE = 3.0
-"""Times as much is needed beside a gap, where only one side's speed is known."""
-
-ECHO = 1.5
-"""A step is echoed in the frames beside it by half of it: one that is so many times smaller than
-its neighbour is an echo."""
+BATCH_SIZE = 4000
+"""Frames whose steps are computed at once; in a long clip all of them take several times its
+memory."""
 
 
 @dataclass(frozen=True)
-class Steps:
-    """The steps of a clip that are breaks.
+class BreakOptions:
+    """Which steps count as breaks.
+
+    Attributes
+    ----------
+    min_size : float
+        mm. Smaller steps are noise or soft tissue; this is half of a marker's width. In a minute
+        and a half of HDM05 recordings at 120 Hz no step relative to the reference markers is above
+        2 mm.
+    max_acceleration : float
+        mm/s². One frame of it makes a step that is still no break: 24 mm at 50 Hz, 4 mm at 120 Hz.
+        Except in hits, markers of one segment accelerate less relative to each other.
+    noise_factor : float
+        Multiple of the marker's noise (see ``noise_quantile``) that a break exceeds, for clips
+        with jitter or bad measurements throughout.
+    noise_quantile : float
+        Quantile of a marker's own steps taken as its noise.
+    noise_frames : int
+        Frames used to measure the noise, evenly spaced.
+    gap_edge_factor : float
+        Factor on the required size next to a gap, where the velocity is known on one side only.
+    echo_ratio : float
+        A jump also causes half a step in the frames before and after. A step that is smaller than
+        its neighbour by more than this factor is such an echo.
+    """
+
+    min_size: float = 10.0
+    max_acceleration: float = 60e3
+    noise_factor: float = 8.0
+    noise_quantile: float = 0.9
+    noise_frames: int = 500
+    gap_edge_factor: float = 3.0
+    echo_ratio: float = 1.5
+
+
+@dataclass(frozen=True)
+class PathBreaks:
+    """The breaks of all paths of a clip.
 
     Attributes
     ----------
     broken : ndarray of bool [shape=(frames - 1, markers)]
         Whether a path breaks between a frame and the next.
     size : ndarray [shape=(frames - 1, markers), mm]
-        How large the step is against the partners', where it is broken; 0 elsewhere.
+        Size of the step relative to the reference markers where the path breaks; 0 elsewhere.
     """
 
     broken: NDArray[np.bool_]
     size: NDArray[np.float64]
 
 
-def steps(positions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return by how far the path before and the path after miss each other.
+def path_steps(positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return by how far the paths before and after each pair of frames miss each other.
 
     Parameters
     ----------
@@ -76,114 +89,127 @@ def steps(positions: NDArray[np.float64]) -> NDArray[np.float64]:
     Returns
     -------
     ndarray [shape=(frames - 1, markers, 3), mm]
-        Between each frame and the next. Where the frame before or after these is missing, the path
-        is led on from the other side only; NaN where both are, or one of the two themselves.
+        Between each frame and the next. Where the velocity is known on one side only, it is used
+        alone; NaN where it is known on neither side, or one of the two frames is missing.
     """
     step = np.full((len(positions) - 1, *positions.shape[1:]), np.nan)
     if len(step) < 2:
         return step
-    for start in range(0, len(step), AT_ONCE):
-        stop = min(start + AT_ONCE, len(step))
-        # a step depends on the speeds beside its own
+    for start in range(0, len(step), BATCH_SIZE):
+        stop = min(start + BATCH_SIZE, len(step))
+        # a step depends on the velocities before and after its own
         first, last = max(start - 1, 0), min(stop + 1, len(step))
-        some = _steps(positions[first : last + 1])
-        step[start:stop] = some[start - first : stop - first]
+        batch = _steps_of_batch(positions[first : last + 1])
+        step[start:stop] = batch[start - first : stop - first]
     return step
 
 
-def _steps(positions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Do the same for three frames or more, all at once."""
-    speed = positions[1:] - positions[:-1]
-    step = speed.copy()
-    step[1:-1] -= 0.5 * (speed[:-2] + speed[2:])
-    step[0] -= speed[1]
-    step[-1] -= speed[-2]
-    lost = np.isnan(step[..., 0]) & ~np.isnan(speed[..., 0])
-    frame, marker = np.nonzero(lost)
-    beyond = np.full((1, *speed.shape[1:]), np.nan)
-    around = np.concatenate([beyond, speed, beyond])
-    before, after = around[frame, marker], around[frame + 2, marker]
-    step[frame, marker] = speed[frame, marker] - np.where(np.isnan(before), after, before)
+def _steps_of_batch(positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Do the work of `path_steps` for at least three frames."""
+    velocity = positions[1:] - positions[:-1]
+    step = velocity.copy()
+    step[1:-1] -= 0.5 * (velocity[:-2] + velocity[2:])
+    step[0] -= velocity[1]
+    step[-1] -= velocity[-2]
+    one_sided = np.isnan(step[..., 0]) & ~np.isnan(velocity[..., 0])
+    frame, marker = np.nonzero(one_sided)
+    outside = np.full((1, *velocity.shape[1:]), np.nan)
+    padded = np.concatenate([outside, velocity, outside])
+    before, after = padded[frame, marker], padded[frame + 2, marker]
+    step[frame, marker] = velocity[frame, marker] - np.where(np.isnan(before), after, before)
     return step
 
 
-def against_partners(
+def relative_step_sizes(
     step: NDArray[np.float64],
-    partners: ReferenceMarkers,
+    references: ReferenceMarkers,
     frame: NDArray[np.intp],
     marker: NDArray[np.intp],
 ) -> NDArray[np.float64]:
-    """Return how large some steps are against the partners'.
+    """Return the sizes of some steps relative to the reference markers.
 
     Parameters
     ----------
     step : ndarray [shape=(frames - 1, markers, 3), mm]
-        As from `steps`.
-    partners : Partners
-        Who judges whom.
+        As returned by `path_steps`.
+    references : ReferenceMarkers
     frame, marker : ndarray of int [shape=(steps,)]
         Which steps.
 
     Returns
     -------
     ndarray [shape=(steps,), mm]
-        Against that partner, or none, against which it is least; NaN where there is no step.
+        The smallest of the step's own size and its sizes relative to each reference marker; NaN
+        where there is no step.
     """
     own = step[frame, marker]
-    least: NDArray[np.float64] = np.sqrt((own**2).sum(axis=1))
-    other = step[frame[:, None], partners.others[marker]]
-    against = np.sqrt(((own[:, None] - other) ** 2).sum(axis=2))
-    against[~partners.known[marker]] = np.nan
-    for column in range(against.shape[1]):
-        least = np.fmin(least, against[:, column])
-    return least
+    smallest: NDArray[np.float64] = np.sqrt((own**2).sum(axis=1))
+    other = step[frame[:, None], references.others[marker]]
+    relative = np.sqrt(((own[:, None] - other) ** 2).sum(axis=2))
+    relative[~references.known[marker]] = np.nan
+    for column in range(relative.shape[1]):
+        smallest = np.fmin(smallest, relative[:, column])
+    return smallest
 
 
-def find_breaks(positions: NDArray[np.float64], partners: ReferenceMarkers, rate: float) -> Steps:
-    """Return where paths break.
+def find_breaks(
+    positions: NDArray[np.float64],
+    references: ReferenceMarkers,
+    rate: float,
+    options: BreakOptions = BreakOptions(),
+) -> PathBreaks:
+    """Find where paths break.
 
     Parameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
         NaN where missing.
-    partners : Partners
-        Who judges whom.
+    references : ReferenceMarkers
     rate : float
         Hz.
+    options : BreakOptions
+
+    Returns
+    -------
+    PathBreaks
     """
-    step = steps(positions)
+    step = path_steps(positions)
     shape = step.shape[:2]
     size = np.zeros(shape)
     if shape[0] == 0:
-        return Steps(size > 0, size)
-    least = np.maximum(max(LEAST, ACCELERATION / rate**2), NOISE * _usual(step, partners))
-    # a step against the partners is never larger than without them: most frames are done with here
+        return PathBreaks(size > 0, size)
+    min_size = np.maximum(
+        max(options.min_size, options.max_acceleration / rate**2),
+        options.noise_factor * _noise(step, references, options),
+    )
+    # a relative step is never larger than the step itself, which rules out most frames at once
     square = np.einsum("fmc,fmc->fm", step, step)
     with np.errstate(invalid="ignore"):
-        frame, marker = np.nonzero(square > least**2)
+        frame, marker = np.nonzero(square > min_size**2)
     last = shape[0] - 1
     earlier, later = np.maximum(frame - 1, 0), np.minimum(frame + 1, last)
     here, before, after = (
-        np.nan_to_num(against_partners(step, partners, at, marker))
+        np.nan_to_num(relative_step_sizes(step, references, at, marker))
         for at in (frame, earlier, later)
     )
+    missing = np.isnan(positions[:, :, 0])
     edge = (frame == 0) | (frame == last)
-    gone = np.isnan(positions[:, :, 0])
-    edge |= gone[earlier, marker] | gone[np.minimum(frame + 2, last + 1), marker]
-    stays = here > least[marker] * np.where(edge, EDGE, 1.0)
-    stays &= np.maximum(before, after) <= ECHO * here
-    size[frame[stays], marker[stays]] = here[stays]
-    return Steps(size > 0, size)
+    edge |= missing[earlier, marker] | missing[np.minimum(frame + 2, last + 1), marker]
+    breaks = here > min_size[marker] * np.where(edge, options.gap_edge_factor, 1.0)
+    breaks &= np.maximum(before, after) <= options.echo_ratio * here
+    size[frame[breaks], marker[breaks]] = here[breaks]
+    return PathBreaks(size > 0, size)
 
 
-def _usual(step: NDArray[np.float64], partners: ReferenceMarkers) -> NDArray[np.float64]:
-    """Return the step that most of each marker's stay below [shape=(markers,), mm]."""
+def _noise(
+    step: NDArray[np.float64], references: ReferenceMarkers, options: BreakOptions
+) -> NDArray[np.float64]:
+    """Return the ``noise_quantile`` of each marker's steps [shape=(markers,), mm]."""
     frames, markers = step.shape[:2]
-    some = np.linspace(0, frames - 1, min(frames, SAMPLES)).astype(np.intp)
-    frame, marker = np.repeat(some, markers), np.tile(np.arange(markers), len(some))
-    size = np.sort(
-        against_partners(step, partners, frame, marker).reshape(len(some), markers), axis=0
-    )
+    sample = np.linspace(0, frames - 1, min(frames, options.noise_frames)).astype(np.intp)
+    frame, marker = np.repeat(sample, markers), np.tile(np.arange(markers), len(sample))
+    size = relative_step_sizes(step, references, frame, marker).reshape(len(sample), markers)
+    size = np.sort(size, axis=0)  # NaN last
     count = (~np.isnan(size)).sum(axis=0)
-    at = (USUAL * np.maximum(count - 1, 0)).astype(np.intp)
-    return np.where(count > 0, size[at, np.arange(markers)], 0.0)
+    rank = (options.noise_quantile * np.maximum(count - 1, 0)).astype(np.intp)
+    return np.where(count > 0, size[rank, np.arange(markers)], 0.0)

@@ -1,91 +1,123 @@
-"""Samples that are farther from the marker's partners than its body reaches.
+"""Distance outliers: samples farther from the reference markers than the body allows.
 
-A marker may leave without a break: some programs lead its path smoothly to a reflection and back.
+A marker can leave its place without a break: some programs lead its path smoothly to a reflection
+and back.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.artefacts.reference_markers import ReferenceMarkers, distances, sample_poses
 
-__all__ = ["distance_outliers"]
-
-REACH = 0.75
-"""Quantile of a distance that tells how far apart two markers usually get at most: in a quarter of
-the clip one of them may be away."""
-
-STRETCH = 1.3
-"""Times as far they are now and then. No distance to two partners at once was so large in 331 takes
-of HDM05, CMU and gait, but where a marker was not itself."""
-
-SLACK = 60.0
-"""mm, added to that: two markers at one joint may stay close for most of a clip."""
-
-LONE = 3.0
-"""Times as much is needed where one partner alone can tell."""
+__all__ = ["DistanceOutlierOptions", "distance_outliers"]
 
 STRIDE = 4
-"""Frames. What is far away for less is a spike, with breaks."""
+"""Frames between the samples in which markers are first looked for. What is far away for fewer
+frames than this is a spike, and found by its breaks."""
+
+
+@dataclass(frozen=True)
+class DistanceOutlierOptions:
+    """Which distances are too large.
+
+    Attributes
+    ----------
+    quantile : float
+        Quantile of a distance over the clip taken as its normal maximum: in a quarter of the clip
+        one of the two markers may be away.
+    max_ratio : float
+        Multiple of the normal maximum that a distance may reach. In 331 recordings of HDM05, CMU
+        and gait no two reference markers were farther away at once, except in artefacts.
+    margin : float
+        mm. Added to that, since two markers at one joint may stay close during most of a clip.
+    single_reference_factor : float
+        Factor on the limit where only one reference marker is visible.
+    """
+
+    quantile: float = 0.75
+    max_ratio: float = 1.3
+    margin: float = 60.0
+    single_reference_factor: float = 3.0
 
 
 def distance_outliers(
-    positions: NDArray[np.float64], partners: ReferenceMarkers
+    positions: NDArray[np.float64],
+    references: ReferenceMarkers,
+    options: DistanceOutlierOptions = DistanceOutlierOptions(),
 ) -> dict[int, NDArray[np.bool_]]:
-    """Return the markers that are ever too far away, and in which frames [shape=(frames,)].
+    """Find the frames in which markers are too far from their reference markers.
 
     Parameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
         NaN where missing.
-    partners : Partners
-        Who judges whom.
+    references : ReferenceMarkers
+    options : DistanceOutlierOptions
+
+    Returns
+    -------
+    dict
+        For each marker that is ever too far away: in which frames, ndarray of bool
+        [shape=(frames,)].
     """
     poses = np.unique(sample_poses(len(positions)))
-    reach = STRETCH * _high(_lengths(positions[poses], partners)) + SLACK
-    reach[~partners.known] = np.nan
-    some = _too_far(_lengths(positions[::STRIDE], partners), reach)
-    suspects = np.flatnonzero(some.any(axis=0)).tolist()
-    length = {m: distances(positions, m, partners.others[m]) for m in suspects}
-    accused = {m: _too_far(length[m], reach[m]) for m in suspects}
-    found = {}
+    normal = _quantile(_all_distances(positions[poses], references), options.quantile)
+    limit = options.max_ratio * normal + options.margin
+    limit[~references.known] = np.nan
+    factor = options.single_reference_factor
+    coarse = _too_far(_all_distances(positions[::STRIDE], references), limit, factor)
+    suspects = np.flatnonzero(coarse.any(axis=0)).tolist()
+    distance = {m: distances(positions, m, references.others[m]) for m in suspects}
+    suspected = {m: _too_far(distance[m], limit[m], factor) for m in suspects}
+    outliers = {}
     for marker in suspects:
-        # who is too far away itself is no judge
-        for column, other in enumerate(partners.others[marker].tolist()):
-            if other in accused:
-                length[marker][accused[other], column] = np.nan
-        far = _too_far(length[marker], reach[marker])
+        # a reference marker that is too far away itself does not count
+        for column, other in enumerate(references.others[marker].tolist()):
+            if other in suspected:
+                distance[marker][suspected[other], column] = np.nan
+        far = _too_far(distance[marker], limit[marker], factor)
         if far.any():
-            found[marker] = far
-    return found
+            outliers[marker] = far
+    return outliers
 
 
-def _lengths(positions: NDArray[np.float64], partners: ReferenceMarkers) -> NDArray[np.float64]:
-    """Return how far each marker is from its partners [shape=(frames, markers, partners), mm]."""
+def _all_distances(
+    positions: NDArray[np.float64], references: ReferenceMarkers
+) -> NDArray[np.float64]:
+    """Return distances from the reference markers [shape=(frames, markers, references), mm]."""
     columns = []
-    for other in partners.others.T:
-        apart = positions[:, other] - positions
-        columns.append(np.sqrt(np.einsum("fmc,fmc->fm", apart, apart)))
+    for other in references.others.T:
+        difference = positions[:, other] - positions
+        columns.append(np.sqrt(np.einsum("fmc,fmc->fm", difference, difference)))
     return np.stack(columns, axis=2)
 
 
-def _high(length: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the quantile `REACH` over the frames; NaN where nothing is known."""
-    ordered = np.sort(length, axis=0)  # NaN last
+def _quantile(distance: NDArray[np.float64], quantile: float) -> NDArray[np.float64]:
+    """Return a quantile over the frames; NaN where no distance is known."""
+    ordered = np.sort(distance, axis=0)  # NaN last
     count = (~np.isnan(ordered)).sum(axis=0)
-    at = (REACH * np.maximum(count - 1, 0)).astype(np.intp)
-    high: NDArray[np.float64] = np.take_along_axis(ordered, at[None], axis=0)[0]
-    return high
+    rank = (quantile * np.maximum(count - 1, 0)).astype(np.intp)
+    found: NDArray[np.float64] = np.take_along_axis(ordered, rank[None], axis=0)[0]
+    return found
 
 
-def _too_far(length: NDArray[np.float64], reach: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return where more than half of the partners that are seen, two at least, are too far."""
-    known = ~np.isnan(length - reach)
+def _too_far(
+    distance: NDArray[np.float64], limit: NDArray[np.float64], single_reference_factor: float
+) -> NDArray[np.bool_]:
+    """Return where more than half of the visible references, and at least two, are too far.
+
+    Where a single reference is visible, it alone decides, by a higher limit.
+    """
+    known = ~np.isnan(distance - limit)
     with np.errstate(invalid="ignore"):
-        votes, lone = (length > reach) & known, (length > LONE * reach) & known
-    seen, against = known.sum(axis=-1), votes.sum(axis=-1)
-    far: NDArray[np.bool_] = ((against >= 2) & (2 * against > seen)) | (
-        (seen == 1) & lone.any(axis=-1)
+        exceeded = (distance > limit) & known
+        far_exceeded = (distance > single_reference_factor * limit) & known
+    visible, count = known.sum(axis=-1), exceeded.sum(axis=-1)
+    far: NDArray[np.bool_] = ((count >= 2) & (2 * count > visible)) | (
+        (visible == 1) & far_exceeded.any(axis=-1)
     )
     return far

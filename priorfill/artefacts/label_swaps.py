@@ -1,4 +1,4 @@
-"""Swapped labels: from one frame to the next, each of two markers goes on with the other's path."""
+"""Label swaps: from one frame to the next, each of two markers continues the path of the other."""
 
 from __future__ import annotations
 
@@ -8,35 +8,40 @@ from itertools import combinations, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Swap", "exchange", "find_swaps"]
+__all__ = ["MAX_MISS_RATIO", "LabelSwap", "find_label_swaps", "swap_labels"]
 
-CROSSED = 0.2
-"""Of what the two miss by with the labels as they are, they may miss by with labels exchanged."""
+MAX_MISS_RATIO = 0.2
+"""With labels exchanged, the paths continue to within this fraction of the error that they make
+with the labels as they are."""
 
 
 @dataclass(frozen=True)
-class Swap:
+class LabelSwap:
     """Two markers whose labels are exchanged in frames ``start <= frame < stop``.
 
     Attributes
     ----------
-    one, other : int
+    first, second : int
         The markers.
     start, stop : int
         Frames.
-    apart : float
+    distance : float
         mm between the two where the labels change.
     """
 
-    one: int
-    other: int
+    first: int
+    second: int
     start: int
     stop: int
-    apart: float
+    distance: float
 
 
-def find_swaps(positions: NDArray[np.float64], broken: NDArray[np.bool_]) -> list[Swap]:
-    """Find pairs of markers that change places.
+def find_label_swaps(
+    positions: NDArray[np.float64],
+    broken: NDArray[np.bool_],
+    max_miss_ratio: float = MAX_MISS_RATIO,
+) -> list[LabelSwap]:
+    """Find pairs of markers that exchange their places.
 
     Parameters
     ----------
@@ -44,52 +49,58 @@ def find_swaps(positions: NDArray[np.float64], broken: NDArray[np.bool_]) -> lis
         NaN where missing.
     broken : ndarray of bool [shape=(frames - 1, markers)]
         Where paths break.
+    max_miss_ratio : float
+        See `MAX_MISS_RATIO`.
 
     Returns
     -------
-    list of Swap
-        Where two change places and not back, the shorter part of the clip is taken as swapped.
+    list of LabelSwap
+        In order of time. If two markers exchange their places an odd number of times, the shorter
+        part of the clip is taken as swapped.
     """
     frames = len(positions)
     crossings: dict[tuple[int, int], list[tuple[int, float]]] = {}
     for frame in np.flatnonzero(broken.sum(axis=1) > 1).tolist():
         candidates = np.flatnonzero(broken[frame]).tolist()
-        for one, other in combinations(candidates, 2):
-            apart = _crossing(positions, frame, one, other)
-            if apart > 0:
-                crossings.setdefault((one, other), []).append((frame + 1, apart))
+        for first, second in combinations(candidates, 2):
+            distance = _crossing_distance(positions, frame, first, second, max_miss_ratio)
+            if distance > 0:
+                crossings.setdefault((first, second), []).append((frame + 1, distance))
     found = []
-    for (one, other), events in crossings.items():
-        at = [0, *(frame for frame, _ in events), frames]
-        apart = float(np.median([size for _, size in events]))
-        spans = list(pairwise(at))
+    for (first, second), events in crossings.items():
+        cuts = [0, *(frame for frame, _ in events), frames]
+        distance = float(np.median([size for _, size in events]))
+        spans = list(pairwise(cuts))
         inside, outside = spans[1::2], spans[0::2]
         if len(events) % 2 and sum(b - a for a, b in outside) < sum(b - a for a, b in inside):
             inside = outside
-        found += [Swap(one, other, a, b, apart) for a, b in inside]
-    return sorted(found, key=lambda swap: (swap.start, swap.one, swap.other))
+        found += [LabelSwap(first, second, a, b, distance) for a, b in inside]
+    return sorted(found, key=lambda swap: (swap.start, swap.first, swap.second))
 
 
-def exchange(positions: NDArray[np.float64], swaps: list[Swap]) -> NDArray[np.float64]:
-    """Return positions with the labels as they should be, to look for what else is wrong."""
+def swap_labels(positions: NDArray[np.float64], swaps: list[LabelSwap]) -> NDArray[np.float64]:
+    """Return positions with swapped labels exchanged, so that other artefacts can be found."""
     result = positions.copy()
     for swap in swaps:
-        part = slice(swap.start, swap.stop)
-        result[part, [swap.one, swap.other]] = result[part, [swap.other, swap.one]]
+        span = slice(swap.start, swap.stop)
+        result[span, [swap.first, swap.second]] = result[span, [swap.second, swap.first]]
     return result
 
 
-def _crossing(positions: NDArray[np.float64], frame: int, one: int, other: int) -> float:
-    """Return how far apart two markers are that change places after a frame; 0 if they do not."""
-    before = positions[frame - 1 : frame + 1, [one, other]] if frame else positions[:0]
-    after = positions[frame + 2 : frame : -1, [one, other]]
-    for known, then in ((before, positions[frame + 1]), (after, positions[frame])):
+def _crossing_distance(
+    positions: NDArray[np.float64], frame: int, first: int, second: int, max_miss_ratio: float
+) -> float:
+    """Return the distance of two markers that exchange places after a frame; 0 if they do not."""
+    pair = [first, second]
+    before = positions[frame - 1 : frame + 1, pair] if frame else positions[:0]
+    after = positions[frame + 2 : frame : -1, pair]
+    for known, target in ((before, positions[frame + 1]), (after, positions[frame])):
         if len(known) < 2 or not np.isfinite(known).all():
             continue
         expected = 2.0 * known[1] - known[0]
-        found = then[[one, other]]
-        keeps = float(np.sqrt(((found - expected) ** 2).sum(axis=1)).min())
-        crosses = float(np.sqrt(((found[::-1] - expected) ** 2).sum(axis=1)).max())
-        if crosses < CROSSED * keeps:
+        found = target[pair]
+        miss = float(np.sqrt(((found - expected) ** 2).sum(axis=1)).min())
+        miss_exchanged = float(np.sqrt(((found[::-1] - expected) ** 2).sum(axis=1)).max())
+        if miss_exchanged < max_miss_ratio * miss:
             return float(np.sqrt(((expected[0] - expected[1]) ** 2).sum()))
     return 0.0

@@ -1,441 +1,296 @@
-"""Pieces of a marker's path that are not the marker: spikes, phantoms, wrong labels.
+"""Outlier runs: parts of a marker's path that are not the marker, such as ghosts or wrong labels.
 
-A path is cut into pieces where it breaks and where the marker is missing. Short pieces that breaks
-set off are spikes, if the path goes on after them where it was. Long ones are judged by how far the
-marker is from its partners, compared with the main piece, whose distances most of the path keeps;
-and of the two sides of a break, the one whose distances are more unusual is the wrong one.
+The path is cut into segments where it breaks and where the marker is missing. Short segments
+between breaks are spikes (`priorfill.artefacts.spikes`). The longer ones are compared with the main
+segment, the one whose distances from the reference markers agree best with the rest of the path.
+Of the two sides of a break, the one with the more unusual distances is the wrong one.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.artefacts.reference_markers import distances
+from priorfill.artefacts.marker_path import (
+    MarkerPath,
+    OutlierRunOptions,
+    PathSegment,
+    SuspectSpan,
+    TypicalDistances,
+    cut_path,
+    every_few,
+    known_medians,
+)
+from priorfill.artefacts.spikes import find_spikes
 from priorfill.gaps import runs
 
-__all__ = ["OutlierRun", "outlier_runs"]
-
-SHORT = 0.1
-"""s. A piece that breaks set off and that is not longer is a spike: no body has been anywhere so
-briefly."""
-
-LEAST_LONG = 25.0
-"""mm. Longer pieces are set off by steps of this size and more: some cameras place a marker by a
-centimetre or two off for a while as others lose it, which is no other marker."""
-
-FIRM = 4.0
-"""mm. Distances that vary by less are taken to vary by this: noise and soft tissue do so."""
-
-OFF = 3.0
-"""Times its spread a distance must be off, beside a break."""
-
-OFF_GAP = 6.0
-"""The same where a gap, not a break, sets a piece off: a posture may have changed meanwhile."""
-
-FAR_GAP = 40.0
-"""mm by which it must be off there, at least."""
-
-MAIN_GAP = 1.0
-"""s. The main piece must be so long there, to know how much distances vary."""
-
-KINK = 8.0
-"""mm. A spike of one frame is missed by so much, seen from the partners, by the straight lines that
-lead to it. No hit turns a path by `LEAST_LONG` and more in a frame."""
-
-TIP = 4.0
-"""Times its spread, and that in the frames beside it, a distance must be off in a spike after which
-the path does not go on where it was: so it is in the hand of a boxer."""
-
-WRONG_SIDE = 1.5
-"""Times as unusual as on the other side of a break must a distance be on the wrong one."""
-
-WITNESSES = 2
-"""Partners that must say so, one where there is no other: one may be in trouble itself."""
-
-RIGID = 2.0
-"""mm. Distances that vary by less are of one bone, or a bar: they tell where trouble begins and
-ends."""
-
-CANDIDATES = 4
-"""The longest pieces, of which one is the main piece."""
-
-TOLD = 2.0
-"""Times its spread a distance must be off to be given as evidence."""
-
-SAMPLES = 500
-"""Frames that a median is taken of."""
-
-MAD = 1.4826
-"""Median absolute deviation to standard deviation, for normal errors."""
+__all__ = ["OutlierRun", "is_wrong_side", "outlier_runs"]
 
 
 @dataclass(frozen=True)
 class OutlierRun:
-    """A stretch of a marker's path that is elsewhere than the marker.
+    """A part of a marker's path in which it is somewhere else.
 
     Attributes
     ----------
     marker, start, stop : int
         The marker, and frames ``start <= frame < stop``.
-    short : bool
-        Whether it is a spike.
+    spike : bool
+        Whether it is short.
     size : float
-        mm by which the path breaks there.
-    judge : int
-        The partner whose distance is most unusual; the marker itself where there is none.
-    distance, usual, spread : float
-        mm. The distance to it there, its median elsewhere, and how much that varies; NaN if
-        unknown.
+        mm. Size of the largest break in it or at its ends.
+    reference : int
+        The reference marker with the most unusual distance; the marker itself where there is none.
+    distance, typical_distance, spread : float
+        mm. The distance from it there, its median elsewhere, and the standard deviation of the
+        latter; NaN if unknown.
     """
 
     marker: int
     start: int
     stop: int
-    short: bool
+    spike: bool
     size: float
-    judge: int
-    distance: float
-    usual: float
-    spread: float
-
-
-@dataclass(frozen=True)
-class _Piece:
-    """Frames ``start <= frame < stop``; mm of the breaks before and after them, 0: no break."""
-
-    start: int
-    stop: int
-    before: float
-    after: float
-
-    @property
-    def frames(self) -> int:
-        return self.stop - self.start
-
-    @property
-    def broken(self) -> bool:
-        return self.before > 0 or self.after > 0
+    reference: int
+    distance: float = math.nan
+    typical_distance: float = math.nan
+    spread: float = math.nan
 
 
 def outlier_runs(
-    positions: NDArray[np.float64],
-    marker: int,
-    others: NDArray[np.intp],
-    size: NDArray[np.float64],
-    far: NDArray[np.bool_] | None,
-    rate: float,
+    path: MarkerPath, size: NDArray[np.float64], far: NDArray[np.bool_] | None
 ) -> list[OutlierRun]:
-    """Return the pieces of a marker's path that are elsewhere than the marker.
+    """Find the parts of a marker's path in which it is somewhere else.
 
     Parameters
     ----------
-    positions : ndarray [shape=(frames, markers, 3), mm]
-        NaN where missing.
-    marker : int
-        The marker.
-    others : ndarray of int [shape=(partners,)]
-        Its partners.
+    path : MarkerPath
     size : ndarray [shape=(frames - 1,), mm]
-        Of the breaks of its path, 0 where there is none.
+        Sizes of the breaks of the path; 0 where there is none.
     far : ndarray of bool [shape=(frames,)] or None
-        Where it is too far away from its partners.
-    rate : float
-        Hz.
+        Where the marker is too far from its reference markers; see
+        `priorfill.artefacts.distance_outliers`.
+
+    Returns
+    -------
+    list of OutlierRun
+        In order of time, disjoint.
     """
-    seen = ~np.isnan(positions[:, marker, 0])
-    pieces = _pieces(seen, size)
-    if len(pieces) < 2 and far is None:
+    seen = ~np.isnan(path.positions[:, path.marker, 0])
+    segments = cut_path(seen, size)
+    if len(segments) < 2 and far is None:
         return []
-    length = distances(positions, marker, others)
-    briefly = max(1, round(SHORT * rate))
-    strays = _spikes(positions, marker, others, length, pieces, briefly)
-    # a path goes on across a spike, and across steps too small for another marker
-    taken = np.zeros(len(positions), dtype=bool)
-    lasting = np.where(size >= LEAST_LONG, size, 0.0)
-    for start, stop, _ in strays:
-        taken[start:stop] = True
-        lasting[max(start - 1, 0) : stop] = 0.0
-    strays += _long_strays(
-        _pieces(seen, lasting), np.where(taken[:, None], np.nan, length), briefly, rate
-    )
+    spans = find_spikes(path, segments)
+    # the path continues across spikes, and across breaks too small for another marker
+    taken = np.zeros(len(seen), dtype=bool)
+    large = np.where(size >= path.options.min_long_break, size, 0.0)
+    for span in spans:
+        taken[span.start : span.stop] = True
+        large[max(span.start - 1, 0) : span.stop] = 0.0
+    distance = np.where(taken[:, None], np.nan, path.distance)
+    spans += _long_spans(path, cut_path(seen, large), distance)
     if far is not None:
-        strays += [(start, stop, stop - start <= briefly) for start, stop in runs(far)]
-    strays = _joined(sorted(strays))
-    for start, stop, _ in strays:
-        taken[start:stop] = True
-    usual, spread = _usual(length[~taken], least=0.0)
-    rigid = spread < RIGID
-    ratio = np.nan_to_num(np.abs(length[:, rigid] - usual[rigid]) / FIRM)
-    strays = _joined(
-        sorted(
-            (*_grown(ratio, taken, start, stop, briefly), short) for start, stop, short in strays
-        )
-    )
+        spans += [
+            SuspectSpan(start, stop, stop - start <= path.spike_frames) for start, stop in runs(far)
+        ]
+    spans = _merged(spans)
+    for span in spans:
+        taken[span.start : span.stop] = True
+    typical = TypicalDistances.of(path.distance[~taken], 0.0)
+    spans = _merged(_extended(path, typical, taken, spans))
+    return [_describe(path, typical, span, size) for span in spans]
+
+
+def _long_spans(
+    path: MarkerPath, segments: list[PathSegment], distance: NDArray[np.float64]
+) -> list[SuspectSpan]:
+    """Return segments with unusual distances; ``distance`` is NaN in spikes."""
+    long = [segment for segment in segments if segment.frames > path.spike_frames]
+    if len(long) < 2:
+        return []
+    main, typical = _main_segment(long, distance, path.options)
     return [
-        _stray(marker, others, length, usual, spread, start, stop, short, size)
-        for start, stop, short in strays
+        SuspectSpan(segment.start, segment.stop, segment.frames <= path.spike_frames)
+        for segment in segments
+        if segment is not main and _is_wrong_segment(path, segment, main, typical, distance)
     ]
 
 
-def _pieces(seen: NDArray[np.bool_], size: NDArray[np.float64]) -> list[_Piece]:
-    """Cut a path where it breaks and where the marker is missing."""
-    pieces = []
-    for start, stop in runs(seen):
-        cuts = start + np.flatnonzero(size[start : stop - 1])
-        at = [start, *(cuts + 1).tolist(), stop]
-        step = [0.0, *size[cuts].tolist(), 0.0]
-        pieces += [_Piece(a, b, step[i], step[i + 1]) for i, (a, b) in enumerate(pairwise(at))]
-    return pieces
-
-
-def _spikes(
-    positions: NDArray[np.float64],
-    marker: int,
-    others: NDArray[np.intp],
-    length: NDArray[np.float64],
-    pieces: list[_Piece],
-    briefly: int,
-) -> list[tuple[int, int, bool]]:
-    """Return short pieces that breaks set off, those that touch as one."""
-    spikes = []
-    usual, spread = _usual(length)
-    start = -1
-    for i, piece in enumerate(pieces):
-        if piece.frames > briefly or not piece.broken:
-            continue
-        if start < 0:
-            start = piece.start
-            free, step = not piece.before, 0.0
-        step = max(step, piece.before, piece.after)
-        if piece.after and pieces[i + 1].frames <= briefly:
-            continue
-        free |= not piece.after
-        # a small step with an open end may be the turn of a hit
-        sudden = step >= LEAST_LONG or (
-            not free and (piece.stop - start > 1 or _is_no_kink(positions, marker, others, start))
+def _is_wrong_segment(
+    path: MarkerPath,
+    segment: PathSegment,
+    main: PathSegment,
+    typical: TypicalDistances,
+    distance: NDArray[np.float64],
+) -> bool:
+    """Return whether the distances of a segment differ from those of the main segment."""
+    options = path.options
+    inside = every_few(distance[segment.start : segment.stop])
+    deviation, size = _confirmed_deviation(
+        np.abs(inside - typical.median), typical.spread, options.min_references
+    )
+    if not segment.broken:
+        return (
+            deviation > options.min_gap_deviation
+            and size > options.min_gap_distance
+            and main.frames > options.min_main_seconds * path.rate
         )
-        if sudden and (
-            free
-            or _returns(positions, marker, others, start, piece.stop)
-            or _unlike(length, usual, spread, start, piece.stop)
-        ):
-            spikes.append((start, piece.stop, True))
-        start = -1
-    return spikes
+    if deviation <= options.min_deviation:
+        return False
+    ends = (
+        (segment.break_before, segment.start, 1),
+        (segment.break_after, segment.stop, -1),
+    )
+    return all(
+        is_wrong_side(distance, frame, direction, path.spike_frames, typical, options)
+        for break_size, frame, direction in ends
+        if break_size
+    )
 
 
-def _is_no_kink(
-    positions: NDArray[np.float64], marker: int, others: NDArray[np.intp], frame: int
-) -> bool:
-    """Return whether neither the path before a frame nor the one after leads to it.
-
-    Where a path turns from one frame to the next, as in a hit, both lead to the frame between.
-    """
-    for near, far in ((frame - 1, frame - 2), (frame + 1, frame + 2)):
-        if far < 0 or far >= len(positions):
-            continue
-        part = positions[[frame, near, far]]
-        seen = others[np.isfinite(part[:, others]).all(axis=(0, 2))]
-        path = part[:, marker] - (part[:, seen].mean(axis=1) if len(seen) else 0.0)
-        if np.linalg.norm(path[0] - 2.0 * path[1] + path[2]) < KINK:
-            return False
-    return True
-
-
-def _returns(
-    positions: NDArray[np.float64], marker: int, others: NDArray[np.intp], start: int, stop: int
-) -> bool:
-    """Return whether a path goes on after some frames where it was, seen from its partners."""
-    part = positions[start - 1 : stop + 1]
-    seen = others[np.isfinite(part[:, others]).all(axis=(0, 2))]
-    path = part[:, marker] - (part[:, seen].mean(axis=1) if len(seen) else 0.0)
-    share = np.linspace(0.0, 1.0, len(path))[:, None]
-    off = np.linalg.norm(path - (1 - share) * path[0] - share * path[-1], axis=1)
-    return bool(off.max() > np.linalg.norm(path[-1] - path[0]))
-
-
-def _unlike(
-    length: NDArray[np.float64],
-    usual: NDArray[np.float64],
-    spread: NDArray[np.float64],
-    start: int,
-    stop: int,
-) -> bool:
-    """Return whether a distance is unusual in some frames, but neither before nor after them."""
-    off = np.nan_to_num(np.abs(length[start - 1 : stop + 1] - usual))
-    inside = off[1:-1].max(axis=0)
-    return bool(((inside > TIP * spread) & (inside > TIP * np.maximum(off[0], off[-1]))).any())
-
-
-def _long_strays(
-    pieces: list[_Piece], length: NDArray[np.float64], briefly: int, rate: float
-) -> list[tuple[int, int, bool]]:
-    """Return pieces whose distances are off, and short ones that touch them."""
-    long = [piece for piece in pieces if piece.frames > briefly]
-    if len(long) < 2:
-        return []
-    main, usual, spread = _main(long, length)
-    strays = []
-    for piece in pieces:
-        if piece is main:
-            continue
-        off = np.abs(_some(length[piece.start : piece.stop]) - usual)
-        ratio, far = _witnessed(off, spread)
-        if piece.broken:
-            wrong = ratio > OFF and all(
-                _wrong_side(length, frame, way, briefly, usual, spread)
-                for step, frame, way in (
-                    (piece.before, piece.start, 1),
-                    (piece.after, piece.stop, -1),
-                )
-                if step
-            )
-        else:
-            wrong = ratio > OFF_GAP and far > FAR_GAP and main.frames > MAIN_GAP * rate
-        if wrong:
-            strays.append((piece.start, piece.stop, piece.frames <= briefly))
-    return strays
-
-
-def _wrong_side(
-    length: NDArray[np.float64],
+def is_wrong_side(
+    distance: NDArray[np.float64],
     frame: int,
-    way: int,
-    briefly: int,
-    usual: NDArray[np.float64],
-    spread: NDArray[np.float64],
+    direction: int,
+    frames: int,
+    typical: TypicalDistances,
+    options: OutlierRunOptions,
 ) -> bool:
-    """Return whether distances after a break (way 1) or before it (-1) are the more unusual."""
-    sides = slice(frame, frame + briefly), slice(max(frame - briefly, 0), frame)
-    inside, outside = (_medians(np.abs(length[side] - usual)) / spread for side in sides[::way])
-    known = ~np.isnan(inside) & ~np.isnan(outside)
-    says_so = int((known & (2 * inside > OFF) & (inside > WRONG_SIDE * outside)).sum())
-    says_no = int((known & (2 * outside > OFF) & (outside > WRONG_SIDE * inside)).sum())
-    return says_so >= max(1, min(WITNESSES, int(known.sum())), says_no)
+    """Return whether one side of a break has the more unusual distances.
 
-
-def _main(
-    pieces: list[_Piece], length: NDArray[np.float64]
-) -> tuple[_Piece, NDArray[np.float64], NDArray[np.float64]]:
-    """Return the piece whose distances most of the path keeps best, and what is usual in it.
-
-    Its own distances count too: a phantom's vary so much that all others would agree with it.
+    Parameters
+    ----------
+    distance : ndarray [shape=(all frames, references), mm]
+        NaN where unknown.
+    frame : int
+        The first frame after the break.
+    direction : int
+        1: assess the side after the break; -1: the side before it.
+    frames : int
+        Frames compared on either side.
+    typical : TypicalDistances
+        Of the main segment.
+    options : OutlierRunOptions
     """
-    best: tuple[_Piece, NDArray[np.float64], NDArray[np.float64]] | None = None
-    least = np.inf
-    for main in sorted(pieces, key=lambda piece: -piece.frames)[:CANDIDATES]:
-        usual, spread = _usual(length[main.start : main.stop])
+    sides = slice(frame, frame + frames), slice(max(frame - frames, 0), frame)
+    inside, outside = (
+        known_medians(np.abs(distance[side] - typical.median)) / typical.spread
+        for side in sides[::direction]
+    )
+    known = ~np.isnan(inside) & ~np.isnan(outside)
+    ratio, threshold = options.wrong_side_ratio, 0.5 * options.min_deviation
+    votes_for = int((known & (inside > threshold) & (inside > ratio * outside)).sum())
+    votes_against = int((known & (outside > threshold) & (outside > ratio * inside)).sum())
+    return votes_for >= max(1, min(options.min_references, int(known.sum())), votes_against)
+
+
+def _main_segment(
+    segments: list[PathSegment], distance: NDArray[np.float64], options: OutlierRunOptions
+) -> tuple[PathSegment, TypicalDistances]:
+    """Return the segment whose distances fit most of the path, and these distances.
+
+    The cost of a candidate includes its own deviations: the distances of a ghost marker vary so
+    much that all other segments would agree with them.
+    """
+    best: tuple[PathSegment, TypicalDistances] | None = None
+    least_cost = np.inf
+    longest_first = sorted(segments, key=lambda segment: -segment.frames)
+    for candidate in longest_first[: options.main_candidates]:
+        typical = TypicalDistances.of(
+            distance[candidate.start : candidate.stop], options.min_spread
+        )
         cost = 0.0
-        for piece in pieces:
-            off = _medians(np.abs(_some(length[piece.start : piece.stop]) - usual))
-            known = off[~np.isnan(off)]
-            cost += piece.frames * (float(known.mean()) if len(known) else 0.0)
-        if best is None or cost < least:
-            best, least = (main, usual, spread), cost
+        for segment in segments:
+            inside = every_few(distance[segment.start : segment.stop])
+            deviation = known_medians(np.abs(inside - typical.median))
+            known = deviation[~np.isnan(deviation)]
+            cost += segment.frames * (float(known.mean()) if len(known) else 0.0)
+        if best is None or cost < least_cost:
+            best, least_cost = (candidate, typical), cost
     assert best is not None
     return best
 
 
-def _some(length: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return distances in some frames, spread evenly: medians gain nothing from more."""
-    return length[:: max(1, -(-len(length) // SAMPLES))]
-
-
-def _usual(
-    length: NDArray[np.float64], least: float = FIRM
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the median of each distance, and by how much it varies, at least so many mm."""
-    some = _some(length)
-    usual = _medians(some)
-    return usual, np.fmax(least, MAD * _medians(np.abs(some - usual)))
-
-
-def _witnessed(off: NDArray[np.float64], spread: NDArray[np.float64]) -> tuple[float, float]:
-    """Return by how much distances are off, in spreads and mm, as enough partners say."""
-    far = _medians(off)
-    ratio = far / spread
+def _confirmed_deviation(
+    deviation: NDArray[np.float64], spread: NDArray[np.float64], min_references: int
+) -> tuple[float, float]:
+    """Return the deviation, in spreads and in mm, that enough reference markers reach."""
+    size = known_medians(deviation)
+    ratio = size / spread
     known = np.flatnonzero(~np.isnan(ratio))
     if not len(known):
         return 0.0, 0.0
-    order = known[np.argsort(-ratio[known])]
-    witness = order[min(WITNESSES, len(order)) - 1]
-    return float(ratio[witness]), float(far[witness])
+    descending = known[np.argsort(-ratio[known])]
+    decisive = descending[min(min_references, len(descending)) - 1]
+    return float(ratio[decisive]), float(size[decisive])
 
 
-def _medians(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the median of each column's known values; NaN where there is none."""
-    if not len(values):
-        return np.full(values.shape[1], np.nan)
-    ordered = np.sort(values, axis=0)  # NaN last
-    count = (~np.isnan(ordered)).sum(axis=0)
-    column = np.arange(values.shape[1])
-    low = ordered[np.maximum(count - 1, 0) // 2, column]
-    high = ordered[np.minimum(count // 2, len(values) - 1), column]
-    return np.where(count > 0, 0.5 * (low + high), np.nan)
-
-
-def _joined(strays: Sequence[tuple[int, int, bool]]) -> list[tuple[int, int, bool]]:
-    """Join stretches that touch."""
-    joined: list[tuple[int, int, bool]] = []
-    for start, stop, short in strays:
-        if joined and joined[-1][1] >= start:
-            first, last, brief = joined[-1]
-            joined[-1] = (first, max(last, stop), brief and short)
+def _merged(spans: Sequence[SuspectSpan]) -> list[SuspectSpan]:
+    """Merge spans that touch or overlap; the result is in order of time."""
+    merged: list[SuspectSpan] = []
+    for span in sorted(spans):
+        if merged and merged[-1].stop >= span.start:
+            last = merged[-1]
+            merged[-1] = SuspectSpan(
+                last.start, max(last.stop, span.stop), last.spike and span.spike
+            )
         else:
-            joined.append((start, stop, short))
-    return joined
+            merged.append(span)
+    return merged
 
 
-def _grown(
-    ratio: NDArray[np.float64], taken: NDArray[np.bool_], start: int, stop: int, briefly: int
-) -> tuple[int, int]:
-    """Return a stretch with the frames beside it in which a distance goes off and comes back.
+def _extended(
+    path: MarkerPath,
+    typical: TypicalDistances,
+    taken: NDArray[np.bool_],
+    spans: Sequence[SuspectSpan],
+) -> list[SuspectSpan]:
+    """Extend spans by the frames around them in which a rigid distance leaves and returns.
 
-    Only where that is over soon: else it is a posture.
+    Only if that takes no longer than a spike; otherwise it is a posture.
     """
-    if not ratio.shape[1]:
-        return start, stop
-    off = (ratio[:, ratio[start:stop].max(axis=0).argmax()] > TIP) & ~taken
-    earlier, later = off[max(start - briefly, 0) : start][::-1], off[stop : stop + briefly]
-    before, after = (0 if beside.all() else int(beside.argmin()) for beside in (earlier, later))
-    return start - before, stop + after
+    options, frames = path.options, path.spike_frames
+    rigid = typical.spread < options.max_rigid_spread
+    if not rigid.any():
+        return list(spans)
+    deviation = np.abs(path.distance[:, rigid] - typical.median[rigid])
+    ratio = np.nan_to_num(deviation / options.min_spread)
+    extended = []
+    for span in spans:
+        column = ratio[span.start : span.stop].max(axis=0).argmax()
+        unusual = (ratio[:, column] > options.min_spike_deviation) & ~taken
+        earlier = unusual[max(span.start - frames, 0) : span.start][::-1]
+        later = unusual[span.stop : span.stop + frames]
+        before, after = (0 if part.all() else int(part.argmin()) for part in (earlier, later))
+        extended.append(replace(span, start=span.start - before, stop=span.stop + after))
+    return extended
 
 
-def _stray(
-    marker: int,
-    others: NDArray[np.intp],
-    length: NDArray[np.float64],
-    usual: NDArray[np.float64],
-    spread: NDArray[np.float64],
-    start: int,
-    stop: int,
-    short: bool,
-    size: NDArray[np.float64],
+def _describe(
+    path: MarkerPath, typical: TypicalDistances, span: SuspectSpan, size: NDArray[np.float64]
 ) -> OutlierRun:
-    """Say by which distance a stretch is most unusual."""
-    step = float(size[max(start - 1, 0) : stop].max(initial=0.0))
-    off = np.abs(length[start:stop] - usual)
-    ratio = np.nan_to_num(off / np.fmax(FIRM, spread))
-    unknown = OutlierRun(marker, start, stop, short, step, marker, *(float("nan"),) * 3)
-    if not (ratio > TOLD).any():
-        return unknown
-    # of a spike its tip, of a longer stretch what it is like for most of it
-    judge = int((ratio.max(axis=0) if short else _medians(ratio)).argmax())
-    here = length[start:stop, judge]
-    distance = here[ratio[:, judge].argmax()] if short else _medians(here[:, None])[0]
-    return OutlierRun(
-        marker,
-        start,
-        stop,
-        short,
-        step,
-        int(others[judge]),
-        float(distance),
-        float(usual[judge]),
-        float(spread[judge]),
+    """Describe a span by its most unusual distance."""
+    largest_break = float(size[max(span.start - 1, 0) : span.stop].max(initial=0.0))
+    run = OutlierRun(path.marker, span.start, span.stop, span.spike, largest_break, path.marker)
+    inside = path.distance[span.start : span.stop]
+    spread = np.fmax(path.options.min_spread, typical.spread)
+    ratio = np.nan_to_num(np.abs(inside - typical.median) / spread)
+    if not (ratio > path.options.min_evidence_deviation).any():
+        return run
+    # the peak of a spike, but the median of a longer run
+    column = int((ratio.max(axis=0) if span.spike else known_medians(ratio)).argmax())
+    if span.spike:
+        distance = inside[ratio[:, column].argmax(), column]
+    else:
+        distance = known_medians(inside[:, column : column + 1])[0]
+    return replace(
+        run,
+        reference=int(path.references[column]),
+        distance=float(distance),
+        typical_distance=float(typical.median[column]),
+        spread=float(typical.spread[column]),
     )

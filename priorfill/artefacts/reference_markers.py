@@ -1,7 +1,8 @@
-"""Which other markers each marker is judged by: those that it keeps its distance to.
+"""Reference markers: for each marker, the others to which it keeps its distance best.
 
-Trouble must not choose its own judges: a spread of distances is taken within short blocks of
-time, where a label that changed its marker half-way counts once, and then over the blocks.
+An artefact must not influence the choice of the markers it is assessed by. The standard deviation
+of a distance is therefore taken within short blocks of time, so that a label that moves to another
+marker half-way through the clip affects a single block, and then the median over the blocks.
 """
 
 from __future__ import annotations
@@ -11,90 +12,124 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ReferenceMarkers", "choose_reference_markers", "distances", "sample_poses"]
-
-PARTNERS = 4
-"""Of each marker. Three make a frame of reference; one more, as one of them may be in trouble."""
+__all__ = [
+    "ReferenceMarkerOptions",
+    "ReferenceMarkers",
+    "choose_reference_markers",
+    "distances",
+    "sample_poses",
+]
 
 BLOCKS = 12
-"""Of time, spread over the clip."""
+"""Blocks of time, spread over the clip."""
 
-POSES = 20
-"""Looked at in each block."""
+POSES_PER_BLOCK = 20
+"""Poses looked at in each block."""
 
-FEWEST = 5
-"""Poses of a block that must show a pair."""
 
-MIDDLE = 0.5
-"""Quantile of the blocks' spreads that is taken: in half of the blocks a marker may be in
-trouble."""
+@dataclass(frozen=True)
+class ReferenceMarkerOptions:
+    """How reference markers are chosen.
 
-REACH = 0.03
-"""Of the distance, added to the spread: of two markers that are equally firm, the nearer is the
-better judge. 1 mm at a hand's width, 30 mm at arm's length."""
+    Attributes
+    ----------
+    count : int
+        Reference markers per marker. Three define a frame of reference; the fourth is a spare, as
+        one of them may itself be affected by an artefact.
+    min_poses : int
+        Poses of a block that must show both markers of a pair.
+    block_quantile : float
+        Quantile over the blocks of a distance's standard deviation. With the median, a marker may
+        be affected in half of the blocks.
+    distance_penalty : float
+        Fraction of the distance added to its standard deviation: of two equally rigid markers the
+        nearer one is the better reference. It is 1 mm at a hand's width and 30 mm at arm's length.
+    """
+
+    count: int = 4
+    min_poses: int = 5
+    block_quantile: float = 0.5
+    distance_penalty: float = 0.03
 
 
 @dataclass(frozen=True)
 class ReferenceMarkers:
-    """Who judges whom.
+    """The reference markers of every marker of a clip.
 
     Attributes
     ----------
-    others : ndarray of int [shape=(markers, partners)]
-        Partners of each marker, the firmest first.
-    known : ndarray of bool [shape=(markers, partners)]
-        Which of them are any; others of a marker without enough partners are itself.
+    others : ndarray of int [shape=(markers, references)]
+        Reference markers of each marker, the most rigidly connected first.
+    known : ndarray of bool [shape=(markers, references)]
+        Which entries are valid; a marker with too few references is padded with itself.
     """
 
     others: NDArray[np.intp]
     known: NDArray[np.bool_]
 
     def of(self, marker: int) -> NDArray[np.intp]:
-        """Return the partners of a marker, the firmest first."""
+        """Return the reference markers of one marker, the most rigidly connected first."""
         others: NDArray[np.intp] = self.others[marker, self.known[marker]]
         return others
 
 
-def choose_reference_markers(positions: NDArray[np.float64]) -> ReferenceMarkers:
-    """Choose the partners of each marker.
+def choose_reference_markers(
+    positions: NDArray[np.float64], options: ReferenceMarkerOptions = ReferenceMarkerOptions()
+) -> ReferenceMarkers:
+    """Choose the reference markers of each marker.
 
     Parameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
         NaN where missing.
+    options : ReferenceMarkerOptions
+
+    Returns
+    -------
+    ReferenceMarkers
     """
     frames, markers = positions.shape[:2]
-    poses = sample_poses(frames)
-    count = min(PARTNERS, markers - 1)
+    count = min(options.count, markers - 1)
     own = np.arange(markers)[:, None]
     if count < 1:
         return ReferenceMarkers(own.astype(np.intp), np.zeros((markers, 1), dtype=bool))
-    some = positions[poses]  # (blocks, poses, markers, 3)
-    one, other = np.triu_indices(markers, 1)
-    between = np.sqrt(((some[:, :, one] - some[:, :, other]) ** 2).sum(axis=3))
-    seen = np.isfinite(between)
-    number = seen.sum(axis=1)
-    between = np.where(seen, between, 0.0)
-    divisor = np.maximum(number, 1)
-    mean = between.sum(axis=1) / divisor
-    spread = np.sqrt(np.maximum((between**2).sum(axis=1) / divisor - mean**2, 0.0))
-    enough = number >= min(FEWEST, poses.shape[1])
-    spread = np.sort(np.where(enough, spread, np.inf), axis=0)
-    valid = enough.sum(axis=0)
-    at = np.minimum((MIDDLE * valid).astype(np.intp), np.maximum(valid - 1, 0))
-    usual = np.where(enough, mean, 0.0).sum(axis=0) / np.maximum(valid, 1)
-    score = spread[at, np.arange(len(one))] + REACH * usual
-    table = np.full((markers, markers), np.inf)
-    table[one, other] = table[other, one] = np.where(valid > 0, score, np.inf)
-    order = np.argsort(table, axis=1, kind="stable")[:, :count]
-    known = np.isfinite(np.take_along_axis(table, order, axis=1))
+    score = np.full((markers, markers), np.inf)
+    first, second = np.triu_indices(markers, 1)
+    score[first, second] = score[second, first] = _pair_scores(
+        positions[sample_poses(frames)], first, second, options
+    )
+    order = np.argsort(score, axis=1, kind="stable")[:, :count]
+    known = np.isfinite(np.take_along_axis(score, order, axis=1))
     return ReferenceMarkers(np.where(known, order, own).astype(np.intp), known)
+
+
+def _pair_scores(
+    blocks: NDArray[np.float64],
+    first: NDArray[np.intp],
+    second: NDArray[np.intp],
+    options: ReferenceMarkerOptions,
+) -> NDArray[np.float64]:
+    """Return how unfit each pair is (mm; infinite where unknown), from (blocks, poses, markers)."""
+    distance = np.sqrt(((blocks[:, :, first] - blocks[:, :, second]) ** 2).sum(axis=3))
+    seen = np.isfinite(distance)
+    count = seen.sum(axis=1)
+    distance = np.where(seen, distance, 0.0)
+    divisor = np.maximum(count, 1)
+    mean = distance.sum(axis=1) / divisor
+    spread = np.sqrt(np.maximum((distance**2).sum(axis=1) / divisor - mean**2, 0.0))
+    enough = count >= min(options.min_poses, blocks.shape[1])
+    spread = np.sort(np.where(enough, spread, np.inf), axis=0)
+    valid = enough.sum(axis=0)  # blocks that show the pair
+    rank = np.minimum((options.block_quantile * valid).astype(np.intp), np.maximum(valid - 1, 0))
+    mean_distance = np.where(enough, mean, 0.0).sum(axis=0) / np.maximum(valid, 1)
+    score = spread[rank, np.arange(len(first))] + options.distance_penalty * mean_distance
+    return np.where(valid > 0, score, np.inf)
 
 
 def distances(
     positions: NDArray[np.float64], marker: int, others: NDArray[np.intp]
 ) -> NDArray[np.float64]:
-    """Return how far a marker is from some others.
+    """Return the distance of a marker from some others.
 
     Parameters
     ----------
@@ -110,15 +145,15 @@ def distances(
     ndarray [shape=(frames, others), mm]
         NaN where one of the two is missing.
     """
-    apart = positions[:, others] - positions[:, marker : marker + 1]
-    length: NDArray[np.float64] = np.sqrt((apart**2).sum(axis=2))
-    return length
+    difference = positions[:, others] - positions[:, marker : marker + 1]
+    distance: NDArray[np.float64] = np.sqrt((difference**2).sum(axis=2))
+    return distance
 
 
 def sample_poses(frames: int) -> NDArray[np.intp]:
-    """Return frames all over a clip [shape=(blocks, poses)]; in a short one some twice."""
-    blocks = max(1, min(BLOCKS, frames // POSES))
+    """Return frames spread over a clip [shape=(blocks, poses)]; in a short clip some repeat."""
+    blocks = max(1, min(BLOCKS, frames // POSES_PER_BLOCK))
     length = frames / blocks
     start = np.arange(blocks)[:, None] * length
-    inside = (np.arange(POSES) + 0.5) * (length / POSES)
+    inside = (np.arange(POSES_PER_BLOCK) + 0.5) * (length / POSES_PER_BLOCK)
     return np.minimum((start + inside).astype(np.intp), frames - 1)

@@ -41,9 +41,9 @@ def artefact_facts(artefacts: Sequence[Artefact], clip: Clip) -> list[dict[str, 
             "first_frame": first + one.start,
             "last_frame": first + one.stop - 1,
             "size_mm": round(one.size, 1),
-            "partner": one.partner or None,
+            "reference_marker": one.reference_marker or None,
             "distance_mm": json_number(one.distance, 1),
-            "usual_mm": json_number(one.usual, 1),
+            "typical_distance_mm": json_number(one.typical_distance, 1),
             "spread_mm": json_number(one.spread, 1),
             "evidence": one.evidence,
         }
@@ -102,7 +102,7 @@ def trouble_text(one: dict[str, Any]) -> str:
 
 def _weight(one: dict[str, Any]) -> float:
     """Return how much a trouble matters: mm by frames."""
-    far = abs((one["distance_mm"] or 0.0) - (one["usual_mm"] or 0.0))
+    far = abs((one["distance_mm"] or 0.0) - (one["typical_distance_mm"] or 0.0))
     frames = one["last_frame"] - one["first_frame"] + 1
     return float(max(far, one["size_mm"]) * frames * len(one["markers"]))
 

@@ -1,38 +1,139 @@
-"""Several people in one file: each is filled as a clip of its own, and one file is written."""
+"""Several subjects in one file: each is filled as a clip of its own, and one file is written."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from priorfill.artefacts import Artefact
 from priorfill.clip import Clip, Source
-from priorfill.errors import ClipError
+from priorfill.errors import ClipError, OptionError, SeveralSubjectsError
+from priorfill.filling.provenance import merge_provenance
 from priorfill.filling.result import FilledGap, Result
+from priorfill.formats import read
 
-__all__ = ["merge_artefacts", "merge_results"]
+__all__ = ["assign_same_subject", "merge_artefacts", "merge_results", "read_subjects"]
+
+
+def read_subjects(
+    path: Path | str,
+    *,
+    zeros_missing: bool = True,
+    up: str | None = None,
+    rate: float | None = None,
+    unit: str | None = None,
+    subject: str | None = None,
+) -> tuple[Clip, ...]:
+    """Read a motion-capture file, one clip for each subject.
+
+    Parameters
+    ----------
+    path : Path or str
+        The file; its suffix tells the format.
+    zeros_missing : bool
+        Treat samples at exactly (0, 0, 0) as missing.
+    up : str or None
+        The axis that points up; found if None.
+    rate : float or None
+        Frame rate (Hz) that replaces the file's.
+    unit : str or None
+        Unit of length (mm, cm, m, ...) that replaces the file's.
+    subject : str or None
+        Read this subject only.
+
+    Returns
+    -------
+    tuple of Clip
+        One clip if the file does not distinguish subjects.
+
+    Raises
+    ------
+    FormatError
+        If the file is absent, of an unknown format, damaged or cut short.
+    ClipError
+        If its contents make no sense.
+    OptionError
+        If an option is out of range.
+
+    See Also
+    --------
+    priorfill.read : Read one clip.
+    priorfill.fill : Fill one clip, or those of all subjects.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import priorfill as pf
+    >>> from priorfill.synthetic.demo import make_demo_clip
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = pf.write(f"{folder}/walk.npz", make_demo_clip()[1])
+    ...     [clip.name for clip in pf.read_subjects(f"{folder}/walk.npz")]
+    ['walk']
+    """
+    options: dict[str, Any] = {
+        "zeros_missing": zeros_missing,
+        "up": up,
+        "rate": rate,
+        "unit": unit,
+    }
+    try:
+        return (read(path, subject=subject, **options),)
+    except SeveralSubjectsError as several:
+        return tuple(read(path, subject=name, **options) for name in several.subjects)
+
+
+def assign_same_subject(
+    clips: Sequence[Clip], same_subject: Sequence[Clip]
+) -> list[tuple[Clip, ...]]:
+    """Return the other recordings of the subject of each clip.
+
+    Parameters
+    ----------
+    clips : sequence of Clip
+        One for each subject of a file.
+    same_subject : sequence of Clip
+        Other recordings. Those of a single clip need not name the subject.
+
+    Raises
+    ------
+    OptionError
+        Where a recording is of none of several subjects.
+    """
+    if len(clips) == 1:
+        return [tuple(same_subject)]
+    subjects = [clip.subject for clip in clips]
+    for other in same_subject:
+        if other.subject not in subjects:
+            name = other.name if other.source is None else str(other.source.path)
+            raise OptionError(
+                f"{name}: does not state whether it is of {', '.join(subjects)}; fill one of them "
+                "at a time (--subject)"
+            )
+    return [tuple(o for o in same_subject if o.subject == subject) for subject in subjects]
 
 
 def merge_results(results: Sequence[Result]) -> Result:
-    """Make one result of those of all people of a file.
+    """Make one result of those of all subjects of a file.
 
     Parameters
     ----------
     results : sequence of Result
-        One for each, of clips read from the same file.
+        One for each subject, of clips read from the same file.
 
     Returns
     -------
     Result
-        Its markers and gaps are called ``subject:label``; the marker set is that of the first. A
-        single result is returned as it is.
+        Its markers and gaps are called ``subject:label``; the marker set is that of the first
+        subject. A single result is returned unchanged.
 
     Raises
     ------
     ClipError
-        Where the people were not understood alike: in other units, or with another axis up.
+        Where the clips differ in their unit or up axis.
     """
     first = results[0]
     if len(results) == 1:
@@ -40,7 +141,7 @@ def merge_results(results: Sequence[Result]) -> Result:
     clips = [result.clip for result in results]
     return replace(
         first,
-        clip=_joined_clip(clips),
+        clip=_merge_clips(clips),
         filled=np.concatenate([result.filled for result in results], axis=1),
         expected_rms=np.concatenate([result.expected_rms for result in results], axis=1),
         error_bound_90=np.concatenate([result.error_bound_90 for result in results], axis=1),
@@ -62,20 +163,27 @@ def merge_results(results: Sequence[Result]) -> Result:
                 f"{result.clip.subject}: {note}" for result in results for note in result.notes
             )
         ),
+        provenance=merge_provenance([result.provenance for result in results]),
+        subjects=tuple(results),
     )
 
 
 def merge_artefacts(
     subjects: Sequence[str], artefacts: Sequence[Sequence[Artefact]]
 ) -> tuple[Artefact, ...]:
-    """Return the trouble of all people of a file, in order of time, with their names.
+    """Return the artefacts of all subjects of a file, in order of time.
 
     Parameters
     ----------
     subjects : sequence of str
-        The people.
-    trouble : sequence of sequence of Trouble
-        Of each. That of a single person is returned as it is.
+        Their names.
+    artefacts : sequence of sequence of Artefact
+        Of each subject.
+
+    Returns
+    -------
+    tuple of Artefact
+        Their markers are called ``subject:label``; those of a single subject keep their labels.
     """
     if len(subjects) == 1:
         return tuple(artefacts[0])
@@ -85,7 +193,9 @@ def merge_artefacts(
                 replace(
                     one,
                     markers=tuple(f"{subject}:{label}" for label in one.markers),
-                    partner=f"{subject}:{one.partner}" if one.partner else "",
+                    reference_marker=(
+                        f"{subject}:{one.reference_marker}" if one.reference_marker else ""
+                    ),
                 )
                 for subject, own in zip(subjects, artefacts, strict=True)
                 for one in own
@@ -96,37 +206,38 @@ def merge_artefacts(
 
 
 def _named(gap: FilledGap, subject: str) -> FilledGap:
-    """Return a gap with the name of whose it is."""
+    """Return a gap whose label is ``subject:label``."""
     return replace(gap, label=f"{subject}:{gap.label}")
 
 
-def _joined_clip(clips: Sequence[Clip]) -> Clip:
-    """Make one clip of the people of a file."""
+def _merge_clips(clips: Sequence[Clip]) -> Clip:
+    """Make one clip of those of all subjects of a file."""
     first = clips[0]
     sources = [clip.source for clip in clips if clip.source is not None]
     for clip in clips:
         if clip.up != first.up:
             raise ClipError(
-                f"{first.name}: {first.up} seems to be up for {first.subject}, and {clip.up} for "
-                f"{clip.subject}; say which (--up)"
+                f"{first.name}: {first.up} is found to be up for {first.subject}, and {clip.up} for "
+                f"{clip.subject}; give the right one (--up)"
             )
     if len({source.mm_per_unit for source in sources}) > 1:
         raise ClipError(
-            f"{first.name}: its subjects do not seem to be in the same unit of length; "
-            "say which it is (--unit)"
+            f"{first.name}: its subjects are found to differ in their unit of length; "
+            "give the right one (--unit)"
         )
     return replace(
         first,
         positions=np.concatenate([clip.positions for clip in clips], axis=1),
         labels=tuple(f"{clip.subject}:{label}" for clip in clips for label in clip.labels),
         subject="",
-        source=_joined_source(sources) if sources else None,
+        source=_merge_sources(sources) if sources else None,
     )
 
 
-def _joined_source(sources: Sequence[Source]) -> Source:
-    """Say where the samples of all people are in their file."""
-    told = [source.interpolated for source in sources if source.interpolated is not None]
+def _merge_sources(sources: Sequence[Source]) -> Source:
+    """Return where the samples of all subjects are in their file."""
+    interpolated = [source.interpolated for source in sources if source.interpolated is not None]
+    known = len(interpolated) == len(sources)
     return replace(
         sources[0],
         points=tuple(point for source in sources for point in source.points),
@@ -138,5 +249,5 @@ def _joined_source(sources: Sequence[Source]) -> Source:
             if all(label in source.left_out for source in sources)
         },
         notes=tuple(dict.fromkeys(note for source in sources for note in source.notes)),
-        interpolated=np.concatenate(told, axis=1) if len(told) == len(sources) else None,
+        interpolated=np.concatenate(interpolated, axis=1) if known else None,
     )

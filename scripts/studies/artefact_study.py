@@ -48,7 +48,7 @@ SPEEDS = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0)
 
 LONGEST_OFFENCE = 1.0
 """s. What lies between two offences of a fixed limit is one, if they are not farther apart:
-the longest phantom that is planted."""
+the longest ghost marker that is planted."""
 
 TOLERANCE = 2
 """Frames beside a plant that may be called trouble too: a break is between frames."""
@@ -84,7 +84,7 @@ def spike(size: float) -> Callable[[Clip, np.random.Generator], Plant | None]:
     return plant
 
 
-def phantom(size: float) -> Callable[[Clip, np.random.Generator], Plant | None]:
+def ghost_marker(size: float) -> Callable[[Clip, np.random.Generator], Plant | None]:
     """Return a planter of jumps to a reflection at rest, for 0.1 to 1 s."""
 
     def plant(clip: Clip, rng: np.random.Generator) -> Plant | None:
@@ -92,12 +92,12 @@ def phantom(size: float) -> Callable[[Clip, np.random.Generator], Plant | None]:
         moved = clip.positions.copy()
         moved[part, marker] = moved[part.start, marker] + size * _direction(rng)
         moved[part, marker] += rng.normal(0.0, 0.2, (part.stop - part.start, 3))
-        return Plant(f"phantom {size:g} mm", moved, _wrong(clip, part, marker))
+        return Plant(f"ghost marker {size:g} mm", moved, _wrong(clip, part, marker))
 
     return plant
 
 
-def relabelled(near: bool) -> Callable[[Clip, np.random.Generator], Plant | None]:
+def mislabelled(near: bool) -> Callable[[Clip, np.random.Generator], Plant | None]:
     """Return a planter of labels that go to another marker, whose own goes missing, to the end."""
 
     def plant(clip: Clip, rng: np.random.Generator) -> Plant | None:
@@ -108,7 +108,7 @@ def relabelled(near: bool) -> Callable[[Clip, np.random.Generator], Plant | None
             return None
         moved = clip.positions.copy()
         moved[part, marker], moved[part, other] = moved[part, other].copy(), np.nan
-        kind = f"relabelled, {'nearest' if near else 'any'} marker"
+        kind = f"mislabelled, {'nearest' if near else 'any'} marker"
         return Plant(kind, moved, _wrong(clip, part, marker))
 
     return plant
@@ -133,12 +133,12 @@ def swap(which: str) -> Callable[[Clip, np.random.Generator], Plant | None]:
         moved = clip.positions.copy()
         moved[part, [marker, other]] = moved[part, [other, marker]]
         wrong = _wrong(clip, part, marker) | _wrong(clip, part, other)
-        return Plant(f"swap, {which}", moved, wrong)
+        return Plant(f"label swap, {which}", moved, wrong)
 
     return plant
 
 
-def frozen(shortest: int, longest: int) -> Callable[[Clip, np.random.Generator], Plant | None]:
+def stuck(shortest: int, longest: int) -> Callable[[Clip, np.random.Generator], Plant | None]:
     """Return a planter of markers that stop while they should move on by 15 mm or more."""
 
     def plant(clip: Clip, rng: np.random.Generator) -> Plant | None:
@@ -149,7 +149,7 @@ def frozen(shortest: int, longest: int) -> Callable[[Clip, np.random.Generator],
                 moved = clip.positions.copy()
                 moved[part, marker] = moved[part.start, marker]
                 wrong = _wrong(clip, part, marker)
-                return Plant(f"frozen {shortest}-{longest} frames", moved, wrong)
+                return Plant(f"stuck {shortest}-{longest} frames", moved, wrong)
         return None
 
     return plant
@@ -157,15 +157,15 @@ def frozen(shortest: int, longest: int) -> Callable[[Clip, np.random.Generator],
 
 PLANTERS = (
     *(spike(size) for size in (20.0, 50.0, 100.0, 500.0)),
-    *(phantom(size) for size in (30.0, 50.0, 150.0, 500.0)),
-    relabelled(near=True),
-    relabelled(near=False),
+    *(ghost_marker(size) for size in (30.0, 50.0, 150.0, 500.0)),
+    mislabelled(near=True),
+    mislabelled(near=False),
     swap("neighbours"),
     swap("sides"),
     swap("neighbours, to the end"),
     swap("sides, to the end"),
-    frozen(5, 20),
-    frozen(21, 100),
+    stuck(5, 20),
+    stuck(21, 100),
 )
 
 

@@ -1,4 +1,4 @@
-"""Trouble in clips: what is found of it, what is not, and what is left out."""
+"""Artefacts: which are found, which are not, and what is rejected."""
 
 from __future__ import annotations
 
@@ -10,27 +10,40 @@ import pytest
 from gappy import person, with_gaps
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from naive import partner_distances, path_steps
+from naive import half_third_differences, marker_distances
 
 import priorfill as pf
 from priorfill.artefacts import (
     KINDS,
     Artefact,
+    ArtefactOptions,
     artefact_samples,
     find_artefacts,
     without_artefacts,
 )
-from priorfill.artefacts.discontinuities import against_partners, find_breaks, steps
+from priorfill.artefacts.discontinuities import (
+    BreakOptions,
+    find_breaks,
+    path_steps,
+    relative_step_sizes,
+)
 from priorfill.artefacts.distance_outliers import distance_outliers
-from priorfill.artefacts.frozen import frozen_runs
-from priorfill.artefacts.label_swaps import exchange, find_swaps
-from priorfill.artefacts.label_takeovers import find_takeovers
-from priorfill.artefacts.outlier_runs import _wrong_side
+from priorfill.artefacts.label_swaps import find_label_swaps, swap_labels
+from priorfill.artefacts.marker_path import (
+    OutlierRunOptions,
+    PathSegment,
+    TypicalDistances,
+    cut_path,
+    known_medians,
+)
+from priorfill.artefacts.mislabelled import find_mislabelled
+from priorfill.artefacts.outlier_runs import is_wrong_side
 from priorfill.artefacts.reference_markers import (
     ReferenceMarkers,
     choose_reference_markers,
     distances,
 )
+from priorfill.artefacts.stuck import StuckOptions, find_stuck
 from priorfill.clip import Clip
 
 RATE = 120.0
@@ -42,33 +55,33 @@ def column(*labels: str) -> list[int]:
     return [CLEAN.labels.index(label) for label in labels]
 
 
-def moved(label: str, start: int, stop: int, by: np.ndarray | tuple[float, ...]) -> Clip:
+def displace(label: str, start: int, stop: int, by: np.ndarray | tuple[float, ...]) -> Clip:
     """The clean clip with a marker displaced in some frames."""
     positions = CLEAN.positions.copy()
     positions[start:stop, column(label)] += np.asarray(by, dtype=float)
     return CLEAN.with_positions(positions)
 
 
-def swapped(one: str, other: str, start: int, stop: int) -> Clip:
+def swap(one: str, other: str, start: int, stop: int) -> Clip:
     positions = CLEAN.positions.copy()
     positions[start:stop, column(one, other)] = positions[start:stop, column(other, one)]
     return CLEAN.with_positions(positions)
 
 
-def held(label: str, start: int, stop: int) -> Clip:
+def hold(label: str, start: int, stop: int) -> Clip:
     positions = CLEAN.positions.copy()
     positions[start:stop, column(label)] = positions[start, column(label)]
     return CLEAN.with_positions(positions)
 
 
-def relabelled(label: str, other: str, start: int) -> Clip:
+def mislabel(label: str, other: str, start: int) -> Clip:
     positions = CLEAN.positions.copy()
     positions[start:, column(label)] = positions[start:, column(other)]
     positions[start:, column(other)] = np.nan
     return CLEAN.with_positions(positions)
 
 
-def said(clip: Clip) -> list[tuple[str, tuple[str, ...], int, int]]:
+def found_in(clip: Clip) -> list[tuple[str, tuple[str, ...], int, int]]:
     return [(one.kind, one.markers, one.start, one.stop) for one in find_artefacts(clip)]
 
 
@@ -78,16 +91,16 @@ def turned(clip: Clip) -> Clip:
     return clip.with_positions(clip.positions @ turn + [300.0, -4000.0, 70.0])
 
 
-TROUBLED = {
-    "spike": moved("LWRA", 100, 103, (0, 60, 0)),
-    "jump": moved("LKNE", 100, 160, (150, 0, 90)),
-    "swapped": swapped("LWRA", "LWRB", 120, 200),
-    "frozen": held("RTOE", 100, 120),
-    "relabelled": relabelled("RFIN", "RWRA", 250),
+AFFECTED = {
+    "spike": displace("LWRA", 100, 103, (0, 60, 0)),
+    "jump": displace("LKNE", 100, 160, (150, 0, 90)),
+    "label swap": swap("LWRA", "LWRB", 120, 200),
+    "stuck": hold("RTOE", 100, 120),
+    "mislabelled": mislabel("RFIN", "RWRA", 250),
 }
 
 
-# ---- what is found ----------------------------------------------------------------------------
+# ---- detection ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("motion", ["running", "squatting"])
@@ -99,57 +112,59 @@ def test_a_clean_clip_gives_nothing(motion: str) -> None:
 
 
 def test_each_kind_is_found_where_it_is() -> None:
-    assert said(TROUBLED["spike"]) == [("spike", ("LWRA",), 100, 103)]
-    assert said(TROUBLED["jump"]) == [("jump", ("LKNE",), 100, 160)]
-    assert said(TROUBLED["swapped"]) == [("swapped", ("LWRA", "LWRB"), 120, 200)]
-    assert said(TROUBLED["frozen"]) == [("frozen", ("RTOE",), 100, 120)]
-    assert said(TROUBLED["relabelled"]) == [("relabelled", ("RFIN",), 250, FRAMES)]
-    assert set(TROUBLED) == set(KINDS)
+    assert found_in(AFFECTED["spike"]) == [("spike", ("LWRA",), 100, 103)]
+    assert found_in(AFFECTED["jump"]) == [("jump", ("LKNE",), 100, 160)]
+    assert found_in(AFFECTED["label swap"]) == [("label swap", ("LWRA", "LWRB"), 120, 200)]
+    assert found_in(AFFECTED["stuck"]) == [("stuck", ("RTOE",), 100, 120)]
+    assert found_in(AFFECTED["mislabelled"]) == [("mislabelled", ("RFIN",), 250, FRAMES)]
+    assert set(AFFECTED) == set(KINDS)
 
 
 def test_evidence_has_figures() -> None:
-    (spike,) = find_artefacts(TROUBLED["spike"])
-    own, other = column("LWRA", spike.partner)
+    (spike,) = find_artefacts(AFFECTED["spike"])
+    own, other = column("LWRA", spike.reference_marker)
     length = np.linalg.norm(CLEAN.positions[:, own] - CLEAN.positions[:, other], axis=1)
-    assert spike.usual == pytest.approx(np.median(length), abs=1.0)
-    assert abs(spike.distance - spike.usual) > 5 * spike.spread
-    assert spike.evidence.startswith(f"LWRA-{spike.partner} {spike.distance:.0f} mm, usually ")
+    assert spike.typical_distance == pytest.approx(np.median(length), abs=1.0)
+    assert abs(spike.distance - spike.typical_distance) > 5 * spike.spread
+    assert spike.evidence.startswith(
+        f"LWRA-{spike.reference_marker} {spike.distance:.0f} mm, usually "
+    )
     assert spike.size == pytest.approx(60, abs=5)
-    (swap,) = find_artefacts(TROUBLED["swapped"])
+    (swap,) = find_artefacts(AFFECTED["label swap"])
     apart = np.linalg.norm(np.diff(CLEAN.positions[120, column("LWRA", "LWRB")], axis=0))
     assert swap.size == pytest.approx(apart, abs=10)
-    (relabelling,) = find_artefacts(TROUBLED["relabelled"])
-    assert relabelling.partner == "RWRA"
-    assert "goes on with the path of RWRA" in relabelling.evidence
-    (frozen,) = find_artefacts(TROUBLED["frozen"])
+    (mislabelled,) = find_artefacts(AFFECTED["mislabelled"])
+    assert mislabelled.reference_marker == "RWRA"
+    assert "continues the path of RWRA" in mislabelled.evidence
+    (frozen,) = find_artefacts(AFFECTED["stuck"])
     assert frozen.evidence == (
-        f"exactly the same place while {frozen.partner} moves by {frozen.size:.0f} mm"
+        f"exactly the same place while {frozen.reference_marker} moves by {frozen.size:.0f} mm"
     )
 
 
-def test_two_sides_may_be_swapped_to_the_end_and_the_shorter_part_is_told() -> None:
-    assert said(swapped("LKNE", "RKNE", 250, FRAMES)) == [
-        ("swapped", ("LKNE", "RKNE"), 250, FRAMES)
+def test_labels_swapped_to_the_end_give_the_shorter_part() -> None:
+    assert found_in(swap("LKNE", "RKNE", 250, FRAMES)) == [
+        ("label swap", ("LKNE", "RKNE"), 250, FRAMES)
     ]
-    assert said(swapped("LKNE", "RKNE", 100, FRAMES)) == [("swapped", ("LKNE", "RKNE"), 0, 100)]
+    assert found_in(swap("LKNE", "RKNE", 100, FRAMES)) == [("label swap", ("LKNE", "RKNE"), 0, 100)]
 
 
 def test_a_swap_that_hides_a_spike_hides_nothing() -> None:
-    positions = swapped("LWRA", "LWRB", 120, 200).positions.copy()
+    positions = swap("LWRA", "LWRB", 120, 200).positions.copy()
     positions[150, column("LWRA")] += [0, 0, 90]  # where LWRB is
-    assert set(said(CLEAN.with_positions(positions))) == {
-        ("swapped", ("LWRA", "LWRB"), 120, 200),
+    assert set(found_in(CLEAN.with_positions(positions))) == {
+        ("label swap", ("LWRA", "LWRB"), 120, 200),
         ("spike", ("LWRB",), 150, 151),
     }
 
 
-def test_a_wrong_marker_between_gaps_is_told_by_its_distances() -> None:
-    clip = moved("LKNE", 65, 110, (400, 0, 0))
+def test_a_wrong_marker_between_gaps_is_found_by_its_distances() -> None:
+    clip = displace("LKNE", 65, 110, (400, 0, 0))
     clip = with_gaps(clip, (60, 65, ("LKNE",)), (110, 115, ("LKNE",)))
-    assert said(clip) == [("jump", ("LKNE",), 65, 110)]
+    assert found_in(clip) == [("jump", ("LKNE",), 65, 110)]
 
 
-def test_a_path_led_smoothly_away_is_found_where_it_is_too_far() -> None:
+def test_a_marker_that_leaves_smoothly_is_found_where_it_is_too_far() -> None:
     bump = 1500 * np.sin(np.pi * np.arange(80) / 80)[:, None] ** 2 * [0, 0, 1.0]
     positions = CLEAN.positions.copy()
     positions[100:180, column("RTOE")[0]] += bump
@@ -160,15 +175,15 @@ def test_a_path_led_smoothly_away_is_found_where_it_is_too_far() -> None:
     assert not others.any()
 
 
-def test_standing_still_is_no_trouble() -> None:
+def test_standing_still_is_no_artefact() -> None:
     still = CLEAN.with_positions(np.repeat(CLEAN.positions[:1], FRAMES, axis=0))
     assert find_artefacts(still) == ()
-    # a whole clip that halts, as a replay does, and goes on
+    # a whole clip that halts, as in a replay, and goes on
     halted = CLEAN.positions.copy()
     halted[100:130] = halted[100]
     halted[130:] = halted[100:-30]
     found = find_artefacts(CLEAN.with_positions(halted))
-    assert all(one.kind != "frozen" for one in found)
+    assert all(one.kind != "stuck" for one in found)
 
 
 def test_a_path_that_turns_in_a_frame_is_no_spike() -> None:
@@ -176,13 +191,14 @@ def test_a_path_that_turns_in_a_frame_is_no_spike() -> None:
     there_and_back = 18.0 * np.concatenate([np.arange(7), np.arange(5, 0, -1)])
     positions[150:162, column("LWRA")[0], 2] += there_and_back
     assert find_artefacts(CLEAN.with_positions(positions)) == ()
-    positions[156, column("LWRA")[0], 2] += 60.0  # now its tip is one, and so is the way there
-    ((kind, markers, start, stop),) = said(CLEAN.with_positions(positions))
+    # now its tip is a spike, and so are the frames that lead to it
+    positions[156, column("LWRA")[0], 2] += 60.0
+    ((kind, markers, start, stop),) = found_in(CLEAN.with_positions(positions))
     assert (kind, markers) == ("spike", ("LWRA",))
     assert 150 <= start <= 156 < stop <= 162
 
 
-def test_a_hit_of_a_whole_segment_is_no_trouble() -> None:
+def test_a_hit_of_a_whole_segment_is_no_artefact() -> None:
     positions = CLEAN.positions.copy()
     foot = column("RANK", "RHEE", "RTOE", "RMT5")
     positions[150:156, foot] += [0, 0, 25.0]
@@ -198,29 +214,29 @@ def test_the_smallest_clips(frames: int, markers: int) -> None:
     assert find_artefacts(gone) == ()
 
 
-# ---- what must make no difference ---------------------------------------------------------------
+# ---- invariances ---------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", TROUBLED)
+@pytest.mark.parametrize("kind", AFFECTED)
 def test_place_and_orientation_make_no_difference(kind: str) -> None:
-    assert said(turned(TROUBLED[kind])) == said(TROUBLED[kind])
+    assert found_in(turned(AFFECTED[kind])) == found_in(AFFECTED[kind])
 
 
-@pytest.mark.parametrize("kind", TROUBLED)
+@pytest.mark.parametrize("kind", AFFECTED)
 def test_the_direction_of_time_makes_no_difference(kind: str) -> None:
-    clip = TROUBLED[kind]
-    back = said(clip.with_positions(clip.positions[::-1]))
-    assert back == [(k, m, FRAMES - stop, FRAMES - start) for k, m, start, stop in said(clip)]
+    clip = AFFECTED[kind]
+    back = found_in(clip.with_positions(clip.positions[::-1]))
+    assert back == [(k, m, FRAMES - stop, FRAMES - start) for k, m, start, stop in found_in(clip)]
 
 
-@given(seed=st.integers(0, 2**16), kind=st.sampled_from(sorted(TROUBLED)))
+@given(seed=st.integers(0, 2**16), kind=st.sampled_from(sorted(AFFECTED)))
 @settings(max_examples=8, deadline=None)
 def test_the_order_of_the_markers_makes_no_difference(seed: int, kind: str) -> None:
-    clip = TROUBLED[kind]
+    clip = AFFECTED[kind]
     order = np.random.default_rng(seed).permutation(len(clip.labels))
     mixed = Clip(clip.positions[:, order], tuple(clip.labels[i] for i in order), clip.rate)
-    assert [(k, frozenset(m), *part) for k, m, *part in said(mixed)] == [
-        (k, frozenset(m), *part) for k, m, *part in said(clip)
+    assert [(k, frozenset(m), *part) for k, m, *part in found_in(mixed)] == [
+        (k, frozenset(m), *part) for k, m, *part in found_in(clip)
     ]
 
 
@@ -235,8 +251,8 @@ def test_spikes_of_all_sizes_are_found_as_they_are(seed: int, size: float, lengt
     label = CLEAN.labels[rng.integers(len(CLEAN.labels))]
     start = int(rng.integers(20, FRAMES - 30))
     by = rng.normal(size=3)
-    clip = moved(label, start, start + length, size * by / np.linalg.norm(by))
-    assert said(clip) == [("spike", (label,), start, start + length)]
+    clip = displace(label, start, start + length, size * by / np.linalg.norm(by))
+    assert found_in(clip) == [("spike", (label,), start, start + length)]
 
 
 @pytest.mark.parametrize("rate", [50.0, 240.0, 500.0])
@@ -247,10 +263,10 @@ def test_other_rates(rate: float) -> None:
     start = clip.frames // 2
     part = slice(start, start + max(1, round(0.05 * rate)))
     positions[part, clip.labels.index("LWRA")] += [0, 0, 90]
-    assert said(clip.with_positions(positions)) == [("spike", ("LWRA",), part.start, part.stop)]
+    assert found_in(clip.with_positions(positions)) == [("spike", ("LWRA",), part.start, part.stop)]
 
 
-# ---- the parts ----------------------------------------------------------------------------------
+# ---- detectors ----------------------------------------------------------------------------------
 
 
 @given(seed=st.integers(0, 2**16), share=st.floats(0, 0.4))
@@ -260,50 +276,50 @@ def test_steps_against_the_slow_twin(seed: int, share: float) -> None:
     positions = rng.normal(size=(int(rng.integers(3, 12)), 4, 3))
     positions[rng.random(positions.shape[:2]) < share] = np.nan
     others = np.array([[1, 2], [0, 3], [3, 0], [2, 2]])
-    partners = ReferenceMarkers(
+    references = ReferenceMarkers(
         others, np.array([[True, True], [True, False], [True, True], [False] * 2])
     )
-    with mock.patch("priorfill.artefacts.discontinuities.AT_ONCE", int(rng.integers(1, 12))):
-        step = steps(positions)
-    np.testing.assert_allclose(step, path_steps(positions), atol=1e-12)
+    with mock.patch("priorfill.artefacts.discontinuities.BATCH_SIZE", int(rng.integers(1, 12))):
+        step = path_steps(positions)
+    np.testing.assert_allclose(step, half_third_differences(positions), atol=1e-12)
     frame, marker = np.indices(step.shape[:2]).reshape(2, -1)
-    size = against_partners(step, partners, frame, marker)
+    size = relative_step_sizes(step, references, frame, marker)
     for f, m, value in zip(frame, marker, size, strict=True):
-        ways = [step[f, m]] + [step[f, m] - step[f, o] for o in partners.of(m)]
+        ways = [step[f, m]] + [step[f, m] - step[f, o] for o in references.of(m)]
         lengths = [np.linalg.norm(way) for way in ways if not np.isnan(way).any()]
         assert value == pytest.approx(min(lengths)) if lengths else np.isnan(value)
 
 
 def test_breaks_are_where_steps_are() -> None:
-    positions = moved("LWRA", 100, 140, (0, 60, 0)).positions
+    positions = displace("LWRA", 100, 140, (0, 60, 0)).positions
     breaks = find_breaks(positions, choose_reference_markers(positions), RATE)
     assert np.argwhere(breaks.broken).tolist() == [[99, *column("LWRA")], [139, *column("LWRA")]]
     assert breaks.size[breaks.broken] == pytest.approx(60, abs=5)
 
 
-def test_partners_are_on_the_same_segment() -> None:
-    partners = choose_reference_markers(CLEAN.positions)
+def test_reference_markers_are_on_the_same_segment() -> None:
+    references = choose_reference_markers(CLEAN.positions)
     for label, beside in (("LFHD", "RFHD"), ("RTOE", "RMT5"), ("LFWT", "LBWT")):
         own, other = column(label, beside)
-        assert other in partners.of(own)
-        assert own not in partners.of(own)
-    wrong = choose_reference_markers(relabelled("RTOE", "LFHD", FRAMES // 2 + 20).positions)
+        assert other in references.of(own)
+        assert own not in references.of(own)
+    wrong = choose_reference_markers(mislabel("RTOE", "LFHD", FRAMES // 2 + 20).positions)
     assert set(wrong.of(column("RTOE")[0])[:2]) <= set(column("RMT5", "RHEE", "RANK", "LFHD"))
 
 
 def test_distances_against_the_slow_twin() -> None:
-    positions = TROUBLED["relabelled"].positions[240:260]
+    positions = AFFECTED["mislabelled"].positions[240:260]
     others = np.array([3, 7, 11])
     np.testing.assert_allclose(
-        distances(positions, 5, others), partner_distances(positions, 5, others)
+        distances(positions, 5, others), marker_distances(positions, 5, others)
     )
 
 
 def test_exchanging_undoes_a_swap() -> None:
-    clip = TROUBLED["swapped"]
+    clip = AFFECTED["label swap"]
     breaks = find_breaks(clip.positions, choose_reference_markers(clip.positions), RATE)
-    swaps = find_swaps(clip.positions, breaks.broken)
-    np.testing.assert_array_equal(exchange(clip.positions, swaps), CLEAN.positions)
+    swaps = find_label_swaps(clip.positions, breaks.broken)
+    np.testing.assert_array_equal(swap_labels(clip.positions, swaps), CLEAN.positions)
 
 
 def test_markers_that_pass_each_other_are_not_swapped() -> None:
@@ -311,34 +327,34 @@ def test_markers_that_pass_each_other_are_not_swapped() -> None:
     one = np.concatenate([500 * t, 0 * t, 0 * t], axis=1)
     positions = np.stack([one, -one + [0, 8, 0]], axis=1)
     broken = np.ones((100, 2), dtype=bool)
-    assert find_swaps(positions, broken) == []
+    assert find_label_swaps(positions, broken) == []
 
 
-def test_a_label_goes_over_only_to_a_marker_that_goes_missing() -> None:
-    clip = TROUBLED["relabelled"]
+def test_a_label_moves_only_to_a_marker_that_goes_missing() -> None:
+    clip = AFFECTED["mislabelled"]
     size = find_breaks(clip.positions, choose_reference_markers(clip.positions), RATE).broken
-    (takeover,) = find_takeovers(clip.positions, size)
-    assert (takeover.start, takeover.stop) == (250, FRAMES)
-    assert [takeover.marker, takeover.other] == column("RFIN", "RWRA")
+    (run,) = find_mislabelled(clip.positions, size)
+    assert (run.start, run.stop) == (250, FRAMES)
+    assert [run.marker, run.actual] == column("RFIN", "RWRA")
     shown = clip.positions.copy()
-    shown[:, takeover.other] = CLEAN.positions[:, takeover.other]
-    assert find_takeovers(shown, size) == ()
+    shown[:, run.actual] = CLEAN.positions[:, run.actual]
+    assert find_mislabelled(shown, size) == ()
 
 
-def test_a_foot_that_turns_about_a_marker_is_not_frozen() -> None:
+def test_a_foot_that_turns_about_a_marker_is_not_stuck() -> None:
     angle = np.linspace(0, 1, 40)
     arm = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     positions = np.zeros((40, 3, 3))
     positions[:, 1], positions[:, 2] = 100 * arm, 150 * arm
-    partners = ReferenceMarkers(np.array([[1, 2], [0, 2], [0, 1]]), np.ones((3, 2), dtype=bool))
-    assert frozen_runs(positions, partners) == []
-    positions[:, 1:] += 30 * angle[:, None, None] * [1, 0, 0]  # now it does not only turn
-    assert [(run.marker, run.start, run.stop) for run in frozen_runs(positions, partners)] == [
+    references = ReferenceMarkers(np.array([[1, 2], [0, 2], [0, 1]]), np.ones((3, 2), dtype=bool))
+    assert find_stuck(positions, references) == []
+    positions[:, 1:] += 30 * angle[:, None, None] * [1, 0, 0]  # the foot moves as well
+    assert [(run.marker, run.start, run.stop) for run in find_stuck(positions, references)] == [
         (0, 0, 40)
     ]
 
 
-def test_far_samples_need_more_than_one_partner_to_say_so() -> None:
+def test_distance_outliers_need_more_than_one_reference() -> None:
     positions = CLEAN.positions.copy()
     positions[50:70, column("RTOE")] += [0, 0, 900.0]
     far = distance_outliers(positions, choose_reference_markers(positions))
@@ -355,7 +371,7 @@ def test_far_samples_need_more_than_one_partner_to_say_so() -> None:
         ([8.0, np.nan, np.nan], [0.0, 0.0, 0.0], True),  # the only distance known on both sides
         ([8.0, 8.0, 8.0], [np.nan, np.nan, 0.0], True),
         ([np.nan, np.nan], [0.0, 0.0], False),
-        ([1.6, 1.6], [0.0, 0.0], True),  # more than half of `OFF`
+        ([1.6, 1.6], [0.0, 0.0], True),  # more than half of `min_deviation`
         ([1.4, 1.4], [0.0, 0.0], False),
         ([6.1, 6.1], [4.0, 4.0], True),  # one and a half times as unusual
         ([5.9, 5.9], [4.0, 4.0], False),
@@ -368,31 +384,75 @@ def test_far_samples_need_more_than_one_partner_to_say_so() -> None:
 def test_which_side_of_a_break_is_the_wrong_one(
     inside: list[float], outside: list[float], expected: bool
 ) -> None:
-    usual = np.linspace(100.0, 300.0, len(inside))
+    median = np.linspace(100.0, 300.0, len(inside))
     spread = np.linspace(4.0, 12.0, len(inside))
-    after = usual + spread * np.array(inside) * [[1.0], [-1.0], [1.0]]
-    before = usual - spread * np.array(outside) * [[1.0], [1.0], [-1.0]]
+    after = median + spread * np.array(inside) * [[1.0], [-1.0], [1.0]]
+    before = median - spread * np.array(outside) * [[1.0], [1.0], [-1.0]]
     far = np.full((20, len(inside)), 1e4)  # frames outside the two sides
-    for way in (1, -1):
-        length = np.concatenate([far, before, after, far])[::way]
-        assert _wrong_side(length, 23, way, 3, usual, spread) == expected
+    typical, options = TypicalDistances(median, spread), OutlierRunOptions()
+    for direction in (1, -1):
+        distance = np.concatenate([far, before, after, far])[::direction]
+        assert is_wrong_side(distance, 23, direction, 3, typical, options) == expected
 
 
-# ---- what is done about it ----------------------------------------------------------------------
+def test_a_path_is_cut_at_breaks_and_gaps() -> None:
+    seen = np.array([True] * 6 + [False] * 2 + [True] * 3)
+    size = np.zeros(10)
+    size[2] = 40.0  # between frames 2 and 3
+    assert cut_path(seen, size) == [
+        PathSegment(0, 3, 0.0, 40.0),
+        PathSegment(3, 6, 40.0, 0.0),
+        PathSegment(8, 11, 0.0, 0.0),
+    ]
 
 
-def test_without_trouble_only_what_is_in_trouble_is_missing() -> None:
-    sound, artefacts = without_artefacts(TROUBLED["jump"])
-    assert artefacts == find_artefacts(TROUBLED["jump"])
+@given(seed=st.integers(0, 2**16), frames=st.integers(0, 9), share=st.floats(0.0, 1.0))
+@settings(max_examples=25, deadline=None)
+def test_medians_of_known_values(seed: int, frames: int, share: float) -> None:
+    rng = np.random.default_rng(seed)
+    values = rng.normal(size=(frames, 4))
+    values[rng.random(values.shape) < share] = np.nan
+    expected = [
+        np.median(known) if len(known := column[~np.isnan(column)]) else np.nan
+        for column in values.T
+    ]
+    np.testing.assert_allclose(known_medians(values), expected)
+
+
+def test_typical_distances_are_robust() -> None:
+    distance = np.array([[100.0], [101.0], [99.0], [100.0], [900.0], [np.nan]])
+    typical = TypicalDistances.of(distance, 0.5)
+    assert typical.median == [100.0]
+    assert typical.spread == pytest.approx([1.4826])
+    assert TypicalDistances.of(distance, 4.0).spread == [4.0]
+
+
+def test_options_reach_their_detectors() -> None:
+    def kinds(name: str, options: ArtefactOptions) -> list[str]:
+        return [artefact.kind for artefact in find_artefacts(AFFECTED[name], options=options)]
+
+    assert kinds("spike", ArtefactOptions(breaks=BreakOptions(min_size=1e4))) == []
+    brief = OutlierRunOptions(max_spike_seconds=0.01)  # one frame
+    assert kinds("spike", ArtefactOptions(outlier_runs=brief)) == ["jump"]
+    assert kinds("stuck", ArtefactOptions(stuck=StuckOptions(min_frames=30))) == []
+    assert "label swap" not in kinds("label swap", ArtefactOptions(max_miss_ratio=0.0))
+
+
+# ---- rejection and evidence ----------------------------------------------------------------------
+
+
+def test_without_artefacts_only_their_samples_are_missing() -> None:
+    sound, artefacts = without_artefacts(AFFECTED["jump"])
+    assert artefacts == find_artefacts(AFFECTED["jump"])
     expected = np.zeros(sound.missing.shape, dtype=bool)
     expected[100:160, column("LKNE")] = True
     np.testing.assert_array_equal(sound.missing, expected)
-    np.testing.assert_array_equal(sound.positions[~expected], TROUBLED["jump"].positions[~expected])
+    np.testing.assert_array_equal(sound.positions[~expected], AFFECTED["jump"].positions[~expected])
     assert without_artefacts(CLEAN) == (CLEAN, ())
 
 
 def test_filling_with_outliers_rejected_comes_near_the_truth() -> None:
-    clip = with_gaps(TROUBLED["spike"], (200, 220, ("LFIN",)))
+    clip = with_gaps(AFFECTED["spike"], (200, 220, ("LFIN",)))
     kept = pf.fill(clip, method="linear")
     assert kept.artefacts == ()
     assert not kept.rejected.any()
@@ -408,7 +468,7 @@ def test_filling_with_outliers_rejected_comes_near_the_truth() -> None:
 
 
 def test_what_is_rejected_but_not_to_be_filled_stays_as_measured() -> None:
-    clip = TROUBLED["jump"]
+    clip = AFFECTED["jump"]
     result = pf.fill(
         clip, method="linear", reject_artefacts=True, gap_filter=pf.GapFilter(markers=("RTOE",))
     )
@@ -417,10 +477,10 @@ def test_what_is_rejected_but_not_to_be_filled_stays_as_measured() -> None:
     np.testing.assert_array_equal(result.clip.positions, clip.positions)
 
 
-def test_trouble_says_what_it_is() -> None:
+def test_evidence_names_distance_and_jump() -> None:
     jump = Artefact("jump", ("A",), 0, 9, 30.0, "B", 412.4, 395.1, 3.04)
-    assert jump.evidence == "A-B 412 mm, usually 395 +- 3.0; its path breaks by 30 mm"
-    assert Artefact("spike", ("A",), 0, 1, 30.0).evidence == "its path breaks by 30 mm"
+    assert jump.evidence == "A-B 412 mm, usually 395 +- 3.0; its path jumps by 30 mm"
+    assert Artefact("spike", ("A",), 0, 1, 30.0).evidence == "its path jumps by 30 mm"
 
 
 @pytest.mark.realdata

@@ -50,7 +50,7 @@ def test_inspect_has_a_table_and_json() -> None:
     assert (spike["kind"], spike["markers"]) == ("spike", ["LWRA"])
     assert (spike["first_frame"], spike["last_frame"]) == (1100, 1103)
     assert spike["size_mm"] == pytest.approx(70, abs=5)
-    assert spike["partner"] in TRUTH.labels
+    assert spike["reference_marker"] in TRUTH.labels
     assert spike["evidence"] in output
 
 
@@ -64,7 +64,7 @@ def test_fill_warns_and_changes_nothing_that_is_measured() -> None:
     assert result.exit_code == 0
     warnings = [line for line in result.stderr.splitlines() if line.startswith("warning: ")]
     assert warnings[0].startswith(
-        "warning: LWRA is elsewhere for a moment in frames 1100-1103 (LWRA-"
+        "warning: LWRA leaves its path for a moment in frames 1100-1103 (LWRA-"
     )
     assert warnings[1:] == [
         "warning: these samples count as measured; --reject-artefacts fills them anew"

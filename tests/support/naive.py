@@ -182,8 +182,8 @@ def turned(positions, angle, shift):
     return positions @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + shift
 
 
-def path_steps(positions):
-    """By how far each marker's path before and after each two frames miss each other."""
+def half_third_differences(positions):
+    """By how far the paths before and after each pair of frames miss each other."""
     frames, markers, _ = positions.shape
     result = np.full((frames - 1, markers, 3), np.nan)
     for m in range(markers):
@@ -199,8 +199,8 @@ def path_steps(positions):
     return result
 
 
-def partner_distances(positions, marker, others):
-    """How far a marker is from some others in each frame."""
+def marker_distances(positions, marker, others):
+    """Distances of a marker from some others in each frame."""
     return np.array(
         [[np.linalg.norm(pose[other] - pose[marker]) for other in others] for pose in positions]
     )
