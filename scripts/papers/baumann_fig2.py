@@ -79,7 +79,7 @@ def main() -> int:
     if len(seconds) < 2:
         raise SystemExit(f"{file}: shorter than {SECONDS[1] + EDGE} s, or without {' '.join(arm)}")
     priors = [take for take in library(arguments.data) if take.file.stem != file.stem]
-    print(f"Paper: its recording is not named in the text at hand. Here: {file.name}, {arm[0]} ...")
+    print(f"Paper: recording not identified. Here: {file.name}, {arm[0]} ...")
     rows: list[list[str | float | None]] = []
     with database_of(priors) as database:
         for method in METHODS:
@@ -102,7 +102,7 @@ def main() -> int:
         rows,
     )
     beside(
-        "Seconds to read a database and build its tree",
+        "Seconds to read a database and to build the index",
         ["poses", "ours", "paper"],
         [[str(poses), built, PAPER_TREE]],
     )

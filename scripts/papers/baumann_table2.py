@@ -48,11 +48,11 @@ def errors(case: Case) -> list[float]:
     """Return the error (mm) of each method; NaN where it cannot fill the gap."""
     truth = pf.read(case.take.file)
     gappy = middle(truth, GAPS[case.gap])
-    others = pf.Selection(not_names=(case.take.file.stem,))
+    others = pf.FillOptions(selection=pf.Selection(not_names=(case.take.file.stem,)))
     found = []
     for method in case.methods:
         try:
-            result = pf.fill(gappy, database=case.database, method=method, selection=others)
+            result = pf.fill(gappy, database=case.database, method=method, options=others)
             found.append(error(result.clip, truth, gappy))
         except MethodError:
             found.append(float("nan"))
@@ -83,7 +83,7 @@ def main() -> int:
             row += [float(found[gap, :, i].mean()), None]
         rows.append(row)
     beside(
-        "Mean error in mm (paper's figures: not stated in the text at hand)",
+        "Mean error in mm (values of the paper are not available)",
         ["method", *(head for gap in GAPS for head in (gap, "paper"))],
         rows,
     )

@@ -144,6 +144,7 @@ SMOKE = {
         "mm rms; left out",
         statuses=(None,),
     ),
+    "studies/readme_picture.py": Smoke("--data {data} -o {tmp}/fill.png", "LWRA: mean error"),
 }
 """Scripts that are tried here."""
 
@@ -173,13 +174,14 @@ def test_the_other_test_file_names_the_script(script: str, file: str) -> None:
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of synthetic recordings with the file names of HDM05 and CMU."""
+    """A folder of synthetic recordings with the file names of real ones."""
     data = tmp_path_factory.mktemp("data")
-    for folder in ("hdm05", "hdm05_cut_markers", "cmu"):
+    for folder in ("hdm05", "hdm05_cut_markers", "cmu", "gait"):
         (data / folder).mkdir()
     long = person(seconds=8.0, rate=120.0)
     pf.write(data / "hdm05" / "HDM_bd_05-01_01_120.c3d", long)
     pf.write(data / "cmu" / "02_01.c3d", person(seconds=6.0, rate=60.0, seed=4))
+    pf.write(data / "gait" / "HC002D06.c3d", person())
     takes = {"bd_walk_001": (5, 0), "bd_walk_002": (6, 0), "mm_walk_001": (7, 1)}
     for name, (seed, body) in takes.items():
         clip = replace(person(seconds=1.2, seed=seed, body=body), subject=name[:2])
