@@ -1,4 +1,4 @@
-"""One recording: marker positions over time, and where they came from."""
+"""A recording: marker positions over time, and the file that they come from."""
 
 from __future__ import annotations
 
@@ -16,38 +16,38 @@ __all__ = ["Clip", "Source", "blank_incomplete_samples"]
 
 @dataclass(frozen=True)
 class Source:
-    """The file that a clip was read from, and which of its points the clip holds.
+    """The file that a clip was read from, and the points of it that the clip holds.
 
-    A filled clip is written by patching a copy of this file, so it says where each
-    marker's samples are.
+    A filled clip is written by patching a copy of this file, so the source records the point of
+    each marker.
 
     Attributes
     ----------
     path : Path
         The file.
     sha256 : str
-        Hash of the file's bytes when it was read; a writer refuses a file changed since.
+        SHA-256 of the file when it was read. Writers refuse a file that has changed since.
     points : tuple of int
-        For each marker of the clip, its index among the points of the file.
+        Index of each marker among the points of the file.
     point_labels : tuple of str
-        The markers' labels as the file spells them, with their prefix.
+        Labels of the markers as spelled in the file, including prefixes.
     unit : str
-        The file's unit of length as it spells it.
+        Unit of length as spelled in the file.
     mm_per_unit : float
-        What a coordinate of the file is multiplied with to give mm.
+        Millimetres per unit of the file.
     up_found_from : str
-        How the up axis was found: ``"file"``, ``"data"``, ``"option"`` or ``"default"``.
+        Origin of the up axis: ``"file"``, ``"data"``, ``"option"`` or ``"default"``.
     zero_samples : int
-        Samples taken as missing because they are exactly (0, 0, 0) with a valid residual.
+        Number of samples treated as missing because they are exactly (0, 0, 0).
     left_out : dict of str to str
-        Points of the file that are not markers, with the reason.
+        Labels of the points that the clip does not hold, with the reason.
     notes : tuple of str
-        What a user should know about how the file was understood, a sentence each.
+        What a user should know about the interpretation of the file, one sentence each.
     interpolated : ndarray of bool [shape=(frames, markers)] or None
-        Which samples the file says are interpolated, not measured; missing ones are not among
-        them. None where the file does not tell.
+        Which samples the file marks as interpolated instead of measured; missing samples are not
+        among them. None if the file does not distinguish them.
     format : str
-        The name of the file's format in `priorfill.formats.FORMATS`.
+        Name of the file's format in `priorfill.formats.FORMATS`.
     """
 
     path: Path
@@ -66,33 +66,46 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class Clip:
-    """One recording.
+    """A recording of the markers of one subject.
 
     Attributes
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
-        Float64, in the file's own axes; NaN where the marker is missing (all three
-        coordinates or none). Of what is given a copy is made, unless nobody can change it.
+        Float64, in the axes of the file; NaN if the marker is missing (all three coordinates). An
+        array given to the constructor is copied unless it is read-only and owns its memory.
     labels : tuple of str
         The markers' names without subject prefix, unique.
     rate : float
-        Frames per second (Hz).
+        Frame rate (Hz).
     up : str
-        Which of the axes points up, one of `UP_AXES`.
+        The axis that points up, one of `priorfill.geometry.axes.UP_AXES`.
     name : str
-        What the clip is called in reports: the file's stem.
+        Name of the clip in reports: the file's name without suffix.
     subject : str
-        Whose motion it is; empty if unknown.
+        The subject recorded; empty if unknown.
     first_frame : int
-        Number of the first frame in the file's own counting, for reports.
+        Number of the first frame in the file, for reports.
     source : Source or None
-        The file it came from; None for a clip made in memory.
+        The file that the clip was read from; None for a clip made in memory.
 
     Raises
     ------
     ClipError
-        Where shapes do not fit, labels are duplicate, the rate is not positive, there is no
-        frame or no marker, or a coordinate is infinite.
+        If shapes do not match, labels repeat, the rate is not positive, there are no frames or no
+        markers, or a coordinate is infinite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> clip = Clip(np.zeros((240, 2, 3)), ("LTOE", "RTOE"), 120.0)
+    >>> clip.frames, clip.duration
+    (240, 2.0)
+
+    See Also
+    --------
+    priorfill.read : Read a clip from a file.
+    priorfill.write : Write a clip to a file.
+    priorfill.interop : Clips from and to other Python packages.
     """
 
     positions: NDArray[np.float64]
@@ -105,7 +118,7 @@ class Clip:
     source: Source | None = None
 
     def __post_init__(self) -> None:
-        positions = _kept(self.positions)
+        positions = _own_positions(self.positions)
         if positions.ndim != 3 or positions.shape[2] != 3:
             raise ClipError(
                 f"{self.name}: positions have shape {positions.shape}; "
@@ -115,7 +128,7 @@ class Clip:
         if positions.shape[1] != len(labels):
             raise ClipError(
                 f"{self.name}: {positions.shape[1]} markers but {len(labels)} labels; "
-                "give one label a marker"
+                "give one label per marker"
             )
         if positions.shape[0] == 0:
             raise ClipError(f"{self.name}: has no frames; there is nothing to fill")
@@ -161,24 +174,24 @@ class Clip:
 
     @property
     def missing(self) -> NDArray[np.bool_]:
-        """Which samples are missing [shape=(frames, markers)]."""
+        """Which samples are missing [shape=(frames, markers), bool]."""
         return np.isnan(self.positions[:, :, 0])
 
     def with_positions(self, positions: NDArray[np.float64]) -> Clip:
-        """Return the same clip with other positions [shape=(frames, markers, 3), mm]."""
+        """Return the clip with other positions [shape=(frames, markers, 3), mm]."""
         return replace(self, positions=positions)
 
 
 def blank_incomplete_samples(positions: NDArray[np.float64]) -> None:
-    """Make samples missing, in place, of which one coordinate is [shape=(frames, markers, 3)]."""
+    """Set samples with a missing coordinate to NaN, in place [shape=(frames, markers, 3)]."""
     unknown = np.isnan(positions)
     some = unknown.any(axis=2)
     some &= ~unknown.all(axis=2)
     positions[some] = np.nan
 
 
-def _kept(given: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return positions that a clip can keep: those given, where they cannot change, or a copy."""
+def _own_positions(given: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the array given if it is immutable and in order, else a copy."""
     if (
         isinstance(given, np.ndarray)
         and given.dtype == np.float64

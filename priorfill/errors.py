@@ -3,24 +3,24 @@
 ::
 
     PriorfillError
-    ├── FormatError (ValueError)         a file that cannot be read as what it claims to be
-    ├── ClipError (ValueError)           a clip whose contents make no sense
-    │   └── MultipleSubjectsError         a file of several people, of whom none was chosen
-    ├── OptionError (ValueError)         an option that is out of range or contradicts another
-    ├── MarkerSetError (ValueError)      a marker-set definition that is wrong or unknown
-    ├── MethodError (ValueError)         a method that cannot work on a clip
-    ├── EvaluationError (RuntimeError)   an evaluation that cannot go on
-    ├── OutputError (OSError)            a result that cannot be written where it should go
-    ├── FetchError (OSError)             a library that cannot be downloaded, or not as it should be
-    └── DatabaseError                    anything about a prior database
+    ├── FormatError (ValueError)          a file cannot be read in the format it appears to have
+    ├── ClipError (ValueError)            the contents of a clip are unusable
+    │   └── MultipleSubjectsError         a file holds several subjects, and none is chosen
+    ├── OptionError (ValueError)          an option is out of range or contradicts another
+    ├── MarkerSetError (ValueError)       a marker-set definition is malformed or unknown
+    ├── MethodError (ValueError)          a method is not applicable to a clip
+    ├── EvaluationError (RuntimeError)    an evaluation cannot continue
+    ├── OutputError (OSError)             a result cannot be written to its destination
+    ├── FetchError (OSError)              a data set cannot be downloaded, or is not as expected
+    └── DatabaseError                     a problem with a prior database
         ├── DatabaseNotFoundError (FileNotFoundError)
-        ├── DatabaseFormatError (ValueError)   another format version, or not a database
-        ├── DatabaseCorruptError (ValueError)  stored data does not match its checksum
+        ├── DatabaseFormatError (ValueError)    unknown format version, or not a database
+        ├── DatabaseCorruptError (ValueError)   stored data does not match its checksum
         ├── DatabaseLockedError (BlockingIOError)
-        └── DuplicateClipError (ValueError)    the database holds a clip of this content already
+        └── DuplicateClipError (ValueError)     the database already holds a clip with this content
 
-Every message is one line that says what is wrong, where, and what to do about it. The
-command line prints it and exits with status 1.
+Every message is one line that states what is wrong, where, and what to do. The command line prints
+the message and exits with status 1.
 """
 
 from __future__ import annotations
@@ -40,34 +40,44 @@ __all__ = [
     "FormatError",
     "MarkerSetError",
     "MethodError",
+    "MultipleSubjectsError",
     "OptionError",
     "OutputError",
     "PriorfillError",
-    "MultipleSubjectsError",
 ]
 
 
 class PriorfillError(Exception):
-    """Root of every error that priorfill raises on purpose."""
+    """Base class of all errors that priorfill raises deliberately.
+
+    Examples
+    --------
+    >>> import priorfill as pf
+    >>> try:
+    ...     pf.read("no_such_file.c3d")
+    ... except pf.PriorfillError as error:
+    ...     print(error)
+    no_such_file.c3d: there is no such file; check the name
+    """
 
 
 class FormatError(PriorfillError, ValueError):
-    """A file cannot be read as the format that it claims to be."""
+    """A file cannot be read in the format that it appears to have."""
 
 
 class ClipError(PriorfillError, ValueError):
-    """A clip's contents make no sense (no frames, rate 0, infinite coordinates, ...)."""
+    """The contents of a clip are unusable (no frames, rate 0, infinite coordinates, ...)."""
 
 
 class MultipleSubjectsError(ClipError):
-    """A file holds several people, and none was chosen.
+    """A file holds several subjects, and none is chosen.
 
     Parameters
     ----------
     message : str
-        What is wrong.
+        The message.
     subjects : sequence of str
-        Who is there.
+        Names of the subjects in the file.
     """
 
     def __init__(self, message: str, subjects: Sequence[str] = ()) -> None:
@@ -84,31 +94,31 @@ class MarkerSetError(PriorfillError, ValueError):
 
 
 class MethodError(PriorfillError, ValueError):
-    """A method cannot work on a clip; the message says why and what would make it work."""
+    """A method is not applicable to a clip; the message states why, and a remedy."""
 
 
 class EvaluationError(PriorfillError, RuntimeError):
-    """An evaluation cannot go on: a process of it was ended from outside."""
+    """An evaluation cannot continue, because one of its processes was terminated from outside."""
 
 
 class OutputError(PriorfillError, OSError):
-    """A result cannot be written where it should go."""
+    """A result cannot be written to its destination."""
 
 
 class FetchError(PriorfillError, OSError):
-    """A library of recordings cannot be downloaded, or what came is not what it should be."""
+    """A data set cannot be downloaded, or its contents are not as expected."""
 
 
 class DatabaseError(PriorfillError):
-    """Something about a prior database."""
+    """Base class of errors about a prior database."""
 
 
 class DatabaseNotFoundError(DatabaseError, FileNotFoundError):
-    """There is no database at the path given."""
+    """There is no database at the given path."""
 
 
 class DatabaseFormatError(DatabaseError, ValueError):
-    """The directory is no database, or one of another format version."""
+    """The directory is not a database, or has an unknown format version."""
 
 
 class DatabaseCorruptError(DatabaseError, ValueError):
@@ -120,4 +130,4 @@ class DatabaseLockedError(DatabaseError, BlockingIOError):
 
 
 class DuplicateClipError(DatabaseError, ValueError):
-    """The database holds a clip with the same content already."""
+    """The database already holds a clip with the same content."""

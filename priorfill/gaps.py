@@ -1,8 +1,8 @@
-"""Gaps, and the gap groups that overlapping gaps form.
+"""Gaps, and the groups formed by overlapping gaps.
 
-A gap is a run of frames in which one marker is missing; a gap group is the longest run of
-frames in which at least one marker is missing. Inside a group the missing set may change
-from frame to frame (a "long multi-segment gap").
+A gap is a run of frames in which one marker is missing. A gap group is a maximal run of frames in
+which at least one marker is missing; the missing markers may change from frame to frame within it (a
+"long multi-segment gap").
 """
 
 from __future__ import annotations
@@ -24,9 +24,18 @@ class Gap:
     Attributes
     ----------
     start, stop : int
-        Frames, counted from the clip's first frame as 0.
+        First frame, and frame after the last, counted from the clip's first frame as 0.
     marker : int
         Index of the marker.
+
+    Examples
+    --------
+    >>> Gap(10, 25, marker=3).frames
+    15
+
+    See Also
+    --------
+    find_gaps : Find the gaps of a clip.
     """
 
     start: int
@@ -46,9 +55,14 @@ class GapGroup:
     Attributes
     ----------
     start, stop : int
-        The run of frames in which at least one marker is missing.
+        The run of frames in which at least one marker is missing: its first frame, and the frame
+        after its last.
     gaps : tuple of Gap
-        The gaps inside, in order of time.
+        The gaps of the group, in order of time.
+
+    See Also
+    --------
+    gap_groups : Find the gap groups of a clip.
     """
 
     start: int
@@ -57,7 +71,7 @@ class GapGroup:
 
     @property
     def markers(self) -> tuple[int, ...]:
-        """Indices of the markers that are missing in any of the group's frames."""
+        """Indices of the markers missing in any frame of the group."""
         return tuple(sorted({gap.marker for gap in self.gaps}))
 
 
@@ -69,12 +83,17 @@ def runs(mask: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
 
 
 def constant_spans(seen: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return (start, stop) of the runs of frames in which the visible markers stay the same.
+    """Return (start, stop) of the runs of frames with the same visible markers.
 
     Parameters
     ----------
     seen : ndarray of bool [shape=(frames, markers)]
-        At least one frame.
+        Which samples are visible; at least one frame.
+
+    Returns
+    -------
+    list of (int, int)
+        In order of time; together they cover all frames.
     """
     changes = 1 + np.flatnonzero((seen[1:] != seen[:-1]).any(axis=1))
     return list(pairwise([0, *changes.tolist(), len(seen)]))
@@ -92,6 +111,18 @@ def find_gaps(missing: NDArray[np.bool_]) -> list[Gap]:
     -------
     list of Gap
         In order of time, then of marker.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> missing = np.array([[0, 1], [1, 1], [1, 0]], dtype=bool)
+    >>> find_gaps(missing)
+    [Gap(start=0, stop=2, marker=1), Gap(start=1, stop=3, marker=0)]
+
+    See Also
+    --------
+    gap_groups : Group gaps that overlap or touch in time.
+    priorfill.Clip.missing : The mask of a clip.
     """
     return sorted(
         Gap(start, stop, marker)
@@ -101,7 +132,7 @@ def find_gaps(missing: NDArray[np.bool_]) -> list[Gap]:
 
 
 def gap_groups(missing: NDArray[np.bool_]) -> list[GapGroup]:
-    """Find the gap groups of a clip: runs of frames that are not complete.
+    """Find the gap groups of a clip: runs of incomplete frames.
 
     Parameters
     ----------
@@ -112,6 +143,17 @@ def gap_groups(missing: NDArray[np.bool_]) -> list[GapGroup]:
     -------
     list of GapGroup
         In order of time.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> missing = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], dtype=bool)
+    >>> [(group.start, group.stop, group.markers) for group in gap_groups(missing)]
+    [(0, 3, (0, 1))]
+
+    See Also
+    --------
+    find_gaps : Find the single gaps.
     """
     gaps = find_gaps(missing)
     groups = []

@@ -181,7 +181,7 @@ SUFFIXES = tuple(dict.fromkeys(s for one in FORMATS.values() for s in one.suffix
 def format_of(path: Path | str) -> str:
     """Return the name of a file's format.
 
-    C3DParameters
+    Parameters
     ----------
     path : Path or str
         The file.
@@ -214,7 +214,7 @@ def format_of(path: Path | str) -> str:
 def recognised(path: Path | str) -> bool:
     """Tell if a file is likely a recording: many a .csv, .npz or .mat is not.
 
-    C3DParameters
+    Parameters
     ----------
     path : Path or str
         The file.
@@ -237,7 +237,7 @@ def read(
 ) -> Clip:
     """Read the markers of a motion-capture file.
 
-    C3DParameters
+    Parameters
     ----------
     path : Path or str
         The file; its suffix tells the format.
@@ -288,7 +288,7 @@ def write(
     filled samples differ, if `path` has a suffix of the same format, unless it is to be rewritten;
     else as a new file.
 
-    C3DParameters
+    Parameters
     ----------
     path : Path or str
         The file to write; its suffix tells the format.
@@ -341,7 +341,7 @@ def check_output(
 ) -> None:
     """Find out, before the work is done, whether its result can be written.
 
-    C3DParameters
+    Parameters
     ----------
     path : Path or str
         The file to write.

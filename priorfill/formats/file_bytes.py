@@ -76,7 +76,7 @@ def read_bytes(
 ) -> bytes:
     """Return a file's contents.
 
-    C3DParameters
+    Parameters
     ----------
     path : Path
         The file.

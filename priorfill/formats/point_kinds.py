@@ -77,7 +77,7 @@ _CHECKED_FRAMES = 50
 def split_label(label: str, prefixes: Iterable[str]) -> tuple[str, str]:
     """Split a label into subject and name.
 
-    C3DParameters
+    Parameters
     ----------
     label : str
         The label as spelled in the file.
@@ -114,7 +114,7 @@ def find_model_points(
 ) -> dict[int, str]:
     """Find the points that are not markers.
 
-    C3DParameters
+    Parameters
     ----------
     names : sequence of str
         Name of each point without prefix.

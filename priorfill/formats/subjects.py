@@ -1,4 +1,4 @@
-"""Whose markers of a file are read."""
+"""Choice of the subject whose markers are read."""
 
 from __future__ import annotations
 
@@ -14,29 +14,30 @@ def choose_subject(
 ) -> tuple[str, dict[int, str]]:
     """Choose the subject whose markers are read.
 
-    C3DParameters
+    Parameters
     ----------
     owners : mapping of int to str
-        Whose marker each point is by its label's prefix; empty where it has none.
+        Subject of each point according to the prefix of its label; empty if it has none.
     subject : str or None
-        Who is asked for.
+        The subject requested.
     declared : sequence of str
-        Whom the file names apart from the labels.
+        Subjects that the file names apart from the labels.
     name : str
-        Of the file, for messages.
+        The file's name in messages.
 
     Returns
     -------
     chosen : str
-        The subject; empty where nothing tells.
+        The subject; empty if unknown.
     left_out : dict of int to str
-        Why the points of others are not read.
+        The points of other subjects, with the reason for leaving them out.
 
     Raises
     ------
+    MultipleSubjectsError
+        If the file holds several subjects and none is requested.
     ClipError
-        Where several are there and none is asked for (MultipleSubjectsError), or the one asked for
-        is not there.
+        If the file does not hold the requested subject.
     """
     present = sorted({owner for owner in owners.values() if owner})
     if subject is None:

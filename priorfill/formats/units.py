@@ -1,4 +1,4 @@
-"""Units of length as files spell them, and millimetres."""
+"""Units of length: their spellings in files, and conversion to millimetres."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from priorfill.errors import ClipError, OptionError
 __all__ = ["UNITS", "find_unit"]
 
 UNITS = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "in": 25.4, "ft": 304.8}
-"""Millimetres in one unit, by the name that the option takes."""
+"""Millimetres per unit, by the name used in options."""
 
 _SPELLINGS = {
     "mm": ("mm", "mms", "millimeter", "millimeters", "millimetre", "millimetres", "mill"),
     "cm": ("cm", "cms", "centimeter", "centimeters", "centimetre", "centimetres", "cent"),
     "dm": ("dm", "decimeter", "decimeters", "decimetre", "decimetres"),
-    # old programs cut parameters to four characters
+    # old programs truncate parameters to four characters
     "m": ("m", "mete", "metr", "meter", "meters", "metre", "metres"),
     "in": ("in", "inch", "inches", '"'),
     "ft": ("ft", "foot", "feet"),
@@ -26,39 +26,39 @@ _SPELLINGS = {
 
 _NAMES = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings}
 
-_SMALLEST = 30.0
-"""Extent (mm) below which markers are not those of a body, nor of a hand or a face."""
+_MIN_EXTENT = 30.0
+"""mm. Markers of a body, a hand or a face spread over more."""
 
-_LARGEST = 60_000.0
-"""Extent (mm) at one moment above which markers fit into no capture volume."""
+_MAX_EXTENT = 60_000.0
+"""mm. No capture volume is larger."""
 
-_METRES_BELOW = 10.0
-_CENTIMETRES_BELOW = 250.0
-"""Extents (units unknown) below which a body's markers are taken to be in m and in cm."""
+_MAX_METRES = 10.0
+_MAX_CENTIMETRES = 250.0
+"""Extents, in an unknown unit, below which the unit is assumed to be m or cm."""
 
 
 def find_unit(
     positions: NDArray[np.float64], spelled: str, option: str | None, name: str
 ) -> tuple[str, float, list[str]]:
-    """Find the unit that positions are in.
+    """Find the unit of positions.
 
-    C3DParameters
+    Parameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), file units]
         NaN where missing.
     spelled : str
-        The unit as the file spells it, empty if it does not.
+        The unit as spelled in the file; empty if absent.
     option : str or None
-        The unit that the user says, one of `UNITS`; believed without a check.
+        The unit given by the user, one of `UNITS`; used without a check.
     name : str
-        What to call the file in messages.
+        The file's name in messages.
 
     Returns
     -------
     unit : str
         The unit, one of `UNITS`.
     mm_per_unit : float
-        Millimetres in it.
+        Millimetres per unit.
     notes : list of str
         What the user should know about the choice.
 
@@ -67,7 +67,7 @@ def find_unit(
     OptionError
         If `option` is unknown.
     ClipError
-        If the markers lie too close together or too far apart for the file's unit.
+        If the markers' spread is implausible in the file's unit, and another unit fits.
     """
     if option is not None:
         unit = _NAMES.get(option.strip().lower())
@@ -78,15 +78,17 @@ def find_unit(
     unit = _NAMES.get(spelled.strip().lower().rstrip("."))
     if unit is None:
         unit = _by_size(extent)
-        said = f"The unit {spelled!r} of the file is unknown" if spelled else "The file has no unit"
-        return unit, UNITS[unit], [f"{said}; taken as {unit} from the spread of the markers."]
+        reason = (
+            f"The unit {spelled!r} of the file is unknown" if spelled else "The file has no unit"
+        )
+        return unit, UNITS[unit], [f"{reason}; {unit} is assumed from the spread of the markers."]
     in_mm = extent * UNITS[unit]
-    if 0 < in_mm < _SMALLEST or in_mm > _LARGEST:
+    if 0 < in_mm < _MIN_EXTENT or in_mm > _MAX_EXTENT:
         likely = _by_size(extent)
         if likely != unit:
             raise ClipError(
-                f"{name}: the markers spread over {in_mm:.3g} mm if the unit is {unit} as the "
-                f"file says, which looks like {_word(likely)}; say the right unit "
+                f"{name}: the markers spread over {in_mm:.3g} mm if the unit is {unit}, as the "
+                f"file states, which looks like {_word(likely)}; give the right unit "
                 f"(--unit {likely})"
             )
     return unit, UNITS[unit], []
@@ -99,18 +101,18 @@ def _word(unit: str) -> str:
 
 def _by_size(extent: float) -> str:
     """Return the unit in which a body has this extent."""
-    if 0 < extent < _METRES_BELOW:
+    if 0 < extent < _MAX_METRES:
         return "m"
-    return "cm" if 0 < extent < _CENTIMETRES_BELOW else "mm"
+    return "cm" if 0 < extent < _MAX_CENTIMETRES else "mm"
 
 
 def _extent(positions: NDArray[np.float64]) -> float:
-    """Return how far apart the markers are at one moment, 0 if never two are seen at once.
+    """Return the median over frames of the longest side of the markers' bounding box.
 
-    The median over the frames of the largest side of the box around the markers.
+    0 if no frame shows two markers.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # frames without any marker
+        warnings.simplefilter("ignore", RuntimeWarning)  # frames without markers
         sides = np.nanmax(positions, axis=1) - np.nanmin(positions, axis=1)
         extent = np.nanmedian(sides.max(axis=1))
     return float(np.nan_to_num(extent))

@@ -1,4 +1,4 @@
-"""Which axis of a file points up."""
+"""Detection of the axis that points up."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from priorfill.geometry.axes import UP_AXES
 __all__ = ["find_up_axis"]
 
 _LEVELS = (
-    # bottom to top; names without the letters and signs that tell the sides
+    # bottom to top; names without the letters of the sides
     re.compile(
         r"HEE|HEEL|TOE|ANK|ANKLE|MT\W?_?[1-5]|CAL|CALC|FOOT|MALL?|LM|MM|HLX|HALLUX|[PD][15]M"
     ),
@@ -23,23 +23,26 @@ _LEVELS = (
     re.compile(r"C_?7|CV_?7|T\d+|TV\d+|TH\d+|CLAV|STRN|STERNUM|IJ|PX|XP|SHO|SHOULDER|ACR|ACROMION"),
     re.compile(r"[FBMT]?HD\d?|.*HEAD.*|VERTEX"),
 )
-"""Names of markers by their height on a standing body: foot, knee, pelvis, trunk, head."""
+"""Marker names by height on a standing body: foot, knee, pelvis, trunk, head."""
 
 _SIDE = re.compile(r"^(LEFT|RIGHT|[LR])?[_ .-]?(.+?)[_ .-]?(LEFT|RIGHT|[_ .-][LR])?$")
 
-_UPRIGHT = 0.8
-"""Least mean share of the foot-to-head direction along the axis taken: upright most of the
-time. On 330 recordings that name their markers it is 0.85 and more along the right axis, but
-for lying down, where it is mostly below 0.65 along any."""
+_MIN_UPRIGHT = 0.8
+"""Minimum mean component of the foot-to-head direction along the chosen axis. In 330 recordings
+with named markers it is at least 0.85 along the right axis, except for subjects lying down, where
+it is mostly below 0.65 along any axis."""
 
-_RESTING = 0.01
-_TALLER = 1.2
-_RESTS_LEAD = 1.5
-_RESTS_LEAST = 0.4
-"""The floor: the lowest marker stays within this share of the body's extent, the body is so many
-times longer along this axis than along any other, and the lowest marker rests in so many
-times more frames than the outermost marker at the other end, and in so many of all. Without
-the markers' names, of 331 recordings these find the right axis in 209 and a wrong one in 1."""
+_REST_TOLERANCE = 0.01
+"""Share of the body's extent within which the outermost marker at one end counts as resting."""
+
+_MIN_ELONGATION = 1.2
+"""Minimum ratio of the body's extent along the vertical to that along any other axis."""
+
+_MIN_REST_RATIO = 1.5
+_MIN_REST_SHARE = 0.4
+"""Minimum share of frames in which the lowest marker rests, as a ratio to the opposite end and as a
+share of all frames. Without marker names, the four rules find the right axis in 209 of 331
+recordings and a wrong one in 1."""
 
 
 def find_up_axis(
@@ -49,21 +52,23 @@ def find_up_axis(
     option: str | None,
     default: str = "+Z",
 ) -> tuple[str, str, list[str]]:
-    """Find which axis points up.
+    """Find the axis that points up.
 
-    The option is believed; then the data where they are plain, then the file's Y_SCREEN (the
-    axis shown upwards), then the floor, then +Z.
+    In order of precedence: the option; the named markers of an upright body; the axis declared by
+    the file; the end of the longest axis where markers rest; the default.
 
-    C3DParameters
+    Parameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
         NaN where missing.
     labels : tuple of str
         The markers' names.
-    screen_up : str
-        The file's POINT:Y_SCREEN, empty if absent.
+    declared : str
+        The axis declared by the file (POINT:Y_SCREEN in C3D); empty if absent.
     option : str or None
-        The axis that the user says, one of `UP_AXES`.
+        The axis given by the user, one of `UP_AXES`.
+    default : str
+        The axis assumed if nothing else determines it.
 
     Returns
     -------
@@ -89,22 +94,24 @@ def find_up_axis(
     if from_file is not None:
         if from_names in (None, from_file):
             return from_file, "file", []
-        note = f"The file says that {from_file} is up, but the body stands along {from_names}."
+        note = f"The file states that {from_file} is up, but the body stands along {from_names}."
         return str(from_names), "data", [note]
     if from_names is not None:
         return from_names, "data", []
-    # weaker than names, so it only speaks where the file is silent
+    # less reliable than names, so only used if the file declares no axis
     from_floor = up_from_floor(positions)
     if from_floor is not None:
-        note = f"Up is taken to be {from_floor}, as the lowest markers rest there (see --up)."
+        note = (
+            f"Up is assumed to be {from_floor}, because the lowest markers rest there (see --up)."
+        )
         return from_floor, "data", [note]
-    return default, "default", [f"Nothing tells which axis is up; {default} is assumed (see --up)."]
+    return default, "default", [f"The up axis is unknown; {default} is assumed (see --up)."]
 
 
 def up_from_names(positions: NDArray[np.float64], labels: tuple[str, ...]) -> str | None:
     """Return the axis from the lowest to the highest named part of the body.
 
-    C3DParameters
+    Parameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), any unit]
         NaN where missing.
@@ -114,24 +121,24 @@ def up_from_names(positions: NDArray[np.float64], labels: tuple[str, ...]) -> st
     Returns
     -------
     str or None
-        One of `UP_AXES`; None if names tell nothing or the body is not upright enough.
+        One of `UP_AXES`; None if names do not suffice or the body is not upright enough.
     """
     levels = np.array([_level(label) for label in labels])
     seen = [level for level in range(len(_LEVELS)) if (levels == level).any()]
     if len(seen) < 2:
         return None
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # frames that lack a part
+        warnings.simplefilter("ignore", RuntimeWarning)  # frames without markers of a level
         low = np.nanmean(positions[:, levels == seen[0]], axis=1)
         high = np.nanmean(positions[:, levels == seen[-1]], axis=1)
     body = high - low
     length = np.linalg.norm(body, axis=1)
-    use = length > 0  # false where NaN
+    use = length > 0  # False where NaN
     if not use.any():
         return None
     direction = (body[use] / length[use, None]).mean(axis=0)
     axis = int(np.abs(direction).argmax())
-    if abs(direction[axis]) < _UPRIGHT:
+    if abs(direction[axis]) < _MIN_UPRIGHT:
         return None
     return _name(axis, bool(direction[axis] < 0))
 
@@ -139,9 +146,9 @@ def up_from_names(positions: NDArray[np.float64], labels: tuple[str, ...]) -> st
 def up_from_floor(positions: NDArray[np.float64]) -> str | None:
     """Return the axis along which the body is longest and rests at one end.
 
-    Feet stand on the floor in most frames; the top of the head moves.
+    The feet are on the floor in most frames; the top of the head moves.
 
-    C3DParameters
+    Parameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), any unit]
         NaN where missing.
@@ -152,7 +159,7 @@ def up_from_floor(positions: NDArray[np.float64]) -> str | None:
         One of `UP_AXES`; None if no end of an axis stands out.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # frames without any marker
+        warnings.simplefilter("ignore", RuntimeWarning)  # frames without markers
         lowest = np.nanmin(positions, axis=1)
         highest = np.nanmax(positions, axis=1)
     seen = ~np.isnan(lowest).any(axis=1)
@@ -161,15 +168,15 @@ def up_from_floor(positions: NDArray[np.float64]) -> str | None:
     lowest, highest = lowest[seen], highest[seen]
     extents = np.median(highest - lowest, axis=0)
     *_, second, axis = np.argsort(extents)
-    width = _RESTING * float(extents[axis])
-    # ends of all axes: rows lower and upper, columns X, Y, Z
+    width = _REST_TOLERANCE * float(extents[axis])
+    # rows: lower and upper end; columns: X, Y, Z
     rests = np.array(
         [[_resting_share(end[:, k], width) for k in range(3)] for end in (lowest, highest)]
     )
     best, other = rests[:, axis].max(), rests[:, axis].min()
     if (
-        extents[axis] < _TALLER * extents[second]
-        or best < max(_RESTS_LEAST, _RESTS_LEAD * other)
+        extents[axis] < _MIN_ELONGATION * extents[second]
+        or best < max(_MIN_REST_SHARE, _MIN_REST_RATIO * other)
         or best < rests.max()
     ):
         return None
@@ -177,14 +184,14 @@ def up_from_floor(positions: NDArray[np.float64]) -> str | None:
 
 
 def _resting_share(heights: NDArray[np.float64], width: float) -> float:
-    """Return the largest share of the values that lies within `width` of each other."""
+    """Return the largest share of values within `width` of each other."""
     ordered = np.sort(heights)
     within = np.searchsorted(ordered, ordered + width, side="right") - np.arange(ordered.size)
     return float(within.max() / ordered.size)
 
 
 def _level(label: str) -> int:
-    """Return the height of a marker's place on the body as an index of `_LEVELS`, or -1."""
+    """Return the level of a marker on the body as an index of `_LEVELS`, or -1."""
     upper = label.upper()
     side = _SIDE.match(upper)
     names = {upper, side.group(2)} if side else {upper}
@@ -199,7 +206,7 @@ def _level(label: str) -> int:
 
 
 def _axis_name(text: str) -> str | None:
-    """Return an axis as `UP_AXES` spells it; a missing sign is plus."""
+    """Return an axis as spelled in `UP_AXES`; a missing sign means plus."""
     text = text.strip().upper()
     name = text if text[:1] in ("+", "-") else f"+{text}"
     return name if name in UP_AXES else None

@@ -39,7 +39,7 @@ class WriteReport:
 def check_filled(clip: Clip, filled: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
     """Return the mask of filled samples; all False if None is given.
 
-    C3DParameters
+    Parameters
     ----------
     clip : Clip
         The clip, with positions for the filled samples.

@@ -92,11 +92,12 @@ WRONG = {
     "no labels": ({"positions": standing(), "rate": 100.0},
                   r"no variable with the markers' names; .* there are positions \(12, 6, 3\)"),
     "no positions": ({"labels": list(LABELS), "a": np.zeros((12, 5)), "b": np.zeros(3)},
-                     r"to hold the positions of 6 markers; name one 'positions', of shape "
+                     r"clearly holds the positions of 6 markers; name one 'positions', of shape "
                      r"\(frames, 6, 3\) or \(frames, 18\); there are .*a \(12, 5\)"),
     "two of a shape": ({"labels": list(LABELS), "a": standing(), "b": standing()},
-                       "no variable is"),
-    "turned": ({"labels": list(LABELS), "positions": standing().T, "rate": 1.0}, "no variable is"),
+                       "no variable clearly"),
+    "turned": ({"labels": list(LABELS), "positions": standing().T, "rate": 1.0},
+               "no variable clearly"),
     "infinite": ({"labels": list(LABELS), "positions": np.full((12, 6, 3), np.inf), "rate": 1.0},
                  "marker LTOE has an infinite coordinate in frame 1; mark the sample"),
     "no rate": ({"labels": list(LABELS), "positions": standing()}, r"no frame rate; .*\(--rate\)"),
@@ -141,7 +142,9 @@ def test_other_files_are_not_taken_for_recordings(path):
     assert not formats.recognised(path)
     path.write_bytes(b"nothing")
     assert not formats.recognised(path)
-    with pytest.raises(FormatError, match=r"is no NumPy archive|cannot be read as a MATLAB file"):
+    with pytest.raises(
+        FormatError, match=r"is not a NumPy archive|cannot be read as a MATLAB file"
+    ):
         formats.read(path)
 
 
@@ -207,7 +210,7 @@ def test_matlab_files_of_qualisys(tmp_path):
     assert (clip.labels, clip.rate, clip.first_frame) == (LABELS, 200.0, 11)
     assert formats.recognised(path)
     savemat(path, {"walk0001": {"Trajectories": {"Unidentified": 1}, "FrameRate": 1.0}})
-    with pytest.raises(FormatError, match="no labelled trajectories as Qualisys exports them"):
+    with pytest.raises(FormatError, match="no labelled trajectories as exported by Qualisys"):
         formats.read(path)
 
 

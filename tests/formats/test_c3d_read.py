@@ -222,7 +222,7 @@ def test_unknown_suffix(save):
     [
         (b"", "is empty"),
         (b"no such thing" * 100, "is not a C3D file"),
-        (b"\x02\x50" + bytes(100), "within its header"),
+        (b"\x02\x50" + bytes(100), "inside its header"),
         (b"\x02\x50" + bytes(1022), "processor type 0"),
     ],
 )
@@ -291,7 +291,9 @@ def test_rates_that_contradict_each_other(save):
         file.parameters = {"POINT": {"RATE": stated}}
         clip = read_c3d(save(file))
         assert clip.rate == pytest.approx(believed)
-        noted = [note for note in clip.source.notes if "on its rate; believed is 50 Hz" in note]
+        noted = [
+            note for note in clip.source.notes if "on its rate; 50 Hz of its parameters" in note
+        ]
         assert len(noted) == (stated == 50.0)
 
 
@@ -438,7 +440,7 @@ def test_header_contradicts_analog_used(save):
     file = C3DFile(standing(), LABELS, analog=analog, header={"analog": 7})
     clip = read_c3d(save(file))
     np.testing.assert_allclose(clip.positions, standing()[:, :, :3])
-    assert any("how many analog numbers" in note for note in clip.source.notes)
+    assert any("the analog numbers per frame" in note for note in clip.source.notes)
 
 
 def test_parameters_contradict_the_file_and_the_header_fits(save):
@@ -721,7 +723,7 @@ def test_missing_unit_is_judged_by_size(save, factor):
     records[:, :, :3] /= factor
     clip = read_c3d(save(C3DFile(records, LABELS, units=None)))
     np.testing.assert_allclose(clip.positions, standing()[:, :, :3], rtol=1e-5)
-    assert "no unit; taken as" in clip.source.notes[0]
+    assert "is assumed from the spread of the markers" in clip.source.notes[0]
 
 
 def test_metres_labelled_mm(save):

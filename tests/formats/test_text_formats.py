@@ -222,8 +222,8 @@ def test_trc_names_without_gaps_between_them(tmp_path):
 def test_trc_header_that_is_wrong(tmp_path):
     data = files.trc(standing(up=1)).replace(b"\t12\t6\tmm", b"\t13\t5\tmm")
     notes = read_bytes(tmp_path, data, ".trc").source.notes
-    assert "The header says 13 frames; there are 12." in notes
-    assert "The header says 5 markers; there are 6." in notes
+    assert "The header states 13 frames; there are 12." in notes
+    assert "The header states 5 markers; there are 6." in notes
     data = files.trc(standing(up=1)).replace(b"100.00", b"60.00", 1)
     assert any(
         "the time column 100 Hz" in n for n in read_bytes(tmp_path, data, ".trc").source.notes
@@ -294,7 +294,7 @@ def test_quotes():
 
 WRONG = {
     "letters": (files.trc, lambda d: d.replace(b"\t30.00000\t", b"\t3o.0\t", 1), ".trc",
-                r"odd.trc: line 7, cell 4 \(LTOE Y\) is '3o.0', which is no number; correct"),
+                r"odd.trc: line 7, cell 4 \(LTOE Y\) is '3o.0', which is not a number; correct"),
     "thousands": (files.trc, lambda d: d.replace(b"\t30.00000\t", b"\t1_000\t", 1), ".trc",
                   r"line 7, cell 4 \(LTOE Y\) is '1_000'"),
     "infinite": (files.trc, lambda d: d.replace(b"\t30.00000\t", b"\tinf\t", 1), ".trc",
@@ -307,13 +307,13 @@ WRONG = {
     "more cells": (files.trc, lambda d: d.replace(b"LFHD\t\t\t", b""), ".trc",
                    "line 7 has 20 cells, but line 4 names 5 markers, which take 17"),
     "no number": (files.trc, lambda d: d.replace(b"\n3\t", b"\nthree\t"), ".trc",
-                  "line 9 begins with 'three' where a frame's number"),
+                  "line 9 begins with 'three' instead of a frame number"),
     "empty": (files.trc, lambda d: b"", ".trc", "is empty"),
-    "binary": (files.trc, lambda d: d[:300] + b"\0" + d[300:], ".trc", r"line \d is no text"),
+    "binary": (files.trc, lambda d: d[:300] + b"\0" + d[300:], ".trc", r"line \d is not text"),
     "utf-16": (files.trc, lambda d: d.decode().encode("utf-16"), ".trc",
                "UTF-16; save it as UTF-8"),
     "blanks": (files.trc, lambda d: d.replace(b"\t", b" ").replace(b" 30.00000", b"", 1), ".trc",
-               "line 7 has 19 of 20 cells; which are missing cannot be told"),
+               "line 7 has 19 of 20 cells, and blanks do not show which"),
     "no trajectories": (files.nexus, lambda d: d.replace(b"Trajectories", b"Devices"), ".csv",
                         "has no section Trajectories; tick Trajectories"),
     "cut section": (files.nexus, lambda d: d[:30], ".csv", "line 1 is cut short"),

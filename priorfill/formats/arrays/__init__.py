@@ -1,1 +1,1 @@
-"""Array files: npz, mat."""
+"""Files of named arrays: NumPy (.npz) and MATLAB (.mat)."""

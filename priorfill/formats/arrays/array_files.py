@@ -1,7 +1,8 @@
-"""Recordings as named arrays: what NumPy and MATLAB files of ours, and of others, have in common.
+"""Recordings as named arrays, the common content of NumPy and MATLAB files.
 
-Ours have `positions` (frames, markers, 3), `labels`, `rate` (Hz), `unit`, `up`, `first_frame`,
-`name`, `subject` and `filled` (frames, markers).
+priorfill writes `positions` (frames, markers, 3), `labels`, `rate` (Hz), `unit`, `up`,
+`first_frame`, `name`, `subject` and `filled` (frames, markers). Files of other programs are read if
+they use one of the names below, or if one variable alone fits the labels.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ POSITIONS = ("positions", "markers", "trajectories", "points", "marker_data", "d
 LABELS = ("labels", "marker_labels", "marker_names", "markernames", "markerlabels", "names")
 RATES = ("rate", "fs", "frame_rate", "framerate", "frequency", "freq", "sampling_rate")
 _UNITS = ("unit", "units")
-"""Names by which each is looked for, upper and lower case alike; the first that is there counts."""
+"""Names of each variable, in any case; the first one present is used."""
 
 
 def clip_arrays(clip: Clip, filled: NDArray[np.bool_]) -> dict[str, Any]:
-    """Return what a file of ours holds of a clip, positions in mm."""
+    """Return the arrays that priorfill writes for a clip, positions in mm."""
     return {
         "positions": clip.positions,
         "labels": np.array(clip.labels),
@@ -53,22 +54,29 @@ def write_arrays(
     *,
     overwrite: bool = False,
 ) -> WriteReport:
-    """Write a clip as a new file of named arrays, and read it back before it gets its name.
+    """Write a clip as a new file of named arrays.
 
-    C3DParameters
+    The file is written under a temporary name, read back, compared, and then renamed.
+
+    Parameters
     ----------
     path : Path or str
         The file to write.
     clip : Clip
         The clip.
     filled : ndarray [shape=(frames, markers), bool] or None
-        Which samples were filled; samples that the source says are filled count, too.
+        Which samples were filled; samples that the source marks as filled are added.
     save : callable
-        Writes `clip_arrays` to a file.
+        Writes the arrays of `clip_arrays` to a path.
     parse : callable
-        Reads the contents of such a file, which has a name.
+        Makes a recording from the contents and name of such a file.
     overwrite : bool
         Replace an existing file.
+
+    Returns
+    -------
+    WriteReport
+        The number of filled samples; positions are not rounded.
 
     Raises
     ------
@@ -76,8 +84,8 @@ def write_arrays(
         If the file exists already or cannot be written, or a filled sample has no position.
     """
     mask = check_filled(clip, filled)
-    before = clip.source.interpolated if clip.source is not None else None
-    arrays = clip_arrays(clip, mask if before is None else mask | before)
+    declared = clip.source.interpolated if clip.source is not None else None
+    arrays = clip_arrays(clip, mask if declared is None else mask | declared)
     with replace_file(path, overwrite=overwrite) as temporary:
         save(temporary, arrays)
         again = parse(temporary.read_bytes(), temporary.name)
@@ -85,27 +93,27 @@ def write_arrays(
             again.positions, clip.positions, equal_nan=True
         ):
             raise OutputError(
-                f"{path}: what was written there is not what should be; "
+                f"{path}: the file does not read back as intended and was removed; "
                 "check the folder's permissions and space"
             )
     return WriteReport(samples=int(mask.sum()), worst_error_mm=0.0)
 
 
 def as_recording(arrays: Mapping[str, Any], name: str) -> Recording:
-    """Understand named arrays.
+    """Interpret named arrays.
 
-    C3DParameters
+    Parameters
     ----------
     arrays : mapping of str to array_like
-        Positions may be (frames, markers, 3) or (frames, 3 markers) with X, Y, Z of a marker
-        beside each other.
+        Positions may be (frames, markers, 3), or (frames, 3 * markers) with X, Y, Z of a marker in
+        adjacent columns.
     name : str
-        What to call the file in messages.
+        The file's name in messages.
 
     Raises
     ------
     FormatError
-        Where positions or labels are not found, or do not fit each other.
+        If positions or labels are not found, or do not fit each other.
     """
     known = {key.lower(): key for key in arrays}
     labels = _labels(arrays, known, name)
@@ -113,7 +121,7 @@ def as_recording(arrays: Mapping[str, Any], name: str) -> Recording:
     candidates = [key] if key else [k for k in arrays if _shaped(arrays[k], len(labels))]
     if len(candidates) != 1 or not _shaped(arrays[candidates[0]], len(labels)):
         raise FormatError(
-            f"{name}: no variable is known to hold the positions of {len(labels)} markers; "
+            f"{name}: no variable clearly holds the positions of {len(labels)} markers; "
             f"name one {POSITIONS[0]!r}, of shape (frames, {len(labels)}, 3) or "
             f"(frames, {3 * len(labels)}); there are {_listing(arrays)}"
         )
@@ -153,13 +161,13 @@ def _labels(arrays: Mapping[str, Any], known: Mapping[str, str], name: str) -> t
     if texts.dtype.kind not in "US" or texts.size == 0:
         raise FormatError(
             f"{name}: has no variable with the markers' names; name one {LABELS[0]!r}, a list of "
-            f"texts; there are {_listing(arrays)}"
+            f"strings; there are {_listing(arrays)}"
         )
     return tuple(str(text).strip() for text in texts.astype(str).ravel())
 
 
 def _shaped(value: Any, markers: int) -> bool:
-    """Tell if an array can be the positions of so many markers."""
+    """Check whether an array can hold the positions of this number of markers."""
     array = np.asarray(value)
     return array.dtype.kind in "fiu" and (
         (array.ndim == 3 and array.shape[1:] == (markers, 3))
@@ -168,12 +176,12 @@ def _shaped(value: Any, markers: int) -> bool:
 
 
 def _first(known: Mapping[str, str], names: tuple[str, ...]) -> str | None:
-    """Return the first of the names that is there, as it is spelled."""
+    """Return the first of the names that is present, as spelled in the file."""
     return next((known[name] for name in names if name in known), None)
 
 
 def _text(arrays: Mapping[str, Any], known: Mapping[str, str], names: tuple[str, ...]) -> str:
-    """Return a text; empty if there is none."""
+    """Return a string; empty if there is none."""
     key = _first(known, names)
     value = np.asarray(arrays[key]) if key else np.empty(0)
     return str(value.ravel()[0]).strip() if value.dtype.kind in "US" and value.size else ""
@@ -193,12 +201,10 @@ def _number(
 
 
 def _listing(arrays: Mapping[str, Any]) -> str:
-    """Return words for what is there."""
+    """Return the variables and their shapes for a message."""
     found = [f"{key} {np.asarray(value).shape}" for key, value in arrays.items()]
-    return (
-        ", ".join(found[:_MOST_LISTED]) + (", ..." if len(found) > _MOST_LISTED else "") or "none"
-    )
+    return ", ".join(found[:_MAX_LISTED]) + (", ..." if len(found) > _MAX_LISTED else "") or "none"
 
 
-_MOST_LISTED = 12
+_MAX_LISTED = 12
 """Variables named in a message."""

@@ -1,8 +1,7 @@
-"""Recordings as MATLAB files (.mat, versions 4 to 7), and those that Qualisys exports.
+"""Recordings as MATLAB files (.mat, versions 4 to 7), including those exported by Qualisys.
 
-Which variables ours have is said in `priorfill.formats.arrays.array_files`. A file of Qualisys
-Track Manager
-holds one structure with FrameRate, StartFrame and Trajectories.Labeled (Labels, and Data of shape
+`priorfill.formats.arrays.array_files` lists the variables. A file of Qualisys Track Manager holds
+one structure with FrameRate, StartFrame and Trajectories.Labeled (Labels, and Data of shape
 (markers, 4, frames): X, Y, Z in mm and the residual).
 """
 
@@ -34,23 +33,23 @@ __all__ = ["create_mat", "parse_mat", "recognise_mat"]
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _HDF5_AT = 512
-"""Where the signature of HDF5 stands in a file of version 7.3, behind MATLAB's own text."""
+"""Offset of the HDF5 signature in a file of version 7.3, after MATLAB's header text."""
 
-_HEADER = 128
+_HEADER_BYTES = 128
 _ORDER_AT = 126
 _COMPRESSED = 15
-"""Version 5: bytes of the header, where it says the byte order, and the type of a compressed
+"""Version 5: size of the header, offset of the byte order mark in it, and type of a compressed
 variable (MAT-File Format, MathWorks, R2024a, chapter 1)."""
 
-_PART = 1 << 24
-"""Bytes that are inflated at once to count them."""
+_CHUNK_BYTES = 1 << 24
+"""Bytes inflated at once when counting."""
 
-_BYTES = 8
-"""Of the largest numbers."""
+_MAX_NUMBER_BYTES = 8
+"""Size of the largest numeric type."""
 
 
 def recognise_mat(path: Path) -> bool:
-    """Tell by its variables if a file holds a recording."""
+    """Check whether a file holds a recording by its variables."""
     try:
         data = read_bounded(path)
         names = {name.lower() for name, _, _ in _listed(data, path.name)}
@@ -69,13 +68,18 @@ def create_mat(
     *,
     overwrite: bool = False,
 ) -> WriteReport:
-    """Write a clip as a new file of version 5; see `write_arrays`."""
+    """Write a clip as a new file of version 5.
+
+    See Also
+    --------
+    priorfill.formats.arrays.array_files.write_arrays : Parameters, and errors raised.
+    """
     return write_arrays(path, clip, filled, _save, parse_mat, overwrite=overwrite)
 
 
 def _save(path: Path, arrays: dict[str, Any]) -> None:
     """Write arrays to a file of version 5."""
-    from scipy.io import savemat  # slow to import, and `--help` should not wait for it
+    from scipy.io import savemat  # slow; imported late to keep `--help` fast
 
     labels = np.array(arrays["labels"], dtype=object).reshape(-1, 1)  # a cell array
     buffer = io.BytesIO()
@@ -95,23 +99,24 @@ def _listed(data: bytes, name: str) -> list[tuple[str, tuple[int, ...], str]]:
 
     if data[_HDF5_AT:].startswith(_HDF5) or data.startswith(_HDF5):
         raise FormatError(
-            f"{name}: is of MATLAB's version 7.3; save it as version 7 (save ... -v7)"
+            f"{name}: is a MATLAB file of version 7.3; save it as version 7 (save ... -v7)"
         )
     try:
         listed: list[tuple[str, tuple[int, ...], str]] = whosmat(io.BytesIO(data))
     except Exception as error:
-        # scipy raises whatever it likes, and every cause has the same remedy
+        # scipy raises errors of any type, and all have the same remedy
         raise _damaged(name, error) from error
     return listed
 
 
 def _inflated(data: bytes) -> int:
-    """Return how many bytes the compressed variables have, about, counted up to `MAX_BYTES`.
+    """Return the approximate uncompressed size of the variables (bytes), up to `MAX_BYTES`.
 
-    A structure's listed shape says nothing of what is in it, and zlib packs a thousand to one.
+    The listed shape of a structure does not include its contents, and zlib reaches a compression
+    ratio of a thousand.
     """
-    order = {b"IM": "<", b"MI": ">"}.get(data[_ORDER_AT:_HEADER])
-    total, place = 0, _HEADER
+    order = {b"IM": "<", b"MI": ">"}.get(data[_ORDER_AT:_HEADER_BYTES])
+    total, place = 0, _HEADER_BYTES
     while order and place + 8 <= len(data) and total <= file_bytes.MAX_BYTES:
         kind, size = struct.unpack_from(f"{order}II", data, place)
         place += 8
@@ -119,9 +124,9 @@ def _inflated(data: bytes) -> int:
             inflater, rest = zlib.decompressobj(), data[place : place + size]
             while rest and total <= file_bytes.MAX_BYTES:
                 try:
-                    part = inflater.decompress(rest, _PART)
+                    part = inflater.decompress(rest, _CHUNK_BYTES)
                 except zlib.error:
-                    break  # the reader will say so
+                    break  # reported by the reader
                 total += len(part)
                 rest = inflater.unconsumed_tail
                 if not part:
@@ -136,18 +141,18 @@ def _damaged(name: str, error: Exception) -> FormatError:
 
 
 def parse_mat(data: bytes, name: str) -> Recording:
-    """Understand a file.
+    """Parse the contents of a file.
 
     Raises
     ------
     FormatError
-        Where it is damaged, too large, or of no known layout.
+        If it is damaged, too large, or of unknown layout.
     """
     variables = _variables(data, name)
     structures = [value for value in variables.values() if _fields(value)]
     if len(structures) == 1 and "Trajectories" in _fields(structures[0]):
-        return _of_qualisys(structures[0], name)
-    if len(variables) == 1 and structures:  # everything in one structure
+        return _qualisys_recording(structures[0], name)
+    if len(variables) == 1 and structures:  # all variables in one structure
         only = structures[0]
         variables = {key: _inner(only[key]) for key in _fields(only)}
     return as_recording({key: _plain(value) for key, value in variables.items()}, name)
@@ -159,12 +164,14 @@ def _variables(data: bytes, name: str) -> dict[str, Any]:
     Raises
     ------
     FormatError
-        Where the file is damaged or too large.
+        If the file is damaged or too large.
     """
     from scipy.io import loadmat
 
     listed = _listed(data, name)
-    check_size(sum(_BYTES * int(np.prod(shape, dtype=float)) for _, shape, _ in listed), name)
+    check_size(
+        sum(_MAX_NUMBER_BYTES * int(np.prod(shape, dtype=float)) for _, shape, _ in listed), name
+    )
     check_size(_inflated(data), name)
     try:
         loaded = loadmat(io.BytesIO(data), squeeze_me=False, struct_as_record=True)
@@ -173,8 +180,8 @@ def _variables(data: bytes, name: str) -> dict[str, Any]:
     return {key: value for key, value in loaded.items() if not key.startswith("__")}
 
 
-def _of_qualisys(structure: Any, name: str) -> Recording:
-    """Understand the structure that Qualisys Track Manager exports."""
+def _qualisys_recording(structure: Any, name: str) -> Recording:
+    """Interpret the structure exported by Qualisys Track Manager."""
     try:
         labelled = _inner(_inner(structure["Trajectories"])["Labeled"])
         labels = tuple(str(text).strip() for text in _plain(_inner(labelled["Labels"])).ravel())
@@ -185,7 +192,7 @@ def _of_qualisys(structure: Any, name: str) -> Recording:
             first = int(np.ravel(_inner(structure["StartFrame"]))[0])
     except (KeyError, ValueError, TypeError, IndexError) as error:
         raise FormatError(
-            f"{name}: its structure has no labelled trajectories as Qualisys exports them; "
+            f"{name}: its structure has no labelled trajectories as exported by Qualisys; "
             "label them, and export again"
         ) from error
     if data.ndim == 2:  # MATLAB drops the third dimension of a single frame
@@ -200,20 +207,20 @@ def _of_qualisys(structure: Any, name: str) -> Recording:
 
 
 def _fields(value: Any) -> tuple[str, ...]:
-    """Return the names of a structure's fields; none if it is no single structure."""
+    """Return the field names of a structure; empty if the value is not a single structure."""
     names = getattr(getattr(value, "dtype", None), "names", None)
     return tuple(names) if names and getattr(value, "size", 0) == 1 else ()
 
 
 def _inner(value: Any) -> Any:
-    """Return what a structure's field holds: scipy wraps it in an array of one object."""
+    """Return the contents of a structure's field, which scipy wraps in an array of one object."""
     while isinstance(value, np.ndarray) and value.dtype == object and value.size == 1:
         value = value.ravel()[0]
     return value
 
 
 def _plain(value: Any) -> NDArray[Any]:
-    """Return a cell array of texts as an array of texts; other values as they are."""
+    """Return a cell array of strings as a string array; other values unchanged."""
     array = np.asarray(value)
     if array.dtype != object:
         return array

@@ -1,4 +1,4 @@
-"""Recordings as NumPy archives (.npz); `array_files` names their arrays."""
+"""Recordings as NumPy archives (.npz); `array_files` lists the arrays."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _ZIP = b"PK\x03\x04"
 
 
 def recognise_npz(path: Path) -> bool:
-    """Tell by its list of arrays if a file holds a recording."""
+    """Check whether a file holds a recording by its list of arrays."""
     try:
         with zipfile.ZipFile(path) as archive:
             names = {name.removesuffix(".npy").lower() for name in archive.namelist()}
@@ -39,20 +39,26 @@ def recognise_npz(path: Path) -> bool:
 
 
 def parse_npz(data: bytes, name: str) -> Recording:
-    """Read a recording; raises what `load_arrays` and `as_recording` do."""
-    return as_recording(load_arrays(data, name), name)
-
-
-def load_arrays(data: bytes, name: str) -> dict[str, Any]:
-    """Return the arrays of an archive, but for those that only pickle could read.
+    """Parse the contents of a file.
 
     Raises
     ------
     FormatError
-        If it is no archive, damaged, or too large.
+        If it is not an archive, damaged, too large, or without positions or labels.
+    """
+    return as_recording(load_arrays(data, name), name)
+
+
+def load_arrays(data: bytes, name: str) -> dict[str, Any]:
+    """Return the arrays of an archive, except those that only pickle could read.
+
+    Raises
+    ------
+    FormatError
+        If it is not an archive, damaged, or too large.
     """
     if not data.startswith(_ZIP):
-        raise FormatError(f"{name}: is no NumPy archive (.npz); save it with numpy.savez")
+        raise FormatError(f"{name}: is not a NumPy archive (.npz); save it with numpy.savez")
     arrays = {}
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -67,7 +73,7 @@ def load_arrays(data: bytes, name: str) -> dict[str, Any]:
     except FormatError:
         raise
     except Exception as error:
-        # zipfile, zlib and numpy raise whatever they like, and every cause has the same remedy
+        # zipfile, zlib and numpy raise errors of any type, and all have the same remedy
         raise FormatError(f"{name}: is damaged ({error}); save or copy it again") from error
     return {key: value for key, value in arrays.items() if isinstance(value, np.ndarray)}
 
@@ -79,5 +85,10 @@ def create_npz_clip(
     *,
     overwrite: bool = False,
 ) -> WriteReport:
-    """Write a clip as a new archive; see `priorfill.formats.arrays.array_files.write_arrays`."""
+    """Write a clip as a new archive.
+
+    See Also
+    --------
+    priorfill.formats.arrays.array_files.write_arrays : Parameters, and errors raised.
+    """
     return write_arrays(path, clip, filled, save_arrays, parse_npz, overwrite=overwrite)

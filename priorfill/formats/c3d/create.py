@@ -1,4 +1,4 @@
-"""Write a clip as a new C3D file, for clips that come from no C3D file."""
+"""Write a clip as a new C3D file, if its source is not one."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from priorfill.formats.c3d.layout import parse_layout, read_points
 from priorfill.formats.write_report import WriteReport, check_filled
 from priorfill.runtime.atomic_file import replace_file
 
-__all__ = ["MOST_FRAMES", "create_c3d"]
+__all__ = ["MAX_C3D_FRAMES", "create_c3d"]
 
-MOST_FRAMES = 65535
-_MOST_POINTS = 65535
-"""What the format's 16 bit counts hold; ezc3d writes more without a word, and cuts on reading."""
+MAX_C3D_FRAMES = 65535
+_MAX_C3D_POINTS = 65535
+"""Largest values of the format's 16 bit counts. ezc3d writes more without an error, and truncates
+on reading."""
 
 _FLOAT_SCALE = -1.0
-"""POINT:SCALE of a file with float coordinates: negative."""
+"""POINT:SCALE; negative for float coordinates."""
 
 _MEASURED = 0.0
 _MISSING = -1.0
-"""Residuals. A clip knows no residuals of its measured samples, so none is claimed."""
+"""Residuals. A clip has no residuals of its measured samples, so none are stated."""
 
 
 def create_c3d(
@@ -36,35 +37,39 @@ def create_c3d(
 ) -> WriteReport:
     """Write a clip as a new C3D file with float coordinates in mm.
 
-    C3DParameters
+    Parameters
     ----------
     path : Path or str
         The file to write.
     clip : Clip
         The clip.
     filled : ndarray [shape=(frames, markers), bool] or None
-        Which samples were filled. They must have a position; measured and filled samples
-        both get residual 0, missing ones -1.
+        Which samples were filled; they must have a position. Measured and filled samples get
+        residual 0, missing ones -1.
     overwrite : bool
         Replace an existing file.
 
     Returns
     -------
     WriteReport
-        How many filled samples it holds, and by how much 32 bit floats round them.
+        The number of filled samples, and the rounding error of 32 bit floats.
 
     Raises
     ------
     OutputError
-        If the file exists already or cannot be written, a filled sample has no position, or
-        the clip is longer than the format allows.
-    """
-    import ezc3d  # slow to import, and `--help` should not wait for it
+        If the file exists already or cannot be written, a filled sample has no position, or the
+        clip is longer than the format allows.
 
-    if clip.frames > MOST_FRAMES or len(clip.labels) > _MOST_POINTS:
+    See Also
+    --------
+    priorfill.write : Write a file of any format.
+    """
+    import ezc3d  # slow; imported late to keep `--help` fast
+
+    if clip.frames > MAX_C3D_FRAMES or len(clip.labels) > _MAX_C3D_POINTS:
         raise OutputError(
             f"{clip.name}: has {clip.frames} frames of {len(clip.labels)} markers; "
-            f"C3D holds {MOST_FRAMES} of each: cut the clip into parts"
+            f"C3D holds {MAX_C3D_FRAMES} of each: cut the clip into parts"
         )
     written = check_filled(clip, filled)
     missing = clip.missing.T
@@ -72,7 +77,7 @@ def create_c3d(
     points[:3] = clip.positions.transpose(2, 1, 0)
 
     content = ezc3d.c3d()
-    content["header"]["points"]["first_frame"] = max(0, clip.first_frame - 1)  # from 0 there
+    content["header"]["points"]["first_frame"] = max(0, clip.first_frame - 1)  # ezc3d counts from 0
     point = content["parameters"]["POINT"]
     point["RATE"]["value"] = [clip.rate]
     point["UNITS"]["value"] = ["mm"]
@@ -89,10 +94,10 @@ def create_c3d(
     content["data"]["meta_points"]["camera_masks"] = np.zeros((7, *missing.shape), dtype=bool)
     with replace_file(path, overwrite=overwrite) as temporary:
         content.write(str(temporary))
-        # ezc3d does not tell that it could not write, or not all of it
+        # ezc3d does not report an incomplete or failed write
         if not _holds(temporary, clip):
             raise OutputError(
-                f"{path}: what was written there is not what should be; "
+                f"{path}: the file does not read back as intended and was removed; "
                 "check the folder's permissions and space"
             )
     values = clip.positions[written]
@@ -103,7 +108,7 @@ def create_c3d(
 
 
 def _holds(path: Path, clip: Clip) -> bool:
-    """Return whether a file holds a clip's positions, all of them."""
+    """Check whether a file holds all positions of a clip."""
     data = path.read_bytes()
     try:
         layout = parse_layout(data, path.name)
@@ -117,5 +122,5 @@ def _holds(path: Path, clip: Clip) -> bool:
 
 
 def _screen_right(up: str) -> str:
-    """Return an axis to show to the right when `up` is shown upwards."""
+    """Return an axis to display to the right if `up` is displayed upwards."""
     return "+Y" if up.endswith("X") else "+X"

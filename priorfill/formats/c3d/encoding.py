@@ -1,4 +1,4 @@
-"""Numbers of a C3D file in the byte orders of its three processors."""
+"""Number formats of C3D files: those of Intel, DEC and MIPS processors."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 __all__ = ["Processor", "decode_floats", "decode_integers", "encode_floats", "encode_integers"]
 
 _DEC_FACTOR = 4.0
-"""A DEC float has its exponent bias two above IEEE's: the same bits are worth a quarter."""
+"""The exponent bias of a DEC float is two above IEEE's, so the same bits are a quarter as large."""
 
 
 class Processor(Enum):
-    """The kind of computer whose number formats a file uses; values as in the file."""
+    """Processor whose number formats a file uses; the values are those stored in the file."""
 
     INTEL = 84
     DEC = 85
@@ -22,7 +22,7 @@ class Processor(Enum):
 
     @property
     def order(self) -> str:
-        """Byte order of integers, as numpy writes it."""
+        """Byte order of integers in NumPy's notation."""
         return ">" if self is Processor.MIPS else "<"
 
 
@@ -38,14 +38,14 @@ def encode_integers(values: NDArray[np.int16], processor: Processor) -> NDArray[
 
 
 def decode_floats(raw: bytes | memoryview, processor: Processor) -> NDArray[np.float64]:
-    """Return 32 bit floats, widened [shape=(len(raw) / 4,)]."""
+    """Return 32 bit floats as float64 [shape=(len(raw) / 4,)]."""
     if processor is Processor.DEC:
         bits = np.frombuffer(raw, dtype="<u2").reshape(-1, 2)
-        # the word with the sign comes first
+        # the word with the sign bit comes first
         words, factor = np.ascontiguousarray(bits[:, ::-1]).view("<f4")[:, 0], _DEC_FACTOR
     else:
         words, factor = np.frombuffer(raw, dtype=processor.order + "f4"), 1.0
-    with np.errstate(invalid="ignore"):  # a NaN of the kind that signals
+    with np.errstate(invalid="ignore"):  # signalling NaN
         return words.astype(np.float64) / factor
 
 

@@ -1,4 +1,4 @@
-"""Where the samples of a C3D file are: what reading and patching it need to know."""
+"""Layout of a C3D file's data section, needed to read and to patch it."""
 
 from __future__ import annotations
 
@@ -24,51 +24,51 @@ from priorfill.formats.c3d.parameters import (
 __all__ = ["WORDS_PER_POINT", "C3DLayout", "parse_layout", "read_points"]
 
 WORDS_PER_POINT = 4
-"""X, Y, Z, and the word that holds residual and camera mask."""
+"""X, Y, Z, and the word with residual and camera mask."""
 
 _T = TypeVar("_T")
 
-_AT_ONCE = 1000
-"""Frames decoded at once: the numbers of more, in several forms, would take more memory than the
+_BATCH_FRAMES = 1000
+"""Frames decoded at once. The temporary arrays of a whole file would take more memory than the
 result."""
 
-_SAME_RATE = 0.01
-"""Relative difference up to which two rates are one, rounded: 59.94 and 60 Hz."""
+_RATE_TOLERANCE = 0.01
+"""Relative difference up to which two rates count as equal, such as 59.94 and 60 Hz."""
 
-_SATURATED = 65535
-"""Largest count that 16 bits hold; written in place of any larger one."""
+_MAX_COUNT = 65535
+"""Largest 16 bit count; written in place of any larger one."""
 
 
 @dataclass(frozen=True)
 class C3DLayout:
-    """Geometry of a file's data section, checked against the file's size.
+    """Layout of a file's data section, checked against the file's size.
 
     Attributes
     ----------
     processor : Processor
         Number format of the file.
     points : int
-        Points in a frame.
+        Points per frame.
     analog_words : int
-        Analog numbers in a frame, after the points.
+        Analog numbers per frame, stored after the points.
     frames : int
-        Frames in the file.
+        Number of frames.
     first_frame : int
-        The file's own number of its first frame.
+        The file's number of its first frame.
     rate : float
-        Frames per second as the file says, 0 if it does not.
+        Frame rate (Hz); 0 if the file states none.
     is_float : bool
-        Whether a number is a 32 bit float or a 16 bit integer.
+        Whether numbers are 32 bit floats; otherwise 16 bit integers.
     scale : float
-        File units in one step of an integer coordinate; positive.
+        File units per step of an integer coordinate; positive.
     data_start : int
-        Byte at which the first frame begins.
+        Byte offset of the first frame.
     labels : tuple of str
-        A label for each point, empty where the file has none.
+        Label of each point; empty if the file has none.
     parameters : C3DParameters
         All the parameters.
     contradictions : tuple of str
-        Where the file contradicts itself and what was believed, a sentence each.
+        Contradictions in the file and how they were resolved, one sentence each.
     """
 
     processor: Processor
@@ -86,23 +86,23 @@ class C3DLayout:
 
     @property
     def word_bytes(self) -> int:
-        """Bytes of one number."""
+        """Bytes per number."""
         return 4 if self.is_float else 2
 
     @property
     def record_bytes(self) -> int:
-        """Bytes of one point in one frame."""
+        """Bytes per point and frame."""
         return WORDS_PER_POINT * self.word_bytes
 
     @property
     def frame_bytes(self) -> int:
-        """Bytes of one frame."""
+        """Bytes per frame."""
         return (WORDS_PER_POINT * self.points + self.analog_words) * self.word_bytes
 
     def record_offsets(
         self, frames: NDArray[np.intp], points: NDArray[np.intp]
     ) -> NDArray[np.intp]:
-        """Return the byte at which each (frame, point) record begins."""
+        """Return the byte offset of each (frame, point) record [shape=(samples,)]."""
         offsets: NDArray[np.intp] = (
             self.data_start + frames * self.frame_bytes + points * self.record_bytes
         )
@@ -111,7 +111,7 @@ class C3DLayout:
 
 @dataclass(frozen=True)
 class _DataSection:
-    """One reading of the data section: what parameters or header say of it."""
+    """A candidate layout of the data section, from parameters or header."""
 
     data_start: int
     analog_words: int
@@ -129,9 +129,9 @@ class _DataSection:
 
     @property
     def fits(self) -> bool:
-        """Whether the file ends where its data end, but for filling up a block.
+        """Whether the file ends with its data, up to the padding of the last block.
 
-        A full block too many is common: some programs fill up a block that is full.
+        An extra block is common: some programs pad a block that is already full.
         """
         return 0 <= self.size - self.end <= BLOCK
 
@@ -139,25 +139,25 @@ class _DataSection:
 def parse_layout(data: FileBytes, name: str) -> C3DLayout:
     """Find the data section of a C3D file.
 
-    C3DParameters and header often say the same thing twice. C3DParameters are believed, as the
-    format's guide has it, unless only what the header says fits the file's size.
+    Parameters and header often state the same quantity. The parameters take precedence, as the
+    format's user guide recommends, unless only the header's value fits the file's size.
 
-    C3DParameters
+    Parameters
     ----------
     data : FileBytes
         The whole file.
     name : str
-        What to call the file in messages.
+        The file's name in messages.
 
     Returns
     -------
     C3DLayout
-        Where its samples are.
+        The layout.
 
     Raises
     ------
     FormatError
-        If the file is not C3D, damaged or cut short.
+        If the file is not C3D, damaged or truncated.
     ClipError
         If it has no points or no frames.
     """
@@ -166,58 +166,58 @@ def parse_layout(data: FileBytes, name: str) -> C3DLayout:
     points = _given(parameters.count("POINT", "USED"), header.points)
     if points <= 0:
         raise ClipError(f"{name}: has no points; there is nothing to fill")
-    geometry, contradictions = _geometry(data, header, parameters, points, name)
-    frame_bytes = _frame_bytes(points, geometry.analog_words, geometry.is_float)
-    capacity = max(0, len(data) - geometry.data_start) // frame_bytes
-    if geometry.frames > capacity:
+    section, contradictions = _data_section(data, header, parameters, points, name)
+    frame_bytes = _frame_bytes(points, section.analog_words, section.is_float)
+    capacity = max(0, len(data) - section.data_start) // frame_bytes
+    if section.frames > capacity:
         raise FormatError(
-            f"{name}: is cut short: it holds {capacity} of its {geometry.frames} frames; "
+            f"{name}: is cut short: it holds {capacity} of its {section.frames} frames; "
             "copy or export the recording again"
         )
     labels = [*parameters.texts("POINT", "LABELS"), *[""] * points][:points]
     scale = _given(parameters.number("POINT", "SCALE"), header.scale)
-    if not geometry.is_float and not (math.isfinite(scale) and scale != 0):
+    if not section.is_float and not (math.isfinite(scale) and scale != 0):
         raise FormatError(
-            f"{name}: POINT:SCALE is {scale:g}, so coordinates are unknown; export it again"
+            f"{name}: POINT:SCALE is {scale:g}, so coordinates cannot be decoded; export it again"
         )
-    rate, doubt = _rate(header, parameters)
+    rate, rate_contradiction = _rate(header, parameters)
     return C3DLayout(
         processor=processor,
         points=points,
-        analog_words=geometry.analog_words,
-        frames=geometry.frames,
+        analog_words=section.analog_words,
+        frames=section.frames,
         first_frame=_first_frame(header, parameters),
         rate=rate,
-        is_float=geometry.is_float,
+        is_float=section.is_float,
         scale=abs(scale),
-        data_start=geometry.data_start,
+        data_start=section.data_start,
         labels=tuple(labels),
         parameters=parameters,
-        contradictions=(*contradictions, *doubt),
+        contradictions=(*contradictions, *rate_contradiction),
     )
 
 
 def read_points(data: bytes, layout: C3DLayout) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Read the points of a file.
 
-    C3DParameters
+    Parameters
     ----------
     data : bytes
         The whole file.
     layout : C3DLayout
-        Where its samples are.
+        Its layout.
 
     Returns
     -------
     positions : ndarray [shape=(frames, points, 3), file units]
-        Coordinates as stored, those of missing samples included.
+        Coordinates as stored, including those of missing samples.
     residual : ndarray [shape=(frames, points)]
-        The fourth word: negative where the sample is missing.
+        The fourth word, negative if the sample is missing.
     """
     positions = np.empty((layout.frames, layout.points, 3))
     residual = np.empty((layout.frames, layout.points))
-    for start in range(0, layout.frames, _AT_ONCE):
-        some = slice(start, min(start + _AT_ONCE, layout.frames))
+    for start in range(0, layout.frames, _BATCH_FRAMES):
+        some = slice(start, min(start + _BATCH_FRAMES, layout.frames))
         first, last = (layout.data_start + t * layout.frame_bytes for t in (some.start, some.stop))
         section = memoryview(data)[first:last]
         if layout.is_float:
@@ -232,64 +232,64 @@ def read_points(data: bytes, layout: C3DLayout) -> tuple[NDArray[np.float64], ND
     return positions, residual
 
 
-def _geometry(
+def _data_section(
     data: FileBytes, header: C3DHeader, parameters: C3DParameters, points: int, name: str
 ) -> tuple[_DataSection, list[str]]:
-    """Return the reading of the data section that fits the file, and what it overruled."""
+    """Return the candidate layout that fits the file, and the contradictions it resolves."""
     starts = [
         (block - 1) * BLOCK
         for block in (parameters.count("POINT", "DATA_START"), header.data_block)
         if block is not None and block > 1
     ]
     if not starts:
-        raise FormatError(f"{name}: does not say where its data begin; export it again")
+        raise FormatError(f"{name}: does not state where its data begin; export it again")
     analogs = [_analog_words(header, parameters), header.analog_words]
     scale = parameters.number("POINT", "SCALE")
     floats = [value < 0 for value in (scale, header.scale) if value is not None]
 
     counts = _frame_counts(header, parameters)
-    readings = []
+    candidates = []
     for start, analog, is_float in product(_unique(starts), _unique(analogs), _unique(floats)):
         frame_bytes = _frame_bytes(points, analog, is_float)
         room = _room(data, start, frame_bytes)
-        readings += [
+        candidates += [
             _DataSection(start, analog, is_float, points, count or room, len(data))
             for count in counts
             if count or room
         ]
-    if not readings:
+    if not candidates:
         raise ClipError(f"{name}: has no frames; there is nothing to fill")
-    best = next((reading for reading in readings if reading.fits), readings[0])
+    best = next((one for one in candidates if one.fits), candidates[0])
 
-    # a count cut to 16 bits does not contradict the full one
+    # a count truncated to 16 bits does not contradict the full one
     stated = [n for n in counts if n and n != best.frames % 65536]
     contradictions = []
     for what, values, chosen in (
         ("where its data begin", starts, best.data_start),
-        ("how many analog numbers a frame has", analogs, best.analog_words),
+        ("the analog numbers per frame", analogs, best.analog_words),
         ("whether coordinates are integers", floats, best.is_float),
-        ("how many frames it has", stated, best.frames),
+        ("the number of frames", stated, best.frames),
     ):
         if any(value != chosen for value in values):
             contradictions.append(
-                f"The file contradicts itself on {what}; believed is {_said(what, chosen)}, "
-                + ("which fits its size." if best.fits else "which its parameters say.")
+                f"The file contradicts itself on {what}; {_shown(what, chosen)} is used, which "
+                + ("fits its size." if best.fits else "its parameters state.")
             )
     return best, contradictions
 
 
-def _said(what: str, chosen: object) -> str:
-    """Return the value believed, as a reader of a note would say it."""
+def _shown(what: str, chosen: object) -> str:
+    """Return the value used, for a note."""
     if isinstance(chosen, bool):
         return "floats" if chosen else "integers"
     return f"byte {chosen}" if what.startswith("where") else str(chosen)
 
 
 def _frame_counts(header: C3DHeader, parameters: C3DParameters) -> list[int]:
-    """Return the frame counts that a file states, most trusted first.
+    """Return the frame counts that a file states, the most reliable first.
 
-    A 0 stands for as many as the file has room for: where the count is one of 16 bits and
-    has their largest value, which is written for all larger counts too.
+    A 0 means as many frames as the file has room for. It replaces a 16 bit count of 65535, which is
+    also written for larger counts.
     """
     counts = []
     begin = parameters.numbers("TRIAL", "ACTUAL_START_FIELD")
@@ -298,23 +298,23 @@ def _frame_counts(header: C3DHeader, parameters: C3DParameters) -> list[int]:
         counts.append(_long(end) - _long(begin) + 1)
     counts.append(int(_given(parameters.number("POINT", "LONG_FRAMES"), 0)))
     counts.append(_given(parameters.count("POINT", "FRAMES"), 0))
-    if header.last != _SATURATED:
+    if header.last != _MAX_COUNT:
         counts.append(header.last - header.first + 1 if header.last else 0)
     elif counts[-1] <= 0:
-        counts.append(_SATURATED)
+        counts.append(_MAX_COUNT)
     counts = [count for count in counts if count > 0]
-    return _unique([0 if count == _SATURATED else count for count in counts])
+    return _unique([0 if count == _MAX_COUNT else count for count in counts])
 
 
 def _room(data: FileBytes, start: int, frame_bytes: int) -> int:
-    """Return the frames that a file has room for, without the zeros that fill its last block."""
+    """Return the frames that a file has room for, without the zeros that pad its last block."""
     tail = data[max(start, len(data) - BLOCK) :]
     used = len(data) - (len(tail) - len(tail.rstrip(b"\0"))) - start
     return max(0, min(-(-used // frame_bytes), (len(data) - start) // frame_bytes))
 
 
 def _rate(header: C3DHeader, parameters: C3DParameters) -> tuple[float, list[str]]:
-    """Return the frames per second, 0 if nothing says them, and a contradiction if there is one."""
+    """Return the frame rate (Hz), 0 if none is stated, and a note if two are."""
     stated = [
         rate
         for rate in (parameters.number("POINT", "RATE"), header.rate)
@@ -323,16 +323,16 @@ def _rate(header: C3DHeader, parameters: C3DParameters) -> tuple[float, list[str
     if not stated:
         return 0.0, []
     rate = stated[0]
-    if math.isclose(rate, stated[-1], rel_tol=_SAME_RATE):
+    if math.isclose(rate, stated[-1], rel_tol=_RATE_TOLERANCE):
         return rate, []
     return rate, [
-        f"The file contradicts itself on its rate; believed is {rate:g} Hz, which its parameters "
-        f"say, not {stated[-1]:g} Hz of its header (--rate says another)."
+        f"The file contradicts itself on its rate; {rate:g} Hz of its parameters is used, not "
+        f"{stated[-1]:g} Hz of its header (--rate replaces both)."
     ]
 
 
 def _first_frame(header: C3DHeader, parameters: C3DParameters) -> int:
-    """Return the number of the first frame, in full where 16 bits have cut it."""
+    """Return the number of the first frame, in full if the header truncates it to 16 bits."""
     begin = parameters.numbers("TRIAL", "ACTUAL_START_FIELD")
     if begin.size and _long(begin) % 65536 == header.first:
         return _long(begin)
@@ -340,13 +340,13 @@ def _first_frame(header: C3DHeader, parameters: C3DParameters) -> int:
 
 
 def _long(words: NDArray[np.float64]) -> int:
-    """Return the number that TRIAL keeps in two 16 bit words, the lower one first."""
+    """Return the number that TRIAL stores in two 16 bit words, the lower one first."""
     low, high = (int(word) & 0xFFFF for word in (*words[:2], 0)[:2])
     return low + (high << 16)
 
 
 def _analog_words(header: C3DHeader, parameters: C3DParameters) -> int:
-    """Return the analog numbers in a frame as the parameters have it."""
+    """Return the analog numbers per frame according to the parameters."""
     channels = parameters.count("ANALOG", "USED")
     if channels is None:
         return header.analog_words
@@ -355,20 +355,20 @@ def _analog_words(header: C3DHeader, parameters: C3DParameters) -> int:
     if not (point_rate and analog_rate):
         return channels * header.analog_samples
     samples = analog_rate / point_rate
-    # beyond 16 bits it is damage, and may be infinite
-    return channels * max(1, round(min(samples, _SATURATED)))
+    # larger than 16 bits means damage, and may be infinite
+    return channels * max(1, round(min(samples, _MAX_COUNT)))
 
 
 def _frame_bytes(points: int, analog_words: int, is_float: bool) -> int:
-    """Return the bytes of one frame."""
+    """Return the bytes per frame."""
     return (WORDS_PER_POINT * points + analog_words) * (4 if is_float else 2)
 
 
 def _given(value: _T | None, otherwise: _T) -> _T:
-    """Return `value` unless there is none."""
+    """Return `value`, or `otherwise` if it is None."""
     return otherwise if value is None else value
 
 
 def _unique(values: list[_T]) -> list[_T]:
-    """Return the values in order, each once."""
+    """Return the distinct values in order."""
     return list(dict.fromkeys(values))

@@ -24,42 +24,43 @@ __all__ = [
 ]
 
 BLOCK = 512
-"""Bytes in a block, the unit in which C3D counts."""
+"""Bytes in a block, the unit of C3D's section addresses."""
 
 _KEY = 0x50
 """Second byte of every C3D file."""
 
 _CHARACTER = -1
-"""Type of a parameter that holds text; the others are 1, 2 and 4, their size in bytes."""
+"""Type of a text parameter; those of numbers are 1, 2 and 4, their size in bytes."""
 
 _SIZES = {_CHARACTER: 1, 1: 1, 2: 2, 4: 4}
 
 _SHORT = np.iinfo(np.int16)
 
-Value = list[str] | NDArray[np.float64]
+ParameterValue = list[str] | NDArray[np.float64]
+"""Contents of a parameter: texts or numbers."""
 
 FileBytes = bytes | mmap.mmap
-"""A whole file: read, or looked into where it is."""
+"""A whole file, in memory or memory-mapped."""
 
 
 @dataclass(frozen=True)
 class C3DHeader:
-    """What the first block says; counts as unsigned numbers.
+    """Contents of the first block; counts are unsigned.
 
     Attributes
     ----------
     parameter_start : int
         Byte at which the parameter section begins.
     points, analog_words, analog_samples : int
-        Points, analog numbers and analog samples of one channel, each a frame.
+        Points, analog numbers, and analog samples of one channel, all per frame.
     first, last : int
         Numbers of the first and the last frame.
     scale : float
-        What integer coordinates are multiplied with; negative: coordinates are floats.
+        File units per step of an integer coordinate; negative if coordinates are floats.
     data_block : int
-        Block at which the data begin, from 1.
+        Block at which the data begin, counted from 1.
     rate : float
-        Frames per second.
+        Frame rate (Hz).
     """
 
     parameter_start: int
@@ -74,23 +75,25 @@ class C3DHeader:
 
 
 class C3DParameters:
-    """The parameters of a file by group and name, upper case, lists joined over 255.
+    """The parameters of a file by group and name in upper case.
 
-    C3DParameters
+    Parameters
     ----------
     values : dict of (str, str) to list of str or ndarray
-        Each parameter's contents: strings without trailing blanks, or flat numbers.
+        Contents of each parameter: strings without trailing blanks, or flat numbers.
     regular : bool
-        Whether each record, its description included, ends where the next begins. A reader
-        that trusts the descriptions' lengths loses its way where not.
+        Whether each record, including its description, ends where the next begins. If not, a
+        reader that relies on the descriptions' lengths misreads the section.
     """
 
-    def __init__(self, values: dict[tuple[str, str], Value], *, regular: bool = True) -> None:
+    def __init__(
+        self, values: dict[tuple[str, str], ParameterValue], *, regular: bool = True
+    ) -> None:
         self._values = values
         self.regular = regular
 
-    def items(self) -> Iterator[tuple[tuple[str, str], Value]]:
-        """Yield group and name, and the contents, of each parameter in the file's order."""
+    def items(self) -> Iterator[tuple[tuple[str, str], ParameterValue]]:
+        """Yield ((group, name), contents) of each parameter in the file's order."""
         yield from self._values.items()
 
     def numbers(self, group: str, name: str) -> NDArray[np.float64]:
@@ -99,14 +102,14 @@ class C3DParameters:
         return value if isinstance(value, np.ndarray) else np.empty(0)
 
     def number(self, group: str, name: str) -> float | None:
-        """Return a parameter's first number, None if there is none or it is not finite."""
+        """Return a parameter's first number; None if it is absent or not finite."""
         values = self.numbers(group, name)
         return float(values[0]) if values.size and math.isfinite(values[0]) else None
 
     def count(self, group: str, name: str) -> int | None:
-        """Return a parameter's first number as a count, its 16 bits taken as unsigned.
+        """Return a parameter's first number as an unsigned 16 bit count.
 
-        None if there is none, or it is no count.
+        None if it is absent or cannot be a count.
         """
         value = self.number(group, name)
         if value is None or value < _SHORT.min:
@@ -116,7 +119,7 @@ class C3DParameters:
     def texts(self, group: str, name: str) -> list[str]:
         """Return a parameter's strings, followed by those of NAME2, NAME3, ...
 
-        A list of more than 255 entries does not fit into one parameter.
+        One parameter holds at most 255 entries; longer lists continue in the next.
         """
         texts: list[str] = []
         part = 1
@@ -129,24 +132,26 @@ class C3DParameters:
 
 
 def is_c3d(start: FileBytes) -> bool:
-    """Tell if a file may be C3D by its first bytes."""
+    """Check whether a file may be C3D by its first bytes."""
     return len(start) >= 2 and start[0] != 0 and start[1] == _KEY
 
 
 def parse_header(data: FileBytes, name: str) -> tuple[C3DHeader, Processor]:
-    """Read the first block.
+    """Parse the first block.
 
-    C3DParameters
+    Parameters
     ----------
     data : FileBytes
         The whole file.
     name : str
-        What to call the file in messages.
+        The file's name in messages.
 
     Returns
     -------
-    tuple of C3DHeader and Processor
-        What it says, and in whose numbers.
+    header : C3DHeader
+        Its contents.
+    processor : Processor
+        The file's number format.
 
     Raises
     ------
@@ -156,13 +161,11 @@ def parse_header(data: FileBytes, name: str) -> tuple[C3DHeader, Processor]:
     if not data:
         raise FormatError(f"{name}: is empty; copy or export the recording again")
     if not is_c3d(data):
-        raise FormatError(
-            f"{name}: is not a C3D file (its first bytes are not C3D's); give the name of one"
-        )
+        raise FormatError(f"{name}: is not a C3D file (wrong first bytes); give the name of one")
     start = (data[0] - 1) * BLOCK
     if len(data) < max(BLOCK, start + 4):
         raise FormatError(
-            f"{name}: ends after {len(data)} bytes, within its header; "
+            f"{name}: ends after {len(data)} bytes, inside its header; "
             "copy or export the recording again"
         )
     try:
@@ -191,23 +194,23 @@ def parse_header(data: FileBytes, name: str) -> tuple[C3DHeader, Processor]:
 def parse_parameters(
     data: FileBytes, header: C3DHeader, processor: Processor, name: str
 ) -> C3DParameters:
-    """Read the parameter section.
+    """Parse the parameter section.
 
-    C3DParameters
+    Parameters
     ----------
     data : FileBytes
         The whole file.
     header : C3DHeader
-        What its first block says.
+        Its first block.
     processor : Processor
         Its number format.
     name : str
-        What to call the file in messages.
+        The file's name in messages.
 
     Returns
     -------
-    contents : C3DParameters
-        All of them.
+    C3DParameters
+        All parameters.
 
     Raises
     ------
@@ -215,7 +218,7 @@ def parse_parameters(
         If a record does not fit into the section.
     """
     groups: dict[int, str] = {}
-    found: list[tuple[int, str, Value]] = []
+    found: list[tuple[int, str, ParameterValue]] = []
     regular = True
     for identity, label, body in _records(data, header, processor, name):
         if identity < 0:
@@ -224,12 +227,12 @@ def parse_parameters(
         else:
             value, described = _value(body, processor, f"{name}: parameter {label}")
             found.append((identity, label, value))
-        # then the length of the description, and the description
+        # followed by the length of the description, and the description
         rest = body[described:]
         regular = regular and len(rest) > 0 and len(rest) == 1 + rest[0]
-    values: dict[tuple[str, str], Value] = {}
+    values: dict[tuple[str, str], ParameterValue] = {}
     for identity, label, value in found:
-        # a parameter may stand before its group, so groups are looked up at the end
+        # a parameter may precede its group, so groups are resolved at the end
         values.setdefault((groups.get(identity, ""), label), value)
     return C3DParameters(values, regular=regular)
 
@@ -237,7 +240,7 @@ def parse_parameters(
 def _records(
     data: FileBytes, header: C3DHeader, processor: Processor, name: str
 ) -> Iterator[tuple[int, str, bytes]]:
-    """Yield identity, name and body of each record: groups (identity < 0) and parameters."""
+    """Yield identity, name and body of each record, a group (identity < 0) or a parameter."""
     at = header.parameter_start + 4
     end = (header.data_block - 1) * BLOCK
     if end <= at:
@@ -264,8 +267,8 @@ def _records(
         at = following
 
 
-def _value(body: bytes, processor: Processor, what: str) -> tuple[Value, int]:
-    """Return the contents of a parameter record, and where in it its description begins."""
+def _value(body: bytes, processor: Processor, what: str) -> tuple[ParameterValue, int]:
+    """Return the contents of a parameter record, and the offset of its description."""
     damaged = FormatError(f"{what} is damaged; copy or export the recording again")
     if len(body) < 2:
         raise damaged
@@ -281,7 +284,7 @@ def _value(body: bytes, processor: Processor, what: str) -> tuple[Value, int]:
     raw = body[start:stop]
     if kind == _CHARACTER:
         width = dimensions[0] if dimensions else 1
-        # texts of no width take no bytes, so nothing would bound how many there are
+        # texts of width 0 take no bytes, so the file's size would not bound their number
         entries = math.prod(dimensions[1:]) if width else 0
         return [_text(raw[i * width : (i + 1) * width]) for i in range(entries)], stop
     if kind == 1:
@@ -292,10 +295,10 @@ def _value(body: bytes, processor: Processor, what: str) -> tuple[Value, int]:
 
 
 def _text(raw: bytes) -> str:
-    """Return text without padding; files of all ages use ASCII, UTF-8 or Latin-1.
+    """Return text without padding, decoded as UTF-8, or else as Latin-1.
 
-    Control characters, which only damage leaves there, become question marks: names end up
-    in messages of one line.
+    Control characters, which occur in damaged files only, become question marks, because names
+    appear in one-line messages.
     """
     try:
         text = raw.decode("utf-8")

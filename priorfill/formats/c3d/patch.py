@@ -1,8 +1,7 @@
-"""Write filled samples into a copy of the C3D file that they were missing from.
+"""Write filled samples into a copy of their source C3D file.
 
-Everything else in the copy, byte for byte, is as in the source: analog channels, events, every
-parameter, the header, the measured samples. What was written is read back and compared
-before it gets its name.
+Every other byte of the copy equals the source's: analog channels, events, parameters, header and
+measured samples. The copy is written under a temporary name, read back, compared, and then renamed.
 """
 
 from __future__ import annotations
@@ -36,33 +35,33 @@ __all__ = ["PatchPlan", "plan_patch", "write_c3d"]
 _INTEGERS = np.iinfo(np.int16)
 
 _FLOAT_STEP = float(np.finfo(np.float32).eps)
-"""Largest relative error of a number stored in 32 bits, twice over: float64 rounds too."""
+"""Largest relative error of a coordinate stored in 32 bits, doubled because float64 rounds, too."""
 
-_FRAMES_AT_ONCE = 1000
-"""Frames copied, and read back, at once."""
+_BATCH_FRAMES = 1000
+"""Frames copied or read back at once."""
 
-_OFF_ORIGIN = 1e-6
-"""File units by which a sample at the very origin is moved: there it would read as missing."""
+_ORIGIN_SHIFT = 1e-6
+"""File units by which a filled sample at (0, 0, 0) is moved, because it would read as missing."""
 
 
 @dataclass(frozen=True)
 class PatchPlan:
-    """A source file, and the samples that are to be written into a copy.
+    """A source file, and the samples to write into a copy of it.
 
     Attributes
     ----------
     source : Source
-        The source: it is gone through part by part, as it may be large.
+        The source. It is read in batches, because it may be large.
     size : int
-        Its bytes.
+        Size of the source (bytes).
     layout : C3DLayout
-        Where its samples are.
+        Its layout.
     frames, markers, points : ndarray [shape=(samples,)]
-        Frame, marker of the clip and point of the file of each sample.
+        Frame, marker of the clip, and point of the file of each sample.
     in_units : ndarray [shape=(samples, 3), file units]
-        Their positions.
+        Positions of the samples.
     mm_per_unit : float
-        Millimetres in a file unit.
+        Millimetres per file unit.
     """
 
     source: Source
@@ -78,11 +77,11 @@ class PatchPlan:
 def write_c3d(
     path: Path | str, clip: Clip, filled: NDArray[np.bool_], *, overwrite: bool = False
 ) -> WriteReport:
-    """Write a copy of the clip's source file in which the filled samples are present.
+    """Write a copy of the clip's source file with the filled samples.
 
-    A filled sample gets residual 0 and no cameras, the format's sign for "interpolated".
+    A filled sample gets residual 0 and no cameras, which marks it as interpolated.
 
-    C3DParameters
+    Parameters
     ----------
     path : Path or str
         The file to write; never the source.
@@ -96,16 +95,21 @@ def write_c3d(
     Returns
     -------
     WriteReport
-        How many samples were written, and how well the file holds them.
+        The number of samples written, and the rounding error.
 
     Raises
     ------
     OutputError
-        If `path` is the source, exists already, or its folder does not; the source has
-        changed since it was read; or a filled sample is missing or does not fit the
+        If `path` is the source or exists already; its folder does not exist; the source has
+        changed since it was read; or a filled sample has no position or exceeds the range of the
         file's integers.
     FormatError
-        If the source is gone or cannot be read.
+        If the source no longer exists or cannot be read.
+
+    See Also
+    --------
+    priorfill.formats.rewrite_c3d : Write floats where integers do not suffice.
+    priorfill.formats.create_c3d : Write a clip without a source.
     """
     plan = plan_patch(path, clip, filled, overwrite=overwrite)
     _check_range(plan, clip)
@@ -120,20 +124,20 @@ def plan_patch(
 ) -> PatchPlan:
     """Check that filled samples can be written into a copy of the clip's source.
 
-    C3DParameters
+    Parameters
     ----------
     path, clip, filled, overwrite
-        As `write_c3d` takes them.
+        As for `write_c3d`.
 
     Returns
     -------
     PatchPlan
-        The source and the samples to write.
+        The source, and the samples to write.
 
     Raises
     ------
     OutputError, FormatError
-        As `write_c3d` does, but for the range of an integer file.
+        As for `write_c3d`, except that the range of integers is not checked.
     """
     source = clip.source
     if source is None:
@@ -156,7 +160,7 @@ def plan_patch(
 
 
 def _layout(source: Source) -> tuple[C3DLayout, int]:
-    """Return where the source's samples are, and its bytes; it is as it was read."""
+    """Return the layout and size (bytes) of the source, which must not have changed."""
     with os_errors_explained(source.path), source.path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
         check_unchanged(source.path, digest, source.sha256)
@@ -164,13 +168,13 @@ def _layout(source: Source) -> tuple[C3DLayout, int]:
         contents: FileBytes
         try:
             contents = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-        except (OSError, ValueError):  # not on every file system; a file just emptied
+        except (OSError, ValueError):  # unsupported file system; an empty file
             contents = file.read()
         return parse_layout(contents, source.path.name), len(contents)
 
 
 def _check_range(plan: PatchPlan, clip: Clip) -> None:
-    """Raise OutputError at the first coordinate that the file's numbers cannot hold."""
+    """Raise OutputError at the first coordinate beyond the range of the file's integers."""
     if plan.layout.is_float:
         return
     steps = np.rint(plan.in_units / plan.layout.scale)
@@ -181,38 +185,38 @@ def _check_range(plan: PatchPlan, clip: Clip) -> None:
         raise OutputError(
             f"{clip.name}: the filled position of {clip.labels[plan.markers[first]]} in frame "
             f"{clip.first_frame + int(plan.frames[first])} is "
-            f"{np.abs(plan.in_units[first]).max():.4g} file units from the origin; this file's "
-            f"integers end at {limit:.4g}: write a file with float coordinates (--rewrite)"
+            f"{np.abs(plan.in_units[first]).max():.4g} file units from the origin; the integers of "
+            f"this file end at {limit:.4g}: write a file with float coordinates (--rewrite)"
         )
 
 
 def _encode(in_units: NDArray[np.float64], layout: C3DLayout) -> NDArray[np.uint8]:
-    """Return the bytes of the records: position, then residual 0 and no cameras."""
+    """Return the bytes of records with these positions, residual 0 and no cameras."""
     words = np.zeros((len(in_units), WORDS_PER_POINT))
     words[:, :3] = in_units if layout.is_float else np.rint(in_units / layout.scale)
     at_origin = (words == 0).all(axis=1)
-    words[at_origin, 2] = _OFF_ORIGIN if layout.is_float else 1
+    words[at_origin, 2] = _ORIGIN_SHIFT if layout.is_float else 1
     if layout.is_float:
         return encode_floats(words, layout.processor)
     return encode_integers(words.astype(np.int16), layout.processor)
 
 
-def _parts(plan: PatchPlan) -> Iterator[tuple[NDArray[np.uint8], slice, NDArray[np.intp]]]:
-    """Go through the source, from end to end: it may be too large to have it in memory.
+def _batches(plan: PatchPlan) -> Iterator[tuple[NDArray[np.uint8], slice, NDArray[np.intp]]]:
+    """Read the source in batches, because it may not fit into memory.
 
     Yields
     ------
     original : ndarray of uint8
-        The next bytes of it.
+        The next bytes.
     samples : slice
-        The samples in them, which are in order of frames.
+        The samples in them, in order of frames.
     places : ndarray of int [shape=(samples, bytes of a record)]
-        Where in these bytes the samples' records are.
+        Offsets of the samples' records in these bytes.
     """
     layout, path = plan.layout, plan.source.path
-    cuts = range(0, layout.frames, _FRAMES_AT_ONCE)
+    cuts = range(0, layout.frames, _BATCH_FRAMES)
     edges = [0, *(layout.data_start + frame * layout.frame_bytes for frame in cuts)]
-    # no sample is before the first frame
+    # no sample precedes the first frame
     starts = [0, *np.searchsorted(plan.frames, cuts).tolist()]
     digest = hashlib.sha256()
     with os_errors_explained(path):
@@ -230,13 +234,13 @@ def _parts(plan: PatchPlan) -> Iterator[tuple[NDArray[np.uint8], slice, NDArray[
             offsets = layout.record_offsets(plan.frames[some], plan.points[some]) - first
             original = np.frombuffer(part, np.uint8)
             yield original, some, offsets[:, None] + np.arange(layout.record_bytes)
-    check_unchanged(path, digest.hexdigest(), plan.source.sha256)  # meanwhile
+    check_unchanged(path, digest.hexdigest(), plan.source.sha256)  # by now
 
 
 def _write(temporary: Path, plan: PatchPlan) -> None:
-    """Write the source with the filled samples in it."""
+    """Write the source with the filled samples."""
     with temporary.open("wb") as file:
-        for original, some, places in _parts(plan):
+        for original, some, places in _batches(plan):
             part = original.copy()
             part[places] = _encode(plan.in_units[some], plan.layout)
             file.write(part.data)
@@ -248,15 +252,14 @@ def _verify(temporary: Path, plan: PatchPlan) -> float:
     Raises
     ------
     OutputError
-        If a byte beside the filled samples has changed, or a filled sample is not as it
-        should be: neither has a cause that we know; a full disk and a faulty program have.
-        Or if the source has changed meanwhile.
+        If a byte outside the filled samples differs or a filled sample is wrong, for instance
+        because the disk is full; or if the source has changed in the meantime.
     """
     layout = plan.layout
     as_intended = temporary.stat().st_size == plan.size
     worst = 0.0
     with temporary.open("rb") as file:
-        for original, some, places in _parts(plan):  # to its end, which tells if it has changed
+        for original, some, places in _batches(plan):  # to the end, where its hash is checked
             written = np.frombuffer(file.read(len(original)), np.uint8)
             if not as_intended or len(written) != len(original):
                 as_intended = False
@@ -266,10 +269,10 @@ def _verify(temporary: Path, plan: PatchPlan) -> float:
             words = _decode(written[places], layout)
             expected = plan.in_units[some]
             error = np.abs(words[:, :3] - expected)
-            allowed = np.abs(expected) * _FLOAT_STEP + _OFF_ORIGIN
+            allowed = np.abs(expected) * _FLOAT_STEP + _ORIGIN_SHIFT
             if not layout.is_float:
                 allowed = np.full_like(error, layout.scale)
-            near = bool((error <= allowed).all())  # of NaN it is not
+            near = bool((error <= allowed).all())  # False for NaN
             as_intended = near and not differs.any() and not words[:, 3].any()
             worst = max(worst, float(error.max(initial=0.0)))
     if not as_intended:
@@ -281,7 +284,7 @@ def _verify(temporary: Path, plan: PatchPlan) -> float:
 
 
 def _decode(records: NDArray[np.uint8], layout: C3DLayout) -> NDArray[np.float64]:
-    """Return the words of records: position (file units), then the fourth [shape=(n, 4)]."""
+    """Return position (file units) and fourth word of each record [shape=(n, 4)]."""
     raw = records.tobytes()
     if layout.is_float:
         return decode_floats(raw, layout.processor).reshape(-1, WORDS_PER_POINT)

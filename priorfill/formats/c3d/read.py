@@ -21,7 +21,7 @@ from priorfill.formats.recording import ReadOptions, Recording, clip_from_file
 __all__ = ["parse_c3d", "read_c3d", "read_c3d_bytes"]
 
 MAX_C3D_BYTES = 4_000_000_000
-"""Size limit of a file: 11 hours of 50 markers at 120 Hz. Filling takes ten times that in memory."""
+"""Size limit of a file: 11 hours of 50 markers at 120 Hz. A fill takes ten times that in memory."""
 
 _OUTPUT_GROUPS = (
     *("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS", "BONES"),

@@ -1,8 +1,8 @@
-"""Write a clip's source file anew through ezc3d, where a copy cannot hold what is filled.
+"""Rewrite a clip's source file through ezc3d, for filled samples that a copy cannot hold.
 
-A file of integers ends at 32767 steps; what is filled beyond has no place in a copy of it. The
-new file has float coordinates, and is otherwise what ezc3d makes of the source: that is compared,
-and what has changed is said.
+The integers of a file end at 32767 steps; filled samples beyond do not fit into a copy. The new
+file has float coordinates. Everything else is as ezc3d writes it; it is compared with the source,
+and the differences are reported.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from priorfill.formats.c3d.layout import (
     parse_layout,
     read_points,
 )
-from priorfill.formats.c3d.parameters import Value
+from priorfill.formats.c3d.parameters import ParameterValue
 from priorfill.formats.c3d.patch import PatchPlan, plan_patch
 from priorfill.formats.c3d.read import read_c3d_bytes
 from priorfill.formats.file_bytes import check_unchanged
@@ -34,43 +34,44 @@ from priorfill.runtime.atomic_file import replace_file
 
 __all__ = ["rewrite_c3d"]
 
-_MOST_FRAMES = 65535
-"""Frames that ezc3d reads and writes at most."""
+_MAX_EZC3D_FRAMES = 65535
+"""Maximum number of frames that ezc3d reads and writes."""
 
 _FLOAT_STEP = 2 * float(np.finfo(np.float32).eps)
-"""Largest relative error of a coordinate that goes through 32 bits, a few times over."""
+"""Relative error up to which coordinates stored in 32 bits count as equal."""
 
-_LIST = 255
-"""Entries of one parameter at most; longer lists go on in LABELS2, LABELS3, ..."""
+_MAX_ENTRIES = 255
+"""Maximum entries of one parameter; longer lists continue in LABELS2, LABELS3, ..."""
 
 _ANALOG_ERROR = 1e-5
-"""Relative error up to which analog values are the same: they are scaled there and back."""
+"""Relative error up to which analog values count as equal; ezc3d scales them twice."""
 
 _EVENT_KEY = 0x3039
 _EVENT_WORDS = slice(149, 151)
 _EVENT_TIMES = 304
-"""C3DHeader: the words with the key, 12345, and the number of events; the byte of their times."""
+"""Events in the header: their key (12345), the words with key and number of events, and the byte
+offset of their times."""
 
-_MOST_EVENTS = 18
-"""Events that a header has room for."""
+_MAX_EVENTS = 18
+"""Maximum number of events in a header."""
 
-_PLACES = frozenset({("POINT", "DATA_START")})
-"""C3DParameters that say where things are in the file, which differs of course."""
+_ADDRESSES = frozenset({("POINT", "DATA_START")})
+"""Parameters with positions in the file, which differ between any two files."""
 
-_WORD = (-(1 << 15), (1 << 16) - 1)
-"""What the fourth word of a sample can be, signed or not."""
+_WORD_RANGE = (-(1 << 15), (1 << 16) - 1)
+"""Range of the fourth word of a sample, signed or unsigned."""
 
-_LARGEST_MASK = 0x7F
+_MAX_CAMERA_MASK = 0x7F
 _RESIDUAL_BITS = 8
-"""The fourth word of a sample: seven cameras above, the residual in the lower eight bits."""
+"""The fourth word of a sample: seven camera bits above eight bits of residual."""
 
 
 def rewrite_c3d(
     path: Path | str, clip: Clip, filled: NDArray[np.bool_], *, overwrite: bool = False
 ) -> WriteReport:
-    """Write what the clip's source holds, with the filled samples, as a file of float numbers.
+    """Write the contents of the clip's source with the filled samples and float coordinates.
 
-    C3DParameters
+    Parameters
     ----------
     path : Path or str
         The file to write; never the source.
@@ -84,19 +85,23 @@ def rewrite_c3d(
     Returns
     -------
     WriteReport
-        How many samples were written, how well the file holds them, and what else has changed.
+        The number of samples written, the rounding error, and other differences to the source.
 
     Raises
     ------
     OutputError
-        Where `write_c3d` does, and if ezc3d cannot read the source or write it back.
+        As for `write_c3d`, and if ezc3d cannot read the source or write it back.
     FormatError
-        If the source is gone or cannot be read.
+        If the source no longer exists or cannot be read.
+
+    See Also
+    --------
+    priorfill.formats.write_c3d : Write a byte-exact copy, which is preferable where it is possible.
     """
-    import ezc3d  # slow to import, and `--help` should not wait for it
+    import ezc3d  # slow; imported late to keep `--help` fast
 
     plan = plan_patch(path, clip, filled, overwrite=overwrite)
-    assert clip.source is not None  # plan_patch has seen to it
+    assert clip.source is not None  # checked by plan_patch
     _check_suits_ezc3d(plan.layout, clip.source.path.name)
     with replace_file(path, overwrite=overwrite) as temporary:
         try:
@@ -108,7 +113,7 @@ def rewrite_c3d(
             _fit_labels(content, "POINT", data["points"].shape[1])
             _fit_labels(content, "ANALOG", data["analogs"].shape[1])
             content.write(str(temporary))
-        except Exception as error:  # its C++ side raises whatever it likes
+        except Exception as error:  # its C++ part raises errors of any type
             reason = " ".join(str(error).split())
             raise OutputError(
                 f"{clip.source.path.name}: ezc3d cannot rewrite this file ({reason}); "
@@ -124,21 +129,21 @@ def rewrite_c3d(
 
 
 def _check_suits_ezc3d(layout: C3DLayout, name: str) -> None:
-    """Raise OutputError if a file has what ezc3d misreads, hangs on or crashes on.
+    """Raise OutputError if ezc3d would misread a file, hang or crash.
 
-    It does not know MIPS; it believes the header where the parameters are right; it reads no
-    more than 65535 frames; it loses its way, for minutes, where a description's length is
-    wrong; and it ends the whole program (segmentation fault, ezc3d 1.7.2) where analog
-    channels have no scale or offset, which the format allows.
+    ezc3d does not support MIPS; it prefers the header where the parameters are right; it reads at
+    most 65535 frames; it hangs for minutes if a description's length is wrong; and it crashes
+    (segmentation fault in ezc3d 1.7.2) if analog channels have no scale or offset, which the format
+    allows.
     """
     parameters = layout.parameters
     channels = parameters.count("ANALOG", "USED") or 0
     described = min(parameters.numbers("ANALOG", what).size for what in ("SCALE", "OFFSET"))
     for is_so, reason in (
-        (layout.processor is Processor.MIPS, "is of a MIPS computer"),
+        (layout.processor is Processor.MIPS, "has the number format of MIPS"),
         (bool(layout.contradictions), "contradicts itself"),
         (not parameters.regular, "has descriptions of a wrong length"),
-        (layout.frames > _MOST_FRAMES, f"has more than {_MOST_FRAMES} frames"),
+        (layout.frames > _MAX_EZC3D_FRAMES, f"has more than {_MAX_EZC3D_FRAMES} frames"),
         (
             layout.analog_words > 0 and not 0 < channels <= described,
             "has analog channels without scale or offset",
@@ -146,15 +151,15 @@ def _check_suits_ezc3d(layout: C3DLayout, name: str) -> None:
     ):
         if is_so:
             raise OutputError(
-                f"{name}: {reason}, so that ezc3d cannot rewrite it; "
+                f"{name}: {reason}, so ezc3d cannot rewrite it; "
                 "write a copy (without --rewrite) and leave what does not fit unfilled"
             )
 
 
 def _fit_labels(content: Any, group: str, count: int) -> None:
-    """Make the labels of ezc3d's content as many as there are points or channels.
+    """Adjust the number of labels in ezc3d's content to that of points or channels.
 
-    More and fewer are legal and common, but ezc3d does not write them.
+    A different number is legal and common, but ezc3d does not write it.
     """
     parameters = content["parameters"][group]
     parts = ["LABELS"]
@@ -164,9 +169,9 @@ def _fit_labels(content: Any, group: str, count: int) -> None:
     if len(labels) == count:
         return
     labels = [*labels, *[""] * count][:count]
-    for number in range(max(len(parts), -(-count // _LIST))):
+    for number in range(max(len(parts), -(-count // _MAX_ENTRIES))):
         part = f"LABELS{number + 1}" if number else "LABELS"
-        some = labels[number * _LIST : (number + 1) * _LIST]
+        some = labels[number * _MAX_ENTRIES : (number + 1) * _MAX_ENTRIES]
         if part in parameters:
             parameters[part]["value"] = some
         else:
@@ -174,23 +179,23 @@ def _fit_labels(content: Any, group: str, count: int) -> None:
 
 
 def _compare(plan: PatchPlan, written: bytes, name: str) -> tuple[float, list[str]]:
-    """Return the largest error of a filled coordinate (file units), and what else has changed.
+    """Return the largest error of a filled coordinate (file units), and other differences.
 
     Raises
     ------
     OutputError
-        If a sample is not where it should be, or the source has changed meanwhile.
+        If a sample has moved, or the source has changed in the meantime.
     """
     before = plan.layout
     original = read_c3d_bytes(plan.source.path)
     source = plan.source
-    check_unchanged(source.path, hashlib.sha256(original).hexdigest(), source.sha256)  # meanwhile
+    check_unchanged(source.path, hashlib.sha256(original).hexdigest(), source.sha256)
     expected, residual = read_points(original, before)
     expected[residual < 0] = np.nan
     expected[np.isnan(expected).any(axis=2)] = np.nan
     expected[plan.frames, plan.points] = plan.in_units
     failed = OutputError(
-        f"{name}: ezc3d does not write back all of this file's samples as they are; "
+        f"{name}: ezc3d changes samples of this file when writing it; "
         "write a copy (without --rewrite) and leave what does not fit unfilled"
     )
     try:
@@ -218,48 +223,48 @@ def _changes(
     after: C3DLayout,
     untouched: NDArray[np.bool_],
 ) -> Iterator[str]:
-    """Yield what differs between two files, beside the filled samples."""
+    """Yield the differences between two files outside the filled samples."""
     if before.is_float != after.is_float:
         yield "coordinates are floats instead of integers"
     if before.processor is not after.processor:
-        yield f"numbers are {after.processor.name}'s instead of {before.processor.name}'s"
+        yield f"number format {after.processor.name} instead of {before.processor.name}"
     if before.first_frame != after.first_frame:
         yield f"the first frame is {after.first_frame} instead of {before.first_frame}"
     events = len(_events(original, before))
     if not np.array_equal(_events(original, before), _events(written, after)):
-        yield f"the header's events, {events}, are not as they were"
+        yield f"the header's events differ ({events} in the source)"
     other = [
         int((one != two)[untouched].sum())
         for one, two in zip(_quality(original, before), _quality(written, after), strict=True)
     ]
     for what, samples in zip(("cameras", "residuals"), other, strict=True):
         if samples:
-            yield f"{what} of {samples} measured samples are not as they were"
+            yield f"{what} of {samples} measured samples differ"
     if not _same_analog(original, before, written, after):
-        yield "analog values are not as they were"
+        yield "analog values differ"
     yield from _parameter_changes(before, after)
 
 
 def _events(data: bytes, layout: C3DLayout) -> NDArray[np.float64]:
-    """Return the times of the events that a file's header holds."""
+    """Return the times (s) of the events in a file's header [shape=(events,)]."""
     key, count = decode_integers(data[:512], layout.processor)[_EVENT_WORDS]
-    if key != _EVENT_KEY or not 0 < count <= _MOST_EVENTS:
+    if key != _EVENT_KEY or not 0 < count <= _MAX_EVENTS:
         return np.empty(0)
     return decode_floats(data[_EVENT_TIMES : _EVENT_TIMES + 4 * int(count)], layout.processor)
 
 
 def _quality(data: bytes, layout: C3DLayout) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return cameras, and residuals in thousandths of a file unit [shape=(frames, points)]."""
-    # a float may be anything; what has more than 16 bits says nothing of cameras or residuals
-    words = np.nan_to_num(read_points(data, layout)[1]).clip(*_WORD).astype(np.int64)
-    cameras = (words >> _RESIDUAL_BITS) & _LARGEST_MASK
+    # a float may have any value; one beyond 16 bits holds neither cameras nor residual
+    words = np.nan_to_num(read_points(data, layout)[1]).clip(*_WORD_RANGE).astype(np.int64)
+    cameras = (words >> _RESIDUAL_BITS) & _MAX_CAMERA_MASK
     steps = words & ((1 << _RESIDUAL_BITS) - 1)
     with np.errstate(over="ignore", invalid="ignore"):  # a damaged scale
         return cameras, np.nan_to_num(np.rint(1000 * layout.scale * steps))
 
 
 def _same_analog(original: bytes, before: C3DLayout, written: bytes, after: C3DLayout) -> bool:
-    """Tell if two files have the same analog values, scaled as each says."""
+    """Check whether two files have the same scaled analog values."""
     one, two = _analog(original, before), _analog(written, after)
     if one.shape != two.shape:
         return False
@@ -272,7 +277,7 @@ def _same_analog(original: bytes, before: C3DLayout, written: bytes, after: C3DL
 
 
 def _analog(data: bytes, layout: C3DLayout) -> NDArray[np.float64]:
-    """Return a file's analog values [shape=(frames, samples, channels), as scaled]."""
+    """Return a file's scaled analog values [shape=(frames, samples, channels)]."""
     channels = layout.parameters.count("ANALOG", "USED") or 0
     if layout.analog_words == 0 or channels == 0:
         return np.empty((layout.frames, 0, 0))
@@ -288,18 +293,20 @@ def _analog(data: bytes, layout: C3DLayout) -> NDArray[np.float64]:
     values = values.reshape(layout.frames, -1, channels)
     offset = layout.parameters.numbers("ANALOG", "OFFSET")[:channels]
     scale = layout.parameters.numbers("ANALOG", "SCALE")[:channels]
-    whole = layout.parameters.number("ANALOG", "GEN_SCALE")
+    common = layout.parameters.number("ANALOG", "GEN_SCALE")
     with np.errstate(over="ignore", invalid="ignore"):  # a damaged scale, or values
-        scaled: NDArray[np.float64] = (values - offset) * scale * (1.0 if whole is None else whole)
+        scaled: NDArray[np.float64] = (
+            (values - offset) * scale * (1.0 if common is None else common)
+        )
     return scaled
 
 
 def _parameter_changes(before: C3DLayout, after: C3DLayout) -> Iterator[str]:
-    """Yield a sentence for each group whose parameters differ."""
+    """Yield one description for each group whose parameters differ."""
     old, new = dict(before.parameters.items()), dict(after.parameters.items())
     groups: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
     for key in dict.fromkeys((*old, *new)):
-        if key in _PLACES:
+        if key in _ADDRESSES:
             continue
         group, name = key
         if key not in new:
@@ -313,8 +320,8 @@ def _parameter_changes(before: C3DLayout, after: C3DLayout) -> Iterator[str]:
         yield f"parameters of {group}: {'; '.join(parts)}"
 
 
-def _same(one: Value, two: Value) -> bool:
-    """Tell if two parameters hold the same."""
+def _same(one: ParameterValue, two: ParameterValue) -> bool:
+    """Check whether two parameters have the same contents."""
     if isinstance(one, list) or isinstance(two, list):
         return one == two
     return np.array_equal(one.astype(np.float32), two.astype(np.float32), equal_nan=True)

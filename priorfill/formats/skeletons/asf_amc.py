@@ -1,4 +1,4 @@
-"""ASF and AMC: a skeleton, and its motion, as Acclaim wrote them and Vicon's BodyBuilder does."""
+"""ASF and AMC (Acclaim) files: a skeleton, and its motion."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from priorfill.errors import FormatError
 from priorfill.formats.file_bytes import read_bytes
-from priorfill.formats.skeletons.numbered_lines import GREATEST, NumberedLines
+from priorfill.formats.skeletons.numbered_lines import MAX_NUMBER, NumberedLines
 from priorfill.skeleton.joints import Motion, Skeleton, euler
 
 __all__ = ["AsfSkeleton", "find_asf", "parse_amc", "parse_asf", "read_amc", "read_asf"]
 
-LARGEST = 1 << 30
-"""Bytes of the largest file that is read: 20 hours of CMU's skeleton at 120 Hz."""
+MAX_AMC_BYTES = 1 << 30
+"""Size limit of a file: 20 hours of the CMU skeleton at 120 Hz."""
 
 INCH = 25.4
 """mm."""
@@ -32,20 +32,20 @@ _NO_DATA = ("#", ":")
 
 @dataclass(frozen=True, eq=False)
 class AsfSkeleton:
-    """A skeleton of an ASF file, and how AMC files move it.
+    """Skeleton of an ASF file, and the channels of the AMC files that move it.
 
     Attributes
     ----------
     skeleton : Skeleton
-        Its joints; each bone's joint has the bone's name.
+        Its joints, named after their bones.
     channels : dict of str to tuple of str
-        The values that a frame has for each bone, such as ``("rx", "ry")``.
+        Names of each bone's values in a frame, such as ``("rx", "ry")``.
     axes : ndarray [shape=(joints, 3, 3)]
-        Each joint's own axes, about which it turns.
+        Axes of each joint, about which it rotates.
     degrees : bool
         Whether angles are in degrees.
     root : ndarray [shape=(3,), file units]
-        What is added to the root's place.
+        Offset added to the root's position.
     """
 
     skeleton: Skeleton
@@ -57,7 +57,7 @@ class AsfSkeleton:
 
 @dataclass(eq=False)
 class _Bone:
-    """What an ASF file says of a bone."""
+    """A bone of an ASF file."""
 
     line: int
     name: str = ""
@@ -74,9 +74,9 @@ def read_asf(path: Path) -> AsfSkeleton:
     Raises
     ------
     FormatError
-        Where the file is not there, or is no ASF file, or a damaged one.
+        If the file does not exist, is not ASF, or is damaged.
     """
-    return parse_asf(read_bytes(path, max_bytes=LARGEST), str(path))
+    return parse_asf(read_bytes(path, max_bytes=MAX_AMC_BYTES), str(path))
 
 
 def read_amc(path: Path, asf: AsfSkeleton) -> Motion:
@@ -85,20 +85,20 @@ def read_amc(path: Path, asf: AsfSkeleton) -> Motion:
     Raises
     ------
     FormatError
-        Where the file is not there, is damaged, or does not fit the skeleton.
+        If the file does not exist, is damaged, or does not fit the skeleton.
     """
-    return parse_amc(read_bytes(path, max_bytes=LARGEST), asf, str(path))
+    return parse_amc(read_bytes(path, max_bytes=MAX_AMC_BYTES), asf, str(path))
 
 
 def find_asf(amc: Path) -> Path | None:
-    """Return the skeleton that lies beside an AMC file by name, if there is one.
+    """Return the ASF file in the folder of an AMC file that fits by name; None if there is none.
 
-    ``HDM_dg.asf`` is for ``HDM_dg_06-03.amc``, ``01.asf`` for ``01_02.amc``, and one of the very
-    same name is for that file. Of several, the longest name is meant. A folder with one ASF
-    file alone has one skeleton.
+    ``HDM_dg.asf`` fits ``HDM_dg_06-03.amc``, ``01.asf`` fits ``01_02.amc``, and a file of the same
+    name fits. Of several, the longest name is chosen. If no name fits, the only ASF file of the
+    folder is chosen.
     """
     try:
-        beside = [file for file in amc.parent.iterdir() if file.suffix.lower() == ".asf"]
+        candidates = [file for file in amc.parent.iterdir() if file.suffix.lower() == ".asf"]
     except OSError:
         return None
     stem = amc.stem.lower()
@@ -106,14 +106,32 @@ def find_asf(amc: Path) -> Path | None:
     def fits(name: str) -> bool:
         return stem == name or (stem.startswith(name) and not stem[len(name)].isalnum())
 
-    fitting = sorted((f for f in beside if fits(f.stem.lower())), key=lambda f: -len(f.stem))
+    fitting = sorted((f for f in candidates if fits(f.stem.lower())), key=lambda f: -len(f.stem))
     if fitting:
         return fitting[0]
-    return beside[0] if len(beside) == 1 else None
+    return candidates[0] if len(candidates) == 1 else None
 
 
 def parse_asf(data: bytes, name: str) -> AsfSkeleton:
-    """Read what is in an ASF file; ``name`` is what to call it."""
+    """Parse the contents of an ASF file.
+
+    Parameters
+    ----------
+    data : bytes
+        The contents.
+    name : str
+        The file's name in messages.
+
+    Returns
+    -------
+    AsfSkeleton
+        The skeleton in file units.
+
+    Raises
+    ------
+    FormatError
+        If the file is not ASF, or is damaged.
+    """
     lines = NumberedLines(data, name)
     length, angle = 1.0, "deg"
     root: dict[str, list[str]] = {}
@@ -138,7 +156,7 @@ def parse_asf(data: bytes, name: str) -> AsfSkeleton:
         elif section == ":bonedata" and key == "begin":
             bone = _read_bone(lines)
             if bone.name in bones or bone.name.lower() == ROOT:
-                raise lines.error(f"bone {bone.name} is there twice", at=bone.line)
+                raise lines.error(f"bone {bone.name} occurs twice", at=bone.line)
             bones[bone.name] = bone
         elif section == ":hierarchy" and key not in ("begin", "end"):
             if words[0] != ROOT and words[0] not in bones:
@@ -149,8 +167,8 @@ def parse_asf(data: bytes, name: str) -> AsfSkeleton:
                     raise lines.error(f"bone {child} is not among those of :bonedata")
     if not bones or not children:
         raise FormatError(
-            f"{name}: has no {':hierarchy' if bones else ':bonedata'}, so it is no whole ASF file; "
-            "download it again"
+            f"{name}: has no {':hierarchy' if bones else ':bonedata'}, so it is not a complete ASF "
+            "file; download it again"
         )
     if length <= 0.0:
         raise FormatError(f"{name}: the unit of length is {length:g}; correct it")
@@ -158,7 +176,7 @@ def parse_asf(data: bytes, name: str) -> AsfSkeleton:
 
 
 def _read_bone(lines: NumberedLines) -> _Bone:
-    """Read from behind ``begin`` to ``end``."""
+    """Parse from the line after ``begin`` to ``end``."""
     bone = _Bone(lines.line)
     for words in lines:
         key = words[0].lower()
@@ -177,9 +195,9 @@ def _read_bone(lines: NumberedLines) -> _Bone:
             bone.channels = tuple(word.lower() for word in words[1:])
             _check_channels(bone.channels, lines)
         elif key == "begin" or key.startswith(":"):
-            raise lines.error("a bone begins before the one before has its line 'end'")
+            raise lines.error("a bone begins before the previous one has ended")
     else:
-        raise lines.error("ends within a bone; download the file again", at=bone.line)
+        raise lines.error("the file ends inside a bone; download it again", at=bone.line)
     if not bone.name or bone.direction is None or bone.length is None:
         lacking = "name" if not bone.name else "direction" if bone.direction is None else "length"
         raise lines.error(f"the bone that begins here has no {lacking}", at=bone.line)
@@ -189,14 +207,14 @@ def _read_bone(lines: NumberedLines) -> _Bone:
 def _order(word: str, lines: NumberedLines) -> str:
     order = word.upper()
     if sorted(order) != ["X", "Y", "Z"]:
-        raise lines.error(f"{word!r} is no order of axes such as XYZ")
+        raise lines.error(f"{word!r} is not an order of axes such as XYZ")
     return order
 
 
 def _check_channels(channels: Sequence[str], lines: NumberedLines) -> None:
     for channel in channels:
         if channel not in _ROTATIONS and channel not in _TRANSLATIONS and channel != _LENGTH:
-            raise lines.error(f"{channel!r} is no degree of freedom (rx ry rz tx ty tz l)")
+            raise lines.error(f"{channel!r} is not a degree of freedom (rx ry rz tx ty tz l)")
 
 
 def _assemble(
@@ -207,10 +225,10 @@ def _assemble(
     bones: dict[str, _Bone],
     children: dict[str, list[str]],
 ) -> AsfSkeleton:
-    """Put the parts together, a parent before its children."""
+    """Assemble the skeleton, parents before their children."""
     order = [ROOT]
     parents, ends, offsets = [-1], [np.zeros(3)], [np.zeros(3)]
-    for number, parent in enumerate(order):  # grows meanwhile
+    for number, parent in enumerate(order):  # grows in the loop
         for child in children.get(parent, ()):
             if child in order:
                 raise FormatError(
@@ -226,14 +244,18 @@ def _assemble(
             ends.append(direction / size * bone.length if size else np.zeros(3))
     root_order = (root.get("axis") or ["XYZ"])[0].upper()
     if sorted(root_order) != ["X", "Y", "Z"]:
-        raise FormatError(f"{name}: the root's axis {root_order!r} is no order of axes as XYZ is")
+        raise FormatError(
+            f"{name}: the root's axis {root_order!r} is not an order of axes such as XYZ"
+        )
     axes = [_turn(root_order, _floats(root, "orientation"), degrees)]
     axes += [_turn(bones[n].order, bones[n].axis, degrees) for n in order[1:]]
     channels = {n: bones[n].channels for n in order[1:] if bones[n].channels}
     channels[ROOT] = tuple(word.lower() for word in root.get("order", _ROOT_ORDER))
     unknown = [c for c in channels[ROOT] if c not in _ROTATIONS and c not in _TRANSLATIONS]
     if unknown:
-        raise FormatError(f"{name}: the root's order has {unknown[0]!r}; it has tx ty tz rx ry rz")
+        raise FormatError(
+            f"{name}: the root's order has {unknown[0]!r} instead of tx ty tz rx ry rz"
+        )
     skeleton = Skeleton(
         tuple(order),
         tuple(parents),
@@ -255,13 +277,33 @@ def _floats(root: dict[str, list[str]], key: str) -> tuple[float, ...]:
 
 
 def _turn(order: str, angles: Sequence[float], degrees: bool) -> NDArray[np.float64]:
-    """Return the matrix of an ``axis``: about the world's axes, the first of ``order`` first."""
+    """Return the rotation of an ``axis`` line: about world axes, in the order given."""
     values = np.array(angles[::-1], dtype=np.float64)
     return euler(order[::-1], np.deg2rad(values) if degrees else values)
 
 
 def parse_amc(data: bytes, asf: AsfSkeleton, name: str) -> Motion:
-    """Read what is in an AMC file; ``name`` is what to call it."""
+    """Parse the contents of an AMC file.
+
+    Parameters
+    ----------
+    data : bytes
+        The contents.
+    asf : AsfSkeleton
+        The skeleton that it moves.
+    name : str
+        The file's name in messages.
+
+    Returns
+    -------
+    Motion
+        The motion in file units, without a rate.
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged, or does not fit the skeleton.
+    """
     lines = NumberedLines(data, name)
     degrees = asf.degrees
     values: dict[str, list[list[str]]] = {bone: [] for bone in asf.channels}
@@ -277,7 +319,7 @@ def parse_amc(data: bytes, asf: AsfSkeleton, name: str) -> Motion:
                 _check_frame(lines, values, frames)
             frames += 1
         elif not frames:
-            raise lines.error("has no frame number before its first values; it is no AMC file")
+            raise lines.error("values precede the first frame number; it is not an AMC file")
         else:
             wanted = asf.channels.get(first)
             if wanted is None:
@@ -287,15 +329,17 @@ def parse_amc(data: bytes, asf: AsfSkeleton, name: str) -> Motion:
                 )
             if len(words) - 1 != len(wanted):
                 raise lines.error(
-                    f"bone {first} has {len(words) - 1} values, the skeleton's has {len(wanted)}; "
+                    f"bone {first} has {len(words) - 1} values, but {len(wanted)} in the skeleton; "
                     "give the right skeleton (--skeleton)"
                 )
             if len(values[first]) == frames:
-                raise lines.error(f"bone {first} is there twice in one frame")
+                raise lines.error(f"bone {first} occurs twice in one frame")
             values[first].append(words[1:])
             number[first].append(lines.line)
     if not frames:
-        raise FormatError(f"{name}: has no frames; it is no whole AMC file; download it again")
+        raise FormatError(
+            f"{name}: has no frames; it is not a complete AMC file; download it again"
+        )
     _check_frame(lines, values, frames)
     columns = {
         bone: _array(rows, number[bone], lines, bone) for bone, rows in values.items() if rows
@@ -304,9 +348,9 @@ def parse_amc(data: bytes, asf: AsfSkeleton, name: str) -> Motion:
 
 
 def _check_frame(lines: NumberedLines, values: dict[str, list[list[str]]], frames: int) -> None:
-    """Raise an error where a bone that moved before has no values in the last frame."""
+    """Raise FormatError if a bone with values in earlier frames has none in the last one."""
     for bone, rows in values.items():
-        # some files leave out bones that never move
+        # some files omit bones that never move
         if len(rows) != frames and (rows or bone == ROOT):
             raise lines.error(
                 f"bone {bone} has no values in frame {frames} of the file, which ends before "
@@ -317,22 +361,22 @@ def _check_frame(lines: NumberedLines, values: dict[str, list[list[str]]], frame
 def _array(
     rows: list[list[str]], number: list[int], lines: NumberedLines, bone: str
 ) -> NDArray[np.float64]:
-    """Return rows of words as numbers, all at once, and find the wrong one where that fails."""
+    """Convert rows of words to numbers, all at once; on failure, find the invalid one."""
     try:
         values = np.array(rows, dtype=np.float64)
-        if (np.abs(values) <= GREATEST).all():
+        if (np.abs(values) <= MAX_NUMBER).all():
             return values
     except ValueError:
         pass
     for words, line in zip(rows, number, strict=True):
         lines.numbers(words, len(words), f"a value of bone {bone}", at=line)
-    raise AssertionError("a number that is none was not found")
+    raise AssertionError("the invalid number was not found")
 
 
 def _motion(
     asf: AsfSkeleton, columns: dict[str, NDArray[np.float64]], frames: int, degrees: bool
 ) -> Motion:
-    """Turn values into turns and places."""
+    """Convert channel values to rotations and positions."""
     skeleton = asf.skeleton
     root = np.broadcast_to(asf.root, (frames, 3)).copy()
     turns: dict[int, NDArray[np.float64]] = {}
@@ -343,7 +387,7 @@ def _motion(
         turning = [c for c in channels if c in _ROTATIONS]
         local = np.broadcast_to(np.eye(3), (frames, 3, 3))
         if values is not None and turning:
-            # about the world's axes in the order of the file: the last one comes first
+            # rotations about world axes in the file's order, so the last is the outermost
             at = [channels.index(c) for c in turning[::-1]]
             angles = np.deg2rad(values[:, at]) if degrees else values[:, at]
             local = euler("".join(_ROTATIONS[c] for c in turning[::-1]), angles)

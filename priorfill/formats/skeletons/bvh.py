@@ -1,4 +1,4 @@
-"""BVH: a skeleton and its motion in one file, as Biovision wrote it and most programs do."""
+"""BVH (Biovision) files: a skeleton and its motion."""
 
 from __future__ import annotations
 
@@ -10,37 +10,37 @@ from numpy.typing import NDArray
 
 from priorfill.errors import FormatError
 from priorfill.formats.file_bytes import read_bytes
-from priorfill.formats.skeletons.numbered_lines import GREATEST, NumberedLines
+from priorfill.formats.skeletons.numbered_lines import MAX_NUMBER, NumberedLines
 from priorfill.skeleton.joints import Motion, Skeleton, euler
 
 __all__ = ["parse_bvh", "read_bvh"]
 
-LARGEST = 1 << 30
-"""Bytes of the largest file that is read: 6 hours of a skeleton with fingers at 120 Hz."""
+MAX_BVH_BYTES = 1 << 30
+"""Size limit of a file: 6 hours of a skeleton with fingers at 120 Hz."""
 
-DEEPEST = 200
-"""Joints in a chain; no skeleton has as many."""
+MAX_CHAIN_JOINTS = 200
+"""Maximum number of joints in a chain; no skeleton has as many."""
 
-SLOWEST = 100.0
-"""s. A longer time from frame to frame is nonsense."""
+MAX_FRAME_SECONDS = 100.0
+"""s. A longer frame time is ignored as invalid."""
 
 RATE_DECIMALS = 2
-"""Of a rate in Hz: the times of frames are rounded, 0.00833333 s is 120 Hz."""
+"""Decimals of the rate (Hz). Frame times are rounded: 0.00833333 s means 120 Hz."""
 
 _POSITION, _ROTATION = "position", "rotation"
 
 
 @dataclass(eq=False)
 class _Joint:
-    """What the hierarchy says of a joint."""
+    """A joint of the hierarchy."""
 
     name: str
     parent: int
     line: int
     offset: tuple[float, ...] | None = None
     channels: tuple[str, ...] = ()
-    first: int = 0  # its first column among the values of a frame
-    tips: list[tuple[float, ...]] = field(default_factory=list)  # of its children
+    first: int = 0  # first column among the values of a frame
+    tips: list[tuple[float, ...]] = field(default_factory=list)  # offsets of its children
 
 
 def read_bvh(path: Path) -> Motion:
@@ -49,19 +49,37 @@ def read_bvh(path: Path) -> Motion:
     Raises
     ------
     FormatError
-        Where the file is not there, or is no BVH file, or a damaged one.
+        If the file does not exist, is not BVH, or is damaged.
     """
-    return parse_bvh(read_bytes(path, max_bytes=LARGEST), str(path))
+    return parse_bvh(read_bytes(path, max_bytes=MAX_BVH_BYTES), str(path))
 
 
 def parse_bvh(data: bytes, name: str) -> Motion:
-    """Read what is in a BVH file; ``name`` is what to call it."""
+    """Parse the contents of a BVH file.
+
+    Parameters
+    ----------
+    data : bytes
+        The contents.
+    name : str
+        The file's name in messages.
+
+    Returns
+    -------
+    Motion
+        The skeleton and its motion in file units, with the rate if it is plausible.
+
+    Raises
+    ------
+    FormatError
+        If the file is not BVH, or is damaged.
+    """
     lines = NumberedLines(data, name)
     joints = _hierarchy(lines)
     skeleton = Skeleton(
         tuple(joint.name for joint in joints),
         tuple(joint.parent for joint in joints),
-        # where a root is lies in its motion
+        # the position of a root is part of the motion
         np.array([np.zeros(3) if j.parent < 0 else j.offset for j in joints], dtype=np.float64),
         np.array([np.mean(j.tips, axis=0) if j.tips else np.zeros(3) for j in joints]),
     )
@@ -78,7 +96,7 @@ def parse_bvh(data: bytes, name: str) -> Motion:
             turns[number] = euler(order, np.deg2rad(columns[:, turning]))
         sliding = [k for k, c in enumerate(joint.channels) if c.endswith(_POSITION)]
         if sliding:
-            # in the place of the offset, as common programs write and read it
+            # replaces the offset, as in common programs
             place = np.broadcast_to(np.array(joint.offset), (len(values), 3)).copy()
             for column in sliding:
                 place[:, "xyz".index(joint.channels[column][0])] = columns[:, column]
@@ -90,9 +108,9 @@ def parse_bvh(data: bytes, name: str) -> Motion:
 
 
 def _hierarchy(lines: NumberedLines) -> list[_Joint]:
-    """Read from the first line to MOTION."""
+    """Parse from the first line to MOTION."""
     joints: list[_Joint] = []
-    open_joints: list[int] = []  # from the root to where the reader is; -1 for an end site
+    open_joints: list[int] = []  # from the root to the current joint; -1 for an end site
     named: int | None = None  # the joint whose { comes next
     columns = 0
     begun = False
@@ -100,38 +118,40 @@ def _hierarchy(lines: NumberedLines) -> list[_Joint]:
         key = words[0].upper()
         if not begun:
             if key != "HIERARCHY":
-                raise lines.error("does not begin with HIERARCHY; it is no BVH file")
+                raise lines.error("does not begin with HIERARCHY; it is not a BVH file")
             begun = True
         elif key == "MOTION":
             if open_joints or not joints:
-                raise lines.error("the hierarchy has no end; '}' is missing")
+                raise lines.error("the hierarchy is not closed; '}' is missing")
             for joint in joints:
                 if joint.offset is None:
                     raise lines.error(f"joint {joint.name} has no OFFSET", at=joint.line)
             return joints
         elif key in ("ROOT", "JOINT"):
             if (key == "ROOT") != (not joints):
-                raise lines.error("a file with two skeletons cannot be read; export each alone")
+                raise lines.error(
+                    "a file with two skeletons cannot be read; export each separately"
+                )
             if joints and (not open_joints or open_joints[-1] < 0):
-                raise lines.error("a joint is in no other joint")
-            if len(open_joints) >= DEEPEST:
-                raise lines.error(f"more than {DEEPEST} joints follow each other")
+                raise lines.error("a joint has no parent")
+            if len(open_joints) >= MAX_CHAIN_JOINTS:
+                raise lines.error(f"more than {MAX_CHAIN_JOINTS} joints in a chain")
             joints.append(
                 _Joint(" ".join(words[1:]), open_joints[-1] if joints else -1, lines.line)
             )
             named = len(joints) - 1
         elif key == "END":
             if not open_joints:
-                raise lines.error("an end site is in no joint")
+                raise lines.error("an end site has no joint")
             named = -1
         elif key == "{":
             if named is None:
-                raise lines.error("'{' follows no joint")
+                raise lines.error("'{' does not follow a joint")
             open_joints.append(named)
             named = None
         elif key == "}":
             if not open_joints:
-                raise lines.error("'}' closes nothing")
+                raise lines.error("'}' without '{'")
             open_joints.pop()
         elif key == "OFFSET" and open_joints:
             offset = lines.numbers(words[1:], 3, "an offset")
@@ -146,7 +166,7 @@ def _hierarchy(lines: NumberedLines) -> list[_Joint]:
             joint.channels, joint.first = _channels(words, lines), columns
             columns += len(joint.channels)
         else:
-            raise lines.error(f"{words[0][:20]!r} makes no sense here; the file is damaged")
+            raise lines.error(f"{words[0][:20]!r} is not expected here; the file is damaged")
     raise lines.error("ends before MOTION; the file is cut short, download it again")
 
 
@@ -155,15 +175,15 @@ def _channels(words: list[str], lines: NumberedLines) -> tuple[str, ...]:
     count = lines.numbers(words[1:], 1, "the number of channels")[0]
     channels = tuple(word.lower() for word in words[2:])
     if count != len(channels):
-        raise lines.error(f"says {words[1]} channels and names {len(channels)}")
+        raise lines.error(f"states {words[1]} channels but names {len(channels)}")
     for channel in channels:
         if channel[0] not in "xyz" or channel[1:] not in (_POSITION, _ROTATION):
-            raise lines.error(f"{channel!r} is no channel such as Xposition or Xrotation")
+            raise lines.error(f"{channel!r} is not a channel such as Xposition or Xrotation")
     return channels
 
 
 def _values(lines: NumberedLines, width: int) -> tuple[NDArray[np.float64], float | None]:
-    """Read what follows MOTION: a row for each frame, and the rate (Hz)."""
+    """Parse the part after MOTION: values [shape=(frames, channels)] and rate (Hz)."""
     frames, seconds = -1, 0.0
     rows: list[list[str]] = []
     numbers: list[int] = []
@@ -174,24 +194,24 @@ def _values(lines: NumberedLines, width: int) -> tuple[NDArray[np.float64], floa
         elif key == "frame" and len(words) > 1 and words[1].lower().startswith("time"):
             seconds = lines.numbers([words[-1]], 1, "the time of a frame")[0]
         elif len(words) != width:
-            raise lines.error(f"has {len(words)} values, and the joints have {width} channels")
+            raise lines.error(f"has {len(words)} values, but the joints have {width} channels")
         else:
             rows.append(words)
             numbers.append(lines.line)
     if frames != len(rows):
         raise FormatError(
-            f"{lines.name}: says {frames} frames and has {len(rows)}; the file is cut short or "
+            f"{lines.name}: states {frames} frames but has {len(rows)}; the file is cut short or "
             "damaged, download it again"
         )
     if not rows:
         raise FormatError(f"{lines.name}: has no frames; export it again")
-    rate = round(1.0 / seconds, RATE_DECIMALS) if 0.0 < seconds < SLOWEST else None
+    rate = round(1.0 / seconds, RATE_DECIMALS) if 0.0 < seconds < MAX_FRAME_SECONDS else None
     try:
         values = np.array(rows, dtype=np.float64)
-        if (np.abs(values) <= GREATEST).all():
+        if (np.abs(values) <= MAX_NUMBER).all():
             return values, rate
     except ValueError:
         pass
     for row, line in zip(rows, numbers, strict=True):
         lines.numbers(row, width, "a value of a channel", at=line)
-    raise AssertionError("a number that is none was not found")
+    raise AssertionError("the invalid number was not found")

@@ -1,4 +1,4 @@
-"""The lines of a text file as words, with the number of the line for what is wrong in it."""
+"""Lines of a text file as words, with line numbers for error messages."""
 
 from __future__ import annotations
 
@@ -7,36 +7,36 @@ from collections.abc import Iterator, Sequence
 
 from priorfill.errors import FormatError
 
-__all__ = ["GREATEST", "NumberedLines"]
+__all__ = ["MAX_NUMBER", "NumberedLines"]
 
-GREATEST = 1e9
-"""Of any number in such a file: no length or angle is greater, and squares stay finite."""
+MAX_NUMBER = 1e9
+"""Largest magnitude of a number: no length or angle is larger, and squares stay finite."""
 
-_LONGEST_SHOWN = 40
-"""Characters of a wrong word that a message shows."""
+_MAX_SHOWN = 40
+"""Characters of a wrong word shown in a message."""
 
 
 class NumberedLines:
-    """Goes through the lines of a file that have words; may be left and taken up again.
+    """Iterator over the non-empty lines of a file; a second loop continues where the first ended.
 
-    C3DParameters
+    Parameters
     ----------
     data : bytes
-        The file's contents; what is no UTF-8 is taken as Latin-1.
+        The file's contents, decoded as UTF-8, or else as Latin-1.
     name : str
-        What to call the file.
+        The file's name in messages.
 
     Attributes
     ----------
     line : int
-        Number of the line that was given last, the first being 1.
+        Number of the last line returned, counted from 1.
     """
 
     def __init__(self, data: bytes, name: str) -> None:
         self.name = name
         self.line = 0
         if b"\0" in data:
-            raise FormatError(f"{name}: is no text file; check the file")
+            raise FormatError(f"{name}: is not a text file; check the file")
         try:
             text = data.decode("utf-8-sig")
         except UnicodeDecodeError:
@@ -51,29 +51,29 @@ class NumberedLines:
                 yield words
 
     def error(self, what: str, *, at: int | None = None) -> FormatError:
-        """Return an error that names file and line."""
+        """Return an error that names file and line (by default the last one returned)."""
         return FormatError(f"{self.name}: line {self.line if at is None else at}: {what}")
 
     def numbers(
         self, words: Sequence[str], count: int, what: str, *, at: int | None = None
     ) -> tuple[float, ...]:
-        """Return words as numbers.
+        """Convert words to numbers.
 
-        C3DParameters
+        Parameters
         ----------
         words : sequence of str
             The words.
         count : int
-            How many there must be; more are not looked at.
+            Number of words converted; more are ignored.
         what : str
-            What they say, for messages.
+            Description of the numbers, for messages.
         at : int, optional
-            The number of their line; by default that of the line given last.
+            Line number; by default that of the last line returned.
 
         Raises
         ------
         FormatError
-            Where there are fewer, or one is no number or above `GREATEST`.
+            If there are fewer, or one is not a number or exceeds `MAX_NUMBER`.
         """
         if len(words) < count:
             raise self.error(f"{what} has {len(words)} of {count} numbers; correct it", at=at)
@@ -83,8 +83,10 @@ class NumberedLines:
                 value = float(word)
             except ValueError:
                 value = math.nan
-            if not abs(value) <= GREATEST:
-                shown = word[:_LONGEST_SHOWN]
-                raise self.error(f"{shown!r} is no number or too great ({what}); correct it", at=at)
+            if not abs(value) <= MAX_NUMBER:
+                shown = word[:_MAX_SHOWN]
+                raise self.error(
+                    f"{shown!r} is not a number or too large ({what}); correct it", at=at
+                )
             found.append(value)
         return tuple(found)

@@ -4,15 +4,15 @@
 
     Format Version,1.23,Take Name,walk,...,Export Frame Rate,120.000000,...,Length Units,Meters,...
 
-    ,,Type,Marker,Marker,Marker,...          or ,Type,,Marker ... with a column of time codes
+    ,,Type,Marker,Marker,Marker,...        (,Type,,Marker,... with a column of time codes)
     ,,Name,Ann:LTOE,Ann:LTOE,Ann:LTOE,...
     ,,ID,"5A...","5A...","5A...",...
     ,,,Position,Position,Position,...
     Frame,Time (Seconds),X,Y,Z,...
     0,0.000000,0.1,0.2,0.3,...
 
-A missing sample has blank cells. Rigid bodies and bones are no markers. Markers solved from these
-(types Rigid Body Marker and Bone Marker) are read only where the file has no measured ones.
+A missing sample has blank cells. Rigid bodies and bones are not markers. Markers solved from these
+(types Rigid Body Marker and Bone Marker) are read only if the file has no measured ones.
 """
 
 from __future__ import annotations
@@ -35,33 +35,35 @@ __all__ = ["parse_motive", "recognise_motive"]
 
 _DELIMITER = b","
 
-_HEADER_WITHIN = 20
-"""Lines among which the header is looked for."""
+_MAX_HEADER_LINES = 20
+"""Lines in which the header is searched."""
 
 _MARKER = "marker"
 _SOLVED = ("rigid body marker", "bone marker")
-"""Types of columns that hold a marker's position."""
+"""Types of columns with a marker's position."""
 
-_TITLES = 3
-"""The name of a header's row stands in one of its first cells."""
+_MAX_TITLE_CELL = 3
+"""Cells of a header row in which its name is searched."""
 
 
 def recognise_motive(head: bytes) -> bool:
-    """Tell by a file's first bytes if Motive exported it."""
+    """Check whether Motive exported a file by its first bytes."""
     return re.match(rb"(\xef\xbb\xbf)?\"?Format Version\"?,", head) is not None
 
 
 def parse_motive(data: bytes, name: str) -> TableRecording:
-    """Read a CSV of Motive.
+    """Parse a CSV file exported by Motive.
 
     Raises
     ------
     FormatError
-        Where it is none, has no markers, or is damaged.
+        If it is not one, has no markers, or is damaged.
+    ClipError
+        If it has no frames.
     """
     lines = split_lines(data, name)
-    facts = texts_of(lines[0], _DELIMITER)
-    header = dict(zip(facts[0::2], facts[1::2], strict=False))
+    pairs = texts_of(lines[0], _DELIMITER)
+    header = dict(zip(pairs[0::2], pairs[1::2], strict=False))
     titles, frame_row = _titles(lines, name)
     axes = texts_of(lines[frame_row], _DELIMITER)
     measures = texts_of(lines[frame_row - 1], _DELIMITER)
@@ -91,10 +93,10 @@ def parse_motive(data: bytes, name: str) -> TableRecording:
         raise ClipError(f"{name}: has no frames after line {frame_row + 1}; export it again")
     positions, table = read_table(lines, rows, columns, labels, _DELIMITER, name)
     split = [cells_of(lines[row], _DELIMITER)[:2] for row in rows]
-    first, of_frames = frame_numbers([cells[0] for cells in split], rows, name)
+    first, frame_notes = frame_numbers([cells[0] for cells in split], rows, name)
     times = [cells[1] for cells in split if len(cells) > 1]
-    said = header.get("Export Frame Rate") or header.get("Capture Frame Rate") or ""
-    rate, of_rate = find_rate(_number(said), times, name)
+    stated = header.get("Export Frame Rate") or header.get("Capture Frame Rate") or ""
+    rate, rate_notes = find_rate(_number(stated), times, name)
     return TableRecording(
         Recording(
             positions,
@@ -103,39 +105,38 @@ def parse_motive(data: bytes, name: str) -> TableRecording:
             header.get("Length Units", ""),
             first_frame=first,
             default_up="+Y",
-            notes=(*notes, *of_frames, *of_rate),
+            notes=(*notes, *frame_notes, *rate_notes),
         ),
         table,
     )
 
 
 def _titles(lines: list[bytes], name: str) -> tuple[dict[str, list[str]], int]:
-    """Return the rows of the header by their name, and the line of the columns' axes."""
+    """Return the header rows by name, and the line with the axes of the columns."""
     titles: dict[str, list[str]] = {}
-    for row, line in enumerate(lines[:_HEADER_WITHIN]):
+    for row, line in enumerate(lines[:_MAX_HEADER_LINES]):
         cells = texts_of(line, _DELIMITER)
         if row and cells and cells[0].lower() == "frame":
             if "type" in titles and "name" in titles:
                 return titles, row
             break
-        for cell in cells[:_TITLES]:
+        for cell in cells[:_MAX_TITLE_CELL]:
             if cell.lower() in ("type", "name"):
                 titles.setdefault(cell.lower(), cells)
     raise FormatError(
-        f"{name}: lacks the rows Type, Name and Frame that Motive writes below its first line; "
-        "export with all headers"
+        f"{name}: lacks the rows Type, Name and Frame of a Motive export; export with all headers"
     )
 
 
 def _choose(
     found: dict[str, list[tuple[str, list[int]]]],
 ) -> tuple[list[tuple[str, list[int]]], list[str]]:
-    """Return which columns to take: measured markers, or where there are none, solved ones."""
+    """Return the columns to read: measured markers, or solved ones if there are none."""
     notes = []
     if found[_MARKER]:
         solved = sum(len(found[kind]) for kind in _SOLVED)
         if solved:
-            notes.append(f"{solved} solved markers of rigid bodies and bones are left alone.")
+            notes.append(f"{solved} solved markers of rigid bodies and bones are left out.")
         return found[_MARKER], notes
     for kind in _SOLVED:
         if found[kind]:

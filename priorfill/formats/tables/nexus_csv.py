@@ -1,4 +1,4 @@
-"""Trajectories in the text files that Vicon Nexus exports (ASCII), separated by commas or tabs.
+"""Trajectories exported by Vicon Nexus as text (ASCII), separated by commas, tabs or semicolons.
 
 ::
 
@@ -9,8 +9,8 @@
     ,,mm,mm,mm,mm,mm,mm
     1,0,12.3,45.6,78.9,,,
 
-A missing sample has blank cells. The file may hold other sections (Devices, Joints, Model
-Outputs) before and after; an empty line ends a section.
+A missing sample has blank cells. Other sections (Devices, Joints, Model Outputs) may precede and
+follow; an empty line ends a section.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ __all__ = ["parse_nexus", "recognise_nexus"]
 _SECTION = "Trajectories"
 
 _SECTIONS = rb"Trajectories|Devices|Joints|Model Outputs|Segments|Events|Trajectory Count"
-"""First lines of the sections of such a file."""
+"""First lines of the sections of a file."""
 
 _DELIMITERS = (b",", b"\t", b";")
 
@@ -41,18 +41,20 @@ _AXES = ("X", "Y", "Z")
 
 
 def recognise_nexus(head: bytes) -> bool:
-    """Tell by a file's first bytes if Nexus exported it."""
+    """Check whether Nexus exported a file by its first bytes."""
     pattern = rb"\A(\xef\xbb\xbf)?\s*\"?(" + _SECTIONS + rb")\"?[,;\t]*\s*[\r\n]"
     return re.match(pattern, head) is not None
 
 
 def parse_nexus(data: bytes, name: str) -> TableRecording:
-    """Read the section of trajectories.
+    """Parse the section of trajectories.
 
     Raises
     ------
     FormatError
-        Where there is none, or it is damaged.
+        If there is none, or it is damaged.
+    ClipError
+        If it has no frames.
     """
     lines = split_lines(data, name)
     start = _section(lines, name)
@@ -86,17 +88,18 @@ def parse_nexus(data: bytes, name: str) -> TableRecording:
         raise ClipError(f"{name}: has no frames after line {start + 5}; export it again")
     positions, table = read_table(lines, rows, columns, labels, delimiter, name)
     first, notes = frame_numbers([cells_of(lines[row], delimiter)[0] for row in rows], rows, name)
-    here = sorted({units[c[0]] for c in columns if c[0] < len(units) and units[c[0]]})
-    if len(here) > 1:
+    found_units = sorted({units[c[0]] for c in columns if c[0] < len(units) and units[c[0]]})
+    if len(found_units) > 1:
         raise FormatError(
-            f"{name}: line {start + 5} has several units ({', '.join(here)}); export positions only"
+            f"{name}: line {start + 5} has several units ({', '.join(found_units)}); "
+            "export positions only"
         )
     return TableRecording(
         Recording(
             positions,
             tuple(labels),
             _rate(texts_of(lines[start + 1], delimiter)),
-            here[0] if here else "",
+            found_units[0] if found_units else "",
             first_frame=first,
             notes=tuple(notes),
         ),
@@ -105,7 +108,7 @@ def parse_nexus(data: bytes, name: str) -> TableRecording:
 
 
 def _section(lines: list[bytes], name: str) -> int:
-    """Return the line in which the section of trajectories begins."""
+    """Return the first line of the section of trajectories."""
     for row, line in enumerate(lines):
         if line.strip(b'\xef\xbb\xbf ",;\t\r\n') == _SECTION.encode():
             return row

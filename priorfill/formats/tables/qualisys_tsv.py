@@ -1,4 +1,4 @@
-"""Motion data (3D) as Qualisys Track Manager exports them as TSV.
+"""3D motion data exported by Qualisys Track Manager (QTM) as TSV.
 
 ::
 
@@ -10,11 +10,11 @@
     DATA_INCLUDED  3D
     MARKER_NAMES  LTOE  RTOE
     TRAJECTORY_TYPES  Measured  Mixed
-    Frame  Time  LTOE X  LTOE Y  LTOE Z  RTOE X ...     (if so chosen)
+    Frame  Time  LTOE X  LTOE Y  LTOE Z  RTOE X ...     (optional)
     1  0.00000  12.3  45.6  78.9  ...
 
-Frame and time columns are there or not, as chosen when exporting. A missing sample is 0.000,
-blank or ``null``, as chosen, too. The manual names no unit: it is always mm.
+Frame and time columns are export options, and so is the notation of a missing sample: 0.000, blank
+or ``null``. The unit is always mm.
 """
 
 from __future__ import annotations
@@ -36,28 +36,30 @@ from priorfill.formats.tables.text_table import (
 __all__ = ["parse_qualisys", "recognise_qualisys"]
 
 _KEY = re.compile(rb"(?:\xef\xbb\xbf)?[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)*[ \t]*(?:[\t\r\n]|$)")
-"""A line of the header: a word in capitals, then a tab."""
+"""A header line: a word in capitals, then a tab."""
 
 _DELIMITER = b"\t"
 
-_NO_MARKERS = {"virtual": "virtual trajectory"}
-"""Types of trajectories that are computed, not measured."""
+_COMPUTED_TYPES = {"virtual": "virtual trajectory"}
+"""Types of computed trajectories, with the reason for leaving them out."""
 
 
 def recognise_qualisys(head: bytes) -> bool:
-    """Tell by a file's first bytes if it is a TSV of QTM."""
+    """Check whether QTM exported a file by its first bytes."""
     return (
         re.match(rb"(\xef\xbb\xbf)?(FILE_VERSION|NO_OF_FRAMES|NO_OF_CAMERAS)\t", head) is not None
     )
 
 
 def parse_qualisys(data: bytes, name: str) -> TableRecording:
-    """Read a TSV of QTM.
+    """Parse a TSV file exported by QTM.
 
     Raises
     ------
     FormatError
-        Where it is none, holds no 3D data, or is damaged.
+        If it is not one, holds no 3D data, or is damaged.
+    ClipError
+        If it has no frames.
     """
     lines = split_lines(data, name)
     header: dict[str, list[str]] = {}
@@ -92,15 +94,15 @@ def parse_qualisys(data: bytes, name: str) -> TableRecording:
         first, notes = frame_numbers([cells[0] for cells in split], rows, name)
     timed = before > has_frames
     times = [cells[before - 1] for cells in split if timed and len(cells) >= before]
-    rate, of_rate = find_rate(_number(header, "FREQUENCY"), times, name)
-    notes += of_rate
+    rate, rate_notes = find_rate(_number(header, "FREQUENCY"), times, name)
+    notes += rate_notes
     for key, has, what in (
         ("NO_OF_FRAMES", len(rows), "frames"),
         ("NO_OF_MARKERS", len(labels), "markers"),
     ):
-        said = _number(header, key)
-        if said is not None and said != has:
-            notes.append(f"The header says {said:g} {what}; there are {has}.")
+        stated = _number(header, key)
+        if stated is not None and stated != has:
+            notes.append(f"The header states {stated:g} {what}; there are {has}.")
     types = header.get("TRAJECTORY_TYPES", [])
     return TableRecording(
         Recording(
@@ -110,9 +112,9 @@ def parse_qualisys(data: bytes, name: str) -> TableRecording:
             "mm",
             first_frame=first,
             not_markers={
-                point: _NO_MARKERS[kind.lower()]
+                point: _COMPUTED_TYPES[kind.lower()]
                 for point, kind in enumerate(types[: len(labels)])
-                if kind.lower() in _NO_MARKERS
+                if kind.lower() in _COMPUTED_TYPES
             },
             notes=tuple(notes),
         ),
@@ -123,7 +125,7 @@ def parse_qualisys(data: bytes, name: str) -> TableRecording:
 def _columns_before(
     split: list[list[bytes]], titles: list[str], markers: int, rows: list[int], name: str
 ) -> int:
-    """Return how many columns stand before the first coordinate: frame and time, or none."""
+    """Return the number of columns before the first coordinate (frame and time)."""
     if titles:
         while titles and not titles[-1]:
             titles.pop()
@@ -139,13 +141,13 @@ def _columns_before(
     if before not in (0, 1, 2) or width < before + 3 * markers:
         raise FormatError(
             f"{name}: line {rows[0] + 1} has {width} cells; {markers} markers take {3 * markers}, "
-            "and frame and time 2 more: export it again"
+            "frame and time 2 more: export it again"
         )
     return before
 
 
 def _number(header: dict[str, list[str]], key: str) -> float | None:
-    """Return a number of the header; None if it is absent or none (FREQUENCY may be EXT)."""
+    """Return a number in the header; None if absent or not a number (FREQUENCY may be EXT)."""
     try:
         return float(next(iter(header.get(key, []))).replace(",", "."))
     except (ValueError, StopIteration):

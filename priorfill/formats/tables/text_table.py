@@ -1,7 +1,7 @@
-"""Tables of numbers in text files: read their cells, replace some, leave every other byte.
+"""Tables of numbers in text files: read cells, and replace some without changing any other byte.
 
-A table has a row for each frame and three columns for each marker. What stands above it, and
-which columns are whose, is for the modules of the formats to find out.
+A table has a row per frame and three columns per marker. The modules of the single formats parse
+the header and determine the columns of each marker.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from priorfill.runtime.atomic_file import check_target, replace_file
 
 __all__ = [
     "BLANKS",
-    "Table",
     "TableRecording",
+    "TextTable",
     "cells_of",
     "find_rate",
     "frame_numbers",
@@ -35,51 +35,51 @@ __all__ = [
 ]
 
 BLANKS = b""
-"""Delimiter of lines whose cells are separated by any number of blanks or tabs."""
+"""Delimiter value for cells separated by any number of blanks or tabs."""
 
 _MISSING = frozenset(
     b"|null|na|n/a|none|-|nan|-nan|+nan|nan(ind)|-nan(ind)|-1.#ind|1.#qnan|-1.#qnan".split(b"|")
 )
-"""What programs write where there is no number; the last five are those of Windows' C library."""
+"""Cells that programs write for a missing number; the last five are from Windows' C library."""
 
 _NUMBER = re.compile(rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
-_WHOLE = re.compile(rb"-?\d{1,15}(?:\.0*)?")
-"""A frame's number; some programs write it as 1.0."""
+_FRAME_NUMBER = re.compile(rb"-?\d{1,15}(?:\.0*)?")
+"""A frame number; some programs write it as 1.0."""
 
 _FIXED = re.compile(rb"[+-]?\d*[.,]?(\d*)")
-"""A number without exponent; the group holds its decimals."""
+"""A number without exponent; the group captures its decimals."""
 
-_ROWS_LOOKED_AT = 500
-"""Rows, spread over the table, whose cells say with how many decimals the file writes."""
+_MAX_SAMPLED_ROWS = 500
+"""Rows, spread over the table, that determine the number of decimals of the file."""
 
-_DECIMALS = {True: 3, False: 6}
-"""Decimals in a table without a single number, by whether its unit is mm (or smaller than m)."""
+_DEFAULT_DECIMALS = {True: 3, False: 6}
+"""Decimals for a table without a single number: in mm, and in larger units."""
 
-_MOST_DECIMALS = 15
-"""What a float64 can hold after the point."""
+_MAX_DECIMALS = 15
+"""Decimals that a float64 can hold."""
 
-_RATE_DIFFERS = 0.01
-"""Share by which the frame rate of a header and that of its time column differ if one of them is
-wrong; times are rounded to milliseconds in many files."""
+_RATE_TOLERANCE = 0.01
+"""Relative difference between the frame rates of header and time column above which one of them is
+wrong. Times are rounded to milliseconds in many files."""
 
 
 @dataclass(frozen=True)
-class Table:
-    """Where the numbers of a file are.
+class TextTable:
+    """Location of the numbers in a file.
 
     Attributes
     ----------
     lines : list of bytes
-        All lines with their ends.
+        All lines, including line ends.
     rows : ndarray of int [shape=(frames,)]
-        The line of each frame, from 0.
+        Line of each frame, counted from 0.
     columns : ndarray of int [shape=(points, 3)]
-        The cell of each coordinate, from 0.
+        Cell of each coordinate, counted from 0.
     delimiter : bytes
-        What is between cells, or `BLANKS`.
+        Separator of cells, or `BLANKS`.
     comma : bool
-        Whether the decimal sign is a comma.
+        Whether the decimal separator is a comma.
     """
 
     lines: list[bytes]
@@ -91,26 +91,34 @@ class Table:
 
 @dataclass(frozen=True)
 class TableRecording:
-    """What a text file holds, and where."""
+    """Contents of a text file, and their location.
+
+    Attributes
+    ----------
+    recording : Recording
+        The contents.
+    table : TextTable
+        Location of the numbers.
+    """
 
     recording: Recording
-    table: Table
+    table: TextTable
 
 
 def split_lines(data: bytes, name: str) -> list[bytes]:
-    """Return the lines of a text file with their ends, be these LF, CR LF or CR.
+    """Return the lines of a text file, including line ends (LF, CR LF or CR).
 
     Raises
     ------
     FormatError
-        If it is no text of one byte a character, or empty.
+        If the file is not text in a single-byte or UTF-8 encoding, or is empty.
     """
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise FormatError(f"{name}: is text in UTF-16; save it as UTF-8 or ASCII")
     zero = data.find(b"\0")
     if zero >= 0:
         line = data.count(b"\n", 0, zero) + 1
-        raise FormatError(f"{name}: line {line} is no text; is the file of another format?")
+        raise FormatError(f"{name}: line {line} is not text; check the format of the file")
     if not data.strip():
         raise FormatError(f"{name}: is empty; export it again")
     if b"\n" not in data:
@@ -119,18 +127,18 @@ def split_lines(data: bytes, name: str) -> list[bytes]:
 
 
 def cells_of(line: bytes, delimiter: bytes) -> list[bytes]:
-    """Return the cells of a line as they are, without the line's end."""
+    """Return the cells of a line as stored, without the line end."""
     if delimiter == BLANKS:
         return line.split()
     return line.rstrip(b"\r\n").split(delimiter)
 
 
 def texts_of(line: bytes, delimiter: bytes) -> list[str]:
-    """Return the cells of a line as text, without quotes and outer blanks."""
+    """Return the cells of a line as text, without quotes and surrounding blanks."""
     try:
         text = line.decode("utf-8-sig")
     except UnicodeDecodeError:
-        text = line.decode("latin-1")  # what programs on Windows wrote before
+        text = line.decode("latin-1")  # common in older Windows programs
     text = text.rstrip("\r\n")
     if delimiter == BLANKS:
         return text.split()
@@ -141,8 +149,8 @@ def texts_of(line: bytes, delimiter: bytes) -> list[str]:
 
 
 def _unquoted(cells: list[str], delimiter: str) -> list[str]:
-    """Take off quotes, within which a delimiter is none; a quote that never ends is a letter."""
-    ready: list[str] = []
+    """Join cells that a quoted delimiter has split, and remove quotes. A single quote is kept."""
+    unquoted: list[str] = []
     place = 0
     while place < len(cells):
         stop = place + 1
@@ -151,9 +159,9 @@ def _unquoted(cells: list[str], delimiter: str) -> list[str]:
             stop = next(ends, place) + 1
         cell = delimiter.join(cells[place:stop]).strip()
         quoted = len(cell) > 1 and cell[0] == cell[-1] == '"'
-        ready.append(cell[1:-1].replace('""', '"') if quoted else cell)
+        unquoted.append(cell[1:-1].replace('""', '"') if quoted else cell)
         place = stop
-    return ready
+    return unquoted
 
 
 def read_table(
@@ -163,36 +171,36 @@ def read_table(
     labels: Sequence[str],
     delimiter: bytes,
     name: str,
-) -> tuple[NDArray[np.float64], Table]:
-    """Read the numbers of a table.
+) -> tuple[NDArray[np.float64], TextTable]:
+    """Parse the numbers of a table.
 
-    C3DParameters
+    Parameters
     ----------
     lines : list of bytes
         All lines of the file.
     rows : sequence of int
-        The lines of the frames, from 0.
+        Lines of the frames, counted from 0.
     columns : sequence of sequence of int [shape=(points, 3)]
-        The cells of each point's coordinates.
+        Cells of each point's coordinates, counted from 0.
     labels : sequence of str
-        The points' names, for messages.
+        Labels of the points, for messages.
     delimiter : bytes
-        What is between cells, or `BLANKS`.
+        Separator of cells, or `BLANKS`.
     name : str
-        What to call the file in messages.
+        The file's name in messages.
 
     Returns
     -------
     positions : ndarray [shape=(frames, points, 3), file units]
-        NaN where a cell is blank, or says that it is missing, or the row has ended before.
-    table : Table
-        Where they are.
+        NaN if a cell is blank, marked as missing, or beyond the end of its row.
+    table : TextTable
+        Location of the numbers.
 
     Raises
     ------
     FormatError
-        If a cell is neither a number nor known to mean "missing", or there are too many cells,
-        or the last line is cut short.
+        If a cell is neither a number nor a known mark of a missing one, cells are missing from a
+        row separated by blanks, or the last line is truncated.
     """
     where = np.array(columns, dtype=np.intp).reshape(-1, 3)
     flat = where.ravel().tolist()
@@ -205,13 +213,13 @@ def read_table(
         if len(cells) <= last:
             if delimiter == BLANKS:
                 raise FormatError(
-                    f"{name}: line {row + 1} has {len(cells)} of {last + 1} cells; which are "
-                    "missing cannot be told where blanks separate them: separate cells by tabs"
+                    f"{name}: line {row + 1} has {len(cells)} of {last + 1} cells, and blanks do "
+                    "not show which are missing: separate cells by tabs"
                 )
-            # several programs leave out what is missing at the end of a row
+            # several programs omit missing cells at the end of a row
             cells += [b""] * (last + 1 - len(cells))
         try:
-            if b"_" in line:  # float() takes 1_000 as a number
+            if b"_" in line:  # float() accepts 1_000
                 raise ValueError
             values[frame] = [float(cells[cell]) for cell in flat]
         except ValueError:
@@ -220,43 +228,43 @@ def read_table(
                 for number, cell in enumerate(flat)
             ]
     _check_end(lines, rows, last, delimiter, name)
-    table = Table(lines, np.array(rows, dtype=np.intp), where, delimiter, comma)
+    table = TextTable(lines, np.array(rows, dtype=np.intp), where, delimiter, comma)
     return values.reshape(len(rows), len(where), 3), table
 
 
 def frame_numbers(
     first_cells: Sequence[bytes], rows: Sequence[int], name: str
 ) -> tuple[int, list[str]]:
-    """Read the column of frame numbers.
+    """Parse the column of frame numbers.
 
-    C3DParameters
+    Parameters
     ----------
     first_cells : sequence of bytes
         The cells.
     rows : sequence of int
-        Their lines, from 0.
+        Lines of the cells, counted from 0.
     name : str
-        What to call the file in messages.
+        The file's name in messages.
 
     Returns
     -------
     first : int
-        The first frame's number.
+        Number of the first frame.
     notes : list of str
         What the user should know.
 
     Raises
     ------
     FormatError
-        If a cell is no whole number.
+        If a cell is not an integer.
     """
     numbers = []
     for cell, row in zip(first_cells, rows, strict=True):
         text = cell.strip().strip(b'"')
-        if not _WHOLE.fullmatch(text):
+        if not _FRAME_NUMBER.fullmatch(text):
             raise FormatError(
-                f"{name}: line {row + 1} begins with {_shown(cell)} where a frame's number "
-                "should be; delete or correct the line"
+                f"{name}: line {row + 1} begins with {_shown(cell)} instead of a frame number; "
+                "delete or correct the line"
             )
         numbers.append(int(text.split(b".")[0]))
     jumps = np.flatnonzero(np.diff(numbers) != 1)
@@ -265,28 +273,28 @@ def frame_numbers(
     jump = int(jumps[0])
     return numbers[0], [
         f"After frame {numbers[jump]} comes {numbers[jump + 1]} (line {rows[jump + 1] + 1}); "
-        "the rows are taken as evenly spaced."
+        "the rows are treated as evenly spaced."
     ]
 
 
 def find_rate(
-    said: float | None, times: Sequence[bytes], name: str
+    stated: float | None, times: Sequence[bytes], name: str
 ) -> tuple[float | None, list[str]]:
-    """Return the frame rate by a header and a time column.
+    """Return the frame rate according to header and time column.
 
-    C3DParameters
+    Parameters
     ----------
-    said : float or None
-        Of the header (Hz); None if it has none.
+    stated : float or None
+        Rate in the header (Hz); None if absent.
     times : sequence of bytes
-        The cells of the time column (s); empty if there is none.
+        Cells of the time column (s); empty if absent.
     name : str
-        What to call the file in messages.
+        The file's name in messages.
 
     Returns
     -------
     rate : float or None
-        The header's, else that of the times (Hz); None if neither tells.
+        The header's, else that of the times (Hz); None if neither states one.
     notes : list of str
         What the user should know.
     """
@@ -295,16 +303,16 @@ def find_rate(
     by_time = None
     if len(known) > 1 and known[-1] > known[0]:
         by_time = (len(known) - 1) / float(known[-1] - known[0])
-    if said is None or not (np.isfinite(said) and said > 0):
+    if stated is None or not (np.isfinite(stated) and stated > 0):
         if by_time is None:
             return None, []
         return by_time, [f"The frame rate is taken from the time column: {by_time:g} Hz."]
-    if by_time is not None and abs(by_time / said - 1) > _RATE_DIFFERS:
-        return said, [
-            f"The header says {said:g} Hz, the time column {by_time:.4g} Hz; "
-            "the header is believed (see --rate)."
+    if by_time is not None and abs(by_time / stated - 1) > _RATE_TOLERANCE:
+        return stated, [
+            f"The header states {stated:g} Hz, the time column {by_time:.4g} Hz; "
+            "the header's rate is used (see --rate)."
         ]
-    return said, []
+    return stated, []
 
 
 def write_table(
@@ -315,12 +323,12 @@ def write_table(
     *,
     overwrite: bool = False,
 ) -> WriteReport:
-    """Write a copy of the clip's source in which the cells of filled samples have numbers.
+    """Write a copy of the clip's source with the cells of the filled samples replaced.
 
-    Every other byte is as in the source. Numbers have as many decimals as the measured ones.
-    The copy is read back and compared before it gets its name.
+    Every other byte equals the source's. Filled numbers have as many decimals as measured ones. The
+    copy is written under a temporary name, read back, compared, and then renamed.
 
-    C3DParameters
+    Parameters
     ----------
     path : Path or str
         The file to write; never the source.
@@ -329,17 +337,22 @@ def write_table(
     filled : ndarray [shape=(frames, markers), bool]
         Which samples to write.
     parse : callable
-        Reads such a file.
+        Parses such a file.
     overwrite : bool
         Replace an existing file.
+
+    Returns
+    -------
+    WriteReport
+        The number of samples written, and the rounding error.
 
     Raises
     ------
     OutputError
-        If `path` is the source, exists already, or its folder does not; the source has changed
+        If `path` is the source or exists already; its folder does not exist; the source has changed
         since it was read; or a filled sample has no position.
     FormatError
-        If the source is gone.
+        If the source no longer exists.
     """
     source = clip.source
     if source is None:
@@ -367,7 +380,7 @@ def write_table(
 def _number(
     cell: bytes, number: int, row: int, column: int, labels: Sequence[str], name: str
 ) -> float:
-    """Return a cell's number, NaN if it is missing."""
+    """Return a cell's number; NaN if it is missing."""
     value = _plain(cell)
     if value is not None:
         return value
@@ -375,29 +388,29 @@ def _number(
     if text in _MISSING:
         return float("nan")
     raise FormatError(
-        f"{_place(row, column, number, labels, name)} is {_shown(cell)}, which is no number; "
+        f"{_place(row, column, number, labels, name)} is {_shown(cell)}, which is not a number; "
         "correct the cell, or leave it blank if the sample is missing"
     )
 
 
 def _plain(cell: bytes) -> float | None:
-    """Return the number that a cell holds; None if it holds none."""
+    """Return the number in a cell; None if there is none."""
     text = cell.strip().strip(b'"').strip()
     return float(text) if _NUMBER.fullmatch(text) else None
 
 
 def _place(row: int, column: int, number: int, labels: Sequence[str], name: str) -> str:
-    """Return words for a cell."""
+    """Return a cell's place for a message."""
     return f"{name}: line {row + 1}, cell {column + 1} ({labels[number // 3]} {'XYZ'[number % 3]})"
 
 
 def _shown(cell: bytes) -> str:
-    """Return a cell's beginning for a message."""
+    """Return the beginning of a cell for a message."""
     return repr(cell[:20].decode("latin-1"))
 
 
 def _has_commas(lines: list[bytes], rows: Sequence[int]) -> bool:
-    """Tell if the decimal sign is a comma: some row has commas, and none has a point."""
+    """Check whether the decimal separator is a comma: some row has commas, none has a point."""
     seen = False
     for row in rows:
         if b"." in lines[row]:
@@ -409,7 +422,7 @@ def _has_commas(lines: list[bytes], rows: Sequence[int]) -> bool:
 def _check_end(
     lines: list[bytes], rows: Sequence[int], last: int, delimiter: bytes, name: str
 ) -> None:
-    """Raise FormatError if the last row lacks its end and cells that all others have."""
+    """Raise FormatError if the last row has no line end and lacks cells that all others have."""
     if len(rows) < 2 or lines[rows[-1]].endswith((b"\n", b"\r")):
         return
     have = len(cells_of(lines[rows[-1]], delimiter))
@@ -420,9 +433,9 @@ def _check_end(
         )
 
 
-def _decimals(table: Table, mm_per_unit: float) -> int:
-    """Return with how many decimals a table writes coordinates."""
-    chosen = np.unique(np.linspace(0, len(table.rows) - 1, _ROWS_LOOKED_AT).astype(int))
+def _decimals(table: TextTable, mm_per_unit: float) -> int:
+    """Return the number of decimals of a table's coordinates."""
+    chosen = np.unique(np.linspace(0, len(table.rows) - 1, _MAX_SAMPLED_ROWS).astype(int))
     most = -1
     for row in table.rows[chosen]:
         cells = cells_of(table.lines[row], table.delimiter)
@@ -433,31 +446,33 @@ def _decimals(table: Table, mm_per_unit: float) -> int:
             if found and found.group(0):
                 most = max(most, len(found.group(1)))
     if most < 0:
-        return _DECIMALS[mm_per_unit <= 1]
-    return min(most, _MOST_DECIMALS)
+        return _DEFAULT_DECIMALS[mm_per_unit <= 1]
+    return min(most, _MAX_DECIMALS)
 
 
 def _as_texts(
     values: NDArray[np.float64], decimals: int, comma: bool
 ) -> tuple[list[list[bytes]], NDArray[np.float64]]:
-    """Return positions as text, and what numbers the texts are [shape=(samples, 3)]."""
+    """Return positions as text, and the rounded numbers [shape=(samples, 3)]."""
     texts = [[f"{value:.{decimals}f}" for value in position] for position in values.tolist()]
     rounded = np.array([[float(text) for text in position] for position in texts]).reshape(-1, 3)
     for sample in np.flatnonzero((rounded == 0).all(axis=1)):
-        # at the very origin it would read as missing
+        # (0, 0, 0) would read as missing
         texts[sample] = [f"{0:.{decimals}f}"] * 2 + [f"{10.0**-decimals:.{decimals}f}"]
         rounded[sample] = [float(text) for text in texts[sample]]
-    ready = [
+    unsigned = [
         [text.lstrip("-") if float(text) == 0 else text for text in position] for position in texts
     ]
     sign = "," if comma else "."
-    return [[text.replace(".", sign).encode() for text in position] for position in ready], rounded
+    return [
+        [text.replace(".", sign).encode() for text in position] for position in unsigned
+    ], rounded
 
 
 def _by_row(
-    table: Table, frames: NDArray[np.intp], points: NDArray[np.intp], texts: list[list[bytes]]
+    table: TextTable, frames: NDArray[np.intp], points: NDArray[np.intp], texts: list[list[bytes]]
 ) -> dict[int, dict[int, bytes]]:
-    """Return the new cells of each line that gets some, by column."""
+    """Return the new cells by line and column."""
     changed: dict[int, dict[int, bytes]] = {}
     for row, point, position in zip(table.rows[frames], points, texts, strict=True):
         cells = changed.setdefault(int(row), {})
@@ -466,7 +481,7 @@ def _by_row(
 
 
 def _with_cells(line: bytes, new: dict[int, bytes], delimiter: bytes) -> bytes:
-    """Return a line with some cells replaced; blanks around their contents stay."""
+    """Return a line with some cells replaced; blanks and quotes around them are kept."""
     if delimiter == BLANKS:
         spans = [match.span() for match in re.finditer(rb"\S+", line)]
         for column in sorted(new, reverse=True):
@@ -497,8 +512,8 @@ def _verify(
     Raises
     ------
     OutputError
-        If something beside the filled cells has changed, or a filled sample is not as it should
-        be. Neither has a cause that we know; a full disk and a faulty program have.
+        If something other than the filled cells differs or a filled sample is wrong, for instance
+        because the disk is full.
     """
     failed = OutputError(
         f"{temporary.parent}: the file written there does not read back as intended and was "

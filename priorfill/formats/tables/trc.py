@@ -1,4 +1,4 @@
-"""TRC files (track row column) of OpenSim and Motion Analysis (EVaRT, Cortex).
+"""TRC (track row column) files of OpenSim and Motion Analysis (EVaRT, Cortex).
 
 ::
 
@@ -7,10 +7,10 @@
     120.00    120.00      900        41          mm     120.00        1                   ...
     Frame#  Time  LTOE            RTOE ...
                   X1   Y1   Z1    X2 ...
-                                                            (a blank line, or none)
+                                                            (blank line, optional)
     1       0.000 12.3 45.6 78.9  ...
 
-Cells are separated by tabs, in some files by blanks.
+Cells are separated by tabs; in some files by blanks.
 """
 
 from __future__ import annotations
@@ -39,30 +39,33 @@ from priorfill.runtime.atomic_file import replace_file
 
 __all__ = ["create_trc", "parse_trc", "recognise_trc"]
 
-_HEADER_WITHIN = 30
-"""Lines among which the header is looked for."""
+_MAX_HEADER_LINES = 30
+"""Lines in which the header is searched."""
 
-_FIRST = 2
+_FIRST_COORDINATE = 2
 """Cell of the first coordinate, after frame and time."""
 
 _DECIMALS = 6
-"""Decimals of a new file: nanometres; 32 bit floats, as C3D has them, are coarser."""
+"""Decimals in a new file (nm), finer than the 32 bit floats of C3D."""
 
 _STEP = 10.0**-_DECIMALS
+"""mm."""
 
 
 def recognise_trc(head: bytes) -> bool:
-    """Tell by a file's first bytes if it is TRC."""
+    """Check whether a file is TRC by its first bytes."""
     return re.search(rb"^(PathFileType|DataRate)[ \t]", head, re.MULTILINE) is not None
 
 
 def parse_trc(data: bytes, name: str) -> TableRecording:
-    """Read a TRC file's contents.
+    """Parse the contents of a TRC file.
 
     Raises
     ------
     FormatError
-        Where it is not TRC, or damaged.
+        If it is not TRC, or damaged.
+    ClipError
+        If it has no frames.
     """
     lines = split_lines(data, name)
     names_row = _names_row(lines, name)
@@ -83,11 +86,11 @@ def parse_trc(data: bytes, name: str) -> TableRecording:
         ("numframes", len(rows), "frames"),
         ("nummarkers", len(labels), "markers"),
     ):
-        said = _float(header.get(key))
-        if said is not None and said != has:
-            notes.append(f"The header says {said:g} {what}; there are {has}.")
+        stated = _float(header.get(key))
+        if stated is not None and stated != has:
+            notes.append(f"The header states {stated:g} {what}; there are {has}.")
     times = [row_cells[1] for row_cells in cells if len(row_cells) > 1]
-    rate, of_rate = find_rate(_float(header.get("datarate")), times, name)
+    rate, rate_notes = find_rate(_float(header.get("datarate")), times, name)
     return TableRecording(
         Recording(
             positions,
@@ -96,7 +99,7 @@ def parse_trc(data: bytes, name: str) -> TableRecording:
             header.get("units", ""),
             first_frame=first,
             default_up="+Y",
-            notes=(*notes, *of_rate),
+            notes=(*notes, *rate_notes),
         ),
         table,
     )
@@ -109,18 +112,23 @@ def create_trc(
     *,
     overwrite: bool = False,
 ) -> WriteReport:
-    """Write a clip as a new TRC file, in mm and the clip's own axes; missing cells are blank.
+    """Write a clip as a new TRC file in mm and in the clip's axes; missing cells are blank.
 
-    C3DParameters
+    Parameters
     ----------
     path : Path or str
         The file to write.
     clip : Clip
         The clip.
     filled : ndarray [shape=(frames, markers), bool] or None
-        Which samples were filled; the file does not tell them from others.
+        Which samples were filled; the file does not mark them.
     overwrite : bool
         Replace an existing file.
+
+    Returns
+    -------
+    WriteReport
+        The number of filled samples, and the rounding error.
 
     Raises
     ------
@@ -131,7 +139,7 @@ def create_trc(
     for label in clip.labels:
         if not label or set(label) & set("\t\r\n"):
             raise OutputError(
-                f"{clip.name}: marker {label!r} cannot be named in a TRC file; rename it"
+                f"{clip.name}: a TRC file cannot hold the label {label!r}; rename the marker"
             )
     rate = f"{clip.rate:.12g}"
     count, frames = len(clip.labels), clip.frames
@@ -146,7 +154,7 @@ def create_trc(
     ]
     positions = clip.positions.copy()
     at_origin = written & (np.abs(positions).max(axis=2) < _STEP)
-    positions[at_origin] = (0, 0, _STEP)  # all zeros would read as missing
+    positions[at_origin] = (0, 0, _STEP)  # (0, 0, 0) would read as missing
     body = [
         f"{clip.first_frame + frame}\t{frame / clip.rate:.{_DECIMALS}f}\t"
         + "\t".join("" if value != value else f"{value:.{_DECIMALS}f}" for value in row)
@@ -159,7 +167,7 @@ def create_trc(
             again.positions, clip.positions, rtol=0, atol=2 * _STEP, equal_nan=True
         ):
             raise OutputError(
-                f"{path}: what was written there is not what should be; "
+                f"{path}: the file does not read back as intended and was removed; "
                 "check the folder's permissions and space"
             )
     worst = np.abs(again.positions - clip.positions)[written]
@@ -167,23 +175,24 @@ def create_trc(
 
 
 def _names_row(lines: list[bytes], name: str) -> int:
-    """Return the line that names the markers."""
-    for row, line in enumerate(lines[:_HEADER_WITHIN]):
+    """Return the line with the markers' names."""
+    for row, line in enumerate(lines[:_MAX_HEADER_LINES]):
         if re.match(rb"(\xef\xbb\xbf)?\s*Frame#?\s", line, re.IGNORECASE):
             return row
     raise FormatError(
-        f"{name}: has no line 'Frame# Time ...' among its first {_HEADER_WITHIN}; it is no TRC file"
+        f"{name}: is not a TRC file (no line 'Frame# Time ...' among its first "
+        f"{_MAX_HEADER_LINES}); check the file"
     )
 
 
 def _header(lines: list[bytes], names_row: int) -> dict[str, str]:
-    """Return what the header says, by name in lower case."""
+    """Return the header's values by name in lower case."""
     for row in range(names_row - 1):
         delimiter = b"\t" if b"\t" in lines[row] else BLANKS
         keys = [key.lower() for key in texts_of(lines[row], delimiter)]
         if "datarate" in keys:
             values = texts_of(lines[row + 1], delimiter)
-            if len(values) < len(keys):  # some programs separate a part of the values by blanks
+            if len(values) < len(keys):  # some programs separate some of the values by blanks
                 values = texts_of(lines[row + 1], BLANKS)
             return dict(zip(keys, values, strict=False))
     return {}
@@ -192,16 +201,18 @@ def _header(lines: list[bytes], names_row: int) -> dict[str, str]:
 def _markers(
     lines: list[bytes], names_row: int, first_row: int, delimiter: bytes, name: str
 ) -> tuple[list[str], list[list[int]]]:
-    """Return the markers' names and the cells of their coordinates."""
+    """Return labels, and the cells of their coordinates."""
     line = lines[names_row]
     cells = texts_of(line, b"\t" if b"\t" in line else BLANKS)
-    places = [cell for cell in range(_FIRST, len(cells)) if cells[cell]]
+    places = [cell for cell in range(_FIRST_COORDINATE, len(cells)) if cells[cell]]
     labels = [cells[place] for place in places]
     if not labels:
         raise FormatError(f"{name}: line {names_row + 1} names no markers; export it again")
-    # a name stands above its X; names without gaps between them are told by their order
+    # a name stands above its X; names without empty cells between them are in order
     spread = len(places) > 1 and min(np.diff(places)) >= 3
-    starts = places if spread and delimiter else [_FIRST + 3 * k for k in range(len(labels))]
+    starts = (
+        places if spread and delimiter else [_FIRST_COORDINATE + 3 * k for k in range(len(labels))]
+    )
     width = len(cells_of(lines[first_row].rstrip(), delimiter))
     if width > starts[-1] + 3:
         raise FormatError(
@@ -212,7 +223,7 @@ def _markers(
 
 
 def _float(text: str | None) -> float | None:
-    """Return a finite number, None where the text is none."""
+    """Return a finite number; None if the text is not one."""
     try:
         value = float((text or "").replace(",", "."))
     except ValueError:
