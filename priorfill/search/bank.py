@@ -1,8 +1,8 @@
-"""Banks of poses: the takes' poses in the root frames of one search and level.
+"""Pose banks: the poses of takes in the root frames of one search and level.
 
-A bank knows for each pose where it comes from, so that whatever the search finds can be read
-off together with the poses one frame before and after: that gives the neighbours' velocities
-and accelerations without storing them.
+A bank records where each pose comes from, so that the poses one frame before and after a neighbour
+can be looked up. Their differences are the velocities ν_i and accelerations α_i of Eqs. (3) and (4)
+of Baumann et al. 2011, which therefore need not be stored.
 """
 
 from __future__ import annotations
@@ -16,37 +16,36 @@ from numpy.typing import NDArray
 
 from priorfill.geometry.poses import complete_poses, evenly_spaced
 from priorfill.geometry.root_frames import RootFrames, RootGroup
-from priorfill.runtime.threads import in_threads, parts
-from priorfill.search.index import FEW, POSES_A_THREAD, PoseIndex
+from priorfill.runtime.threads import run_in_threads, split_range
+from priorfill.search.index import MAX_BRUTE_FORCE_POSES, POSES_PER_THREAD, PoseIndex
 from priorfill.search.takes import Take
 
-__all__ = ["Banks", "Neighbours", "PoseBank"]
+__all__ = ["Neighbours", "PoseBank", "PoseBankCache"]
 
-ROOM = 2**29
-"""Bytes of banks kept for another use: in a clip whose markers flicker every gap needs banks of
-its own, and a bank holds a part of the whole database."""
+MAX_CACHE_BYTES = 2**29
+"""Bytes of banks kept for reuse: in a clip with flickering markers every gap needs banks of its
+own, and a bank holds part of the complete database."""
 
-
-BLOCK = 2**12
-"""Poses brought into root frames at a time: with double precision they take about a megabyte."""
+POSES_PER_BATCH = 2**12
+"""Poses transformed into root frames at a time: in double precision they take about 1 MB."""
 
 
 @dataclass(frozen=True, eq=False)
 class Neighbours:
-    """What the k nearest poses of each query say of the wanted markers, in root frames.
+    """The k nearest poses of each query and their wanted markers, in root frames.
 
     Attributes
     ----------
     distance : ndarray [shape=(frames, k), mm]
-        Rms distance a viable marker, ascending.
+        Rms distance per viable marker, ascending.
     row : ndarray of int [shape=(frames, k)]
-        The bank's row of each.
+        Rows of the bank.
     take : ndarray of int [shape=(frames, k)]
-        Index of the take that each comes from.
+        Index of the take that each pose comes from.
     pose : ndarray [shape=(frames, k, markers, 3), mm]
         Positions y_i; NaN where the neighbour does not have the marker.
     velocity, acceleration : ndarray [shape=(frames, k, markers, 3), mm]
-        ν_i Δt and α_i Δt², for the Δt of the query's level.
+        ν_i Δt and α_i Δt² of Eqs. (3) and (4), where Δt is the frame step of the query's level.
     """
 
     distance: NDArray[np.float64]
@@ -63,24 +62,29 @@ class PoseBank:
     Parameters
     ----------
     takes : sequence of Take
-        Where to look.
+        The recordings.
     root : RootGroup
-        The group that gives the root frames; its markers are valid in every pose used.
+        The group that defines the root frames. Only poses in which its markers are valid are used.
     viable : ndarray of int [shape=(viable markers,)]
         The markers to search by.
     wanted : ndarray of int [shape=(wanted markers,)]
-        The markers that a pose must have to be of use.
+        Markers that a pose must have too.
     rate : float
-        The rate of the query's level, Hz: each take gives its level of the nearest rate.
-    most : int, optional
-        How many poses to search at most, evenly spread; by default all.
+        Hz. The rate of the query's level; of each take the level with the nearest rate is used.
+    max_poses : int, optional
+        Poses to search at most, evenly spaced; by default all.
 
     Attributes
     ----------
     rows : ndarray of int
-        The poses that are searched, among those of all the takes one after the other.
+        The poses that are searched: rows of the concatenated poses of all takes used.
     rate : float
-        As given; recordings sampled more slowly have a rate of their own, see `rates`.
+        As given; recordings sampled more slowly have rates of their own, see `rates`.
+
+    See Also
+    --------
+    PoseIndex : The search itself.
+    PoseBankCache : Keeps banks for reuse.
     """
 
     def __init__(
@@ -90,7 +94,7 @@ class PoseBank:
         viable: NDArray[np.intp],
         wanted: NDArray[np.intp],
         rate: float,
-        most: int | None = None,
+        max_poses: int | None = None,
     ) -> None:
         needed = np.unique(np.concatenate([root.markers, viable, wanted])).astype(np.intp)
         useful = [i for i, take in enumerate(takes) if take.shown[needed].all()]
@@ -106,16 +110,19 @@ class PoseBank:
             positions[start : start + length] = takes[i].positions(level, needed)
             start += length
         self._take = np.repeat(np.array(useful, dtype=np.intp), lengths)
-        known = np.empty(len(positions), dtype=bool)
-        for at in range(0, len(positions), BLOCK):
-            known[at : at + BLOCK] = complete_poses(positions[at : at + BLOCK])
-        inner = np.zeros_like(known)  # poses with a pose of the same take on either side
-        inner[1:-1] = known[:-2] & known[1:-1] & known[2:] & (self._take[:-2] == self._take[2:])
+        complete = np.empty(len(positions), dtype=bool)
+        for at in range(0, len(positions), POSES_PER_BATCH):
+            batch = slice(at, at + POSES_PER_BATCH)
+            complete[batch] = complete_poses(positions[batch])
+        usable = np.zeros_like(complete)  # poses between complete poses of the same take
+        usable[1:-1] = (
+            complete[:-2] & complete[1:-1] & complete[2:] & (self._take[:-2] == self._take[2:])
+        )
         self.rate = rate
-        self._inner = inner
-        self.rows = np.flatnonzero(inner)
-        if most is not None and len(self.rows) > most:
-            self.rows = self.rows[evenly_spaced(len(self.rows), most)]
+        self._usable = usable
+        self.rows = np.flatnonzero(usable)
+        if max_poses is not None and len(self.rows) > max_poses:
+            self.rows = self.rows[evenly_spaced(len(self.rows), max_poses)]
         self._rate_ratio = np.repeat(np.array(rates) / rate, lengths)
         self._viable = viable
         self._needed = needed
@@ -132,8 +139,8 @@ class PoseBank:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it takes."""
-        arrays = (self.rows, self._inner, self._take, self._rate_ratio, self._positions)
+        """Memory in bytes."""
+        arrays = (self.rows, self._usable, self._take, self._rate_ratio, self._positions)
         index = self._index.nbytes if self._index is not None else 0
         return sum(array.nbytes for array in arrays) + index
 
@@ -141,25 +148,25 @@ class PoseBank:
         """Return the searched poses of some markers in root frames [shape=(rows, 3m), mm]."""
         local = np.empty((len(self.rows), 3 * len(markers)), dtype=np.float32)
         columns = np.searchsorted(self._needed, markers)
-        if len(local) > FEW:
+        if len(local) > MAX_BRUTE_FORCE_POSES:
             self._local_compiled(columns, local)
             return local
-        for at in range(0, len(local), BLOCK):
-            poses = self._in_root_frames(self.rows[at : at + BLOCK], columns)
-            local[at : at + BLOCK] = poses.reshape(len(poses), -1)
+        for at in range(0, len(local), POSES_PER_BATCH):
+            poses = self._in_root_frames(self.rows[at : at + POSES_PER_BATCH], columns)
+            local[at : at + POSES_PER_BATCH] = poses.reshape(len(poses), -1)
         return local
 
     def _local_compiled(self, columns: NDArray[np.intp], local: NDArray[np.float32]) -> None:
-        """Write columns of all searched poses as `_in_root_frames` returns them."""
+        """Do the work of `_local` by a compiled loop."""
         from priorfill.search.kernels import in_root_frames
 
         root = np.array(self._root.markers, dtype=np.intp)
         shape = self._root.template - self._root.template.mean(axis=0)
 
-        def bring(begin: int, end: int) -> None:
+        def transform(begin: int, end: int) -> None:
             in_root_frames(self._positions, self.rows, begin, end, root, shape, columns, local)
 
-        in_threads(bring, parts(len(local), len(local) // POSES_A_THREAD))
+        run_in_threads(transform, split_range(len(local), len(local) // POSES_PER_THREAD))
 
     def _in_root_frames(
         self, rows: NDArray[np.intp], columns: NDArray[np.intp]
@@ -168,7 +175,7 @@ class PoseBank:
         poses = self._positions[rows]
         frames = self._root.frames(poses)
         moved = poses[:, columns] - frames.origin[:, None, :]
-        # by hand: thousands of products of small matrices take several times as long
+        # written out: thousands of products of small matrices take several times as long
         cosine, sine = frames.rotation[:, :1, 0], frames.rotation[:, 1:2, 0]
         x, y = moved[..., 0].copy(), moved[..., 1]
         moved[..., 0] = x * cosine + y * sine
@@ -180,26 +187,26 @@ class PoseBank:
         return self._in_root_frames(rows, self._wanted_columns)
 
     def positions(self, rows: NDArray[np.intp], markers: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Positions of rows, as recorded [shape=(rows, markers, 3), mm].
+        """Return recorded positions [shape=(rows, markers, 3), mm].
 
-        ``markers`` are among the root, viable and wanted ones.
+        ``markers`` must be among the root, viable and wanted markers.
         """
         columns = np.searchsorted(self._needed, markers)
         return self._positions[np.ix_(rows, columns)].astype(np.float64)
 
     def take(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Index of the take that each row comes from."""
+        """Return the index of the take that each row comes from."""
         return self._take[rows]
 
     def rates(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Frames per second (Hz) of what each row comes from."""
+        """Return the rate (Hz) of the recording that each row comes from."""
         rates: NDArray[np.float64] = self.rate * self._rate_ratio[rows]
         return rates
 
-    def moved(self, rows: NDArray[np.intp], step: int | NDArray[np.intp]) -> NDArray[np.intp]:
-        """Rows of the same takes so many frames later; the same ones where there is none."""
-        other = np.clip(rows + step, 0, len(self._inner) - 1)
-        same = self._inner[other] & (self._take[other] == self._take[rows])
+    def shifted(self, rows: NDArray[np.intp], step: int | NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return the rows ``step`` frames later in the same takes, or as given if there is none."""
+        other = np.clip(rows + step, 0, len(self._usable) - 1)
+        same = self._usable[other] & (self._take[other] == self._take[rows])
         return np.where(same, other, rows)
 
     def search(
@@ -214,28 +221,28 @@ class PoseBank:
         frames : RootFrames
             The queries' root frames, by the bank's root group.
         k : int
-            How many neighbours.
+            Number of neighbours.
 
         Returns
         -------
         distance : ndarray [shape=(frames, k), mm]
-            Rms distance a viable marker, ascending.
+            Rms distance per viable marker, ascending.
         rows : ndarray of int [shape=(frames, k)]
-            The bank's row of each.
+            Rows of the bank.
 
         Raises
         ------
         ValueError
-            Where the bank is empty.
+            If the bank is empty.
         """
         if self._index is None:
-            raise ValueError("the bank has no pose; ask for its length first")
+            raise ValueError("the bank has no pose to search; check its length first")
         queries = frames.to_local(positions[:, self._viable])
         distance, found = self._index.nearest(queries.reshape(len(queries), -1), k)
         return distance / np.sqrt(len(self._viable)), self.rows[found]
 
     def nearest(self, positions: NDArray[np.float64], frames: RootFrames, k: int) -> Neighbours:
-        """Find the k nearest poses of each query and read off the wanted markers.
+        """Find the k nearest poses of each query, and their wanted markers with derivatives.
 
         Parameters and errors are those of `search`.
         """
@@ -244,7 +251,7 @@ class PoseBank:
         shape = (*found.shape, len(self._wanted_columns), 3)
         here = self.wanted(rows)
         before, after = self.wanted(rows - 1), self.wanted(rows + 1)
-        # a take sampled at another rate makes longer or shorter steps
+        # scales frame steps of the take to those of the query
         ratio = self._rate_ratio[rows][:, None, None]
         return Neighbours(
             distance,
@@ -256,22 +263,26 @@ class PoseBank:
         )
 
 
-class Banks:
-    """Banks of some takes, made when asked for; the last ones used are kept while there is room.
+class PoseBankCache:
+    """Pose banks of some takes, built on demand; the most recently used ones are kept.
 
     Parameters
     ----------
     takes : sequence of Take
-        Where the banks look.
-    room : int
-        Bytes to keep; the bank used last is kept whatever its size.
+        The recordings.
+    max_bytes : int
+        Memory for banks that are kept; the most recently used one is kept whatever its size.
+
+    See Also
+    --------
+    PoseBank : A bank.
     """
 
-    def __init__(self, takes: Sequence[Take], room: int = ROOM) -> None:
+    def __init__(self, takes: Sequence[Take], max_bytes: int = MAX_CACHE_BYTES) -> None:
         self._takes = takes
-        self._room = room
-        self._kept: dict[tuple[object, ...], PoseBank] = {}  # the last used last
-        self._size = 0
+        self._max_bytes = max_bytes
+        self._banks: dict[tuple[object, ...], PoseBank] = {}  # the most recently used last
+        self._bytes = 0
         self._lock = threading.Lock()
 
     def get(
@@ -280,25 +291,25 @@ class Banks:
         viable: NDArray[np.intp],
         wanted: NDArray[np.intp],
         rate: float,
-        most: int | None = None,
+        max_poses: int | None = None,
     ) -> PoseBank:
         """Return a bank; parameters as for `PoseBank`. May be called from several threads."""
         template = root.template.tobytes()
-        key = (root.markers, template, viable.tobytes(), wanted.tobytes(), rate, most)
+        key = (root.markers, template, viable.tobytes(), wanted.tobytes(), rate, max_poses)
         with self._lock:
-            bank = self._take_out(key)
+            bank = self._pop(key)
         if bank is None:
-            bank = PoseBank(self._takes, root, viable, wanted, rate, most)
+            bank = PoseBank(self._takes, root, viable, wanted, rate, max_poses)
         with self._lock:
-            self._take_out(key)  # another thread may have made it meanwhile
-            self._kept[key] = bank
-            self._size += bank.nbytes
-            while self._size > self._room and len(self._kept) > 1:
-                self._take_out(next(iter(self._kept)))
+            self._pop(key)  # another thread may have built it meanwhile
+            self._banks[key] = bank
+            self._bytes += bank.nbytes
+            while self._bytes > self._max_bytes and len(self._banks) > 1:
+                self._pop(next(iter(self._banks)))
         return bank
 
-    def _take_out(self, key: tuple[object, ...]) -> PoseBank | None:
-        bank = self._kept.pop(key, None)
+    def _pop(self, key: tuple[object, ...]) -> PoseBank | None:
+        bank = self._banks.pop(key, None)
         if bank is not None:
-            self._size -= bank.nbytes
+            self._bytes -= bank.nbytes
         return bank

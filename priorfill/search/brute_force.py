@@ -1,4 +1,8 @@
-"""Exact k nearest neighbours by comparing all poses: for few of them, where nothing else pays."""
+"""Exact k nearest neighbours by comparing all poses.
+
+The neighbours are those of `priorfill.search.index`, the y_i of Eqs. (1)-(4) of Baumann et al.
+2011. For few poses this is faster than an index, whose loops have to be compiled first.
+"""
 
 from __future__ import annotations
 
@@ -7,53 +11,67 @@ from numpy.typing import NDArray
 
 __all__ = ["nearest_by_brute_force"]
 
-PAIRS = 2**20
+PAIRS_PER_BATCH = 2**20
 """Squared distances held at a time: 8 MB."""
 
-ROUNDING, OPERATIONS = 2.0**-53, 8
-"""Relative error of an operation of double precision, and how many for each dimension squares
-by the matrix product are off by, at most. What it cannot tell apart is measured."""
+FLOAT64_ROUNDING = 2.0**-53
+"""Relative rounding error of a double-precision operation."""
+
+ROUNDINGS_PER_DIMENSION = 8
+"""Rounding errors in a square from the matrix product, per dimension, at most. Poses that it cannot
+tell apart are measured directly."""
 
 
 def nearest_by_brute_force(
     poses: NDArray[np.float32], queries: NDArray[np.float32], k: int
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Find the k nearest poses of each query, the nearest first, equally near ones by row.
+    """Find the k nearest poses of each query, in ascending order of distance, then of row.
 
     Parameters
     ----------
     poses : ndarray [shape=(poses, dimensions), mm]
-        The poses to search among.
+        The poses to search.
     queries : ndarray [shape=(queries, dimensions), mm]
-        None missing.
+        Without missing values.
     k : int
-        How many neighbours, at most the number of poses.
+        Number of neighbours, at most the number of poses.
 
     Returns
     -------
-    square : ndarray [shape=(queries, k), mm²]
+    squares : ndarray [shape=(queries, k), mm²]
         Squared distances, summed in the order of the dimensions.
     rows : ndarray of int [shape=(queries, k)]
-        Of the poses.
+        Rows of the poses.
+
+    See Also
+    --------
+    PoseIndex : The same for many poses.
+
+    Examples
+    --------
+    >>> poses = np.array([[0.0], [10.0], [20.0]], dtype=np.float32)
+    >>> nearest_by_brute_force(poses, poses[1:2] + 2, k=2)
+    (array([[ 4., 64.]]), array([[1, 2]]))
     """
-    square = np.empty((len(queries), k))
+    squares = np.empty((len(queries), k))
     rows = np.empty((len(queries), k), dtype=np.int64)
-    among = poses.astype(np.float64)
-    norms = np.einsum("pd,pd->p", among, among)
-    lost = OPERATIONS * (poses.shape[1] + 4) * ROUNDING
-    step = max(1, PAIRS // len(poses))
-    for at in range(0, len(queries), step):
-        asked = queries[at : at + step].astype(np.float64)
-        nearly = asked @ (-2.0 * among.T)
-        nearly += norms
-        limit = np.partition(nearly, k - 1, axis=1)[:, k - 1]
-        limit += lost * (norms.max() + np.einsum("qd,qd->q", asked, asked))
-        query, row = np.nonzero(nearly <= limit[:, None])
-        away = np.zeros(len(row))
+    double_poses = poses.astype(np.float64)
+    pose_norms = np.einsum("pd,pd->p", double_poses, double_poses)
+    rounding = ROUNDINGS_PER_DIMENSION * (poses.shape[1] + 4) * FLOAT64_ROUNDING
+    batch_size = max(1, PAIRS_PER_BATCH // len(poses))
+    for at in range(0, len(queries), batch_size):
+        batch = queries[at : at + batch_size].astype(np.float64)
+        # |p - q|² - |q|², up to rounding
+        approximate = batch @ (-2.0 * double_poses.T)
+        approximate += pose_norms
+        limit = np.partition(approximate, k - 1, axis=1)[:, k - 1]
+        limit += rounding * (pose_norms.max() + np.einsum("qd,qd->q", batch, batch))
+        query, row = np.nonzero(approximate <= limit[:, None])
+        exact = np.zeros(len(row))
         for d in range(poses.shape[1]):
-            away += (among[row, d] - asked[query, d]) ** 2
-        order = np.lexsort((row, away, query))
-        first = np.searchsorted(query, np.arange(len(asked)))  # `query` ascends
-        chosen = order[first[:, None] + np.arange(k)]
-        square[at : at + step], rows[at : at + step] = away[chosen], row[chosen]
-    return square, rows
+            exact += (double_poses[row, d] - batch[query, d]) ** 2
+        order = np.lexsort((row, exact, query))
+        first = np.searchsorted(query, np.arange(len(batch)))  # `query` ascends
+        nearest = order[first[:, None] + np.arange(k)]
+        squares[at : at + batch_size], rows[at : at + batch_size] = exact[nearest], row[nearest]
+    return squares, rows

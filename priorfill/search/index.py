@@ -1,13 +1,24 @@
 """Exact k nearest neighbours among the poses of recordings.
 
-Poses of a recording follow each other closely. So distances from some of them, and how far the
-poses between two of these are from the line that joins the two, bound the distances of all poses
-from below, and it takes one pass over the poses to find out: there is no tree to be built. Most
-bounds are computed in the few directions in which the poses differ most, and first for several
-queries together, which are best consecutive frames. What the bounds let through is measured. The
-loops are in `priorfill.search.kernels`.
+They are the y_i of [B11]_: the k database poses nearest to a frame of the clip, by its viable
+markers in root frames, over which Eqs. (2)-(4), and so the energy of Eq. (1), sum. [B11]_ finds
+them with one kd-tree per clip and resolution; here the viable markers and the root frames depend on
+the gap, and the neighbours, which are the same, are found by bounds without a tree.
 
-Poses are of one root group: in other root frames they need another index.
+Consecutive poses of a recording are similar. The distances from a few of them, the vertices, and
+how far the poses between two vertices are from the chord joining these, bound the distances of all
+poses from below, and one pass over the poses finds both. Most bounds are computed in the few
+directions in which poses differ most, and first for groups of queries together, preferably
+consecutive frames. Poses that no bound excludes are measured. The loops are in
+`priorfill.search.kernels`.
+
+The poses of an index are in the root frames of one root group; other root frames need another
+index.
+
+References
+----------
+.. [B11] Baumann, Krüger, Zinke and Weber, Data-driven completion of motion capture data,
+   VRIPHYS 2011, section 4.1.
 """
 
 from __future__ import annotations
@@ -17,82 +28,104 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.runtime.threads import in_threads, parts
+from priorfill.runtime.threads import run_in_threads, split_range
 from priorfill.search.brute_force import nearest_by_brute_force
 
-__all__ = ["FEW", "POSES_A_THREAD", "PoseIndex"]
+__all__ = ["MAX_BRUTE_FORCE_POSES", "POSES_PER_THREAD", "PoseIndex"]
 
-FEW = 2**14
-"""Up to so many poses all are compared. That takes a few times as long, hundredths of a second,
-but spares the seconds in which the index is compiled when it is first used."""
+MAX_BRUTE_FORCE_POSES = 2**14
+"""Up to this many poses all are compared. That takes a few times as long, hundredths of a second,
+but spares the seconds in which the index compiles on first use."""
 
-LONGEST, BEND = 4, 5.0
-"""Poses a span at most, and how far (mm) they may be beside its line, a coordinate: 36 mm in 54
-dimensions, little beside neighbours at 150 and more. 3 to 5 mm take much the same time; spans of a
-fixed number of poses bend by 91 mm and more where movements are fast, and let them all through. Up
-to 8 poses there are 4 % fewer spans, which take a fifth longer to be laid."""
+MAX_SPAN_POSES = 4
+"""Poses per span. With 8 there are 4 % fewer spans, which take a fifth longer to lay."""
+
+MAX_CHORD_ERROR = 5.0
+"""mm per coordinate. Largest chord error of a span of several poses: 36 mm in 54 dimensions, little
+next to neighbours at 150 mm and more. 3 to 5 mm take much the same time. Spans of a fixed number of
+poses have chord errors of 91 mm and more where movements are fast, and exclude nothing there."""
 
 DIRECTIONS = 16
-"""In how many directions most bounds are computed: they hold 98 % of the variance of poses, and
-more of them cost more than they keep from being measured."""
+"""Directions in which most bounds are computed. They hold 98 % of the variance of poses; computing
+bounds in more of them costs more than the measurements it saves."""
 
-TOGETHER = 16
-"""Queries that are bounded together first; 16 frames at 120 Hz are alike enough."""
+QUERIES_PER_GROUP = 16
+"""Queries bounded together by one query segment; 16 frames at 120 Hz are similar enough."""
 
-FIRST = 512
-"""Spans at least whose poses are measured first: they say how far the neighbours may be."""
+MIN_SEED_SPANS = 512
+"""Spans whose poses are measured first, to find how far the neighbours may be."""
 
-SOME = 4
-"""Bounds looked at first, for each of those that are wanted: to know which others may be less."""
+CANDIDATES_PER_SEED = 4
+"""Bounds examined per seed span when estimating the cut-off among all bounds."""
 
-BEYOND = 1e37
-"""mm². Where no neighbour is: more than any square, and single precision can still double it."""
+FAR_SQUARE = 1e37
+"""mm². Initial squared distance of a neighbour: above any square, and twice it still fits into
+single precision."""
 
-GROUPS = 8
-"""So many groups of queries are bounded in one pass over all knots, which the memory slows down."""
+GROUPS_PER_PASS = 8
+"""Groups of queries bounded in one pass over all vertices, which is limited by memory bandwidth."""
 
-SPANS = 2**15
-"""Spans measured at a time: what is bounded of them for each of the queries takes 2 MB."""
+SPANS_PER_BATCH = 2**15
+"""Spans measured at a time: their bounds for all queries of a group take 2 MB."""
 
-SAMPLE = 20_000
-"""Poses, at most, that the directions are found from: any directions give the same neighbours."""
+MAX_PCA_POSES = 20_000
+"""Poses from which the directions are computed. Any directions give the same neighbours."""
 
-PIECE = 8192
-"""Poses that spans are laid over at a time: what is read of them stays in a cache."""
+CHUNK_POSES = 8192
+"""Poses over which spans are laid at a time: they stay in the cache."""
 
-ROUNDING = 2.0**-24
-"""Relative error of an operation of single precision."""
+FLOAT32_ROUNDING = 2.0**-24
+"""Relative rounding error of a single-precision operation."""
 
-OPERATIONS = 8
-"""Bounds are off by so many times the dimensions times `ROUNDING`, relatively, at most: a square is
-a sum over the dimensions, and a distance from a line is made of three of them."""
+ROUNDINGS_PER_DIMENSION = 8
+"""Single-precision rounding errors in a bound, per dimension, at most: a square is a sum over the
+dimensions, and the squared distance from a chord is computed from three of them."""
 
-LARGEST = 1e15
-"""mm. Squares of coordinates beyond would not fit into single precision."""
+MAX_COORDINATE = 1e15
+"""mm. Squares of larger coordinates would not fit into single precision."""
 
-POSES_A_THREAD, PAIRS_A_THREAD = 2**17, 2**24
-"""Poses, and poses times queries, for which another thread pays: some ten milliseconds of work."""
+POSES_PER_THREAD = 2**17
+"""Poses for which another thread pays when the index is built: some ten milliseconds of work."""
+
+PAIRS_PER_THREAD = 2**24
+"""Pairs of pose and query for which another thread pays in a search."""
 
 
 class PoseIndex:
-    """Finds the poses nearest to others.
+    """Index for the exact k nearest neighbours among poses.
 
     Parameters
     ----------
     coordinates : ndarray of float32 [shape=(poses, dimensions), mm]
-        The poses to search among, at least one, none missing. Kept, not copied.
+        The poses to search, at least one, without missing values. Not copied if contiguous.
     starts : ndarray of int [shape=(recordings,)], optional
-        Rows at which recordings start, ascending: what is on either side need not be alike. The
-        neighbours do not depend on it. By default all poses are of one recording.
-    few : int, optional
-        Up to so many poses all are compared; the neighbours do not depend on it either.
+        Rows at which recordings start, ascending: poses on either side need not be similar. By
+        default all poses are of one recording. Affects only the speed.
+    max_brute_force : int, optional
+        Up to this many poses all are compared. Affects only the speed.
+
+    Raises
+    ------
+    ValueError
+        If ``starts`` do not ascend from 0, or reach beyond the poses.
+
+    See Also
+    --------
+    PoseBank : An index over the poses of takes, in root frames.
+
+    Examples
+    --------
+    >>> index = PoseIndex(np.array([[0.0], [10.0], [20.0]], dtype=np.float32))
+    >>> distances, rows = index.nearest(np.array([[12.0]]), k=2)
+    >>> distances, rows
+    (array([[2., 8.]]), array([[1, 2]]))
     """
 
     def __init__(
         self,
         coordinates: NDArray[np.float32],
         starts: NDArray[np.intp] | None = None,
-        few: int = FEW,
+        max_brute_force: int = MAX_BRUTE_FORCE_POSES,
     ) -> None:
         self._poses = np.ascontiguousarray(coordinates, dtype=np.float32)
         poses = len(self._poses)
@@ -100,14 +133,16 @@ class PoseIndex:
         ends = np.append(starts, poses)
         if ends[0] != 0 or (np.diff(ends) <= 0).any():
             raise ValueError(f"starts are {starts} of {poses} poses; let them ascend from 0")
-        self._spans = None if poses <= few else _Spans(self._poses, ends.astype(np.int64))
+        self._spans = (
+            None if poses <= max_brute_force else _SpanIndex(self._poses, ends.astype(np.int64))
+        )
 
     def __len__(self) -> int:
         return len(self._poses)
 
     @property
     def nbytes(self) -> int:
-        """Memory that it takes, the poses included."""
+        """Memory in bytes, including the poses."""
         return self._poses.nbytes + (self._spans.nbytes if self._spans is not None else 0)
 
     def nearest(
@@ -118,252 +153,310 @@ class PoseIndex:
         Parameters
         ----------
         queries : ndarray [shape=(queries, dimensions), mm]
-            None missing. They are rounded to single precision, as the poses are.
+            Without missing values. Rounded to single precision, as the poses are.
         k : int
-            How many neighbours; fewer are returned where there are fewer poses.
+            Number of neighbours; fewer are returned if there are fewer poses.
 
         Returns
         -------
         distances : ndarray [shape=(queries, min(k, poses)), mm]
             Euclidean, ascending.
         indices : ndarray of int [shape=(queries, min(k, poses))]
-            Rows of the poses; of equally near ones the first.
+            Rows of the poses; equally near ones in ascending order.
 
         Raises
         ------
         ValueError
-            Where a coordinate is missing, infinite or beyond `LARGEST`.
+            If a coordinate is missing, infinite or beyond `MAX_COORDINATE`.
         """
-        asked = np.ascontiguousarray(queries, dtype=np.float32)
-        if not np.abs(asked).max(initial=0.0) < LARGEST:  # so too where it is no number
-            raise ValueError(f"coordinates are missing, or of {LARGEST:g} mm; search by others")
+        single = np.ascontiguousarray(queries, dtype=np.float32)
+        if not np.abs(single).max(initial=0.0) < MAX_COORDINATE:  # also true for NaN
+            raise ValueError(
+                f"coordinates are missing, or {MAX_COORDINATE:g} mm and more; "
+                "search by markers that are valid"
+            )
         k = min(k, len(self))
-        if not len(asked) or not k:
-            return np.empty((len(asked), k)), np.empty((len(asked), k), dtype=np.intp)
+        if not len(single) or not k:
+            return np.empty((len(single), k)), np.empty((len(single), k), dtype=np.intp)
         if self._spans is None:
-            square, rows = nearest_by_brute_force(self._poses, asked, k)
+            squares, rows = nearest_by_brute_force(self._poses, single, k)
         else:
-            square, rows = self._spans.nearest(asked, k)
-        return np.sqrt(square), rows.astype(np.intp, copy=False)
+            squares, rows = self._spans.nearest(single, k)
+        return np.sqrt(squares), rows.astype(np.intp, copy=False)
 
 
-class _Spans:
-    """The spans of poses, see `priorfill.search.kernels`.
+class _SpanData(NamedTuple):
+    """Data of spans from which `bound_spans` computes bounds."""
+
+    projection: NDArray[np.float32]
+    connected: NDArray[np.bool_]
+    squared_length: NDArray[np.float32]
+    chord_error: NDArray[np.float32]
+
+
+class _Chunk(NamedTuple):
+    """Spans over `CHUNK_POSES` poses: outputs of `lay_spans`, and projections of the vertices."""
+
+    vertices: NDArray[np.int64]
+    connected: NDArray[np.bool_]
+    chord_error: NDArray[np.float32]
+    projection: NDArray[np.float32]
+    largest_norm: float
+
+
+class _Queries(NamedTuple):
+    """A group of queries, with the arrays that hold their neighbours."""
+
+    coordinates: NDArray[np.float32]
+    projection: NDArray[np.float32]
+    squares: NDArray[np.float64]
+    rows: NDArray[np.int64]
+
+    def part(self, part: slice) -> _Queries:
+        """Return some of the queries; the arrays are views."""
+        return _Queries(
+            self.coordinates[part], self.projection[part], self.squares[part], self.rows[part]
+        )
+
+
+class _SpanIndex:
+    """The spans of all poses; see `priorfill.search.kernels`.
 
     Parameters
     ----------
     poses : ndarray [shape=(poses, dimensions), mm]
-        Kept, not copied.
+        Not copied.
     ends : ndarray of int [shape=(recordings + 1,)]
-        Where recordings start, and the number of poses.
+        Rows at which recordings start, and the number of poses.
     """
 
     def __init__(self, poses: NDArray[np.float32], ends: NDArray[np.int64]) -> None:
         self._poses = poses
         dimensions = poses.shape[1]
-        self._slack = OPERATIONS * (dimensions + 4) * ROUNDING
-        sample = poses[:: -(-len(poses) // SAMPLE)]
+        self._rounding = ROUNDINGS_PER_DIMENSION * (dimensions + 4) * FLOAT32_ROUNDING
+        sample = poses[:: -(-len(poses) // MAX_PCA_POSES)]
         self._centre = sample.mean(axis=0)
         sample = sample - self._centre
-        # ascending eigenvalues: the last axes are those along which the poses differ most
+        # eigenvalues ascend: poses differ most along the last axes
         _, axes = np.linalg.eigh((sample.T @ sample).astype(np.float64))
         self._axes = np.zeros((DIRECTIONS, dimensions), dtype=np.float32)
         self._axes[:dimensions] = axes[:, ::-1][:, :DIRECTIONS].T
 
-        def lay(begin: int, end: int) -> list[_Laid]:
-            return [self._lay(ends, piece) for piece in range(begin, end)]
+        def lay(begin: int, end: int) -> list[_Chunk]:
+            return [self._lay_chunk(ends, chunk) for chunk in range(begin, end)]
 
-        pieces = parts(-(-len(poses) // PIECE), len(poses) // POSES_A_THREAD)
-        laid = [piece for part in in_threads(lay, pieces) for piece in part]
-        self._knots = np.concatenate([piece.knots for piece in laid])
-        self._joined = np.concatenate([piece.joined for piece in laid])
-        self._bend = np.concatenate([piece.bend for piece in laid])
-        self._shadow = np.concatenate([piece.shadow for piece in laid])
-        self._farthest = max(piece.farthest for piece in laid)
-        self._length = np.zeros(len(self._knots), dtype=np.float32)
-        for at in range(0, len(self._knots), PIECE):
-            step = np.diff(self._shadow[at : at + PIECE + 1], axis=0)
-            self._length[at : at + len(step)] = np.einsum("kd,kd->k", step, step)
-        self._length[~self._joined] = 0.0
+        ranges = split_range(-(-len(poses) // CHUNK_POSES), len(poses) // POSES_PER_THREAD)
+        chunks = [chunk for part in run_in_threads(lay, ranges) for chunk in part]
+        self._vertices = np.concatenate([chunk.vertices for chunk in chunks])
+        connected = np.concatenate([chunk.connected for chunk in chunks])
+        projection = np.concatenate([chunk.projection for chunk in chunks])
+        squared_length = np.zeros(len(self._vertices), dtype=np.float32)
+        for at in range(0, len(self._vertices), CHUNK_POSES):
+            step = np.diff(projection[at : at + CHUNK_POSES + 1], axis=0)
+            squared_length[at : at + len(step)] = np.einsum("kd,kd->k", step, step)
+        squared_length[~connected] = 0.0
+        chord_error = np.concatenate([chunk.chord_error for chunk in chunks])
+        self._data = _SpanData(projection, connected, squared_length, chord_error)
+        self._largest_norm = max(chunk.largest_norm for chunk in chunks)
 
-    def _lay(self, ends: NDArray[np.int64], piece: int) -> _Laid:
-        """Lay spans over one of the pieces of `PIECE` poses."""
+    def _lay_chunk(self, ends: NDArray[np.int64], chunk: int) -> _Chunk:
+        """Lay spans over one chunk of `CHUNK_POSES` poses."""
         from priorfill.search.kernels import lay_spans
 
-        begin, end = piece * PIECE, min((piece + 1) * PIECE, len(self._poses))
-        knots = np.empty(end - begin, dtype=np.int64)
-        joined = np.empty(end - begin, dtype=np.bool_)
-        bend = np.empty(end - begin, dtype=np.float32)
-        most_bend = BEND * self._poses.shape[1] ** 0.5
+        begin, end = chunk * CHUNK_POSES, min((chunk + 1) * CHUNK_POSES, len(self._poses))
+        vertices = np.empty(end - begin, dtype=np.int64)
+        connected = np.empty(end - begin, dtype=np.bool_)
+        chord_error = np.empty(end - begin, dtype=np.float32)
         recording = int(np.searchsorted(ends, begin, side="right"))
-        span = (LONGEST, most_bend, self._slack)
-        count = lay_spans(self._poses, ends, recording, begin, end, *span, knots, joined, bend)
-        shadow, farthest = self._project(self._poses[knots[:count]])
-        # copies: what was not written must not be kept
-        return _Laid(
-            knots[:count].copy(), joined[:count].copy(), bend[:count].copy(), shadow, farthest
+        count = lay_spans(
+            self._poses,
+            ends,
+            recording,
+            begin,
+            end,
+            MAX_SPAN_POSES,
+            MAX_CHORD_ERROR * self._poses.shape[1] ** 0.5,
+            self._rounding,
+            vertices,
+            connected,
+            chord_error,
+        )
+        projection, largest_norm = self._project(self._poses[vertices[:count]])
+        # copies, so that the unused rest of the arrays is freed
+        return _Chunk(
+            vertices[:count].copy(),
+            connected[:count].copy(),
+            chord_error[:count].copy(),
+            projection,
+            largest_norm,
         )
 
     def _project(self, poses: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
         """Return poses along the directions [shape=(poses, directions)], and the largest norm."""
         centred = poses - self._centre
-        far = float(np.einsum("pd,pd->p", centred, centred).max())
-        return centred @ self._axes.T, far**0.5
+        largest_square = float(np.einsum("pd,pd->p", centred, centred).max())
+        return centred @ self._axes.T, largest_square**0.5
 
     @property
     def nbytes(self) -> int:
-        """Memory that it takes beside the poses."""
-        arrays = (self._knots, self._joined, self._bend, self._shadow, self._length)
-        return sum(array.nbytes for array in arrays)
+        """Memory in bytes, without the poses."""
+        return self._vertices.nbytes + sum(array.nbytes for array in self._data)
 
     def nearest(
-        self, asked: NDArray[np.float32], k: int
+        self, queries: NDArray[np.float32], k: int
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Find the nearest poses of queries; see `nearest_by_brute_force`."""
-        far = np.empty((len(asked), k))
-        rows = np.empty((len(asked), k), dtype=np.int64)
-        points, farthest = self._project(asked)
-        # rounding of a pose along the directions, which are of length 1
-        blur = (asked.shape[1] + 4) * ROUNDING * len(self._axes) ** 0.5
-        blur *= self._farthest + farthest
+        squares = np.empty((len(queries), k))
+        rows = np.empty((len(queries), k), dtype=np.int64)
+        projection, largest_norm = self._project(queries)
+        # rounding of a pose's projection onto directions of unit length
+        bound_error = (queries.shape[1] + 4) * FLOAT32_ROUNDING * len(self._axes) ** 0.5
+        bound_error *= self._largest_norm + largest_norm
+
+        everything = _Queries(queries, projection, squares, rows)
 
         def search(begin: int, end: int) -> None:
-            for at in range(begin, end, TOGETHER * GROUPS):
-                some = slice(at, min(at + TOGETHER * GROUPS, end))
-                self._search(asked[some], points[some], blur, far[some], rows[some])
+            step = QUERIES_PER_GROUP * GROUPS_PER_PASS
+            for at in range(begin, end, step):
+                self._search_groups(everything.part(slice(at, min(at + step, end))), bound_error)
 
-        pairs = len(self._poses) * len(asked)
-        in_threads(search, parts(len(asked), pairs // PAIRS_A_THREAD))
-        return far, rows
+        pairs = len(self._poses) * len(queries)
+        run_in_threads(search, split_range(len(queries), pairs // PAIRS_PER_THREAD))
+        return squares, rows
 
-    def _search(
+    def _search_groups(self, queries: _Queries, bound_error: float) -> None:
+        """Find the nearest poses of up to `GROUPS_PER_PASS` groups of queries."""
+        groups = [
+            queries.part(slice(at, at + QUERIES_PER_GROUP))
+            for at in range(0, len(queries.coordinates), QUERIES_PER_GROUP)
+        ]
+        segments, offsets = zip(
+            *(_query_segment(group.projection) for group in groups), strict=True
+        )
+        bounds, block_minima = _bounds(self._data, np.array(segments), self._rounding)
+        for i, group in enumerate(groups):
+            self._search_group(group, bounds[i], block_minima[i], offsets[i], bound_error)
+
+    def _search_group(
         self,
-        queries: NDArray[np.float32],
-        points: NDArray[np.float32],
-        blur: float,
-        far: NDArray[np.float64],
-        rows: NDArray[np.int64],
+        queries: _Queries,
+        bounds: NDArray[np.float32],
+        block_minima: NDArray[np.float32],
+        offset: float,
+        bound_error: float,
     ) -> None:
-        """Find the nearest poses of up to `GROUPS` groups of queries; see `nearest`."""
-        from priorfill.search.kernels import UP
+        """Find the nearest poses of a group, given the bounds of its query segment.
 
-        groups = [slice(at, at + TOGETHER) for at in range(0, len(queries), TOGETHER)]
-        paths, beside = zip(*(_path(points[some]) for some in groups), strict=True)
-        knots = (self._shadow, self._joined, self._length, self._bend)
-        bounds, least = _bounds(*knots, np.array(paths), self._slack)
-        count = min(max(FIRST, far.shape[1]), len(self._knots))  # a span has at least one pose
-        far[:] = BEYOND
-        for group, some in enumerate(groups):
-            known = (bounds[group], least[group])
-            asked = (queries[some], points[some], blur, far[some], rows[some])
-            rows[some] = len(self._poses)  # beyond all
-            self._measure(_chosen(*known, _least_of(*known, count)), *asked)
-            reach = far[some, :1].copy()  # the farthest
-            far[some], rows[some] = reach, len(self._poses)
-            within = float(reach.max()) ** 0.5 + beside[group] + blur
-            spans = _chosen(*known, within * UP)
-            for at in range(0, len(spans), SPANS):
-                self._measure(spans[at : at + SPANS], *asked)
-            order = np.lexsort((rows[some], far[some]))
-            far[some] = np.take_along_axis(far[some], order, axis=1)
-            rows[some] = np.take_along_axis(rows[some], order, axis=1)
+        ``offset`` is how far (mm) the queries are from their segment at most.
+        """
+        from priorfill.search.kernels import ROUND_UP
 
-    def _measure(
-        self,
-        spans: NDArray[np.intp],
-        queries: NDArray[np.float32],
-        points: NDArray[np.float32],
-        blur: float,
-        far: NDArray[np.float64],
-        rows: NDArray[np.int64],
-    ) -> None:
+        squares, rows = queries.squares, queries.rows
+        # a span has at least one pose, so this many contain k poses
+        seeds = min(max(MIN_SEED_SPANS, squares.shape[1]), len(self._vertices))
+        squares[:], rows[:] = FAR_SQUARE, len(self._poses)
+        cutoff = _kth_least(bounds, block_minima, seeds)
+        self._measure(_spans_within(bounds, block_minima, cutoff), queries, bound_error)
+        kth_square = squares[:, :1].copy()  # the farthest of the k is first in the heap
+        squares[:], rows[:] = kth_square, len(self._poses)
+        radius = (float(kth_square.max()) ** 0.5 + offset + bound_error) * ROUND_UP
+        spans = _spans_within(bounds, block_minima, radius)
+        for at in range(0, len(spans), SPANS_PER_BATCH):
+            self._measure(spans[at : at + SPANS_PER_BATCH], queries, bound_error)
+        order = np.lexsort((rows, squares))
+        squares[:] = np.take_along_axis(squares, order, axis=1)
+        rows[:] = np.take_along_axis(rows, order, axis=1)
+
+    def _measure(self, spans: NDArray[np.intp], queries: _Queries, bound_error: float) -> None:
         """Measure the poses of some spans, given ascending; see `measure_spans`."""
         from priorfill.search.kernels import measure_spans
 
-        # the knots, and where the next knot is not one of them, that one, which ends the span
-        ending = self._joined[spans]
-        ending[:-1] &= spans[1:] != spans[:-1] + 1
-        at = np.flatnonzero(ending)
-        columns = np.insert(spans, at + 1, spans[at] + 1)
-        chosen = np.ones(len(columns), dtype=np.bool_)
-        chosen[at + np.arange(1, len(at) + 1)] = False
-        joined = self._joined[columns] & chosen
-        first = self._knots[columns]
-        last = first + chosen
-        np.copyto(last[:-1], first[1:], where=joined[:-1])
-        paths = np.zeros((len(points), 2 * DIRECTIONS + 1), dtype=np.float32)
-        paths[:, :DIRECTIONS] = points
-        near = (
-            np.take(self._shadow, columns, axis=0),
-            joined,
-            self._length[columns],
-            self._bend[columns],
+        # the vertices of these spans, and where a span ends at a vertex that is not among them,
+        # that one as well
+        ends_outside = self._data.connected[spans]
+        ends_outside[:-1] &= spans[1:] != spans[:-1] + 1
+        at = np.flatnonzero(ends_outside)
+        vertices = np.insert(spans, at + 1, spans[at] + 1)
+        selected = np.ones(len(vertices), dtype=np.bool_)
+        selected[at + np.arange(1, len(at) + 1)] = False
+        connected = self._data.connected[vertices] & selected
+        first = self._vertices[vertices]
+        last = first + selected
+        np.copyto(last[:-1], first[1:], where=connected[:-1])
+        data = _SpanData(
+            np.take(self._data.projection, vertices, axis=0),
+            connected,
+            self._data.squared_length[vertices],
+            self._data.chord_error[vertices],
         )
-        known = _bounds(*near, paths, self._slack)
-        measure_spans(self._poses, first, last, *known, queries, blur, self._slack, far, rows)
-
-
-class _Laid(NamedTuple):
-    """Spans over some of the poses; arrays are as `lay_spans` and `_Spans._project` give them."""
-
-    knots: NDArray[np.int64]
-    joined: NDArray[np.bool_]
-    bend: NDArray[np.float32]
-    shadow: NDArray[np.float32]
-    farthest: float
+        # every query is a segment of length 0
+        segments = np.zeros((len(queries.projection), 2 * DIRECTIONS + 1), dtype=np.float32)
+        segments[:, :DIRECTIONS] = queries.projection
+        bounds, block_minima = _bounds(data, segments, self._rounding)
+        measure_spans(
+            self._poses,
+            first,
+            last,
+            bounds,
+            block_minima,
+            queries.coordinates,
+            bound_error,
+            self._rounding,
+            queries.squares,
+            queries.rows,
+        )
 
 
 def _bounds(
-    shadow: NDArray[np.float32],
-    joined: NDArray[np.bool_],
-    length: NDArray[np.float32],
-    bend: NDArray[np.float32],
-    paths: NDArray[np.float32],
-    slack: float,
+    data: _SpanData, segments: NDArray[np.float32], rounding: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Bound the distances of paths from spans; see `bound_spans`.
+    """Bound the distances of query segments from spans; see `bound_spans`.
 
-    Returns the bounds, and infinite ones that make the last block whole [shape=(paths, blocks,
-    BLOCK), mm], and the least of each block [shape=(paths, blocks), mm].
+    Returns
+    -------
+    bounds : ndarray [shape=(segments, blocks, BLOCK_SPANS), mm]
+        The last block is padded with infinity.
+    block_minima : ndarray [shape=(segments, blocks), mm]
+        The least bound of each block.
     """
-    from priorfill.search.kernels import BLOCK, bound_spans
+    from priorfill.search.kernels import BLOCK_SPANS, bound_spans
 
-    count, directions = shadow.shape
-    bounds = np.empty((len(paths), -(-count // BLOCK), BLOCK), dtype=np.float32)
-    room = np.zeros((directions + 5, BLOCK + 1), dtype=np.float32)
-    near = (shadow, joined, length, bend, paths, slack)
-    bound_spans(*near, room[2:], room[0], room[1], bounds)
-    bounds.reshape(len(paths), -1)[:, count:] = np.inf
+    count, directions = data.projection.shape
+    bounds = np.empty((len(segments), -(-count // BLOCK_SPANS), BLOCK_SPANS), dtype=np.float32)
+    work = np.zeros((directions + 5, BLOCK_SPANS + 1), dtype=np.float32)
+    bound_spans(*data, segments, rounding, work[2:], work[0], work[1], bounds)
+    bounds.reshape(len(segments), -1)[:, count:] = np.inf
     return bounds, bounds.min(axis=2)
 
 
-def _least_of(bounds: NDArray[np.float32], least: NDArray[np.float32], count: int) -> float:
-    """Return the greatest of the ``count`` least bounds (mm) of a path, given as by `_bounds`."""
-    blocks = min(-(-SOME * count // bounds.shape[1]), len(least))
-    # that of some good blocks is not less
-    good = bounds[np.argpartition(least, blocks - 1)[:blocks]]
-    limit = np.partition(good, count - 1, axis=None)[count - 1]
-    near = bounds[least <= limit]
-    return float(np.partition(near[near <= limit], count - 1)[count - 1])
+def _kth_least(bounds: NDArray[np.float32], block_minima: NDArray[np.float32], k: int) -> float:
+    """Return the k-th least bound (mm) of a query segment; arguments as from `_bounds`."""
+    blocks = min(-(-CANDIDATES_PER_SEED * k // bounds.shape[1]), len(block_minima))
+    # the k-th least within the blocks of the least minima is an upper limit for that of all
+    candidates = bounds[np.argpartition(block_minima, blocks - 1)[:blocks]]
+    limit = np.partition(candidates, k - 1, axis=None)[k - 1]
+    near = bounds[block_minima <= limit]
+    return float(np.partition(near[near <= limit], k - 1)[k - 1])
 
 
-def _chosen(
-    bounds: NDArray[np.float32], least: NDArray[np.float32], radius: float
+def _spans_within(
+    bounds: NDArray[np.float32], block_minima: NDArray[np.float32], radius: float
 ) -> NDArray[np.intp]:
-    """Return the spans, ascending, whose bounds are at most so much (mm), as in `_least_of`."""
-    blocks = np.flatnonzero(least <= radius)
+    """Return the spans, ascending, whose bounds (as from `_bounds`) are at most ``radius`` mm."""
+    blocks = np.flatnonzero(block_minima <= radius)
     inside = np.flatnonzero(bounds[blocks] <= radius)
     skipped = (blocks - np.arange(len(blocks))) * bounds.shape[1]
     spans: NDArray[np.intp] = inside + skipped[inside // bounds.shape[1]]
     return spans
 
 
-def _path(points: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
-    """Return the straight path along which some points lie, and how far beside it (mm) at most.
+def _query_segment(points: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
+    """Return the segment of a straight line that best fits some points, and its largest error (mm).
 
-    The path is as `bound_spans` wants it, from the first point along the path to the last.
+    The segment is in the form that `bound_spans` takes, from the first point along the line to
+    the last.
     """
-    from priorfill.search.kernels import UP
+    from priorfill.search.kernels import ROUND_UP
 
     exact = points.astype(np.float64)
     middle = exact.mean(axis=0)
@@ -371,9 +464,9 @@ def _path(points: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
     direction = axes[:, -1].astype(np.float32).astype(np.float64)
     along = (exact - middle) @ direction
     middle += 0.5 * (along.min() + along.max()) * direction
-    path = np.concatenate([middle, direction, [0.0]]).astype(np.float32)
-    exact -= path[: len(middle)]
+    segment = np.concatenate([middle, direction, [0.0]]).astype(np.float32)
+    exact -= segment[: len(middle)]
     along = exact @ direction
-    path[-1] = np.abs(along).max() * UP
-    beside = exact - along[:, None] * direction
-    return path, float(np.sqrt((beside**2).sum(axis=1).max())) * UP
+    segment[-1] = np.abs(along).max() * ROUND_UP
+    across = exact - along[:, None] * direction
+    return segment, float(np.sqrt((across**2).sum(axis=1).max())) * ROUND_UP

@@ -1,20 +1,21 @@
 """Compiled loops of the search. Arrays in, arrays out: no options, no checks, no I/O.
 
-Poses of a recording follow each other closely, so the few between two of them lie near the line
-that joins the two. A *span* is a *knot*, which is a pose, and the poses between it and the next
-knot; its *bend* bounds how far any of these is from the line between the two knots. A query's
-distances from the knots then bound those from the whole span from below. Distances in the few
-directions in which poses differ most bound the true ones from below too: the knots' coordinates
-there are their *shadow*. Queries that follow each other lie near a line as well, their *path*.
+Consecutive poses of a recording are similar, so the few poses between two of them lie near the
+chord that joins the two. Some poses are chosen as *vertices*. A *span* is a vertex and the poses up
+to the next vertex, and its *chord error* bounds how far any of these poses is from the chord
+between the two vertices. The distances of a query from the vertices then bound its distances from
+all poses of the span from below. Distances between *projections* onto the few directions in which
+poses differ most bound the true distances from below as well. Consecutive queries lie near a
+straight line too, their *query segment*.
 
-Bounds are of single precision and widened by what rounding may take; the poses that they let
-through are measured with double precision.
+Bounds are computed in single precision and widened by the largest possible rounding error. Poses
+that a bound does not exclude are measured in double precision.
 
-The loops are compiled when many poses are first searched, while somebody waits for it, as those
-of `priorfill.energy.descent_kernels`: they are given the room they work in, and compare without
-``min`` and
-``max``, each of which is a function of its own to be compiled. One loop bounds paths and single
-queries. NumPy chooses spans and sorts neighbours as fast: see `priorfill.search.index`.
+Functions compile on first use, while the user waits, as those of
+`priorfill.energy.descent_kernels`. Work arrays are therefore passed in, and ``min`` and ``max``,
+which would be compiled as functions of their own, are avoided; one loop bounds both segments and
+single queries. Selecting spans and sorting neighbours is as fast in NumPy; see
+`priorfill.search.index`.
 """
 
 from __future__ import annotations
@@ -27,58 +28,60 @@ from numpy.typing import NDArray
 
 from priorfill.runtime.numba_options import ENTRY, HELPER
 
-__all__ = ["bound_spans", "in_root_frames", "lay_spans", "measure_spans"]
+__all__ = ["BLOCK_SPANS", "ROUND_UP", "bound_spans", "in_root_frames", "lay_spans", "measure_spans"]
 
-Singles = NDArray[np.float32]
-Reals = NDArray[np.float64]
-Places = NDArray[np.int64]
-Flags = NDArray[np.bool_]
+Float32Array = NDArray[np.float32]
+Float64Array = NDArray[np.float64]
+IndexArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
-FAST = {"reassoc", "contract", "nsz", "nnan", "ninf"}
-"""What the compiler may do with bounds: finite, and widened for any order of their sums."""
+FAST_MATH = {"reassoc", "contract", "nsz", "nnan", "ninf"}
+"""Liberties of the compiler with bounds, which are finite and widened for any order of their
+sums."""
 
-BLOCK = 256
-"""Spans bounded at a time: their shadow and squares stay in the processor's first cache."""
+BLOCK_SPANS = 256
+"""Spans bounded at a time: their projections and squared distances stay in the L1 cache."""
 
-AT_ONCE = 4
-"""Directions that are summed in one pass; there are a multiple of so many."""
+DIRECTIONS_PER_PASS = 4
+"""Directions summed in one pass; the number of directions is a multiple of it."""
 
-NOTHING = np.float32(1e-20)
-"""mm². Added to a length that is divided by: too little to matter where there is one."""
+TINY_SQUARE = np.float32(1e-20)
+"""mm². Added to squared lengths before dividing by them; negligible unless the length is 0."""
 
-UP = 1.0 + 2.0**-20
-"""Rounds a bound up, to single precision and after a few operations of double precision."""
+ROUND_UP = 1.0 + 2.0**-20
+"""Factor that rounds a bound up, both to single precision and after a few double-precision
+operations."""
 
 
 @njit(**ENTRY)
 def in_root_frames(
-    positions: Singles,
-    rows: Places,
+    positions: Float32Array,
+    rows: IndexArray,
     begin: int,
     end: int,
-    root: Places,
-    shape: Reals,
-    columns: Places,
-    local: Singles,
+    root: IndexArray,
+    shape: Float64Array,
+    columns: IndexArray,
+    local: Float32Array,
 ) -> None:
-    """Bring poses into root frames by position and heading.
+    """Transform poses into root frames by position and heading.
 
     Parameters
     ----------
     positions : ndarray [shape=(poses, markers, 3), mm]
         All poses.
     rows : ndarray of int [shape=(rows,)]
-        Those that are wanted.
+        The poses to transform.
     begin, end : int
-        The rows to look at.
+        The range of ``rows`` to process.
     root : ndarray of int [shape=(group,)]
-        The root group's markers.
+        The markers of the root group.
     shape : ndarray [shape=(group, 3), mm]
-        Their template, its centre at 0.
+        Their template, centred at 0.
     columns : ndarray of int [shape=(columns,)]
-        The markers that are wanted.
+        The markers to transform.
     local : ndarray [shape=(rows, 3 * columns), mm]
-        Written.
+        Output.
     """
     for i in range(begin, end):
         row = rows[i]
@@ -108,25 +111,27 @@ def in_root_frames(
             local[i, 3 * c + 2] = positions[row, marker, 2] - z
 
 
-@njit(**HELPER, fastmath=FAST)
-def _apart(poses: Singles, row: int, other: Singles, other_row: int) -> np.float32:
-    """Return the squared distance of two rows, nearly."""
+@njit(**HELPER, fastmath=FAST_MATH)
+def _approximate_square(
+    poses: Float32Array, row: int, other: Float32Array, other_row: int
+) -> np.float32:
+    """Return the squared distance of two rows in single precision."""
     total = np.float32(0.0)
     for d in range(poses.shape[1]):
-        step = poses[row, d] - other[other_row, d]
-        total += step * step
+        difference = poses[row, d] - other[other_row, d]
+        total += difference * difference
     return total
 
 
-@njit(**HELPER, fastmath=FAST)
-def _bend(poses: Singles, first: int, last: int, slack: float) -> float:
-    """Bound how far the poses between two are from the line that joins these."""
-    length = np.float64(_apart(poses, first, poses, last))
-    most = 0.0
+@njit(**HELPER, fastmath=FAST_MATH)
+def _chord_error(poses: Float32Array, first: int, last: int, rounding: float) -> float:
+    """Bound how far the poses between two vertices are from the chord that joins these."""
+    length = np.float64(_approximate_square(poses, first, poses, last))
+    largest = 0.0
     for row in range(first + 1, last):
-        before = np.float64(_apart(poses, row, poses, first))
-        after = np.float64(_apart(poses, row, poses, last))
-        # any point of the line will do for a bound; its distance is by Stewart's theorem
+        before = np.float64(_approximate_square(poses, row, poses, first))
+        after = np.float64(_approximate_square(poses, row, poses, last))
+        # any point of the chord gives a bound; its distance follows from Stewart's theorem
         share = 0.0
         if length > 0.0:
             share = 0.5 + (before - after) / (2.0 * length)
@@ -134,264 +139,274 @@ def _bend(poses: Singles, first: int, last: int, slack: float) -> float:
                 share = 0.0
             elif share > 1.0:
                 share = 1.0
-        off = (1.0 - share) * before + share * after - share * (1.0 - share) * length
-        off += slack * (after if after > before else before)
-        if off > most:
-            most = off
-    return math.sqrt(most) * UP
+        square = (1.0 - share) * before + share * after - share * (1.0 - share) * length
+        square += rounding * (after if after > before else before)
+        if square > largest:
+            largest = square
+    return math.sqrt(largest) * ROUND_UP
 
 
 @njit(**ENTRY)
 def lay_spans(
-    poses: Singles,
-    ends: Places,
+    poses: Float32Array,
+    ends: IndexArray,
     recording: int,
     begin: int,
     end: int,
-    longest: int,
-    most_bend: float,
-    slack: float,
-    knots: Places,
-    joined: Flags,
-    bend: Singles,
+    max_length: int,
+    max_chord_error: float,
+    rounding: float,
+    vertices: IndexArray,
+    connected: BoolArray,
+    chord_error: Float32Array,
 ) -> int:
-    """Lay spans over a range of poses: as long as the poses in them are near their lines.
+    """Cut a range of poses into spans, each as long as its chord error allows.
 
     Parameters
     ----------
     poses : ndarray [shape=(poses, dimensions), mm]
-        All of them.
+        All poses.
     ends : ndarray of int [shape=(recordings + 1,)]
-        Where recordings start, ascending, and the number of poses.
+        Rows at which recordings start, ascending, and the number of poses.
     recording : int
-        Of these ends, the first one after ``begin``.
+        Index into ``ends`` of the first one after ``begin``.
     begin, end : int
-        The poses to look at; a span begins at either.
-    longest : int
-        So many poses a span at most.
-    most_bend : float
-        mm; a span of more than one pose does not bend by more.
-    slack : float
-        Part of a square that rounding may take.
-    knots : ndarray of int
-        Written from its start: the rows of the knots.
-    joined : ndarray of bool
-        Written: whether a knot's span leads to the next knot; else it is the knot alone.
-    bend : ndarray [mm]
-        Written: how far the poses of each span are from its line at most.
+        The range of poses; a span begins at either.
+    max_length : int
+        Poses per span at most.
+    max_chord_error : float
+        mm. Chord error of spans of more than one pose at most.
+    rounding : float
+        Relative rounding error of a square.
+    vertices : ndarray of int
+        Output, from its start: the rows of the vertices.
+    connected : ndarray of bool
+        Output: whether a vertex's span reaches to the next vertex; otherwise it is a single pose.
+    chord_error : ndarray [mm]
+        Output: chord error of each span.
 
     Returns
     -------
     int
-        How many knots there are.
+        Number of vertices.
     """
     count = 0
     row = begin
-    length = longest
+    length = max_length
     while row < end:
         while ends[recording] <= row:
             recording += 1
         last = min(end, ends[recording] - 1)
-        length = min(2 * length, longest)
-        far = 0.0
+        length = min(2 * length, max_length)
+        error = 0.0
         while length > 1:
-            # the poses themselves are as good as a span that ends with the recording
+            # near the end of a recording, single poses are as good as a span
             to = min(row + length, last)
-            far = _bend(poses, row, to, slack) if to > row + 1 else 0.0
-            if far <= most_bend:
+            error = _chord_error(poses, row, to, rounding) if to > row + 1 else 0.0
+            if error <= max_chord_error:
                 break
             length //= 2
         to = min(row + length, last)
-        knots[count] = row
-        joined[count] = to > row + 1
-        bend[count] = far if joined[count] else 0.0
+        vertices[count] = row
+        connected[count] = to > row + 1
+        chord_error[count] = error if connected[count] else 0.0
         count += 1
         row = max(to, row + 1)
     return count
 
 
-@njit(**ENTRY, fastmath=FAST)
+@njit(**ENTRY, fastmath=FAST_MATH)
 def bound_spans(
-    shadow: Singles,
-    joined: Flags,
-    length: Singles,
-    bend: Singles,
-    paths: Singles,
-    slack: float,
-    near: Singles,
-    squares: Singles,
-    along: Singles,
-    bounds: Singles,
+    projection: Float32Array,
+    connected: BoolArray,
+    squared_length: Float32Array,
+    chord_error: Float32Array,
+    segments: Float32Array,
+    rounding: float,
+    block_data: Float32Array,
+    squares: Float32Array,
+    along: Float32Array,
+    bounds: Float32Array,
 ) -> None:
-    """Bound the distances of some paths from the poses of all spans, from below.
+    """Bound the distances of query segments from the poses of all spans from below.
 
     Parameters
     ----------
-    shadow : ndarray [shape=(knots, directions), mm]
-        The knots' coordinates in some orthonormal directions.
-    joined : ndarray of bool [shape=(knots,)]
+    projection : ndarray [shape=(vertices, directions), mm]
+        Coordinates of the vertices in some orthonormal directions.
+    connected : ndarray of bool [shape=(vertices,)]
         As in `lay_spans`.
-    length : ndarray [shape=(knots,), mm²]
-        Squared length of the lines of the spans, in these directions; 0 for a knot alone.
-    bend : ndarray [shape=(knots,), mm]
+    squared_length : ndarray [shape=(vertices,), mm²]
+        Squared length of each span's chord in these directions; 0 for a single pose.
+    chord_error : ndarray [shape=(vertices,), mm]
         As in `lay_spans`.
-    paths : ndarray [shape=(paths, 2 * directions + 1), mm]
-        Straight ones: the middle of each, its direction, of length 1, and half its length. A point
-        is a path of length 0, of any direction. Several at a time, as passing over all knots is
-        bound by the memory.
-    slack : float
-        Part of a square that rounding may take.
-    near : ndarray [shape=(directions + 3, BLOCK + 1)]
-        Room for what is given of the knots of a block; finite.
-    squares, along : ndarray [shape=(BLOCK + 1,)]
-        Room for how far a path is from them.
-    bounds : ndarray [shape=(paths, knots / BLOCK, rounded up, BLOCK), mm]
-        Written. They may be below 0, and are off by some roundings of single precision. Those
-        after the last of the knots mean nothing.
+    segments : ndarray [shape=(segments, 2 * directions + 1), mm]
+        Query segments: the middle of each, its unit direction, and half its length. A single query
+        has length 0 and any direction. Several segments are bounded in one pass over the vertices,
+        which is limited by memory bandwidth.
+    rounding : float
+        Relative rounding error of a square.
+    block_data : ndarray [shape=(directions + 3, BLOCK_SPANS + 1)]
+        Work array, finite: the data of a block's vertices.
+    squares, along : ndarray [shape=(BLOCK_SPANS + 1,)]
+        Work arrays: squared distances of the vertices from a segment's middle, and their
+        coordinates along its direction.
+    bounds : ndarray [shape=(segments, vertices / BLOCK_SPANS rounded up, BLOCK_SPANS), mm]
+        Output. Bounds may be negative, and have a few single-precision rounding errors. Entries
+        after the last vertex are meaningless.
     """
     zero, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
-    thin = np.float32(slack)
-    knots, directions = shadow.shape
+    relative_error = np.float32(rounding)
+    vertices, directions = projection.shape
     for block in range(bounds.shape[1]):
-        # of the last block, what is left in the room of the one before is bounded as well
-        begin = block * BLOCK
-        wide = knots - begin
-        if wide > BLOCK + 1:
-            wide = BLOCK + 1
+        # in the last block, remains of the block before it fill the work array and are bounded too
+        begin = block * BLOCK_SPANS
+        wide = vertices - begin
+        if wide > BLOCK_SPANS + 1:
+            wide = BLOCK_SPANS + 1
         for i in range(wide):
             for d in range(directions):
-                near[d, i] = shadow[begin + i, d]
-            near[directions, i] = length[begin + i]
-            near[directions + 1, i] = bend[begin + i]
-            near[directions + 2, i] = zero if joined[begin + i] else one
-        for path in range(paths.shape[0]):
-            reach = paths[path, 2 * directions]
-            for i in range(BLOCK + 1):
+                block_data[d, i] = projection[begin + i, d]
+            block_data[directions, i] = squared_length[begin + i]
+            block_data[directions + 1, i] = chord_error[begin + i]
+            block_data[directions + 2, i] = zero if connected[begin + i] else one
+        for segment in range(segments.shape[0]):
+            half_length = segments[segment, 2 * directions]
+            for i in range(BLOCK_SPANS + 1):
                 squares[i] = along[i] = zero
-            for d in range(0, directions, AT_ONCE):
-                p, q = paths[path, d], paths[path, d + 1]
-                r, s = paths[path, d + 2], paths[path, d + 3]
-                for i in range(BLOCK + 1):
-                    u, v = near[d, i] - p, near[d + 1, i] - q
-                    w, x = near[d + 2, i] - r, near[d + 3, i] - s
+            for d in range(0, directions, DIRECTIONS_PER_PASS):
+                p, q = segments[segment, d], segments[segment, d + 1]
+                r, s = segments[segment, d + 2], segments[segment, d + 3]
+                for i in range(BLOCK_SPANS + 1):
+                    u, v = block_data[d, i] - p, block_data[d + 1, i] - q
+                    w, x = block_data[d + 2, i] - r, block_data[d + 3, i] - s
                     squares[i] += (u * u + v * v) + (w * w + x * x)
-                if reach > zero:
+                if half_length > zero:
                     to = directions + d
-                    e, f = paths[path, to], paths[path, to + 1]
-                    g, h = paths[path, to + 2], paths[path, to + 3]
-                    for i in range(BLOCK + 1):
-                        u, v = near[d, i] - p, near[d + 1, i] - q
-                        w, x = near[d + 2, i] - r, near[d + 3, i] - s
+                    e, f = segments[segment, to], segments[segment, to + 1]
+                    g, h = segments[segment, to + 2], segments[segment, to + 3]
+                    for i in range(BLOCK_SPANS + 1):
+                        u, v = block_data[d, i] - p, block_data[d + 1, i] - q
+                        w, x = block_data[d + 2, i] - r, block_data[d + 3, i] - s
                         along[i] += (u * e + v * f) + (w * g + x * h)
-            for i in range(BLOCK):
-                alone = near[directions + 2, i] > zero
+            for i in range(BLOCK_SPANS):
+                single = block_data[directions + 2, i] > zero
                 first, here = squares[i], along[i]
-                last = first if alone else squares[i + 1]
-                there = here if alone else along[i + 1]
-                # across the path's direction, by the squared distances from the line's ends
+                last = first if single else squares[i + 1]
+                there = here if single else along[i + 1]
+                # distance across the segment's direction, from the squares at the chord's ends
                 step = there - here
                 a, b = first - here * here, last - there * there
-                whole = near[directions, i] - step * step
-                whole = whole if whole > zero else zero
-                share = half + half * (a - b) / (whole + NOTHING)
+                chord = block_data[directions, i] - step * step
+                chord = chord if chord > zero else zero
+                share = half + half * (a - b) / (chord + TINY_SQUARE)
                 share = share if share > zero else zero
                 share = share if share < one else one
                 rest = one - share
-                square = rest * a + share * b - share * rest * whole - thin * (first + last)
-                # and along it where the whole span is beyond an end
+                square = rest * a + share * b - share * rest * chord
+                square -= relative_error * (first + last)
+                # and along it, where the complete chord lies beyond one of the segment's ends
                 low = here if here < there else there
                 high = there if here < there else here
-                before, behind = low - reach, -reach - high
-                beyond = before if before > behind else behind
-                beyond = beyond if beyond > zero else zero
-                square += beyond * beyond
+                past_end, past_start = low - half_length, -half_length - high
+                outside = past_end if past_end > past_start else past_start
+                outside = outside if outside > zero else zero
+                square += outside * outside
                 square = square if square > zero else zero
-                bounds[path, block, i] = np.float32(math.sqrt(square)) - near[directions + 1, i]
+                bounds[segment, block, i] = (
+                    np.float32(math.sqrt(square)) - block_data[directions + 1, i]
+                )
 
 
 @njit(**HELPER)
-def _exactly_apart(poses: Singles, row: int, other: Singles, other_row: int) -> float:
+def _exact_square(poses: Float32Array, row: int, other: Float32Array, other_row: int) -> float:
     """Return the squared distance of two rows, summed in the order of the dimensions."""
     total = 0.0
     for d in range(poses.shape[1]):
-        step = np.float64(poses[row, d]) - np.float64(other[other_row, d])
-        total += step * step
+        difference = np.float64(poses[row, d]) - np.float64(other[other_row, d])
+        total += difference * difference
     return total
 
 
 @njit(**HELPER)
-def _after(far: float, row: int, other_far: float, other_row: int) -> bool:
-    """Say whether one neighbour comes after another: the farther, then that of the later row."""
-    return far > other_far or (far == other_far and row > other_row)
+def _is_after(square: float, row: int, other_square: float, other_row: int) -> bool:
+    """Return whether a neighbour is farther than another one, or as far and of a later row."""
+    return square > other_square or (square == other_square and row > other_row)
 
 
 @njit(**HELPER)
-def _keep(far: Reals, rows: Places, query: int, new_far: float, new_row: int) -> None:
-    """Let a neighbour replace the last of all in a query's heap, which is on top."""
+def _replace_farthest(
+    squares: Float64Array, rows: IndexArray, query: int, new_square: float, new_row: int
+) -> None:
+    """Replace the farthest neighbour of a query, which is at the top of its heap."""
     at = 0
     child = 1
-    while child < far.shape[1]:
+    while child < squares.shape[1]:
         other = child + 1
-        if other < far.shape[1] and _after(
-            far[query, other], rows[query, other], far[query, child], rows[query, child]
+        if other < squares.shape[1] and _is_after(
+            squares[query, other], rows[query, other], squares[query, child], rows[query, child]
         ):
             child = other
-        if not _after(far[query, child], rows[query, child], new_far, new_row):
+        if not _is_after(squares[query, child], rows[query, child], new_square, new_row):
             break
-        far[query, at] = far[query, child]
+        squares[query, at] = squares[query, child]
         rows[query, at] = rows[query, child]
         at = child
         child = 2 * at + 1
-    far[query, at] = new_far
+    squares[query, at] = new_square
     rows[query, at] = new_row
 
 
 @njit(**ENTRY)
 def measure_spans(
-    poses: Singles,
-    first: Places,
-    last: Places,
-    bounds: Singles,
-    least: Singles,
-    queries: Singles,
-    blur: float,
-    slack: float,
-    far: Reals,
-    rows: Places,
+    poses: Float32Array,
+    first: IndexArray,
+    last: IndexArray,
+    bounds: Float32Array,
+    block_minima: Float32Array,
+    queries: Float32Array,
+    bound_error: float,
+    rounding: float,
+    squares: Float64Array,
+    rows: IndexArray,
 ) -> None:
     """Find the k nearest poses of each query among some spans.
 
     Parameters
     ----------
-    poses, slack
+    poses, rounding
         As in `lay_spans`.
     first, last : ndarray of int [shape=(spans,)]
-        The rows of each span: from, and up to.
-    bounds, least
-        Of the queries and these spans, as `bound_spans` has written them.
+        The rows of each span, ``first <= row < last``.
+    bounds : ndarray [shape=(queries, blocks, BLOCK_SPANS), mm]
+        Bounds of the queries and these spans, from `bound_spans`.
+    block_minima : ndarray [shape=(queries, blocks), mm]
+        The least bound of each block.
     queries : ndarray [shape=(queries, dimensions), mm]
         The queries.
-    blur : float
-        mm; how far off the bounds may be at most.
-    far : ndarray [shape=(queries, k), mm²]
-        Replaced by the squared distances; the farthest is the first, the others are in no order. On
-        entry no neighbour is of interest that is farther than any of a query.
+    bound_error : float
+        mm. Largest rounding error of a bound.
+    squares : ndarray [shape=(queries, k), mm²]
+        Replaced by the squared distances: a heap with the farthest one first. On entry every
+        element of a row is a square above which neighbours are of no interest.
     rows : ndarray of int [shape=(queries, k)]
-        Replaced by the rows of the poses; beyond all on entry.
+        Replaced by the rows of the poses. On entry the number of poses or more.
     """
     for query in range(queries.shape[0]):
-        radius = (math.sqrt(far[query, 0]) + blur) * UP
-        for block in range(least.shape[1]):
-            if least[query, block] > radius:
+        radius = (math.sqrt(squares[query, 0]) + bound_error) * ROUND_UP
+        for block in range(block_minima.shape[1]):
+            if block_minima[query, block] > radius:
                 continue
-            for i in range(BLOCK):
+            for i in range(BLOCK_SPANS):
                 if bounds[query, block, i] > radius:
                     continue
-                span = block * BLOCK + i
+                span = block * BLOCK_SPANS + i
                 for row in range(first[span], last[span]):
-                    if _apart(poses, row, queries, query) > far[query, 0] * (1.0 + slack):
+                    if _approximate_square(poses, row, queries, query) > squares[query, 0] * (
+                        1.0 + rounding
+                    ):
                         continue
-                    exact = _exactly_apart(poses, row, queries, query)
-                    if _after(far[query, 0], rows[query, 0], exact, row):
-                        _keep(far, rows, query, exact, row)
-                        radius = (math.sqrt(far[query, 0]) + blur) * UP
+                    exact = _exact_square(poses, row, queries, query)
+                    if _is_after(squares[query, 0], rows[query, 0], exact, row):
+                        _replace_farthest(squares, rows, query, exact, row)
+                        radius = (math.sqrt(squares[query, 0]) + bound_error) * ROUND_UP

@@ -1,9 +1,9 @@
-"""Takes: the recordings that a fill may learn from, in the clip's own order of markers.
+"""Takes: the recordings that a fill may learn from, with the markers in the clip's order.
 
-A take is a recording of the prior database, a companion of the clip that is being filled (another
-recording of the same body), or that clip itself. Every one is brought into the same shape: upright,
-mm, one column for each marker of the clip, NaN where the take does not have it. Positions are read
-when they are asked for: a database may be larger than the memory.
+A take is a recording of the prior database, another recording of the same subject, or the clip that
+is being filled. All have the same form: upright, in mm, one column for each marker of the clip, NaN
+where the take does not have it. Positions are read on demand, since a database may be larger than
+the memory.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 __all__ = ["Take", "own_take", "same_subject_take", "takes_from"]
 
 COARSER_RATES = (30.0, 15.0, 7.5)
-"""Hz. Resolutions of a companion beside its own: those of a database."""
+"""Hz. Coarser resolutions of another recording of the subject, the same as in a database."""
 
-
-Reader = Callable[[int, NDArray[np.intp]], NDArray[np.floating]]
+PositionReader = Callable[[int, NDArray[np.intp]], NDArray[np.floating]]
+"""Reads a level's positions of some markers [shape=(frames, markers, 3), mm]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,24 +40,24 @@ class Take:
     Attributes
     ----------
     name : str
-        What it is called in reports.
+        Name in reports.
     subject : str
-        Whose motion it is; empty if unknown.
+        The subject; empty if unknown.
     rates : tuple of float
-        Frames per second of its resolutions (Hz), finest first.
+        Rates of its levels, in Hz, finest first.
     lengths : tuple of int
-        Frames of each.
+        Number of frames of each level.
     shown : ndarray of int [shape=(markers,)]
-        In how many frames of the finest resolution each marker of the clip can be learnt from.
+        Number of usable frames at the finest level, for each marker of the clip.
     read : callable
-        Gives the positions of a resolution for some markers; see `positions`.
+        Reads the positions of a level for some markers; see `positions`.
     own : bool
         Whether it is the clip that is being filled.
-    companion : bool
-        Whether it is known to be of the clip's own body, with the same markers on it.
-    synthesised : bool
-        Whether its markers were placed on a skeleton: about a centimetre beside where markers
-        would be, and rigid where skin would move.
+    same_subject : bool
+        Whether it is known to be of the clip's subject, with the markers in the same places.
+    virtual_markers : bool
+        Whether its markers were computed from a skeleton: they are about a centimetre off real
+        ones, and do not move with the skin.
     """
 
     name: str
@@ -65,44 +65,44 @@ class Take:
     rates: tuple[float, ...]
     lengths: tuple[int, ...]
     shown: NDArray[np.intp] = field(repr=False)
-    read: Reader = field(repr=False)
+    read: PositionReader = field(repr=False)
     own: bool = False
     same_subject: bool = False
     virtual_markers: bool = False
 
     def nearest_level(self, rate: float) -> int:
-        """Return the number of the resolution whose rate is nearest to ``rate`` (Hz) as a ratio."""
+        """Return the level whose rate is nearest to ``rate`` (Hz) as a ratio."""
         return int(np.argmin(np.abs(np.log(np.array(self.rates) / rate))))
 
     def positions(
         self, level: int, markers: NDArray[np.intp] | None = None
     ) -> NDArray[np.floating]:
-        """Return the positions of a resolution.
+        """Return the positions of a level.
 
         Parameters
         ----------
         level : int
-            Its number.
+            Index into ``rates``.
         markers : ndarray of int, optional
-            Which markers of the clip; all by default.
+            Markers of the clip; all by default.
 
         Returns
         -------
         ndarray [shape=(frames, markers, 3), mm]
-            Upright; NaN where there is nothing to learn from.
+            Upright; NaN where missing or not usable.
         """
         return self.read(level, np.arange(len(self.shown)) if markers is None else markers)
 
 
 def own_take(levels: Sequence[Level], name: str, subject: str) -> Take:
-    """Make a take of the clip itself; its gaps stay missing.
+    """Return a take of the clip itself; its gaps stay missing.
 
     Parameters
     ----------
     levels : sequence of Level
-        The clip's resolutions, upright, finest first.
+        The clip's levels, upright, finest first.
     name, subject : str
-        Of the clip.
+        The clip's name and subject.
     """
     return Take(
         name,
@@ -116,43 +116,47 @@ def own_take(levels: Sequence[Level], name: str, subject: str) -> Take:
 
 
 def same_subject_take(
-    same_subject: Clip,
+    other: Clip,
     labels: Sequence[str],
     marker_set: MarkerSet | None = None,
     subject: str = "",
 ) -> Take:
-    """Make a take of another clip of the same body with the same markers on it.
+    """Return a take of another recording of the clip's subject with the same markers.
 
     Parameters
     ----------
-    companion : Clip
-        At any rate, with any axis up, of any length: a static pose will do.
+    other : Clip
+        The other recording, of any rate, up axis and length: a static trial is enough.
     labels : sequence of str
-        The labels of the clip that is to be filled, in its order.
+        Labels of the clip to be filled.
     marker_set : MarkerSet, optional
-        Definition whose other spellings count too.
+        Definition with alternative labels.
     subject : str
-        Of the clip that is to be filled.
+        Subject of the clip to be filled.
+
+    Returns
+    -------
+    Take
 
     Raises
     ------
     ClipError
-        Where it shows none of the clip's markers.
+        If the recordings have no marker in common.
     """
-    here, there = same_markers(labels, same_subject.labels, marker_set)
-    positions = np.full((same_subject.frames, len(labels), 3), np.nan)
-    positions[:, here] = to_upright(same_subject.positions, same_subject.up)[:, there]
+    here, there = same_markers(labels, other.labels, marker_set)
+    positions = np.full((other.frames, len(labels), 3), np.nan)
+    positions[:, here] = to_upright(other.positions, other.up)[:, there]
     shown = (~np.isnan(positions[..., 0])).sum(axis=0)
     if not shown.any():
         raise ClipError(
-            f"{same_subject.name}: has no marker in common with the clip "
+            f"{other.name}: no marker in common with the clip "
             f"({', '.join(labels[:6])}, ...); its markers are "
-            f"{', '.join(same_subject.labels[:6])}, ...; give a clip of the same markers"
+            f"{', '.join(other.labels[:6])}, ...; give a clip with the same markers"
         )
-    rates = [same_subject.rate, *(rate for rate in COARSER_RATES if rate < same_subject.rate)]
-    levels = [positions, *(resample(positions, same_subject.rate, rate) for rate in rates[1:])]
+    rates = [other.rate, *(rate for rate in COARSER_RATES if rate < other.rate)]
+    levels = [positions, *(resample(positions, other.rate, rate) for rate in rates[1:])]
     return Take(
-        same_subject.name,
+        other.name,
         subject,
         tuple(rates),
         tuple(len(level) for level in levels),
@@ -169,44 +173,49 @@ def takes_from(
     marker_set: MarkerSet | None = None,
     *,
     trust_filled: bool = False,
-    refused: Callable[[DatabaseCorruptError], None] | None = None,
-    withdrawn: Callable[[str, DatabaseCorruptError], None] | None = None,
+    on_damaged: Callable[[DatabaseCorruptError], None] | None = None,
+    on_damaged_after_use: Callable[[str, DatabaseCorruptError], None] | None = None,
 ) -> tuple[Take, ...]:
-    """Make a take of each clip of a database that shows at least one of a clip's markers.
+    """Return a take of each clip of a database that shows at least one marker of the clip.
 
     Parameters
     ----------
     database : PriorDatabase
-        Opened.
+        An open database.
     records : iterable of ClipRecord
-        Which of its clips.
+        The clips to use.
     labels : sequence of str
-        The clip's labels, in its order.
+        Labels of the clip to be filled.
     marker_set : MarkerSet, optional
-        Definition whose other spellings count too.
+        Definition with alternative labels.
     trust_filled : bool
-        Learn from samples that were synthesised too, as if they were measured.
-    refused : callable, optional
-        Called when a clip turns out to be damaged: no more is then read of it. Without this the
-        error is raised.
-    withdrawn : callable, optional
-        Called with the clip's content hash too, when something of it had been read already: what
-        was learnt from it is not to be used, and to check all of it at once would be to read all
-        resolutions of a large database. Without this, `refused` is called.
+        Use filled samples as if they were measured.
+    on_damaged : callable, optional
+        Called when a clip turns out to be damaged before any of its data was used; all of it is
+        then missing. By default the error is raised.
+    on_damaged_after_use : callable, optional
+        Called with the content hash if data from the clip was already used; results based on it
+        must be discarded. A clip is not checked completely in advance, because that would mean
+        reading all levels of a large database. By default ``on_damaged`` is called.
 
     Returns
     -------
     tuple of Take
         In the order of the records. Positions are float32.
+
+    Raises
+    ------
+    DatabaseCorruptError
+        If a clip is damaged and ``on_damaged`` is not given; here or when positions are read.
     """
     takes = []
-    known: dict[tuple[str, ...], NDArray[np.intp]] = {}  # thousands of clips share a few lists
+    columns_of: dict[tuple[str, ...], NDArray[np.intp]] = {}  # many clips share a few label lists
     for record in records:
-        if record.labels not in known:
+        if record.labels not in columns_of:
             here, there = same_markers(labels, record.labels, marker_set)
-            known[record.labels] = np.full(len(labels), -1, dtype=np.intp)
-            known[record.labels][here] = there
-        columns = known[record.labels]
+            columns_of[record.labels] = np.full(len(labels), -1, dtype=np.intp)
+            columns_of[record.labels][here] = there
+        columns = columns_of[record.labels]
         counts = np.array(record.present if trust_filled else record.measured, dtype=np.intp)
         shown = np.where(columns >= 0, counts[columns], 0)
         if not shown.any():
@@ -218,67 +227,97 @@ def takes_from(
                 tuple(database.rate / 2**level for level in range(database.levels)),
                 record.frames,
                 shown,
-                _reader(database, record, columns, trust_filled, refused, withdrawn),
+                _DatabaseReader(
+                    database, record, columns, trust_filled, on_damaged, on_damaged_after_use
+                ),
                 virtual_markers=record.virtual_markers,
             )
         )
     return tuple(takes)
 
 
-def _reader(
-    database: PriorDatabase,
-    record: ClipRecord,
-    columns: NDArray[np.intp],
-    trust_filled: bool,
-    refused: Callable[[DatabaseCorruptError], None] | None,
-    withdrawn: Callable[[str, DatabaseCorruptError], None] | None,
-) -> Reader:
-    """Return what reads a clip; ``columns`` has its column of each marker, -1 where it has none."""
-    filled = None
-    try:
-        # now, because the catalogue answers only the thread that opened it
-        if record.has_filled and not trust_filled:
-            filled = database.filled(record)
-    except DatabaseCorruptError as error:
-        if refused is None:
-            raise
-        refused(error)
-        columns = np.full_like(columns, -1)
-    given = False
-    damage: DatabaseCorruptError | None = None
+class _DatabaseReader:
+    """Reads the positions of one clip of a database, until it turns out to be damaged.
 
-    def read(level: int, markers: NDArray[np.intp]) -> NDArray[np.floating]:
-        nonlocal given, damage
-        wanted = columns[markers]
-        here = np.flatnonzero(wanted >= 0)
-        stored = None
+    A clip is *unused*, then *used* once positions of it were returned, and from either state
+    becomes *damaged* for good; from then on everything is missing.
+
+    Parameters
+    ----------
+    database, record, trust_filled, on_damaged, on_damaged_after_use
+        As for `takes_from`.
+    columns : ndarray of int [shape=(markers,)]
+        The record's column of each marker of the clip to be filled; -1 where it has none.
+    """
+
+    def __init__(
+        self,
+        database: PriorDatabase,
+        record: ClipRecord,
+        columns: NDArray[np.intp],
+        trust_filled: bool,
+        on_damaged: Callable[[DatabaseCorruptError], None] | None,
+        on_damaged_after_use: Callable[[str, DatabaseCorruptError], None] | None,
+    ) -> None:
+        self._database = database
+        self._record = record
+        self._columns = columns
+        self._on_damaged = on_damaged
+        self._on_damaged_after_use = on_damaged_after_use
+        self._used = False
+        self._damage: DatabaseCorruptError | None = None
+        self._filled: NDArray[np.bool_] | None = None
         try:
-            if damage is None:
-                stored = database.sound_positions(record, level)
-                given = True
+            # read here, because the catalogue can be used only in the thread that opened it
+            if record.has_filled and not trust_filled:
+                self._filled = database.filled(record)
         except DatabaseCorruptError as error:
-            if refused is None:
-                raise
-            damage = error
-            if not given:
-                refused(error)
-        # another thread may have used the clip just before this one found out, or the other way
-        if given and damage is not None:
-            stored = None
-            if withdrawn is not None:
-                withdrawn(record.content, damage)
-            elif refused is not None:
-                refused(damage)
-        if stored is not None and filled is None and len(here) == len(markers):
+            self._set_damaged(error)
+
+    def __call__(self, level: int, markers: NDArray[np.intp]) -> NDArray[np.floating]:
+        """Return positions as `Take.positions` does."""
+        stored = self._read(level)
+        wanted = self._columns[markers]
+        here = np.flatnonzero(wanted >= 0)
+        if stored is not None and self._filled is None and len(here) == len(markers):
             return np.take(stored, wanted, axis=1)
-        positions = np.full((record.frames[level], len(markers), 3), np.nan, dtype=np.float32)
+        shape = (self._record.frames[level], len(markers), 3)
+        positions = np.full(shape, np.nan, dtype=np.float32)
         if stored is None:
             return positions
         positions[:, here] = stored[:, wanted[here]]
-        if filled is not None:
+        if self._filled is not None:
             hidden = np.zeros(positions.shape[:2], dtype=bool)
-            hidden[:, here] = filled[:: 2**level, wanted[here]]
+            hidden[:, here] = self._filled[:: 2**level, wanted[here]]
             positions[hidden] = np.nan
         return positions
 
-    return read
+    def _read(self, level: int) -> NDArray[np.float32] | None:
+        """Return the stored positions of a level; None if the clip is damaged."""
+        stored = None
+        if self._damage is None:
+            try:
+                stored = self._database.checked_positions(self._record, level)
+                self._used = True
+            except DatabaseCorruptError as error:
+                self._set_damaged(error)
+        # another thread may have used the clip, or found it damaged, in the meantime
+        if self._damage is None:
+            return stored
+        if self._used:
+            self._report_damage_after_use(self._damage)
+        return None
+
+    def _set_damaged(self, error: DatabaseCorruptError) -> None:
+        """Record the damage, and report it if no data was used."""
+        if self._on_damaged is None:
+            raise error
+        self._damage = error
+        if not self._used:
+            self._on_damaged(error)
+
+    def _report_damage_after_use(self, error: DatabaseCorruptError) -> None:
+        if self._on_damaged_after_use is not None:
+            self._on_damaged_after_use(self._record.content, error)
+        elif self._on_damaged is not None:
+            self._on_damaged(error)

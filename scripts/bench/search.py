@@ -123,7 +123,7 @@ def work(method: str, folder: Path, repeats: int, threads: int) -> None:
     if method == "index":  # compile, or read what was compiled
         from priorfill.search.index import PoseIndex
 
-        PoseIndex(poses[:100], few=0).nearest(queries[:1], 1)
+        PoseIndex(poses[:100], max_brute_force=0).nearest(queries[:1], 1)
     times = []
     for _ in range(repeats):
         wall, cpu = time.perf_counter(), time.process_time()

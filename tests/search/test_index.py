@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from priorfill.geometry.root_frames import RootGroup, root_group
-from priorfill.search.bank import Banks, PoseBank
+from priorfill.search.bank import PoseBank, PoseBankCache
 from priorfill.search.index import PoseIndex
 from priorfill.search.takes import own_take
 from priorfill.signal.resample import Level
@@ -18,7 +18,7 @@ def recordings_and_queries(draw):
     lengths = draw(st.lists(st.integers(1, 40), min_size=1, max_size=6))
     dimensions = draw(st.integers(1, 40))
     kind = draw(st.sampled_from(["smooth", "noise", "grid", "still"]))
-    # few directions carry most of the movement, as in poses
+    # max_brute_force directions carry most of the movement, as in poses
     basis = np.geomspace(300, 1, dimensions)[:, None] * rng.normal(size=(dimensions, dimensions))
     parts = []
     for length in lengths:
@@ -40,11 +40,11 @@ def recordings_and_queries(draw):
 
 @settings(max_examples=60, deadline=None)
 @given(recordings_and_queries(), st.integers(1, 70), st.booleans())
-def test_the_index_finds_what_comparing_all_finds_ties_included(problem, k, told):
+def test_the_index_finds_the_same_as_brute_force_including_ties(problem, k, starts_known):
     poses, starts, queries = problem
     expected_distance, expected_rows = naive.nearest(poses, queries, k)
-    for few in (0, len(poses)):
-        index = PoseIndex(poses, starts if told else None, few)
+    for max_brute_force in (0, len(poses)):
+        index = PoseIndex(poses, starts if starts_known else None, max_brute_force)
         distance, rows = index.nearest(queries, k)
         np.testing.assert_array_equal(rows, expected_rows)
         np.testing.assert_array_equal(distance, expected_distance)
@@ -52,15 +52,15 @@ def test_the_index_finds_what_comparing_all_finds_ties_included(problem, k, told
 
 @settings(max_examples=25, deadline=None)
 @given(recordings_and_queries(), st.integers(1, 20), st.integers(0, 2**31))
-def test_what_is_passed_over_is_no_neighbour(problem, k, seed):
+def test_no_neighbour_is_excluded_by_bounds(problem, k, seed):
     poses, starts, queries = problem
     rng = np.random.default_rng(seed)
     with pytest.MonkeyPatch.context() as patch:
-        # so little is measured first, and laid at a time, that bounds decide
-        patch.setattr("priorfill.search.index.FIRST", 1)
-        patch.setattr("priorfill.search.index.PIECE", int(rng.integers(3, 20)))
-        patch.setattr("priorfill.search.index.BEND", float(rng.choice([0.1, 5.0, 1e4])))
-        index = PoseIndex(poses, starts, few=0)
+        # few seeds and short chunks, so that the bounds decide
+        patch.setattr("priorfill.search.index.MIN_SEED_SPANS", 1)
+        patch.setattr("priorfill.search.index.CHUNK_POSES", int(rng.integers(3, 20)))
+        patch.setattr("priorfill.search.index.MAX_CHORD_ERROR", float(rng.choice([0.1, 5.0, 1e4])))
+        index = PoseIndex(poses, starts, max_brute_force=0)
         distance, rows = index.nearest(queries, k)
     expected_distance, expected_rows = naive.nearest(poses, queries, k)
     np.testing.assert_array_equal(rows, expected_rows)
@@ -68,12 +68,12 @@ def test_what_is_passed_over_is_no_neighbour(problem, k, seed):
 
 
 def test_the_index_finds_the_same_among_many_blocks_of_spans(monkeypatch):
-    monkeypatch.setattr("priorfill.search.index.FIRST", 4)
+    monkeypatch.setattr("priorfill.search.index.MIN_SEED_SPANS", 4)
     rng = np.random.default_rng(11)
     steps = rng.normal(0, 3, (9000, 7)) * rng.choice([0.1, 1.0, 20.0], (9000, 1))
     poses = np.cumsum(steps, axis=0).astype(np.float32)
     queries = poses[4000:4040] + rng.normal(0, 5, (40, 7)).astype(np.float32)
-    index = PoseIndex(poses, np.array([0, 10, 4500]), few=0)
+    index = PoseIndex(poses, np.array([0, 10, 4500]), max_brute_force=0)
     distance, rows = index.nearest(queries, 30)
     expected_distance, expected_rows = naive.nearest(poses, queries, 30)
     np.testing.assert_array_equal(rows, expected_rows)
@@ -82,34 +82,36 @@ def test_the_index_finds_the_same_among_many_blocks_of_spans(monkeypatch):
 
 @settings(max_examples=25, deadline=None)
 @given(recordings_and_queries())
-def test_bounds_by_paths_hold_for_every_pose_of_a_span(problem):
-    from priorfill.search.index import _bounds, _path, _Spans
-    from priorfill.search.kernels import BLOCK
+def test_bounds_of_query_segments_hold_for_every_pose_of_a_span(problem):
+    from priorfill.search.index import _bounds, _query_segment, _SpanIndex
+    from priorfill.search.kernels import BLOCK_SPANS
 
     poses, starts, queries = problem
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("priorfill.search.index.BEND", 1e4)
-        spans = _Spans(poses, np.append(starts, len(poses)))
+        patch.setattr("priorfill.search.index.MAX_CHORD_ERROR", 1e4)
+        spans = _SpanIndex(poses, np.append(starts, len(poses)))
     queries = queries[:16].astype(np.float32)
-    path, beside = _path(spans._project(queries)[0])
-    knots = len(spans._knots)
-    near = (spans._shadow, spans._joined, spans._length, spans._bend)
-    bounds, least = _bounds(*near, path[None], spans._slack)
+    segment, offset = _query_segment(spans._project(queries)[0])
+    count = len(spans._vertices)
+    bounds, block_minima = _bounds(spans._data, segment[None], spans._rounding)
     bounds = bounds.reshape(-1)
     away = np.linalg.norm(poses[:, None].astype(float) - queries.astype(float), axis=2).min(axis=1)
     scale = 1e-4 + 1e-6 * (np.abs(poses).max() + np.abs(queries).max())
-    for span, (knot, joined) in enumerate(zip(spans._knots, spans._joined, strict=True)):
-        end = spans._knots[span + 1] if joined else knot + 1
-        bound = bounds[span] - beside
-        assert bound <= away[knot:end].min() + scale * poses.shape[1]
+    for span, (vertex, connected) in enumerate(
+        zip(spans._vertices, spans._data.connected, strict=True)
+    ):
+        end = spans._vertices[span + 1] if connected else vertex + 1
+        bound = bounds[span] - offset
+        assert bound <= away[vertex:end].min() + scale * poses.shape[1]
     assert np.array_equal(
-        least[0], [bounds[at : at + BLOCK].min() for at in range(0, knots, BLOCK)]
+        block_minima[0],
+        [bounds[at : at + BLOCK_SPANS].min() for at in range(0, count, BLOCK_SPANS)],
     )
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e17])
 @pytest.mark.filterwarnings("ignore:overflow encountered", "ignore:invalid value")
-def test_the_index_refuses_what_it_cannot_compare(wrong):
+def test_the_index_rejects_missing_and_huge_coordinates(wrong):
     poses = np.zeros((9, 6), dtype=np.float32)
     queries = np.zeros((2, 6))
     assert PoseIndex(poses).nearest(queries, 3)[1].tolist() == [[0, 1, 2]] * 2
@@ -128,9 +130,9 @@ def test_the_index_is_the_same_on_any_number_of_threads(threads, monkeypatch):
     poses = np.cumsum(rng.normal(0, 5, (900, 9)), axis=0).astype(np.float32)
     monkeypatch.setenv("PRIORFILL_THREADS", threads)
     monkeypatch.setattr("os.cpu_count", lambda: 3)
-    for least in ("POSES_A_THREAD", "PAIRS_A_THREAD"):
-        monkeypatch.setattr(f"priorfill.search.index.{least}", 10)
-    distance, rows = PoseIndex(poses, few=0).nearest(poses[100:170], 20)
+    for limit in ("POSES_PER_THREAD", "PAIRS_PER_THREAD"):
+        monkeypatch.setattr(f"priorfill.search.index.{limit}", 10)
+    distance, rows = PoseIndex(poses, max_brute_force=0).nearest(poses[100:170], 20)
     expected, expected_rows = naive.nearest(poses, poses[100:170], 20)
     np.testing.assert_array_equal(rows, expected_rows)
     np.testing.assert_array_equal(distance, expected)
@@ -176,12 +178,12 @@ def test_a_pose_finds_itself_with_its_derivatives():
     )
 
 
-def test_bank_uses_only_poses_that_have_what_is_needed():
+def test_a_bank_uses_only_poses_with_the_markers_it_needs():
     rng = np.random.default_rng(4)
     first, second = make_recordings(rng)
     first[10, 4] = np.nan  # wanted
     first[20, 1] = np.nan  # root
-    first[30, 5] = np.nan  # of no interest
+    first[30, 5] = np.nan  # not needed
     second[:, 4] = np.nan
     root = root_group(first, (0, 1, 2))
     bank = PoseBank(as_takes([first, second]), root, np.array([0, 1, 2, 3]), np.array([4]), 30.0)
@@ -192,12 +194,12 @@ def test_bank_uses_only_poses_that_have_what_is_needed():
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 2**31), st.integers(2, 4), st.booleans())
-def test_a_compiled_loop_brings_poses_into_the_same_root_frames(seed, group, flat):
+def test_the_compiled_loop_gives_the_same_root_frames(seed, group, flat):
     rng = np.random.default_rng(seed)
     recordings = make_recordings(rng, (12, 9))
     recordings[0][4, rng.integers(6)] = np.nan
     root = root_group(recordings[1], tuple(rng.permutation(5)[:group]))
-    if flat:  # a group above one point tells no heading: it is then 0
+    if flat:  # markers on one vertical have no heading: it is then 0
         root = RootGroup(root.markers, root.template * [0.0, 0.0, 1.0])
     viable = np.sort(rng.permutation(6)[:4])
     given = (as_takes(recordings), root, viable, np.array([5]), 30.0)
@@ -210,7 +212,7 @@ def test_a_compiled_loop_brings_poses_into_the_same_root_frames(seed, group, fla
     )
     np.testing.assert_allclose(by_numpy, expected, atol=1e-3)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("priorfill.search.bank.FEW", 0)
+        patch.setattr("priorfill.search.bank.MAX_BRUTE_FORCE_POSES", 0)
         np.testing.assert_allclose(bank._local(viable), by_numpy, atol=1e-3)
 
 
@@ -227,24 +229,24 @@ def test_bank_without_poses_is_empty():
         bank.nearest(recordings[0], root.frames(recordings[0]), 3)
 
 
-def test_banks_are_kept_while_there_is_room():
+def test_banks_are_kept_while_they_fit():
     rng = np.random.default_rng(5)
     priors = as_takes(make_recordings(rng))
     root = root_group(priors[0].positions(0), (0, 1, 2))
     viable = np.array([0, 1, 2, 3])
-    banks = Banks(priors)
+    banks = PoseBankCache(priors)
     one = banks.get(root, viable, np.array([4]), 30.0)
     assert banks.get(root, viable, np.array([4]), 30.0) is one
     two = banks.get(root, viable, np.array([5]), 30.0)
     assert two is not one
     assert banks.get(root, viable, np.array([4]), 60.0) is not one
 
-    banks = Banks(priors, room=one.nbytes + two.nbytes)
+    banks = PoseBankCache(priors, max_bytes=one.nbytes + two.nbytes)
     one, two = (banks.get(root, viable, np.array([m]), 30.0) for m in (4, 5))
     assert banks.get(root, viable, np.array([4]), 30.0) is one
-    banks.get(root, viable, np.array([4, 5]), 30.0)  # the last used two have room: not this one
+    banks.get(root, viable, np.array([4, 5]), 30.0)  # evicts the least recently used one
     assert banks.get(root, viable, np.array([5]), 30.0) is not two
-    small = Banks(priors, room=1)
+    small = PoseBankCache(priors, max_bytes=1)
     last = small.get(root, viable, np.array([4]), 30.0)
     assert small.get(root, viable, np.array([4]), 30.0) is last
 
@@ -256,12 +258,12 @@ def test_a_large_bank_is_searched_in_part():
     root = root_group(recordings[1], (0, 1, 2))
     viable = np.array([0, 1, 2, 3])
     whole = PoseBank(as_takes(recordings), root, viable, np.array([4]), 30.0)
-    part = PoseBank(as_takes(recordings), root, viable, np.array([4]), 30.0, most=20)
+    part = PoseBank(as_takes(recordings), root, viable, np.array([4]), 30.0, max_poses=20)
     assert len(part) == 20 < len(whole)
     assert set(part.rows) < set(whole.rows)
     assert part.nearest(recordings[0][:3], root.frames(recordings[0][:3]), 50).row.shape == (3, 20)
-    # what lies before and after is read all the same, within the take and where it is whole
+    # poses before and after are found all the same, within the take and where it is complete
     for bank in (whole, part):
         rows = np.array([5, 20, 9, 38, 42])
-        assert bank.moved(rows, 2).tolist() == [7, 22, 9, 38, 44]
-        assert bank.moved(rows, -2).tolist() == [3, 18, 7, 36, 42]
+        assert bank.shifted(rows, 2).tolist() == [7, 22, 9, 38, 44]
+        assert bank.shifted(rows, -2).tolist() == [3, 18, 7, 36, 42]

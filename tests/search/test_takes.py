@@ -125,11 +125,11 @@ def test_a_damaged_clip_shows_nothing(tmp_path: Path) -> None:
         (take,) = takes_from(database, database.clips(), ("A",))
         with pytest.raises(DatabaseCorruptError, match="positions of clip one are damaged"):
             take.positions(0)
-        refused = []
-        (take,) = takes_from(database, database.clips(), ("A",), refused=refused.append)
+        damaged = []
+        (take,) = takes_from(database, database.clips(), ("A",), on_damaged=damaged.append)
         assert np.isnan(take.positions(0)).all()
         assert np.isnan(take.positions(1)).all()  # nothing of the clip is used
-        assert {str(error) for error in refused} == {str(refused[0])}
+        assert {str(error) for error in damaged} == {str(damaged[0])}
 
 
 def test_what_is_found_damaged_late_is_withdrawn(tmp_path: Path) -> None:
@@ -140,22 +140,22 @@ def test_what_is_found_damaged_late_is_withdrawn(tmp_path: Path) -> None:
     data[record.frames[0] * 2 * 3 * 4 + 8] ^= 4  # in the second resolution
     segment.write_bytes(data)
     with PriorDatabase.open(tmp_path / "db") as database:
-        refused = []
+        damaged = []
         given = (database, database.clips(), ("A",))
-        withdrawn = {}
-        told = {"refused": refused.append, "withdrawn": withdrawn.__setitem__}
-        (take,) = takes_from(*given, **told)
+        after_use = {}
+        callbacks = {"on_damaged": damaged.append, "on_damaged_after_use": after_use.__setitem__}
+        (take,) = takes_from(*given, **callbacks)
         assert not np.isnan(take.positions(0)).any()
-        assert withdrawn == {}
+        assert after_use == {}
         for level in (1, 0, 2):
             assert np.isnan(take.positions(level)).all()
-            assert list(withdrawn) == [record.content]
-        assert "positions of clip one are damaged" in str(withdrawn[record.content])
-        assert refused == []
-        (take,) = takes_from(*given, **told)
-        for level in (1, 0, 2):  # the other way round nothing had been learnt yet
+            assert list(after_use) == [record.content]
+        assert "positions of clip one are damaged" in str(after_use[record.content])
+        assert damaged == []
+        (take,) = takes_from(*given, **callbacks)
+        for level in (1, 0, 2):  # in this order nothing had been used yet
             assert np.isnan(take.positions(level)).all()
-        assert len(refused) == 1
+        assert len(damaged) == 1
 
 
 def test_own_take() -> None:

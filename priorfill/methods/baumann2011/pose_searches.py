@@ -1,7 +1,8 @@
-"""Plan by which visible markers a task's takes are searched for its missing ones.
+"""Plan which visible markers a task's takes are searched by, for which missing ones.
 
-What the methods that search for whole poses share: `priorfill.methods.baumann2011.neighbour_votes`,
-`priorfill.methods.baumann2011.weighted_votes` and `priorfill.methods.baumann2011.krueger2010`.
+Baumann et al. 2011, section 4.1, calls the markers of a search *viable*: those that the marker set
+marks as reliable and that are measured. `neighbour_votes`, `weighted_votes` and `krueger2010` share
+these searches.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from priorfill.geometry.root_frames import RootGroup
 from priorfill.methods.task import Task
-from priorfill.search.bank import Banks, PoseBank
+from priorfill.search.bank import PoseBank, PoseBankCache
 from priorfill.search.takes import Take
 
 __all__ = [
@@ -27,30 +28,37 @@ __all__ = [
 ]
 
 DEFAULT_NEIGHBOURS = 256
-"""k. Krüger et al. 2010 and Tautges et al. 2011 search for 256 poses."""
+"""k. Krüger et al. 2010 and Tautges et al. 2011 use 256 poses; Baumann et al. 2011 do not state
+theirs."""
 
 MIN_VIABLE = 4
-"""Four reliable markers fix the root and leave something to tell poses apart."""
+"""Viable markers per search: three determine the root frame, a fourth distinguishes poses."""
 
 MIN_POSES = 16
-"""With fewer poses that have all the wanted markers, they are looked for one by one."""
+"""Poses with all missing markers; with fewer, each missing marker is searched for on its own."""
 
 BATCH_FRAMES = 64
-"""Frames whose neighbours are gathered at once; bounds the memory to some 100 MB."""
+"""Frames whose neighbours are gathered at once; limits the memory to about 100 MB."""
+
+MIN_REDUCED_VIABLE = 2
+"""Viable markers that a search keeps when it drops those that the takes lack."""
+
+KEPT_VIABLE = 0.75
+"""Share of the viable markers kept each time some are dropped."""
 
 
 @dataclass(frozen=True, eq=False)
 class MarkerSearch:
-    """What poses are searched by, and for.
+    """A search for poses: its root group, its viable markers, and the markers it predicts.
 
     Attributes
     ----------
     root : RootGroup
-        Gives the root frames that poses are compared in.
+        Defines the root frames in which poses are compared.
     viable : ndarray of int [shape=(viable markers,)]
-        The markers searched by.
+        Markers whose coordinates are compared.
     wanted : ndarray of int [shape=(wanted markers,)]
-        The missing markers that are read off the poses found.
+        Missing markers that are taken from the poses found.
     """
 
     root: RootGroup
@@ -60,14 +68,14 @@ class MarkerSearch:
 
 @dataclass(frozen=True, eq=False)
 class SearchPlan:
-    """The searches for some missing markers.
+    """The searches for a set of missing markers.
 
     Attributes
     ----------
     searches : list of MarkerSearch
-        Each missing marker is wanted by at most one.
+        Each missing marker belongs to at most one of them.
     left : list of (ndarray of int, str)
-        Missing markers that cannot be searched for, and why.
+        Missing markers without a search, with the reason.
     """
 
     searches: list[MarkerSearch]
@@ -75,24 +83,24 @@ class SearchPlan:
 
 
 class SearchPlanner:
-    """Plans searches, and keeps the banks that they use.
+    """Plans searches and keeps the pose banks that they use.
 
     Parameters
     ----------
     task : Task
         The clip.
     takes : sequence of Take
-        Where to search.
+        The recordings to search.
     min_viable : int
-        With fewer reliable markers in sight, all that are in sight are searched by.
+        With fewer reliable visible markers, all visible markers are viable.
     min_poses : int
-        With fewer poses that have all the wanted markers, they are looked for one by one, and by
-        fewer markers.
+        With fewer poses that have all wanted markers, markers are searched for one by one, and by
+        fewer viable markers.
 
     Attributes
     ----------
     reliable : ndarray of bool [shape=(markers,)]
-        Which of the clip's markers are placed the same way on everybody.
+        Markers whose placement hardly varies between subjects, by the marker set.
     """
 
     def __init__(
@@ -107,18 +115,29 @@ class SearchPlanner:
         self._min_poses = min_poses
         labels = task.labels
         self.reliable = np.array([task.marker_set.reliable.get(label, False) for label in labels])
-        # how often the takes have each marker: the rarest are the first to be searched without
+        # how often the takes show each marker: the rarest are dropped first
         self._seen = np.zeros(len(labels))
         for take in takes:
             self._seen += take.shown * (take.lengths[-1] / take.lengths[0])
-        self._banks = Banks(takes)
+        self._banks = PoseBankCache(takes)
 
     def bank(self, search: MarkerSearch, rate: float) -> PoseBank:
-        """Return the bank of a search at a rate (Hz)."""
+        """Return the pose bank of a search at a frame rate (Hz)."""
         return self._banks.get(search.root, search.viable, search.wanted, rate)
 
     def plan(self, visible: NDArray[np.bool_]) -> SearchPlan:
-        """Plan the searches for all markers that are not visible [shape=(markers,)]."""
+        """Plan the searches for all markers that are not visible.
+
+        Parameters
+        ----------
+        visible : ndarray of bool [shape=(markers,)]
+            Markers that are measured throughout the frames of the search.
+
+        Returns
+        -------
+        SearchPlan
+            Searches, and the markers that no take shows together with visible ones.
+        """
         wanted = np.flatnonzero(~visible)
         viable = np.flatnonzero(visible & self.reliable)
         if len(viable) < self._min_viable:
@@ -134,9 +153,9 @@ class SearchPlanner:
         )
 
     def _with_poses(self, search: MarkerSearch) -> list[MarkerSearch]:
-        """Split a search or drop markers until the takes hold enough poses for it.
+        """Split a search, or drop viable markers, until the takes have enough poses for it.
 
-        A search that finds no pose however small comes back without viable markers.
+        A search without any pose is returned without viable markers.
         """
         bank = self.bank(search, self._task.rate)
         if len(bank) >= self._min_poses:
@@ -147,12 +166,10 @@ class SearchPlanner:
                 for marker in search.wanted
                 for part in self._with_poses(MarkerSearch(search.root, search.viable, marker[None]))
             ]
-        if len(search.viable) > 2:
-            kept = np.sort(
-                search.viable[np.argsort(-self._seen[search.viable], kind="stable")][
-                    : max(2, len(search.viable) * 3 // 4)
-                ]
-            )
+        if len(search.viable) > MIN_REDUCED_VIABLE:
+            most_seen = np.argsort(-self._seen[search.viable], kind="stable")
+            count = max(MIN_REDUCED_VIABLE, int(len(search.viable) * KEPT_VIABLE))
+            kept = np.sort(search.viable[most_seen[:count]])
             root = self._task.root_among(kept)
             if root is not None:
                 return self._with_poses(MarkerSearch(root, kept, search.wanted))

@@ -1,7 +1,8 @@
-"""Search the poses of a task's takes by markers of its clip."""
+"""Search for poses of a task's takes that are similar to poses of its clip."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -9,23 +10,46 @@ from numpy.typing import NDArray
 
 from priorfill.geometry.poses import evenly_spaced
 from priorfill.geometry.root_frames import RootGroup
-from priorfill.methods.gpr.options import GPROptions
-from priorfill.methods.task import Task
+from priorfill.methods.options import check_at_least
+from priorfill.methods.task import THIS_CLIP, Task
 from priorfill.search.bank import Banks, PoseBank
 
-__all__ = ["DATABASE_RATE", "OWN_BODY", "PoseSearch"]
+__all__ = ["PoseSearch", "SearchOptions"]
 
-DATABASE_RATE = 30.0
-"""Hz. Resolution at which the database's poses are searched: they speak for poses, not for
-detail in time."""
-
-MOST_POSES = 1_000_000
-"""Poses that are searched at most: of a larger database a coarser level, and of that every other
-pose, say. Poses follow each other so closely that a part of them says as much."""
+MIN_SHARE_OF_TAKES = 0.5
+"""A marker is searched by if at least this share of the takes that have the missing markers have it
+too: a pose must have all markers that it is searched by."""
 
 
-OWN_BODY = -1
-"""Number of the clip's own body among those of the takes."""
+@dataclass(frozen=True)
+class SearchOptions:
+    """How poses of the database are searched.
+
+    Attributes
+    ----------
+    queries : int
+        Frames of the clip that are searched for, evenly spaced.
+    neighbours : int
+        Nearest poses of each.
+    max_markers : int
+        Visible markers that are compared, the nearest to the missing ones.
+    rate : float
+        Hz. Highest resolution at which poses are searched.
+    max_poses : int
+        Poses that are searched: of a larger database a lower resolution, and of its poses every
+        other one and so on. Consecutive poses are redundant.
+    """
+
+    queries: int = 100
+    neighbours: int = 12
+    max_markers: int = 12
+    rate: float = 30.0
+    max_poses: int = 1_000_000
+
+    def __post_init__(self) -> None:
+        check_at_least(self, 1, "queries", "neighbours", "max_poses")
+        check_at_least(self, 3, "max_markers")
+        check_at_least(self, 0.1, "rate")
 
 
 class PoseSearch:
@@ -35,27 +59,38 @@ class PoseSearch:
     ----------
     task : Task
         The clip and the takes.
-    options : GPROptions
-        How many poses to search for.
+    options : SearchOptions
+        Number of poses.
     """
 
-    def __init__(self, task: Task, options: GPROptions) -> None:
+    def __init__(self, task: Task, options: SearchOptions = SearchOptions()) -> None:
         self.task = task
-        self._options = options
+        self.options = options
         self._banks = Banks(task.takes)
 
-    def shown_with(self, markers: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Which markers the takes that have all of some markers have too [shape=(markers,)]."""
-        having = self._taken[np.logical_and.reduce(self._taken[:, markers], axis=1)]
-        # rare ones are given up: a pose must have all that it is searched by
-        often: NDArray[np.bool_] = having.sum(axis=0) >= max(1.0, 0.5 * len(having))
-        return often
+    def common_markers(self, markers: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Return which markers most takes have that have some markers [shape=(markers,)].
+
+        Parameters
+        ----------
+        markers : ndarray of int
+            The markers that a take must have to be counted.
+        """
+        having = self._has_marker[np.logical_and.reduce(self._has_marker[:, markers], axis=1)]
+        common: NDArray[np.bool_] = having.sum(axis=0) >= max(
+            1.0, MIN_SHARE_OF_TAKES * len(having)
+        )
+        return common
 
     def bank(
         self, root: RootGroup, viable: NDArray[np.intp], wanted: NDArray[np.intp], rate: float
     ) -> PoseBank:
-        """Return a bank of the database at a rate (Hz), or at a lower one if it is large."""
-        return self._banks.get(root, viable, wanted, min(rate, self._highest_rate), MOST_POSES)
+        """Return a bank of the takes at a rate (Hz), or at a lower one if it would be too large.
+
+        The other parameters are those of `priorfill.search.bank.Banks.get`.
+        """
+        highest = min(rate, self._highest_rate)
+        return self._banks.get(root, viable, wanted, highest, self.options.max_poses)
 
     def nearest(
         self,
@@ -64,50 +99,66 @@ class PoseSearch:
         markers: NDArray[np.intp],
         poses: NDArray[np.float64],
     ) -> NDArray[np.intp]:
-        """Return the rows of a bank nearest to poses of some markers, the nearest first."""
-        some = self.placed(markers, poses[evenly_spaced(len(poses), self._options.queries)])
-        return _in_turn(bank.search(some, root.frames(some), self._options.neighbours)[1])
+        """Return the rows of a bank that are nearest to poses, the nearest first, each once.
 
-    def placed(self, markers: NDArray[np.intp], poses: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return poses of some markers in the clip's order, with NaN for all other markers."""
+        Parameters
+        ----------
+        bank : PoseBank
+            Where to search.
+        root : RootGroup
+            Aligns the poses.
+        markers : ndarray of int
+            Markers of the poses.
+        poses : ndarray [shape=(poses, markers, 3), mm]
+            Complete; evenly spaced ones are searched for.
+        """
+        chosen = poses[evenly_spaced(len(poses), self.options.queries)]
+        queries = self.in_clip_order(markers, chosen)
+        rows = bank.search(queries, root.frames(queries), self.options.neighbours)[1]
+        return _by_rank(rows)
+
+    def in_clip_order(
+        self, markers: NDArray[np.intp], poses: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return poses of some markers with all markers of the clip, NaN for the others."""
         placed = np.full((len(poses), len(self.task.labels), 3), np.nan)
         placed[:, markers] = poses
         return placed
 
     @cached_property
-    def bodies(self) -> NDArray[np.intp]:
-        """Number of each take's subject; one whose subject is unknown has it to itself.
+    def subjects(self) -> NDArray[np.intp]:
+        """Number of each take's subject [shape=(takes,)]; `THIS_CLIP` for the clip's own.
 
-        Companions are of the clip's own body, which is none of these: their number is
-        `OWN_BODY`.
+        Each take whose subject is unknown is counted as another subject.
         """
-        subjects = [take.subject or f"\0{i}" for i, take in enumerate(self.task.takes)]
-        numbers = np.unique(subjects, return_inverse=True)[1].astype(np.intp)
+        names = [take.subject or f"\0{i}" for i, take in enumerate(self.task.takes)]
+        numbers = np.unique(names, return_inverse=True)[1].astype(np.intp)
         same_subject = np.array([take.same_subject for take in self.task.takes], dtype=bool)
-        return np.where(same_subject, OWN_BODY, numbers)
+        return np.where(same_subject, THIS_CLIP, numbers)
 
     @cached_property
     def _highest_rate(self) -> float:
-        """The rate (Hz) up to which the database has few enough poses, or its coarsest."""
-        takes, rate = self.task.takes, DATABASE_RATE
+        """The rate (Hz) up to which the takes have few enough poses, or their coarsest."""
+        takes, rate = self.task.takes, self.options.rate
         while (
             rate > min(take.rates[-1] for take in takes)
-            and sum(take.lengths[take.nearest_level(rate)] for take in takes) > MOST_POSES
+            and sum(take.lengths[take.nearest_level(rate)] for take in takes)
+            > self.options.max_poses
         ):
             rate /= 2.0
         return rate
 
     @cached_property
-    def _taken(self) -> NDArray[np.bool_]:
-        """Which markers each take of the database has [shape=(takes, markers)]."""
+    def _has_marker(self) -> NDArray[np.bool_]:
+        """Which markers each take has [shape=(takes, markers)]."""
         return np.array([take.shown > 0 for take in self.task.takes])
 
 
-def _in_turn(ranked: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return neighbours [shape=(frames, k)] in the order of their worth, each once.
+def _by_rank(neighbours: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return neighbours [shape=(queries, k)] in the order of their rank, each once.
 
-    Every frame's nearest come first, then every frame's second nearest, and so on.
+    The nearest of all queries come first, then the second nearest, and so on.
     """
-    rows = ranked.T.ravel()
-    _, once = np.unique(rows, return_index=True)
-    return rows[np.sort(once)]
+    rows = neighbours.T.ravel()
+    _, first = np.unique(rows, return_index=True)
+    return rows[np.sort(first)]

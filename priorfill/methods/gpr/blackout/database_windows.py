@@ -1,4 +1,4 @@
-"""Movements of the database that begin and end as the clip does around a blackout."""
+"""Windows of the database whose edges are similar to those of a blackout."""
 
 from __future__ import annotations
 
@@ -11,42 +11,33 @@ from scipy.interpolate import CubicSpline
 
 from priorfill.geometry.poses import evenly_spaced
 from priorfill.geometry.root_frames import RootGroup
-from priorfill.methods.gpr.blackout.window_layout import REACH
-from priorfill.methods.gpr.blackout.windows import OVERLAP, Recording
-from priorfill.methods.gpr.gap_segments import FEWEST_VISIBLE
-from priorfill.methods.gpr.options import GPROptions
-from priorfill.methods.gpr.pose_search import DATABASE_RATE, OWN_BODY, PoseSearch
-from priorfill.methods.gpr.training.subject_correlation import STRANGER_KINSHIP, SYNTHESISED_KINSHIP
+from priorfill.methods.gpr.blackout.options import BlackoutOptions
+from priorfill.methods.gpr.blackout.windows import WindowSource
+from priorfill.methods.gpr.gap_segments import MIN_VISIBLE
+from priorfill.methods.gpr.pose_search import DATABASE_RATE, PoseSearch
 from priorfill.methods.task import Task, take_names
 from priorfill.search.bank import PoseBank
 
-__all__ = ["similar_movements"]
-
-SIMILAR = 20
-"""So many times the neighbours of a pose are asked for where those at both edges must agree."""
+__all__ = ["similar_windows"]
 
 SPLINE_MARGIN = 3
-"""Frames of the database beside what is read of it, for the spline to the clip's rate."""
-
-OTHER_MOVEMENT = 130.0
-"""mm a marker. Stretches whose edges differ by more from a blackout's are of another movement: the
-most alike of other people's walks are at 60 to 90, and what is farther off taught nothing."""
+"""Frames read on either side of a span, for the spline that resamples it to the clip's rate."""
 
 
 @dataclass(frozen=True)
-class _Stretch:
-    """What is read of a bank, in its frames counted from the one before the blackout.
+class _Span:
+    """Frames of a pose bank to be read, counted from the one before the blackout.
 
     Attributes
     ----------
     edges : tuple of (int, int)
-        Frame of the clip and frame of the stretch for each edge that is seen.
+        For each visible edge, the frame of the clip and the frame of the span.
     length : float
         From the frame before the blackout to the one after it.
     first, last : int
-        Of all the frames, those beside the blackout included.
+        First and last frame to be read.
     rate : float
-        Of what is read, Hz.
+        Of the bank's recording, Hz.
     """
 
     edges: tuple[tuple[int, int], ...]
@@ -56,152 +47,178 @@ class _Stretch:
     rate: float
 
     @classmethod
-    def of(cls, start: int, stop: int, frames: int, rate: float, read_rate: float) -> _Stretch:
-        """Lay out the stretch for a blackout of a clip with so many frames."""
-        margin = int(np.ceil((REACH * rate + 2) / rate * read_rate)) + SPLINE_MARGIN
-        length = (stop - start + 1) / rate * read_rate
+    def of(
+        cls, start: int, stop: int, frames: int, rate: float, bank_rate: float, edge_seconds: float
+    ) -> _Span:
+        """Return the span for a blackout of a clip of some length (frames) and rate (Hz)."""
+        margin = int(np.ceil((edge_seconds * rate + 2) / rate * bank_rate)) + SPLINE_MARGIN
+        length = (stop - start + 1) / rate * bank_rate
         edges = ((start - 1, 0), (stop, round(length)))
         return cls(
             tuple((frame, at) for frame, at in edges if 0 <= frame < frames),
             length,
             -margin if start > 0 else 0,
             int(np.ceil(length)) + (margin if stop < frames else 0),
-            read_rate,
+            bank_rate,
         )
 
 
-def similar_movements(
+@dataclass(frozen=True)
+class _Match:
+    """A span of a pose bank with similar edges."""
+
+    distance: float  # mm, rms of the markers at the edges
+    row: int  # of the bank, of the frame before the blackout
+    span: _Span
+
+
+def similar_windows(
     task: Task,
     search: PoseSearch,
-    options: GPROptions,
+    options: BlackoutOptions,
+    correlation: NDArray[np.float64],
     clip: NDArray[np.float64],
     start: int,
     stop: int,
-) -> tuple[list[Recording], tuple[str, ...]]:
-    """Find stretches of the database with edges like those of a blackout.
+) -> tuple[list[WindowSource], tuple[str, ...]]:
+    """Find windows of a task's takes whose edges are similar to those of a blackout.
 
     Parameters
     ----------
     task : Task
-        The takes.
+        The clip and the takes.
     search : PoseSearch
-        Of these.
-    options : GPROptions
-        How many stretches.
+        Of these takes.
+    options : BlackoutOptions
+        Numbers of poses and windows, and the greatest distance of the edges.
+    correlation : ndarray [shape=(takes,)]
+        Of each take's subject with the clip's.
     clip : ndarray [shape=(frames, markers, 3), mm]
-        Filled but for blackouts.
+        The clip, filled except in blackouts.
     start, stop : int
-        Of the blackout.
+        First frame of the blackout, and the frame after its last one.
 
     Returns
     -------
-    recordings : list of Recording
-        At the clip's rate, none longer than a window.
+    sources : list of WindowSource
+        At the clip's rate, one window each.
     takes : tuple of str
-        Where they are from.
+        Names of the recordings.
     """
     edges = [frame for frame in (start - 1, stop) if 0 <= frame < len(clip)]
     markers = np.flatnonzero(np.logical_and.reduce(~np.isnan(clip[edges, :, 0])))
-    root = task.root_among(markers) if len(markers) >= FEWEST_VISIBLE else None
+    root = task.root_among(markers) if len(markers) >= MIN_VISIBLE else None
     if root is None or not task.takes or not search.shown_with(markers)[markers].all():
         return [], ()
-    by = markers[evenly_spaced(len(markers), options.visible)]
+    by = markers[evenly_spaced(len(markers), options.search_markers)]
     bank = search.bank(root, by, markers, DATABASE_RATE)
     if not len(bank):
         return [], ()
-    found: list[tuple[float, int, _Stretch]] = []
-    # recordings that were sampled more slowly than the bank was asked for have shorter stretches
-    for rate in np.unique(bank.rates(bank.rows)):
-        stretch = _Stretch.of(start, stop, len(clip), task.rate, float(rate))
-        begin = _candidates(bank, root, stretch, clip, SIMILAR * options.neighbours)
-        distance = _unlikeness(bank, root, stretch, clip, markers, begin)
-        found += [
-            (float(away), int(row), stretch)
-            for away, row in zip(distance, begin, strict=True)
-            if away < OTHER_MOVEMENT
+    matches: list[_Match] = []
+    for rate in np.unique(bank.rates(bank.rows)):  # some recordings are slower than DATABASE_RATE
+        span = _Span.of(start, stop, len(clip), task.rate, float(rate), options.edge_seconds)
+        rows = _candidates(bank, root, span, clip, options.edge_neighbours)
+        distance = _edge_distances(bank, root, span, clip, markers, rows)
+        near = distance < options.max_edge_distance
+        matches += [
+            _Match(float(d), int(row), span)
+            for d, row in zip(distance[near], rows[near], strict=True)
         ]
-    found.sort(key=lambda one: one[0])
-    kept = _apart(found, options.movements)
-    placed = np.array([take.virtual_markers for take in task.takes])
-    kinship = np.where(placed, SYNTHESISED_KINSHIP, STRANGER_KINSHIP)
-    kinship[search.bodies == OWN_BODY] = 1.0
-    recordings = _read(bank, kinship, kept, markers, clip.shape[1], task.rate)
-    names = take_names(task.takes, bank.take(np.array([row for row, _ in kept], dtype=np.intp)))
-    return recordings, names if recordings else ()
+    matches.sort(key=lambda match: match.distance)
+    chosen = _spaced(matches, options.window_spacing, options.max_database_windows)
+    sources = _read(bank, correlation, chosen, markers, clip.shape[1], task.rate)
+    rows = np.array([match.row for match in chosen], dtype=np.intp)
+    return sources, take_names(task.takes, bank.take(rows)) if sources else ()
 
 
 def _candidates(
-    bank: PoseBank, root: RootGroup, stretch: _Stretch, clip: NDArray[np.float64], count: int
+    bank: PoseBank, root: RootGroup, span: _Span, clip: NDArray[np.float64], count: int
 ) -> NDArray[np.intp]:
-    """Return where whole stretches at their rate begin with a pose near one of the edges."""
+    """Return the rows of a bank at which complete spans begin that have a pose near an edge.
+
+    Parameters
+    ----------
+    bank : PoseBank
+        The poses.
+    root : RootGroup
+        Of the markers at the edges.
+    span : _Span
+        What is to be read; only recordings of its rate are used.
+    clip : ndarray [shape=(frames, markers, 3), mm]
+        The clip.
+    count : int
+        Nearest poses of each edge.
+    """
     rows = []
-    for frame, at in stretch.edges:
-        here = clip[frame][None]
-        near = bank.search(here, root.frames(here), count)[1][0]
-        rows.append(near[bank.rates(near) == stretch.rate] - at)
+    for frame, at in span.edges:
+        pose = clip[frame][None]
+        near = bank.search(pose, root.frames(pose), count)[1][0]
+        rows.append(near[bank.rates(near) == span.rate] - at)
     begin: NDArray[np.intp] = np.unique(np.concatenate(rows))
-    begin = begin[begin + stretch.first >= 0]
-    inside = begin + stretch.first
-    whole = bank.moved(inside, stretch.last - stretch.first) != inside
-    if stretch.first < 0:
-        whole &= bank.moved(inside, -stretch.first) == begin
-    chosen: NDArray[np.intp] = begin[whole]
+    begin = begin[begin + span.first >= 0]
+    first = begin + span.first
+    # moved() returns the row itself where the recording ends earlier
+    complete = bank.moved(first, span.last - span.first) != first
+    if span.first < 0:
+        complete &= bank.moved(first, -span.first) == begin
+    chosen: NDArray[np.intp] = begin[complete]
     return chosen
 
 
-def _unlikeness(
+def _edge_distances(
     bank: PoseBank,
     root: RootGroup,
-    stretch: _Stretch,
+    span: _Span,
     clip: NDArray[np.float64],
     markers: NDArray[np.intp],
-    begin: NDArray[np.intp],
+    rows: NDArray[np.intp],
 ) -> NDArray[np.float64]:
-    """Return the rms distance (mm) a marker of stretches' edges from those of the clip."""
-    square = np.zeros(len(begin))
-    for frame, at in stretch.edges:
-        poses = np.full((1 + len(begin), clip.shape[1], 3), np.nan)
-        poses[0], poses[1:, markers] = clip[frame], bank.positions(begin + at, markers)
+    """Return the rms distances (mm) of spans' edges from the clip's, in root frames."""
+    square = np.zeros(len(rows))
+    for frame, at in span.edges:
+        poses = np.full((1 + len(rows), clip.shape[1], 3), np.nan)
+        poses[0], poses[1:, markers] = clip[frame], bank.positions(rows + at, markers)
         local = root.frames(poses).to_local(poses)[:, markers]
         square += ((local[1:] - local[0]) ** 2).sum(axis=(1, 2))
-    distance: NDArray[np.float64] = np.sqrt(square / (len(stretch.edges) * len(markers)))
+    distance: NDArray[np.float64] = np.sqrt(square / (len(span.edges) * len(markers)))
     return distance
 
 
-def _apart(found: Iterable[tuple[float, int, _Stretch]], most: int) -> list[tuple[int, _Stretch]]:
-    """Return rows and stretches of up to ``most`` of what was found, none too near another."""
-    kept: list[tuple[int, _Stretch]] = []
-    for _, row, stretch in found:
-        apart = max(1.0, OVERLAP * stretch.length)
-        if all(abs(row - other) >= apart for other, _ in kept):
-            kept.append((row, stretch))
-        if len(kept) == most:
+def _spaced(matches: Iterable[_Match], spacing: float, most: int) -> list[_Match]:
+    """Return up to ``most`` matches, in their order, without those too near to a previous one."""
+    chosen: list[_Match] = []
+    for match in matches:
+        if len(chosen) == most:
             break
-    return kept
+        least = max(1.0, spacing * match.span.length)
+        if all(abs(match.row - other.row) >= least for other in chosen):
+            chosen.append(match)
+    return chosen
 
 
 def _read(
     bank: PoseBank,
-    kinship: NDArray[np.float64],
-    kept: Iterable[tuple[int, _Stretch]],
+    correlation: NDArray[np.float64],
+    matches: Iterable[_Match],
     markers: NDArray[np.intp],
     columns: int,
     rate: float,
-) -> list[Recording]:
-    """Read stretches of a bank at the clip's rate (Hz), its number of markers as columns."""
-    recordings = []
-    for row, stretch in kept:
-        rows = np.arange(stretch.first, stretch.last + 1)
-        time = rows / stretch.rate
-        # clip frames of the same stretch, counted from the blackout's first one
-        low = int(np.ceil(time[0] * rate)) if stretch.first < 0 else 1
-        frames = np.arange(low, int(time[-1] * rate) + 1) - 1
-        there = bank.positions(row + rows, markers)
-        if np.isnan(there).any():
+) -> list[WindowSource]:
+    """Read spans of a bank at the clip's rate (Hz), with a column for each marker of the clip."""
+    sources = []
+    for match in matches:
+        span = match.span
+        rows = np.arange(span.first, span.last + 1)
+        time = rows / span.rate
+        # frames of the clip, counted from the first one of the blackout
+        first = int(np.ceil(time[0] * rate)) if span.first < 0 else 1
+        frames = np.arange(first, int(time[-1] * rate) + 1) - 1
+        recorded = bank.positions(match.row + rows, markers)
+        if np.isnan(recorded).any():
             continue
         positions = np.full((len(frames), columns, 3), np.nan)
-        positions[:, markers] = CubicSpline(time, there)((frames + 1) / rate)
-        at = np.array([-int(frames[0])], dtype=np.intp)
-        kin = float(kinship[bank.take(np.array([row]))[0]])
-        recordings.append(Recording(positions, kin, at))
-    return recordings
+        positions[:, markers] = CubicSpline(time, recorded)((frames + 1) / rate)
+        start = np.array([-int(frames[0])], dtype=np.intp)
+        take = bank.take(np.array([match.row]))[0]
+        sources.append(WindowSource(positions, float(correlation[take]), start))
+    return sources

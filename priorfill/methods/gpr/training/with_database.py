@@ -1,156 +1,258 @@
-"""A lesson that other recordings share with the clip: poses of other bodies beside its own."""
+"""Regression problems of the clip and the database together: training poses of other subjects."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.geometry.poses import evenly_spaced
-from priorfill.gp.data import Lesson, Rows
-from priorfill.methods.gpr.gap_segments import FEWEST_VISIBLE
-from priorfill.methods.gpr.options import GPROptions
-from priorfill.methods.gpr.pose_search import OWN_BODY, PoseSearch
-from priorfill.methods.gpr.training.lagged_poses import standing_in
-from priorfill.methods.gpr.training.own_clip import (
-    IMAGE,
-    OWN,
-    VELOCITY_SECONDS,
-    OwnLesson,
-)
+from priorfill.geometry.root_frames import RootGroup
+from priorfill.gp.problem import PoseSamples, RegressionProblem
+from priorfill.methods.gpr.gap_segments import MIN_VISIBLE
+from priorfill.methods.gpr.pose_search import PoseSearch
+from priorfill.methods.gpr.training.lagged_poses import complete_lagged
+from priorfill.methods.gpr.training.options import TrainingOptions
+from priorfill.methods.gpr.training.own_clip import OwnClipProblem
 from priorfill.methods.gpr.training.subject_correlation import (
-    MIRROR_KINSHIP,
-    STRANGER_KINSHIP,
-    SYNTHESISED_KINSHIP,
+    SubjectCorrelationOptions,
+    take_correlations,
 )
-from priorfill.methods.gpr.training.subject_offsets import shifts
-from priorfill.methods.task import Task, take_names
+from priorfill.methods.gpr.training.subject_offsets import subject_offsets
+from priorfill.methods.task import MIRROR_IMAGE, THIS_CLIP, Task, take_names
 from priorfill.search.bank import PoseBank
 
-__all__ = ["shared_lesson"]
-
-MOVEMENT_RATE = 15.0
-"""Hz. Resolution of the database's poses that stand beside the clip's own: of as many rows, more
-different ones."""
-
-SELF_SUFFICIENT = 4.0
-"""s. A clip that shows the missing markers for longer is less in need of other bodies."""
-
-HANDICAP = 0.1
-"""By how much better other bodies must do for each doubling of that; by how much worse they may do
-where it is half as long or less, for then few blocks can be left out to tell."""
+__all__ = ["problem_with_database"]
 
 
-def shared_lesson(
-    own: OwnLesson, task: Task, search: PoseSearch, options: GPROptions
-) -> tuple[Lesson, tuple[str, ...]] | None:
-    """Make a lesson of the clip and the database together; None where that shows too little.
+def problem_with_database(
+    own: OwnClipProblem,
+    task: Task,
+    search: PoseSearch,
+    options: TrainingOptions,
+    correlation: SubjectCorrelationOptions = SubjectCorrelationOptions(),
+) -> tuple[RegressionProblem, tuple[str, ...]] | None:
+    """Make a problem of poses of the clip, its mirror image and the database.
 
     Parameters
     ----------
-    own : OwnLesson
-        With moments, and with the mirror image's poses where there are any.
+    own : OwnClipProblem
+        With lag features, and with poses of the mirror image if there are any.
     task : Task
-        The clip and the takes to learn from.
+        The clip and the takes.
     search : PoseSearch
         Of these takes.
-    options : GPROptions
-        How many rows.
+    options : TrainingOptions
+        Number of poses.
+    correlation : SubjectCorrelationOptions
+        Correlations of the takes' subjects.
 
     Returns
     -------
-    lesson : Lesson
+    problem : RegressionProblem
     takes : tuple of str
-        Recordings of the database in it.
+        Names of the takes whose poses are used.
+
+    None instead of both where the database has too few poses with the markers.
     """
     if not task.takes:
         return None
-    lesson, piece, rate = own.lesson, own.piece, task.rate
-    kept = np.flatnonzero(search.shown_with(piece.markers)[own.visible])
-    markers = own.visible[kept]
-    root = task.root_among(markers)
-    if len(kept) < FEWEST_VISIBLE or root is None:
+    columns = np.flatnonzero(search.common_markers(own.segment.markers)[own.visible])
+    visible = own.visible[columns]
+    root = task.root_among(visible)
+    if len(columns) < MIN_VISIBLE or root is None:
         return None
-    needed = np.concatenate([piece.markers, markers])
-    bank = search.bank(root, markers[: options.visible], needed, MOVEMENT_RATE)
-    if len(bank) < options.fewest_rows:
+    needed = np.concatenate([own.segment.markers, visible])
+    searched = visible[: search.options.max_markers]
+    bank = search.bank(root, searched, needed, options.database.rate)
+    if len(bank) < options.min_poses:
         return None
+    chosen = _Training(own, search, root, bank, columns, *_chosen_rows(own, options, task.rate))
+    poses = chosen.poses(options, take_correlations(task.takes, search.subjects, correlation))
+    shown = np.logical_and.reduce(task.valid[:, own.segment.markers], axis=1).sum() / task.rate
+    problem = own.problem
+    source = problem.lag_source
+    return RegressionProblem(
+        poses.samples,
+        replace(problem.query, visible=problem.query.visible[:, columns]),
+        problem.distance[columns],
+        problem.spread[columns],
+        _error_penalty(shown, options),
+        options.database.offset_variance,
+        None if source is None else source.restricted_to(columns),
+    ), take_names(task.takes, bank.take(poses.bank_rows))
 
-    own_rows, image_rows, gap_rows, other_rows = options.shared_rows
-    clip, image = (np.flatnonzero(lesson.rows.take == take) for take in (OWN, IMAGE))
-    frames = np.round(lesson.rows.time * rate).astype(np.intp)
-    beside = clip[np.isin(frames[clip], own.near)]
-    clip = np.union1d(beside, clip[evenly_spaced(len(clip), own_rows)])
-    image = image[evenly_spaced(len(image), image_rows)]
-    here, asked = lesson.rows.visible[:, kept], lesson.query.visible[:, kept]
-    chosen = search.nearest(bank, root, markers, asked)[:gap_rows]
-    more = search.nearest(bank, root, markers, here[clip])
-    chosen = np.concatenate([chosen, more[~np.isin(more, chosen)][:other_rows]])
-    there = bank.positions(chosen, markers)
-    some = np.concatenate([clip, image])
-    body = search.bodies[bank.take(chosen)]
-    frames_here, frames_there = (
-        root.frames(search.placed(markers, poses)) for poses in (here[some], there)
-    )
-    local = shifts(frames_here.to_local(here[some]), frames_there.to_local(there), body)
-    kin = body == OWN_BODY  # other clips of the same person: nothing is constantly off
-    local[kin] = 0.0
-    shift = local @ np.swapaxes(frames_there.rotation, 1, 2)
-    there = there + shift
 
-    rates = bank.rates(chosen)
-    around = {}
-    for seconds, now in lesson.rows.around.items():
-        steps = seconds * rates
-        if np.round(steps).any():  # a coarse resolution does not show short moments
-            moved = [_moved(bank, chosen, markers, d) + shift for d in (-steps, steps)]
-            moment = [now[:, some][:, :, kept], standing_in(there, *moved)]
-            around[seconds] = np.concatenate(moment, axis=1)
-    moving = None
-    if lesson.rows.moving is not None:
-        steps = VELOCITY_SECONDS * rates
-        before, after = standing_in(
-            bank.positions(chosen, piece.markers),
-            *(_moved(bank, chosen, piece.markers, d) for d in (-steps, steps)),
-        )
-        moving = np.concatenate(
-            [lesson.rows.moving[some], (after - before) / (2.0 * VELOCITY_SECONDS)]
-        )
-    # as takes, so bodies: OWN and IMAGE are the clip and its mirror image
-    numbers = np.where(kin, OWN, IMAGE + 1 + body)
-    kinship = np.repeat([1.0, MIRROR_KINSHIP], [len(clip), len(image)])
-    placed = np.array([take.virtual_markers for take in task.takes])[bank.take(chosen)]
-    strange = np.where(placed, SYNTHESISED_KINSHIP, STRANGER_KINSHIP)
-    take = lesson.rows.take[some]
-    rows = Rows(
-        np.concatenate([here[some], there]),
-        np.concatenate([lesson.rows.missing[some], bank.positions(chosen, piece.markers)]),
-        np.concatenate([lesson.rows.time[some], chosen / rates]),
-        np.concatenate([take, IMAGE + 1 + bank.take(chosen)]),
-        np.concatenate([kinship, np.where(kin, 1.0, strange)]),
-        np.concatenate([take, numbers]),
-        around,
-        moving,
+def _error_penalty(shown_seconds: float, options: TrainingOptions) -> float:
+    """Return the penalty for a clip that shows the missing markers for some time."""
+    doublings = float(np.log2(shown_seconds / options.database.sufficient_seconds))
+    return 1.0 + options.database.penalty_per_doubling * max(-1.0, doublings)
+
+
+def _chosen_rows(
+    own: OwnClipProblem, options: TrainingOptions, rate: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Choose the training poses of the clip and of its mirror image, as rows of its problem."""
+    train = own.problem.train
+    clip, image = (np.flatnonzero(train.recording == n) for n in (THIS_CLIP, MIRROR_IMAGE))
+    frames = np.round(train.time * rate).astype(np.intp)
+    adjacent = clip[np.isin(frames[clip], own.adjacent)]
+    spaced = clip[evenly_spaced(len(clip), options.database.own_poses)]
+    return (
+        np.union1d(adjacent, spaced),
+        image[evenly_spaced(len(image), options.database.mirror_poses)],
     )
-    query = replace(lesson.query, visible=asked)
-    around_queries = None if lesson.surroundings is None else lesson.surroundings.among(kept)
-    shown = np.logical_and.reduce(task.valid[:, piece.markers], axis=1).sum() / rate
-    handicap = 1.0 + HANDICAP * max(-1.0, float(np.log2(shown / SELF_SUFFICIENT)))
-    distance, spread = lesson.distance[kept], lesson.spread[kept]
-    names = take_names(task.takes, bank.take(chosen))
-    return Lesson(rows, query, distance, spread, handicap, around_queries), names
+
+
+@dataclass(frozen=True, eq=False)
+class _DatabaseProblemPoses:
+    """Training poses, and which rows of the bank those of the database are."""
+
+    samples: PoseSamples
+    bank_rows: NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class _Training:
+    """The data of a problem with the database, in three index spaces.
+
+    ``columns`` index the visible markers of the clip's own problem; ``clip_rows`` and
+    ``image_rows`` its training poses; bank rows, the poses of the bank.
+    """
+
+    own: OwnClipProblem
+    search: PoseSearch
+    root: RootGroup
+    bank: PoseBank
+    columns: NDArray[np.intp]
+    clip_rows: NDArray[np.intp]
+    image_rows: NDArray[np.intp]
+
+    @property
+    def visible(self) -> NDArray[np.intp]:
+        """Visible markers of the problem, as markers of the clip."""
+        return self.own.visible[self.columns]
+
+    @property
+    def own_rows(self) -> NDArray[np.intp]:
+        """Training poses of the clip, then of its mirror image."""
+        return np.concatenate([self.clip_rows, self.image_rows])
+
+    def poses(
+        self, options: TrainingOptions, correlations: NDArray[np.float64]
+    ) -> _DatabaseProblemPoses:
+        """Return the poses of the clip, its mirror image and the database, in this order."""
+        bank, own, rows = self.bank, self.own.problem.train, self.own_rows
+        bank_rows = self._nearest_bank_rows(options)
+        take = bank.take(bank_rows)
+        subject = self.search.subjects[take]
+        visible = bank.positions(bank_rows, self.visible)
+        offset = self._world_offsets(visible, subject)
+        own_correlation = np.ones(len(own.time)) if own.correlation is None else own.correlation
+        samples = PoseSamples(
+            np.concatenate([own.visible[rows][:, self.columns], visible + offset]),
+            np.concatenate([own.missing[rows], bank.positions(bank_rows, self._missing)]),
+            np.concatenate([own.time[rows], bank_rows / bank.rates(bank_rows)]),
+            np.concatenate([own.recording[rows], take]),
+            np.concatenate([own_correlation[rows], correlations[take]]),
+            np.concatenate([own.recording[rows], subject]),
+            self._lagged(bank_rows, visible, offset),
+            self._velocity(bank_rows, options.velocity_seconds),
+        )
+        return _DatabaseProblemPoses(samples, bank_rows)
+
+    @property
+    def _missing(self) -> NDArray[np.intp]:
+        return self.own.segment.markers
+
+    def _nearest_bank_rows(self, options: TrainingOptions) -> NDArray[np.intp]:
+        """Choose poses of the bank near the queries, then ones near the clip's training poses."""
+        problem, count = self.own.problem, options.database
+
+        def nearest(poses: NDArray[np.float64]) -> NDArray[np.intp]:
+            return self.search.nearest(self.bank, self.root, self.visible, poses)
+
+        near_gap = nearest(problem.query.visible[:, self.columns])[: count.gap_poses]
+        near_clip = nearest(problem.train.visible[self.clip_rows][:, self.columns])
+        near_clip = near_clip[~np.isin(near_clip, near_gap)][: count.other_poses]
+        return np.concatenate([near_gap, near_clip])
+
+    def _world_offsets(
+        self, visible: NDArray[np.float64], subject: NDArray[np.intp]
+    ) -> NDArray[np.float64]:
+        """Return what fits poses of other subjects to the clip's [shape of visible, mm]."""
+        own_visible = self.own.problem.train.visible[self.own_rows][:, self.columns]
+        own_frames, bank_frames = (
+            self.root.frames(self.search.in_clip_order(self.visible, poses))
+            for poses in (own_visible, visible)
+        )
+        local = subject_offsets(
+            own_frames.to_local(own_visible), bank_frames.to_local(visible), subject
+        )
+        local[subject == THIS_CLIP] = 0.0  # other recordings of the same subject
+        offset: NDArray[np.float64] = local @ np.swapaxes(bank_frames.rotation, 1, 2)
+        return offset
+
+    def _lagged(
+        self,
+        bank_rows: NDArray[np.intp],
+        visible: NDArray[np.float64],
+        offset: NDArray[np.float64],
+    ) -> dict[float, NDArray[np.float64]]:
+        """Return lagged positions, without lags shorter than half a step of the bank."""
+        rates = self.bank.rates(bank_rows)
+        lagged = {}
+        for lag, positions in self.own.problem.train.lagged.items():
+            steps = lag * rates
+            if not np.round(steps).any():
+                continue
+            before, after = (
+                _moved(self.bank, bank_rows, self.visible, d) + offset for d in (-steps, steps)
+            )
+            own = positions[:, self.own_rows][:, :, self.columns]
+            bank = complete_lagged(visible + offset, before, after)
+            lagged[lag] = np.concatenate([own, bank], axis=1)
+        return lagged
+
+    def _velocity(
+        self, bank_rows: NDArray[np.intp], seconds: float
+    ) -> NDArray[np.float64] | None:
+        """Return the velocities of the missing markers [mm/s], by differences over ``2 seconds``.
+
+        None where the clip's own problem has none.
+        """
+        own = self.own.problem.train.velocity
+        if own is None:
+            return None
+        steps = seconds * self.bank.rates(bank_rows)
+        before, after = complete_lagged(
+            self.bank.positions(bank_rows, self._missing),
+            *(_moved(self.bank, bank_rows, self._missing, d) for d in (-steps, steps)),
+        )
+        return np.concatenate([own[self.own_rows], (after - before) / (2.0 * seconds)])
 
 
 def _moved(
     bank: PoseBank, rows: NDArray[np.intp], markers: NDArray[np.intp], steps: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return markers so many frames after rows of a bank, between frames on the line."""
-    near = np.trunc(steps).astype(np.intp)
-    rest = np.abs(steps - near)[:, None, None]
-    at = bank.moved(rows, near)
-    beyond = bank.moved(at, np.sign(steps).astype(np.intp))
+    """Return positions some steps of a bank after its rows, linearly interpolated.
+
+    Parameters
+    ----------
+    bank : PoseBank
+        The poses.
+    rows, markers : ndarray of int [shapes=(rows,), (markers,)]
+        Which positions.
+    steps : ndarray [shape=(rows,)]
+        Of each row; may be negative and have fractions.
+    """
+    whole_steps = np.trunc(steps).astype(np.intp)
+    fraction = np.abs(steps - whole_steps)[:, None, None]
+    at = bank.shifted(rows, whole_steps)
+    following = bank.shifted(at, np.sign(steps).astype(np.intp))
     moved: NDArray[np.float64] = bank.positions(at, markers)
-    between = (rest > 0.0)[:, 0, 0]
-    moved[between] += rest[between] * (bank.positions(beyond[between], markers) - moved[between])
+    between = (fraction > 0.0)[:, 0, 0]
+    step = bank.positions(following[between], markers) - moved[between]
+    moved[between] += fraction[between] * step
     return moved
