@@ -1,8 +1,8 @@
 """Gaps, and the groups formed by overlapping gaps.
 
 A gap is a run of frames in which one marker is missing. A gap group is a maximal run of frames in
-which at least one marker is missing; the missing markers may change from frame to frame within it (a
-"long multi-segment gap").
+which at least one marker is missing; the missing markers may change from frame to frame within it
+(a "long multi-segment gap").
 """
 
 from __future__ import annotations

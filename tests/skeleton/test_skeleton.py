@@ -80,8 +80,8 @@ def test_bvh_agrees_with_homogeneous_matrices() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "line", "says"),
     [
-        ("length 42.0", "length four", 54, "'four' is no number"),
-        ("    dof rx ry rz", "    dof rx ry q", 18, "'q' is no degree of freedom"),
+        ("length 42.0", "length four", 54, "'four' is not a number"),
+        ("    dof rx ry rz", "    dof rx ry q", 18, "'q' is not a degree of freedom"),
         ("    root lowerback", "    root lowerbck", None, "lowerbck is not among"),
     ],
 )
@@ -99,8 +99,8 @@ def test_what_is_wrong_in_an_asf_file_is_named_with_its_line(
     ("old", "new", "says"),
     [
         ("\n2\n", "\n2\nltoes 1\n", "line 26: bone ltoes cannot move"),
-        ("\nltibia ", "\nltibia 3 ", r"line \d+: bone ltibia has 2 values, the skeleton's has 1"),
-        ("\nltibia ", "\nltibia x", r"line \d+: 'x.*is no number"),
+        ("\nltibia ", "\nltibia 3 ", r"line \d+: bone ltibia has 2 values, but 1 in the skeleton"),
+        ("\nltibia ", "\nltibia x", r"line \d+: 'x.*is not a number"),
         ("\nltibia ", "\n# ", r"line \d+: bone ltibia has no values in frame 3"),
     ],
 )
@@ -119,12 +119,12 @@ def test_what_is_wrong_in_an_amc_file_is_named_with_its_line(old: str, new: str,
     ("old", "new", "says"),
     [
         ("HIERARCHY", "hello", "line 1: does not begin with HIERARCHY"),
-        ("CHANNELS 3", "CHANNELS 4", r"line \d+: says 4 channels and names 3"),
-        ("Frames: 3", "Frames: 4", "says 4 frames and has 3"),
+        ("CHANNELS 3", "CHANNELS 4", r"line \d+: states 4 channels but names 3"),
+        ("Frames: 3", "Frames: 4", "states 4 frames but has 3"),
         ("OFFSET 0.0 25.0 0.0", "", r"line 6: joint chest has no OFFSET|line \d+: joint"),
-        ("0.0 25.0", "0.0 1e300", r"line \d+: '1e300' is no number or too great"),
-        ("MOTION", "", r"line \d+: 'Frames:' makes no sense"),
-        ("Xrotation", "Wrotation", r"line \d+: 'wrotation' is no channel"),
+        ("0.0 25.0", "0.0 1e300", r"line \d+: '1e300' is not a number or too large"),
+        ("MOTION", "", r"line \d+: 'Frames:' is not expected here"),
+        ("Xrotation", "Wrotation", r"line \d+: 'wrotation' is not a channel"),
     ],
 )
 def test_what_is_wrong_in_a_bvh_file_is_named(old: str, new: str, says: str) -> None:

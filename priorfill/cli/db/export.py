@@ -182,7 +182,7 @@ def _write(
 
     from priorfill.clip import Clip
     from priorfill.formats import create_c3d, create_npz
-    from priorfill.formats.c3d.create import MOST_FRAMES
+    from priorfill.formats.c3d.create import MAX_C3D_FRAMES
 
     database.check(record)
     positions = database.positions(record)
@@ -196,9 +196,9 @@ def _write(
     if path.suffix == ".npz":
         create_npz(path, _arrays(record, positions, filled), overwrite=overwrite)
         return
-    if record.frames[0] > MOST_FRAMES:
+    if record.frames[0] > MAX_C3D_FRAMES:
         raise ClipError(
-            f"{record.name}: has {record.frames[0]} frames, C3D holds {MOST_FRAMES}; "
+            f"{record.name}: has {record.frames[0]} frames, C3D holds {MAX_C3D_FRAMES}; "
             "export it with --format npz"
         )
     clip = Clip(
