@@ -1,12 +1,12 @@
-"""Clips from and to what other Python programs hold marker positions in.
+"""Clips from and to the marker data of other Python packages.
 
 * `from_timeseries`, `to_timeseries`: TimeSeries of Kinetics Toolkit,
-* `from_xarray`, `to_xarray`: the DataArray of pyomeca, with dimensions axis, channel and time,
+* `from_xarray`, `to_xarray`: DataArray of pyomeca, with dimensions axis, channel and time,
 * `from_dataframe`, `to_dataframe`: pandas,
 * `from_arrays`: NumPy.
 
-None of these packages is needed for priorfill: what is given is looked at by its attributes, and
-each ``to_`` takes the class to make, so that it may be of any version.
+priorfill depends on none of these packages: the ``from_`` functions use attributes only, and the
+``to_`` functions take the class to construct, of any version.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ __all__ = [
 _AXES = ("x", "y", "z")
 
 _AXIS_COLUMN = re.compile(r"(?P<label>.+?)(?:[ _.:-]|\[)(?P<axis>[xyzXYZ0-2])\]?")
-"""A flat column: ``LTOE_X``, ``LTOE x``, ``LTOE.Z``, or ``LTOE[0]`` as Kinetics Toolkit writes."""
+"""A flat column: ``LTOE_X``, ``LTOE x``, ``LTOE.Z``, or ``LTOE[0]`` as in Kinetics Toolkit."""
 
-_EVEN = 0.1
-"""Share of the mean step by which steps of time may differ: timestamps are rounded."""
+_MAX_STEP_DEVIATION = 0.1
+"""Maximum deviation of a time step from the mean, as a share of it; timestamps are rounded."""
 
 
 def from_arrays(
@@ -54,35 +54,51 @@ def from_arrays(
     first_frame: int = 0,
     zeros_missing: bool = True,
 ) -> Clip:
-    """Make a clip of an array.
+    """Make a clip from an array.
 
     Parameters
     ----------
     positions : array_like [shape=(frames, markers, 3) or (frames, 3 * markers), unit]
         NaN where missing.
     labels : sequence of str
-        The markers' names; a subject may stand before a colon.
+        The markers' names, unique; a prefix before a colon is the subject.
     rate : float
-        Frames per second (Hz).
+        Frame rate (Hz).
     unit : str or None
         Unit of length (mm, cm, m, ...); found from the spread of the markers if None.
     up : str or None
-        Which axis points up; found from the data if None.
+        The axis that points up, one of +X, -X, +Y, -Y, +Z, -Z; found from the data if None.
     name : str
-        What to call the clip.
+        Name of the clip.
     subject : str or None
-        Whose markers to take, where there are several subjects.
+        The subject whose markers are used, if there are several.
     first_frame : int
         Number of the first frame.
     zeros_missing : bool
-        Take samples that are exactly (0, 0, 0) as missing.
+        Treat samples at exactly (0, 0, 0) as missing.
+
+    Returns
+    -------
+    Clip
+        The markers in mm, without a source.
 
     Raises
     ------
     ClipError
-        Where the shapes do not fit each other, or contents make no sense.
+        If shapes do not match, labels repeat, or the contents are unusable.
     OptionError
-        Where unit or axis is unknown.
+        If rate, unit or axis is invalid.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> clip = from_arrays(np.full((4, 2, 3), 0.5), ["LTOE", "RTOE"], 100.0, unit="m")
+    >>> clip.positions[0, 0].tolist()
+    [500.0, 500.0, 500.0]
+
+    See Also
+    --------
+    priorfill.read : Read a clip from a file.
     """
     array = np.array(positions, dtype=np.float64)
     if array.ndim == 2 and array.shape[1] == 3 * len(labels):
@@ -94,7 +110,7 @@ def from_arrays(
         )
     texts = tuple(str(label) for label in labels)
     twice = next((text for text in texts if texts.count(text) > 1), None)
-    if twice is not None:  # a file's twins are renamed with a note, but only a source has notes
+    if twice is not None:  # in a file they are renamed with a note, which needs a source
         raise ClipError(
             f"{name}: markers {texts.index(twice) + 1} and "
             f"{texts.index(twice, texts.index(twice) + 1) + 1} are both named {twice}; "
@@ -105,20 +121,29 @@ def from_arrays(
 
 
 def from_timeseries(series: Any, **options: Any) -> Clip:
-    """Make a clip of a TimeSeries of Kinetics Toolkit.
+    """Make a clip from a TimeSeries of Kinetics Toolkit.
 
     Parameters
     ----------
     series : TimeSeries
-        Its data of shape (frames, 4) or (frames, 3) are taken as markers, all else is left out.
-        The unit is that of ``series.info[label]["Unit"]`` if it is there.
+        Data of shape (frames, 4) or (frames, 3) become markers; all others are left out. The unit
+        is ``series.info[label]["Unit"]`` if present.
     **options
-        Those of `from_arrays` but for labels and rate.
+        Keyword arguments of `from_arrays`.
+
+    Returns
+    -------
+    Clip
+        The markers in mm, without a source.
 
     Raises
     ------
     ClipError
-        Where there are no such data, or times are not evenly spaced.
+        If there are no such data, or times are not evenly spaced.
+
+    See Also
+    --------
+    to_timeseries : The inverse.
     """
     name = options.setdefault("name", "timeseries")
     times = np.asarray(series.time, dtype=np.float64)
@@ -141,7 +166,7 @@ def from_timeseries(series: Any, **options: Any) -> Clip:
 
 
 def to_timeseries(clip: Clip, timeseries_class: Callable[..., Any], unit: str = "m") -> Any:
-    """Make a TimeSeries of Kinetics Toolkit.
+    """Make a TimeSeries of Kinetics Toolkit from a clip.
 
     Parameters
     ----------
@@ -150,12 +175,16 @@ def to_timeseries(clip: Clip, timeseries_class: Callable[..., Any], unit: str = 
     timeseries_class : type
         ``kineticstoolkit.TimeSeries``.
     unit : str
-        Unit of length; metres are usual there.
+        Unit of length; Kinetics Toolkit uses metres.
 
     Returns
     -------
     TimeSeries
-        Each marker (frames, 4): x, y, z and 1; missing samples are NaN in all four.
+        For each marker x, y, z and 1 [shape=(frames, 4)]; missing samples are NaN in all four.
+
+    See Also
+    --------
+    from_timeseries : The inverse.
     """
     scale = UNITS[unit]
     ones = np.where(clip.missing, np.nan, 1.0)[:, :, None]
@@ -170,20 +199,30 @@ def to_timeseries(clip: Clip, timeseries_class: Callable[..., Any], unit: str = 
 
 
 def from_xarray(array: Any, **options: Any) -> Clip:
-    """Make a clip of a DataArray as pyomeca has it.
+    """Make a clip from a DataArray in the layout of pyomeca.
 
     Parameters
     ----------
     array : DataArray
-        Dimensions axis (x, y, z, and perhaps ones), channel and time (s), in any order. Attributes
-        ``rate``, ``units`` and ``first_frame`` are looked at.
+        Dimensions axis (x, y, z, and optionally ones), channel and time (s), in any order. The
+        attributes ``rate``, ``units`` and ``first_frame`` are used.
     **options
-        Those of `from_arrays` but for labels; ``rate`` (Hz), if the array does not tell.
+        Keyword arguments of `from_arrays`, and ``rate`` (Hz), which is required if the array has
+        neither a rate nor times.
+
+    Returns
+    -------
+    Clip
+        The markers in mm, without a source.
 
     Raises
     ------
     ClipError
-        Where dimensions are others, or times are not evenly spaced.
+        If the dimensions differ, or times are not evenly spaced.
+
+    See Also
+    --------
+    to_xarray : The inverse.
     """
     name = options.setdefault("name", str(getattr(array, "name", None) or "xarray"))
     if set(array.dims) != {"axis", "channel", "time"}:
@@ -212,7 +251,7 @@ def from_xarray(array: Any, **options: Any) -> Clip:
 
 
 def to_xarray(clip: Clip, dataarray_class: Callable[..., Any], unit: str = "mm") -> Any:
-    """Make a DataArray as pyomeca has it.
+    """Make a DataArray in the layout of pyomeca from a clip.
 
     Parameters
     ----------
@@ -227,6 +266,10 @@ def to_xarray(clip: Clip, dataarray_class: Callable[..., Any], unit: str = "mm")
     -------
     DataArray [shape=(4, markers, frames)]
         Dimensions axis (x, y, z, ones), channel and time.
+
+    See Also
+    --------
+    from_xarray : The inverse.
     """
     frames, markers = clip.missing.shape
     points = np.ones((4, markers, frames))
@@ -241,22 +284,31 @@ def to_xarray(clip: Clip, dataarray_class: Callable[..., Any], unit: str = "mm")
 
 
 def from_dataframe(frame: Any, rate: float | None = None, **options: Any) -> Clip:
-    """Make a clip of a pandas DataFrame with a row for each frame.
+    """Make a clip from a pandas DataFrame with a row per frame.
 
     Parameters
     ----------
     frame : DataFrame
-        Its columns are pairs (label, axis), or named like ``LTOE_X``, ``LTOE_Y``, ``LTOE_Z``.
-        Others are left out.
+        Columns are pairs (label, axis), or named like ``LTOE_X``, ``LTOE_Y``, ``LTOE_Z``. Others
+        are left out.
     rate : float or None
-        Frames per second (Hz); found from the index, times in seconds, if None.
+        Frame rate (Hz); if None, from the index, which holds times in seconds.
     **options
-        Those of `from_arrays` but for labels.
+        Keyword arguments of `from_arrays`.
+
+    Returns
+    -------
+    Clip
+        The markers in mm, without a source.
 
     Raises
     ------
     ClipError
-        Where no marker has all three columns, or the index is no evenly spaced time.
+        If no marker has all three columns, or the index does not hold evenly spaced times.
+
+    See Also
+    --------
+    to_dataframe : The inverse.
     """
     name = options.setdefault("name", "dataframe")
     found: dict[str, dict[int, int]] = {}
@@ -264,28 +316,28 @@ def from_dataframe(frame: Any, rate: float | None = None, **options: Any) -> Cli
         key = _column(column)
         if key is not None:
             found.setdefault(key[0], {})[key[1]] = place
-    whole = {label: axes for label, axes in found.items() if len(axes) == 3}
-    if not whole:
+    complete = {label: axes for label, axes in found.items() if len(axes) == 3}
+    if not complete:
         shown = ", ".join(str(column) for column in list(frame.columns)[:6])
         raise ClipError(
             f"{name}: has no marker with columns for x, y and z, only {shown}; name columns like "
-            "LTOE_X, or by pairs (label, axis)"
+            "LTOE_X, or use pairs (label, axis)"
         )
-    order = [axes[k] for axes in whole.values() for k in range(3)]
+    order = [axes[k] for axes in complete.values() for k in range(3)]
     values = np.asarray(frame.iloc[:, order].to_numpy(), dtype=np.float64)
     if rate is None:
         try:
             times = np.asarray(frame.index.to_numpy(), dtype=np.float64)
         except (TypeError, ValueError):
-            raise ClipError(f"{name}: its index is no time in seconds; give the rate") from None
+            raise ClipError(f"{name}: its index is not a time in seconds; give the rate") from None
         rate = _rate(times, name)
         if np.array_equal(times, np.arange(len(times))) and len(times) > 1:
-            raise ClipError(f"{name}: its index counts rows and is no time; give the rate")
-    return from_arrays(values, list(whole), rate, **options)
+            raise ClipError(f"{name}: its index counts rows instead of seconds; give the rate")
+    return from_arrays(values, list(complete), rate, **options)
 
 
 def to_dataframe(clip: Clip, dataframe_class: Callable[..., Any], unit: str = "mm") -> Any:
-    """Make a pandas DataFrame.
+    """Make a pandas DataFrame from a clip.
 
     Parameters
     ----------
@@ -300,6 +352,10 @@ def to_dataframe(clip: Clip, dataframe_class: Callable[..., Any], unit: str = "m
     -------
     DataFrame
         Columns ``LTOE_X``, ``LTOE_Y``, ``LTOE_Z``, ...; the index is the time (s).
+
+    See Also
+    --------
+    from_dataframe : The inverse.
     """
     columns = [f"{label}_{axis.upper()}" for label in clip.labels for axis in _AXES]
     values = clip.positions.reshape(clip.frames, -1) / UNITS[unit]
@@ -315,9 +371,9 @@ def _rate(times: NDArray[np.float64], name: str) -> float:
     """Return the frame rate (Hz) of evenly spaced times (s)."""
     steps = np.diff(times)
     if not steps.size or not np.isfinite(steps).all():
-        raise ClipError(f"{name}: has too few times to tell the rate; give the rate")
+        raise ClipError(f"{name}: has too few times to determine the rate; give the rate")
     step = float(steps.mean())
-    if step <= 0 or float(np.abs(steps - step).max()) > _EVEN * step:
+    if step <= 0 or float(np.abs(steps - step).max()) > _MAX_STEP_DEVIATION * step:
         raise ClipError(
             f"{name}: times are not evenly spaced (steps of {steps.min():.4g} to "
             f"{steps.max():.4g} s); resample first"
@@ -326,19 +382,19 @@ def _rate(times: NDArray[np.float64], name: str) -> float:
 
 
 def _unit_of(info: Mapping[str, Any], label: str) -> str | None:
-    """Return the unit that a TimeSeries tells of a marker."""
-    facts = info.get(label)
-    unit = facts.get("Unit") if isinstance(facts, Mapping) else None
+    """Return the unit of a marker in a TimeSeries; None if absent."""
+    entry = info.get(label)
+    unit = entry.get("Unit") if isinstance(entry, Mapping) else None
     return str(unit) if unit else None
 
 
 def _one_unit(units: Sequence[str | None]) -> str | None:
-    """Return the unit if all have the same."""
+    """Return the unit if it is the same for all."""
     return units[0] if len(set(units)) == 1 else None
 
 
 def _column(column: Any) -> tuple[str, int] | None:
-    """Return label and axis of a column; None if it is none of a marker."""
+    """Return label and axis of a column; None if it does not belong to a marker."""
     if isinstance(column, tuple) and len(column) == 2:
         axis = str(column[1]).lower()
         return (str(column[0]), _AXES.index(axis)) if axis in _AXES else None

@@ -112,7 +112,7 @@ def test_names_of_columns(form):
     values = np.column_stack([clip.positions.reshape(12, 18), np.zeros(12)])
     frame = DataFrame(values, [*columns, "EMG"], np.arange(12))
     assert same(interop.from_dataframe(frame, 120), clip)
-    with pytest.raises(ClipError, match="index counts rows and is no time; give the rate"):
+    with pytest.raises(ClipError, match="index counts rows instead of seconds; give the rate"):
         interop.from_dataframe(frame)
 
 

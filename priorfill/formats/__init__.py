@@ -1,7 +1,21 @@
-"""Files of motion capture: read them into clips, write clips into them.
+"""Motion-capture files: read them as clips, and write clips to them.
 
-`FORMATS` says which there are. A file's suffix tells its format; where several share a suffix, what
-it begins with.
+========  ========================================  ====================  =================  ======
+Name      Format                                    Suffixes              Filled copy        New
+========  ========================================  ====================  =================  ======
+c3d       C3D                                       .c3d                  byte by byte       yes
+trc       TRC of OpenSim and Motion Analysis        .trc                  cell by cell       yes
+nexus     Vicon Nexus, section Trajectories         .csv .tsv .txt        cell by cell       no
+qualisys  Qualisys Track Manager, TSV               .csv .tsv .txt        cell by cell       no
+motive    OptiTrack Motive, CSV                     .csv .tsv .txt        cell by cell       no
+npz       NumPy archive                             .npz                  no                 yes
+mat       MATLAB, version 4 to 7; Qualisys' export  .mat                  no                 yes
+========  ========================================  ====================  =================  ======
+
+`FORMATS` holds this table in code. The suffix of a file determines its format; if several formats
+share a suffix, the first bytes decide. The parser of each format turns bytes into a `Recording`, and
+`make_clip` turns any recording into a clip (both in `priorfill.formats.recording`). Skeleton files
+(`priorfill.formats.skeletons`) hold no markers and are read separately.
 """
 
 from __future__ import annotations
@@ -36,50 +50,46 @@ from priorfill.runtime.npz_file import create_npz
 __all__ = [
     "FORMATS",
     "SUFFIXES",
-    "Format",
+    "FileFormat",
     "WriteReport",
     "check_output",
     "create_c3d",
     "create_npz",
     "format_of",
+    "is_recording",
     "read",
     "read_c3d",
-    "recognised",
     "rewrite_c3d",
     "write",
     "write_c3d",
 ]
 
-_HEAD = 1 << 16
-"""Bytes of a text file that tell its format."""
-
-_READ_AND_WRITTEN = ("c3d", "trc", "npz", "mat")
-"""Formats that a new file can have, for messages."""
+_HEAD_BYTES = 1 << 16
+"""Bytes of a text file examined to determine its format."""
 
 
 @dataclass(frozen=True)
-class Format:
-    """A format of files.
+class FileFormat:
+    """A file format.
 
     Attributes
     ----------
     title : str
-        What it is called in messages.
+        Name in messages.
     suffixes : tuple of str
-        Its suffixes, lower case.
+        Suffixes in lower case.
     read : callable
-        Reads the markers of a file.
+        Reads a clip from a path.
     recognise : callable
-        Tells by its path if a file is one, or none of others that share the suffix.
+        Checks whether the file at a path has this format, among those that share its suffix.
     copy : callable or None
-        Writes a clip that was read from such a file as a copy with the filled samples, all else
-        as it was.
+        Writes a copy of a clip's source in which only the filled samples differ.
     create : callable or None
-        Writes any clip as a new file.
+        Writes a clip as a new file.
     rewrite : callable or None
-        As `copy`, but writes everything anew, and says what that changes.
-    alone : bool
-        Whether its suffixes are used for recordings only: no look into the file is needed.
+        Like `copy`, but writes the whole source through a library, and reports the differences.
+    exclusive : bool
+        Whether the suffixes are used for recordings only, so that the contents need no check.
     """
 
     title: str
@@ -89,18 +99,18 @@ class Format:
     copy: Callable[..., WriteReport] | None = None
     create: Callable[..., WriteReport] | None = None
     rewrite: Callable[..., WriteReport] | None = None
-    alone: bool = False
+    exclusive: bool = False
 
 
 def _by_head(recognise: Callable[[bytes], bool]) -> Callable[[Path], bool]:
-    """Return what tells a file's format by its first bytes."""
+    """Return a check of a path that examines the file's first bytes."""
 
     def look(path: Path) -> bool:
         try:
             with path.open("rb") as file:
-                return recognise(file.read(_HEAD))
+                return recognise(file.read(_HEAD_BYTES))
         except OSError:
-            return False  # reading says why
+            return False  # reading reports the reason
 
     return look
 
@@ -118,30 +128,30 @@ def _reader(
     return read_one
 
 
-def _table(
+def _text_format(
     name: str,
     title: str,
     parse: Callable[[bytes, str], TableRecording],
     recognise: Callable[[bytes], bool],
     suffixes: tuple[str, ...] = (".csv", ".tsv", ".txt"),
     **more: Any,
-) -> Format:
-    """Return a format of text files, which are copied cell by cell."""
+) -> FileFormat:
+    """Return a text format, whose files are copied cell by cell."""
 
-    def recording(data: bytes, of: str) -> Recording:
-        return parse(data, of).recording
+    def parse_recording(data: bytes, file_name: str) -> Recording:
+        return parse(data, file_name).recording
 
     def copy(
         path: Path | str, clip: Clip, filled: NDArray[np.bool_], *, overwrite: bool = False
     ) -> WriteReport:
-        return write_table(path, clip, filled, parse, overwrite=overwrite)
+        return write_text_format(path, clip, filled, parse, overwrite=overwrite)
 
-    reader = _reader(name, recording)
-    return Format(title, suffixes, reader, _by_head(recognise), copy, **more)
+    reader = _reader(name, parse_recording)
+    return FileFormat(title, suffixes, reader, _by_head(recognise), copy, **more)
 
 
 FORMATS = {
-    "c3d": Format(
+    "c3d": FileFormat(
         "C3D",
         (".c3d",),
         _reader("c3d", parse_c3d, read_c3d_bytes),
@@ -149,37 +159,39 @@ FORMATS = {
         write_c3d,
         create_c3d,
         rewrite_c3d,
-        alone=True,
+        exclusive=True,
     ),
-    "trc": _table("trc", "TRC", parse_trc, recognise_trc, (".trc",), create=create_trc, alone=True),
-    "nexus": _table(
+    "trc": _text_format(
+        "trc", "TRC", parse_trc, recognise_trc, (".trc",), create=create_trc, exclusive=True
+    ),
+    "nexus": _text_format(
         "nexus", "text of Vicon Nexus (section Trajectories)", parse_nexus, recognise_nexus
     ),
-    "qualisys": _table(
+    "qualisys": _text_format(
         "qualisys", "TSV of Qualisys (NO_OF_FRAMES ...)", parse_qualisys, recognise_qualisys
     ),
-    "motive": _table(
+    "motive": _text_format(
         "motive", "CSV of OptiTrack Motive (Format Version ...)", parse_motive, recognise_motive
     ),
-    "npz": Format(
+    "npz": FileFormat(
         "NumPy archive",
         (".npz",),
         _reader("npz", parse_npz),
         recognise_npz,
         create=create_npz_clip,
     ),
-    "mat": Format(
+    "mat": FileFormat(
         "MATLAB file", (".mat",), _reader("mat", parse_mat), recognise_mat, create=create_mat
     ),
 }
-"""The formats by name."""
+"""All formats by name."""
 
 SUFFIXES = tuple(dict.fromkeys(s for one in FORMATS.values() for s in one.suffixes))
-"""Suffixes of the files that can be read, lower case."""
+"""Suffixes of all formats in lower case."""
 
 
 def format_of(path: Path | str) -> str:
-    """Return the name of a file's format.
+    """Return the name of a file's format in `FORMATS`.
 
     Parameters
     ----------
@@ -189,12 +201,17 @@ def format_of(path: Path | str) -> str:
     Returns
     -------
     str
-        One of `FORMATS`.
+        The name.
 
     Raises
     ------
     FormatError
-        If it is unknown.
+        If the format is unknown.
+
+    Examples
+    --------
+    >>> format_of("walk.C3D")
+    'c3d'
     """
     path = Path(path)
     _check_suffix(path)
@@ -206,22 +223,27 @@ def format_of(path: Path | str) -> str:
             return name
     known = "; ".join(FORMATS[name].title for name in names)
     raise FormatError(
-        f"{path}: begins like none of the {path.suffix} files that are known: {known}; "
+        f"{path}: is none of the known {path.suffix} files: {known}; "
         "export it as one of these, or as C3D"
     )
 
 
-def recognised(path: Path | str) -> bool:
-    """Tell if a file is likely a recording: many a .csv, .npz or .mat is not.
+def is_recording(path: Path | str) -> bool:
+    """Check whether a file is likely a recording; many .csv, .npz and .mat files are not.
 
     Parameters
     ----------
     path : Path or str
         The file.
+
+    Returns
+    -------
+    bool
+        True if its suffix, and if necessary its contents, are those of a format in `FORMATS`.
     """
     path = Path(path)
     return any(
-        path.suffix.lower() in one.suffixes and (one.alone or one.recognise(path))
+        path.suffix.lower() in one.suffixes and (one.exclusive or one.recognise(path))
         for one in FORMATS.values()
     )
 
@@ -240,31 +262,52 @@ def read(
     Parameters
     ----------
     path : Path or str
-        The file; its suffix tells the format.
+        The file; its suffix determines the format.
     zeros_missing : bool
-        Take samples that are exactly (0, 0, 0) as missing.
+        Treat samples at exactly (0, 0, 0) as missing.
     up : str or None
-        Which axis points up, instead of finding it.
+        The axis that points up, one of +X, -X, +Y, -Y, +Z, -Z; found if None.
     rate : float or None
-        Frames per second (Hz) instead of the file's.
+        Frame rate (Hz) that replaces the file's.
     unit : str or None
-        Unit of length (mm, cm, m, ...) instead of the file's.
+        Unit of length (mm, cm, m, ...) that replaces the file's.
     subject : str or None
-        Whose markers to read, where the file holds several subjects.
+        The subject whose markers are read, if the file holds several.
 
     Returns
     -------
     Clip
-        The markers in mm.
+        The markers in mm. Its source lists the points left out, and notes on how the file was
+        interpreted.
 
     Raises
     ------
     FormatError
-        If the file is absent, of an unknown format, damaged or cut short.
+        If the file does not exist, is of unknown format, damaged or truncated.
     ClipError
-        If its contents make no sense.
+        If the contents are unusable: no frames, no labelled marker, no rate, an infinite
+        coordinate, an implausible unit, an unknown subject, or several subjects and none chosen
+        (MultipleSubjectsError).
     OptionError
         If an option is out of range.
+
+    See Also
+    --------
+    priorfill.write : Write a clip.
+    priorfill.fill : Fill the gaps of a clip.
+    priorfill.interop : Clips from and to other Python packages.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> from priorfill import Clip, read, write
+    >>> clip = Clip(np.full((4, 1, 3), 900.0), ("SACR",), 120.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     report = write(f"{folder}/walk.npz", clip)
+    ...     again = read(f"{folder}/walk.npz")
+    >>> again.labels, again.rate
+    (('SACR',), 120.0)
     """
     path = Path(path)
     if path.is_dir():
@@ -284,37 +327,42 @@ def write(
 ) -> WriteReport:
     """Write a clip.
 
-    A clip that was read from a C3D or text file is written as a copy of that file in which only the
-    filled samples differ, if `path` has a suffix of the same format, unless it is to be rewritten;
-    else as a new file.
+    If the clip was read from a C3D or text file and `path` has a suffix of the same format, a copy
+    of that file is written in which only the filled samples differ. Otherwise the file is new.
 
     Parameters
     ----------
     path : Path or str
-        The file to write; its suffix tells the format.
+        The file to write; its suffix determines the format.
     clip : Clip
         The clip.
     filled : ndarray [shape=(frames, markers), bool] or None
-        Which samples were filled; needed if a copy is written.
+        Which samples were filled; required for a copy.
     overwrite : bool
         Replace an existing file.
     rewrite : bool
-        Write the clip's source anew through ezc3d, with float coordinates, instead of a copy.
-        The report says what that changes.
+        Instead of a copy, write the contents of a C3D source through ezc3d with float coordinates.
+        The report lists the differences.
 
     Returns
     -------
     WriteReport
-        What was written.
+        The number of filled samples, the rounding error, and other differences to the source.
 
     Raises
     ------
     FormatError
-        If the format is unknown, or the source cannot be read any more.
+        If the format is unknown, or the source can no longer be read.
     OptionError
-        If a copy is to be written and `filled` is not given.
+        If `filled` is missing for a copy, or `rewrite` does not apply.
     OutputError
-        If the file cannot be written, exists already, or is the clip's own source.
+        If the file cannot be written, exists already, or is the clip's source; if the source has
+        changed since it was read; or if a filled sample has no position or does not fit the file's
+        number format.
+
+    See Also
+    --------
+    priorfill.read : Read a clip; its example also writes one.
     """
     path = Path(path)
     source = clip.source
@@ -326,50 +374,50 @@ def write(
     if source is not None and form == source.format and copy is not None:
         if filled is None:
             raise OptionError(
-                f"{clip.name}: was read from a file, of which a copy is written; "
-                "say which samples are filled"
+                f"{clip.name}: a copy of its source file needs the mask of filled samples; "
+                "give filled"
             )
         return copy(path, clip, filled, overwrite=overwrite)
     if source is not None:
         check_target(path, overwrite=overwrite, source=source.path)
-    assert create is not None  # or there is a copy
+    assert create is not None  # every format has copy or create
     return create(path, clip, filled=filled, overwrite=overwrite)
 
 
 def check_output(
     path: Path | str, *, source: Path, overwrite: bool = False, rewrite: bool = False
 ) -> None:
-    """Find out, before the work is done, whether its result can be written.
+    """Check before a computation whether its result can be written.
 
     Parameters
     ----------
     path : Path or str
         The file to write.
     source : Path
-        The file that will be read, which it must not be.
+        The file to be read; it must not be `path`.
     overwrite : bool
-        Whether it may replace an existing file.
+        Whether an existing file may be replaced.
     rewrite : bool
-        Whether the source is to be written anew.
+        Whether the source is to be rewritten.
 
     Raises
     ------
     FormatError
         If the format is unknown, or cannot be written.
     OptionError
-        If it cannot be written anew.
+        If it cannot be rewritten.
     OutputError
-        If the folder is missing, the file exists already, or is the source.
+        If the folder does not exist, or the file exists already or is the source.
     """
-    kind = format_of(source) if source.is_file() else None
-    form = _output_format(Path(path), kind)
-    if rewrite and kind is not None:
-        _check_rewriting(Path(path), form, kind)
+    source_format = format_of(source) if source.is_file() else None
+    form = _output_format(Path(path), source_format)
+    if rewrite and source_format is not None:
+        _check_rewriting(Path(path), form, source_format)
     check_target(path, overwrite=overwrite, source=source)
 
 
 def _check_rewriting(path: Path, form: str, source: str | None) -> None:
-    """Raise OptionError where a source of one format cannot be written anew in another."""
+    """Raise OptionError if a source of one format cannot be rewritten in another."""
     if form != source or FORMATS[form].rewrite is None:
         raise OptionError(
             f"{path}: only a C3D file is rewritten, as a C3D file; leave --rewrite out"
@@ -377,7 +425,7 @@ def _check_rewriting(path: Path, form: str, source: str | None) -> None:
 
 
 def _output_format(path: Path, source: str | None) -> str:
-    """Return which format to write: the source's if the suffix is one of its, else a new one."""
+    """Return the format to write: the source's if the suffix fits, else that of a new file."""
     _check_suffix(path)
     suffix = path.suffix.lower()
     if source is not None and suffix in FORMATS[source].suffixes:
@@ -385,14 +433,15 @@ def _output_format(path: Path, source: str | None) -> str:
     for name, one in FORMATS.items():
         if suffix in one.suffixes and one.create is not None:
             return name
+    new = [suffix for one in FORMATS.values() if one.create is not None for suffix in one.suffixes]
     raise FormatError(
         f"{path}: {suffix} is written only as a copy of a {suffix} file with its gaps filled; "
-        f"a new file can be {', '.join(f'.{name}' for name in _READ_AND_WRITTEN)}"
+        f"a new file can be {', '.join(new)}"
     )
 
 
 def _check_suffix(path: Path) -> None:
-    """Raise FormatError if the suffix is of no known format."""
+    """Raise FormatError if no format has the suffix."""
     if path.suffix.lower() not in SUFFIXES:
         raise FormatError(
             f"{path}: the suffix {path.suffix or '(none)'!r} is unknown; "

@@ -53,7 +53,7 @@ def test_there_and_back_is_exact(path):
         assert getattr(again, name) == getattr(clip, name)
     assert again.source.up_found_from == "file"
     assert again.source.unit == "mm"
-    assert formats.recognised(path)
+    assert formats.is_recording(path)
 
 
 def test_filled_samples_are_told_from_measured_ones(path, tmp_path):
@@ -134,14 +134,14 @@ def test_damaged_files_raise_only_errors_of_ours(path):
             formats.read(path)
         except PriorfillError as error:
             assert "\n" not in str(error)
-        formats.recognised(path)
+        formats.is_recording(path)
 
 
 def test_other_files_are_not_taken_for_recordings(path):
     save(path, weights=np.zeros(5))
-    assert not formats.recognised(path)
+    assert not formats.is_recording(path)
     path.write_bytes(b"nothing")
-    assert not formats.recognised(path)
+    assert not formats.is_recording(path)
     with pytest.raises(
         FormatError, match=r"is not a NumPy archive|cannot be read as a MATLAB file"
     ):
@@ -182,7 +182,7 @@ def test_matlab_structure_and_character_matrix(tmp_path):
     cells = np.array(LABELS, dtype=object)
     savemat(path, {"trial": {"positions": standing(), "labels": cells, "fs": 50}})
     assert formats.read(path).rate == 50
-    assert formats.recognised(path)
+    assert formats.is_recording(path)
     savemat(path, {"positions": standing(), "labels": np.array(LABELS), "fs": 50})
     assert formats.read(path).labels == LABELS
 
@@ -208,7 +208,7 @@ def test_matlab_files_of_qualisys(tmp_path):
     clip = formats.read(path)
     assert np.array_equal(clip.positions, positions, equal_nan=True)
     assert (clip.labels, clip.rate, clip.first_frame) == (LABELS, 200.0, 11)
-    assert formats.recognised(path)
+    assert formats.is_recording(path)
     savemat(path, {"walk0001": {"Trajectories": {"Unidentified": 1}, "FrameRate": 1.0}})
     with pytest.raises(FormatError, match="no labelled trajectories as exported by Qualisys"):
         formats.read(path)

@@ -317,7 +317,7 @@ def test_write_chooses(tmp_path, source):
     clip, filled = fill(clip, GAP, VALUES)
     assert formats.write(tmp_path / "out.c3d", clip, filled).samples == 3
     assert len((tmp_path / "out.c3d").read_bytes()) == len(file.bytes())
-    with pytest.raises(OptionError, match="say which samples are filled"):
+    with pytest.raises(OptionError, match="needs the mask of filled samples; give filled"):
         formats.write(tmp_path / "out2.c3d", clip)
     with pytest.raises(FormatError, match=r"is unknown; known are \.c3d"):
         formats.write(tmp_path / "out.xyz", clip, filled)

@@ -332,7 +332,7 @@ WRONG = {
     "no titles": (files.motive, lambda d: d.replace(b"Type", b"Sort"), ".csv",
                   "lacks the rows Type"),
     "other csv": (files.motive, lambda d: b"a,b,c\n1,2,3\n", ".csv",
-                  "begins like none of the .csv files that are known: text of Vicon Nexus"),
+                  "is none of the known .csv files: text of Vicon Nexus"),
 }  # fmt: skip
 
 
