@@ -13,9 +13,9 @@ mat       MATLAB, version 4 to 7; Qualisys' export  .mat                  no    
 ========  ========================================  ====================  =================  ======
 
 `FORMATS` holds this table in code. The suffix of a file determines its format; if several formats
-share a suffix, the first bytes decide. The parser of each format turns bytes into a `Recording`, and
-`make_clip` turns any recording into a clip (both in `priorfill.formats.recording`). Skeleton files
-(`priorfill.formats.skeletons`) hold no markers and are read separately.
+share a suffix, the first bytes decide. The parser of each format turns bytes into a `Recording`,
+and `make_clip` turns any recording into a clip (both in `priorfill.formats.recording`). Skeleton
+files (`priorfill.formats.skeletons`) hold no markers and are read separately.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ def _text_format(
     def copy(
         path: Path | str, clip: Clip, filled: NDArray[np.bool_], *, overwrite: bool = False
     ) -> WriteReport:
-        return write_text_format(path, clip, filled, parse, overwrite=overwrite)
+        return write_table(path, clip, filled, parse, overwrite=overwrite)
 
     reader = _reader(name, parse_recording)
     return FileFormat(title, suffixes, reader, _by_head(recognise), copy, **more)

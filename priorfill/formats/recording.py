@@ -315,8 +315,8 @@ def _unique_names(
 ) -> tuple[dict[int, str], dict[int, str], list[str]]:
     """Give markers that share a label different names.
 
-    The file does not say which of them is the right one. So no marker with samples is dropped, none
-    is merged with another, and the first keeps the name.
+    The file does not show which of them is right. So no marker with samples is dropped, none is
+    merged with another, and the first keeps the name.
 
     Returns
     -------
