@@ -21,6 +21,10 @@ The same with files:
 >>> result = pf.fill(clip, database="lab-priors")  # doctest: +SKIP
 >>> pf.write("walk_filled.c3d", result.clip, result.filled)  # doctest: +SKIP
 
+or, for all subjects of a file and with all checks, in one step:
+
+>>> done = pf.fill_file("walk.c3d", "walk_filled.c3d", database="lab-priors")  # doctest: +SKIP
+
 The names in ``__all__`` are the public interface. Each is imported on first use, so that
 ``import priorfill`` loads neither NumPy nor numba.
 """
@@ -33,12 +37,18 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from priorfill.artefacts import Artefact, find_artefacts
     from priorfill.clip import Clip
-    from priorfill.database import PriorDatabase, Selection
+    from priorfill.database import ClipOrigin, PriorDatabase, Selection
     from priorfill.errors import PriorfillError
     from priorfill.evaluation import Evaluation, evaluate
+    from priorfill.filling.add_result import AddedClip, add_result
     from priorfill.filling.fill_clip import fill
+    from priorfill.filling.fill_file import FileOptions, FileResult, fill_file
+    from priorfill.filling.fill_options import FillOptions
     from priorfill.filling.gap_filter import GapFilter
-    from priorfill.filling.result import FilledGap, Result
+    from priorfill.filling.multi_subject import read_subjects
+    from priorfill.filling.overrides import GapOverride, Overrides, read_overrides
+    from priorfill.filling.provenance import Provenance
+    from priorfill.filling.result import FilledGap, Result, UnfilledSpan
     from priorfill.filling.uncertainty_file import write_uncertainty
     from priorfill.formats import read, write
     from priorfill.gaps import (
@@ -50,48 +60,75 @@ if TYPE_CHECKING:
     from priorfill.markers.marker_set import MarkerSet
 
 _PLACES = {
+    "AddedClip": "priorfill.filling.add_result",
+    "Artefact": "priorfill.artefacts",
     "Clip": "priorfill.clip",
+    "ClipOrigin": "priorfill.database",
     "Evaluation": "priorfill.evaluation",
+    "FileOptions": "priorfill.filling.fill_file",
+    "FileResult": "priorfill.filling.fill_file",
+    "FillOptions": "priorfill.filling.fill_options",
     "FilledGap": "priorfill.filling.result",
     "Gap": "priorfill.gaps",
+    "GapFilter": "priorfill.filling.gap_filter",
     "GapGroup": "priorfill.gaps",
+    "GapOverride": "priorfill.filling.overrides",
     "MarkerSet": "priorfill.markers.marker_set",
+    "Overrides": "priorfill.filling.overrides",
     "PriorDatabase": "priorfill.database",
     "PriorfillError": "priorfill.errors",
+    "Provenance": "priorfill.filling.provenance",
     "Result": "priorfill.filling.result",
-    "GapFilter": "priorfill.filling.gap_filter",
     "Selection": "priorfill.database",
-    "Artefact": "priorfill.artefacts",
+    "UnfilledSpan": "priorfill.filling.result",
+    "add_result": "priorfill.filling.add_result",
     "evaluate": "priorfill.evaluation",
     "fill": "priorfill.filling.fill_clip",
-    "find_gaps": "priorfill.gaps",
+    "fill_file": "priorfill.filling.fill_file",
     "find_artefacts": "priorfill.artefacts",
+    "find_gaps": "priorfill.gaps",
     "gap_groups": "priorfill.gaps",
     "read": "priorfill.formats",
+    "read_overrides": "priorfill.filling.overrides",
+    "read_subjects": "priorfill.filling.multi_subject",
     "write": "priorfill.formats",
     "write_uncertainty": "priorfill.filling.uncertainty_file",
 }
+"""The module that defines each public name."""
 
 __all__ = [
+    "AddedClip",
     "Artefact",
     "Clip",
+    "ClipOrigin",
     "Evaluation",
+    "FileOptions",
+    "FileResult",
+    "FillOptions",
     "FilledGap",
     "Gap",
     "GapFilter",
     "GapGroup",
+    "GapOverride",
     "MarkerSet",
+    "Overrides",
     "PriorDatabase",
     "PriorfillError",
+    "Provenance",
     "Result",
     "Selection",
+    "UnfilledSpan",
     "__version__",
+    "add_result",
     "evaluate",
     "fill",
+    "fill_file",
     "find_artefacts",
     "find_gaps",
     "gap_groups",
     "read",
+    "read_overrides",
+    "read_subjects",
     "write",
     "write_uncertainty",
 ]

@@ -1,7 +1,7 @@
 """The command line: a thin layer over the library.
 
-No module of this package imports at its top what takes long to import (numba, scipy,
-ezc3d): ``priorfill --help`` answers at once.
+No module of this package imports slow packages (numba, scipy, ezc3d) at its top, so that
+``priorfill --help`` answers at once.
 """
 
 from __future__ import annotations
@@ -18,29 +18,31 @@ from priorfill.errors import PriorfillError
 __all__ = ["DEBUG", "main"]
 
 DEBUG = "PRIORFILL_DEBUG"
-"""Environment variable: if set, errors come with a traceback."""
+"""Environment variable: if set, errors are shown with a traceback."""
 
 EXIT_FAILED = 1
-EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+EXIT_INTERRUPTED = 130  # 128 + SIGINT, as in shells
 EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE
 
-# Each command with the place of its code and its line in the help, so that neither is
-# imported before it is asked for.
 _COMMANDS = {
-    "fill": ("priorfill.cli.fill:fill", "Fill the gaps of a C3D file."),
-    "inspect": ("priorfill.cli.inspect:inspect", "Show what is in a file and which gaps it has."),
-    "db": ("priorfill.cli.db:db", "Build and look at prior databases."),
+    "fill": ("priorfill.cli.fill:fill", "Fill the gaps of a file."),
+    "inspect": ("priorfill.cli.inspect:inspect", "Show the contents of a file and its gaps."),
+    "db": ("priorfill.cli.db:db", "Build and maintain prior databases."),
     "evaluate": (
         "priorfill.cli.evaluate:evaluate",
-        "Compare the methods on artificial gaps in files of yours.",
+        "Compare the methods on artificial gaps in your files.",
     ),
-    "methods": ("priorfill.cli.methods:methods", "List the methods that fill knows."),
-    "demo": ("priorfill.cli.demo:demo", "Make a clip with gaps, fill it, and compare."),
+    "methods": ("priorfill.cli.methods:methods", "List the methods, or the options of one."),
+    "demo": (
+        "priorfill.cli.demo:demo",
+        "Make a clip with gaps, fill it, and compare with the ground truth.",
+    ),
 }
+"""``module:function`` and help line of each command, so that none is imported before it is used."""
 
 
 class _Main(click.Group):
-    """A group that imports a command when it is called, and turns errors into one line."""
+    """A group that imports a command when it is called, and prints errors in one line."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(_COMMANDS)
@@ -64,7 +66,7 @@ class _Main(click.Group):
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
         except BrokenPipeError:
-            # whoever read our output has seen enough; let the last flush go nowhere
+            # the reader of our output has closed it; send the last flush nowhere
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             ctx.exit(EXIT_BROKEN_PIPE)
         except (Exception, KeyboardInterrupt) as error:
@@ -78,10 +80,11 @@ class _Main(click.Group):
 @click.group(cls=_Main, name="priorfill", context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="priorfill", message="priorfill %(version)s")
 def main() -> None:
-    """Fill gaps in optical motion capture from a database of motions."""
+    """Fill gaps in optical motion capture data."""
 
 
 def _in_one_line(error: BaseException) -> str:
+    """Return the message of an error in one line."""
     if isinstance(error, KeyboardInterrupt):
         return "interrupted"
     if isinstance(error, PriorfillError):
@@ -93,7 +96,7 @@ def _in_one_line(error: BaseException) -> str:
         text = "there is not enough memory; use a shorter clip or a smaller database"
     else:
         text = (
-            f"a fault of priorfill itself ({type(error).__name__}: {error}); "
-            f"please report what it prints with {DEBUG}=1"
+            f"bug in priorfill ({type(error).__name__}: {error}); "
+            f"please report it with the output of the command with {DEBUG}=1"
         )
     return " ".join(text.split())

@@ -1,4 +1,4 @@
-"""What commands say of trouble in a clip: swapped labels, spikes, phantoms, frozen markers."""
+"""What commands print about artefacts: label swaps, spikes, mislabelled and stuck markers."""
 
 from __future__ import annotations
 
@@ -18,21 +18,29 @@ if TYPE_CHECKING:
 
 __all__ = [
     "artefact_facts",
+    "artefact_text",
     "print_artefacts",
     "print_left_as_measured",
-    "trouble_text",
     "warn_of_artefacts",
 ]
 
 MAX_ROWS = 40
-"""Lines of the table; ``--json`` has all."""
+"""Number of rows in the table; ``--json`` has all."""
 
 MAX_WARNINGS = 5
-"""Lines of warnings; `inspect` shows more."""
+"""Number of warnings; `inspect` shows more."""
 
 
 def artefact_facts(artefacts: Sequence[Artefact], clip: Clip) -> list[dict[str, Any]]:
-    """Return trouble in the form of the JSON output."""
+    """Return artefacts in the form of the JSON output.
+
+    Parameters
+    ----------
+    artefacts : sequence of Artefact
+        As from `priorfill.find_artefacts`.
+    clip : Clip
+        The clip; its numbering of frames is used.
+    """
     first = clip.first_frame
     return [
         {
@@ -52,7 +60,15 @@ def artefact_facts(artefacts: Sequence[Artefact], clip: Clip) -> list[dict[str, 
 
 
 def print_artefacts(facts: Sequence[dict[str, Any]], title: str) -> None:
-    """Print a table of `artefact_facts`."""
+    """Print a table of artefacts.
+
+    Parameters
+    ----------
+    facts : sequence of dict
+        As from `artefact_facts`.
+    title : str
+        Printed above the table.
+    """
     rows = (
         [one["kind"], " ".join(one["markers"]), _frames(one), one["evidence"]]
         for one in facts[:MAX_ROWS]
@@ -63,21 +79,37 @@ def print_artefacts(facts: Sequence[dict[str, Any]], title: str) -> None:
 
 
 def warn_of_artefacts(facts: Sequence[dict[str, Any]], file: str) -> None:
-    """Say on stderr, in a few lines, what trouble was found; the largest first."""
+    """Print the largest artefacts on stderr.
+
+    Parameters
+    ----------
+    facts : sequence of dict
+        As from `artefact_facts`.
+    file : str
+        The clip's file, for the command that shows all.
+    """
     worst = sorted(facts, key=lambda one: -_weight(one))[:MAX_WARNINGS]
     for one in worst:
-        click.echo(f"warning: {trouble_text(one)}", err=True)
+        click.echo(f"warning: {artefact_text(one)}", err=True)
     rest = len(facts) - len(worst)
     if rest:
-        click.echo(f"warning: and {rest} more, see: priorfill inspect {file}", err=True)
+        click.echo(f"warning: {rest} more; list them with: priorfill inspect {file}", err=True)
     if facts:
         click.echo(
-            "warning: these samples count as measured; --reject-artefacts fills them anew", err=True
+            "warning: these samples count as measured; --reject-artefacts fills them", err=True
         )
 
 
 def print_left_as_measured(result: Result, file: Path, output: Path) -> None:
-    """Say which samples were rejected but not filled."""
+    """Print on stderr which samples were rejected but not filled.
+
+    Parameters
+    ----------
+    result : Result
+        Of a fill.
+    file, output : Path
+        The file with gaps and the filled file.
+    """
     left = result.rejected & ~result.filled
     if not left.any():
         return
@@ -85,14 +117,20 @@ def print_left_as_measured(result: Result, file: Path, output: Path) -> None:
         label for label, column in zip(result.clip.labels, left.T, strict=True) if column.any()
     ]
     click.echo(
-        f"left as measured: {int(left.sum())} samples that were rejected, of {some_names(labels)}, "
-        f"are in {output} as in {file}: nothing filled them",
+        f"left as measured: {int(left.sum())} rejected samples of {some_names(labels)} could not "
+        f"be filled; they are the same in {output} as in {file}",
         err=True,
     )
 
 
-def trouble_text(one: dict[str, Any]) -> str:
-    """Return one trouble in a line."""
+def artefact_text(one: dict[str, Any]) -> str:
+    """Return an artefact in a line.
+
+    Parameters
+    ----------
+    one : dict
+        One of `artefact_facts`.
+    """
     from priorfill.artefacts import KINDS
 
     names = " and ".join(one["markers"])
@@ -101,12 +139,13 @@ def trouble_text(one: dict[str, Any]) -> str:
 
 
 def _weight(one: dict[str, Any]) -> float:
-    """Return how much a trouble matters: mm by frames."""
-    far = abs((one["distance_mm"] or 0.0) - (one["typical_distance_mm"] or 0.0))
+    """Return the size of an artefact: displacement (mm) times number of samples."""
+    displacement = abs((one["distance_mm"] or 0.0) - (one["typical_distance_mm"] or 0.0))
     frames = one["last_frame"] - one["first_frame"] + 1
-    return float(max(far, one["size_mm"]) * frames * len(one["markers"]))
+    return float(max(displacement, one["size_mm"]) * frames * len(one["markers"]))
 
 
 def _frames(one: dict[str, Any]) -> str:
+    """Return the frames of an artefact as text."""
     first, last = one["first_frame"], one["last_frame"]
     return f"{first}-{last}" if first < last else f"{first}"

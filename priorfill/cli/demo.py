@@ -1,4 +1,4 @@
-"""``priorfill demo``: make a clip with gaps, fill it, and compare with the truth."""
+"""``priorfill demo``: make a clip with gaps, fill it, and compare with the ground truth."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from priorfill.cli.fill import EXIT_INCOMPLETE, print_left_missing
+from priorfill.cli.fill import EXIT_INCOMPLETE
+from priorfill.cli.fill_report import print_unfilled
 from priorfill.cli.output import print_table
 from priorfill.cli.progress import progress
 
@@ -30,54 +31,56 @@ __all__ = ["demo"]
     type=click.Path(path_type=Path),
     default=Path("demo-output"),
     show_default=True,
-    help="Where to put the demo's files; what is there is replaced.",
+    help="Folder for the demo's files; existing ones are replaced.",
 )
 @click.option("--method", "-m", default="auto", show_default=True, help="As for fill.")
 def demo(folder: Path, method: str) -> None:
-    """Make a clip with gaps, fill it from the starter database, and compare with the truth.
+    """Make a clip with gaps, fill it from the starter database, and compare with the ground truth.
 
-    The clip and the starter database are synthetic: computed from a model of the body, nobody's
-    motion. They show how priorfill is used, not how well it fills real recordings.
+    The clip and the starter database are synthetic, computed from a model of the body. They show
+    how priorfill is used, not how well it fills real recordings.
     """
     from priorfill import formats
     from priorfill.errors import OutputError
     from priorfill.filling.fill_clip import fill
+    from priorfill.filling.fill_options import FillOptions
     from priorfill.methods import get_method
     from priorfill.runtime.resources import resource_path
     from priorfill.synthetic.demo import make_demo_clip
 
-    get_method(method)  # a wrong one is found out before anything is written
+    get_method(method)  # refuses an unknown method before anything is written
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(
-            f"{folder}: cannot be made ({error.strerror}); choose another folder with -o"
+            f"{folder}: cannot be created ({error.strerror}); choose another folder with -o"
         ) from error
     truth, gappy = make_demo_clip()
     whole, broken, filled = (folder / f"demo_{name}.c3d" for name in ("truth", "gaps", "filled"))
     formats.write(whole, truth, overwrite=True)
     formats.write(broken, gappy, overwrite=True)
-    # from here on as `priorfill fill` would do it, from the file
+    # from here on as `priorfill fill` does, from the file
     clip = formats.read(broken)
     starter = resource_path("starter")
     with progress(None, "filling the demo") as show:
-        result = fill(clip, database=starter, method=method, progress=show)
+        options = FillOptions(progress=show)
+        result = fill(clip, database=starter, method=method, options=options)
     formats.write(filled, result.clip, result.filled, overwrite=True)
 
-    click.echo("Demo on synthetic motion (computed from a model of the body, nobody's recording)\n")
+    click.echo("Demo with synthetic motion (computed from a model of the body, not recorded)\n")
     _print_errors(truth, result)
     click.echo(f"\nwithout gaps   {whole}")
     click.echo(f"with gaps      {broken}")
-    click.echo(f"filled         {filled}   by {result.method} from itself and {starter}")
+    click.echo(f"filled         {filled}   with {result.method} from itself and {starter}")
     click.echo(f"\nTry it:        priorfill inspect {broken}")
     click.echo(f"               priorfill fill {broken} -o filled.c3d --database {starter}")
-    print_left_missing(result)
+    print_unfilled(result)
     if not result.complete:
         click.get_current_context().exit(EXIT_INCOMPLETE)
 
 
 def _print_errors(truth: Clip, result: Result) -> None:
-    """Print the error against the truth, gap by gap and for a straight line."""
+    """Print the error relative to the ground truth by gap, and that of linear interpolation."""
     import numpy as np
 
     clip = result.clip
@@ -109,4 +112,4 @@ def _print_errors(truth: Clip, result: Result) -> None:
         )
     whole, line = rms(error[result.filled]), rms(straight_error[result.filled])
     rows.append(("all", "", f"{whole:.1f}", "", f"{line:.1f}"))
-    print_table(("marker", "s>", "rms error mm>", "expected mm>", "straight line mm>"), rows)
+    print_table(("marker", "s>", "rms error mm>", "expected rms mm>", "linear mm>"), rows)

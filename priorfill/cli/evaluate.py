@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from priorfill.cli.batch import Reader, with_path
+from priorfill.cli.batch import read_one_of_many, with_path
 from priorfill.cli.output import duration, print_json, print_table
 from priorfill.cli.progress import progress
 from priorfill.cli.reading import excluding_options, read_clip, reading_options
 
 if TYPE_CHECKING:
-    from priorfill.evaluation.metrics import Summary
-    from priorfill.evaluation.results import Evaluation
+    from priorfill.evaluation.evaluation_results import Evaluation
+    from priorfill.evaluation.metrics import ErrorSummary
 
 __all__ = ["EXIT_REFUSED", "evaluate"]
 
@@ -150,7 +150,7 @@ def evaluate(
     from priorfill.database import Selection
     from priorfill.errors import ClipError, FormatError, OptionError
     from priorfill.evaluation import evaluate as run
-    from priorfill.evaluation.plan import choose_methods
+    from priorfill.evaluation.evaluation_plan import choose_methods
     from priorfill.evaluation.plots import check_plots, draw_plots
     from priorfill.evaluation.protocols import DEFAULT_PROTOCOL, PROTOCOLS, make_protocol
 
@@ -174,15 +174,14 @@ def evaluate(
         of_protocol["pattern"] = read_clip(like, **options)[0]
     made = make_protocol(protocol, **of_protocol)
     read, failures = [], 0
-    with Reader(len(files)) as reader:
-        for file in files:
-            try:
-                read.append(read_clip(file, **options, reader=reader))
-            except (ClipError, FormatError) as error:
-                if len(files) == 1:
-                    raise
-                click.echo(f"priorfill: {with_path(file, error)}", err=True)
-                failures += 1
+    for file in files:
+        try:
+            read.append(read_clip(file, **options, read=read_one_of_many))
+        except (ClipError, FormatError) as error:
+            if len(files) == 1:
+                raise
+            click.echo(f"priorfill: {with_path(file, error)}", err=True)
+            failures += 1
     if not read:
         raise FormatError(f"none of the {len(files)} files can be read; see above")
     with progress(None, "evaluating") as show:
@@ -313,7 +312,7 @@ def _percent(share: float) -> str:
     return "100 %" if share == 1 else f"{min(100 * share, 99.9):.3g} %"
 
 
-def _with_share(errors: Summary) -> str:
+def _with_share(errors: ErrorSummary) -> str:
     """Return a mean error, and where not all was filled the share that was."""
     if errors.filled == errors.samples:
         return _number(errors.mean)

@@ -1,4 +1,4 @@
-"""``priorfill inspect``: what is in a file, which gaps it has, and what could fill them."""
+"""``priorfill inspect``: the contents of a file, its gaps, and what could fill them."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ if TYPE_CHECKING:
 __all__ = ["inspect"]
 
 MIN_OTHERS = 3
-"""Other markers that must be seen with a marker for a frame to say where it is: three points
-make a frame of reference."""
+"""Minimum number of other markers visible in a frame for it to determine where a marker is: three
+points define a frame of reference."""
 
 MAX_GROUPS = 20
-"""Gap groups in the table; ``--json`` has all."""
+"""Number of gap groups in the table; ``--json`` has all."""
 
 MAX_NAMES = 8
-"""Markers named in a line."""
+"""Number of markers named in a line."""
 
 MIN_SECONDS = 0.5
-"""A marker seen for less than this is hardly known: about half a step."""
+"""Shortest time (s) for which a marker must be visible to be learnt from: about half a step."""
 
 _DETAIL = re.compile(r"( \(.*\)| [A-Z0-9]+)$")
-"""What in a reason for leaving a point out is special to the point, like the name of a group."""
+"""The part of a reason for leaving out a point that is specific to it, like the name of a group."""
 
 _UP_FOUND_FROM = {
-    "file": "as the file says",
+    "file": "from the file",
     "data": "found from the data",
     "option": "as given",
-    "default": "assumed; give --up if it is another",
+    "default": "assumed; correct it with --up",
 }
 
 
@@ -53,7 +53,7 @@ _UP_FOUND_FROM = {
     "folder",
     metavar="DIR",
     type=click.Path(path_type=Path),
-    help="Say for each marker how many clips of this database hold it.",
+    help="Count for each marker the clips of this database that hold it.",
 )
 @reading_options
 def inspect(
@@ -62,21 +62,21 @@ def inspect(
     folder: Path | None,
     **reading: Any,
 ) -> None:
-    """Show what is in a file, which gaps it has, and what they could be filled from."""
+    """Show the contents of FILE, its gaps, and what they could be filled from."""
     from priorfill.database import PriorDatabase
     from priorfill.markers.definitions import recognise
     from priorfill.markers.describe import describe
 
     clip, definition = read_clip(file, **reading)
-    described = describe(clip, definition)
-    facts = _facts(clip, file, described, definition or recognise(clip.labels))
+    definition = definition or recognise(clip.labels)
+    facts = _facts(clip, file, describe(clip, definition), definition)
     if folder is not None:
         with PriorDatabase.open(folder) as database:
             counts = _clips_with(
                 database,
                 clip,
                 [gap["marker"] for gap in facts["gaps"]],
-                definition or recognise(clip.labels),
+                definition,
             )
         facts["database"] = str(folder)
         for gap in facts["gaps"]:
@@ -90,7 +90,7 @@ def inspect(
 def _facts(
     clip: Clip, file: Path, described: MarkerSet, definition: MarkerSet | None
 ) -> dict[str, Any]:
-    """Return everything that is said of a clip, in the form of the JSON output."""
+    """Return the description of a clip in the form of the JSON output."""
     from priorfill.artefacts import find_artefacts
 
     missing = clip.missing
@@ -134,7 +134,7 @@ def _facts(
         "blackout_frames": int(missing.all(axis=1).sum()),
         "gaps": _gaps(clip, described),
         "gap_groups": _groups(clip),
-        "trouble": artefact_facts(find_artefacts(clip), clip),
+        "artefacts": artefact_facts(find_artefacts(clip), clip),
     }
 
 
@@ -143,7 +143,7 @@ def _gaps(clip: Clip, described: MarkerSet) -> list[dict[str, Any]]:
     from priorfill.gaps import find_gaps
 
     missing = clip.missing
-    seen_count = (~missing).sum(axis=1)
+    visible_count = (~missing).sum(axis=1)
     by_marker: dict[int, list[tuple[int, int]]] = {}
     for gap in find_gaps(missing):
         by_marker.setdefault(gap.marker, []).append((gap.start, gap.stop))
@@ -151,9 +151,9 @@ def _gaps(clip: Clip, described: MarkerSet) -> list[dict[str, Any]]:
     for marker in sorted(by_marker):
         label = clip.labels[marker]
         gaps = by_marker[marker]
-        gone = missing[:, marker]
-        # the marker itself is among those counted as seen
-        usable = int((~gone & (seen_count > MIN_OTHERS)).sum())
+        lost = missing[:, marker]
+        # the marker itself is among the visible ones
+        usable = int((~lost & (visible_count > MIN_OTHERS)).sum())
         rows.append(
             {
                 "marker": label,
@@ -162,10 +162,10 @@ def _gaps(clip: Clip, described: MarkerSet) -> list[dict[str, Any]]:
                     {"first_frame": clip.first_frame + start, "frames": stop - start}
                     for start, stop in gaps
                 ],
-                "frames": int(gone.sum()),
-                "percent": round(100 * float(gone.mean()), 3),
+                "frames": int(lost.sum()),
+                "percent": round(100 * float(lost.mean()), 3),
                 "longest_seconds": round(max(stop - start for start, stop in gaps) / clip.rate, 6),
-                "dropout": bool(gone.all()),
+                "dropout": bool(lost.all()),
                 "clip_frames": usable,
             }
         )
@@ -173,6 +173,7 @@ def _gaps(clip: Clip, described: MarkerSet) -> list[dict[str, Any]]:
 
 
 def _groups(clip: Clip) -> list[dict[str, Any]]:
+    """Return a row for each gap group."""
     from priorfill.gaps import gap_groups
 
     return [
@@ -192,7 +193,7 @@ def _groups(clip: Clip) -> list[dict[str, Any]]:
 def _clips_with(
     database: PriorDatabase, clip: Clip, markers: list[str], definition: MarkerSet | None
 ) -> dict[str, int]:
-    """Return for each marker how many clips show it together with others of this clip."""
+    """Return for each marker the number of clips that show it with others of this clip."""
     from priorfill.markers.marker_set import same_markers
 
     counts = dict.fromkeys(markers, 0)
@@ -208,17 +209,25 @@ def _clips_with(
 
 
 def _print(facts: dict[str, Any]) -> None:
+    """Print the description of a clip."""
     click.echo(facts["file"])
     for name, value in _summary(facts):
         click.echo(f"  {name:<11} {value}")
-    if facts["trouble"]:
+    if facts["artefacts"]:
         click.echo()
-        print_artefacts(
-            facts["trouble"], "Trouble: samples that are hardly what they are labelled as"
-        )
-    if not facts["gaps"]:
-        return
-    click.echo()
+        print_artefacts(facts["artefacts"], "Artefacts: measured samples that are probably wrong")
+    if facts["gaps"]:
+        click.echo()
+        _print_gaps(facts)
+        click.echo()
+        _print_groups(facts["gap_groups"])
+        click.echo()
+        for line in _fillable(facts):
+            click.echo(line)
+
+
+def _print_gaps(facts: dict[str, Any]) -> None:
+    """Print the table of markers with gaps."""
     with_database = "database" in facts
     columns = ["marker", "segment", "gaps>", "frames>", "%>", "longest s>", "clip frames>"]
     print_table(
@@ -238,10 +247,11 @@ def _print(facts: dict[str, Any]) -> None:
         ),
         title="Gaps by marker",
     )
-    click.echo()
-    groups = facts["gap_groups"]
+
+
+def _print_groups(groups: list[dict[str, Any]]) -> None:
+    """Print the table of gap groups."""
     shown = sorted(groups, key=lambda group: -group["seconds"])[:MAX_GROUPS]
-    rest = len(groups) - len(shown)
     print_table(
         ["frames>", "s>", "gaps>", "markers"],
         (
@@ -255,34 +265,16 @@ def _print(facts: dict[str, Any]) -> None:
             ]
             for group in sorted(shown, key=lambda group: group["first_frame"])
         ),
-        title="Gap groups" + (f", the {MAX_GROUPS} longest of {len(groups)}" if rest else ""),
+        title="Gap groups"
+        + (f", the {MAX_GROUPS} longest of {len(groups)}" if len(groups) > MAX_GROUPS else ""),
     )
-    click.echo()
-    for line in _fillable(facts):
-        click.echo(line)
 
 
 def _summary(facts: dict[str, Any]) -> list[tuple[str, str]]:
-    left_out = sum(facts["left_out"].values())
-    markers = str(facts["markers"])
-    if left_out:
-        kinds: Counter[str] = Counter()
-        for reason, count in facts["left_out"].items():
-            kinds[_DETAIL.sub("", reason)] += count
-        reasons = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
-        markers += f" of {facts['markers'] + left_out} points (left out: {reasons})"
+    """Return the name and the text of each line about the clip as a whole."""
     unit = facts["unit"] or "not given"
     if facts["mm_per_unit"] != 1:
         unit += f" (1 is {facts['mm_per_unit']:g} mm)"
-    known = facts["marker_set"]
-    if known is None:
-        marker_set = f"none known; {len(facts['segments'])} segments found from the data"
-    else:
-        marker_set = f"{known['name']}, {known['found']} of its {known['markers']} markers"
-        if known["absent"]:
-            marker_set += f"; absent: {_names(known['absent'])}"
-        if known["unknown"]:
-            marker_set += f"; not of the set: {_names(known['unknown'])}"
     gaps = sum(len(gap["gaps"]) for gap in facts["gaps"])
     missing = "nothing"
     if gaps:
@@ -292,21 +284,21 @@ def _summary(facts: dict[str, Any]) -> list[tuple[str, str]]:
             f"marker{'s' if len(facts['gaps']) > 1 else ''}"
         )
     rows = [
-        ("markers", markers),
+        ("markers", _markers(facts)),
         ("subject", facts["subject"]),
         (
             "frames",
             f"{facts['frames']} at {facts['rate']:g} Hz, {duration(facts['seconds'])}; "
-            f"the first has number {facts['first_frame']}",
+            f"numbered from {facts['first_frame']}",
         ),
         ("unit", unit),
         ("up", f"{facts['up']}, {_UP_FOUND_FROM[facts['up_found_from']]}"),
-        ("marker set", marker_set),
+        ("marker set", _marker_set(facts)),
         ("missing", missing),
         (
             "zeros",
-            f"{facts['zero_samples']} samples are exactly (0, 0, 0) and taken as missing "
-            "(--keep-zeros: as measured)"
+            f"{facts['zero_samples']} samples at exactly (0, 0, 0) are treated as missing "
+            "(--keep-zeros treats them as measured)"
             if facts["zero_samples"]
             else "",
         ),
@@ -315,43 +307,75 @@ def _summary(facts: dict[str, Any]) -> list[tuple[str, str]]:
     return [(name, value) for name, value in rows if value]
 
 
+def _markers(facts: dict[str, Any]) -> str:
+    """Return the number of markers, and of points that are none."""
+    left_out = sum(facts["left_out"].values())
+    if not left_out:
+        return str(facts["markers"])
+    kinds: Counter[str] = Counter()
+    for reason, count in facts["left_out"].items():
+        kinds[_DETAIL.sub("", reason)] += count
+    reasons = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
+    points = facts["markers"] + left_out
+    return f"{facts['markers']} of {points} points (left out: {reasons})"
+
+
+def _marker_set(facts: dict[str, Any]) -> str:
+    """Return the marker set, and how its markers differ from the clip's."""
+    known = facts["marker_set"]
+    if known is None:
+        return f"not recognised; {len(facts['segments'])} segments found from the data"
+    text = f"{known['name']}, {known['found']} of its {known['markers']} markers"
+    if known["absent"]:
+        text += f"; absent: {_names(known['absent'])}"
+    if known["unknown"]:
+        text += f"; not in the set: {_names(known['unknown'])}"
+    return text
+
+
 def _fillable(facts: dict[str, Any]) -> list[str]:
-    """Return which gaps can be filled from what, in words."""
+    """Return sentences on what the gaps can be filled from."""
     enough = MIN_SECONDS * facts["rate"]
-    own, hardly, database, nothing = [], [], [], []
+    own, barely, database, never = [], [], [], []
     for gap in facts["gaps"]:
         if gap["clip_frames"] >= enough:
             own.append(gap["marker"])
         elif gap.get("database_clips"):
             database.append(gap["marker"])
         elif gap["clip_frames"]:
-            hardly.append(gap["marker"])
+            barely.append(gap["marker"])
         else:
-            nothing.append(gap["marker"])
+            never.append(gap["marker"])
     more = (
         ""
         if "database" in facts
-        else "; a database can help (--database), or another clip of the person"
+        else "; a database (--database) or another recording of the subject (--same-subject) "
+        "can help"
     )
     lines = [
         f"{text}: {_names(labels)}{end}."
         for text, labels, end in (
-            (f"From the clip itself (seen with {MIN_OTHERS} others or more)", own, ""),
+            (f"From the clip itself (visible with {MIN_OTHERS} others or more)", own, ""),
             ("From the database only", database, ""),
-            (f"Hardly from the clip itself (seen for less than {MIN_SECONDS:g} s)", hardly, more),
-            ("Never seen, so at best from the partner on the other side", nothing, more),
+            (
+                f"Barely from the clip itself (visible for less than {MIN_SECONDS:g} s)",
+                barely,
+                more,
+            ),
+            ("Never visible, so at best from the contralateral marker", never, more),
         )
         if labels
     ]
     if facts["blackout_frames"]:
         lines.append(
-            f"No marker at all is seen in {facts['blackout_frames']} frames: "
-            "the longer they last, the more of it is a guess."
+            f"No marker is visible in {facts['blackout_frames']} frames; the longer a blackout, "
+            "the less certain its fill."
         )
     return lines
 
 
 def _names(labels: list[str]) -> str:
+    """Return the first labels in a line, and the number of the others."""
     shown = " ".join(labels[:MAX_NAMES])
     rest = len(labels) - MAX_NAMES
     return f"{shown} and {rest} more" if rest > 0 else shown

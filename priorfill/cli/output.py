@@ -12,11 +12,11 @@ import click
 
 __all__ = ["duration", "json_number", "print_json", "print_table", "some_names"]
 
-WIDE = 1000
-"""Columns for output that is not a terminal: a pipe or a file has no width to cut at."""
+MAX_WIDTH = 1000
+"""Width of output other than a terminal (columns), so that no cell is cut."""
 
 MAX_NAMES = 6
-"""Names in a line."""
+"""Number of names in a line."""
 
 
 def print_json(value: Any) -> None:
@@ -25,17 +25,27 @@ def print_json(value: Any) -> None:
 
 
 def json_number(value: float, digits: int) -> float | None:
-    """Return a rounded number for JSON, which knows neither NaN nor infinity."""
+    """Return a rounded number for JSON; None for NaN and infinity, which JSON lacks."""
     return round(value, digits) if math.isfinite(value) else None
 
 
 def some_names(names: Sequence[str], separator: str = ", ") -> str:
-    """Return names in a line, but for those that are too many."""
+    """Return the first names in a line, with an ellipsis if there are more."""
     return separator.join([*names[:MAX_NAMES], *(["..."] if len(names) > MAX_NAMES else [])])
 
 
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: str = "") -> None:
-    """Print a table; columns whose name ends in ``>`` are aligned to the right."""
+    """Print a table.
+
+    Parameters
+    ----------
+    columns : sequence of str
+        Names of the columns; those that end in ``>`` are right-aligned.
+    rows : iterable of sequence of str
+        The cells.
+    title : str
+        Printed above the table.
+    """
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -47,7 +57,7 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: st
         )
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
-    console = Console(file=sys.stdout, width=None if sys.stdout.isatty() else WIDE)
+    console = Console(file=sys.stdout, width=None if sys.stdout.isatty() else MAX_WIDTH)
     if title:
         click.echo(title)
     with console.capture() as capture:
@@ -57,7 +67,7 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: st
 
 
 def duration(seconds: float) -> str:
-    """Return a length of time for people: ``3.25 s``, ``4 min 05 s``, ``2 h 13 min``."""
+    """Return a duration in readable units: ``3.25 s``, ``4 min 05 s``, ``2 h 13 min``."""
     if seconds < 60:
         return f"{seconds:.2f} s"
     minutes, rest = divmod(round(seconds), 60)

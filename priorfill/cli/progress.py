@@ -11,19 +11,19 @@ __all__ = ["progress"]
 
 @contextmanager
 def progress(total: int | None, description: str) -> Iterator[Callable[[int, int | None], None]]:
-    """Show how far something is, on stderr if that is a terminal.
+    """Show the progress of a task on stderr, if that is a terminal.
 
     Parameters
     ----------
     total : int or None
-        How many steps there are; None if that is not known yet.
+        Number of steps; None if it is not known yet.
     description : str
-        What is going on.
+        The task.
 
     Yields
     ------
     callable
-        To be called with the steps done and the steps in all (None: as before).
+        To be called with the number of steps done and of all steps (None: unchanged).
     """
     if not sys.stderr.isatty():
         yield lambda done, total: None
@@ -44,7 +44,7 @@ def progress(total: int | None, description: str) -> Iterator[Callable[[int, int
         TimeRemainingColumn(),
         console=Console(stderr=True),
         transient=True,
-        # the bar would take what is printed to a file or a pipe to the terminal
+        # redirection would send what is printed to a file or a pipe to the terminal
         redirect_stdout=sys.stdout.isatty(),
     ) as bar:
         task = bar.add_task(description, total=total)

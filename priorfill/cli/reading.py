@@ -1,4 +1,4 @@
-"""Options that commands share: how a file is to be understood, and what not to learn from."""
+"""Options that commands share: how to interpret a file, and which clips not to learn from."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from priorfill.cli.batch import Reader
     from priorfill.clip import Clip
     from priorfill.markers.marker_set import MarkerSet
 
@@ -18,25 +17,20 @@ __all__ = [
     "excluding_options",
     "file_options",
     "read_clip",
-    "read_clips",
     "reading_options",
 ]
 
-_UP = click.option("--up", metavar="AXIS", help="Which axis points up: +X -X +Y -Y +Z -Z.")
-_RATE = click.option(
-    "--rate", metavar="HZ", type=float, help="Frames per second, instead of the file's."
-)
+_UP = click.option("--up", metavar="AXIS", help="The axis that points up: +X -X +Y -Y +Z -Z.")
+_RATE = click.option("--rate", metavar="HZ", type=float, help="Frame rate, instead of the file's.")
 _UNIT = click.option(
     "--unit", metavar="UNIT", help="Unit of length (mm, cm, m), instead of the file's."
 )
-_SUBJECT = click.option(
-    "--subject", metavar="NAME", help="Whose markers, where a file has several people."
-)
+_SUBJECT = click.option("--subject", metavar="NAME", help="The subject, in a file of several.")
 _MARKER_SET = click.option(
-    "--marker-set", metavar="NAME", help="Marker set, or the path of its definition."
+    "--marker-set", metavar="NAME", help="Name of the marker set, or path of its definition."
 )
 _KEEP_ZEROS = click.option(
-    "--keep-zeros", is_flag=True, help="Take samples that are exactly (0, 0, 0) as measured."
+    "--keep-zeros", is_flag=True, help="Treat samples at exactly (0, 0, 0) as measured."
 )
 
 _NOT_NAMES = click.option(
@@ -44,14 +38,14 @@ _NOT_NAMES = click.option(
     "not_names",
     metavar="PATTERN",
     multiple=True,
-    help="Do not learn from clips of these names ('walk*'); may be given again.",
+    help="Do not learn from clips with these names ('walk*'). May be repeated.",
 )
 _NOT_SUBJECTS = click.option(
     "--exclude-subject",
     "not_subjects",
     metavar="PATTERN",
     multiple=True,
-    help="Do not learn from clips of these people; may be given again.",
+    help="Do not learn from clips of these subjects. May be repeated.",
 )
 
 
@@ -66,7 +60,7 @@ def reading_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def file_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the options ``up rate unit keep_zeros``, which `as_reading` understands."""
+    """Give a command the options ``up rate unit keep_zeros``, for `as_reading`."""
     return _with((_UP, _RATE, _UNIT, _KEEP_ZEROS), command)
 
 
@@ -86,28 +80,31 @@ def read_clip(
     subject: str | None,
     marker_set: str | None,
     keep_zeros: bool,
-    reader: Reader | None = None,
+    read: Callable[..., Clip] | None = None,
 ) -> tuple[Clip, MarkerSet | None]:
-    """Read a clip as the options say; also the marker set that was asked for."""
+    """Read a clip, and load the marker set if one is named.
+
+    Parameters
+    ----------
+    file : Path
+        The file.
+    up, rate, unit, subject, marker_set, keep_zeros
+        The values of `reading_options`.
+    read : callable, optional
+        Used in place of `priorfill.formats.read`.
+
+    Returns
+    -------
+    tuple of Clip and MarkerSet or None
+        The clip, and the marker set that was named.
+    """
     from priorfill import formats
     from priorfill.markers import definitions
 
     definition = definitions.load(marker_set) if marker_set else None
     reading = as_reading(up=up, rate=rate, unit=unit, keep_zeros=keep_zeros)
-    read = formats.read if reader is None else reader.read
-    return read(file, subject=subject, **reading), definition
-
-
-def read_clips(file: Path, **reading: Any) -> tuple[list[Clip], MarkerSet | None]:
-    """Read a file as `read_clip` does; where it holds several people and none is chosen, all."""
-    from priorfill.errors import SeveralSubjectsError
-
-    try:
-        clip, definition = read_clip(file, **reading)
-    except SeveralSubjectsError as several:
-        read = [read_clip(file, **reading | {"subject": name}) for name in several.subjects]
-        return [clip for clip, _ in read], read[0][1]
-    return [clip], definition
+    clip = (read or formats.read)(file, subject=subject, **reading)
+    return clip, definition
 
 
 def _with(

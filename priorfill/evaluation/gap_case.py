@@ -17,6 +17,7 @@ from priorfill.evaluation.gap_generator import Mask
 from priorfill.evaluation.joint_angles import joint_errors
 from priorfill.evaluation.metrics import MEASURES, SampleErrors, measure
 from priorfill.filling.fill_clip import fill
+from priorfill.filling.fill_options import FillOptions
 from priorfill.filling.result import Result
 from priorfill.gaps import Gap
 from priorfill.markers.describe import describe
@@ -133,9 +134,11 @@ def run_case(source: EvaluatedClip, case: GapCase, method: str) -> FillOutcome:
             truth.with_positions(positions),
             database=source.database,
             method=method,
-            marker_set=source.marker_set,
-            selection=source.selection,
-            trust_filled=source.trust_filled,
+            options=FillOptions(
+                marker_set=source.marker_set,
+                selection=source.selection,
+                trust_filled=source.trust_filled,
+            ),
         )
     except MethodError as error:
         return _refusal(case, begin, " ".join(str(error).split()))

@@ -1,395 +1,363 @@
-"""Fill the gaps of a clip: choose a method, call it, assemble what it says."""
+"""Fill the gaps of a clip, or of the clips of several subjects of one file."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from priorfill.artefacts import Artefact, artefact_samples, without_artefacts
+from priorfill.artefacts import Artefact, without_artefacts
 from priorfill.clip import Clip
-from priorfill.database import PriorDatabase, Selection
+from priorfill.database import PriorDatabase
 from priorfill.errors import DatabaseCorruptError, OptionError
+from priorfill.filling.apply_overrides import MethodRun, join_runs, plan_runs
+from priorfill.filling.assemble import filled_samples, restore_rejected, sum_up_gaps
+from priorfill.filling.database_takes import DatabaseTakes
+from priorfill.filling.fill_options import FillOptions
 from priorfill.filling.gap_filter import GapFilter
-from priorfill.filling.result import (
-    FilledGap,
-    Result,
-    UnfilledSpan,
+from priorfill.filling.multi_subject import assign_same_subject, merge_results
+from priorfill.filling.overrides import AppliedOverrides, Overrides, read_overrides
+from priorfill.filling.provenance import (
+    DatabaseState,
+    Provenance,
+    database_state,
+    identify,
+    package_versions,
+    source_clips,
 )
-from priorfill.gaps import (
-    Gap,
-    find_gaps,
-    gap_groups,
-    runs,
-)
-from priorfill.geometry.axes import from_upright, to_upright
-from priorfill.gp.calibration import BOUND_FACTOR, MEAN_FACTOR, common_bound
+from priorfill.filling.result import Result
+from priorfill.geometry.axes import to_upright
 from priorfill.markers.clip_geometry import ClipGeometry
 from priorfill.markers.definitions import recognise
-from priorfill.markers.marker_set import MarkerSet
-from priorfill.methods import get_method, resolve
-from priorfill.methods.task import Estimate, Note, Task
-from priorfill.runtime.memory import give_back
-from priorfill.search.takes import Take, same_subject_take, takes_from
+from priorfill.methods import get_method, get_options, resolve
+from priorfill.methods.options import differing, with_values
+from priorfill.methods.task import Estimate, Task
+from priorfill.search.takes import Take, same_subject_take
 
-__all__ = ["after_rejecting", "expected_errors", "fill"]
+__all__ = ["fill"]
 
 
 def fill(
-    clip: Clip,
+    clip: Clip | Sequence[Clip],
     *,
     database: PriorDatabase | str | Path | None = None,
     method: str = "auto",
-    marker_set: MarkerSet | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    selection: Selection | None = None,
-    trust_filled: bool = False,
     same_subject: Sequence[Clip] = (),
     gap_filter: GapFilter | None = None,
+    overrides: Overrides | str | Path | None = None,
     reject_artefacts: bool = False,
+    options: FillOptions | None = None,
 ) -> Result:
     """Fill the gaps of a clip.
 
     Parameters
     ----------
-    clip : Clip
-        With gaps.
+    clip : Clip or sequence of Clip
+        With gaps. Several clips are those of the subjects of one file, as `priorfill.read_subjects`
+        reads them; each is filled by itself.
     database : PriorDatabase or path, optional
-        Recordings to learn from beside the clip itself.
+        Recordings to learn from, besides the clip itself.
     method : str
         ``auto``, or one of `priorfill.methods.METHODS`.
-    marker_set : MarkerSet, optional
-        Segments and reliable bits; recognised or found from the data if not given.
-    progress : callable, optional
-        Called with the gap groups done and all of them.
-    selection : Selection, optional
-        Which clips of the database to learn from; all by default. Other versions of the clip
-        itself, and parts of it, are always left out.
-    trust_filled : bool
-        Learn from samples of the database that were themselves synthesised, too.
-    companions : sequence of Clip, optional
-        Other clips of the same person with the same markers on: a static trial, other takes of the
-        session. What is best known of a marker that the clip never shows.
-    scope : Scope, optional
+    same_subject : sequence of Clip
+        Other recordings of the same subject with the same markers attached: a static trial, other
+        takes of the session. They are the best source for a marker that the clip never shows. For
+        several clips, each goes to the clip with the same name of the subject.
+    gap_filter : GapFilter, optional
         Which gaps to fill; all by default.
-    reject_outliers : bool
-        Treat measured samples as missing where `priorfill.artefacts.find_artefacts` finds trouble.
+    overrides : Overrides or path, optional
+        What to do with single gaps: fill them by another method, leave them alone, or treat
+        measured samples as missing.
+    reject_artefacts : bool
+        Treat samples as missing where `priorfill.find_artefacts` finds artefacts.
+    options : FillOptions, optional
+        Options of the method, clips of the database to learn from, and others.
 
     Returns
     -------
     Result
-        What could not be filled stays missing and is named with the reason.
+        Measured samples keep their bits. Samples that could not be filled stay missing; each gap
+        names them with the reason. Of several clips, one result whose markers are called
+        ``subject:label``.
 
     Raises
     ------
     MethodError
         Where the method cannot work on the clip.
     OptionError
-        Where there is no such method, a companion is the clip itself, or the scope names what
-        the clip does not have.
+        Where there is no such method or option, `same_subject` holds the clip itself, or the gap
+        filter or overrides name markers or frames that the clip does not have.
     ClipError
-        Where a companion has no marker in common with the clip.
+        Where a clip of `same_subject` has no marker in common with the clip, or subjects of one
+        file differ in their unit or up axis.
     DatabaseError
         Where the database cannot be read.
+
+    See Also
+    --------
+    priorfill.fill_file : Fill the gaps of a file.
+    priorfill.read : Read a clip.
+    priorfill.write : Write the filled clip.
+    priorfill.find_artefacts : Find label swaps, spikes and other artefacts.
+
+    Examples
+    --------
+    >>> import priorfill as pf
+    >>> from priorfill.synthetic.demo import make_demo_clip
+    >>> truth, clip = make_demo_clip()
+    >>> result = pf.fill(clip, method="linear", gap_filter=pf.GapFilter(max_gap=0.3))
+    >>> [gap.label for gap in result.gaps if gap.filled]
+    ['LKNE', 'STRN']
     """
-    run = get_method(method)
-    measured = clip
-    artefacts: tuple[Artefact, ...] = ()
-    if reject_artefacts:
-        clip, artefacts = without_artefacts(measured)
-    alone = (gap_filter or GapFilter()).left_alone(clip)
-    definition = marker_set or recognise(clip.labels)
-    geometry = ClipGeometry(to_upright(clip.positions, clip.up), clip.labels, definition)
-    kin = tuple(_companion(measured, other, definition) for other in same_subject)
+    clips = (clip,) if isinstance(clip, Clip) else tuple(clip)
+    if not clips:
+        raise OptionError("there is no clip to fill; give one or several")
+    if isinstance(overrides, (str, Path)):
+        overrides = read_overrides(overrides)
+    settings = _Settings(
+        resolve(method),
+        (gap_filter or GapFilter()).for_subjects(clips),
+        None if overrides is None else overrides.for_subjects(clips),
+        reject_artefacts,
+        options or FillOptions(),
+    )
+    others = assign_same_subject(clips, same_subject)
+    plans = [_plan(one, own, settings) for one, own in zip(clips, others, strict=True)]
     with ExitStack() as stack:
         if isinstance(database, (str, Path)):
             database = stack.enter_context(PriorDatabase.open(database))
-        # a method sees gap groups whole: what is left alone in them is left out afterwards
-        idle = {(gap.start, gap.stop, gap.marker) for gap, _ in alone}
-        groups = tuple(
-            group
-            for group in gap_groups(clip.missing)
-            if not all((gap.start, gap.stop, gap.marker) in idle for gap in group.gaps)
-        )
-        done = 0
-
-        def one_more() -> None:
-            nonlocal done
-            done += 1
-            if progress is not None:
-                progress(done, len(groups))
-
-        # sums of several BLAS threads depend on how many there are; one thread's do not
+        # sums by several BLAS threads depend on their number; those by one thread do not
         stack.enter_context(threadpool_limits(1, user_api="blas"))
-        withdrawn: dict[str, DatabaseCorruptError] = {}
+        groups = sum(len(run.groups) for plan in plans for run in plan.runs)
+        filling = _Filling(settings, database, _Progress(groups, settings.options.progress))
+        return merge_results([filling.fill(plan) for plan in plans])
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """The arguments of `fill` but for clips and database."""
+
+    method: str
+    gap_filter: GapFilter
+    overrides: Overrides | None
+    reject_artefacts: bool
+    options: FillOptions
+    method_options: Any = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Check the method and make its options object; None for the defaults."""
+        get_method(self.method)
+        given, default = self.options.method_options, get_options(self.method)
+        if isinstance(given, type(default)) and default is not None:
+            made = given
+        elif default is not None:
+            made = with_values(default, given)
+        elif given:
+            raise OptionError(
+                f"method {self.method} has no option {next(iter(given))!r}; it has none"
+            )
+        else:
+            made = None
+        object.__setattr__(self, "method_options", None if made == default else made)
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """What is to be done with one clip.
+
+    Attributes
+    ----------
+    measured : Clip
+        The clip as given.
+    cleaned : Clip
+        Without the samples of artefacts.
+    artefacts : tuple of Artefact
+        Why those were rejected.
+    clip : Clip
+        `cleaned` without samples that overrides treat as missing.
+    applied : AppliedOverrides or None
+        What the overrides mean for it.
+    same_subject : tuple of Clip
+        Other recordings of the subject.
+    takes : tuple of Take
+        The same, in the clip's order of markers.
+    geometry : ClipGeometry
+        Of `clip`.
+    runs : tuple of MethodRun
+        The gaps of each method.
+    """
+
+    measured: Clip
+    cleaned: Clip
+    artefacts: tuple[Artefact, ...]
+    clip: Clip
+    applied: AppliedOverrides | None
+    same_subject: tuple[Clip, ...]
+    takes: tuple[Take, ...]
+    geometry: ClipGeometry
+    runs: tuple[MethodRun, ...]
+
+
+def _plan(measured: Clip, same_subject: tuple[Clip, ...], settings: _Settings) -> _Plan:
+    """Find what is to be done with a clip."""
+    cleaned = measured
+    artefacts: tuple[Artefact, ...] = ()
+    if settings.reject_artefacts:
+        cleaned, artefacts = without_artefacts(measured)
+    applied = None if settings.overrides is None else settings.overrides.apply(cleaned)
+    clip = cleaned if applied is None else applied.clip
+    runs = plan_runs(clip, settings.method, settings.gap_filter, applied, settings.overrides)
+    definition = settings.options.marker_set or recognise(clip.labels)
+    geometry = ClipGeometry(to_upright(clip.positions, clip.up), clip.labels, definition)
+    takes = []
+    for other in same_subject:
+        if other is measured or (
+            other.labels == measured.labels
+            and np.array_equal(other.positions, measured.positions, equal_nan=True)
+        ):
+            raise OptionError(
+                f"{other.name}: is the clip to be filled; give another recording of the same "
+                "subject"
+            )
+        takes.append(same_subject_take(other, clip.labels, definition, clip.subject))
+    return _Plan(
+        measured,
+        cleaned,
+        artefacts,
+        clip,
+        applied,
+        same_subject,
+        tuple(takes),
+        geometry,
+        runs,
+    )
+
+
+class _Progress:
+    """Counts the gap groups that are done.
+
+    Parameters
+    ----------
+    total : int
+        Number of all groups.
+    report : callable or None
+        Called with the groups done and all groups.
+    """
+
+    def __init__(self, total: int, report: Callable[[int, int], None] | None) -> None:
+        self.done = 0
+        self._total = total
+        self._report = report
+
+    def __call__(self) -> None:
+        """Count one more group."""
+        self.done += 1
+        if self._report is not None:
+            self._report(self.done, self._total)
+
+
+@dataclass(frozen=True)
+class _Filling:
+    """Fills planned clips.
+
+    Attributes
+    ----------
+    settings : _Settings
+        Arguments of `fill`.
+    database : PriorDatabase or None
+        Opened.
+    progress : _Progress
+        Counter of gap groups.
+    """
+
+    settings: _Settings
+    database: PriorDatabase | None
+    progress: _Progress
+
+    @cached_property
+    def state(self) -> DatabaseState | None:
+        """State of the database."""
+        return None if self.database is None else database_state(self.database)
+
+    def fill(self, plan: _Plan) -> Result:
+        """Fill one clip by the methods of its plan."""
+        provenance = self._provenance(plan)
+        results = [self._fill_by(plan, run, provenance) for run in plan.runs]
+        result = results[0]
+        if plan.applied is not None:
+            result = join_runs(plan.cleaned, plan.applied, results)
+        return restore_rejected(result, plan.measured, plan.artefacts)
+
+    def _fill_by(self, plan: _Plan, run: MethodRun, provenance: Provenance) -> Result:
+        """Fill the gaps of one method."""
+        damaged: dict[str, DatabaseCorruptError] = {}
+        begun = self.progress.done
         while True:
-            prior = _Prior(
-                clip, database, definition, selection or Selection(), trust_filled, withdrawn
+            prior = DatabaseTakes(
+                plan.clip, self.database, plan.geometry.definition, self.settings.options, damaged
             )
-            task = Task(
-                geometry.positions,
-                clip.labels,
-                clip.rate,
-                geometry.marker_set,
-                groups,
-                kin + prior.takes,
-                clip.name,
-                clip.subject,
-                geometry,
-            )
-            estimate = run(task, one_more)
+            estimate = self._estimate(plan, run, prior.takes)
             if not prior.withdrawn:
                 break
-            withdrawn |= prior.withdrawn  # once more, as if these clips were not there
-            done = 0
-    give_back()
-    place = database.path if database is not None else None
-    result = _assemble(
-        clip, estimate, resolve(method), geometry.marker_set, place, prior.notes, alone
-    )
-    return after_rejecting(result, measured, artefacts)
-
-
-def after_rejecting(result: Result, measured: Clip, artefacts: tuple[Artefact, ...]) -> Result:
-    """Return a result of a clip without samples in trouble that knows of them.
-
-    Parameters
-    ----------
-    result : Result
-        Of what `priorfill.artefacts.without_artefacts` left of a clip.
-    measured : Clip
-        The clip. What was rejected and is not filled is in the new result as it was measured.
-    trouble : tuple of Trouble
-        Why it was rejected.
-    """
-    if not artefacts:
-        return result
-    rejected = artefact_samples(artefacts, measured.labels, measured.frames) & ~measured.missing
-    positions = np.where(result.clip.missing[..., None], measured.positions, result.clip.positions)
-    clip = result.clip.with_positions(positions)
-    return replace(result, clip=clip, rejected=rejected, artefacts=artefacts)
-
-
-def _companion(clip: Clip, other: Clip, definition: MarkerSet | None) -> Take:
-    """Make a take of a companion, which must not be the clip itself."""
-    if other is clip or (
-        other.labels == clip.labels
-        and np.array_equal(other.positions, clip.positions, equal_nan=True)
-    ):
-        raise OptionError(
-            f"{other.name}: is the clip that is to be filled; "
-            "as companion give another recording of the same person"
+            damaged |= prior.withdrawn  # again, without these clips
+            self.progress.done = begun
+        samples = filled_samples(plan.clip, estimate, run.left_alone)
+        gaps = sum_up_gaps(plan.clip, samples, run.method, estimate.notes, run.left_alone)
+        names = [name for gap in gaps for name in gap.source_clips]
+        return Result(
+            plan.clip.with_positions(samples.positions),
+            samples.filled,
+            samples.expected_rms,
+            samples.error_bound_90,
+            gaps,
+            run.method,
+            plan.geometry.marker_set,
+            np.zeros_like(samples.filled),
+            replace(provenance, source_clips=source_clips(prior.records, names)),
+            database=None if self.database is None else self.database.path,
+            notes=prior.notes,
         )
-    return same_subject_take(other, clip.labels, definition, clip.subject)
 
-
-class _Prior:
-    """The takes of a database that a clip may learn from, and what was left out.
-
-    ``withdrawn`` holds, by content, why clips turned out to be damaged when something of them had
-    been learnt from already; ``damaged`` is the same of those that are known to be.
-    """
-
-    def __init__(
-        self,
-        clip: Clip,
-        database: PriorDatabase | None,
-        definition: MarkerSet | None,
-        selection: Selection,
-        trust_filled: bool,
-        damaged: Mapping[str, DatabaseCorruptError],
-    ) -> None:
-        self.takes: tuple[Take, ...] = ()
-        self.withdrawn: dict[str, DatabaseCorruptError] = {}
-        self._notes: list[str] = []
-        if database is None:
-            return
-        self._notes += [
-            f"{database.path}: the row of clip {name} is damaged; not learnt from"
-            for name in database.damaged
-        ]
-        records = database.clips()
-        if not records:
-            self._notes.append(f"{database.path}: the database is empty")
-            return
-        own = database.versions(clip)
-        if own:
-            self._notes.append(
-                f"not learnt from {', '.join(record.name for record in own)}: "
-                "of the same recording as the clip"
-            )
-        self._notes += [f"{error}; not learnt from" for error in damaged.values()]
-        records = tuple(
-            record
-            for record in selection.choose(records)
-            if record not in own and record.content not in damaged
-        )
-        if not records:
-            self._notes.append(f"{database.path}: no clip is left to learn from")
-            return
-        self.takes = takes_from(
-            database,
-            records,
+    def _estimate(self, plan: _Plan, run: MethodRun, takes: tuple[Take, ...]) -> Estimate:
+        """Call a method."""
+        clip = plan.clip
+        task = Task(
+            plan.geometry.positions,
             clip.labels,
-            definition,
-            trust_filled=trust_filled,
-            refused=lambda error: self._notes.append(f"{error}; not learnt from"),
-            withdrawn=self.withdrawn.__setitem__,
+            clip.rate,
+            plan.geometry.marker_set,
+            run.groups,
+            plan.takes + takes,
+            clip.name,
+            clip.subject,
+            plan.geometry,
         )
-        if not self.takes:
-            held = sorted({label for record in records for label in record.labels})
-            self._notes.append(
-                f"{database.path}: no marker in common with {clip.name} "
-                f"({', '.join(clip.labels[:6])}, ...); its markers are {', '.join(held[:6])}, ..."
-            )
+        method: Callable[..., Estimate] = get_method(run.method)
+        if run.method == self.settings.method and self.settings.method_options is not None:
+            return method(task, self.progress, options=self.settings.method_options)
+        return method(task, self.progress)
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What was left out, and why; complete when the takes were used."""
-        return tuple(dict.fromkeys(self._notes))
-
-
-def _assemble(
-    clip: Clip,
-    estimate: Estimate,
-    method: str,
-    marker_set: MarkerSet,
-    database: Path | None,
-    notes: tuple[str, ...],
-    alone: Sequence[tuple[Gap, str]],
-) -> Result:
-    """Put an estimate's filled samples into the clip, but for those that are left alone."""
-    missing = clip.missing
-    asked = missing.copy()
-    left: dict[int, list[UnfilledSpan]] = {}
-    for gap, reason in alone:
-        asked[gap.start : gap.stop, gap.marker] = False
-        left.setdefault(gap.marker, []).append(
-            UnfilledSpan(gap.start, gap.stop, reason, requested=False)
+    def _provenance(self, plan: _Plan) -> Provenance:
+        """Return the provenance of a filled clip but for the clips that were learnt from."""
+        settings = self.settings
+        marker_set, changed = settings.options.marker_set, settings.method_options
+        return Provenance(
+            versions=package_versions(),
+            method=settings.method,
+            options={} if changed is None else differing(changed),
+            clips=(identify(plan.measured),),
+            same_subject=tuple(identify(clip) for clip in plan.same_subject),
+            database=self.state,
+            selection=settings.options.selection,
+            trust_filled=settings.options.trust_filled,
+            marker_set=None if marker_set is None else marker_set.name,
+            gap_filter=settings.gap_filter,
+            overrides=settings.overrides,
+            reject_artefacts=settings.reject_artefacts,
         )
-    filled = asked.copy()
-    filled[asked] = np.isfinite(estimate.positions[asked]).all(axis=1)
-    # the estimate's arrays become the result's: those of a long clip are large
-    positions = from_upright(estimate.positions, clip.up)
-    if np.may_share_memory(positions, clip.positions):  # a method that filled nothing
-        positions = positions.copy()
-    np.copyto(positions, clip.positions, where=~filled[..., None])
-    positions.setflags(write=False)
-    expected_rms = estimate.expected_rms
-    np.copyto(expected_rms, np.nan, where=~filled)
-    told = (
-        BOUND_FACTOR * expected_rms if estimate.error_bound_90 is None else estimate.error_bound_90
-    )
-    bound = told
-    np.copyto(bound, np.nan, where=~filled)
-    by_marker: dict[int, list[Note]] = {}
-    for note in estimate.notes:
-        by_marker.setdefault(note.marker, []).append(note)
-    gaps = tuple(
-        _filled_gap(
-            clip,
-            gap,
-            filled,
-            expected_rms,
-            bound,
-            method,
-            by_marker.get(gap.marker, []),
-            [part for part in left.get(gap.marker, []) if gap.start <= part.start < gap.stop],
-        )
-        for gap in find_gaps(missing)
-    )
-    return Result(
-        clip.with_positions(positions),
-        filled,
-        expected_rms,
-        bound,
-        gaps,
-        method,
-        marker_set,
-        np.zeros_like(filled),
-        database=database,
-        notes=notes,
-    )
-
-
-def _filled_gap(
-    clip: Clip,
-    gap: Gap,
-    filled: NDArray[np.bool_],
-    expected_rms: NDArray[np.float64],
-    bound: NDArray[np.float64],
-    method: str,
-    notes: list[Note],
-    alone: list[UnfilledSpan],
-) -> FilledGap:
-    """Sum up one gap."""
-    inside = [n for n in notes if n.start < gap.stop and n.stop > gap.start]
-    error, mean, common = expected_errors(
-        expected_rms[gap.start : gap.stop, gap.marker], bound[gap.start : gap.stop, gap.marker]
-    )
-    here = filled[gap.start : gap.stop, gap.marker]
-    failed = ~here
-    for part in alone:
-        failed[part.start - gap.start : part.stop - gap.start] = False
-    left = alone + [
-        UnfilledSpan(gap.start + start, gap.start + stop, _reason(inside, gap.start + start))
-        for start, stop in runs(failed)
-    ]
-    return FilledGap(
-        label=clip.labels[gap.marker],
-        start=gap.start,
-        stop=gap.stop,
-        filled=int(here.sum()),
-        expected_rms=error,
-        expected_mean_error=mean,
-        error_bound_90=common,
-        method=method,
-        sources=tuple(dict.fromkeys(n.source for n in inside if n.filled)) if here.any() else (),
-        training_poses=max((n.training_poses for n in inside if n.filled), default=0)
-        if here.any()
-        else 0,
-        unfilled=tuple(sorted(left, key=lambda part: part.start)),
-        source_clips=tuple(dict.fromkeys(name for n in inside for name in n.source_clips)),
-    )
-
-
-def expected_errors(
-    expected_rms: NDArray[np.float64], bound: NDArray[np.float64]
-) -> tuple[float, float, float]:
-    """Sum up how far off the samples of a gap may be.
-
-    Parameters
-    ----------
-    deviation, bound : ndarray [shape=(frames,), mm]
-        Of each sample; NaN where it was not filled, or nothing is known.
-
-    Returns
-    -------
-    tuple of float
-        Expected rms and mean error, and the bound that they have in common (mm); NaN where nothing
-        is known.
-    """
-    known, bounds = _finite(expected_rms), _finite(bound)
-    return (
-        float(np.sqrt((known**2).mean())) if len(known) else float("nan"),
-        MEAN_FACTOR * float(known.mean()) if len(known) else float("nan"),
-        common_bound(bounds) if len(bounds) else float("nan"),
-    )
-
-
-def _finite(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return those of some values that are known."""
-    return values[np.isfinite(values)]
-
-
-def _reason(notes: list[Note], frame: int) -> str:
-    """Return why a frame was not filled."""
-    for note in notes:
-        if not note.filled and note.start <= frame < note.stop:
-            return note.source
-    return "the method gave no finite position"

@@ -1,4 +1,4 @@
-"""Scope: which of a clip's missing samples are to be filled, and which are left alone."""
+"""Gap filter: which missing samples of a clip are to be filled, and which are left alone."""
 
 from __future__ import annotations
 
@@ -13,27 +13,42 @@ from priorfill.clip import Clip
 from priorfill.errors import OptionError
 from priorfill.gaps import Gap, find_gaps
 
-__all__ = ["GapFilter", "fitting"]
+__all__ = ["GapFilter", "matching_markers"]
 
-OUTSIDE = "outside the frames asked for"
+OUTSIDE = "outside the requested frames"
+"""Reason given for the part of a gap that lies outside the requested frames."""
 
 
 @dataclass(frozen=True)
 class GapFilter:
-    """What to fill: what every field that is not empty admits.
+    """The gaps to fill: those that pass every field that is not empty.
 
     Attributes
     ----------
     markers : tuple of str
         Shell patterns of labels.
     frames : tuple of (int or None, int or None), optional
-        First and last frame, as the clip numbers them; None: from its first, to its last.
+        First and last frame in the clip's own numbering; None: the clip's first or last frame.
     max_gap : float, optional
-        s. Longer gaps are left alone as a whole.
+        Longest gap to fill (s). Longer gaps are left alone as a whole.
     skip_edges : bool
         Leave gaps at the clip's start and end alone.
     strict : bool
-        Whether each pattern must fit a marker of a clip.
+        Whether each pattern must match a marker of every clip.
+
+    Raises
+    ------
+    OptionError
+        Where `max_gap` is not positive, or the first frame is after the last.
+
+    See Also
+    --------
+    priorfill.fill : Fill the gaps of a clip.
+
+    Examples
+    --------
+    >>> GapFilter(markers=("L*",), max_gap=0.5).skip_edges
+    False
     """
 
     markers: tuple[str, ...] = ()
@@ -43,7 +58,7 @@ class GapFilter:
     strict: bool = True
 
     def __post_init__(self) -> None:
-        """Check the fields; raise `OptionError` where one makes no sense."""
+        """Check the fields."""
         if self.max_gap is not None and not self.max_gap > 0:
             raise OptionError(f"the longest gap to fill is {self.max_gap} s; it must be above 0")
         if self.frames is not None and None not in self.frames:
@@ -53,26 +68,36 @@ class GapFilter:
             if first > last:
                 raise OptionError(f"frames {first}:{last}: the first is after the last")
 
-    def of_several(self, clips: Sequence[Clip]) -> GapFilter:
-        """Return the scope for several clips, people of one file, whose markers need not fit each.
+    def for_subjects(self, clips: Sequence[Clip]) -> GapFilter:
+        """Return a filter for several subjects of one file; a pattern need not match each.
+
+        Parameters
+        ----------
+        clips : sequence of Clip
+            The clips of the subjects.
 
         Raises
         ------
         OptionError
-            Where a pattern fits a marker of none of them.
+            Where a pattern matches no marker of any subject.
         """
         for pattern in self.markers:
-            if not any(fitting(clip, pattern) for clip in clips):
+            if not any(matching_markers(clip, pattern) for clip in clips):
                 self._refuse(clips, pattern)
         return replace(self, strict=len(clips) == 1)
 
     def left_alone(self, clip: Clip) -> list[tuple[Gap, str]]:
-        """Return what of a clip's gaps is not to be filled, and why.
+        """Return the gaps, and parts of gaps, that are not to be filled, with the reason.
+
+        Parameters
+        ----------
+        clip : Clip
+            The clip.
 
         Raises
         ------
         OptionError
-            Where a pattern fits no marker of the clip, or the frames are not its own.
+            Where a pattern matches no marker of the clip, or it has none of the frames.
         """
         wanted = self._wanted(clip)
         within = self._within(clip)
@@ -80,9 +105,9 @@ class GapFilter:
         for gap in find_gaps(clip.missing):
             seconds = gap.frames / clip.rate
             if not wanted[gap.marker]:
-                left.append((gap, "not one of the markers asked for"))
+                left.append((gap, "not one of the requested markers"))
             elif self.max_gap is not None and seconds > self.max_gap:
-                reason = f"longer than {self.max_gap:g} s, the longest gap that is to be filled"
+                reason = f"longer than {self.max_gap:g} s, the longest gap to be filled"
                 left.append((gap, reason))
             elif self.skip_edges and (gap.start == 0 or gap.stop == clip.frames):
                 left.append((gap, "at the clip's start or end"))
@@ -96,51 +121,52 @@ class GapFilter:
         return left
 
     def _wanted(self, clip: Clip) -> NDArray[np.bool_]:
-        """Which markers are asked for [shape=(markers,)]."""
+        """Return which markers are requested [shape=(markers,)]."""
         if not self.markers:
             return np.ones(len(clip.labels), dtype=bool)
         wanted = np.zeros(len(clip.labels), dtype=bool)
         for pattern in self.markers:
-            fits = fitting(clip, pattern)
-            wanted[fits] = True
-            if self.strict and not fits:
+            matching = matching_markers(clip, pattern)
+            wanted[matching] = True
+            if self.strict and not matching:
                 self._refuse([clip], pattern)
         return wanted
 
     def _refuse(self, clips: Sequence[Clip], pattern: str) -> None:
-        """Raise OptionError for a pattern that fits nothing."""
+        """Raise OptionError for a pattern that matches no marker."""
         labels = dict.fromkeys(label for clip in clips for label in clip.labels)
         raise OptionError(
             f"{clips[0].name}: no marker is called {pattern!r}; its markers are {', '.join(labels)}"
         )
 
     def _within(self, clip: Clip) -> range:
-        """Return the frames asked for, counted from 0."""
+        """Return the requested frames, counted from 0."""
         first, last = self.frames or (None, None)
         own = (clip.first_frame, clip.first_frame + clip.frames - 1)
         first, last = (own[0] if first is None else first), (own[1] if last is None else last)
         if first > own[1] or last < own[0]:
             raise OptionError(
-                f"{clip.name}: has frames {own[0]}-{own[1]}, none of those asked for "
-                f"({first}:{last})"
+                f"{clip.name}: has frames {own[0]}-{own[1]}, none of {first}:{last}; "
+                "give frames of the clip"
             )
         return range(max(first - own[0], 0), min(last - own[0] + 1, clip.frames))
 
 
-def fitting(clip: Clip, pattern: str) -> list[int]:
-    """Return the markers of a clip that a pattern names.
+def matching_markers(clip: Clip, pattern: str) -> list[int]:
+    """Return the indices of the markers of a clip that match a pattern.
 
     Parameters
     ----------
     clip : Clip
         The clip.
     pattern : str
-        A label, or a shell pattern of labels; the subject may stand before it (``Anna:L*``).
+        A label, or a shell pattern of labels; the subject may precede it (``Anna:L*``). A label
+        that matches exactly takes precedence.
     """
     names = [(label, f"{clip.subject}:{label}") for label in clip.labels]
     exact = [marker for marker, name in enumerate(names) if pattern in name]
     return exact or [
         marker
         for marker, name in enumerate(names)
-        if any(fnmatchcase(one, pattern) for one in name)
+        if any(fnmatchcase(spelling, pattern) for spelling in name)
     ]

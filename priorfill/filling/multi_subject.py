@@ -11,7 +11,7 @@ import numpy as np
 
 from priorfill.artefacts import Artefact
 from priorfill.clip import Clip, Source
-from priorfill.errors import ClipError, OptionError, SeveralSubjectsError
+from priorfill.errors import ClipError, MultipleSubjectsError, OptionError
 from priorfill.filling.provenance import merge_provenance
 from priorfill.filling.result import FilledGap, Result
 from priorfill.formats import read
@@ -82,8 +82,8 @@ def read_subjects(
     }
     try:
         return (read(path, subject=subject, **options),)
-    except SeveralSubjectsError as several:
-        return tuple(read(path, subject=name, **options) for name in several.subjects)
+    except MultipleSubjectsError as error:
+        return tuple(read(path, subject=name, **options) for name in error.subjects)
 
 
 def assign_same_subject(
@@ -217,12 +217,12 @@ def _merge_clips(clips: Sequence[Clip]) -> Clip:
     for clip in clips:
         if clip.up != first.up:
             raise ClipError(
-                f"{first.name}: {first.up} is found to be up for {first.subject}, and {clip.up} for "
+                f"{first.name}: the up axis is {first.up} for {first.subject} and {clip.up} for "
                 f"{clip.subject}; give the right one (--up)"
             )
     if len({source.mm_per_unit for source in sources}) > 1:
         raise ClipError(
-            f"{first.name}: its subjects are found to differ in their unit of length; "
+            f"{first.name}: its subjects differ in their unit of length; "
             "give the right one (--unit)"
         )
     return replace(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from priorfill.artefacts import Artefact
 from priorfill.clip import Clip
+from priorfill.filling.provenance import Provenance
 from priorfill.markers.marker_set import MarkerSet
 
 __all__ = ["FilledGap", "Result", "UnfilledSpan"]
@@ -17,16 +18,26 @@ __all__ = ["FilledGap", "Result", "UnfilledSpan"]
 
 @dataclass(frozen=True)
 class UnfilledSpan:
-    """Frames ``start <= frame < stop`` of a gap that were not filled, and why.
+    """Frames ``start <= frame < stop`` of a gap that were not filled.
 
     Attributes
     ----------
     start, stop : int
-        Frames.
+        Frames, counted from the clip's first as 0.
     reason : str
         Why they were not filled.
     requested : bool
-        Whether they were to be filled; False where the scope leaves them alone.
+        Whether they were to be filled; False where the gap filter or an override leaves them
+        alone.
+
+    See Also
+    --------
+    FilledGap : The gap that the span belongs to.
+
+    Examples
+    --------
+    >>> UnfilledSpan(10, 20, "longer than 0.5 s", requested=False).requested
+    False
     """
 
     start: int
@@ -46,7 +57,7 @@ class FilledGap:
     start, stop : int
         Frames ``start <= frame < stop``, counted from the clip's first as 0.
     filled : int
-        How many of the frames were filled.
+        Number of frames that were filled.
     expected_rms : float
         Expected rms Euclidean error (mm) over the filled frames; NaN where unknown.
     expected_mean_error : float
@@ -57,14 +68,26 @@ class FilledGap:
     method : str
         The method used.
     sources : tuple of str
-        What it was filled from.
+        What the gap was filled from.
     training_poses : int
-        How many poses were learnt from; where parts of the gap were filled from different numbers
-        of them, the most. 0: from none, as by a bridge over time.
-    unfilled : tuple of LeftMissing
+        Number of poses learnt from, the maximum over the parts of the gap; in a blackout the
+        number of stretches. 0 for interpolation over time.
+    unfilled : tuple of UnfilledSpan
         Frames that were left missing; empty where all were filled.
     source_clips : tuple of str
-        Recordings that were learnt from, the most used first.
+        Recordings learnt from, the most used first.
+
+    See Also
+    --------
+    Result : The result that the gap belongs to.
+
+    Examples
+    --------
+    >>> import priorfill as pf
+    >>> from priorfill.synthetic.demo import make_demo_clip
+    >>> gap = pf.fill(make_demo_clip()[1], method="linear").gaps[0]
+    >>> gap.label, gap.frames, gap.complete
+    ('LKNE', 30, True)
     """
 
     label: str
@@ -86,41 +109,64 @@ class FilledGap:
         return self.stop - self.start
 
     @property
+    def requested(self) -> bool:
+        """Whether any frame of the gap was to be filled."""
+        return bool(self.filled) or not self.complete
+
+    @property
     def complete(self) -> bool:
-        """Whether every frame of the gap was filled that was to be."""
-        return not any(part.requested for part in self.unfilled)
+        """Whether every requested frame of the gap was filled."""
+        return not any(span.requested for span in self.unfilled)
 
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A filled clip, and what is known of each gap.
+    """A filled clip, what is known about each gap, and how it was computed.
 
     Attributes
     ----------
     clip : Clip
-        The clip with its gaps filled; measured samples are those of the clip given, bit for bit.
+        The clip with its gaps filled; measured samples keep their bits.
     filled : ndarray of bool [shape=(frames, markers)]
         Which samples were filled.
-    deviation : ndarray [shape=(frames, markers), mm]
+    expected_rms : ndarray [shape=(frames, markers), mm]
         Expected rms Euclidean error of each filled sample; NaN elsewhere and where unknown.
     error_bound_90 : ndarray [shape=(frames, markers), mm]
         Distance below which 90 % of the errors are expected to lie, of each filled sample; NaN
         elsewhere and where unknown.
     gaps : tuple of FilledGap
-        Every gap of the clip given, in order of time.
+        Every gap, in order of time.
     method : str
-        The method used.
+        The method used; several joined by " and ".
     marker_set : MarkerSet
-        How the markers were understood.
-    database : Path or None
-        The prior database, if there was one.
+        The marker set; of several subjects that of the first.
     rejected : ndarray of bool [shape=(frames, markers)]
-        Which measured samples were treated as missing. Those of them that are not filled are in the
-        clip as they were measured.
-    trouble : tuple of Trouble
-        Why they were.
+        Which measured samples were treated as missing because of artefacts. Those that were not
+        filled keep their measured position in `clip`.
+    provenance : Provenance
+        What the result was computed from, and how.
+    artefacts : tuple of Artefact
+        Why samples were rejected.
+    database : Path or None
+        The prior database, if one was used.
     notes : tuple of str
-        What of the database was not learnt from, and why, a sentence each.
+        What was left out of the database and why, and what overrides did, a sentence each.
+    subjects : tuple of Result
+        The result of each subject, for several subjects of one file; empty for a single clip.
+
+    See Also
+    --------
+    priorfill.fill : Fill the gaps of a clip.
+    priorfill.write : Write the filled clip.
+    priorfill.write_uncertainty : Write the expected error of each sample.
+
+    Examples
+    --------
+    >>> import priorfill as pf
+    >>> from priorfill.synthetic.demo import make_demo_clip
+    >>> result = pf.fill(make_demo_clip()[1], method="linear")
+    >>> result.complete, int(result.clip.missing.sum())
+    (True, 0)
     """
 
     clip: Clip
@@ -131,11 +177,18 @@ class Result:
     method: str
     marker_set: MarkerSet
     rejected: NDArray[np.bool_]
+    provenance: Provenance
     artefacts: tuple[Artefact, ...] = ()
     database: Path | None = None
     notes: tuple[str, ...] = ()
+    subjects: tuple[Result, ...] = ()
 
     @property
     def complete(self) -> bool:
-        """Whether everything was filled that was to be."""
+        """Whether everything requested was filled."""
         return all(gap.complete for gap in self.gaps)
+
+    @property
+    def by_subject(self) -> tuple[Result, ...]:
+        """The result of each subject: `subjects`, or this result alone."""
+        return self.subjects or (self,)

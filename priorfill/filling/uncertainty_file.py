@@ -1,8 +1,9 @@
-"""Write how far off each filled sample may be: as a NumPy archive or as a table."""
+"""Write the expected error of each filled sample: as a NumPy archive or as a table."""
 
 from __future__ import annotations
 
 import csv
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,23 +23,23 @@ __all__ = ["UNCERTAINTY_SUFFIXES", "check_uncertainty", "uncertainty_file", "wri
 UNCERTAINTY_SUFFIXES = (".npz", ".csv")
 """Suffixes of the files that can be written, lower case."""
 
-COLUMNS = ("marker", "frame", "time_s", "deviation_mm", "bound_90_mm", "from")
-"""Of the table."""
+COLUMNS = ("marker", "frame", "time_s", "expected_rms_mm", "error_bound_90_mm", "sources")
+"""Columns of the table."""
 
 
 def check_uncertainty(
     path: Path | str, *, source: Path, output: Path, overwrite: bool = False
 ) -> None:
-    """Find out, before the work is done, whether its uncertainty can be written.
+    """Check before a fill whether its uncertainty can be written.
 
     Parameters
     ----------
     path : Path or str
         The file to write.
     source, output : Path
-        The file that will be read and the one for the filled clip; it must be neither.
+        The file that is read and the one for the filled clip; `path` must be neither.
     overwrite : bool
-        Whether it may replace an existing file.
+        Whether an existing file may be replaced.
 
     Raises
     ------
@@ -52,23 +53,23 @@ def check_uncertainty(
     target = check_target(path, overwrite=overwrite, source=source)
     same = target == output.resolve()  # one that does not exist yet has no other names
     if same or (target.exists() and output.exists() and target.samefile(output)):
-        raise OutputError(f"{path}: is where the filled clip is to go; choose another name")
+        raise OutputError(f"{path}: is the file for the filled clip; choose another name")
 
 
 @contextmanager
 def uncertainty_file(
     path: Path | str, result: Result, *, overwrite: bool = False
 ) -> Iterator[None]:
-    """Write the uncertainty of a result, which appears when the block ends well.
+    """Write the uncertainty of a result; the file appears when the block ends without an error.
 
-    So it can be written together with something else: both, or none of them.
+    So it can be written together with another file: either both appear, or neither.
 
     Parameters
     ----------
     path : Path or str
-        The file to write; its suffix, .npz or .csv, tells the form (docs/cli.md).
+        The file to write; its suffix, .npz or .csv, selects the format.
     result : Result
-        What was filled.
+        Of a fill.
     overwrite : bool
         Replace an existing file.
 
@@ -90,24 +91,60 @@ def uncertainty_file(
 
 
 def write_uncertainty(path: Path | str, result: Result, *, overwrite: bool = False) -> None:
-    """Write how far off each filled sample of a result may be.
+    """Write the expected error of each filled sample of a result.
 
-    Parameters and errors are those of `uncertainty_file`.
+    An .npz file has arrays ``expected_rms`` and ``error_bound_90`` [shape=(frames, markers), mm],
+    ``filled``, ``labels``, ``frames``, ``rate``, ``unit`` and the provenance as JSON; a .csv file
+    has a row for each filled sample. docs/cli.md describes both.
+
+    Parameters
+    ----------
+    path : Path or str
+        The file to write; its suffix, .npz or .csv, selects the format.
+    result : Result
+        Of a fill.
+    overwrite : bool
+        Replace an existing file.
+
+    Raises
+    ------
+    FormatError
+        If the suffix is another one.
+    OutputError
+        If the file exists already or cannot be written.
+
+    See Also
+    --------
+    priorfill.write : Write the filled clip.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import priorfill as pf
+    >>> from priorfill.synthetic.demo import make_demo_clip
+    >>> result = pf.fill(make_demo_clip()[1], method="linear")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     pf.write_uncertainty(f"{folder}/walk.npz", result)
+    ...     with np.load(f"{folder}/walk.npz") as archive:
+    ...         bool((archive["filled"] == result.filled).all())
+    True
     """
     with uncertainty_file(path, result, overwrite=overwrite):
         pass
 
 
 def _check_suffix(path: Path) -> None:
-    """Raise FormatError if the suffix is none that uncertainty can have."""
+    """Raise FormatError if the uncertainty cannot be written with this suffix."""
     if path.suffix.lower() not in UNCERTAINTY_SUFFIXES:
         raise FormatError(
-            f"{path}: the suffix {path.suffix or '(none)'!r} is none for uncertainty; "
+            f"{path}: uncertainty cannot be written with suffix {path.suffix or '(none)'!r}; "
             f"use {' or '.join(UNCERTAINTY_SUFFIXES)}"
         )
 
 
 def _save_npz(path: Path, result: Result) -> None:
+    """Write arrays over all samples."""
     clip = result.clip
     save_arrays(
         path,
@@ -116,22 +153,23 @@ def _save_npz(path: Path, result: Result) -> None:
             "frames": clip.first_frame + np.arange(clip.frames),
             "rate": clip.rate,
             "filled": result.filled,
-            "deviation": result.expected_rms,
-            "bound": result.error_bound_90,
+            "expected_rms": result.expected_rms,
+            "error_bound_90": result.error_bound_90,
             "unit": "mm",
+            "provenance": json.dumps(result.provenance.to_dict(), ensure_ascii=False),
         },
     )
 
 
 def _save_table(path: Path, result: Result) -> None:
-    """Write a line for each filled sample, gap by gap."""
+    """Write a row for each filled sample, gap by gap."""
     clip = result.clip
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
         for gap in result.gaps:
             marker = clip.labels.index(gap.label)
-            told = "; ".join(gap.sources)
+            sources = "; ".join(gap.sources)
             for frame in range(gap.start, gap.stop):
                 if result.filled[frame, marker]:
                     writer.writerow(
@@ -141,11 +179,11 @@ def _save_table(path: Path, result: Result) -> None:
                             f"{frame / clip.rate:.6f}",
                             _number(result.expected_rms[frame, marker]),
                             _number(result.error_bound_90[frame, marker]),
-                            told,
+                            sources,
                         )
                     )
 
 
 def _number(value: float) -> str:
-    """Return a length (mm) for the table; nothing where it is unknown."""
+    """Return a length (mm) for the table; empty where it is unknown."""
     return f"{value:.3f}" if np.isfinite(value) else ""

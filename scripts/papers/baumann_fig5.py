@@ -48,10 +48,10 @@ def errors(case: Case) -> list[float]:
     clip = pf.read(case.take.file)
     truth = clip.with_positions(case.scale * clip.positions)
     gappy = middle(truth, [*limb("arm", "right"), *limb("leg", "left")])
-    others = pf.Selection(not_names=(case.take.file.stem,))
+    others = pf.FillOptions(selection=pf.Selection(not_names=(case.take.file.stem,)))
     return [
         error(
-            pf.fill(gappy, database=case.database, method=method, selection=others).clip,
+            pf.fill(gappy, database=case.database, method=method, options=others).clip,
             truth,
             gappy,
         )
@@ -73,7 +73,7 @@ def main() -> int:
         found = np.array(in_processes(errors, cases))
     by_scale = found.reshape(len(scales), len(filled), len(METHODS)).mean(axis=1)
     beside(
-        "Mean error in mm, divided by the scale (paper: a plot, not stated in the text)",
+        "Mean error in mm, divided by the scale (paper: plot only)",
         ["scale", *METHODS, "paper"],
         [[f"{s:.2f}", *map(float, m), None] for s, m in zip(scales, by_scale, strict=True)],
     )

@@ -1,17 +1,17 @@
 #!/usr/bin/env python
-"""How far off fills are, on real recordings, by kind of gap and by what the database holds.
+"""Accuracy of fills of recordings, by kind of gap and by database.
 
     python scripts/studies/accuracy_study.py -o FOLDER [--count 20] [--kinds limb,long]
     [--processes 2]
 
-Cuts random gaps of every kind (`artificial_gaps.py`) into recordings, fills them, and compares
-with what was removed: from the clip alone (``none``), with a database of all other recordings of
-the same marker set (``full``), and without the clip's own person (``no-person``). Prints tables of
-errors, of what a database is worth, of how often the truth lies within what `priorfill` expects, of
-the looks of the fills (`looks.py`), and the worst cases. Every gap is a line of
-``FOLDER/accuracy.csv``; what that holds already is not computed again, so a study that was
-interrupted goes on, and one of more cases (``--count``) only adds to it. After a change of
-priorfill, take another folder. ``--plots N`` draws the N worst and N ordinary gaps (matplotlib).
+Cuts random gaps of every kind (`artificial_gaps.py`) into recordings, fills them, and compares the
+result with the removed samples: from the clip alone (``none``), with a database of all other
+recordings of the same marker set (``full``), and without those of the same subject
+(``no-subject``). Prints errors, their ratio with and without a database, the coverage of the
+90 % bounds, the quality of the fills (`fill_quality.py`), and the worst cases. Every gap is a line
+of ``FOLDER/accuracy.csv``. Finished cases are not repeated: an interrupted study resumes, and a
+larger ``--count`` adds cases. Use a new folder after a change of priorfill. ``--plots N`` draws the
+N worst and N ordinary gaps (matplotlib).
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ from accuracy_rows import Row, append, key_of, load, save
 from accuracy_tables import (
     DATABASES,
     print_errors,
-    print_looks,
+    print_quality,
     print_ratios,
     print_uncertainty,
     print_worst,
 )
 from artificial_gaps import KINDS, cut_gaps
-from looks import depth, edge_step, shake, usual_step
+from fill_quality import edge_step, jitter, penetration, reference_step
 from numpy.typing import NDArray
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
-from recordings import PERSON, SETS, add_data_option, person_of
+from recordings import SETS, SUBJECT, add_data_option, subject_of
 
 import priorfill as pf
 from priorfill.cli.progress import progress
@@ -52,20 +52,20 @@ from priorfill.gaps import find_gaps
 from priorfill.geometry.axes import to_upright
 from priorfill.methods import get_method
 
-WINDOW = 25.0
-"""s. Of longer recordings a random part as long is taken: so a fill stays fast, and a clip does not
-know everything by itself."""
+MAX_SECONDS = 25.0
+"""s. Longer recordings are cut to a random part of this length, so that fills stay fast and a clip
+does not contain every pose."""
 
-SAMPLED = {"hdm05_cut_markers": 40}
-"""Recordings taken of a folder that would be most of all; all of it goes into databases."""
+MAX_RECORDINGS = {"hdm05_cut_markers": 40}
+"""Maximum number of cases' recordings of a large folder; databases contain all of it."""
 
-DRAWS = 100
-"""Recordings tried until one has a place for a gap."""
+MAX_DRAWS = 100
+"""Recordings tried to find one with room for a gap."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What all cases of a study depend on."""
+    """Settings that all cases of a study depend on."""
 
     data: Path
     databases: Path
@@ -75,20 +75,20 @@ class Plan:
 
     @property
     def text(self) -> str:
-        """The plan in words: cases of equal plans are the same."""
+        """The plan as text: equal plans have equal cases."""
         return f"seed {self.seed}, {self.window:g} s of {' '.join(self.folders)}"
 
     def files(self, folder: str) -> list[Path]:
-        """Return the recordings of a folder that cases are made of."""
+        """Return the recordings of a folder that cases are drawn from."""
         found = sorted((self.data / folder).glob("*.c3d"))
         rng = np.random.default_rng([self.seed, zlib.crc32(folder.encode())])
-        chosen = rng.permutation(len(found))[: SAMPLED.get(folder)]
+        chosen = rng.permutation(len(found))[: MAX_RECORDINGS.get(folder)]
         return [found[i] for i in sorted(chosen)]
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A recording, what is removed from it, and what its body is made of."""
+    """A recording, the samples removed from it, and its segments and limbs."""
 
     name: str
     kind: str
@@ -99,14 +99,14 @@ class Case:
 
     @property
     def gappy(self) -> pf.Clip:
-        """The clip that is filled."""
+        """The clip with gaps."""
         positions = self.truth.positions.copy()
         positions[self.gone] = np.nan
         return self.truth.with_positions(positions)
 
 
 def set_of(folder: str) -> str | None:
-    """Return the marker set of a folder's recordings; None: unknown, there is no database."""
+    """Return the marker set of a folder's recordings; None if unknown, without a database."""
     return next((name for name, folders in SETS.items() if folder in folders), None)
 
 
@@ -117,17 +117,17 @@ def read(file: Path) -> pf.Clip:
 
 
 def case_name(kind: str, number: int) -> str:
-    """Return what a case is called."""
+    """Return the name of a case."""
     return f"{kind}-{number}"
 
 
 def draw_case(plan: Plan, kind: str, number: int) -> Case:
-    """Return a case; the same one every time."""
+    """Draw a case; equal arguments give equal cases."""
     rng = np.random.default_rng([plan.seed, zlib.crc32(kind.encode()), number])
     by_folder = {folder: plan.files(folder) for folder in plan.folders}
-    # large folders count more, but not by as much as they are larger
+    # large folders count more, by the square root of their size
     weight = np.sqrt([len(files) for files in by_folder.values()])
-    for _ in range(DRAWS):
+    for _ in range(MAX_DRAWS):
         files = list(by_folder.values())[rng.choice(len(weight), p=weight / weight.sum())]
         file = files[rng.integers(len(files))]
         clip = read(file)
@@ -136,7 +136,7 @@ def draw_case(plan: Plan, kind: str, number: int) -> Case:
         clip = replace(
             clip,
             positions=clip.positions[first : first + frames],
-            subject=person_of(file),
+            subject=subject_of(file),
             first_frame=first,
             source=None,
         )
@@ -144,26 +144,25 @@ def draw_case(plan: Plan, kind: str, number: int) -> Case:
         found = cut_gaps(kind, clip, parts, rng)
         if found is not None:
             return Case(case_name(kind, number), kind, file, *found, parts)
-    raise LookupError(f"{kind}: no recording has a place for such gaps; take other folders")
+    raise LookupError(f"{kind}: no recording has room for such gaps; use other --folders")
 
 
 def selection_of(case: Case, database: str) -> pf.Selection:
-    """Return what of the database may be learnt from."""
-    if database == "no-person":
-        return pf.Selection(not_names=(case.file.stem,), not_subjects=(person_of(case.file),))
+    """Return which clips of the database may be used."""
+    if database == "no-subject":
+        return pf.Selection(not_names=(case.file.stem,), not_subjects=(subject_of(case.file),))
     return pf.Selection(not_names=(case.file.stem,))
 
 
 def fill(plan: Plan, case: Case, database: str, method: str) -> pf.Result:
     """Fill a case."""
     place = None if database == "none" else plan.databases / str(set_of(case.file.parent.name))
-    return pf.fill(
-        case.gappy, database=place, method=method, selection=selection_of(case, database)
-    )
+    options = pf.FillOptions(selection=selection_of(case, database))
+    return pf.fill(case.gappy, database=place, method=method, options=options)
 
 
 def linear(clip: pf.Clip) -> NDArray[np.float64]:
-    """Positions with each gap bridged by a straight line, or its edge's position repeated."""
+    """Interpolate each gap linearly; at the ends of the clip, repeat the nearest sample."""
     positions = clip.positions.copy()
     frames = np.arange(clip.frames)
     for marker in np.flatnonzero(clip.missing.any(axis=0)):
@@ -178,7 +177,7 @@ def linear(clip: pf.Clip) -> NDArray[np.float64]:
 def run_case(
     plan: Plan, kind: str, number: int, wanted: Sequence[tuple[str, str]]
 ) -> list[list[Row]]:
-    """Draw a case and fill it from some databases by some methods: their rows."""
+    """Draw a case, fill it by pairs of database and method, and return the rows of each."""
     case = draw_case(plan, kind, number)
     straight = linear(case.gappy)
     outcomes = []
@@ -211,20 +210,22 @@ def rows_of(
     for gap in gaps:
         inside = slice(gap.start, gap.stop), gap.marker
         label = truth.labels[gap.marker]
-        told = next(g for g in result.gaps if g.label == label and g.start <= gap.start < g.stop)
+        summary = next(g for g in result.gaps if g.label == label and g.start <= gap.start < g.stop)
         here = result.filled[inside]
         off = error[inside][here]
         segment = case.parts.segment_of[label]
         path, true_path = result.clip.positions[:, gap.marker], truth.positions[:, gap.marker]
         around = slice(max(gap.start - 1, 0), gap.stop + 1)
-        shaking, shaking_truth = (shake(p[around], truth.rate) for p in (path, true_path))
+        shaking, shaking_truth = (jitter(p[around], truth.rate) for p in (path, true_path))
         nothing = float("nan")
-        sunk = [nothing, nothing]
+        penetrations = [nothing, nothing]
         if here.all() and any(segment.endswith(foot) for foot in FEET):
             filled, true, measured = (height[:, gap.marker] for height in heights)
             if np.isfinite(measured).any():
                 lowest = float(np.nanmin(measured))
-                sunk = [depth(h[gap.start : gap.stop], lowest) for h in (filled, true)]
+                penetrations = [
+                    penetration(h[gap.start : gap.stop], lowest) for h in (filled, true)
+                ]
         rows.append(
             Row(
                 plan=plan.text,
@@ -232,7 +233,7 @@ def rows_of(
                 kind=case.kind,
                 folder=case.file.parent.name,
                 clip=case.file.stem,
-                person=person_of(case.file),
+                subject=subject_of(case.file),
                 window=truth.first_frame,
                 clip_frames=truth.frames,
                 rate=truth.rate,
@@ -249,21 +250,21 @@ def rows_of(
                 rms=float(np.sqrt((off**2).mean())) if len(off) else nothing,
                 worst=float(off.max()) if len(off) else nothing,
                 linear=float(off_line[inside].mean()),
-                expected_mean=told.expected_mean_error,
-                expected_rms=told.expected_rms,
-                bound=told.error_bound_90,
+                expected_mean=summary.expected_mean_error,
+                expected_rms=summary.expected_rms,
+                bound=summary.error_bound_90,
                 below=int((off < result.error_bound_90[inside][here]).sum()),
-                below_gap=int((off < told.error_bound_90).sum()),
-                poses=told.training_poses,
-                how="; ".join(told.sources),
+                below_gap=int((off < summary.error_bound_90).sum()),
+                poses=summary.training_poses,
+                how="; ".join(summary.sources),
                 edge=edge_step(path, gap.start, gap.stop),
                 edge_truth=edge_step(true_path, gap.start, gap.stop),
-                edge_usual=usual_step(gappy.positions[:, gap.marker]),
-                shake=shaking[0] / shaking_truth[0] if shaking_truth[0] > 0 else nothing,
-                shake_mm=shaking[1],
-                shake_truth_mm=shaking_truth[1],
-                sunk=sunk[0],
-                sunk_truth=sunk[1],
+                edge_reference=reference_step(gappy.positions[:, gap.marker]),
+                jitter=shaking[0] / shaking_truth[0] if shaking_truth[0] > 0 else nothing,
+                jitter_mm=shaking[1],
+                jitter_truth_mm=shaking_truth[1],
+                penetration=penetrations[0],
+                penetration_truth=penetrations[1],
                 fill_seconds=seconds,
             )
         )
@@ -271,7 +272,7 @@ def rows_of(
 
 
 def make_databases(plan: Plan) -> None:
-    """Make the databases that are not there yet."""
+    """Build the databases that do not exist yet."""
     for name in {set_of(folder) for folder in plan.folders} - {None}:
         place = plan.databases / str(name)
         if place.exists():
@@ -286,7 +287,9 @@ def make_databases(plan: Plan) -> None:
             progress(len(files), f"database of {name}") as show,
         ):
             for done, file in enumerate(files):
-                database.add(replace(pf.read(file), name=file.stem), subject=person_of(file))
+                database.add(
+                    replace(pf.read(file), name=file.stem), pf.ClipOrigin(subject=subject_of(file))
+                )
                 show(done + 1, None)
         unfinished.rename(place)
 
@@ -299,32 +302,32 @@ def run(
     processes: int,
     file: Path,
 ) -> tuple[list[Row], int]:
-    """Fill what is not in the file yet.
+    """Run the cases that are not in the file yet.
 
     Parameters
     ----------
     plan : Plan
-        What the cases depend on.
+        Settings of the cases.
     kinds : sequence of str
         Kinds of gaps.
     count : int
-        Cases of each.
+        Cases of each kind.
     wanted : sequence of (str, str)
-        Databases and methods to fill them with.
+        Pairs of database and method.
     processes : int
-        How many cases are filled at a time.
+        Number of cases filled in parallel.
     file : Path
-        What is done, and where more of it goes.
+        The CSV file.
 
     Returns
     -------
     rows : list of Row
-        All that were asked for, done now or before.
+        All requested rows, those of earlier runs included.
     failures : int
-        Cases that could not be done; each is named on stderr.
+        Number of failed cases; each is named on stderr.
     """
     rows = load(file)
-    save(file, rows)  # without what was torn
+    save(file, rows)  # without incomplete lines
     done = {key_of(row) for row in rows}
     asked: set[tuple[str, ...]] = set()
     tasks: list[tuple[str, int, list[tuple[str, str]]]] = []
@@ -341,7 +344,7 @@ def run(
         for n, future in enumerate(as_completed(futures)):
             try:
                 outcomes = future.result()
-            except Exception as error:  # one case's fault is not that of the others
+            except Exception as error:  # a failure must not stop the other cases
                 print(f"{futures[future]}: {type(error).__name__}: {error}", file=sys.stderr)
                 failures += 1
                 continue
@@ -354,7 +357,7 @@ def run(
 
 @contextmanager
 def _pool(processes: int) -> Iterator[Callable[..., Future[list[list[Row]]]]]:
-    """Hand out what submits a call to some processes; to this one where there is one only."""
+    """Yield a function that submits a call to worker processes, or to a thread for one process."""
     if processes > 1:
         with ProcessPoolExecutor(processes) as pool:
             yield pool.submit
@@ -364,7 +367,7 @@ def _pool(processes: int) -> Iterator[Callable[..., Future[list[list[Row]]]]]:
 
 
 def plot(plan: Plan, some: Sequence[Row], folder: Path) -> None:
-    """Draw a gap of each of some cases: truth, fill and its 90 % bound, by coordinate."""
+    """Plot one gap of each case by coordinate: truth, fill and 90 % bound."""
     try:
         import matplotlib as mpl
     except ImportError:
@@ -419,7 +422,7 @@ def plot(plan: Plan, some: Sequence[Row], folder: Path) -> None:
 
 
 def chosen_for_plots(worst: Sequence[Sequence[Row]], number: int) -> list[Row]:
-    """Return the worst gap of each of the worst cases, and of as many from the middle."""
+    """Return the worst gap of each of the worst cases, and of as many median cases."""
     middle = max(0, len(worst) // 2 - number // 2)
     cases = [*worst[:number], *worst[max(middle, number) :][:number]]
     return [max(some, key=lambda row: row.error) for some in cases]
@@ -429,14 +432,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the study."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     add_data_option(parser)
-    parser.add_argument("-o", "--output", type=Path, required=True, help="where the rows go")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the results")
     parser.add_argument("--count", type=int, default=20, help="cases of each kind")
     parser.add_argument("--kinds", default=",".join(KINDS))
-    parser.add_argument("--folders", default=",".join(PERSON), help="of recordings")
+    parser.add_argument("--folders", default=",".join(SUBJECT), help="folders of recordings")
     parser.add_argument("--databases", default=",".join(DATABASES))
     parser.add_argument("--methods", default="auto", help="auto,neighbours,baumann2011,...")
-    parser.add_argument("--long-edge", type=float, default=WINDOW, metavar="S",
-                        help="of longer recordings a random part is taken")  # fmt: skip
+    parser.add_argument("--long-edge", type=float, default=MAX_SECONDS, metavar="S",
+                        help="longer recordings are cut to this length")  # fmt: skip
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--plots", type=int, default=0, metavar="N")
@@ -445,7 +448,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name, known in (("kinds", KINDS), ("databases", DATABASES)):
         unknown = [item for item in lists[name] if item not in known]
         if unknown:
-            parser.error(f"--{name}: {unknown[0]} is none of {' '.join(known)}")
+            parser.error(f"--{name}: {unknown[0]} is not one of {' '.join(known)}")
     for method in lists["methods"]:
         try:
             get_method(method)
@@ -468,11 +471,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
                              place[r.database], r.start, r.marker))  # fmt: skip
     cases = {row.case for row in rows}
     print(f"{len(cases)} cases from {len({r.clip for r in rows})} recordings of "
-          f"{len({r.person for r in rows})} people; {plan.text}; rows: {file}")  # fmt: skip
+          f"{len({r.subject for r in rows})} subjects; {plan.text}; rows: {file}")  # fmt: skip
     print_errors(rows)
     print_ratios(rows)
     print_uncertainty(rows)
-    print_looks(rows)
+    print_quality(rows)
     worst = print_worst(rows)
     if given.plots:
         plot(plan, chosen_for_plots(worst, given.plots), given.output)

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
-from recordings import add_data_option, person_of
+from recordings import add_data_option, subject_of
 
 import priorfill as pf
 from priorfill.evaluation.body_parts import LIMBS
@@ -80,7 +80,7 @@ def read_cases(data: Path, name: str) -> list[Case]:
                     whole,
                     positions=positions,
                     name=f"{whole.name}-{part}" if count > 1 else whole.name,
-                    subject=person_of(file),
+                    subject=subject_of(file),
                     source=None,
                 )
                 gone = limb_gap(clip, marker_set, np.random.default_rng(len(cases)))
@@ -138,9 +138,8 @@ def grow(
     pf.PriorDatabase.create(folder).close()
     for clips, i in enumerate(np.random.default_rng(order).permutation(len(cases))):
         case = cases[i]
-        result, error = refill(
-            case, database=folder, method=method, trust_filled=mode == "trust filled"
-        )
+        options = pf.FillOptions(trust_filled=mode == "trust filled")
+        result, error = refill(case, database=folder, method=method, options=options)
         with pf.PriorDatabase.open(folder, write=True) as database:
             database.accept(result.clip, result.filled, filled_by=result.method)
         rows.append(Row(mode, order, clips, case.clip.name, error, alone[i]))

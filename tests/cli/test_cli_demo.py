@@ -33,7 +33,7 @@ def test_demo(tmp_path: Path) -> None:
         *(label for _, _, labels in sorted(DEMO_GAPS) for label in in_order(labels)),
         "all",
     ]
-    # errors against the truth, and those of a straight line
+    # rms errors relative to the ground truth, of the fill and of linear interpolation
     assert float(table[-1][1]) < 0.5 * float(table[-1][-1])
 
     truth, gaps, filled = (read(folder / f"demo_{n}.c3d") for n in ("truth", "gaps", "filled"))
@@ -59,12 +59,12 @@ def test_the_demo_clip_is_named_synthetic() -> None:
 
 
 def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("in the way")
+    (tmp_path / "file").write_text("not a folder")
     result = run("demo", "-o", tmp_path / "file")
     assert result.exit_code == 1
     assert result.stdout == ""
     assert result.stderr.count("\n") == 1
-    assert "cannot be made" in result.stderr
+    assert "cannot be created" in result.stderr
 
 
 def test_unknown_method_leaves_nothing(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""``priorfill fill``: what it writes, what it says, and what it refuses."""
+"""``priorfill fill``: what it writes, prints and refuses."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from gappy import ARM, person, with_gaps
 import priorfill as pf
 from priorfill.cli import main
 from priorfill.clip import Clip
-from priorfill.database import PriorDatabase
+from priorfill.database import ClipOrigin, PriorDatabase
 from priorfill.errors import FormatError, OutputError
 from priorfill.formats import read, write
-from priorfill.methods.gpr.dropout.donors import ROWS
+from priorfill.methods.gpr.dropout import DropoutOptions
 
 GAPS = ((60, 90, ARM), (200, 240, ("LKNE",)))
 
@@ -46,7 +46,7 @@ def database(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The working folder, with `walk.c3d` (limb gaps) and `drop.c3d` (C7 never seen too).
 
-    `spot.c3d` lacks single markers only: it is filled in a quarter of the time.
+    `spot.c3d` lacks single markers only and is filled in a quarter of the time.
     """
     monkeypatch.chdir(tmp_path)
     write("walk.c3d", with_gaps(person(), *GAPS))
@@ -104,14 +104,14 @@ def test_text(folder: Path) -> None:
         "frames",
         "s",
         "filled",
-        "expected",
+        "mean",
         "error",
         "mm",
         "90",
         "%",
         "below",
         "mm",
-        "from",
+        "sources",
     ]
     first = read("walk.c3d").first_frame
     assert [line.split()[:4] for line in lines[1:8]] == [
@@ -119,7 +119,10 @@ def test_text(folder: Path) -> None:
         ["LKNE", f"{first + 200}-{first + 239}", "0.67", "100"],
     ]
     assert all(line.endswith("the clip's own frames") for line in lines[1:8])
-    assert lines[8:] == ["", "220 samples filled by gpr, 7 of 7 gaps wholly; written to out.c3d"]
+    assert lines[8:] == [
+        "",
+        "filled 220 samples with gpr; 7 of 7 gaps complete; written to out.c3d",
+    ]
     assert Path("walk.c3d").read_bytes() == before
     assert not read("out.c3d").missing.any()
     changed = differing_records(Path("walk.c3d"), Path("out.c3d"))
@@ -143,22 +146,25 @@ def test_json_and_database(folder: Path, database: Path) -> None:
     assert facts["rounding_mm"] < 0.001
     assert len(facts["gaps"]) == 8
     (gap,) = [gap for gap in facts["gaps"] if gap["marker"] == "C7"]
-    assert 0 < gap["expected_mean_error_mm"] < gap["expected_error_mm"] < gap["bound_90_mm"]
+    assert 0 < gap["expected_mean_error_mm"] < gap["expected_rms_mm"] < gap["error_bound_90_mm"]
     assert gap["method"] == "gpr"
-    assert gap["poses"] == ROWS  # of the one person in the database
-    assert gap["prior_clips"] == ["synthetic_walking_011"]
+    assert (
+        gap["training_poses"] == DropoutOptions().poses_per_subject
+    )  # of the one person in the database
+    assert gap["source_clips"] == ["synthetic_walking_011"]
     assert facts["uncertainty"] is None
     assert (gap["first_frame"], gap["last_frame"]) == (first, first + 239)
     assert (gap["frames"], gap["seconds"], gap["filled"]) == (240, 4.0, 240)
-    assert gap["from"] == ["the database's bodies"]
-    assert gap["left_missing"] == []
+    assert gap["sources"] == ["other subjects of the database"]
+    assert gap["unfilled"] == []
 
 
 def test_published_method(folder: Path, database: Path) -> None:
     result = run("fill", "drop.c3d", "-o", "out.c3d", "-d", database, "-m", "baumann2011")
     assert result.exit_code == 0
     assert (
-        "460 samples filled by baumann2011, 8 of 8 gaps wholly; written to out.c3d" in result.stdout
+        "filled 460 samples with baumann2011; 8 of 8 gaps complete; written to out.c3d"
+        in result.stdout
     )
     assert "256 nearest poses by" in result.stdout
 
@@ -169,7 +175,7 @@ def test_with_another_clip_of_the_person(folder: Path) -> None:
     write("other.c3d", other)
     result = run("fill", "spot.c3d", "-o", "a.c3d", "--same-subject", "static.c3d")
     assert result.exit_code == 0
-    assert "other recordings of the same body" in result.stdout
+    assert "other recordings of the same subject" in result.stdout
     off = np.linalg.norm(read("a.c3d").positions - person().positions, axis=2)
     assert off[:, person().labels.index("C7")].mean() < 8
     result = run(
@@ -185,7 +191,7 @@ def test_with_another_clip_of_the_person(folder: Path) -> None:
     )
     assert result.exit_code == 0
     (gap,) = [gap for gap in json.loads(result.stdout)["gaps"] if gap["marker"] == "C7"]
-    assert "other" in gap["prior_clips"]
+    assert "other" in gap["source_clips"]
 
 
 def test_bad_other_clips(folder: Path) -> None:
@@ -193,7 +199,7 @@ def test_bad_other_clips(folder: Path) -> None:
     thing = person()
     write("thing.c3d", replace(thing, labels=[f"P{i}" for i in range(len(thing.labels))]))
     for other, said in (
-        ("drop.c3d", "drop.c3d: is FILE itself"),
+        ("drop.c3d", "drop.c3d: is the file to be filled"),
         ("absent.c3d", "absent.c3d"),
         ("damaged.c3d", "damaged.c3d"),
         ("thing.c3d", "thing: has no marker in common with the clip"),
@@ -205,17 +211,17 @@ def test_bad_other_clips(folder: Path) -> None:
         assert not Path("out.c3d").exists()
 
 
-def test_left_missing(folder: Path) -> None:
+def test_unfilled(folder: Path) -> None:
     result = run("fill", "drop.c3d", "-o", "out.c3d")
     assert result.exit_code == 3
     first = read("drop.c3d").first_frame
     assert result.stderr == (
-        f"left missing: 240 samples of 1 marker (C7) within frames {first}-{first + 239}: "
+        f"unfilled: 240 samples of 1 marker (C7) within frames {first}-{first + 239}: "
         "hardly a frame of the clip shows it together with the visible markers, "
         "nor does another recording, and there is no database; "
         "give one (--database), or another clip of the same person (--same-subject)\n"
     )
-    assert "220 samples filled by gpr, 7 of 8 gaps wholly" in result.stdout
+    assert "filled 220 samples with gpr; 7 of 8 gaps complete" in result.stdout
     after = read("out.c3d")
     assert after.missing.sum() == 240
     assert after.missing[:, after.labels.index("C7")].all()
@@ -227,12 +233,12 @@ def test_left_missing(folder: Path) -> None:
     facts = json.loads(result.stdout)
     assert facts["complete"] is False
     (gap,) = [gap for gap in facts["gaps"] if gap["marker"] == "C7"]
-    assert gap["expected_error_mm"] is None
+    assert gap["expected_rms_mm"] is None
     assert gap["expected_mean_error_mm"] is None
-    assert gap["bound_90_mm"] is None
-    assert gap["poses"] == 0
+    assert gap["error_bound_90_mm"] is None
+    assert gap["training_poses"] == 0
     assert gap["filled"] == 0
-    (left,) = gap["left_missing"]
+    (left,) = gap["unfilled"]
     assert (left["first_frame"], left["last_frame"]) == (first, first + 239)
     assert "no database" in left["reason"]
 
@@ -301,17 +307,20 @@ def test_a_progress_bar_only_on_a_terminal(folder: Path) -> None:
     assert "filling" not in run("fill", "walk.c3d", "-o", "out.c3d").stderr
 
 
-# how far off each sample may be, as a file
+# the expected error of each sample, as a file
 
 
 def test_uncertainty_as_a_table(folder: Path) -> None:
     line = ["fill", "drop.c3d", "-o", "out.c3d", "--uncertainty", "out.csv"]
     result = run(*line)
     assert result.exit_code == 3  # C7 stays missing
-    assert result.stdout.endswith("how far off each filled sample may be: out.csv\n")
+    assert result.stdout.endswith("expected error of each filled sample: out.csv\n")
     with Path("out.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert list(rows[0]) == ["marker", "frame", "time_s", "deviation_mm", "bound_90_mm", "from"]
+    assert list(rows[0]) == [
+        *("marker", "frame", "time_s"),
+        *("expected_rms_mm", "error_bound_90_mm", "sources"),
+    ]
     clip = read("drop.c3d")
     expected = [
         (label, clip.first_frame + frame, frame / 60)
@@ -322,13 +331,13 @@ def test_uncertainty_as_a_table(folder: Path) -> None:
     found = [(row["marker"], int(row["frame"]), float(row["time_s"])) for row in rows]
     assert [row[:2] for row in found] == [row[:2] for row in expected]
     np.testing.assert_allclose([r[2] for r in found], [r[2] for r in expected], atol=1e-6)
-    assert {row["from"] for row in rows} == {"the clip's own frames"}
-    assert all(0 < float(row["deviation_mm"]) < float(row["bound_90_mm"]) for row in rows)
+    assert {row["sources"] for row in rows} == {"the clip's own frames"}
+    assert all(0 < float(row["expected_rms_mm"]) < float(row["error_bound_90_mm"]) for row in rows)
     facts = json.loads(run(*line, "--json", "--overwrite").stdout)
     assert facts["uncertainty"] == "out.csv"
     (gap,) = [gap for gap in facts["gaps"] if gap["marker"] == "LKNE"]
-    knee = [float(row["deviation_mm"]) for row in rows if row["marker"] == "LKNE"]
-    assert gap["expected_error_mm"] == pytest.approx(np.sqrt(np.square(knee).mean()), abs=2e-3)
+    knee = [float(row["expected_rms_mm"]) for row in rows if row["marker"] == "LKNE"]
+    assert gap["expected_rms_mm"] == pytest.approx(np.sqrt(np.square(knee).mean()), abs=2e-3)
     assert min(knee) < gap["expected_mean_error_mm"] < max(knee)
 
 
@@ -343,9 +352,9 @@ def test_uncertainty_as_an_archive(folder: Path) -> None:
         assert str(archive["unit"]) == "mm"
         filled = archive["filled"]
         np.testing.assert_array_equal(filled, before.missing & ~after.missing)
-        for name in ("deviation", "bound"):
+        for name in ("expected_rms", "error_bound_90"):
             np.testing.assert_array_equal(np.isfinite(archive[name]), filled)
-        assert (archive["bound"][filled] > archive["deviation"][filled]).all()
+        assert (archive["error_bound_90"][filled] > archive["expected_rms"][filled]).all()
 
 
 @pytest.mark.parametrize("name", ["out.csv", "out.npz"])
@@ -360,8 +369,8 @@ def test_uncertainty_where_nothing_is_missing(folder: Path, name: str) -> None:
 
 
 def test_uncertainty_that_cannot_be_written(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Found out before the work is done; nothing is written, nothing replaced."""
-    monkeypatch.setattr("priorfill.filling.fill_clip.fill", None)  # the work
+    """Refused before anything is filled; nothing is written or replaced."""
+    monkeypatch.setattr("priorfill.filling.fill_file.fill", None)
     Path("old.csv").write_text("precious")
     Path("dir.csv").mkdir()
     Path("input.csv").symlink_to("walk.c3d")
@@ -371,15 +380,15 @@ def test_uncertainty_that_cannot_be_written(folder: Path, monkeypatch: pytest.Mo
     names = listing()
     before = Path("walk.c3d").read_bytes()
     for output, name, word, *options in (
-        ("out.c3d", "out.txt", "'.txt' is none for uncertainty; use .npz or .csv"),
-        ("out.c3d", "out", "'(none)' is none for uncertainty"),
-        ("out.c3d", "out.c3d", "is none for uncertainty"),
+        ("out.c3d", "out.txt", "with suffix '.txt'; use .npz or .csv"),
+        ("out.c3d", "out", "with suffix '(none)'"),
+        ("out.c3d", "out.c3d", "uncertainty cannot be written"),
         ("out.c3d", "old.csv", "exists already; choose another name or use --overwrite"),
         ("out.c3d", "dir.csv", "is a folder", "--overwrite"),
         ("out.c3d", "nowhere/out.csv", "nowhere does not exist"),
         ("out.c3d", "input.csv", "is the file that the clip was read from", "--overwrite"),
-        ("out.c3d", "output.csv", "is where the filled clip is to go", "--overwrite"),
-        ("old.c3d", "hard.npz", "is where the filled clip is to go", "--overwrite"),
+        ("out.c3d", "output.csv", "is the file for the filled clip", "--overwrite"),
+        ("old.c3d", "hard.npz", "is the file for the filled clip", "--overwrite"),
     ):
         line = ["fill", "walk.c3d", "-o", output, "--uncertainty", name, *options]
         assert_refused(run(*line), name, word)
@@ -393,7 +402,7 @@ def test_uncertainty_that_cannot_be_written(folder: Path, monkeypatch: pytest.Mo
 def test_uncertainty_and_clip_appear_together(
     folder: Path, monkeypatch: pytest.MonkeyPatch, failing: str
 ) -> None:
-    """The disk is full when one of them is written: neither is there, what was there stays."""
+    """If the disk is full when one is written, neither appears and existing files stay."""
     from priorfill import formats
     from priorfill.filling import uncertainty_file
 
@@ -414,21 +423,21 @@ def test_uncertainty_from_python(folder: Path) -> None:
     result = pf.fill(clip)
     pf.write_uncertainty("out.npz", result)
     with np.load("out.npz") as archive:
-        np.testing.assert_array_equal(archive["bound"], result.error_bound_90)
+        np.testing.assert_array_equal(archive["error_bound_90"], result.error_bound_90)
     with pytest.raises(OutputError, match="exists already"):
         pf.write_uncertainty("out.npz", result)
     pf.write_uncertainty("out.npz", result, overwrite=True)
-    with pytest.raises(FormatError, match=r"'\.xlsx' is none for uncertainty"):
+    with pytest.raises(FormatError, match=r"cannot be written with suffix '\.xlsx'"):
         pf.write_uncertainty("out.xlsx", result)
     assert "out.xlsx" not in listing()
 
 
-# which clips of a database it learns from
+# clips of a database to learn from
 
 
 @pytest.fixture(scope="module")
 def people(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A database of walk1 (anna), walk2 (ben), run (ben); of C7 ben knows filled samples only."""
+    """A database of walk1 (anna), walk2 (ben), run (ben); ben's samples of C7 are all filled."""
     place = tmp_path_factory.mktemp("cli") / "people"
     with PriorDatabase.create(place) as made:
         for seed, (name, subject) in enumerate(
@@ -436,11 +445,11 @@ def people(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ):
             clip = replace(person(seconds=6.0, seed=20 + seed, body=20 + seed), name=name)
             if subject == "anna":
-                made.add(clip, subject=subject)
+                made.add(clip, ClipOrigin(subject=subject))
                 continue
             mask = np.zeros(clip.missing.shape, dtype=bool)
             mask[:, clip.labels.index("C7")] = True
-            made.accept(clip, mask, filled_by="gpr", subject=subject)
+            made.accept(clip, mask, filled_by="gpr", origin=ClipOrigin(subject=subject))
     return place
 
 
@@ -465,10 +474,10 @@ def test_which_clips_it_learns_from(
     result = run("fill", "spot.c3d", "-o", "out.c3d", "--json", "-d", people, *options)
     (gap,) = [gap for gap in json.loads(result.stdout)["gaps"] if gap["marker"] == "C7"]
     assert result.exit_code == (0 if known else 3)
-    assert set(gap["prior_clips"]) == known
+    assert set(gap["source_clips"]) == known
 
 
-def test_the_recording_itself_is_no_prior(folder: Path) -> None:
+def test_the_recording_itself_is_not_learnt_from(folder: Path) -> None:
     run("db", "add", "-d", "db", "drop.c3d")
     write("truth.c3d", person())
     run("db", "accept", "-d", "db", "truth.c3d", "--original", "drop.c3d")
@@ -490,11 +499,11 @@ def test_the_recording_itself_is_no_prior(folder: Path) -> None:
 def test_options_that_need_a_database(option: list[str], folder: Path) -> None:
     result = run("fill", "walk.c3d", "-o", "out.c3d", *option)
     assert result.exit_code == 2
-    assert f"{option[0]} says something of a database; give one (--database)" in result.stderr
+    assert f"{option[0]} needs a database; give one (--database)" in result.stderr
     assert not Path("out.c3d").exists()
 
 
-# adding what was filled to the database
+# adding the filled clip to the database
 
 
 def kept(place: str | Path = "db") -> list[tuple[str, str, int]]:
@@ -513,7 +522,7 @@ def test_add_to_a_new_database(folder: Path) -> None:
     assert "the clip's own frames" in result.stdout
     # 6 markers for 30 frames of 60 Hz, one for 40
     assert kept() == [("out", "gpr", 6 * 15 + 20)]
-    # as it is in the file: it is known when it comes again
+    # added as the file holds it, so that it is recognised when added again
     assert run("db", "add", "-d", "db", "out.c3d").stdout.startswith("skipped out.c3d: ")
     again = ["db", "accept", "-d", "db", "out.c3d", "--original", "walk.c3d", "--method", "gpr"]
     assert run(*again).stdout.startswith("skipped out.c3d: ")
@@ -566,7 +575,7 @@ def test_add_what_stays_incomplete_or_has_no_gaps(folder: Path) -> None:
     assert kept() == [("copy", "", 0), ("out", "gpr", 110)]
 
 
-def test_interpolated_before_counts_as_filled(folder: Path) -> None:
+def test_interpolated_samples_count_as_filled(folder: Path) -> None:
     records = standing(120)
     records[:, :, 3] = 0x0303
     records[20:30, 5] = [0, 0, 0, -1]
@@ -586,7 +595,7 @@ def test_what_was_written_but_not_added(folder: Path, monkeypatch: pytest.Monkey
     with PriorDatabase.create("db"):
         result = run(*line)
     assert result.exit_code == 1
-    assert "220 samples filled" in result.stdout
+    assert "filled 220 samples" in result.stdout
     note, error = result.stderr.splitlines()
     assert note == "note: db: the database is empty"
     assert error.startswith("priorfill: db: process ")
@@ -606,7 +615,7 @@ def test_what_was_written_but_not_added(folder: Path, monkeypatch: pytest.Monkey
         f"priorfill: db: cannot be written (No space left on device); {later} "
         "--up +Z --rate 50.0 --unit mm --keep-zeros"
     )
-    # and what it says to do does it
+    # the suggested command works
     command = shlex.split(result.stderr.split("add it later with: priorfill ")[1])
     assert run(*command).exit_code == 0
     assert kept()[0][:2] == ("my out", "gpr")
@@ -627,7 +636,7 @@ def test_databases_that_cannot_be_made(folder: Path) -> None:
     Path("things/notes.txt").write_text("not a database")
     names = listing()
     for place, word in (
-        ("no/db", "no/db: the folder no is not there; make it first"),
+        ("no/db", "no/db: the folder no does not exist; create it first"),
         ("walk.c3d", "walk.c3d: is a file"),
         ("things", "things: is not a priorfill database"),
     ):
@@ -639,7 +648,7 @@ def test_databases_that_cannot_be_made(folder: Path) -> None:
 def test_a_folder_that_may_not_be_written_to(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
     result = run("fill", "walk.c3d", "-o", "out.c3d", "-d", "db", "--add-to-database")
-    assert_refused(result, "db: cannot be made; check the permissions of .")
+    assert_refused(result, "db: cannot be created; check the permissions of .")
 
 
 # what it refuses
@@ -651,13 +660,13 @@ def assert_refused(result: Result, *words: str) -> None:
     assert result.stderr.startswith("priorfill: ")
     assert result.stderr.count("\n") == 1
     assert "Traceback" not in result.stderr
-    assert "fault of priorfill itself" not in result.stderr
+    assert "bug in priorfill" not in result.stderr
     for word in words:
         assert word in result.stderr, (word, result.stderr)
 
 
 def bad_files() -> dict[str, tuple[bytes, str]]:
-    """Contents that cannot be filled, each with a word that the message must have."""
+    """Contents that cannot be filled, each with a word that the message must contain."""
     whole = C3DFile(standing(40), LABELS)
     infinite = standing(40)
     infinite[12, 3, 1] = np.inf
@@ -695,7 +704,7 @@ PROGRAM = "from priorfill.cli import main; main()"
 
 
 def test_bad_input_as_a_program(folder: Path) -> None:
-    """Really one line, whatever libraries print by themselves."""
+    """One line on stderr, whatever libraries print themselves."""
     Path("bad.c3d").write_bytes(b"nothing that makes sense")
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, "fill", "bad.c3d", "-o", "out.c3d"],
@@ -754,7 +763,7 @@ def test_output_is_the_input(folder: Path, arguments: list[str]) -> None:
     assert Path("link.c3d").is_symlink()
 
 
-def test_databases_that_are_none(folder: Path, database: Path) -> None:
+def test_folders_that_are_not_databases(folder: Path, database: Path) -> None:
     def refused(place: str | Path, *words: str) -> None:
         names = listing()
         result = run("fill", "walk.c3d", "-o", "out.c3d", "-d", place)
@@ -780,19 +789,19 @@ def test_databases_that_are_none(folder: Path, database: Path) -> None:
     refused("torn", "torn")
 
 
-def test_a_database_of_which_nothing_can_be_used(folder: Path, database: Path) -> None:
-    """The clip itself is then what is learnt from, and it says so."""
+def test_a_database_without_a_usable_clip(folder: Path, database: Path) -> None:
+    """Only the clip itself is then learnt from; a note has the reason."""
 
     def filled(place: str, note: str, *options: str) -> None:
         line = ["fill", "spot.c3d", "-o", "out.c3d", "--overwrite", "-d", place, *options]
         result = run(*line)
         assert result.exit_code == 3
-        assert "40 samples filled" in result.stdout
+        assert "filled 40 samples" in result.stdout
         lines = result.stderr.splitlines()
         assert len(lines) == 2
         assert lines[0].startswith("note: ")
         assert note in lines[0]
-        assert lines[1].startswith("left missing: 240 samples of 1 marker (C7)")
+        assert lines[1].startswith("unfilled: 240 samples of 1 marker (C7)")
         facts = json.loads(run(*line, "--json").stdout)
         assert facts["notes"] == [lines[0].removeprefix("note: ")]
 
@@ -817,10 +826,10 @@ def test_a_database_of_which_nothing_can_be_used(folder: Path, database: Path) -
 
 
 def test_interrupted(folder: Path) -> None:
-    """Ctrl-C in the middle: one line, status 130, nothing left behind."""
+    """Ctrl-C during a fill: one line, status 130, no file left behind."""
     program = (
         "import os, signal, threading, priorfill.filling.fill_clip as f\n"
-        # shells start what runs in the background deaf to it
+        # shells start background jobs with SIGINT ignored
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "def slow(*a): os.kill(os.getpid(), signal.SIGINT); import time; time.sleep(600)\n"
         "f.get_method = lambda name: slow\n"
@@ -854,7 +863,7 @@ def test_gaps_as_the_cameras_left_them(data: Path, tmp_path: Path) -> None:
     for frame, point in changed:
         assert residual[point, frame] == 0
         assert np.isfinite(points[:3, point, frame]).all()
-    # nothing flies away: filled samples are where markers are seen at some time
+    # filled samples stay within the range of the measured ones
     before, after = read(source), read(output)
     assert (after.positions > np.nanmin(before.positions, axis=(0, 1)) - 300).all()
     assert (after.positions < np.nanmax(before.positions, axis=(0, 1)) + 300).all()

@@ -53,10 +53,10 @@ def test_fill_inspect_and_db_add(here, name):
     out = Path(f"out{file.suffix}")
     result = run("fill", file, "-o", out, "-m", "pchip", "-d", "db", "--add-to-database", "--json")
     assert result.exit_code == 0, result.stderr
-    said = json.loads(result.stdout)
-    assert (said["filled_samples"], said["complete"]) == (10, True)
-    assert 0 < said["rounding_mm"] < 0.001
-    assert said["added"]
+    filled = json.loads(result.stdout)
+    assert (filled["filled_samples"], filled["complete"]) == (10, True)
+    assert 0 < filled["rounding_mm"] < 0.001
+    assert filled["added"]
     assert changed_lines(file, out) == 10
     assert not formats.read(out).missing.any()
     assert run("db", "add", "-d", "other", file).stdout.startswith(f"added {file}")

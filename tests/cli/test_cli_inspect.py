@@ -1,4 +1,4 @@
-"""``priorfill inspect``: what it says of a file."""
+"""``priorfill inspect``: its description of a file."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def person() -> tuple[np.ndarray, tuple[str, ...]]:
 
 @pytest.fixture
 def gappy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A file with gaps: LKNE twice, RKNE overlapping the second, LFIN never seen."""
+    """A file with gaps: LKNE twice, RKNE overlapping the second, LFIN never visible."""
     monkeypatch.chdir(tmp_path)
     positions, labels = person()
     positions[:20, labels.index("LKNE")] = np.nan
@@ -61,7 +61,7 @@ def test_text(gappy: Path) -> None:
     assert lines[0] == "walk.c3d"
     facts = {line[2:13].strip(): line[14:] for line in lines[1 : lines.index("")]}
     assert facts["markers"] == "41"
-    assert facts["frames"] == "200 at 100 Hz, 2.00 s; the first has number 1"
+    assert facts["frames"] == "200 at 100 Hz, 2.00 s; numbered from 1"
     assert facts["unit"] == "mm"
     assert facts["up"].startswith("+Z, ")
     assert facts["marker set"] == "baumann41, 41 of its 41 markers"
@@ -79,9 +79,9 @@ def test_text(gappy: Path) -> None:
         "frames     s  gaps  markers\n"
         " 1-200  2.00     4  LFIN LKNE RKNE (from the clip's start) (to the clip's end)\n"
         "\n"
-        "From the clip itself (seen with 3 others or more): LKNE RKNE.\n"
-        "Never seen, so at best from the partner on the other side: LFIN; "
-        "a database can help (--database), or another clip of the person."
+        "From the clip itself (visible with 3 others or more): LKNE RKNE.\n"
+        "Never visible, so at best from the contralateral marker: LFIN; a database (--database) "
+        "or another recording of the subject (--same-subject) can help."
     )
 
 
@@ -142,7 +142,7 @@ def test_what_a_database_has(gappy: Path, tmp_path: Path) -> None:
         result.output
     )
     assert result.output.endswith(
-        "From the clip itself (seen with 3 others or more): LKNE RKNE.\n"
+        "From the clip itself (visible with 3 others or more): LKNE RKNE.\n"
         "From the database only: LFIN.\n"
     )
     facts = json.loads(run("inspect", gappy, "-d", "db", "--json").output)
@@ -153,15 +153,15 @@ def test_what_a_database_has(gappy: Path, tmp_path: Path) -> None:
     }
 
 
-def test_blackout_and_hardly_seen(tmp_path: Path) -> None:
+def test_blackout_and_barely_visible(tmp_path: Path) -> None:
     positions, labels = person()
     positions[50:60] = np.nan
     positions[20:, labels.index("C7")] = np.nan
     write(tmp_path / "x.c3d", Clip(positions, labels, RATE))
     output = run("inspect", tmp_path / "x.c3d").output
-    assert "Hardly from the clip itself (seen for less than 0.5 s): C7; a database" in output
+    assert "Barely from the clip itself (visible for less than 0.5 s): C7; a database" in output
     assert output.endswith(
-        "No marker at all is seen in 10 frames: the longer they last, the more of it is a guess.\n"
+        "No marker is visible in 10 frames; the longer a blackout, the less certain its fill.\n"
     )
 
 
@@ -180,7 +180,7 @@ def test_no_gaps_and_no_known_set(tmp_path: Path) -> None:
     names = tuple(f"M{i:02d}" for i in range(len(labels)))
     write(tmp_path / "x.c3d", Clip(positions, names, RATE))
     output = run("inspect", tmp_path / "x.c3d").output
-    assert "\n  marker set  none known; " in output
+    assert "\n  marker set  not recognised; " in output
     assert output.splitlines()[-1].startswith("  missing     nothing") or "note" in output
     assert "Gaps by marker" not in output
 
@@ -193,7 +193,7 @@ def test_options(gappy: Path, tmp_path: Path) -> None:
         'C7 = { segment = "all" }\nT10 = { segment = "all" }\n'
     )
     output = run("inspect", gappy, "--marker-set", "mine.toml").output
-    assert "\n  marker set  mine, 2 of its 2 markers; not of the set: LFHD RFHD" in output
+    assert "\n  marker set  mine, 2 of its 2 markers; not in the set: LFHD RFHD" in output
 
 
 def test_bad_input(gappy: Path, tmp_path: Path) -> None:

@@ -20,6 +20,6 @@ def test_methods() -> None:
 
 
 def test_methods_as_json() -> None:
-    told = json.loads(CliRunner().invoke(main, ["methods", "--json"]).stdout)
-    assert told["linear"] == {"summary": "straight lines over time", "source": "SciPy"}
-    assert list(told) == list(METHODS)
+    listed = json.loads(CliRunner().invoke(main, ["methods", "--json"]).stdout)
+    assert listed["linear"] == {"summary": "straight lines over time", "source": "SciPy"}
+    assert list(listed) == list(METHODS)

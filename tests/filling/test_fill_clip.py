@@ -1,4 +1,4 @@
-"""`fill`: what it promises whatever the method."""
+"""`fill`: what holds for every method."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from gappy import ARM, FOOT, error, person, straight, with_gaps
 
 import priorfill as pf
 from priorfill.clip import Clip
-from priorfill.database import PriorDatabase
+from priorfill.database import ClipOrigin, PriorDatabase
 from priorfill.errors import DatabaseNotFoundError, OptionError
 from priorfill.filling.fill_clip import fill
 from priorfill.filling.result import FilledGap, Result, UnfilledSpan
 from priorfill.gp.calibration import BOUND_FACTOR, MEAN_FACTOR
-from priorfill.methods.gpr.dropout.donors import ROWS
-from priorfill.methods.gpr.prediction import Prediction
+from priorfill.methods.gpr.dropout import DropoutOptions
+from priorfill.methods.gpr.prediction import SegmentPrediction
 from priorfill.methods.task import Estimate, Note
 from priorfill.runtime.threads import VARIABLE, thread_count
 
@@ -40,7 +40,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def filled(folder: Path) -> Result:
-    """What `fill` makes of all gaps with the database, which several tests look at."""
+    """All gaps filled with the database, for several tests."""
     return pf.fill(with_gaps(person(), *GAPS), database=folder)
 
 
@@ -85,12 +85,14 @@ def test_fields_of_the_result(folder, filled):
         assert (bounds > inside).all()
         assert bounds.min() < gap.error_bound_90 < bounds.max()
         assert gap.method == "gpr"
-        # of each of the database's people, here one, some poses tell of a marker never seen
-        assert gap.training_poses == ROWS if gap.label == "C7" else gap.training_poses > 50
         if gap.label == "C7":
-            assert gap.sources == ("the database's bodies",)
+            # never visible in the clip, so predicted from the one person in the database
+            assert gap.training_poses == DropoutOptions().poses_per_subject
+            assert gap.sources == ("other subjects of the database",)
             assert gap.source_clips == ("synthetic_walking_011",)
-        elif gap.label in (*ARM, *FOOT):
+            continue
+        assert gap.training_poses > 50
+        if gap.label in (*ARM, *FOOT):
             assert gap.sources == ("the clip's own frames and the database's",)
             assert gap.source_clips == (clip.name, "synthetic_walking_011")
         else:
@@ -98,7 +100,7 @@ def test_fields_of_the_result(folder, filled):
             assert gap.source_clips == (clip.name,)
 
 
-def test_what_stays_missing_is_named():
+def test_unfilled_gaps_have_a_reason():
     clip = with_gaps(person(), *GAPS)
     result = fill(clip)
     assert not result.complete
@@ -116,7 +118,7 @@ def test_what_stays_missing_is_named():
     assert missing[:, clip.labels.index("C7")].all()
 
 
-def test_expected_error_is_of_the_size_of_the_error(filled):
+def test_expected_error_has_the_magnitude_of_the_error(filled):
     off = np.linalg.norm(filled.clip.positions - person().positions, axis=2)
     for gap in filled.gaps:
         marker = person().labels.index(gap.label)
@@ -124,14 +126,14 @@ def test_expected_error_is_of_the_size_of_the_error(filled):
         assert 0.1 < gap.expected_rms / real < 10, gap.label
 
 
-def test_nine_of_ten_errors_are_below_the_bound_or_nearly(filled):
-    """Over gaps of all sizes; synthetic motion is easy, so more may be."""
+def test_about_nine_of_ten_errors_are_below_the_bound(filled):
+    """Over gaps of all sizes; synthetic motion is easy to predict, so more may be."""
     off = np.linalg.norm(filled.clip.positions - person().positions, axis=2)
     assert 0.6 < (off < filled.error_bound_90)[filled.filled].mean() <= 1.0
 
 
-def told(bound):
-    """A method that says 2 mm of each sample, and a bound."""
+def constant_method(bound):
+    """A method that expects an error of 2 mm for each sample, and gives a bound."""
 
     def method(task, progress):
         shape = task.positions.shape
@@ -149,7 +151,8 @@ def test_a_method_may_give_bounds_or_not(monkeypatch):
     own = np.full(clip.missing.shape, 9.0)
     own[60:70] = np.nan
     for bound, expected in ((None, 2.0 * BOUND_FACTOR), (own, 9.0)):
-        monkeypatch.setattr("priorfill.filling.fill_clip.get_method", lambda name, b=bound: told(b))
+        method = constant_method(bound)
+        monkeypatch.setattr("priorfill.filling.fill_clip.get_method", lambda _, m=method: m)
         result = fill(clip, method="gpr")
         (gap,) = result.gaps
         assert gap.error_bound_90 == pytest.approx(expected)
@@ -164,14 +167,14 @@ def test_a_method_may_give_bounds_or_not(monkeypatch):
 
 
 def test_the_factor_of_a_prediction_is_the_bound(monkeypatch, folder):
-    """Each part of a clip has the factor that its own regression found."""
-    whole = Prediction.__init__
+    """Each part of a clip has the factor that its own regression estimated."""
+    original = SegmentPrediction.__init__
 
-    def calibrated(self, *arguments, **told):
-        whole(self, *arguments, **told)
+    def calibrated(self, *arguments, **keywords):
+        original(self, *arguments, **keywords)
         object.__setattr__(self, "bound_factor", 2.0 if len(self.piece.markers) > 1 else 3.0)
 
-    monkeypatch.setattr(Prediction, "__init__", calibrated)
+    monkeypatch.setattr(SegmentPrediction, "__init__", calibrated)
     clip = with_gaps(person(), *GAPS)
     result = fill(clip, database=folder)
     ratio = (result.error_bound_90 / result.expected_rms)[result.filled]
@@ -186,7 +189,7 @@ def test_the_factor_of_a_prediction_is_the_bound(monkeypatch, folder):
 def test_poses_of_the_searching_methods_are_k(method, poses, folder):
     clip = with_gaps(person(), (60, 90, ("LKNE",)))
     (gap,) = fill(clip, method=method, database=folder).gaps
-    # the database has 180 poses at its rate, which are all that can be had
+    # the database holds only 180 poses at its rate
     assert gap.training_poses == min(poses, 178)
     (gap,) = fill(clip, method=method).gaps
     assert 16 <= gap.training_poses <= poses
@@ -199,27 +202,27 @@ def test_a_blackout_learns_from_windows():
     assert min(gap.training_poses for gap in result.gaps) > 10
 
 
-def test_a_bridge_learns_from_no_poses():
+def test_interpolation_learns_from_no_poses():
     """A second of a clip is too short for windows."""
     short = person(seconds=1.0)
     result = fill(with_gaps(short, (25, 35, short.labels)))
     assert {gap.training_poses for gap in result.gaps} == {0}
-    assert {gap.sources for gap in result.gaps} == {("bridged over time",)}
+    assert {gap.sources for gap in result.gaps} == {("interpolation over time",)}
     np.testing.assert_allclose(
         result.error_bound_90[result.filled], BOUND_FACTOR * result.expected_rms[result.filled]
     )
 
 
-def test_how_far_off_strangers_are_is_told_by_whole_bodies(tmp_path):
-    """Two takes of a person agree about a marker better than they do with somebody else."""
+def test_the_error_across_subjects_is_estimated_from_whole_subjects(tmp_path):
+    """Two takes of a subject agree about a marker better than takes of two subjects."""
     whole = person()
 
-    def told(name, subjects):
+    def errors(name, subjects):
         """Expected and real errors by marker, each missing throughout."""
         with PriorDatabase.create(tmp_path / name) as made:
             for seed, subject in enumerate(subjects):
                 take = person(seconds=5.0, seed=30 + seed, body=20 + seed // 2)
-                made.add(replace(take, name=f"take{seed}"), subject=subject)
+                made.add(replace(take, name=f"take{seed}"), ClipOrigin(subject=subject))
         found = []
         for label in ("C7", "RELB", "LKNE"):
             clip = replace(with_gaps(whole, (0, 240, (label,))), subject="anna")
@@ -228,15 +231,15 @@ def test_how_far_off_strangers_are_is_told_by_whole_bodies(tmp_path):
             found.append((result.gaps[0].expected_rms, np.sqrt((off[clip.missing] ** 2).mean())))
         return np.transpose(found)
 
-    expected, real = told("strangers", ["ben", "ben", "cleo", "cleo", "dan", "dan"])
+    expected, real = errors("strangers", ["ben", "ben", "cleo", "cleo", "dan", "dan"])
     assert (real < 1.5 * expected).all()
-    assert (expected > 1.2 * told("unknown", [""] * 6)[0]).all()  # each may be another's
-    # who has the clip's name but another shape is a stranger too
+    assert (expected > 1.2 * errors("unknown", [""] * 6)[0]).all()  # any two may be of one subject
+    # a subject of the clip's name but of another shape counts as another subject
     np.testing.assert_array_equal(
-        told("own", ["ben", "ben", "anna", "anna", "dan", "dan"]), [expected, real]
+        errors("own", ["ben", "ben", "anna", "anna", "dan", "dan"]), [expected, real]
     )
-    # one stranger alone cannot be left out: visible markers tell
-    expected, real = told("one", ["ben"] * 6)
+    # a single other subject cannot be left out: the visible markers give the error
+    expected, real = errors("one", ["ben"] * 6)
     assert (real < 1.5 * expected).all()
 
 
@@ -298,8 +301,8 @@ def test_progress_counts_the_gap_groups():
     assert calls == [(1, 2), (2, 2)]
 
 
-def test_what_a_method_says_of_measured_samples_is_not_heard(monkeypatch):
-    """A method that changes everything, and says nothing of one gap."""
+def test_estimates_of_measured_samples_are_ignored(monkeypatch):
+    """A method that changes everything, and gives no note on part of a gap."""
 
     def wild(task, progress):
         estimate = Estimate(

@@ -1,4 +1,4 @@
-"""What to fill: markers, frames, the longest gap, the clip's ends."""
+"""Gap filters: markers, frames, the longest gap, the clip's ends."""
 
 from __future__ import annotations
 
@@ -78,20 +78,20 @@ def test_frames_are_numbered_as_in_the_file():
     st.sets(st.sampled_from([*ARM, "C7", "RKNE"]), min_size=1),
 )
 @settings(max_examples=20, deadline=None)
-def test_what_is_left_alone_is_missing_and_told(first, last, max_gap, skip_edges, markers):
+def test_what_is_left_alone_stays_missing_with_a_reason(first, last, max_gap, skip_edges, markers):
     if first > last or last < 0 or first > 239:
         return
     gap_filter = GapFilter(tuple(sorted(markers)), (first, last), max_gap, skip_edges)
     result = fill(clip(), method="linear", gap_filter=gap_filter)
-    told = np.zeros_like(result.filled)
+    alone = np.zeros_like(result.filled)
     for gap, reason in gap_filter.left_alone(clip()):
         assert reason
-        told[gap.start : gap.stop, gap.marker] = True
-    np.testing.assert_array_equal(result.filled, clip().missing & ~told)
+        alone[gap.start : gap.stop, gap.marker] = True
+    np.testing.assert_array_equal(result.filled, clip().missing & ~alone)
     assert result.complete
 
 
-def test_a_method_that_fails_is_told_from_what_is_left_alone():
+def test_failure_of_a_method_differs_from_being_left_alone():
     both = with_gaps(person(), (0, 240, ("C7",)), (100, 120, ("LKNE",)))
     result = fill(both, method="linear", gap_filter=GapFilter(frames=(110, None)))
     assert not result.complete
@@ -102,7 +102,7 @@ def test_a_method_that_fails_is_told_from_what_is_left_alone():
     ]
 
 
-def test_the_rest_is_filled_as_without_a_scope():
+def test_the_rest_is_filled_as_without_a_filter():
     whole = fill(clip())
     part = fill(clip(), gap_filter=GapFilter(markers=("LWR*",)))
     np.testing.assert_array_equal(
@@ -120,7 +120,7 @@ def test_the_rest_is_filled_as_without_a_scope():
         ({"max_gap": float("nan")}, "nan"),
     ],
 )
-def test_scopes_that_make_no_sense(fields, word):
+def test_invalid_filters(fields, word):
     with pytest.raises(OptionError, match=word):
         fill(clip(), method="linear", gap_filter=GapFilter(**fields))
 
@@ -131,9 +131,9 @@ def test_the_command_line(here):
     common = ["fill", "gaps.c3d", "-o", "out.c3d", "-m", "linear", "--overwrite"]
     result = run(main, [*common, "--max-gap", "0.5", "--skip-edges", "--frames", "60:"])
     assert result.exit_code == 0, result.output
-    assert "20 samples filled by linear, 2 of 2 gaps wholly, 8 left alone" in result.stdout
+    assert "filled 20 samples with linear; 2 of 2 gaps complete, 8 left alone" in result.stdout
     assert "left alone: 540 samples of 6 markers" in result.stderr
-    assert "left missing" not in result.stderr
+    assert "unfilled" not in result.stderr
     assert read("out.c3d").missing.sum() == clip().missing.sum() - 20
     assert run(main, [*common, "--frames", "60-90"]).exit_code == 2
     assert run(main, [*common, "--markers", "HIP"]).exit_code == 1

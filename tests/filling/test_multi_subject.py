@@ -1,4 +1,4 @@
-"""Several people in one file: each filled with its own body, all in one output."""
+"""Several subjects in one file: each filled by itself, all in one output."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
 from priorfill.errors import ClipError
 from priorfill.filling.fill_clip import fill
-from priorfill.filling.multi_subject import merge_results
+from priorfill.filling.multi_subject import merge_results, read_subjects
 from priorfill.formats import read, write
 
 GAPS = {"Anna": ((60, 90, ARM), (200, 230, ("LKNE",))), "Ben": ((70, 100, ("LKNE", "C7")),)}
 
 
 def people() -> dict[str, Clip]:
-    """Two people with gaps, as a file of each alone has them."""
+    """Two subjects with gaps, as a file of each alone holds them."""
     return {
         name: replace(with_gaps(person(seed=seed, body=seed), *GAPS[name]), subject=name)
         for name, seed in (("Anna", 3), ("Ben", 4))
@@ -53,15 +53,18 @@ def two(here: Path) -> Path:
 def test_each_is_filled_as_if_alone(two):
     result = run("-o", "out.c3d", "-m", "r2")
     assert result.exit_code == 0, result.output
-    assert "270 samples filled by r2, 9 of 9 gaps wholly; written to out.c3d" in result.stdout
+    assert "filled 270 samples with r2; 9 of 9 gaps complete; written to out.c3d" in result.stdout
     lines = [line.split()[:2] for line in result.stdout.splitlines()]
     assert ["Anna:LKNE", "201-230"] in lines
     assert ["Ben:LKNE", "71-100"] in lines
-    for name in GAPS:
+    merged = fill(read_subjects("two.c3d"), method="r2")
+    for name, one in zip(GAPS, merged.subjects, strict=True):
         alone = fill(read("two.c3d", subject=name), method="r2")
         filled = read("out.c3d", subject=name)
         assert not filled.missing.any()
         np.testing.assert_allclose(filled.positions, alone.clip.positions, rtol=0, atol=1e-3)
+        np.testing.assert_array_equal(one.clip.positions, alone.clip.positions)
+    assert [clip.subject for clip in merged.provenance.clips] == ["Anna", "Ben"]
 
 
 def test_json_uncertainty_and_database(two):
@@ -95,7 +98,7 @@ def test_one_of_them_alone(two):
     np.testing.assert_array_equal(before.positions, after.positions)
 
 
-def test_markers_and_decisions_of_one_or_all(two):
+def test_markers_and_overrides_of_one_or_all(two):
     def filled(*arguments: str) -> dict[str, int]:
         result = run("-o", "out.c3d", "-m", "linear", "--json", "--overwrite", *arguments)
         assert result.exit_code == 0, result.output
@@ -118,19 +121,19 @@ def test_markers_and_decisions_of_one_or_all(two):
     assert "'HIP'" in run("-o", "new.c3d", "--markers", "HIP").stderr
 
 
-def test_other_recordings_go_to_whom_they_show(two):
+def test_other_recordings_go_to_their_subject(two):
     write("anna.c3d", replace(person(seed=3, body=3, seconds=2.0), subject="Anna"))
     result = run("-o", "out.c3d", "-m", "linear", "--same-subject", "anna.c3d")
     assert result.exit_code == 0, result.output
     write("who.c3d", replace(person(seed=3, body=3, seconds=2.0), subject=""))
     result = run("-o", "new.c3d", "-m", "linear", "--same-subject", "who.c3d")
     assert result.exit_code == 1
-    assert "who.c3d: does not say whether it is of Anna, Ben" in result.stderr
+    assert "who.c3d: does not state whether it is of Anna, Ben" in result.stderr
 
 
-def test_people_who_are_understood_differently():
+def test_subjects_with_different_axes():
     anna, ben = (fill(clip, method="linear") for clip in people().values())
     turned = replace(ben, clip=replace(ben.clip, up="+Y"))
-    with pytest.raises(ClipError, match=r"for Anna, and \+Y for Ben; say which \(--up\)"):
+    with pytest.raises(ClipError, match=r"for Anna and \+Y for Ben; give the right one \(--up\)"):
         merge_results([anna, turned])
     assert merge_results([anna]) is anna

@@ -1,4 +1,4 @@
-"""Decisions on single gaps: what a file of them does, and what is refused."""
+"""Overrides of single gaps: what a file of them does, and what is refused."""
 
 from __future__ import annotations
 
@@ -14,16 +14,15 @@ from gappy import ARM, person, with_gaps
 from priorfill.cli import main
 from priorfill.clip import Clip
 from priorfill.errors import OptionError
-from priorfill.filling.apply_overrides import fill_with_overrides
 from priorfill.filling.fill_clip import fill
 from priorfill.filling.gap_filter import GapFilter
-from priorfill.filling.overrides import read_overrides
+from priorfill.filling.overrides import GapOverride, Overrides
 from priorfill.filling.result import Result as Filled
 from priorfill.formats import read, write
 
 GAPS = ((60, 150, ARM), (80, 90, ("RKNE", "C7")), (230, 240, ("C7",)))
 FIRST = 101
-"""Number of the first frame, so that frames of the file are not those of the clip."""
+"""Number of the first frame, so that frames of the file differ from indices of the clip."""
 
 
 def clip() -> Clip:
@@ -34,14 +33,14 @@ def column(label: str) -> int:
     return person().labels.index(label)
 
 
-def decided(tmp_path: Path, text: str, **options) -> Filled:
+def overridden(tmp_path: Path, text: str, **options) -> Filled:
     path = tmp_path / "d.toml"
     path.write_text(text)
-    return fill_with_overrides(clip(), read_overrides(path), **{"method": "linear"} | options)
+    return fill(clip(), overrides=path, **{"method": "linear"} | options)
 
 
-def test_no_decision_is_a_fill(tmp_path):
-    result, plain = decided(tmp_path, ""), fill(clip(), method="linear")
+def test_no_override_is_a_plain_fill(tmp_path):
+    result, plain = overridden(tmp_path, ""), fill(clip(), method="linear")
     np.testing.assert_array_equal(result.clip.positions, plain.clip.positions)
     assert repr(result.gaps) == repr(plain.gaps)  # NaN is not NaN
     assert (result.method, result.complete) == ("linear", True)
@@ -62,7 +61,7 @@ def test_each_gap_by_its_method(tmp_path):
         frames = "{FIRST + 100}:"
         do = "pchip"
     """
-    result = decided(tmp_path, text)
+    result = overridden(tmp_path, text)
     by = {name: fill(clip(), method=name).clip.positions for name in ("linear", "spline", "pchip")}
     expected = by["linear"].copy()
     two = [column("RKNE"), column("C7")]
@@ -96,26 +95,26 @@ def test_measured_samples_as_missing(tmp_path):
         frames = {FIRST + 25}
         do = "pchip"
     """
-    result = decided(tmp_path, text)
+    result = overridden(tmp_path, text)
     knee = column("RKNE")
     new = result.filled & ~clip().missing
     assert (np.argwhere(new) == [[frame, knee] for frame in range(20, 30)]).all()
     assert np.abs(result.clip.positions[20:30, knee] - clip().positions[20:30, knee]).max() > 0.01
     others = ~clip().missing & ~new
     np.testing.assert_array_equal(result.clip.positions[others], clip().positions[others])
-    assert result.notes == ("taken as missing: 10 measured samples of RKNE in frames 121-130",)
-    # what cannot be filled again stays as it was
+    assert result.notes == ("treated as missing: 10 measured samples of RKNE in frames 121-130",)
+    # what cannot be filled again keeps its measured position
     text = f'[[gap]]\nmarker = "C7"\ndo = "missing"\nframes = "{FIRST}:"'
-    result = decided(tmp_path, text)
+    result = overridden(tmp_path, text)
     seen = ~clip().missing[:, column("C7")]
     np.testing.assert_array_equal(
         result.clip.positions[seen, column("C7")], clip().positions[seen, column("C7")]
     )
     assert not result.complete
-    assert "220 samples of C7 that were taken as missing could not be filled" in result.notes[1]
+    assert "220 samples of C7 that were treated as missing could not be filled" in result.notes[1]
 
 
-def test_what_the_scope_leaves_alone_stays_alone(tmp_path):
+def test_what_the_gap_filter_leaves_alone_stays_alone(tmp_path):
     text = '[[gap]]\nmarker = "*"\ndo = "spline"'
     for options in (
         {"markers": ("C7",)},
@@ -124,10 +123,20 @@ def test_what_the_scope_leaves_alone_stays_alone(tmp_path):
         {"frames": (190, 195)},
     ):
         gap_filter = GapFilter(**options)
-        result = decided(tmp_path, text, gap_filter=gap_filter)
+        result = overridden(tmp_path, text, gap_filter=gap_filter)
         plain = fill(clip(), method="spline", gap_filter=gap_filter)
         np.testing.assert_array_equal(result.clip.positions, plain.clip.positions)
         assert repr(result.gaps) == repr(plain.gaps)  # NaN is not NaN
+
+
+def test_overrides_from_python():
+    entries = (GapOverride(("LFIN",), "leave"), GapOverride(("R*",), "spline", last=FIRST + 89))
+    result = fill(clip(), method="linear", overrides=Overrides(entries))
+    gaps = {gap.label: gap for gap in result.gaps}
+    assert gaps["LFIN"].unfilled[0].reason == "left alone by overrides"
+    assert (gaps["RKNE"].method, gaps["LWRA"].method) == ("spline", "linear")
+    with pytest.raises(OptionError, match="no method 'splien'"):
+        GapOverride(("C7",), "splien")
 
 
 @pytest.mark.parametrize(
@@ -144,10 +153,10 @@ def test_what_the_scope_leaves_alone_stays_alone(tmp_path):
         ),
         ('[[gap]]\nmarker = "C7"', "do is None"),
         ('[[gap]]\ndo = "leave"', "has no marker"),
-        ('[[gap]]\nmarker = "C7"\ndo = "leave"\nframe = 3', "'frame' is not known"),
-        ('[gap]\nmarker = "C7"', "no list of tables"),
-        ("odd = 1", "'odd' is not known"),
-        ("gap = ", "is no TOML"),
+        ('[[gap]]\nmarker = "C7"\ndo = "leave"\nframe = 3', "unknown key 'frame'"),
+        ('[gap]\nmarker = "C7"', "not a list of tables"),
+        ("odd = 1", "unknown key 'odd'"),
+        ("gap = ", "is not valid TOML"),
         (
             '[[gap]]\nmarker = "C*"\ndo = "leave"\n'
             '[[gap]]\nmarker = "C7"\nframes = "181:"\ndo = "li"',
@@ -156,25 +165,25 @@ def test_what_the_scope_leaves_alone_stays_alone(tmp_path):
         (
             '[[gap]]\nmarker = "C7"\ndo = "leave"\n'
             '[[gap]]\nmarker = "C7"\nframes = 150\ndo = "missing"',
-            "C7 in frame 150 is to be taken as missing and left alone",
+            "C7 in frame 150 is to be treated as missing and left alone",
         ),
         ('[[gap]]\nmarker = "C7"\nsubject = "Ben"\ndo = "leave"', "there is no subject Ben"),
     ],
 )
-def test_what_makes_no_sense(tmp_path, text, words):
+def test_invalid_overrides(tmp_path, text, words):
     with pytest.raises(OptionError, match=words) as raised:
-        decided(tmp_path, text)
+        overridden(tmp_path, text)
     assert "\n" not in str(raised.value)
 
 
-def test_a_decision_that_meets_nothing_is_told(tmp_path):
+def test_an_override_without_effect_is_noted(tmp_path):
     text = (
         '[[gap]]\nmarker = "LKNE"\ndo = "leave"\n[[gap]]\nmarker = "C7"\nframes=181\ndo = "missing"'
     )
-    notes = decided(tmp_path, text).notes
+    notes = overridden(tmp_path, text).notes
     assert [note.partition(": ")[2] for note in notes] == [
-        "gap 2 changes nothing: nothing is measured there",
-        "gap 1 changes nothing: nothing is missing there",
+        "gap 2 has no effect: no sample there is measured",
+        "gap 1 has no effect: no sample there is missing",
     ]
 
 
@@ -190,12 +199,14 @@ def test_the_command_line(here):
     )
     result = run("-m", "linear", "--overrides", "d.toml", "--skip-edges", "--json")
     assert result.exit_code == 0, result.output
-    assert "note: taken as missing: 10 measured samples of LKNE in frames 11-20\n" in result.stderr
+    assert (
+        "note: treated as missing: 10 measured samples of LKNE in frames 11-20\n" in result.stderr
+    )
     assert "left alone: 90 samples of 1 marker (LFIN) within frames 61-150" in result.stderr
     gaps = {(g["marker"], g["first_frame"]): g for g in json.loads(result.stdout)["gaps"]}
     assert gaps["C7", 81]["method"] == "spline"
     assert gaps["LKNE", 11]["filled"] == 10
-    assert gaps["C7", 231]["left_missing"][0]["asked"] is False
+    assert gaps["C7", 231]["unfilled"][0]["requested"] is False
     before, after = read("gaps.c3d"), read("out.c3d")
     changed = (before.positions != after.positions).any(axis=2) & ~before.missing
     assert set(map(tuple, np.argwhere(changed))) == {(f, column("LKNE")) for f in range(10, 20)}

@@ -22,8 +22,8 @@ from priorfill.energy.solver import solve_exactly
 from priorfill.gp.data import Lesson
 from priorfill.gp.ensemble import Regression, regress
 from priorfill.markers.marker_set import MarkerSet
-from priorfill.methods.gpr.gap_segments import Piece
-from priorfill.methods.gpr.prediction import Prediction
+from priorfill.methods.gpr.gap_segments import GapSegment
+from priorfill.methods.gpr.prediction import SegmentPrediction
 
 RATE = 60.0
 NOISE = 0.2
@@ -223,12 +223,12 @@ def test_a_movement_that_only_the_other_side_shows_is_mirrored() -> None:
     truth, marker_set = two_sided()
     arm = [label for label in truth.labels if label.startswith("LA")]
     clip = with_gaps(truth, (290, 410, arm))
-    found = off(pf.fill(clip, marker_set=marker_set), truth)
+    found = off(pf.fill(clip, options=pf.FillOptions(marker_set=marker_set)), truth)
     blind = MarkerSet(
         "one", truth.labels, marker_set.segment, marker_set.reliable, {}, marker_set.root_segments
     )
     # a third of the error without a mirror image
-    assert found < 0.6 * off(pf.fill(clip, marker_set=blind), truth)
+    assert found < 0.6 * off(pf.fill(clip, options=pf.FillOptions(marker_set=blind)), truth)
 
 
 # --- other recordings ---
@@ -318,7 +318,7 @@ def test_a_bridge_replaces_other_bodies_but_never_the_clips_own_frames() -> None
     assert here[own].expected_rms > 3.0 * here[rare].expected_rms
 
 
-# --- pieces ---
+# --- segments ---
 
 
 def test_a_gap_is_cut_where_its_best_neighbour_is_missing() -> None:
@@ -354,12 +354,12 @@ def test_an_offset_at_the_edge_decays_as_in_the_closed_form(
     places, clip = still[0], Clip(still, tuple("ABCDEF"), rate)
     shift = np.array([30.0, -20.0, 10.0])
 
-    def predict(self: object, piece: Piece, completed: object) -> list[Prediction]:
+    def predict(self: object, segment: GapSegment, completed: object) -> list[SegmentPrediction]:
         frames = stop - start + 2 * 300
         positions = np.tile(places[0] + shift, (frames, 1, 1))
         return [
-            Prediction(
-                piece,
+            SegmentPrediction(
+                segment,
                 start - 300,
                 positions,
                 np.full((frames, 1), expected_rms),
@@ -389,11 +389,11 @@ def test_samples_with_too_great_an_expected_error_stay_missing(
 ) -> None:
     truth = person()
 
-    def predict(self: object, piece: Piece, completed: object) -> list[Prediction]:
+    def predict(self: object, segment: GapSegment, completed: object) -> list[SegmentPrediction]:
         expected_rms = np.full((60, 1), 900.0)
         expected_rms[20:30] = 1100.0
-        path = truth.positions[100:160, piece.markers]
-        return [Prediction(piece, 100, path, expected_rms, True, "", own=True)]
+        path = truth.positions[100:160, segment.markers]
+        return [SegmentPrediction(segment, 100, path, expected_rms, True, "", own=True)]
 
     monkeypatch.setattr("priorfill.methods.gpr.predict.Predictor.predict", predict)
     result = pf.fill(with_gaps(truth, (110, 150, ["LKNE"])))

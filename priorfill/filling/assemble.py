@@ -1,0 +1,223 @@
+"""Put what a method estimated into the clip, and sum up each gap."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.artefacts import Artefact, artefact_samples
+from priorfill.clip import Clip
+from priorfill.filling.result import FilledGap, Result, UnfilledSpan
+from priorfill.gaps import Gap, find_gaps, runs
+from priorfill.geometry.axes import from_upright
+from priorfill.gp.calibration import BOUND_FACTOR, MEAN_FACTOR, common_bound
+from priorfill.methods.task import Estimate, Note
+
+__all__ = ["FilledSamples", "expected_errors", "filled_samples", "restore_rejected", "sum_up_gaps"]
+
+NO_POSITION = "the method gave no finite position"
+"""Reason given for a frame that the method left missing without a note."""
+
+
+@dataclass(frozen=True, eq=False)
+class FilledSamples:
+    """The filled samples of a clip.
+
+    Attributes
+    ----------
+    positions : ndarray [shape=(frames, markers, 3), mm]
+        The clip's positions with the filled samples, in the clip's own axes.
+    filled : ndarray of bool [shape=(frames, markers)]
+        Which samples were filled.
+    expected_rms : ndarray [shape=(frames, markers), mm]
+        Expected rms error of each filled sample; NaN elsewhere and where unknown.
+    error_bound_90 : ndarray [shape=(frames, markers), mm]
+        Bound below which 90 % of the errors are expected; NaN likewise.
+    """
+
+    positions: NDArray[np.float64]
+    filled: NDArray[np.bool_]
+    expected_rms: NDArray[np.float64]
+    error_bound_90: NDArray[np.float64]
+
+
+def filled_samples(
+    clip: Clip, estimate: Estimate, left_alone: Iterable[tuple[Gap, str]]
+) -> FilledSamples:
+    """Put the finite positions of an estimate into the requested samples of a clip.
+
+    Parameters
+    ----------
+    clip : Clip
+        The clip with gaps.
+    estimate : Estimate
+        Of a method. Its arrays are reused, because those of a long clip are large.
+    left_alone : iterable of (Gap, str)
+        Samples that stay missing whatever the estimate is, with the reason.
+
+    Returns
+    -------
+    FilledSamples
+        Measured samples keep their bits.
+    """
+    requested = clip.missing
+    for gap, _ in left_alone:
+        requested[gap.start : gap.stop, gap.marker] = False
+    filled = requested.copy()
+    filled[requested] = np.isfinite(estimate.positions[requested]).all(axis=1)
+    positions = from_upright(estimate.positions, clip.up)
+    if np.may_share_memory(positions, clip.positions):  # a method that filled nothing
+        positions = positions.copy()
+    np.copyto(positions, clip.positions, where=~filled[..., None])
+    positions.setflags(write=False)
+    expected_rms, bound = estimate.expected_rms, estimate.error_bound_90
+    np.copyto(expected_rms, np.nan, where=~filled)
+    if bound is None:
+        bound = BOUND_FACTOR * expected_rms
+    np.copyto(bound, np.nan, where=~filled)
+    return FilledSamples(positions, filled, expected_rms, bound)
+
+
+def sum_up_gaps(
+    clip: Clip,
+    samples: FilledSamples,
+    method: str,
+    notes: Iterable[Note],
+    left_alone: Iterable[tuple[Gap, str]],
+) -> tuple[FilledGap, ...]:
+    """Describe what became of each gap of a clip.
+
+    Parameters
+    ----------
+    clip : Clip
+        The clip with gaps.
+    samples : FilledSamples
+        What was filled.
+    method : str
+        The method.
+    notes : iterable of Note
+        What the method reports about runs of missing samples.
+    left_alone : iterable of (Gap, str)
+        Samples that were not to be filled, with the reason.
+
+    Returns
+    -------
+    tuple of FilledGap
+        In order of time.
+    """
+    notes_of: dict[int, list[Note]] = defaultdict(list)
+    for note in notes:
+        notes_of[note.marker].append(note)
+    alone_of: dict[int, list[UnfilledSpan]] = defaultdict(list)
+    for gap, reason in left_alone:
+        span = UnfilledSpan(gap.start, gap.stop, reason, requested=False)
+        alone_of[gap.marker].append(span)
+    return tuple(
+        _sum_up(
+            clip.labels[gap.marker],
+            gap,
+            samples,
+            method,
+            [n for n in notes_of[gap.marker] if n.start < gap.stop and n.stop > gap.start],
+            [span for span in alone_of[gap.marker] if gap.start <= span.start < gap.stop],
+        )
+        for gap in find_gaps(clip.missing)
+    )
+
+
+def restore_rejected(result: Result, measured: Clip, artefacts: tuple[Artefact, ...]) -> Result:
+    """Put rejected samples that were not filled back into the result.
+
+    Parameters
+    ----------
+    result : Result
+        Of the clip without the samples of its artefacts.
+    measured : Clip
+        The clip as it was measured.
+    artefacts : tuple of Artefact
+        Why samples were rejected; without any, the result is returned unchanged.
+
+    Returns
+    -------
+    Result
+        With the rejected samples and their artefacts.
+    """
+    if not artefacts:
+        return result
+    rejected = artefact_samples(artefacts, measured.labels, measured.frames) & ~measured.missing
+    positions = np.where(result.clip.missing[..., None], measured.positions, result.clip.positions)
+    clip = result.clip.with_positions(positions)
+    return replace(result, clip=clip, rejected=rejected, artefacts=artefacts)
+
+
+def expected_errors(
+    expected_rms: NDArray[np.float64], error_bound_90: NDArray[np.float64]
+) -> tuple[float, float, float]:
+    """Sum up the expected errors of the samples of a gap.
+
+    Parameters
+    ----------
+    expected_rms, error_bound_90 : ndarray [shape=(frames,), mm]
+        Of each sample; NaN where it was not filled or the value is unknown.
+
+    Returns
+    -------
+    tuple of float
+        Expected rms error, expected mean error, and the distance below which 90 % of the errors of
+        all samples together are expected to lie (mm); NaN where unknown.
+    """
+    known = expected_rms[np.isfinite(expected_rms)]
+    bounds = error_bound_90[np.isfinite(error_bound_90)]
+    return (
+        float(np.sqrt((known**2).mean())) if len(known) else float("nan"),
+        MEAN_FACTOR * float(known.mean()) if len(known) else float("nan"),
+        common_bound(bounds) if len(bounds) else float("nan"),
+    )
+
+
+def _sum_up(
+    label: str,
+    gap: Gap,
+    samples: FilledSamples,
+    method: str,
+    notes: Sequence[Note],
+    left_alone: list[UnfilledSpan],
+) -> FilledGap:
+    """Describe what became of one gap."""
+    inside = slice(gap.start, gap.stop), gap.marker
+    rms, mean, bound = expected_errors(samples.expected_rms[inside], samples.error_bound_90[inside])
+    filled = samples.filled[inside]
+    failed = ~filled
+    for span in left_alone:
+        failed[span.start - gap.start : span.stop - gap.start] = False
+    unfilled = left_alone + [
+        UnfilledSpan(gap.start + start, gap.start + stop, _reason(notes, gap.start + start))
+        for start, stop in runs(failed)
+    ]
+    used = [note for note in notes if note.filled] if filled.any() else []
+    return FilledGap(
+        label=label,
+        start=gap.start,
+        stop=gap.stop,
+        filled=int(filled.sum()),
+        expected_rms=rms,
+        expected_mean_error=mean,
+        error_bound_90=bound,
+        method=method,
+        sources=tuple(dict.fromkeys(note.source for note in used)),
+        training_poses=max((note.training_poses for note in used), default=0),
+        unfilled=tuple(sorted(unfilled, key=lambda span: span.start)),
+        source_clips=tuple(dict.fromkeys(name for note in notes for name in note.source_clips)),
+    )
+
+
+def _reason(notes: Iterable[Note], frame: int) -> str:
+    """Return why a frame was not filled."""
+    for note in notes:
+        if not note.filled and note.start <= frame < note.stop:
+            return note.source
+    return NO_POSITION

@@ -1,0 +1,319 @@
+"""Fill the gaps of a file: read, fill each subject, write, and add to a database."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Unpack
+
+from priorfill import formats
+from priorfill.artefacts import Artefact, find_artefacts
+from priorfill.clip import Clip
+from priorfill.errors import ClipError, DatabaseError, OptionError, PriorfillError
+from priorfill.filling.add_result import AddedClip, add_subject, can_create_database
+from priorfill.filling.fill_clip import fill
+from priorfill.filling.fill_options import FillKeywords
+from priorfill.filling.multi_subject import merge_artefacts, read_subjects
+from priorfill.filling.overrides import Overrides, read_overrides
+from priorfill.filling.result import Result
+from priorfill.filling.uncertainty_file import check_uncertainty, uncertainty_file
+from priorfill.formats import WriteReport
+from priorfill.methods import get_method
+
+__all__ = ["FileOptions", "FileResult", "fill_file"]
+
+
+@dataclass(frozen=True)
+class FileOptions:
+    """How `priorfill.fill_file` reads and writes files.
+
+    Attributes
+    ----------
+    subject : str or None
+        The subject to fill; all subjects of the file by default.
+    up, rate, unit, zeros_missing
+        How to interpret the file; see `priorfill.read`.
+    uncertainty : Path or str, optional
+        File for the expected error of each filled sample, .npz or .csv. It appears together with
+        the output, or neither appears.
+    rewrite : bool
+        Write a C3D file anew, with float coordinates, instead of a copy with filled samples.
+    overwrite : bool
+        Replace existing files.
+    add_to_database : bool
+        Add the filled clips to the database, which is created if there is none.
+
+    See Also
+    --------
+    priorfill.fill_file : Fill the gaps of a file.
+
+    Examples
+    --------
+    >>> FileOptions(unit="m", overwrite=True).reading["unit"]
+    'm'
+    """
+
+    subject: str | None = None
+    up: str | None = None
+    rate: float | None = None
+    unit: str | None = None
+    zeros_missing: bool = True
+    uncertainty: Path | str | None = None
+    rewrite: bool = False
+    overwrite: bool = False
+    add_to_database: bool = False
+
+    @property
+    def reading(self) -> dict[str, Any]:
+        """Keyword arguments of `priorfill.read`."""
+        names = ("subject", "up", "rate", "unit", "zeros_missing")
+        return {name: getattr(self, name) for name in names}
+
+
+@dataclass(frozen=True, eq=False)
+class FileResult:
+    """What `priorfill.fill_file` did.
+
+    Attributes
+    ----------
+    source, output : Path
+        The file with gaps and the filled file.
+    uncertainty : Path or None
+        The file with the expected error of each filled sample, if one was requested.
+    result : Result
+        The fill; of several subjects merged.
+    report : WriteReport
+        What writing the output changed.
+    artefacts : tuple of Artefact
+        Artefacts of the file: those rejected, or those found and kept as measured.
+    added : tuple of AddedClip or None
+        What became of adding each subject to the database; None where it failed. Empty if the
+        result was not to be added.
+    not_added : DatabaseError or None
+        Why a filled clip could not be added to the database although the output was written, and
+        the command that adds it.
+
+    See Also
+    --------
+    priorfill.fill_file : Fill the gaps of a file.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import priorfill as pf
+    >>> from priorfill.synthetic.demo import make_demo_clip
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = pf.write(f"{folder}/walk.c3d", make_demo_clip()[1])
+    ...     done = pf.fill_file(f"{folder}/walk.c3d", f"{folder}/out.c3d", method="linear")
+    >>> done.result.complete, done.not_added
+    (True, None)
+    """
+
+    source: Path
+    output: Path
+    uncertainty: Path | None
+    result: Result
+    report: WriteReport
+    artefacts: tuple[Artefact, ...] = ()
+    added: tuple[AddedClip | None, ...] = ()
+    not_added: DatabaseError | None = None
+
+
+def fill_file(
+    source: Path | str,
+    output: Path | str,
+    *,
+    database: Path | str | None = None,
+    same_subject: Sequence[Path | str] = (),
+    files: FileOptions | None = None,
+    **arguments: Unpack[FillKeywords],
+) -> FileResult:
+    """Fill the gaps of a file and write the result.
+
+    Measured samples, and everything else in the file, are copied unchanged. Each subject of a file
+    is filled by itself, and all are written to one output. Whatever would prevent writing is
+    checked before anything is filled.
+
+    Parameters
+    ----------
+    source : Path or str
+        The file with gaps.
+    output : Path or str
+        The file to write: a copy of the source, or a new file if its suffix is of another format.
+    database : Path or str, optional
+        Folder of the prior database to learn from.
+    same_subject : sequence of Path or str
+        Other recordings of the same subjects with the same markers attached.
+    files : FileOptions, optional
+        How to read and write files, and whether to add the result to the database.
+    **arguments
+        ``method``, ``gap_filter``, ``overrides``, ``reject_artefacts`` and ``options`` of
+        `priorfill.fill`.
+
+    Returns
+    -------
+    FileResult
+        The fill, and what was written and added.
+
+    Raises
+    ------
+    FormatError, OutputError
+        Where the file cannot be read, or an output cannot be written.
+    MethodError, OptionError, ClipError, DatabaseError
+        As in `priorfill.fill`. Failure to add the result to the database is no exception:
+        `FileResult.not_added` has the reason.
+
+    See Also
+    --------
+    priorfill.fill : Fill the gaps of a clip.
+    priorfill.add_result : Add a result to a database.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import priorfill as pf
+    >>> from priorfill.synthetic.demo import make_demo_clip
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = pf.write(f"{folder}/walk.c3d", make_demo_clip()[1])
+    ...     done = pf.fill_file(f"{folder}/walk.c3d", f"{folder}/out.c3d", method="linear")
+    ...     bool(pf.read(f"{folder}/out.c3d").missing.any())
+    False
+    """
+    source, output, files = Path(source), Path(output), files or FileOptions()
+    prior, overrides = _check(source, output, database, files, arguments)
+    clips = read_subjects(source, **files.reading)
+    others = _read_same_subject(same_subject, source, clips, files)
+    found: tuple[Artefact, ...] = ()
+    if not arguments.get("reject_artefacts"):  # before the fill, whose results take memory too
+        subjects = [clip.subject for clip in clips]
+        found = merge_artefacts(subjects, [find_artefacts(clip) for clip in clips])
+    arguments["overrides"] = overrides
+    result = fill(clips, database=prior, same_subject=others, **arguments)
+    result = _with_reading(result, files.reading)
+    done = FileResult(
+        source,
+        output,
+        None if files.uncertainty is None else Path(files.uncertainty),
+        result,
+        _write(output, result, files),
+        result.artefacts if arguments.get("reject_artefacts") else found,
+    )
+    if database is None or not files.add_to_database:
+        return done
+    return _add(done, Path(database), files)
+
+
+def _check(
+    source: Path,
+    output: Path,
+    database: Path | str | None,
+    files: FileOptions,
+    arguments: FillKeywords,
+) -> tuple[Path | str | None, Overrides | None]:
+    """Check what can be checked before reading; return the database to learn from, and overrides.
+
+    A database that is still to be created is none to learn from.
+    """
+    get_method(arguments.get("method", "auto"))
+    overrides = arguments.get("overrides")
+    if isinstance(overrides, (str, Path)):
+        overrides = read_overrides(overrides)
+    formats.check_output(output, source=source, overwrite=files.overwrite, rewrite=files.rewrite)
+    if files.uncertainty is not None:
+        check_uncertainty(
+            files.uncertainty, source=source, output=output, overwrite=files.overwrite
+        )
+    if files.add_to_database:
+        if database is None:
+            raise OptionError("the result cannot be added to a database; give one (--database)")
+        if can_create_database(Path(database)):
+            database = None
+    return database, overrides
+
+
+def _read_same_subject(
+    paths: Sequence[Path | str], source: Path, clips: Sequence[Clip], files: FileOptions
+) -> list[Clip]:
+    """Read other recordings of the subjects of a file.
+
+    Their axes, rate and unit are their own. Subjects that are not in the file are left out.
+    """
+    names = [clip.subject for clip in clips]
+    found: list[Clip] = []
+    for path in map(Path, paths):
+        if path.exists() and path.samefile(source):
+            raise OptionError(
+                f"{path}: is the file to be filled; --same-subject takes another recording of the "
+                "same subject"
+            )
+        if len(clips) == 1:
+            found.append(
+                formats.read(path, subject=files.subject, zeros_missing=files.zeros_missing)
+            )
+            continue
+        there = read_subjects(path, zeros_missing=files.zeros_missing)
+        matching = [clip for clip in there if clip.subject in names]
+        found += matching or there  # `fill` reports a recording of none of the subjects
+    return found
+
+
+def _with_reading(result: Result, reading: dict[str, Any]) -> Result:
+    """Return a result whose provenance says how the file was read."""
+    return replace(
+        result,
+        provenance=replace(result.provenance, reading=reading),
+        subjects=tuple(
+            _with_reading(one, reading | {"subject": one.clip.subject}) for one in result.subjects
+        ),
+    )
+
+
+def _write(output: Path, result: Result, files: FileOptions) -> WriteReport:
+    """Write the filled clip and its uncertainty: both or neither."""
+    with ExitStack() as stack:
+        if files.uncertainty is not None:
+            writing = uncertainty_file(files.uncertainty, result, overwrite=files.overwrite)
+            stack.enter_context(writing)
+        return formats.write(
+            output, result.clip, result.filled, overwrite=files.overwrite, rewrite=files.rewrite
+        )
+
+
+def _add(done: FileResult, database: Path, files: FileOptions) -> FileResult:
+    """Add each subject to a database; a failure does not undo what was written."""
+    added: list[AddedClip | None] = []
+    failure: DatabaseError | None = None
+    merged = done.result.clip if done.result.subjects else None
+    for one in done.result.by_subject:
+        try:
+            added.append(add_subject(database, one, merged, done.output, files.reading))
+        except (PriorfillError, OSError) as error:
+            subject = files.subject if merged is None else one.clip.subject
+            failure = _not_added(error, database, done, replace(files, subject=subject))
+            failure.__cause__ = error
+            added.append(None)
+    return replace(done, added=tuple(added), not_added=failure)
+
+
+def _not_added(
+    error: PriorfillError | OSError, database: Path, done: FileResult, files: FileOptions
+) -> DatabaseError:
+    """Return an error with the reason, what was done, and the command that does the rest."""
+    reason = str(error)
+    if not isinstance(error, PriorfillError):
+        reason = f"{database}: cannot be written ({error.strerror or error})"
+    reason += f"; {done.output} is written but not added"
+    if isinstance(error, ClipError):  # the clip does not qualify, so there is nothing to repeat
+        return DatabaseError(reason)
+    command = ["priorfill", "db", "accept", "--database", str(database), str(done.output)]
+    command += ["--original", str(done.source), "--method", done.result.method]
+    for name in ("up", "rate", "unit", "subject"):
+        value = getattr(files, name)
+        if value is not None:
+            command += [f"--{name}", str(value)]
+    if not files.zeros_missing:
+        command.append("--keep-zeros")
+    return DatabaseError(f"{reason}; add it later with: {shlex.join(command)}")

@@ -1,0 +1,65 @@
+"""Options of a fill that few fills need, and the arguments of `fill` as types."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypedDict
+
+from priorfill.database import Selection
+from priorfill.filling.gap_filter import GapFilter
+from priorfill.filling.overrides import Overrides
+from priorfill.markers.marker_set import MarkerSet
+
+__all__ = ["FillKeywords", "FillOptions"]
+
+
+@dataclass(frozen=True)
+class FillOptions:
+    """Options of `priorfill.fill` that few fills need.
+
+    Attributes
+    ----------
+    method_options : mapping of str to object, or dataclass
+        Options of the method that differ from its defaults by dotted name, such as ``{"sigma":
+        100.0}`` for ``r1``; or all of them as the method's options class
+        (`priorfill.methods.get_options`).
+    selection : Selection
+        Which clips of the database to learn from; all by default. The clip itself, other versions
+        of the same recording and parts of it are never learnt from.
+    trust_filled : bool
+        Learn also from samples of the database that were filled, as if they were measured.
+    marker_set : MarkerSet, optional
+        Definition of the marker set. By default the set is recognised by the labels or, if no
+        definition fits, found from the data.
+    progress : callable, optional
+        Called after each gap group with the number of groups done and the number of all groups.
+
+    See Also
+    --------
+    priorfill.fill : Fill the gaps of a clip.
+
+    Examples
+    --------
+    >>> import priorfill as pf
+    >>> options = pf.FillOptions(selection=pf.Selection(not_subjects=("anna",)))
+    >>> options.trust_filled
+    False
+    """
+
+    method_options: Any = field(default_factory=dict)
+    selection: Selection = field(default_factory=Selection)
+    trust_filled: bool = False
+    marker_set: MarkerSet | None = None
+    progress: Callable[[int, int], None] | None = field(default=None, repr=False, compare=False)
+
+
+class FillKeywords(TypedDict, total=False):
+    """Arguments of `priorfill.fill` that `priorfill.fill_file` passes on."""
+
+    method: str
+    gap_filter: GapFilter | None
+    overrides: Overrides | Path | str | None
+    reject_artefacts: bool
+    options: FillOptions | None
