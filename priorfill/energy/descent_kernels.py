@@ -1,14 +1,14 @@
 """Compiled loops of the solver. Arrays in, arrays out: no options, no checks, no I/O.
 
-A chain lies between `REACH` frames of zeros at either end, so that no loop has to ask where it
-ends, and its three coordinates are beside each other. It is cut into *blocks* of so many frames.
-The matrix of a block, the fixed frames left out, is factored as L D Lᵀ, so that what a block
-would move by to its own minimum costs two loops over it. A fixed frame has 0 for 1 / D.
+A chain is padded with `PADDING` frames of zeros at either end, so that no loop has to check its
+ends, and its three coordinates are adjacent in memory. It is cut into *blocks* of equal length. The
+matrix of a block, without its fixed frames, is factored as L D Lᵀ, so that the move to the block's
+own minimum costs two loops over it. A fixed frame has 1 / D = 0.
 
-The loops are compiled when something is first solved, while somebody waits for it. They are
-given the room they work in, and compare without ``max``: to compile an allocation or a method of
-an array takes as long as to compile a whole loop. They run on one thread: to share out the chains
-of a gap among threads takes longer than to solve them, and three seconds more to compile.
+The loops compile on first use, while the user waits. Work arrays are passed in and ``max`` is
+avoided, because compiling an allocation or an array method takes as long as compiling a loop. They
+run on one thread: distributing the chains of a gap over threads takes longer than solving them,
+and three more seconds to compile.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from numpy.typing import NDArray
 
 from priorfill.runtime.numba_options import ENTRY, HELPER
 
-__all__ = ["REACH", "descend_chains"]
+__all__ = ["PADDING", "descend_chains"]
 
-Reals = NDArray[np.float64]
-Places = NDArray[np.int64]
+Float64Array = NDArray[np.float64]
+IndexArray = NDArray[np.int64]
 
-REACH = 2
-"""Frames to either side that a frame's differences touch."""
+PADDING = 2
+"""Frames of zeros at either end of a chain: as far as differences reach."""
 
-NOTHING = 1e-12
-"""Part of a number below which a difference from it is rounding."""
+MIN_PIVOT_RATIO = 1e-12
+"""Pivots below this fraction of the diagonal are rounding errors."""
 
 
 @njit(**HELPER)
-def _product_at(t: int, i: int, bands: Reals, x: Reals) -> float:
-    """Return (A x)[t] of a coordinate."""
+def _product_at(t: int, i: int, bands: Float64Array, x: Float64Array) -> float:
+    """Return (A x)[t] for one coordinate."""
     total: float = (
         bands[t, 0] * x[t, i]
         + bands[t - 1, 1] * x[t - 1, i]
@@ -45,53 +45,53 @@ def _product_at(t: int, i: int, bands: Reals, x: Reals) -> float:
 
 
 @njit(**HELPER)
-def _factor(factor: Reals) -> None:
-    """Factor a chain's blocks in place; the form is that of `descend_chains`."""
-    for t in range(REACH, factor.shape[0] - REACH):
-        whole = factor[t, 0]
-        if whole > 0.0:
+def _factor(factor: Float64Array) -> None:
+    """Factor the blocks of a chain in place, in the form of `descend_chains`."""
+    for t in range(PADDING, factor.shape[0] - PADDING):
+        diagonal = factor[t, 0]
+        if diagonal > 0.0:
             far = factor[t, 2]
             near = factor[t, 1] - far * factor[t - 1, 1]
             factor[t, 1] = near * factor[t - 1, 0]
             factor[t, 2] = far * factor[t - 2, 0]
-            pivot = whole - near * factor[t, 1] - far * factor[t, 2]
-            if pivot < NOTHING * whole:
-                # what is left is rounding: go by the frame alone, which is still downhill
+            pivot = diagonal - near * factor[t, 1] - far * factor[t, 2]
+            if pivot < MIN_PIVOT_RATIO * diagonal:
+                # only rounding is left: use the frame alone, which still is a descent direction
                 factor[t, 1] = factor[t, 2] = 0.0
-                pivot = whole
+                pivot = diagonal
             factor[t, 0] = 1.0 / pivot
 
 
 @njit(**HELPER)
-def _look(
-    x: Reals,
-    bands: Reals,
-    factor: Reals,
-    right: Reals,
-    block: int,
-    precision: float,
-    residual: Reals,
-    move: Reals,
-    gain: Reals,
+def _find_gains(
+    x: Float64Array,
+    bands: Float64Array,
+    factor: Float64Array,
+    rhs: Float64Array,
+    block_frames: int,
+    min_move: float,
+    residual: Float64Array,
+    move: Float64Array,
+    gain: Float64Array,
 ) -> None:
-    """Find all residuals, b - Ax, and what each block would gain at its own minimum.
+    """Compute all residuals b - Ax, and the gain of each block at its own minimum.
 
-    Nothing, where it would move none of its frames by more than ``precision`` to get there.
+    The gain is 0 if no frame of the block would move farther than ``min_move``.
     """
     for b in range(gain.size):
         gain[b] = 0.0
-    for t in range(REACH, x.shape[0] - REACH):
+    for t in range(PADDING, x.shape[0] - PADDING):
         if factor[t, 0] > 0.0:
             for i in range(3):
-                residual[t, i] = right[t, i] - _product_at(t, i, bands, x)
+                residual[t, i] = rhs[t, i] - _product_at(t, i, bands, x)
                 move[t, i] = (
                     residual[t, i] - factor[t, 1] * move[t - 1, i] - factor[t, 2] * move[t - 2, i]
                 )
-                gain[(t - REACH) // block] += move[t, i] * move[t, i] * factor[t, 0]
-    # near an energy of 0, no gain is small beside it: mind how far frames move too. One by one
-    # stiff frames hardly move, together they may
+                gain[(t - PADDING) // block_frames] += move[t, i] * move[t, i] * factor[t, 0]
+    # relative to an energy near 0 every gain is large, so the distances moved count as well; with
+    # a stiff prior single frames hardly move, but a block may
     far = False
-    for t in range(x.shape[0] - REACH - 1, REACH - 1, -1):
+    for t in range(x.shape[0] - PADDING - 1, PADDING - 1, -1):
         if factor[t, 0] > 0.0:
             square = 0.0
             for i in range(3):
@@ -101,25 +101,31 @@ def _look(
                     - factor[t + 2, 2] * move[t + 2, i]
                 )
                 square += move[t, i] * move[t, i]
-            if square > precision * precision:
+            if square > min_move * min_move:
                 far = True
-        if (t - REACH) % block == 0:
+        if (t - PADDING) % block_frames == 0:
             if not far:
-                gain[(t - REACH) // block] = 0.0
+                gain[(t - PADDING) // block_frames] = 0.0
             far = False
 
 
 @njit(**HELPER)
-def _list_worthy(factor: Reals, block: int, gain: Reals, share: float, active: Places) -> int:
-    """List the frames to be found of the blocks worth working on; return how many."""
-    most = 0.0
+def _list_active(
+    factor: Float64Array,
+    block_frames: int,
+    gain: Float64Array,
+    min_gain_ratio: float,
+    active: IndexArray,
+) -> int:
+    """List the free frames of the blocks to work on, and return their number."""
+    largest = 0.0
     for b in range(gain.size):
-        if gain[b] > most:
-            most = gain[b]
+        if gain[b] > largest:
+            largest = gain[b]
     count = 0
-    for t in range(REACH, factor.shape[0] - REACH):
-        promised = gain[(t - REACH) // block]
-        if factor[t, 0] > 0.0 and promised > 0.0 and promised >= share * most:
+    for t in range(PADDING, factor.shape[0] - PADDING):
+        block_gain = gain[(t - PADDING) // block_frames]
+        if factor[t, 0] > 0.0 and block_gain > 0.0 and block_gain >= min_gain_ratio * largest:
             active[count] = t
             count += 1
     return count
@@ -127,31 +133,30 @@ def _list_worthy(factor: Reals, block: int, gain: Reals, share: float, active: P
 
 @njit(**HELPER)
 def _descend_active(
-    x: Reals,
-    bands: Reals,
-    factor: Reals,
-    active: Places,
+    x: Float64Array,
+    bands: Float64Array,
+    factor: Float64Array,
+    active: IndexArray,
     count: int,
     tolerance: float,
-    steps: int,
-    residual: Reals,
-    direction: Reals,
-    product: Reals,
-    move: Reals,
+    max_steps: int,
+    residual: Float64Array,
+    direction: Float64Array,
+    product: Float64Array,
+    move: Float64Array,
 ) -> tuple[float, int]:
-    """Take conjugate gradient steps with exact step lengths on the active frames.
+    """Take conjugate gradient steps of exact length on the active frames, block-preconditioned.
 
-    Preconditioned by the blocks. ``residual`` is b - Ax, half the negative gradient; it is of no
-    use afterwards. ``direction`` is 0 on entry and on return. Returns the energy gained and the
-    frame updates.
+    ``residual`` is b - Ax, half the negative gradient, and invalid afterwards. ``direction`` is 0
+    on entry and on return. Returns the decrease of the energy and the number of frame updates.
     """
     updates = 0
     gained = 0.0
     length = 0.0
     norm = np.inf
-    for _ in range(steps):
-        # the last step, of which there is none at first
-        renewed = 0.0
+    for _ in range(max_steps):
+        # apply the previous step; the first time its length is 0
+        new_norm = 0.0
         for a in range(count):
             t = active[a]
             for i in range(3):
@@ -160,9 +165,9 @@ def _descend_active(
                 move[t, i] = (
                     residual[t, i] - factor[t, 1] * move[t - 1, i] - factor[t, 2] * move[t - 2, i]
                 )
-                renewed += move[t, i] * move[t, i] * factor[t, 0]
-        ratio = renewed / norm
-        norm = renewed
+                new_norm += move[t, i] * move[t, i] * factor[t, 0]
+        ratio = new_norm / norm
+        norm = new_norm
         for a in range(count - 1, -1, -1):
             t = active[a]
             for i in range(3):
@@ -193,73 +198,77 @@ def _descend_active(
 
 @njit(**ENTRY)
 def descend_chains(
-    x: Reals,
-    bands: Reals,
-    factor: Reals,
-    right: Reals,
-    energies: Reals,
-    block: int,
+    x: Float64Array,
+    bands: Float64Array,
+    factor: Float64Array,
+    rhs: Float64Array,
+    energies: Float64Array,
+    block_frames: int,
     tolerance: float,
-    precision: float,
-    share: float,
-    steps: int,
-    rounds: int,
-    gain: Reals,
-    active: Places,
-    room: Reals,
+    min_move: float,
+    min_gain_ratio: float,
+    max_steps: int,
+    max_rounds: int,
+    gain: Float64Array,
+    active: IndexArray,
+    work: Float64Array,
 ) -> int:
-    """Descend on every marker's chain.
+    """Minimise the energy of every marker's chain.
 
-    The schedule and the steps see lengths of vectors only, never single coordinates: where it
-    ends does not depend on the directions of the axes.
+    Schedule and steps depend on lengths of vectors only, never on single coordinates, so the result
+    does not depend on the directions of the axes.
 
     Parameters
     ----------
     x : ndarray [shape=(markers, frames, 3), mm]
-        Positions, changed in place where they are to be found; finite everywhere.
+        Positions, finite everywhere; free samples are changed in place.
     bands : ndarray [shape=(markers, frames, 3)]
         A[t, t], A[t, t+1] and A[t, t+2].
     factor : ndarray [shape=(markers, frames, 3)]
-        A[t, t], A[t, t-1] and A[t, t-2], with 0 where a frame is not to be found or the two are
-        in different blocks. Replaced by 1 / D[t], L[t, t-1] and L[t, t-2].
-    right : ndarray [shape=(markers, frames, 3)]
+        A[t, t], A[t, t-1] and A[t, t-2]; 0 for fixed frames and across blocks. Replaced by
+        1 / D[t], L[t, t-1] and L[t, t-2].
+    rhs : ndarray [shape=(markers, frames, 3)]
         b.
     energies : ndarray [shape=(markers,), mm²]
-        Energy of each chain at the start.
-    block : int
-        Frames of a block; the first begins at the first frame that is no zero.
+        Initial energy of each chain.
+    block_frames : int
+        Frames per block; the first block begins after the padding.
     tolerance : float
-        A chain ends when a round over all its frames gains less than this part of its energy, a
-        round when a step gains less than this part of what the round did.
-    precision : float
-        mm; a block that would move none of its frames by more is not worked on.
-    share : float
-        A block is worked on when it promises at least this part of what the best block does.
-    steps : int
-        Descent steps a round at most.
-    rounds : int
-        Bound on the rounds.
+        A chain ends when a round over all its frames decreases its energy by less than this
+        fraction, and a round when a step gains less than this fraction of the round's gain.
+    min_move : float
+        mm. A block is skipped if no frame would move farther.
+    min_gain_ratio : float
+        A block is worked on if its gain is at least this fraction of the largest one.
+    max_steps : int
+        Descent steps per round.
+    max_rounds : int
+        Rounds at largest.
     gain : ndarray [shape=(blocks,)]
-        Room to work in, of zeros, as the others.
+        Work array, initially 0, as the next two.
     active : ndarray of int [shape=(frames,)]
-        Room for a list of frames.
-    room : ndarray [shape=(4, frames, 3)]
-        Room for residuals, directions, products and moves.
+        Work array for a list of frames.
+    work : ndarray [shape=(4, frames, 3)]
+        Work array for residuals, directions, products and moves.
 
     Returns
     -------
     int
-        Frame updates made, over all chains.
+        Number of frame updates, over all chains.
     """
     updates = 0
-    residual, direction, product, move = room[0], room[1], room[2], room[3]
+    residual, direction, product, move = work[0], work[1], work[2], work[3]
     for m in range(x.shape[0]):
         energy = energies[m]
         _factor(factor[m])
-        everything = False
-        for _ in range(rounds):
-            _look(x[m], bands[m], factor[m], right[m], block, precision, residual, move, gain)
-            count = _list_worthy(factor[m], block, gain, 0.0 if everything else share, active)
+        all_blocks = False
+        for _ in range(max_rounds):
+            _find_gains(
+                x[m], bands[m], factor[m], rhs[m], block_frames, min_move, residual, move, gain
+            )
+            count = _list_active(
+                factor[m], block_frames, gain, 0.0 if all_blocks else min_gain_ratio, active
+            )
             if count == 0:
                 break
             gained, updated = _descend_active(
@@ -269,18 +278,18 @@ def descend_chains(
                 active,
                 count,
                 tolerance,
-                steps,
+                max_steps,
                 residual,
                 direction,
                 product,
                 move,
             )
             updates += updated
-            # A round over some blocks that gains too little is followed by one over all; only
-            # that one may end the level, so that no frame is given up unseen.
+            # a round over some blocks that gains too little is followed by one over all; only that
+            # one may end the level, so that no frame is left unexamined
             enough = gained > tolerance * energy
-            if everything and not enough:
+            if all_blocks and not enough:
                 break
-            everything = not enough
+            all_blocks = not enough
             energy -= gained
     return updates

@@ -1,7 +1,12 @@
-"""Multi-resolution synthesis: solve coarse, refine, solve again, down to the clip's own rate.
+"""Multi-resolution solution: from the coarsest level to the clip's own rate, Eq. (5) of [B11]_.
 
-Baumann et al. 2011, section 4.3: long gaps get their shape at a low rate, where a few frames
-span them; each finer level starts from the coarser one's solution and adds detail.
+A long gap gets its shape at a low rate, where it spans few frames. Each finer level starts from the
+interpolated solution of the coarser one and adds detail.
+
+References
+----------
+.. [B11] Baumann, Krüger, Zinke and Weber, Data-driven completion of motion capture data,
+   VRIPHYS 2011, section 4.3.
 """
 
 from __future__ import annotations
@@ -19,14 +24,14 @@ from priorfill.gaps import GapGroup
 
 __all__ = ["Solver", "levels_for", "solve_levels"]
 
-LOWEST_RATE = 12.0
-"""Hz. Coarsest level worth solving at: human movement has little above 6 Hz."""
+MIN_LEVEL_RATE = 12.0
+"""Hz. Rate of the coarsest level at least: human movement has little above 6 Hz."""
 
-MARGIN = 2
-"""Level frames around a gap group that its differences reach."""
+MARGIN_FRAMES = 2
+"""Frames of a level on either side of a gap group, as far as differences reach."""
 
 Solver = Callable[[NDArray[np.float64], NDArray[np.bool_], Prior], Solution]
-"""Finds the free samples of a window: (positions, free, prior) -> solution."""
+"""Finds the free samples of a window: ``(positions, free, prior) -> solution``."""
 
 
 class Resolved(Protocol):
@@ -45,19 +50,25 @@ class Resolved(Protocol):
         """Number of frames."""
 
     def window(self, first: int, last: int, markers: Sequence[int]) -> NDArray[np.float64]:
-        """Return some markers in frames ``first <= frame < last``, for the caller to keep."""
+        """Return a copy of some markers in frames ``first <= frame < last``."""
 
 
 AnyLevel = TypeVar("AnyLevel", bound=Resolved)
 
 
 def levels_for(rate: float) -> int:
-    """How many levels r_max / 2^i a clip has that are not below `LOWEST_RATE`."""
-    return 1 + max(0, int(np.floor(np.log2(rate / LOWEST_RATE))))
+    """Return the number of levels r_i = r_max / 2^i (Eq. (5)) not below `MIN_LEVEL_RATE`.
+
+    Examples
+    --------
+    >>> levels_for(120.0)  # 120, 60, 30 and 15 Hz
+    4
+    """
+    return 1 + max(0, int(np.floor(np.log2(rate / MIN_LEVEL_RATE))))
 
 
 def _within_known(prior: Prior, known: NDArray[np.bool_]) -> Prior:
-    """Take the weight from terms that touch samples [frames, markers] which stay unknown."""
+    """Return the prior without the terms that involve samples (frames, markers) left unknown."""
     both = np.zeros_like(known)
     both[1:-1] = known[:-2] & known[2:]
     return replace(
@@ -71,7 +82,7 @@ def _within_known(prior: Prior, known: NDArray[np.bool_]) -> Prior:
 def _refine(
     coarse: NDArray[np.float64], coarse_frames: NDArray[np.intp], frames: NDArray[np.intp]
 ) -> NDArray[np.float64]:
-    """Bring a coarser solution to a finer level's frames by linear interpolation.
+    """Interpolate a coarser solution linearly at the frames of a finer level.
 
     Parameters
     ----------
@@ -83,7 +94,7 @@ def _refine(
     Returns
     -------
     ndarray [shape=(frames, markers, 3), mm]
-        NaN where the coarse level knows nothing of the marker.
+        NaN for markers without a known sample at the coarser level.
     """
     fine = np.full((len(frames), *coarse.shape[1:]), np.nan)
     for marker in range(coarse.shape[1]):
@@ -102,32 +113,36 @@ def solve_levels(
     prior_at: Callable[[AnyLevel, NDArray[np.intp]], Prior],
     solver: Solver,
 ) -> NDArray[np.float64]:
-    """Synthesise the missing markers of a gap group, coarse to fine.
+    """Find the missing samples of a gap group, from the coarsest level to the finest.
 
     Parameters
     ----------
     levels : sequence of Level or Resolution
-        The clip's resolutions, finest first; NaN where missing.
+        The clip's levels, finest first; NaN where missing.
     group : GapGroup
-        What to fill.
+        The gap group.
     prior_at : callable
-        Called with a level and frame numbers of that level; gives the prior of these frames
-        for the group's markers. Samples without a pose weight cannot be filled.
+        Called with a level and frame numbers of that level; returns the prior of these frames for
+        the group's markers. Samples without a pose weight cannot be found.
     solver : Solver
-        Minimises the energy on each level.
+        Minimises the energy at each level.
 
     Returns
     -------
     ndarray [shape=(group's frames, group's markers, 3), mm]
-        Measured samples as they are; NaN where the prior says nothing.
+        Measured samples unchanged; NaN where the prior has no pose weight.
+
+    See Also
+    --------
+    priorfill.energy.solver.minimise, priorfill.energy.solver.solve_exactly : Solvers.
     """
     markers = list(group.markers)
     solution: NDArray[np.float64] | None = None
     solved_frames = np.empty(0, dtype=np.intp)
     window = np.empty(0, dtype=np.intp)
     for level in reversed(levels):
-        first = max(group.start // level.step - MARGIN, 0)
-        last = min(-(-group.stop // level.step) + MARGIN, level.frames)
+        first = max(group.start // level.step - MARGIN_FRAMES, 0)
+        last = min(-(-group.stop // level.step) + MARGIN_FRAMES, level.frames)
         window = np.arange(first, last)
         positions = level.window(first, last, markers)
         missing = np.isnan(positions[..., 0])

@@ -1,11 +1,10 @@
-"""What the prior says of a run of frames: positions, velocities and accelerations to be near.
+"""The prior: target positions, velocities and accelerations of missing markers, with weights.
 
-The prior of a frame is an expectation for each missing marker and how much it weighs. The
-neighbours' votes fold into it: Σ w_i (y_i - x)² = W (ȳ - x)² + Σ w_i (y_i - ȳ)², so whoever
-minimises the energy handles one mean, one weight and one constant a sample, however many
-neighbours voted.
+Each of Eqs. (2) to (4) of Baumann et al. 2011 sums over the k nearest poses y_i. Since
+Σ w_i (y_i - x)² = W (ȳ - x)² + Σ w_i (y_i - ȳ)² with W = Σ w_i and the weighted mean ȳ, the sum is
+folded into one target, one weight and one constant per sample, whatever k is.
 
-Velocities and accelerations are given as displacements a frame step (mm): ν Δt and α Δt².
+Velocities and accelerations are displacements per frame step (mm): ν Δt and α Δt².
 """
 
 from __future__ import annotations
@@ -33,10 +32,9 @@ class Prior:
     acceleration : ndarray [shape=(frames, markers, 3), mm]
         Expected second differences x[t+1] - 2 x[t] + x[t-1].
     pose_weight, velocity_weight, acceleration_weight : ndarray [shape=(frames, markers)]
-        Weights, not negative; 0 where a term says nothing. A target may be anything finite
-        where its weight is 0.
-    constant : ndarray [shape=(frames, markers)]
-        What the neighbours' disagreement adds to the energy whatever the positions are.
+        Weights of the terms, 0 or more. Where a weight is 0, the target may be any finite number.
+    constant : ndarray [shape=(frames, markers), mm²]
+        Part of the energy that does not depend on the positions: the spread of the neighbours.
     """
 
     pose: NDArray[np.float64]
@@ -49,13 +47,13 @@ class Prior:
 
     @classmethod
     def empty(cls, frames: int, markers: int) -> Prior:
-        """Return a prior that says nothing [shape=(frames, markers)]."""
+        """Return a prior without any weight [shape=(frames, markers)]."""
         targets = [np.zeros((frames, markers, 3)) for _ in range(3)]
         weights = [np.zeros((frames, markers)) for _ in range(4)]
         return cls(*targets, *weights)
 
     def place(self, rows: NDArray[np.intp], columns: NDArray[np.intp], part: Prior) -> None:
-        """Write a part [shape=(rows, columns)] into this prior, in place."""
+        """Copy a part [shape=(rows, columns)] into this prior, in place."""
         for name in (field.name for field in fields(self)):
             getattr(self, name)[np.ix_(rows, columns)] = getattr(part, name)
 
@@ -63,23 +61,30 @@ class Prior:
 def fold(
     values: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Fold the neighbours' votes into mean, weight and constant.
+    """Fold the values of the k neighbours into mean, weight and constant.
 
     Parameters
     ----------
     values : ndarray [shape=(frames, k, markers, 3), mm]
-        What each neighbour says; NaN where it has nothing to say.
+        Value of each neighbour; NaN where it lacks the marker.
     weights : ndarray [shape=(frames, k)]
-        How much each neighbour counts.
+        Weight of each neighbour; Baumann et al. 2011 use 1.
 
     Returns
     -------
     mean : ndarray [shape=(frames, markers, 3), mm]
-        0 where nobody votes.
+        Weighted mean of the known values; 0 where there are none.
     weight : ndarray [shape=(frames, markers)]
-        Sum of the weights of those who vote.
+        Sum of the weights of the known values.
     constant : ndarray [shape=(frames, markers), mm²]
         Weighted sum of their squared distances from the mean.
+
+    Examples
+    --------
+    >>> values = np.array([[[[0.0, 0.0, 0.0]], [[4.0, 0.0, 0.0]]]])  # one frame, k = 2
+    >>> mean, weight, constant = fold(values, np.array([[3.0, 1.0]]))
+    >>> mean[0, 0], weight[0, 0], constant[0, 0]
+    (array([1., 0., 0.]), np.float64(4.0), np.float64(12.0))
     """
     known = ~np.isnan(values[..., 0])
     votes = np.where(known, weights[:, :, None], 0.0)  # (frames, k, markers)
@@ -99,18 +104,18 @@ def to_world(
     here: RootFrames,
     after: RootFrames,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Bring targets from the root frames into the world.
+    """Transform targets from root frames to world coordinates.
 
-    The poses that the prior expects one step before and after a frame are carried over with
-    the root frames of those steps, and differenced in the world. Where the root keeps its
-    heading, the energy's value is that in the root frame.
+    The expected poses one step before and after each frame are transformed with the root frames of
+    those steps, and their differences are taken in world coordinates. Where the heading of the root
+    is constant, the energy has the same value as in root frames.
 
     Parameters
     ----------
     pose, velocity, acceleration : ndarray [shape=(frames, markers, 3), mm]
-        Targets in the root frames of the query, as displacements a frame step.
+        Targets in the root frames of the query, as displacements per frame step.
     before, here, after : RootFrames
-        Of the frames themselves and of one step before and after them.
+        Root frames one step before each frame, at the frame, and one step after it.
 
     Returns
     -------

@@ -1,14 +1,22 @@
-"""The energy of a fill: how far positions, velocities and accelerations are from the prior.
+"""The energy of a fill: the distance of positions, velocities and accelerations from the prior.
 
-Baumann et al. 2011, Eqs. (2)-(4), with the neighbours folded (see `priorfill.energy.targets`)::
+Eq. (1) of [B11]_, E = E_pose + E_motion + E_smooth. The sums over the k neighbours in Eqs. (2) to
+(4) are folded into one target and one weight per sample (see `priorfill.energy.targets`)::
 
-    E_pose   = Σ_t w_p |x[t] - p[t]|²
-    E_motion = Σ_t w_v |(x[t+1] - x[t-1]) / 2 - v[t]|²
-    E_smooth = Σ_t w_a |x[t+1] - 2 x[t] + x[t-1] - a[t]|²
+    Eq. (2)  E_pose   = Σ_t w_p |x[t] - p[t]|²
+    Eq. (3)  E_motion = Σ_t w_v |(x[t+1] - x[t-1]) / 2 - v[t]|²
+    Eq. (4)  E_smooth = Σ_t w_a |x[t+1] - 2 x[t] + x[t-1] - a[t]|²
 
-over the frames and markers where the weights are not 0. Markers do not mix, so each is a *chain*
-of positions over time of its own, and its energy is, summed over the three coordinates, the
-quadratic form xᵀAx - 2bᵀx + const with a symmetric matrix A of two bands beside the diagonal.
+summed over the missing markers. [B11]_ has no weights; here they may differ between terms and
+samples. A term without weight is left out. Markers are independent of each other. The positions of
+one marker over time are a *chain*; its energy, summed over the three coordinates, is the quadratic
+form xᵀAx - 2bᵀx + const, with a symmetric matrix A that has two bands on either side of the
+diagonal.
+
+References
+----------
+.. [B11] Baumann, Krüger, Zinke and Weber, Data-driven completion of motion capture data,
+   VRIPHYS 2011, section 4.2.
 """
 
 from __future__ import annotations
@@ -25,20 +33,20 @@ __all__ = ["BandedSystem", "banded_system", "energy", "gradient", "marker_energi
 
 @dataclass(frozen=True, eq=False)
 class BandedSystem:
-    """The energy as quadratic forms, a chain for each marker.
+    """The energy as quadratic forms xᵀAx - 2bᵀx + const, one per marker and coordinate.
 
     Attributes
     ----------
-    diagonal, first, second : ndarray [shape=(markers, frames)]
-        A[t, t], A[t, t+1] and A[t, t+2]: the same for the three coordinates of a marker.
-    right : ndarray [shape=(markers, 3, frames), mm]
+    diagonal, off1, off2 : ndarray [shape=(markers, frames)]
+        A[t, t], A[t, t+1] and A[t, t+2], the same for the three coordinates of a marker.
+    rhs : ndarray [shape=(markers, 3, frames), mm]
         b.
     """
 
     diagonal: NDArray[np.float64]
-    first: NDArray[np.float64]
-    second: NDArray[np.float64]
-    right: NDArray[np.float64]
+    off1: NDArray[np.float64]
+    off2: NDArray[np.float64]
+    rhs: NDArray[np.float64]
 
 
 def _residuals(
@@ -51,14 +59,14 @@ def _residuals(
     smooth = np.zeros_like(positions)
     motion[1:-1] = 0.5 * (positions[2:] - positions[:-2]) - prior.velocity[1:-1]
     smooth[1:-1] = positions[2:] - 2.0 * positions[1:-1] + positions[:-2] - prior.acceleration[1:-1]
-    # a term without weight may touch samples that are unknown
+    # a term without weight may involve unknown samples
     motion[prior.velocity_weight == 0] = 0.0
     smooth[prior.acceleration_weight == 0] = 0.0
     return pose, motion, smooth
 
 
 def marker_energies(positions: NDArray[np.float64], prior: Prior) -> NDArray[np.float64]:
-    """Energy of each marker [shape=(markers,), mm²]; parameters as for `energy`."""
+    """Return the energy of each marker [shape=(markers,), mm²]; parameters as for `energy`."""
     pose, motion, smooth = _residuals(positions, prior)
     energies: NDArray[np.float64] = (
         np.einsum("fm,fmi->m", prior.pose_weight, pose**2)
@@ -70,50 +78,56 @@ def marker_energies(positions: NDArray[np.float64], prior: Prior) -> NDArray[np.
 
 
 def energy(positions: NDArray[np.float64], prior: Prior) -> float:
-    """Energy of positions under a prior, mm².
+    """Return the energy of positions under a prior: Eq. (1) of Baumann et al. 2011.
 
     Parameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
-        May be NaN where no term with a weight reaches.
+        May be NaN where no term with a weight involves them.
     prior : Prior
-        Targets and weights over the same window. The first and the last frame have no
-        velocity and acceleration terms: their differences leave the window.
+        Targets and weights over the same window. The first and the last frame have no velocity
+        and acceleration terms, because their differences would need frames outside the window.
 
     Returns
     -------
     float
-        E_pose + E_motion + E_smooth, the neighbours' disagreement included.
+        mm². E_pose + E_motion + E_smooth, including the constant of the folded neighbours.
+
+    See Also
+    --------
+    gradient : Its derivative.
+    banded_system : The same as quadratic forms.
+    priorfill.energy.solver.minimise : Minimises it.
     """
     return float(marker_energies(positions, prior).sum())
 
 
 def gradient(positions: NDArray[np.float64], prior: Prior) -> NDArray[np.float64]:
-    """Gradient of `energy` by every position [shape=(frames, markers, 3), mm]."""
+    """Return the gradient of `energy` [shape=(frames, markers, 3), mm]; parameters alike."""
     pose, motion, smooth = _residuals(positions, prior)
     motion *= prior.velocity_weight[..., None]
     smooth *= prior.acceleration_weight[..., None]
-    slope = 2.0 * prior.pose_weight[..., None] * pose
-    slope[2:] += motion[1:-1]
-    slope[:-2] -= motion[1:-1]
-    slope[2:] += 2.0 * smooth[1:-1]
-    slope[1:-1] -= 4.0 * smooth[1:-1]
-    slope[:-2] += 2.0 * smooth[1:-1]
-    return slope
+    result = 2.0 * prior.pose_weight[..., None] * pose
+    result[2:] += motion[1:-1]
+    result[:-2] -= motion[1:-1]
+    result[2:] += 2.0 * smooth[1:-1]
+    result[1:-1] -= 4.0 * smooth[1:-1]
+    result[:-2] += 2.0 * smooth[1:-1]
+    return result
 
 
 def banded_system(prior: Prior) -> BandedSystem:
-    """Write the energy as a quadratic form for each chain.
+    """Return the energy as quadratic forms, one per marker and coordinate.
 
     Parameters
     ----------
     prior : Prior
-        Targets and weights [frames, markers].
+        Targets and weights [shape=(frames, markers)].
 
     Returns
     -------
-    Chains
-        So that ``energy = xᵀAx - 2bᵀx + const`` for each marker and coordinate.
+    BandedSystem
+        The minimum of the energy solves A x = b.
     """
     pose_weight = prior.pose_weight.T  # (markers, frames)
     velocity_weight = prior.velocity_weight.T.copy()
@@ -125,14 +139,14 @@ def banded_system(prior: Prior) -> BandedSystem:
     diagonal = pose_weight + 4.0 * acceleration_weight
     diagonal[:, 1:] += quarter[:, :-1] + acceleration_weight[:, :-1]
     diagonal[:, :-1] += quarter[:, 1:] + acceleration_weight[:, 1:]
-    first = np.zeros_like(diagonal)
-    first[:, :-1] = -2.0 * (acceleration_weight[:, :-1] + acceleration_weight[:, 1:])
-    second = np.zeros_like(diagonal)
-    second[:, :-2] = acceleration_weight[:, 1:-1] - quarter[:, 1:-1]
+    off1 = np.zeros_like(diagonal)
+    off1[:, :-1] = -2.0 * (acceleration_weight[:, :-1] + acceleration_weight[:, 1:])
+    off2 = np.zeros_like(diagonal)
+    off2[:, :-2] = acceleration_weight[:, 1:-1] - quarter[:, 1:-1]
 
-    half = 0.5 * velocity_weight[:, None] * prior.velocity.transpose(1, 2, 0)
-    bend = acceleration_weight[:, None] * prior.acceleration.transpose(1, 2, 0)
-    right = pose_weight[:, None] * prior.pose.transpose(1, 2, 0) - 2.0 * bend
-    right[..., 1:] += half[..., :-1] + bend[..., :-1]
-    right[..., :-1] += bend[..., 1:] - half[..., 1:]
-    return BandedSystem(diagonal, first, second, right)
+    scaled_velocity = 0.5 * velocity_weight[:, None] * prior.velocity.transpose(1, 2, 0)
+    scaled_acceleration = acceleration_weight[:, None] * prior.acceleration.transpose(1, 2, 0)
+    rhs = pose_weight[:, None] * prior.pose.transpose(1, 2, 0) - 2.0 * scaled_acceleration
+    rhs[..., 1:] += scaled_velocity[..., :-1] + scaled_acceleration[..., :-1]
+    rhs[..., :-1] += scaled_acceleration[..., 1:] - scaled_velocity[..., 1:]
+    return BandedSystem(diagonal, off1, off2, rhs)

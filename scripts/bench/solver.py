@@ -22,7 +22,7 @@ import numpy as np
 
 from priorfill.energy.multiresolution import levels_for, solve_levels
 from priorfill.energy.solver import (
-    Descent,
+    DescentOptions,
     Solution,
     minimise,
     solve_exactly,
@@ -39,10 +39,10 @@ MARKERS = 6
 BESIDE = 2.0
 """s of measured signal on either side."""
 
-PLAIN = Descent(share=0.0, block=1)
+PLAIN = DescentOptions(min_gain_ratio=0.0, block_frames=1)
 """All frames in each step, each by itself."""
 
-UNSCHEDULED = Descent(share=0.0)
+UNSCHEDULED = DescentOptions(min_gain_ratio=0.0)
 """All blocks in each step."""
 
 SLOWER, PART = 3.0, 0.5

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from priorfill.energy.multiresolution import LOWEST_RATE, levels_for, solve_levels
+from priorfill.energy.multiresolution import MIN_LEVEL_RATE, levels_for, solve_levels
 from priorfill.energy.solver import minimise, solve_exactly
 from priorfill.energy.targets import Prior
 from priorfill.gaps import gap_groups, runs
@@ -24,7 +24,7 @@ def smooth(frames, markers, rate, seed=0):
 
 
 def truth_prior(truth, rate, count, markers, blind=()):
-    """The prior that says nothing but the truth, and nothing of the blind markers."""
+    """A prior equal to the truth, without weight for the blind markers."""
     levels = {
         level.step: level.positions[:, list(markers)] for level in pyramid(truth, rate, count)
     }
@@ -70,12 +70,12 @@ def fill(truth, missing, rate, solver, blind=()):
 )
 def test_levels(rate, count):
     assert levels_for(rate) == count
-    assert rate / 2 ** (count - 1) >= min(rate, LOWEST_RATE)
+    assert rate / 2 ** (count - 1) >= min(rate, MIN_LEVEL_RATE)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("rate", [20.0, 60.0, 120.0, 500.0])
-def test_a_prior_that_is_the_truth_gives_the_truth(solver, rate):
+def test_a_prior_equal_to_the_truth_gives_the_truth(solver, rate):
     truth = smooth(200, 3, rate)
     missing = np.zeros((200, 3), dtype=bool)
     missing[40:120, 0] = True
@@ -112,7 +112,7 @@ def test_markers_without_a_prior_stay_missing(solver):
     np.testing.assert_allclose(found[:, 0], truth[:, 0], atol=0.05)
 
 
-def test_frames_without_a_prior_stay_missing_and_harm_no_others():
+def test_frames_without_a_prior_stay_missing_and_do_not_affect_others():
     truth, rate = smooth(160, 1, 100.0), 100.0
     missing = np.zeros((160, 1), dtype=bool)
     missing[40:120] = True
@@ -161,7 +161,7 @@ def test_gaps_that_vanish_on_coarse_levels(start):
     np.testing.assert_allclose(fill(truth, missing, 240.0, minimise), truth, atol=1e-3)
 
 
-def test_the_seam_is_pulled_to_the_measured_signal():
+def test_the_fill_joins_the_measured_signal():
     """A prior that is off by a constant is bent to the measured neighbours at both edges."""
     truth, rate = smooth(200, 1, 100.0), 100.0
     missing = np.zeros((200, 1), dtype=bool)

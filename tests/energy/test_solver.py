@@ -5,13 +5,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_priors import random_prior
 
-from priorfill.energy.solver import Descent, minimise, solve_exactly
+from priorfill.energy.solver import DescentOptions, minimise, solve_exactly
 from priorfill.energy.targets import Prior
 from priorfill.energy.terms import energy, gradient
 from priorfill.errors import OptionError
 
-THOROUGH = Descent(tolerance=1e-13)
-"""Goes on until a round gains nothing worth mentioning."""
+THOROUGH = DescentOptions(tolerance=1e-13)
+"""Stops only when a round gains next to nothing."""
 
 seeds = st.integers(0, 2**31)
 
@@ -59,9 +59,9 @@ def test_descent_reaches_the_exact_minimum(seed, frames, markers, scales):
     st.integers(1, 6),
     st.sampled_from([1, 2, 7, 64]),
 )
-def test_descent_takes_the_steps_it_says(seed, frames, share, steps, block):
+def test_descent_against_the_slow_twin(seed, frames, share, steps, block):
     positions, free, prior = problem(seed, frames, 2, (1.0, 5.0, 10.0))
-    options = Descent(share=share, steps=steps, block=block)
+    options = DescentOptions(min_gain_ratio=share, max_steps=steps, block_frames=block)
     found = minimise(positions, free, prior, options)
     expected, updates = naive.scheduled_descent(positions, free, prior, options)
     np.testing.assert_allclose(found.positions, expected, atol=1e-6)
@@ -73,13 +73,15 @@ def test_descent_takes_the_steps_it_says(seed, frames, share, steps, block):
 def test_descent_never_climbs_and_more_tolerance_is_less_work(seed, share):
     positions, free, prior = problem(seed, 60, 2, (1.0, 5.0, 10.0))
     start = energy(positions, prior)
-    quick = minimise(positions, free, prior, Descent(tolerance=0.01, share=share))
-    thorough = minimise(positions, free, prior, Descent(tolerance=1e-9, share=share))
+    quick = minimise(positions, free, prior, DescentOptions(tolerance=0.01, min_gain_ratio=share))
+    thorough = minimise(
+        positions, free, prior, DescentOptions(tolerance=1e-9, min_gain_ratio=share)
+    )
     assert thorough.energy <= quick.energy <= start
     assert quick.updates <= thorough.updates
 
 
-def test_samples_that_no_term_reaches_stay():
+def test_samples_without_a_term_are_unchanged():
     positions, free, prior = problem(1, 20, 2, (1.0, 1.0, 1.0))
     free[:] = True
     for weight in (prior.pose_weight, prior.velocity_weight, prior.acceleration_weight):
@@ -97,14 +99,14 @@ def test_scheduling_saves_updates_where_the_work_is_in_one_place():
     free = np.ones((600, 1), dtype=bool)
     positions = solve_exactly(np.zeros((600, 1, 3)), free, prior).positions
     positions[300:310] += 80.0
-    options = {"tolerance": 1e-6, "precision": 0.0, "block": 4}
-    scheduled = minimise(positions, free, prior, Descent(**options, share=0.01))
-    plain = minimise(positions, free, prior, Descent(**options, share=0.0))
+    options = {"tolerance": 1e-6, "min_move": 0.0, "block_frames": 4}
+    scheduled = minimise(positions, free, prior, DescentOptions(**options, min_gain_ratio=0.01))
+    plain = minimise(positions, free, prior, DescentOptions(**options, min_gain_ratio=0.0))
     assert scheduled.energy == pytest.approx(plain.energy, rel=1e-6)
     assert scheduled.updates < 0.7 * plain.updates
 
 
-def test_what_is_stiff_is_solved_by_blocks():
+def test_blocks_solve_stiff_priors():
     """A prior that spreads an offset over ten frames costs single frames step after step."""
     rng = np.random.default_rng(0)
     prior = random_prior(rng, 600, 1, (1.0, 0.0, 10.0**4))
@@ -113,13 +115,13 @@ def test_what_is_stiff_is_solved_by_blocks():
     free[[0, 1, -2, -1]] = False
     exact = solve_exactly(positions, free, prior).positions
     blocks = minimise(positions, free, prior)
-    frames = minimise(positions, free, prior, Descent(block=1))
+    frames = minimise(positions, free, prior, DescentOptions(block_frames=1))
     assert blocks.updates < 0.2 * frames.updates
     off, beside = (np.linalg.norm(f.positions - exact, axis=2).max() for f in (blocks, frames))
     assert off < 0.1 * beside
 
 
-def test_a_smooth_offset_is_seen_though_single_frames_hardly_move_it():
+def test_a_smooth_offset_is_removed_though_single_frames_hardly_move():
     """Off by a millimetre everywhere, held at both ends by measured frames; the prior is stiff."""
     nothing, ones = np.zeros((600, 1, 3)), np.ones((600, 1))
     prior = Prior(nothing, nothing, nothing, ones, 0.0 * ones, 1e4 * ones, 0.0 * ones)
@@ -131,8 +133,16 @@ def test_a_smooth_offset_is_seen_though_single_frames_hardly_move_it():
 
 @pytest.mark.parametrize(
     "options",
-    [{"tolerance": -1}, {"tolerance": 1}, {"share": 2}, {"steps": 0}, {"rounds": 0}, {"block": 0}],
+    [
+        {"tolerance": -1},
+        {"tolerance": 1},
+        {"min_gain_ratio": 2},
+        {"max_steps": 0},
+        {"max_rounds": 0},
+        {"block_frames": 0},
+        {"min_move": -1},
+    ],
 )
-def test_senseless_options_are_refused(options):
+def test_values_out_of_range_are_rejected(options):
     with pytest.raises(OptionError):
-        Descent(**options)
+        DescentOptions(**options)

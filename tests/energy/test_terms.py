@@ -34,7 +34,7 @@ def test_energy_is_that_of_the_paper(seed, frames, markers, k):
     assert energy(x, prior) == pytest.approx(expected, rel=1e-9, abs=1e-6)
 
 
-def test_fold_counts_only_those_who_vote():
+def test_fold_ignores_neighbours_without_the_marker():
     values = np.array([[[[0.0, 0, 0]], [[4.0, 0, 0]], [[np.nan] * 3]]])  # (1, 3, 1, 3)
     mean, weight, constant = fold(values, np.array([[3.0, 1.0, 7.0]]))
     np.testing.assert_allclose(mean, [[[1.0, 0, 0]]])
@@ -59,23 +59,23 @@ def test_gradient_is_that_of_finite_differences(seed, frames, markers):
 
 
 @given(seeds, st.integers(3, 9), st.integers(1, 3))
-def test_chains_are_the_energy_as_a_quadratic_form(seed, frames, markers):
+def test_the_banded_system_is_the_energy_as_a_quadratic_form(seed, frames, markers):
     rng = np.random.default_rng(seed)
     prior = random_prior(rng, frames, markers)
     prior.velocity_weight[[0, -1]] = prior.acceleration_weight[[0, -1]] = 0
-    chains = banded_system(prior)
+    system = banded_system(prior)
     x = rng.normal(0, 50, (frames, markers, 3))
     slope = gradient(x, prior)
     for m in range(markers):
-        A = np.diag(chains.diagonal[m])
-        A += np.diag(chains.first[m, :-1], 1) + np.diag(chains.first[m, :-1], -1)
-        A += np.diag(chains.second[m, :-2], 2) + np.diag(chains.second[m, :-2], -2)
+        A = np.diag(system.diagonal[m])
+        A += np.diag(system.off1[m, :-1], 1) + np.diag(system.off1[m, :-1], -1)
+        A += np.diag(system.off2[m, :-2], 2) + np.diag(system.off2[m, :-2], -2)
         np.testing.assert_allclose(
-            2 * (A @ x[:, m] - chains.right[m].T), slope[:, m], rtol=1e-9, atol=1e-6
+            2 * (A @ x[:, m] - system.rhs[m].T), slope[:, m], rtol=1e-9, atol=1e-6
         )
 
 
-def test_targets_follow_the_root_into_the_world():
+def test_targets_are_transformed_with_the_root_frames():
     rng = np.random.default_rng(6)
 
     def frames(angle, shift):
@@ -84,7 +84,7 @@ def test_targets_follow_the_root_into_the_world():
         return RootFrames(np.array([shift]), turn[None])
 
     before, here, after = frames(0.1, [0, 0, 0]), frames(0.2, [5, 0, 0]), frames(0.3, [11.0, 0, 0])
-    path = rng.normal(0, 100, (3, 1, 2, 3))  # what the root sees before, here and after
+    path = rng.normal(0, 100, (3, 1, 2, 3))  # poses in root frames before, here and after
     pose, velocity = path[1], (path[2] - path[0]) / 2
     acceleration = path[2] - 2 * path[1] + path[0]
     world = [f.to_world(p) for f, p in zip((before, here, after), path, strict=True)]
@@ -94,7 +94,7 @@ def test_targets_follow_the_root_into_the_world():
     np.testing.assert_allclose(found[2], world[2] - 2 * world[1] + world[0])
 
 
-def test_parts_of_a_prior_are_placed_where_they_belong():
+def test_a_part_is_copied_into_a_prior():
     rng = np.random.default_rng(7)
     rows, columns = np.array([4, 1]), np.array([2, 0, 3])
     prior, expected = Prior.empty(6, 5), Prior.empty(6, 5)

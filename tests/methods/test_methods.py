@@ -11,7 +11,7 @@ from gappy import ARM, FOOT, error, person, straight, with_gaps
 
 from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
-from priorfill.energy.solver import Descent, minimise, solve_exactly
+from priorfill.energy.solver import DescentOptions, minimise, solve_exactly
 from priorfill.energy.terms import energy
 from priorfill.filling.fill_clip import fill
 from priorfill.filling.result import Result
@@ -281,7 +281,7 @@ def check_descent(found):
     assert found
     for positions, free, prior in found:
         exact = solve_exactly(positions, free, prior)
-        descent = minimise(positions, free, prior, Descent(tolerance=1e-12))
+        descent = minimise(positions, free, prior, DescentOptions(tolerance=1e-12))
         # a prediction that joins what is measured has hardly any energy; that it is found to the
         # last millionth does not matter, but where the markers are
         assert descent.energy <= exact.energy * (1 + 1e-5) + 1e-8

@@ -69,15 +69,17 @@ def least_squares_minimum(x, free, prior):
 
 
 def scheduled_descent(x, free, prior, options):
-    """Descend along conjugate directions, preconditioned by blocks; count frame updates."""
+    """Descend along conjugate directions, preconditioned by blocks, and count frame updates."""
     found, updates = x.copy(), 0
     frames = len(x)
     for m in range(x.shape[1]):
         terms = [energy_terms(prior, m, i) for i in range(3)]
         matrix = terms[0][0].T @ terms[0][0]
         blocks = [
-            np.array([t for t in range(start, min(start + options.block, frames)) if free[t, m]])
-            for start in range(0, frames, options.block)
+            np.array(
+                [t for t in range(start, min(start + options.block_frames, frames)) if free[t, m]]
+            )
+            for start in range(0, frames, options.block_frames)
         ]
         blocks = [block for block in blocks if len(block)]
 
@@ -89,22 +91,22 @@ def scheduled_descent(x, free, prior, options):
             return squares + prior.constant[:, m].sum()
 
         def towards(active, gradient, matrix=matrix):
-            """Return how far it is to the blocks' own minima."""
+            """Return the moves to the blocks' own minima."""
             move = np.zeros_like(gradient)
             for block in active:
                 move[block] = np.linalg.solve(matrix[np.ix_(block, block)], gradient[block])
             return move
 
-        def promise(block, gradient, towards=towards):
-            """Return what a block gains at its own minimum; nothing where it hardly moves."""
+        def gain_of(block, gradient, towards=towards):
+            """Return the gain of a block at its own minimum; 0 where it hardly moves."""
             move = towards([block], gradient)
-            far = np.linalg.norm(move, axis=1).max() > options.precision
+            far = np.linalg.norm(move, axis=1).max() > options.min_move
             return (gradient * move).sum() if far else 0.0
 
         y, everything = found[:, m].copy(), False
-        for _ in range(options.rounds):
-            gains = [promise(block, slope(y)) for block in blocks]
-            least = 0 if everything else options.share * max(gains, default=0)
+        for _ in range(options.max_rounds):
+            gains = [gain_of(block, slope(y)) for block in blocks]
+            least = 0 if everything else options.min_gain_ratio * max(gains, default=0)
             active = [
                 b for b, gain in zip(blocks, gains, strict=True) if gain > 0 and gain >= least
             ]
@@ -112,7 +114,7 @@ def scheduled_descent(x, free, prior, options):
                 break
             worked = np.isin(np.arange(frames), np.concatenate(active))[:, None]
             before, norm, direction = height(y), np.inf, 0.0
-            for _ in range(options.steps):
+            for _ in range(options.max_steps):
                 gradient = np.where(worked, slope(y), 0)
                 move = towards(active, gradient)
                 renewed = (gradient * move).sum()
