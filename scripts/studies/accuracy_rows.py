@@ -1,4 +1,4 @@
-"""The rows of the accuracy study, and the file that they are kept in."""
+"""Results of the accuracy study, and the CSV file that stores them."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ class Row:
     Attributes
     ----------
     plan, case : str
-        What all cases depend on, and which of them.
+        Settings of the study, and name of the case.
     gaps : int
-        Rows of the case, database and method: with fewer of them in the file, it was interrupted.
+        Number of rows of the case, database and method; with fewer in the file, it is repeated.
     window, start : int
-        First frame of the clip in its recording, of the gap in the clip.
+        First frame of the clip in its recording, and of the gap in the clip.
     filled : int
-        Frames filled; the errors are over these.
+        Filled frames, over which errors are averaged.
     error, rms, worst, linear : float
-        Mean, rms and greatest error, and the mean error of linear interpolation.
+        Mean, rms and maximum error, and the mean error of linear interpolation.
     expected_mean, expected_rms, bound : float
-        What priorfill says of the gap.
+        Expected mean error, expected rms error and 90 % bound of the gap.
     below, below_gap : int
-        Frames off by less than their own bound, by less than the gap's.
-    edge, edge_truth, edge_usual : float
-        Greatest second difference over an edge of the gap: filled, true; the 99th percentile of
-        the marker's measured ones.
-    shake : float
-        Power of the accelerations above 10 Hz, of that of the truth.
-    shake_mm, shake_truth_mm : float
-        Rms distance by which the fill, and the truth, shake at such frequencies.
-    sunk, sunk_truth : float
-        How far a marker of the foot goes below its lowest measured height: filled, true.
+        Frames with an error below their own bound, and below that of the gap.
+    edge, edge_truth, edge_reference : float
+        Largest second difference across an edge of the gap, filled and true, and the 99th
+        percentile of the marker's measured second differences.
+    jitter : float
+        Power of the accelerations above 10 Hz, relative to the truth.
+    jitter_mm, jitter_truth_mm : float
+        Rms displacement above 10 Hz, filled and true.
+    penetration, penetration_truth : float
+        How far a foot marker goes below its lowest measured height, filled and true.
     """
 
     plan: str
@@ -45,7 +45,7 @@ class Row:
     kind: str
     folder: str
     clip: str
-    person: str
+    subject: str
     window: int
     clip_frames: int
     rate: float
@@ -71,17 +71,17 @@ class Row:
     how: str
     edge: float
     edge_truth: float
-    edge_usual: float
-    shake: float
-    shake_mm: float
-    shake_truth_mm: float
-    sunk: float
-    sunk_truth: float
+    edge_reference: float
+    jitter: float
+    jitter_mm: float
+    jitter_truth_mm: float
+    penetration: float
+    penetration_truth: float
     fill_seconds: float
 
 
 def load(file: Path) -> list[Row]:
-    """Read the rows of a study, without those of fills that were interrupted while written."""
+    """Read the rows of a study, without those of interrupted fills."""
     if not file.exists():
         return []
     kinds: dict[str, Callable[[str], Any]] = {"int": int, "float": float, "str": str}
@@ -92,9 +92,9 @@ def load(file: Path) -> list[Row]:
                 rows.append(Row(**{f.name: kinds[str(f.type)](line[f.name]) for f in fields(Row)}))
             except (TypeError, ValueError, KeyError) as error:
                 if any(value is None for value in line.values()):
-                    continue  # torn at the end
+                    continue  # incomplete last line
                 raise SystemExit(
-                    f"{file}: is no file of this study ({error}); take another folder with -o"
+                    f"{file}: is not a file of this study ({error}); choose another folder with -o"
                 ) from None
     count: dict[tuple[str, ...], int] = {}
     for row in rows:
@@ -103,7 +103,7 @@ def load(file: Path) -> list[Row]:
 
 
 def save(file: Path, rows: Iterable[Row]) -> None:
-    """Write the rows of a study, whole or not at all."""
+    """Write the rows of a study, completely or not at all."""
     temporary = file.with_suffix(".part")
     with temporary.open("w", newline="", encoding="utf-8") as lines:
         writer = csv.DictWriter(lines, [f.name for f in fields(Row)])
@@ -119,5 +119,5 @@ def append(file: Path, rows: Iterable[Row]) -> None:
 
 
 def key_of(row: Row) -> tuple[str, ...]:
-    """Return what tells a fill from others."""
+    """Return the key of a fill."""
     return row.plan, row.case, row.database, row.method

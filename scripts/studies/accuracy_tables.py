@@ -9,46 +9,47 @@ from typing import Any
 
 import numpy as np
 from accuracy_rows import Row
+from fill_quality import MOTION_HZ
 
-DATABASES = ("none", "full", "no-person")
-"""What there is to learn from beside the clip itself."""
+DATABASES = ("none", "full", "no-subject")
+"""Databases used in addition to the clip."""
 
 LENGTHS = (0.0, 0.5, 1.0, 2.0, 3.0, 6.5)
-"""s. Classes of length; longer gaps are dropouts."""
+"""s. Limits of the length classes; longer gaps are dropouts."""
 
-SHAKY = 2.0
-"""A fill shakes with more than so many times the power of the truth above 10 Hz, ..."""
+MAX_JITTER_RATIO = 2.0
+"""Largest acceptable power of a fill above 10 Hz, relative to the truth, ..."""
 
-STILL = 0.3
-"""mm. ... unless it shakes by less than this: recordings that were filtered do not shake at all."""
+MAX_JITTER = 0.3
+"""mm. ... and rms displacement that is always acceptable: filtered recordings have no jitter."""
 
-SUNK = 5.0
-"""mm. So far below its lowest measured height a marker of the foot goes without being seen to."""
+MAX_PENETRATION = 5.0
+"""mm. Depth of a foot marker below its lowest measured height that is not visible."""
 
 ALL = "all cases"
-"""Name of the last line of a table, where each case counts the same."""
+"""Name of the last line of a table, in which each case has equal weight."""
 
-WORST = 20
-"""Cases listed as the worst."""
+WORST_CASES = 20
+"""Number of worst cases listed."""
 
-FELT = 1.02
-"""Ratio of errors above which a database is said to hurt."""
+MIN_RATIO = 1.02
+"""Ratio of errors above which a database counts as harmful."""
 
 
 def geometric(values: Iterable[float]) -> float:
-    """Geometric mean of the values that are known and positive; NaN where there is none."""
+    """Geometric mean of the finite positive values; NaN without any."""
     known = [v for v in values if np.isfinite(v) and v > 0]
     return float(np.exp(np.log(known).mean())) if known else float("nan")
 
 
 def share(flags: Iterable[bool]) -> str:
-    """Return the share of true ones, as text; a dash where there is none."""
+    """Return the share of true flags as text; a dash without any."""
     listed = list(flags)
     return f"{np.mean(listed):.0%}" if listed else "-"
 
 
 def print_lines(title: str, columns: Sequence[str], lines: Iterable[Sequence[object]]) -> None:
-    """Print a table: texts to the left, numbers with a sensible number of digits to the right."""
+    """Print a table: the first column left-aligned, the others right-aligned."""
     cells = [[_cell(value) for value in line] for line in lines]
     if not cells:
         return
@@ -70,7 +71,7 @@ def _cell(value: object) -> str:
 
 
 def _by(rows: Sequence[Row], *names: str) -> dict[tuple[Any, ...], list[Row]]:
-    """Return rows by the values of some attributes, in the order of first appearance."""
+    """Group rows by attributes, in the order of first appearance."""
     groups: dict[tuple[Any, ...], list[Row]] = {}
     for row in rows:
         groups.setdefault(tuple(getattr(row, name) for name in names), []).append(row)
@@ -78,16 +79,16 @@ def _by(rows: Sequence[Row], *names: str) -> dict[tuple[Any, ...], list[Row]]:
 
 
 def _with_all(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
-    """Return rows by kind, and at the end a row for each case.
+    """Group rows by kind, followed by one row per case.
 
-    A blackout is a gap of every marker, so among all gaps it would outweigh everything else.
+    A blackout has a gap in every marker and would outweigh all other gaps.
     """
     by_kind = [(str(k[0]), v) for k, v in _by(rows, "kind").items()]
     return [*by_kind, (ALL, [_as_one(v) for v in _by(rows, "case", "method", "database").values()])]
 
 
 def _as_one(rows: Sequence[Row]) -> Row:
-    """Return the gaps of a case, filled from one database by one method, as one row."""
+    """Combine the gaps of a case, filled with one database by one method, into one row."""
     filled = [row for row in rows if row.filled]
 
     def mean(name: str) -> float:
@@ -161,7 +162,7 @@ def print_errors(rows: Sequence[Row]) -> None:
 
 
 def print_ratios(rows: Sequence[Row]) -> None:
-    """Print what a database makes of the errors of the same gaps without one."""
+    """Print the ratio of errors with and without a database, gap by gap."""
     lines = []
     for kind, some in _with_all(rows):
         gaps = _by(some, "method", "case", "marker", "start").values()
@@ -174,22 +175,22 @@ def print_ratios(rows: Sequence[Row]) -> None:
                     if {database, "none"} <= set(gap) and gap["none"].method == method
                 ]
                 if ratio:
-                    hurts = share(r > FELT for r in ratio)
+                    hurts = share(r > MIN_RATIO for r in ratio)
                     names = (kind, method, f"{database} / none")
                     lines.append((*names, len(ratio), geometric(ratio), max(ratio), hurts))
-    columns = ("kind", "method", "databases", "gaps", "geo", "worst", "hurts")
-    print_lines("What a database is worth: ratio of errors", columns, lines)
+    columns = ("kind", "method", "databases", "gaps", "geo", "worst", "harmful")
+    print_lines("Ratio of errors with and without a database", columns, lines)
 
 
 def print_uncertainty(rows: Sequence[Row]) -> None:
-    """Print how the truth lies to what was expected."""
+    """Print the coverage of the bounds, and how expected errors compare with true ones."""
     lines = []
     for (method, database), some in _by(rows, "method", "database").items():
         for kind, known in _with_all([r for r in some if r.filled and np.isfinite(r.bound)]):
             if not known:
                 continue
             samples = sum(r.filled for r in known)
-            # of a kind each sample counts the same, of all kinds each case
+            # equal weight for each sample of a kind, and for each case of all kinds
             weights = [1.0 if kind == ALL else r.filled for r in known]
             below, below_gap = (
                 np.average([getattr(r, name) / r.filled for r in known], weights=weights)
@@ -205,11 +206,11 @@ def print_uncertainty(rows: Sequence[Row]) -> None:
             )  # fmt: skip
     columns = ("kind", "method", "database", "gaps", "samples", "below bound", "below gap's",
                "gaps kept", "exp / true", "within x2", "rank corr")  # fmt: skip
-    print_lines("Within what is expected: 90 % bounds, expected mean error", columns, lines)
+    print_lines("Coverage of the 90 % bounds, and expected against true mean error", columns, lines)
 
 
 def _rank_correlation(rows: Sequence[Row]) -> float:
-    """Spearman's correlation of expected and true errors: do greater ones look greater."""
+    """Return Spearman's rank correlation of expected and true errors."""
     if len(rows) < 3:
         return float("nan")
     ranks = [
@@ -219,50 +220,50 @@ def _rank_correlation(rows: Sequence[Row]) -> float:
     return float(np.corrcoef(*ranks)[0, 1])
 
 
-def print_looks(rows: Sequence[Row]) -> None:
-    """Print what share of the gaps looks as what is measured does."""
+def print_quality(rows: Sequence[Row]) -> None:
+    """Print the share of gaps whose edges, jitter and feet are as in measured motion."""
     lines = []
     for (method, database), some in _by(rows, "method", "database").items():
         whole = [r for r in some if r.filled == r.frames]
         by_kind = [(kind, of_kind) for (kind,), of_kind in _by(whole, "kind").items()]
         for kind, of_kind in [*by_kind, ("all gaps", whole)]:
-            edges = [r for r in of_kind if np.isfinite(r.edge) and np.isfinite(r.edge_usual)]
-            shaking = [r for r in of_kind if np.isfinite(r.shake)]
-            amplitudes = [[r.shake_mm, r.shake_truth_mm] for r in shaking] or [[np.nan, np.nan]]
-            feet = [r for r in of_kind if np.isfinite(r.sunk)]
+            edges = [r for r in of_kind if np.isfinite(r.edge) and np.isfinite(r.edge_reference)]
+            shaking = [r for r in of_kind if np.isfinite(r.jitter)]
+            amplitudes = [[r.jitter_mm, r.jitter_truth_mm] for r in shaking] or [[np.nan, np.nan]]
+            feet = [r for r in of_kind if np.isfinite(r.penetration)]
             lines.append(
                 (kind, method, database, len(of_kind),
-                 share(r.edge <= r.edge_usual for r in edges),
-                 share(r.edge_truth <= r.edge_usual for r in edges),
-                 max((r.edge / r.edge_usual for r in edges), default=float("nan")),
-                 share(r.shake <= SHAKY or r.shake_mm <= STILL for r in shaking),
-                 geometric(r.shake for r in shaking), *map(float, np.median(amplitudes, axis=0)),
-                 len(feet), share(r.sunk <= SUNK for r in feet),
-                 share(r.sunk_truth <= SUNK for r in feet),
-                 max((r.sunk for r in feet), default=float("nan")))
+                 share(r.edge <= r.edge_reference for r in edges),
+                 share(r.edge_truth <= r.edge_reference for r in edges),
+                 max((r.edge / r.edge_reference for r in edges), default=float("nan")),
+                 share(r.jitter <= MAX_JITTER_RATIO or r.jitter_mm <= MAX_JITTER for r in shaking),
+                 geometric(r.jitter for r in shaking), *map(float, np.median(amplitudes, axis=0)),
+                 len(feet), share(r.penetration <= MAX_PENETRATION for r in feet),
+                 share(r.penetration_truth <= MAX_PENETRATION for r in feet),
+                 max((r.penetration for r in feet), default=float("nan")))
             )  # fmt: skip
     columns = ("kind", "method", "database", "gaps",
                "edge ok", "truth", "worst /usual",
-               "calm", "/truth", "mm", "truth mm",
+               "jitter ok", "/truth", "mm", "truth mm",
                "feet", "above floor", "truth", "deepest mm")  # fmt: skip
     print_lines(
-        "Looks: second differences at edges up to the marker's 99th percentile; calm: power above "
-        f"10 Hz up to {SHAKY:g} times the truth's or {STILL:g} mm rms; feet up to {SUNK:g} mm "
-        "below their lowest measured",
+        "Quality. Edges: second differences up to the marker's 99th percentile. "
+        f"Jitter: power above {MOTION_HZ:g} Hz up to {MAX_JITTER_RATIO:g} times that of the truth, "
+        f"or {MAX_JITTER:g} mm rms. Feet: up to {MAX_PENETRATION:g} mm below the lowest measured",
         columns,
         lines,
     )
 
 
 def print_worst(rows: Sequence[Row]) -> list[list[Row]]:
-    """Print the worst cases, each from the database that it is worst from; return their rows."""
+    """Print the worst cases, each with its worst database, and return their rows."""
     by_case: dict[tuple[str, str], list[list[Row]]] = {}
     for some in _by([r for r in rows if r.filled], "case", "database", "method").values():
         by_case.setdefault((some[0].case, some[0].method), []).append(some)
     worst = [max(several, key=_mean) for several in by_case.values()]
     worst.sort(key=_mean, reverse=True)
     lines = []
-    for some in worst[:WORST]:
+    for some in worst[:WORST_CASES]:
         frames = sum(r.filled for r in some)
         straight = sum(r.linear * r.filled for r in some if np.isfinite(r.linear)) / frames
         expected = sum(r.expected_mean * r.filled for r in some) / frames

@@ -1,6 +1,6 @@
-"""Gaps of every kind, cut into recordings at random: what studies of accuracy fill.
+"""Random gaps of several kinds in recordings, for studies of accuracy.
 
-A gap is cut only where all its samples are measured, and no longer than half of the clip.
+A gap is placed only where all its samples are measured, and spans at most half of the clip.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from priorfill.evaluation.gap_generator import (
 )
 from priorfill.evaluation.protocols import MAX_MISSING_AT_ONCE, RANDOM_GAP_SECONDS, RANDOM_GAP_SHARE
 
-SHORT_REST = 2.0
-"""s of complete frames that are left in a clip of the kind ``short``."""
+SHORT_SECONDS = 2.0
+"""s. Length of the complete frames that remain in a clip of kind ``short``."""
 
 
 class _Cutter(GapGenerator):
-    """Cuts gaps into one clip, whose parts it knows."""
+    """Generates gaps in one clip with known segments and limbs."""
 
     def __init__(self, clip: pf.Clip, parts: BodyParts, rng: np.random.Generator) -> None:
         super().__init__(clip, rng)
@@ -52,7 +52,7 @@ def _limbs(cutter: _Cutter) -> bool:
 
 
 def _long(cutter: _Cutter) -> bool:
-    """Cut three or four parts, each with frames of its own inside a common stretch."""
+    """Remove three or four segments or limbs, each for its own part of a common interval."""
     rng, frames = cutter.rng, cutter.length(2.0, 6.0)
     several = [*cutter.parts.segments, *cutter.parts.limbs]
     if frames is None or len(several) < 3:
@@ -73,7 +73,7 @@ def _long(cutter: _Cutter) -> bool:
 
 
 def _ends(cutter: _Cutter) -> bool:
-    """Cut a marker, a segment or a limb out at the clip's start or end."""
+    """Remove a marker, a segment or a limb at the start or end of the clip."""
     choice = cutter.rng.integers(3)
     markers = cutter.marker()
     if choice:
@@ -116,13 +116,13 @@ KINDS: dict[str, Callable[[_Cutter], bool]] = {
     "dropout": _dropout,
     "short": _limb,
 }
-"""Kinds of gaps, by name; ``short`` is a limb of 1 to 2 s with little else in the clip."""
+"""Kinds of gaps; ``short`` is a limb for 1 to 2 s in a clip with few other frames."""
 
 
 def cut_gaps(
     kind: str, clip: pf.Clip, parts: BodyParts, rng: np.random.Generator
 ) -> tuple[pf.Clip, Mask] | None:
-    """Cut gaps of a kind into a clip.
+    """Place gaps of a kind in a clip.
 
     Parameters
     ----------
@@ -131,16 +131,16 @@ def cut_gaps(
     clip : Clip
         The truth.
     parts : BodyParts
-        Of its body.
+        Its segments and limbs.
     rng : Generator
-        What draws.
+        Random numbers.
 
     Returns
     -------
     clip : Clip
-        The truth, cut shorter if the kind asks for it.
+        The truth, shortened for kind ``short``.
     gone : ndarray of bool [shape=(frames, markers)]
-        What is to be removed. None instead of both where the clip has no place for the kind.
+        Samples to remove. None instead of both if the clip has no room for the kind.
     """
     if kind == "short":
         return _cut_short(clip, parts, rng)
@@ -151,8 +151,8 @@ def cut_gaps(
 def _cut_short(
     clip: pf.Clip, parts: BodyParts, rng: np.random.Generator
 ) -> tuple[pf.Clip, Mask] | None:
-    """Cut a limb out, and so much of the clip away that little else is left."""
-    frames, rest = round(rng.uniform(1.0, 2.0) * clip.rate), round(SHORT_REST * clip.rate)
+    """Remove a limb, and shorten the clip until few other frames remain."""
+    frames, rest = round(rng.uniform(1.0, 2.0) * clip.rate), round(SHORT_SECONDS * clip.rate)
     edge = round(EDGE * clip.rate)
     if clip.frames < frames + rest:
         return None

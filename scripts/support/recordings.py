@@ -15,7 +15,7 @@ SETS = {
 }
 """Folders whose recordings have the same marker set; others have none that is known."""
 
-PERSON = {
+SUBJECT = {
     "gait": slice(0, 5),
     "cmu": slice(0, -3),
     "hdm05": slice(4, 6),
@@ -31,6 +31,6 @@ def add_data_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--data", type=Path, default=named, help="folder of recordings")
 
 
-def person_of(file: Path) -> str:
+def subject_of(file: Path) -> str:
     """Return whose motion a recording is, by its name and folder."""
-    return file.stem[PERSON.get(file.parent.name, slice(None))]
+    return file.stem[SUBJECT.get(file.parent.name, slice(None))]

@@ -1,4 +1,4 @@
-"""The accuracy study: its gaps, its measures of looks, and that it counts and resumes right."""
+"""The accuracy study: its gaps, quality measures, counts, and that it resumes correctly."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from scripted import load_script
 
 import priorfill as pf
 from priorfill.clip import Clip
-from priorfill.evaluation.gap_generator import EDGE
 from priorfill.evaluation.body_parts import LIMB_MARKERS, parts_of
+from priorfill.evaluation.gap_generator import EDGE
 from priorfill.formats import write
 from priorfill.gaps import find_gaps
 
 gaps = load_script("artificial_gaps")
-looks = load_script("looks")
+fill_quality = load_script("fill_quality")
 study = load_script("accuracy_study")
 rows_module = load_script("accuracy_rows")
 tables = load_script("accuracy_tables")
@@ -92,7 +92,7 @@ def test_gaps_of_a_kind(kind: str, clip: Clip) -> None:
             assert span[-1] - span[0] + 1 == len(span)
             assert markers >= 5
         if kind == "short":
-            assert (~gone.any(axis=1)).sum() == round(gaps.SHORT_REST * truth.rate)
+            assert (~gone.any(axis=1)).sum() == round(gaps.SHORT_SECONDS * truth.rate)
         elif kind not in ("ends", "dropout"):
             assert not gone[: round(EDGE * truth.rate) - 1].any()
             assert not gone[-round(EDGE * truth.rate) + 1 :].any()
@@ -133,32 +133,32 @@ def test_limbs_of_an_unknown_body_are_near_each_other() -> None:
         assert np.linalg.norm(np.ptp(clip.positions[0, limb], axis=0)) < 0.6 * size
 
 
-# the looks
+# quality of fills
 
 
 def test_a_step_at_an_edge_is_seen() -> None:
     """x = t²: second differences of 2 everywhere; a fill that is 5 off has 5 more at its edges."""
     time = np.arange(60.0)
     path = np.stack([time**2, 0 * time, 0 * time], axis=1)
-    assert looks.edge_step(path, 20, 40) == pytest.approx(2.0)
-    assert looks.usual_step(path) == pytest.approx(2.0)
+    assert fill_quality.edge_step(path, 20, 40) == pytest.approx(2.0)
+    assert fill_quality.reference_step(path) == pytest.approx(2.0)
     off = path.copy()
     off[20:40, 0] -= 5.0
-    assert looks.edge_step(off, 20, 40) == pytest.approx(7.0)
-    assert looks.edge_step(off, 20, 41) == pytest.approx(7.0)
+    assert fill_quality.edge_step(off, 20, 40) == pytest.approx(7.0)
+    assert fill_quality.edge_step(off, 20, 41) == pytest.approx(7.0)
     off[30] += 100.0  # not at the edge
-    assert looks.edge_step(off, 20, 40) == pytest.approx(7.0)
+    assert fill_quality.edge_step(off, 20, 40) == pytest.approx(7.0)
 
 
 def test_edges_of_gaps_at_the_ends_of_a_clip() -> None:
     path = np.zeros((30, 3))
     path[:10, 2] = 3.0
-    assert looks.edge_step(path, 0, 10) == pytest.approx(3.0)
-    assert looks.edge_step(path, 10, 30) == pytest.approx(3.0)
-    assert np.isnan(looks.edge_step(path, 0, 30))
-    assert np.isnan(looks.usual_step(path[:20]))
+    assert fill_quality.edge_step(path, 0, 10) == pytest.approx(3.0)
+    assert fill_quality.edge_step(path, 10, 30) == pytest.approx(3.0)
+    assert np.isnan(fill_quality.edge_step(path, 0, 30))
+    assert np.isnan(fill_quality.reference_step(path[:20]))
     path[10:] = np.nan
-    assert np.isnan(looks.edge_step(path, 0, 10))
+    assert np.isnan(fill_quality.edge_step(path, 0, 10))
 
 
 def test_shaking_is_power_above_what_bodies_do() -> None:
@@ -167,22 +167,22 @@ def test_shaking_is_power_above_what_bodies_do() -> None:
     fast = np.sin(2 * np.pi * 25.0 * time)
     path = np.zeros((240, 3))
     path[:, 0] = slow
-    calm = looks.shake(path, rate)
+    calm = fill_quality.jitter(path, rate)
     path[:, 1] = fast
-    shaking = looks.shake(path, rate)
+    shaking = fill_quality.jitter(path, rate)
     assert shaking[0] > 100 * calm[0]
     assert shaking[1] == pytest.approx(np.sqrt(0.5), rel=0.02)  # rms of a sine of 1 mm
     assert calm[1] < 0.05
     path[:, 1] = 2.0 * fast
-    assert looks.shake(path, rate)[0] == pytest.approx(4.0 * shaking[0], rel=0.02)
+    assert fill_quality.jitter(path, rate)[0] == pytest.approx(4.0 * shaking[0], rel=0.02)
     turned = path[:, [2, 0, 1]]
-    assert looks.shake(turned, rate) == pytest.approx(looks.shake(path, rate))
-    assert np.isnan(looks.shake(path[:20], rate)).all()
+    assert fill_quality.jitter(turned, rate) == pytest.approx(fill_quality.jitter(path, rate))
+    assert np.isnan(fill_quality.jitter(path[:20], rate)).all()
 
 
 def test_depth() -> None:
-    assert looks.depth(np.array([30.0, 12.0, 40.0]), 20.0) == 8.0
-    assert looks.depth(np.array([30.0, 22.0]), 20.0) == 0.0
+    assert fill_quality.penetration(np.array([30.0, 12.0, 40.0]), 20.0) == 8.0
+    assert fill_quality.penetration(np.array([30.0, 22.0]), 20.0) == 0.0
 
 
 # the tables
@@ -192,7 +192,7 @@ def row(case: str, database: str, error: float, frames: int = 100, **more: objec
     """A row of which what is not said is nothing in particular."""
     kinds = {"str": "", "int": 0, "float": float("nan")}
     nothing = {f.name: kinds[str(f.type)] for f in fields(rows_module.Row)}
-    told = {
+    summary = {
         "case": case,
         "kind": case.split("-")[0],
         "database": database,
@@ -203,7 +203,7 @@ def row(case: str, database: str, error: float, frames: int = 100, **more: objec
         "error": error,
         "linear": 10.0,
     }
-    return rows_module.Row(**(nothing | told | more))
+    return rows_module.Row(**(nothing | summary | more))
 
 
 def table(text: str, first: str) -> dict[str, list[str]]:
@@ -212,7 +212,7 @@ def table(text: str, first: str) -> dict[str, list[str]]:
     return {" ".join(line.split()[:2]): line.split() for line in lines if line}
 
 
-def test_each_case_counts_the_same_among_all(capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_cases_have_equal_weight(capsys: pytest.CaptureFixture[str]) -> None:
     """A blackout of 8 gaps with 4 mm, and a single gap with 1 mm: a geometric mean of 2."""
     rows = [row("blackout-0", "none", 4.0, start=i) for i in range(8)]
     rows.append(row("single-0", "none", 1.0))
@@ -225,22 +225,22 @@ def test_each_case_counts_the_same_among_all(capsys: pytest.CaptureFixture[str])
     assert found["all cases"][3:6] == ["3", "1", "2.00"]
 
 
-def test_what_a_database_is_worth(capsys: pytest.CaptureFixture[str]) -> None:
+def test_ratio_of_errors_with_and_without_a_database(capsys: pytest.CaptureFixture[str]) -> None:
     rows = [row("limb-0", "none", 4.0, start=1), row("limb-0", "full", 2.0, start=1)]
     rows += [row("limb-0", "none", 4.0, start=2), row("limb-0", "full", 8.0, start=2)]
     rows += [row("limb-1", "full", 8.0)]  # not filled without one
     tables.print_ratios(rows)
-    line = table(capsys.readouterr().out, "What a database")["limb auto"]
+    line = table(capsys.readouterr().out, "Ratio of errors")["limb auto"]
     assert line[-4:] == ["2", "1.00", "2.00", "50%"]
 
 
 def test_coverage_counts_samples(capsys: pytest.CaptureFixture[str]) -> None:
-    told = {"bound": 9.0, "expected_mean": 2.0}
-    rows = [row("limb-0", "none", 1.0, frames=300, below=300, below_gap=0, **told)]
-    rows += [row("limb-1", "none", 4.0, frames=100, below=0, below_gap=90, **told)]
+    summary = {"bound": 9.0, "expected_mean": 2.0}
+    rows = [row("limb-0", "none", 1.0, frames=300, below=300, below_gap=0, **summary)]
+    rows += [row("limb-1", "none", 4.0, frames=100, below=0, below_gap=90, **summary)]
     tables.print_uncertainty(rows)
     text = capsys.readouterr().out
-    line = table(text, "Within")["limb auto"]
+    line = table(text, "Coverage")["limb auto"]
     assert line[2:] == ["none", "2", "400", "75.0%", "22.5%", "50%", "1.00", "0%", "-"]
     assert "50.0%" in text.splitlines()[-1]  # each case the same
 
@@ -283,14 +283,14 @@ def test_the_study_resumes(
         "3 cases from ",
         "Mean error of each gap, by auto",
         "By length of the gap",
-        "What a database is worth: ratio of errors",
-        "Within what is expected",
-        "Looks: ",
+        "Ratio of errors with and without a database",
+        "Coverage of the 90 % bounds",
+        "Quality. ",
         "The worst 3 cases",
     ):
         assert title in text
     rows = lines_of(tmp_path)
-    assert {row["database"] for row in rows} == {"none", "full", "no-person"}
+    assert {row["database"] for row in rows} == {"none", "full", "no-subject"}
     limb = [row for row in rows if row["kind"] == "limb"]
     assert len(limb) >= 3 * 4
     assert all(0 < float(row["error"]) < 300 for row in limb)
@@ -308,7 +308,7 @@ def test_the_study_resumes(
     assert (tmp_path / "accuracy.csv").read_bytes() == whole
     assert capsys.readouterr().out == text
 
-    # torn in the last line: that fill, and no other, comes again
+    # an incomplete last line: only that fill is repeated
     (tmp_path / "accuracy.csv").write_bytes(whole[:-40])
     asked = []
     fill = study.fill
@@ -342,7 +342,7 @@ def test_what_a_database_may_hold(recordings: Path, tmp_path: Path) -> None:
     )
     case = study.draw_case(plan, "limb", number)
     other = "HDM_bd_b" if case.file.stem == "HDM_bd_a" else "HDM_bd_a"
-    for database, names in (("full", {other, "HDM_dg_c"}), ("no-person", {"HDM_dg_c"})):
+    for database, names in (("full", {other, "HDM_dg_c"}), ("no-subject", {"HDM_dg_c"})):
         result = study.fill(plan, case, database, "baumann2011")
         assert {name for gap in result.gaps for name in gap.source_clips} == names
     assert study.fill(plan, case, "none", "auto").database is None
@@ -387,8 +387,8 @@ def test_a_failure_is_named_and_the_rest_goes_on(
 @pytest.mark.parametrize(
     ("options", "word"),
     [
-        (["--kinds", "limb,hole"], "--kinds: hole is none of single"),
-        (["--databases", "some"], "--databases: some is none of none full no-person"),
+        (["--kinds", "limb,hole"], "--kinds: hole is not one of single"),
+        (["--databases", "some"], "--databases: some is not one of none full no-subject"),
         (["--methods", "splien"], "--methods: there is no method 'splien'"),
     ],
 )
@@ -412,6 +412,6 @@ def test_no_recordings_and_a_foreign_file(
     assert run(recordings, tmp_path, "--folders", "cmu") == 1
     assert "no recordings in cmu; use --data" in capsys.readouterr().err
     (tmp_path / "accuracy.csv").write_text("a,b\n1,2\n")
-    with pytest.raises(SystemExit, match="is no file of this study"):
+    with pytest.raises(SystemExit, match="is not a file of this study"):
         run(recordings, tmp_path, "--databases", "none")
     assert (tmp_path / "accuracy.csv").read_text() == "a,b\n1,2\n"

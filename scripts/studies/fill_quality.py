@@ -1,4 +1,4 @@
-"""How a filled gap looks beside what is measured: steps at its edges, jitter, feet in the floor."""
+"""Quality of a fill apart from its error: steps at its edges, jitter, penetration of the floor."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from numpy.typing import NDArray
 Path3 = NDArray[np.float64]
 """One marker over time [shape=(frames, 3), mm]; NaN where missing."""
 
-USUAL = 99.0
-"""Percentile of a marker's own second differences up to which a step at an edge is nothing odd."""
+PERCENTILE = 99.0
+"""Percentile of a marker's measured second differences that counts as an ordinary step."""
 
-FEWEST = 50
-"""Second differences that a percentile is taken of at least."""
+MIN_DIFFERENCES = 50
+"""Minimum number of second differences for a percentile."""
 
-BODY_HZ = 10.0
-"""Hz. Bodies move little above it; what is filled may shake there no more than what is measured."""
+MOTION_HZ = 10.0
+"""Hz. Body motion has little power above; a fill should not have more than the measured path."""
 
-SHORTEST = 0.25
-"""s. In shorter gaps nothing can be said of frequencies as low as that."""
+MIN_SECONDS = 0.25
+"""s. Shorter gaps do not resolve frequencies of 10 Hz."""
 
 
 def second_differences(path: Path3) -> NDArray[np.float64]:
@@ -28,14 +28,14 @@ def second_differences(path: Path3) -> NDArray[np.float64]:
 
 
 def edge_step(path: Path3, start: int, stop: int) -> float:
-    """Return the greatest second difference (mm) that reaches over an edge of a gap.
+    """Return the largest second difference (mm) across an edge of a gap.
 
     Parameters
     ----------
     path : ndarray [shape=(frames, 3), mm]
         Filled.
     start, stop : int
-        The gap. NaN where it has no edge: it takes the whole clip.
+        The gap. The result is NaN for a gap that spans the clip and has no edge.
     """
     centres = [c for c in (start - 1, start) if start > 0] + [
         c for c in (stop - 1, stop) if stop < len(path)
@@ -46,47 +46,50 @@ def edge_step(path: Path3, start: int, stop: int) -> float:
     return float(max(inside)) if inside else float("nan")
 
 
-def usual_step(measured: Path3) -> float:
-    """Return the 99th percentile of a measured path's second differences (mm); NaN: too few."""
+def reference_step(measured: Path3) -> float:
+    """Return the 99th percentile of measured second differences (mm); NaN for too few."""
     lengths = second_differences(measured)
     lengths = lengths[np.isfinite(lengths)]
-    return float(np.percentile(lengths, USUAL)) if len(lengths) >= FEWEST else float("nan")
+    return (
+        float(np.percentile(lengths, PERCENTILE))
+        if len(lengths) >= MIN_DIFFERENCES
+        else float("nan")
+    )
 
 
-def shake(path: Path3, rate: float) -> tuple[float, float]:
-    """Measure how a path shakes: faster than 10 Hz.
+def jitter(path: Path3, rate: float) -> tuple[float, float]:
+    """Measure the motion of a path above 10 Hz.
 
-    A window of Hann keeps slow movement, which has far more power, from leaking there.
+    A Hann window limits leakage from slow motion, which has far more power.
 
     Parameters
     ----------
     path : ndarray [shape=(frames, 3), mm]
-        A part of one marker's path.
+        Part of one marker's path.
     rate : float
         Hz.
 
     Returns
     -------
     power : float
-        Of the accelerations above 10 Hz, to be compared with that of another path of the same
-        length.
+        Power of the accelerations above 10 Hz, comparable between paths of equal length.
     amplitude : float
-        Rms distance (mm) that the path shakes by. NaN, both, where it is too short.
+        Rms displacement above 10 Hz (mm). Both are NaN for a path that is too short.
     """
     acceleration = path[2:] - 2.0 * path[1:-1] + path[:-2]
     frames = len(acceleration)
-    if frames < SHORTEST * rate or not np.isfinite(acceleration).all():
+    if frames < MIN_SECONDS * rate or not np.isfinite(acceleration).all():
         return float("nan"), float("nan")
     window = np.hanning(frames)
     frequency = np.fft.rfftfreq(frames)  # cycles a frame
     power = (np.abs(np.fft.rfft(acceleration * window[:, None], axis=0)) ** 2).sum(axis=1)
-    fast = frequency * rate > BODY_HZ
-    # a second difference multiplies a sine by this
+    fast = frequency * rate > MOTION_HZ
+    # gain of a second difference
     gain = 2.0 - 2.0 * np.cos(2.0 * np.pi * frequency[fast])
     square = 2.0 * (power[fast] / gain**2).sum() / (frames * (window**2).sum())
     return float(power[fast].sum()), float(np.sqrt(square))
 
 
-def depth(height: NDArray[np.float64], lowest: float) -> float:
-    """Return how far (mm) some heights go below the lowest one measured; 0 where they do not."""
+def penetration(height: NDArray[np.float64], lowest: float) -> float:
+    """Return how far (mm) heights go below the lowest measured one, at least 0."""
     return max(0.0, lowest - float(np.min(height)))
