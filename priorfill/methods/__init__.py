@@ -47,8 +47,9 @@ METHODS = {
     ),
     "neighbours": Entry(
         "baumann2011.weighted_votes:fill",
-        "baumann2011 with votes by nearness, the clip searched beside the database",
+        "baumann2011 with distance-weighted votes, the clip itself searched too",
         "priorfill, after Tautges et al. 2011",
+        "baumann2011.weighted_votes:NeighboursOptions",
     ),
     "baumann2011": Entry(
         "baumann2011.neighbour_votes:fill",

@@ -1,7 +1,7 @@
-"""Curves over time through each marker's own samples: the baselines of every comparison.
+"""Interpolation of each marker over time: the baselines of every comparison.
 
-Before a marker's first sample and after its last one nothing is known of its course: it is held
-where it was seen, since a curve led on from there runs away by metres.
+Before a marker's first sample and after its last one, that sample's position is repeated:
+extrapolated curves can diverge by metres.
 """
 
 from __future__ import annotations
@@ -19,29 +19,30 @@ __all__ = ["linear", "pchip", "spline"]
 Array = NDArray[np.float64]
 
 Curve = Callable[[Array, Array, Array], Array]
-"""Values at the times asked for, from times and values [shapes=(n,), (n, 3), (asked,)]."""
+"""Function of times, positions and query times [shapes=(n,), (n, 3), (m,)] that returns the
+positions at the query times [shape=(m, 3)]."""
 
-REASON = "it is never seen; use a method that learns from other markers or recordings"
-
-
-def _line(seen: Array, positions: Array, asked: Array) -> Array:
-    return np.stack([np.interp(asked, seen, positions[:, i]) for i in range(3)], axis=1)
+NEVER_VISIBLE = "it is never seen; use a method that learns from other markers or recordings"
 
 
-def _pchip(seen: Array, positions: Array, asked: Array) -> Array:
-    from scipy.interpolate import PchipInterpolator  # slow to import; lines do without
-
-    return np.asarray(PchipInterpolator(seen, positions)(asked))
+def _line(times: Array, positions: Array, query: Array) -> Array:
+    return np.stack([np.interp(query, times, positions[:, i]) for i in range(3)], axis=1)
 
 
-def _spline(seen: Array, positions: Array, asked: Array) -> Array:
+def _pchip(times: Array, positions: Array, query: Array) -> Array:
+    from scipy.interpolate import PchipInterpolator  # slow to import, and `linear` needs none of it
+
+    return np.asarray(PchipInterpolator(times, positions)(query))
+
+
+def _spline(times: Array, positions: Array, query: Array) -> Array:
     from scipy.interpolate import CubicSpline
 
-    return np.asarray(CubicSpline(seen, positions)(asked))
+    return np.asarray(CubicSpline(times, positions)(query))
 
 
-def _interpolated(task: Task, progress: Callable[[], None], curve: Curve, how: str) -> Estimate:
-    """Lead a curve through each marker's gaps, and hold it beyond its first and last sample."""
+def _interpolated(task: Task, progress: Callable[[], None], curve: Curve, source: str) -> Estimate:
+    """Interpolate each marker's gaps; repeat its first and last sample beyond them."""
     positions = task.positions.copy()
     frames = np.arange(len(positions), dtype=np.float64)
     for marker in range(positions.shape[1]):
@@ -57,33 +58,38 @@ def _interpolated(task: Task, progress: Callable[[], None], curve: Curve, how: s
     for _ in task.groups:
         progress()
 
-    def told(gap: Gap) -> str:
+    def source_of(gap: Gap) -> str:
         inside = gap.start > 0 and gap.stop < len(positions)
-        return how if inside else f"{'first' if gap.start == 0 else 'last'} position held"
+        return source if inside else f"{'first' if gap.start == 0 else 'last'} position held"
 
-    return Estimate.told(task, positions, told, REASON)
+    return Estimate.without_errors(task, positions, source_of, NEVER_VISIBLE)
 
 
 def linear(task: Task, progress: Callable[[], None] = lambda: None) -> Estimate:
-    """Fill gaps by straight lines between the samples beside them.
+    """Fill gaps by linear interpolation between the adjacent samples.
 
     Parameters
     ----------
     task : Task
-        The clip; takes are not looked at.
+        The clip; its takes are not used.
     progress : callable
-        Called once a gap group.
+        Called once per gap group.
 
     Returns
     -------
     Estimate
-        Only markers that are never seen stay missing.
+        Only markers that are never visible stay missing. Errors are not predicted.
+
+    See Also
+    --------
+    pchip : By monotone piecewise cubic curves.
+    spline : By cubic splines.
     """
     return _interpolated(task, progress, _line, "straight lines over time")
 
 
 def pchip(task: Task, progress: Callable[[], None] = lambda: None) -> Estimate:
-    """Fill gaps by piecewise cubic curves that do not overshoot [FB84]_; see `linear`.
+    """Fill gaps by monotone piecewise cubic curves, which do not overshoot [FB84]_; see `linear`.
 
     References
     ----------
@@ -94,5 +100,5 @@ def pchip(task: Task, progress: Callable[[], None] = lambda: None) -> Estimate:
 
 
 def spline(task: Task, progress: Callable[[], None] = lambda: None) -> Estimate:
-    """Fill gaps by cubic splines with "not-a-knot" ends through all samples; see `linear`."""
+    """Fill gaps by cubic splines through all samples, with "not-a-knot" ends; see `linear`."""
     return _interpolated(task, progress, _spline, "cubic splines over time")

@@ -1,25 +1,28 @@
-"""A linear dynamical system learnt by expectation maximisation: DynaMMo [LMPF09]_.
+"""A linear dynamical system fitted by expectation maximisation: DynaMMo [LMPF09]_.
 
-Hidden numbers z move by z_t = A z_(t-1) + w and show as x_t = C z_t + v, with Gaussian w and v, of
-covariance Q and R; the first is Gaussian too. Kalman filter and smoother say what the numbers are
-from whatever is visible, and A, C, Q, R and the start are learnt from that, in turns, until the
-likelihood hardly grows. Missing coordinates are C z.
+Hidden states z follow z_t = A z_(t-1) + w and are observed as x_t = C z_t + v, with Gaussian w and
+v of covariance Q and R; the initial state is Gaussian too. The Kalman filter and smoother estimate
+the states from all visible coordinates (E-step); A, C, Q, R and the initial state are
+estimated from these (M-step). Both alternate until the likelihood converges. Missing coordinates
+are C z.
 
-Where it departs from the paper and from the authors' program:
+Departures from the paper and from the authors' program:
 
-* Only what is visible is learnt from. DynaMMo fills the gaps first, by straight lines, and then
-  takes what it filled for observations, which holds each gap to where it began. (The likelihood of
-  what is visible never falls here; that of DynaMMo is of data that change.)
-* R is diagonal and Q any covariance; in the program both are a number times the identity unless
-  asked otherwise. Variances have a floor.
-* It starts from the principal components of the clip with its gaps bridged by straight lines, and
-  how they go on from frame to frame; the program starts from random numbers.
+* The model is fitted to visible coordinates only. DynaMMo first interpolates the gaps
+  linearly, and treats what it filled as observations, which ties each gap to its initial values.
+  (Here the likelihood of the visible coordinates never decreases; that of DynaMMo is of
+  changing data.)
+* R is diagonal and Q any covariance; in the program both are multiples of the identity by default.
+  Variances have a lower bound.
+* The fit starts from the principal components of the linearly interpolated clip and their
+  regression from frame to frame; the program starts from random numbers.
 
 References
 ----------
 .. [LMPF09] L. Li, J. McCann, N. Pollard and C. Faloutsos, DynaMMo: Mining and Summarization of
-   Coevolving Sequences with Missing Values, KDD 2009, doi 10.1145/1557019.1557078. Learning is as
-   in Ghahramani and Hinton, Parameter Estimation for Linear Dynamical Systems, CRG-TR-96-2, 1996.
+   Coevolving Sequences with Missing Values, KDD 2009, doi 10.1145/1557019.1557078. The M-step is
+   that of Ghahramani and Hinton, Parameter Estimation for Linear Dynamical Systems, CRG-TR-96-2,
+   1996.
 """
 
 from __future__ import annotations
@@ -31,6 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gaps import Gap
+from priorfill.methods.options import check_at_least
 from priorfill.methods.task import Estimate, Task
 
 __all__ = [
@@ -39,46 +43,59 @@ __all__ = [
     "Observations",
     "SmoothedStates",
     "fill",
-    "first_model",
-    "learn",
+    "fit",
+    "initial_model",
     "smooth",
 ]
 
 Array = NDArray[np.float64]
 
-SETTLED = 1e-9
-"""A covariance that changes by less than this share from one frame to the next is the same."""
+CONVERGED_CHANGE = 1e-9
+"""Relative change of a covariance between frames below which it counts as converged."""
 
-FAR = 1000.0
-"""mm. Beyond what is measured of a marker: a limb may swing out of it, but no farther than it is
-long."""
+MIN_MIN_SD = 1e-6
+"""mm. Smallest lower bound of standard deviations for which covariances can be inverted."""
 
-LED_AWAY = "the system leads it far from where it is ever seen; use auto"
-REASON = "it is never seen; use a method that learns from other recordings"
+MAX_EXCURSION = 1000.0
+"""mm. How far a fill may be outside the range of the marker's measured positions: a limb may leave
+this range, but by no more than its length."""
+
+DIVERGED = "the system leads it far from where it is ever seen; use auto"
+NEVER_VISIBLE = "it is never seen; use a method that learns from other recordings"
 
 
 @dataclass(frozen=True)
 class LdsOptions:
-    """LdsOptions of `fill`.
+    """Options of ``lds``.
 
     Attributes
     ----------
-    hidden : int
-        How many hidden numbers: 10 where Gløersen and Federolf 2016 compare DynaMMo.
-    iterations : int
-        At most so many rounds of learning; 10 in DynaMMo, from random numbers. Beyond 20, gaps in
-        treadmill walking (WalkL of Gløersen and Federolf 2016) are filled no better.
+    hidden_dimensions : int
+        Dimension of the hidden state; Gløersen and Federolf 2016 compare with 10.
+    max_iterations : int
+        EM iterations at most; 10 in DynaMMo, from random numbers. More than 20 do not improve fills
+        of treadmill walking (WalkL of Gløersen and Federolf 2016).
     tolerance : float
-        Learning ends where the log-likelihood grows by less than this share: 1e-5 in DynaMMo.
-    least_deviation : float
-        Neither the hidden numbers nor what is measured move less at random than this (mm); the
-        noise of good cameras is some tenths.
+        Relative increase of the log-likelihood below which the fit ends; 1e-5 in DynaMMo.
+    min_sd : float
+        mm. Lower bound of the standard deviations of states and observations; cameras have a noise
+        of some tenths of a millimetre.
+
+    Raises
+    ------
+    OptionError
+        Where a value is below its minimum.
     """
 
-    hidden: int = 10
-    iterations: int = 20
+    hidden_dimensions: int = 10
+    max_iterations: int = 20
     tolerance: float = 1e-5
-    least_deviation: float = 0.01
+    min_sd: float = 0.01
+
+    def __post_init__(self) -> None:
+        check_at_least(self, 1, "hidden_dimensions")
+        check_at_least(self, 0, "max_iterations", "tolerance")
+        check_at_least(self, MIN_MIN_SD, "min_sd")
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,9 +113,9 @@ class LdsModel:
     noise : ndarray [shape=(d,), mm²]
         The diagonal of R.
     start : ndarray [shape=(k,)]
-        Mean of the first hidden numbers.
+        Mean of the initial state.
     start_covariance : ndarray [shape=(k, k), mm²]
-        Their covariance.
+        Its covariance.
     """
 
     transition: Array
@@ -110,7 +127,7 @@ class LdsModel:
 
 
 class Observations:
-    """What is visible, arranged for filter and learning.
+    """The visible coordinates, arranged for the filter and the fit.
 
     Parameters
     ----------
@@ -122,7 +139,7 @@ class Observations:
     values : ndarray [shape=(frames, d), mm]
         Zero where missing.
     patterns : ndarray of bool [shape=(patterns, d)]
-        The sets of coordinates that are visible together.
+        The distinct sets of coordinates that are visible in a frame.
     which : ndarray of int [shape=(frames,)]
         The pattern of each frame.
     """
@@ -138,20 +155,20 @@ class Observations:
 
 @dataclass(frozen=True, eq=False)
 class SmoothedStates:
-    """What filter and smoother say of the hidden numbers, given all that is visible.
+    """The hidden states, given all visible coordinates.
 
     Attributes
     ----------
     means : ndarray [shape=(frames, k)]
-        Of the hidden numbers.
+        Means of the states.
     first, last : ndarray [shape=(k, k)]
-        Covariance in the first and the last frame.
+        Covariances of the first and the last state.
     covariances : ndarray [shape=(patterns, k, k)]
-        Covariances summed over the frames of each pattern.
+        Covariances of the states, summed over the frames of each pattern.
     lagged : ndarray [shape=(k, k)]
-        Sum of the covariances of each frame's numbers with those of the frame before.
+        Covariances of each state with the preceding one, summed over the frames.
     likelihood : float
-        Logarithm of the likelihood of what is visible.
+        Log-likelihood of the visible coordinates.
     """
 
     means: Array
@@ -163,21 +180,21 @@ class SmoothedStates:
 
 
 def _symmetric(matrix: Array) -> Array:
-    """Return a matrix without the rounding errors of its antisymmetric part."""
+    """Return the symmetric part of a matrix, to remove rounding errors."""
     return 0.5 * (matrix + matrix.T)
 
 
-def _floored(covariance: Array, least: float) -> Array:
-    """Return the covariance of highest likelihood whose variances are not below a floor."""
+def _floored(covariance: Array, min_variance: float) -> Array:
+    """Return the most likely covariance whose variances have a lower bound."""
     values, vectors = np.linalg.eigh(_symmetric(covariance))
-    return _symmetric((vectors * np.maximum(values, least)) @ vectors.T)
+    return _symmetric((vectors * np.maximum(values, min_variance)) @ vectors.T)
 
 
 def _updated(predicted: Array, information: Array) -> tuple[Array, float]:
     """Return (P^-1 + G)^-1 and log det(I + P G) of a covariance P and an information G.
 
-    With P = L L' it is L (I + L' G L)^-1 L': symmetric, never negative, and what is inverted has no
-    eigenvalue below 1.
+    With P = L L' it is L (I + L' G L)^-1 L': symmetric and positive semidefinite, and the inverted
+    matrix has no eigenvalue below 1.
     """
     root = np.linalg.cholesky(predicted)
     factor = np.linalg.cholesky(np.eye(len(root)) + root.T @ information @ root)
@@ -185,35 +202,35 @@ def _updated(predicted: Array, information: Array) -> tuple[Array, float]:
     return half.T @ half, 2.0 * float(np.log(np.diag(factor)).sum())
 
 
-def _same(one: Array, other: Array) -> bool:
-    return bool(abs(one - other).max() <= SETTLED * abs(other).max())
+def _converged(one: Array, other: Array) -> bool:
+    return bool(abs(one - other).max() <= CONVERGED_CHANGE * abs(other).max())
 
 
 class _Forward:
-    """The Kalman filter, in information form: d coordinates cost no more than k.
+    """The Kalman filter in information form, which inverts k x k matrices only.
 
-    In a run of frames with one pattern the covariances soon stay as they are; from then on a frame
-    costs one product of a matrix with a vector.
+    In a run of frames with the same pattern the covariances converge; from then on a frame costs
+    one matrix-vector product.
     """
 
-    def __init__(self, model: LdsModel, visible: Observations) -> None:
+    def __init__(self, model: LdsModel, observations: Observations) -> None:
         weighted = model.emission / model.noise[:, None]
         # sum of c c' / r over the coordinates of each pattern
         products = weighted[:, :, None] * model.emission[:, None]
         k = len(model.transition)
-        flat = visible.patterns.astype(np.float64) @ products.reshape(-1, k * k)
+        flat = observations.patterns.astype(np.float64) @ products.reshape(-1, k * k)
         self._information = flat.reshape(-1, k, k)
-        self._told = visible.values @ weighted
-        self._which = visible.which
+        self._projected = observations.values @ weighted
+        self._which = observations.which
         self._model = model
         self.predicted: list[Array] = []
         self.updated: list[Array] = []
-        frames = len(visible.values)
-        # the number of each frame's covariances in these lists
+        frames = len(observations.values)
+        # index of each frame's covariances in these lists
         self.number = np.empty(frames, dtype=np.intp)
         self.means = np.empty((frames, k))
-        constant = visible.patterns @ (np.log(2.0 * np.pi * model.noise))
-        squares = (visible.values**2) @ (1.0 / model.noise)
+        constant = observations.patterns @ (np.log(2.0 * np.pi * model.noise))
+        squares = (observations.values**2) @ (1.0 / model.noise)
         self._twice = float(constant[self._which].sum() + squares.sum())
         self._run()
         self.likelihood = -0.5 * self._twice
@@ -222,73 +239,76 @@ class _Forward:
         a = self._model.transition
         mean, predicted = self._model.start, self._model.start_covariance
         determinant = 0.0
-        settled = False
+        converged = False
         for frame, pattern in enumerate(self._which):
             information = self._information[pattern]
             same = frame > 0 and pattern == self._which[frame - 1]
             if frame:
                 mean = a @ mean
-            if not (same and settled):
+            if not (same and converged):
                 if frame:
                     predicted = _symmetric(a @ self.updated[-1] @ a.T) + self._model.process
-                settled = same and _same(predicted, self.predicted[-1])
-                if not settled:
+                converged = same and _converged(predicted, self.predicted[-1])
+                if not converged:
                     updated, determinant = _updated(predicted, information)
                     self.predicted.append(predicted)
                     self.updated.append(updated)
             self.number[frame] = len(self.updated) - 1
-            told = self._told[frame]
-            news = told - information @ mean
-            correction = self.updated[-1] @ news
-            # e' S^-1 e of what was not expected, e; the squares of x are in the sum already
-            self._twice += determinant - float(mean @ (told + news)) - float(news @ correction)
+            projected = self._projected[frame]
+            innovation = projected - information @ mean
+            correction = self.updated[-1] @ innovation
+            # e' S^-1 e of the innovation e; the squares of x are already in the sum
+            expected = float(mean @ (projected + innovation))
+            self._twice += determinant - expected - float(innovation @ correction)
             mean = mean + correction
             self.means[frame] = mean
 
 
-def smooth(model: LdsModel, visible: Observations) -> SmoothedStates:
-    """Return what is known of the hidden numbers: Kalman filter, Rauch-Tung-Striebel smoother."""
-    forward = _Forward(model, visible)
+def smooth(model: LdsModel, observations: Observations) -> SmoothedStates:
+    """Return the hidden states by the Kalman filter and the Rauch-Tung-Striebel smoother."""
+    forward = _Forward(model, observations)
     a = model.transition
     identity = np.eye(len(a))
     means = forward.means.copy()
     covariance = forward.updated[forward.number[-1]]
     last = covariance
-    sums = np.zeros((len(visible.patterns), *a.shape))
-    sums[visible.which[-1]] += covariance
+    sums = np.zeros((len(observations.patterns), *a.shape))
+    sums[observations.which[-1]] += covariance
     lagged = np.zeros_like(a)
     step: tuple[int, int] | None = None
-    settled = False
+    converged = False
     back: Array
     base: Array
     rest: Array
     for frame in range(len(means) - 2, -1, -1):
         here = (int(forward.number[frame]), int(forward.number[frame + 1]))
         if here != step:
-            step, settled = here, False
+            step, converged = here, False
             updated = forward.updated[here[0]]
             back = np.asarray(np.linalg.solve(forward.predicted[here[1]], a @ updated)).T
             rest = identity - back @ a
-            # Joseph's form: a sum of squares, whatever the rounding
+            # Joseph form: stays positive semidefinite despite rounding
             base = rest @ updated @ rest.T + back @ model.process @ back.T
         lagged += covariance @ back.T
-        if not settled:
+        if not converged:
             before = covariance
             covariance = _symmetric(base + back @ covariance @ back.T)
-            settled = _same(covariance, before)
-        sums[visible.which[frame]] += covariance
+            converged = _converged(covariance, before)
+        sums[observations.which[frame]] += covariance
         means[frame] = rest @ forward.means[frame] + back @ means[frame + 1]
     return SmoothedStates(means, covariance, last, sums, lagged, forward.likelihood)
 
 
-def _learnt(smoothed: SmoothedStates, visible: Observations, least: float) -> LdsModel:
-    """Return the model of highest expected likelihood (the M-step)."""
-    means, values = smoothed.means, visible.values
+def _maximise(
+    smoothed: SmoothedStates, observations: Observations, min_variance: float
+) -> LdsModel:
+    """Return the model with the highest expected likelihood (M-step)."""
+    means, values = smoothed.means, observations.values
     frames, k = means.shape
     total = smoothed.covariances.sum(axis=0)
-    start_covariance = _floored(smoothed.first, least)
+    start_covariance = _floored(smoothed.first, min_variance)
     transition: Array = np.eye(k)
-    process: Array = np.eye(k) * least
+    process: Array = np.eye(k) * min_variance
     if frames > 1:
         before = means[:-1].T @ means[:-1] + total - smoothed.last
         after = means[1:].T @ means[1:] + total - smoothed.first
@@ -296,86 +316,92 @@ def _learnt(smoothed: SmoothedStates, visible: Observations, least: float) -> Ld
         transition = np.asarray(np.linalg.solve(before, lagged.T), dtype=np.float64).T
         mixed = transition @ lagged.T
         spread = after - mixed - mixed.T + transition @ before @ transition.T
-        process = _floored(spread / (frames - 1), least)
-    # sum of z z' over the frames that show each coordinate
+        process = _floored(spread / (frames - 1), min_variance)
+    # sum of z z' over the frames in which each coordinate is visible
     outer = smoothed.covariances.copy()
-    order = np.argsort(visible.which, kind="stable")
-    edges = np.searchsorted(visible.which[order], np.arange(len(outer) + 1))
+    order = np.argsort(observations.which, kind="stable")
+    edges = np.searchsorted(observations.which[order], np.arange(len(outer) + 1))
     for number in range(len(outer)):
         some = means[order[edges[number] : edges[number + 1]]]
         outer[number] += some.T @ some
-    seen = visible.patterns.T.astype(np.float64) @ outer.reshape(len(outer), -1)
+    seen = observations.patterns.T.astype(np.float64) @ outer.reshape(len(outer), -1)
     squares = seen.reshape(-1, k, k)
     products = values.T @ means
     emission: Array = np.asarray(np.linalg.solve(squares, products[..., None]), dtype=np.float64)[
         ..., 0
     ]
     fitted = (emission * products).sum(axis=1)
-    bent = np.einsum("di,dij,dj->d", emission, squares, emission)
-    noise = np.maximum((visible.squares - 2.0 * fitted + bent) / visible.counts, least)
+    quadratic = np.einsum("di,dij,dj->d", emission, squares, emission)
+    variances = (observations.squares - 2.0 * fitted + quadratic) / observations.counts
+    noise = np.maximum(variances, min_variance)
     return LdsModel(transition, emission, process, noise, means[0].copy(), start_covariance)
 
 
-def first_model(observed: Array, hidden: int, least: float) -> LdsModel:
-    """Return what learning starts from: principal components of the bridged clip.
+def initial_model(observed: Array, hidden: int, min_variance: float) -> LdsModel:
+    """Return the initial model: principal components of the interpolated clip.
 
     Parameters
     ----------
     observed : ndarray [shape=(frames, d), mm]
         Centred; NaN where missing.
     hidden : int
-        How many hidden numbers at most.
-    least : float
-        Floor of variances (mm²).
-    """
-    bridged = observed.copy()
-    frames = np.arange(len(observed))
-    for column in bridged.T:
-        seen = ~np.isnan(column)
-        column[~seen] = np.interp(frames[~seen], frames[seen], column[seen])
-    k = max(1, min(hidden, *bridged.shape))
-    _, _, vectors = np.linalg.svd(bridged, full_matrices=False)
-    emission = vectors[:k].T
-    numbers = bridged @ emission
-    noise = np.maximum((bridged - numbers @ emission.T).var(axis=0), least)
-    transition, process = np.eye(k), np.eye(k) * least
-    if len(numbers) > 1:
-        transition = np.linalg.lstsq(numbers[:-1], numbers[1:], rcond=None)[0].T
-        error = numbers[1:] - numbers[:-1] @ transition.T
-        process = _floored(error.T @ error / len(error), least)
-    return LdsModel(transition, emission, process, noise, numbers[0].copy(), process.copy())
-
-
-def learn(
-    observed: Array, options: LdsOptions, report: Callable[[float], None] | None = None
-) -> tuple[LdsModel, SmoothedStates]:
-    """Learn a linear dynamical system from what is visible.
-
-    Parameters
-    ----------
-    observed : ndarray [shape=(frames, d), mm]
-        Centred; NaN where missing, but no column of nothing else.
-    options : LdsOptions
-        How long, and with how many hidden numbers.
-    report : callable, optional
-        Called with the log-likelihood of each round.
+        Dimension of the hidden state at most.
+    min_variance : float
+        Lower bound of variances (mm²).
 
     Returns
     -------
     LdsModel
-        The one of highest likelihood.
-    SmoothedStates
-        The hidden numbers by it.
+        Its transition matrix is the regression of each frame's components on the preceding ones.
     """
-    visible = Observations(observed)
-    least = options.least_deviation**2
-    model = first_model(observed, options.hidden, least)
-    smoothed = smooth(model, visible)
-    for _ in range(options.iterations):
+    interpolated = observed.copy()
+    frames = np.arange(len(observed))
+    for column in interpolated.T:
+        seen = ~np.isnan(column)
+        column[~seen] = np.interp(frames[~seen], frames[seen], column[seen])
+    k = max(1, min(hidden, *interpolated.shape))
+    _, _, vectors = np.linalg.svd(interpolated, full_matrices=False)
+    emission = vectors[:k].T
+    states = interpolated @ emission
+    noise = np.maximum((interpolated - states @ emission.T).var(axis=0), min_variance)
+    transition, process = np.eye(k), np.eye(k) * min_variance
+    if len(states) > 1:
+        transition = np.linalg.lstsq(states[:-1], states[1:], rcond=None)[0].T
+        error = states[1:] - states[:-1] @ transition.T
+        process = _floored(error.T @ error / len(error), min_variance)
+    return LdsModel(transition, emission, process, noise, states[0].copy(), process.copy())
+
+
+def fit(
+    observed: Array, options: LdsOptions, report: Callable[[float], None] | None = None
+) -> tuple[LdsModel, SmoothedStates]:
+    """Fit a linear dynamical system to the visible coordinates.
+
+    Parameters
+    ----------
+    observed : ndarray [shape=(frames, d), mm]
+        Centred; NaN where missing. Each column has a visible sample.
+    options : LdsOptions
+        Dimension of the state, and when the fit ends.
+    report : callable, optional
+        Called with the log-likelihood of each iteration.
+
+    Returns
+    -------
+    LdsModel
+        The most likely model.
+    SmoothedStates
+        Its hidden states.
+    """
+    observations = Observations(observed)
+    min_variance = options.min_sd**2
+    model = initial_model(observed, options.hidden_dimensions, min_variance)
+    smoothed = smooth(model, observations)
+    for _ in range(options.max_iterations):
         if report is not None:
             report(smoothed.likelihood)
-        better = _learnt(smoothed, visible, least)
-        again = smooth(better, visible)
+        better = _maximise(smoothed, observations, min_variance)
+        again = smooth(better, observations)
         gain = again.likelihood - smoothed.likelihood
         if not gain > 0.0:
             break
@@ -388,22 +414,23 @@ def learn(
 def fill(
     task: Task, progress: Callable[[], None] = lambda: None, options: LdsOptions | None = None
 ) -> Estimate:
-    """Fill gaps by a linear dynamical system learnt from the clip.
+    """Fill gaps by a linear dynamical system fitted to the clip.
 
     Parameters
     ----------
     task : Task
-        The clip; takes are not looked at.
+        The clip; its takes are not used.
     progress : callable
-        Called once a gap group.
+        Called once per gap group.
     options : LdsOptions, optional
-        The constants.
+        The defaults if not given.
 
     Returns
     -------
     Estimate
-        Markers that are never seen stay missing, and samples that the system leads `FAR` from
-        where the marker is seen: a system that grows has no bounds in a long gap.
+        Markers that are never visible stay missing, and so do samples predicted more than
+        `MAX_EXCURSION` outside the marker's measured range: an unstable system diverges in a long
+        gap. Errors are not predicted.
     """
     options = options or LdsOptions()
     positions = task.positions.copy()
@@ -411,17 +438,17 @@ def fill(
         seen = task.valid.any(axis=0)
         observed = positions[:, seen].reshape(len(positions), -1)
         middle = np.nanmean(observed, axis=0)
-        model, smoothed = learn(observed - middle, options)
+        model, smoothed = fit(observed - middle, options)
         found = smoothed.means @ model.emission.T + middle
         found = found.reshape(len(positions), -1, 3)
-        least, most = (f(positions[:, seen], axis=0) for f in (np.nanmin, np.nanmax))
-        away = ((found < least - FAR) | (found > most + FAR)).any(axis=2)
+        min_variance, most = (f(positions[:, seen], axis=0) for f in (np.nanmin, np.nanmax))
+        away = ((found < min_variance - MAX_EXCURSION) | (found > most + MAX_EXCURSION)).any(axis=2)
         found[away] = np.nan
         positions[:, seen] = found
     for _ in task.groups:
         progress()
 
     def reason(gap: Gap) -> str:
-        return LED_AWAY if task.valid[:, gap.marker].any() else REASON
+        return DIVERGED if task.valid[:, gap.marker].any() else NEVER_VISIBLE
 
-    return Estimate.told(task, positions, "a linear dynamical system of the clip", reason)
+    return Estimate.without_errors(task, positions, "a linear dynamical system of the clip", reason)

@@ -1,9 +1,10 @@
-"""A marker moves with those that keep their distances to it: the filler for one lost marker.
+"""Rigid-body fill: a marker moves with markers at constant distances from it.
 
-What vendors' programs call a rigid-body fill, with the neighbours found in the data. A marker is
-placed by the weighted least-squares rotation [K76]_ of the three or more visible markers that keep
-their distances to it and to each other best. Where it lies among them is what the frames beside
-the gap show, led from one side to the other, so that the fill joins both without a step.
+Motion-capture programs offer this with neighbours chosen by hand; here they are found in the data.
+A marker is placed by the weighted least-squares rotation [K76]_ of three or more visible markers
+whose distances to it and to each other vary least. Its position relative to them is interpolated
+between the nearest frames before and after the gap that show them all, so the fill is continuous at
+both edges.
 
 References
 ----------
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 
 from priorfill.gaps import constant_spans
 from priorfill.geometry.root_frames import rigid_frames
+from priorfill.methods.options import check_at_least
 from priorfill.methods.task import Estimate, Task
 
 __all__ = ["RigidBodyOptions", "fill"]
@@ -28,56 +30,72 @@ __all__ = ["RigidBodyOptions", "fill"]
 
 @dataclass(frozen=True)
 class RigidBodyOptions:
-    """RigidBodyOptions of the rigid-body fill.
+    """Options of ``rigid``.
 
     Attributes
     ----------
-    stiff : float
-        mm. Neighbours keep their distance to the marker, and to each other, with no larger
-        standard deviation. On seven recordings 8 mm filled two thirds of what 12 mm does at 0.9 of
-        its error, 20 mm a third more at 1.4 times its error.
-    most : int
-        Neighbours at most, the stiffest: more of them only add softer ones.
-    spread : float
-        mm. Neighbours nearer to one line than this leave the rotation about it open.
+    max_distance_sd : float
+        mm. Largest standard deviation of a neighbour's distances from the marker and from the other
+        neighbours. On seven recordings, 8 mm filled two thirds of the samples that 12 mm fills, at
+        0.9 of its error; 20 mm filled a third more, at 1.4 times its error.
+    max_neighbours : int
+        Number of neighbours at most, those with the smallest standard deviations first.
+    min_off_line : float
+        mm. Smallest rms distance of the neighbours from their best-fitting line. Below it the
+        rotation about that line is undetermined.
+
+    Raises
+    ------
+    OptionError
+        Where a value is below its minimum.
     """
 
-    stiff: float = 12.0
-    most: int = 4
-    spread: float = 15.0
+    max_distance_sd: float = 12.0
+    max_neighbours: int = 4
+    min_off_line: float = 15.0
+
+    def __post_init__(self) -> None:
+        check_at_least(self, 0.0, "max_distance_sd", "min_off_line")
+        check_at_least(self, MIN_NEIGHBOURS, "max_neighbours")
 
 
-FEWEST = 3
-"""Markers that a rotation needs."""
+MIN_NEIGHBOURS = 3
+"""Markers that determine a rotation."""
 
-FLOOR = 1.0
-"""mm. Deviations below this say nothing of which neighbour is the better one."""
+MIN_SD = 1.0
+"""mm. Smaller standard deviations of distances are all treated alike: they are noise."""
 
-REASON = (
+NO_NEIGHBOURS = (
     "fewer than three visible markers keep their distance to it; "
     "use a method that learns from poses, such as auto"
 )
 
 
 def fill(
-    task: Task, progress: Callable[[], None] = lambda: None, options: RigidBodyOptions | None = None
+    task: Task,
+    progress: Callable[[], None] = lambda: None,
+    options: RigidBodyOptions | None = None,
 ) -> Estimate:
-    """Fill gaps by markers on the same rigid body.
+    """Fill gaps from markers on the same rigid body.
 
     Parameters
     ----------
     task : Task
-        The clip; takes are not looked at.
+        The clip; its takes are not used.
     progress : callable
-        Called once a gap group.
+        Called once per gap group.
     options : RigidBodyOptions, optional
-        What counts as a neighbour.
+        The defaults if not given.
 
     Returns
     -------
     Estimate
-        Frames in which fewer than three neighbours are visible stay missing, and markers that the
-        clip never shows together with them.
+        Frames with fewer than three visible neighbours stay missing, and so do markers that no
+        frame shows together with them. Errors are not predicted.
+
+    See Also
+    --------
+    priorfill.methods.tits2018.li : Interpolation in the frame of three neighbours.
     """
     options = options or RigidBodyOptions()
     positions = task.positions.copy()
@@ -87,10 +105,11 @@ def fill(
             valid = task.valid[gap.start : gap.stop]
             for first, last in constant_spans(valid):
                 span = slice(gap.start + first, gap.start + last)
-                body = _body(spread, gap.marker, np.flatnonzero(valid[first]), options)
-                positions[span, gap.marker] = _placed(task, gap.marker, body, span, options)
+                visible = np.flatnonzero(valid[first])
+                neighbours = _neighbours(spread, gap.marker, visible, options)
+                positions[span, gap.marker] = _placed(task, gap.marker, neighbours, span, options)
         progress()
-    return Estimate.told(task, positions, "markers on the same rigid body", REASON)
+    return Estimate.without_errors(task, positions, "markers on the same rigid body", NO_NEIGHBOURS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,62 +120,67 @@ class _RigidNeighbours:
     ----------
     markers : ndarray of int [shape=(neighbours,)]
     weights : ndarray [shape=(neighbours,)]
-        How much each counts in the rotation.
+        Weight of each in the least-squares rotation.
     """
 
     markers: NDArray[np.intp]
     weights: NDArray[np.float64]
 
 
-def _body(
-    expected_rms: NDArray[np.float64],
+def _neighbours(
+    distance_sd: NDArray[np.float64],
     marker: int,
     visible: NDArray[np.intp],
     options: RigidBodyOptions,
 ) -> _RigidNeighbours:
-    """Choose a marker's neighbours among the visible ones: stiff to it and to each other."""
+    """Choose a marker's neighbours among the visible ones, at constant distances from each other.
+
+    ``distance_sd`` has the standard deviation of each pair's distance [shape=(markers, markers),
+    mm].
+    """
     chosen: list[int] = []
-    for other in visible[np.argsort(expected_rms[marker, visible], kind="stable")]:
-        if len(chosen) == options.most or expected_rms[marker, other] > options.stiff:
+    for other in visible[np.argsort(distance_sd[marker, visible], kind="stable")]:
+        enough = len(chosen) == options.max_neighbours
+        if enough or distance_sd[marker, other] > options.max_distance_sd:
             break
-        if all(expected_rms[other, mate] <= options.stiff for mate in chosen):
+        if all(distance_sd[other, mate] <= options.max_distance_sd for mate in chosen):
             chosen.append(int(other))
     markers = np.array(chosen, dtype=np.intp)
-    return _RigidNeighbours(markers, 1.0 / np.maximum(expected_rms[marker, markers], FLOOR) ** 2)
+    return _RigidNeighbours(markers, 1.0 / np.maximum(distance_sd[marker, markers], MIN_SD) ** 2)
 
 
 def _placed(
-    task: Task, marker: int, body: _RigidNeighbours, span: slice, options: RigidBodyOptions
+    task: Task, marker: int, neighbours: _RigidNeighbours, span: slice, options: RigidBodyOptions
 ) -> NDArray[np.float64]:
-    """Place a marker by its body in a run of frames.
+    """Place a marker by its neighbours in a run of frames.
 
     Returns its positions [shape=(frames, 3), mm], NaN where that is not possible.
     """
     nowhere = np.full((span.stop - span.start, 3), np.nan)
-    seen = np.logical_and.reduce(task.valid[:, [marker, *body.markers]], axis=1)
-    if len(body.markers) < FEWEST or not seen.any():
+    seen = np.logical_and.reduce(task.valid[:, [marker, *neighbours.markers]], axis=1)
+    if len(neighbours.markers) < MIN_NEIGHBOURS or not seen.any():
         return nowhere
-    beside = _beside(seen, span)
-    points = task.positions[:, body.markers]
-    template = points[beside[0]]
-    if _off_line(template, body.weights) < options.spread:
+    adjacent = _adjacent(seen, span)
+    points = task.positions[:, neighbours.markers]
+    template = points[adjacent[0]]
+    if _off_line(template, neighbours.weights) < options.min_off_line:
         return nowhere
-    known = rigid_frames(points[beside], template, body.weights)
-    local = known.to_local(task.positions[beside, marker][:, None])[:, 0]
+    known = rigid_frames(points[adjacent], template, neighbours.weights)
+    local = known.to_local(task.positions[adjacent, marker][:, None])[:, 0]
     frames = np.arange(span.start, span.stop)
-    where = np.stack([np.interp(frames, beside, local[:, i]) for i in range(3)], axis=1)
-    return rigid_frames(points[span], template, body.weights).to_world(where[:, None])[:, 0]
+    where = np.stack([np.interp(frames, adjacent, local[:, i]) for i in range(3)], axis=1)
+    return rigid_frames(points[span], template, neighbours.weights).to_world(where[:, None])[:, 0]
 
 
-def _beside(seen: NDArray[np.bool_], span: slice) -> NDArray[np.intp]:
-    """Return the last frame before a run and the first one after it that show all, as there are."""
+def _adjacent(seen: NDArray[np.bool_], span: slice) -> NDArray[np.intp]:
+    """Return the last complete frame before a run and the first one after it, where they exist."""
     before = np.flatnonzero(seen[: span.start])[-1:]
     after = np.flatnonzero(seen[span.stop :])[:1] + span.stop
     return np.concatenate([before, after])
 
 
 def _off_line(points: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
-    """Return how far (mm, rms) points are off the straight line nearest to them."""
+    """Return the rms distance (mm) of points from their best-fitting straight line."""
     share = weights / weights.sum()
     centred = np.sqrt(share)[:, None] * (points - share @ points)
     return float(np.linalg.svd(centred, compute_uv=False)[1])

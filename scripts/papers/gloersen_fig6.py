@@ -3,10 +3,10 @@
 
     python scripts/papers/gloersen_fig6.py [--data DIR] [--recording FILE] [--full]
 
-Our reading: one constant at a time is changed, the others are the paper's: sigma (mm), w_mm, the
-distance cut-off of r2, and the share of the singular values that the components kept reach
+Interpretation: one constant at a time is changed, the others are the paper's: sigma (mm), w_mm,
+the distance cut-off of r2, and the share of the singular values that the components kept reach
 (MinCumSV). Copies have random gaps in half of the frames, as in ``gloersen_fig4.py`` (8, with
-``--full`` 50). The paper shows curves, which are not known here; what is, are the values it chose.
+``--full`` 50). The paper shows curves, which are not available; the values it chose are.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ SHARE = 0.5
 
 VALUES: dict[str, tuple[float, ...]] = {
     "sigma": (50.0, 100.0, 150.0, 200.0, 300.0, 500.0, 1000.0),
-    "lost_weight": (0.001, 0.005, 0.02, 0.05, 0.1, 0.3, 1.0),
-    "cutoff": (0.0, 0.25, 0.5, 0.75, 1.0, 2.0),
-    "explained": (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.999),
+    "missing_weight": (0.001, 0.005, 0.02, 0.05, 0.1, 0.3, 1.0),
+    "distal_threshold": (0.0, 0.25, 0.5, 0.75, 1.0, 2.0),
+    "min_singular_share": (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.999),
 }
 """Of the options of r1 and r2; the paper's own are among them."""
 
 NAMES = {
     "sigma": "sigma",
-    "lost_weight": "w_mm",
-    "cutoff": "cut-off",
-    "explained": "MinCumSV",
+    "missing_weight": "w_mm",
+    "distal_threshold": "cut-off",
+    "min_singular_share": "MinCumSV",
 }
 """The paper's names."""
 

@@ -21,7 +21,7 @@ METHODS = "pca-frames,linear,spline,lds,auto"
 
 MISSING = (1, 2, 5, 10, 20, 30, 40)
 MORE_MISSING = tuple(range(1, 41))
-"""FrameGaps."""
+"""Frames."""
 
 FEW, MANY = 3, 5
 """Copies of each sample, with the gap elsewhere."""

@@ -341,7 +341,7 @@ def test_too_few_frames_to_learn_from():
         gap.label: [part.reason for part in gap.unfilled] for gap in fill(clip, method="r2").gaps
     }
     assert left["RTOE"] == []
-    assert left["LFHD"][0].startswith("seen in no two frames beside the markers")
+    assert left["LFHD"][0].startswith("fewer than two frames show it with the markers")
     assert labels.index("LFHD") == 0
 
 

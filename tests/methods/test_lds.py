@@ -121,10 +121,10 @@ def test_learning_never_lowers_the_likelihood(seed, missing):
     hidden[:2] = False  # no column of nothing else
     observed[hidden] = np.nan
     visible, least = lds.Observations(observed), 1e-4
-    system = lds.first_model(observed, 3, least)
+    system = lds.initial_model(observed, 3, least)
     before = lds.smooth(system, visible)
     for _ in range(12):
-        system = lds._learnt(before, visible, least)
+        system = lds._maximise(before, visible, least)
         after = lds.smooth(system, visible)
         assert after.likelihood >= before.likelihood - 1e-7 * abs(before.likelihood)
         before = after
@@ -145,7 +145,7 @@ def test_a_motion_of_the_system_is_recovered():
     gone = np.zeros(observed.shape, dtype=bool)
     gone[100:170, :6] = gone[250:270] = gone[380:, 6:9] = True
     observed[gone] = np.nan
-    found, smoothed = lds.learn(observed, lds.LdsOptions(hidden=4, iterations=30))
+    found, smoothed = lds.fit(observed, lds.LdsOptions(hidden_dimensions=4, max_iterations=30))
     off = smoothed.means @ found.emission.T - clean
     assert np.sqrt((off[100:170, :6] ** 2).mean()) < 0.6  # beside visible markers: the noise
     assert np.sqrt((off[gone] ** 2).mean()) < 20.0  # a blackout of 20 frames, moving by 600 mm
@@ -192,7 +192,7 @@ def test_it_turns_and_moves_with_the_clip():
     c, s = np.cos(angle), np.sin(angle)
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     moved = clip.with_positions(clip.positions @ turn + [500.0, -200.0, 0.0])
-    options = lds.LdsOptions(iterations=5)
+    options = lds.LdsOptions(max_iterations=5)
     found = []
     for each in (clip, moved):
         groups = tuple(gap_groups(each.missing))
@@ -205,7 +205,7 @@ def test_it_turns_and_moves_with_the_clip():
 
 def test_what_the_system_leads_away_stays_missing(monkeypatch):
     """A swing that grows goes on to grow."""
-    monkeypatch.setattr(lds, "FAR", 100.0)
+    monkeypatch.setattr(lds, "MAX_EXCURSION", 100.0)
     frames = 400
     time = np.arange(frames)[:, None]
     positions = np.zeros((frames, 4, 3))

@@ -217,7 +217,7 @@ def test_deviations_of_complete_frames_alone():
     rng = np.random.default_rng(0)
     positions = rng.normal(size=(20, 4, 3))
     positions[:10, 3] = np.nan
-    got = reference_triads.deviations(positions, Tits2018Options(complete=5))
+    got = reference_triads.deviations(positions, Tits2018Options(min_complete_frames=5))
     distance = np.linalg.norm(positions[10:, 0] - positions[10:, 1], axis=1)
     assert got[0, 1] == pytest.approx(distance.std(ddof=1))
 

@@ -109,7 +109,7 @@ def test_the_papers_constants_give_what_fill_gives(method: str) -> None:
     np.testing.assert_allclose(
         gloersen.deviations(lying, gone, method, Gloersen2016Options()), wanted, atol=1e-9
     )
-    other = gloersen.deviations(lying, gone, method, Gloersen2016Options(explained=0.5))
+    other = gloersen.deviations(lying, gone, method, Gloersen2016Options(min_singular_share=0.5))
     assert np.abs(other - wanted).max() > 0.1
 
 

@@ -1,22 +1,22 @@
-"""Frame-by-frame reconstruction by nearest neighbours: Krüger, Tautges, Weber and Zinke 2010.
+"""Frame-by-frame reconstruction from nearest poses: Krüger, Tautges, Weber and Zinke 2010 [K10]_.
 
-Poses are freed from position and heading; each frame's k nearest poses of the database, found by
-its visible reliable markers with a kd-tree, say where its missing markers are: at the mean of
-theirs, in the frame's own root frame. No frame knows of another, so nothing makes the result
-smooth or joins it to what is measured beside a gap. Baumann et al. 2011 compare their method with
-this one (table 2); `priorfill.methods.baumann2011.neighbour_votes` shares its search and adds
-energies over time.
+Poses are compared in root frames, without position and heading. The k poses of the database nearest
+to a frame, by the coordinates of its visible reliable markers, predict its missing markers: the
+mean of their positions in the frame's own root frame. Frames are independent, so the result is
+neither smooth over time nor continuous at the edges of a gap. Baumann et al. 2011 compare their
+method with this one (table 2). `priorfill.methods.baumann2011.neighbour_votes` uses the same
+search, and adds the energies over time.
 
-Where it departs from the publications:
+Departures from the publications:
 
-* The publication reconstructs from few markers or sensors of known places; here what a frame is
-  searched by changes with what is missing, so there is an index for each set of missing markers,
-  and it is not a kd-tree; the poses that it finds are the same.
-* All neighbours count the same, as in the published form of `baumann2011`.
+* They reconstruct from few markers or sensors in known places, with one index. Here the viable
+  markers depend on what is missing, so each set of missing markers has an index of its own. It is
+  not a kd-tree, but finds the same poses.
+* All neighbours have the same weight, as in Baumann et al. 2011.
 * Without a database the clip itself is searched; the publications always have one.
-* The database is searched at its rate that is nearest to the clip's.
-* What they leave open: with too few reliable markers in sight all visible ones search; markers
-  that no pose has together are looked for one by one.
+* The database is searched at its rate nearest to the clip's.
+* Not stated there: with too few reliable visible markers, all visible ones are compared; markers
+  that no pose shows together are searched for one by one.
 
 References
 ----------
@@ -40,6 +40,7 @@ from priorfill.methods.baumann2011.pose_searches import (
     MarkerSearch,
     SearchPlanner,
 )
+from priorfill.methods.options import check_at_least
 from priorfill.methods.task import (
     Estimate,
     Note,
@@ -57,47 +58,56 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Krueger2010Options:
-    """Options of the method.
+    """Options of ``krueger2010``.
 
     Attributes
     ----------
     neighbours : int
-        k; see `DEFAULT_NEIGHBOURS`.
+        k, the number of poses averaged per frame; see `DEFAULT_NEIGHBOURS`.
     min_viable : int
-        With fewer reliable markers in sight a frame is searched for by all that are.
+        With fewer reliable visible markers in a frame, all its visible markers are compared.
     min_poses : int
-        With fewer poses that have all the wanted markers, they are looked for one by one.
+        With fewer poses that have all missing markers, markers are searched for one by one.
+
+    Raises
+    ------
+    OptionError
+        Where a value is below its minimum.
     """
 
     neighbours: int = DEFAULT_NEIGHBOURS
     min_viable: int = MIN_VIABLE
     min_poses: int = MIN_POSES
 
+    def __post_init__(self) -> None:
+        check_at_least(self, 1, "neighbours", "min_poses")
+        check_at_least(self, 2, "min_viable")
+
 
 def _means(
     bank: PoseBank, search: MarkerSearch, positions: Array, k: int
 ) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Return the neighbours' mean of a search's wanted markers, frame by frame.
+    """Return the mean of the neighbours' wanted markers, frame by frame.
 
     Parameters
     ----------
     bank : PoseBank
-        Of the search.
+        The bank of the search.
     search : MarkerSearch
-        Its viable markers are valid in all of the frames.
+        Its viable markers are measured in all the frames.
     positions : ndarray [shape=(frames, all markers, 3), mm]
         Upright.
     k : int
-        How many neighbours.
+        Number of neighbours.
 
     Returns
     -------
     mean : ndarray [shape=(frames, wanted markers, 3), mm]
-        In the world.
+        In world coordinates.
     spread : ndarray [shape=(frames, wanted markers), mm]
-        Rms distance of the neighbours from it.
+        Rms distance of the neighbours from their mean.
     take : ndarray of int [shape=(frames, neighbours)]
-        The takes that they come from.
+        The take of each neighbour.
     """
     roots = search.root.frames(positions)
     _, rows = bank.search(positions, roots, k)
@@ -115,7 +125,7 @@ def _fill_alike(
     frames: NDArray[np.intp],
     k: int,
 ) -> None:
-    """Fill frames that show the same markers, and note how; changes the estimate."""
+    """Fill frames in which the same markers are visible, and add notes; changes the estimate."""
     stretches = _stretches(frames)
     plan = planner.plan(task.valid[frames[0]])
     estimate.notes.extend(
@@ -135,18 +145,18 @@ def _fill_alike(
             estimate.expected_rms[cells] = spread
             used.append(take)
         votes = np.concatenate(used)
-        how = f"{k} nearest poses, frame by frame"
-        # a bank may hold fewer poses than neighbours are asked for
+        source = f"{k} nearest poses, frame by frame"
+        # the bank may hold fewer than k poses
         names, poses = take_names(takes, votes), votes.shape[1]
         estimate.notes.extend(
-            Note(int(marker), start, stop, how, source_clips=names, training_poses=poses)
+            Note(int(marker), start, stop, source, source_clips=names, training_poses=poses)
             for marker in search.wanted
             for start, stop in stretches
         )
 
 
 def _stretches(frames: NDArray[np.intp]) -> list[tuple[int, int]]:
-    """Return the runs of consecutive frames among some, which ascend, as (start, stop)."""
+    """Return the runs of consecutive frames in an ascending array, as (start, stop)."""
     parts = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
     return [(int(part[0]), int(part[-1]) + 1) for part in parts]
 
@@ -156,22 +166,26 @@ def fill(
     progress: Callable[[], None] = lambda: None,
     options: Krueger2010Options | None = None,
 ) -> Estimate:
-    """Fill each frame of a task's gaps by the mean of the poses that are nearest to it.
+    """Fill each frame with the mean of the poses nearest to it.
 
     Parameters
     ----------
     task : Task
-        The clip and the takes to learn from; without takes the clip itself is searched.
+        The clip and the takes to search; without takes the clip itself is searched.
     progress : callable
-        Called once a gap group.
+        Called once per gap group.
     options : Krueger2010Options, optional
-        k, and the bounds that the publications leave open.
+        The defaults if not given.
 
     Returns
     -------
     Estimate
-        The deviation is the rms spread of the neighbours about their mean. Blackouts, and
-        markers that no pose has, stay missing and are noted.
+        ``expected_rms`` is the rms distance of the neighbours from their mean. Blackouts, and
+        markers that no pose shows, stay missing, with a note.
+
+    See Also
+    --------
+    priorfill.methods.baumann2011.neighbour_votes.fill : The same search with energies over time.
     """
     options = options or Krueger2010Options()
     own = own_take(pyramid(task.positions, task.rate, 1), task.name, task.subject)

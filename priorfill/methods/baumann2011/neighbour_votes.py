@@ -1,22 +1,40 @@
-"""The published method: Baumann, Krüger, Zinke and Weber, VRIPHYS 2011.
+"""The published method ``baumann2011``: Baumann, Krüger, Zinke and Weber, VRIPHYS 2011 [B11]_.
 
-Each frame's k nearest poses in the prior database, found by the viable markers in a root frame
-that is free of position and heading (sections 4.1, 4.2), vote with equal weights on the
-positions, velocities and accelerations of the missing markers; the votes' energy, Eqs. (2)-(4),
-is minimised by scheduled gradient descent from coarse to fine (section 4.3).
+Each frame's k nearest poses in the prior database vote, with equal weights, on the positions,
+velocities and accelerations of the missing markers. The energy of these votes is minimised from
+coarse to fine. Where the parts of the paper are:
 
-Where it departs from the paper:
+=====================================  ==========================================================
+root frames, viable markers (4.1)      `priorfill.methods.baumann2011.pose_searches`,
+                                       `priorfill.geometry.root_frames`
+nearest neighbours y_i (4.1, 4.2)      `_votes`; the search itself is `PoseBank.nearest` in
+                                       `priorfill.search.bank`
+Eq. (1), E_pose + E_motion + E_smooth  `priorfill.energy.terms.energy`
+Eqs. (2)-(4), the sums over the k      `priorfill.energy.terms`; `priorfill.energy.targets.fold`
+neighbours                             reduces each sum to one target and one weight
+Eq. (5), resolutions                   `priorfill.energy.multiresolution.levels_for`
+scheduled descent (4.3)                `priorfill.energy.solver.minimise`
+=====================================  ==========================================================
 
-* Without a database the clip itself is searched; the paper always has one.
-  (`Baumann2011Options.own` searches both.)
-* The database is searched at its own resolutions (30 Hz and below unless it was made with
-  another rate); levels finer than that use its finest.
-* Differences are taken in the world, with the root frames of the frames they span; where the
-  root keeps its heading that is the energy of the paper.
-* Descent goes along conjugate directions, by blocks of frames (see `priorfill.energy.solver`): same
-  minimum.
-* What the paper leaves open: too few viable markers in a gap group split it; markers that no pose
-  has together are looked for one by one; with too few reliable markers all valid ones search.
+Departures from the paper:
+
+* Search (4.1): without a database, the clip itself is searched; the paper always has a database.
+  (`Baumann2011Options.search_own_clip` searches both.) The database is searched at its own
+  resolutions, 30 Hz and below by default; finer levels of the clip use its finest one. The search
+  is exact, but uses no kd-tree.
+* Eqs. (3) and (4): velocities and accelerations are differences in world coordinates. The
+  neighbours' poses one step before and after are placed by the root frames of those frames. Where
+  the heading of the root is constant, the energy is the paper's.
+* Descent (4.3): along conjugate directions and by blocks of frames, not along the gradient and by
+  single frames; the minimum is the same. See `priorfill.energy.solver`.
+* Not stated in the paper: k is 256; a gap group with too few viable markers is split where the
+  visible markers change; with too few reliable markers, all visible ones are compared; markers that
+  no pose shows together are searched for one by one.
+
+References
+----------
+.. [B11] J. Baumann, B. Krüger, A. Zinke, A. Weber, Data-driven completion of motion capture data,
+   Workshop on Virtual Reality Interaction and Physical Simulation (VRIPHYS), 2011.
 """
 
 from __future__ import annotations
@@ -40,6 +58,7 @@ from priorfill.methods.baumann2011.pose_searches import (
     MarkerSearch,
     SearchPlanner,
 )
+from priorfill.methods.options import check_at_least
 from priorfill.methods.task import (
     Estimate,
     Note,
@@ -52,39 +71,52 @@ from priorfill.signal.resample import Level, pyramid
 
 __all__ = ["Baumann2011Options", "fill", "vote_weights"]
 
+MIN_BANDWIDTH = 1e-6
+"""mm. Lower bound of the width of the vote weights, for neighbours at distance 0."""
+
 
 @dataclass(frozen=True)
 class Baumann2011Options:
-    """Options of the published method.
+    """Options of ``baumann2011``.
 
     Attributes
     ----------
     neighbours : int
-        k; see `DEFAULT_NEIGHBOURS`.
+        k, the number of poses that vote in each frame; see `DEFAULT_NEIGHBOURS`.
     min_viable : int
-        A gap group is split rather than searched with fewer viable markers; see `MIN_VIABLE`.
+        A gap group in which fewer viable markers are measured throughout is split; see
+        `MIN_VIABLE`.
     min_poses : int
-        With fewer poses that have all the wanted markers, they are looked for one by one.
-    kernel : bool
-        Weigh the votes by how near their poses are, as Tautges et al. 2011 do; the published
-        form counts all the same.
-    own : bool
-        Search the clip's own frames beside the database.
-    chunk : int
+        With fewer poses that have all missing markers, markers are searched for one by one.
+    weight_by_distance : bool
+        Whether nearer neighbours have larger weights, as in Tautges et al. 2011. The weights of the
+        published method are equal.
+    search_own_clip : bool
+        Whether the clip's own frames are searched in addition to the database.
+    batch_frames : int
         Frames whose neighbours are gathered at once; see `BATCH_FRAMES`.
+
+    Raises
+    ------
+    OptionError
+        Where a value is below its minimum.
     """
 
     neighbours: int = DEFAULT_NEIGHBOURS
     min_viable: int = MIN_VIABLE
     min_poses: int = MIN_POSES
-    kernel: bool = False
-    own: bool = False
-    chunk: int = BATCH_FRAMES
+    weight_by_distance: bool = False
+    search_own_clip: bool = False
+    batch_frames: int = BATCH_FRAMES
+
+    def __post_init__(self) -> None:
+        check_at_least(self, 1, "neighbours", "min_poses", "batch_frames")
+        check_at_least(self, 2, "min_viable")
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
-    """Frames ``start <= frame < stop`` searched for together, and how."""
+class _SearchedFrames:
+    """Frames ``start <= frame < stop`` that share a search."""
 
     start: int
     stop: int
@@ -97,7 +129,7 @@ def _stretches(
     group: GapGroup,
     options: Baumann2011Options,
 ) -> list[tuple[int, int]]:
-    """Split a gap group as little as keeps enough viable markers in each stretch."""
+    """Split a gap group into as few stretches as have enough viable markers each."""
 
     def viable(start: int, stop: int) -> int:
         return int((valid[start:stop].all(axis=0) & reliable).sum())
@@ -114,15 +146,15 @@ def _stretches(
     return stretches
 
 
-def _parts(
+def _planned(
     task: Task, planner: SearchPlanner, group: GapGroup, options: Baumann2011Options
-) -> tuple[list[_Part], list[Note]]:
-    """Plan the searches of a gap group, and note what cannot be searched for."""
-    parts: list[_Part] = []
+) -> tuple[list[_SearchedFrames], list[Note]]:
+    """Plan the searches of a gap group; return notes for markers without a search, too."""
+    parts: list[_SearchedFrames] = []
     notes: list[Note] = []
     for start, stop in _stretches(task.valid, planner.reliable, group, options):
         plan = planner.plan(np.logical_and.reduce(task.valid[start:stop], axis=0))
-        parts += [_Part(start, stop, search) for search in plan.searches]
+        parts += [_SearchedFrames(start, stop, search) for search in plan.searches]
         notes += [
             Note(int(marker), start, stop, reason, filled=False)
             for markers, reason in plan.left
@@ -134,9 +166,10 @@ def _parts(
 def _frames_at(
     level: Level, root: RootGroup, numbers: NDArray[np.intp], fallback: RootFrames
 ) -> tuple[RootFrames, NDArray[np.bool_]]:
-    """Root frames of level frames by number; the fallback's where the root is not valid.
+    """Return the root frames of some frames of a level, by frame number.
 
-    Returns the root frames and where they are the level's own [shape=(frames,)].
+    Where a root marker is missing or the number is outside the level, the fallback is used. Also
+    returns where the root frames are the level's own [shape=(frames,)].
     """
     inside = np.clip(numbers, 0, len(level.positions) - 1)
     points = level.positions[inside][:, list(root.markers)]
@@ -151,22 +184,33 @@ def _frames_at(
     )
 
 
-def vote_weights(distance: NDArray[np.float64], *, kernel: bool) -> NDArray[np.float64]:
-    """Return how much each neighbour's vote counts.
+def vote_weights(distance: NDArray[np.float64], *, by_distance: bool) -> NDArray[np.float64]:
+    """Return the weight of each neighbour's vote.
 
     Parameters
     ----------
     distance : ndarray [shape=(frames, k), mm]
-        Of the neighbours, ascending.
-    kernel : bool
-        False: 1 for each. True: exp(-d² / 2 h²) with the median distance of the frame's
-        neighbours as h, scaled to a sum of k, so that the energy's terms keep their balance.
+        Distances of the neighbours.
+    by_distance : bool
+        False: all weights are 1. True: exp(-d² / 2h²), with the median distance of the frame's
+        neighbours as h, scaled to a sum of k, so that the balance between the terms of the energy
+        does not change.
+
+    Returns
+    -------
+    ndarray [shape=(frames, k)]
+        The weights; those of a frame sum to k.
+
+    Examples
+    --------
+    >>> vote_weights(np.array([[1.0, 2.0, 3.0]]), by_distance=True).round(2)
+    array([[1.46, 1.  , 0.54]])
     """
-    if not kernel:
+    if not by_distance:
         return np.ones_like(distance)
-    width = np.maximum(np.median(distance, axis=1, keepdims=True), 1e-6)  # mm; equal poses
-    nearness = np.exp(-(distance**2) / (2.0 * width**2))
-    scaled: NDArray[np.float64] = nearness * distance.shape[1] / nearness.sum(axis=1, keepdims=True)
+    width = np.maximum(np.median(distance, axis=1, keepdims=True), MIN_BANDWIDTH)
+    weights = np.exp(-(distance**2) / (2.0 * width**2))
+    scaled: NDArray[np.float64] = weights * distance.shape[1] / weights.sum(axis=1, keepdims=True)
     return scaled
 
 
@@ -177,23 +221,23 @@ def _votes(
     bank: PoseBank,
     options: Baumann2011Options,
 ) -> tuple[Prior, NDArray[np.float64], NDArray[np.intp]]:
-    """Let the neighbours of some frames of a level vote on a search's wanted markers.
+    """Fold the votes of the nearest poses of some frames: the targets of Eqs. (2)-(4).
 
-    Returns the prior [frames, wanted markers], the rms distance (mm) of the positions voted for
-    from their mean [frames, wanted markers], and the takes that voted [frames, k].
+    Returns the prior [frames, wanted markers], the rms distance (mm) of the neighbours' positions
+    from their mean [frames, wanted markers], and the take of each neighbour [frames, k].
     """
     positions = level.positions[numbers]
     here = search.root.frames(positions)
     before, has_before = _frames_at(level, search.root, numbers - 1, here)
     after, has_after = _frames_at(level, search.root, numbers + 1, here)
     found = bank.nearest(positions, here, options.neighbours)
-    weights = vote_weights(found.distance, kernel=options.kernel)
+    weights = vote_weights(found.distance, by_distance=options.weight_by_distance)
     pose, weight, disagreement = fold(found.pose, weights)
     velocity, _, velocity_disagreement = fold(found.velocity, weights)
     acceleration, _, acceleration_disagreement = fold(found.acceleration, weights)
 
     spread = np.sqrt(disagreement / np.where(weight > 0, weight, 1.0))
-    # the energy is over the missing samples only, and over differences that exist
+    # the energy is over missing samples only, and over differences whose frames all exist
     weight = np.where(np.isnan(positions[:, search.wanted, 0]), weight, 0.0)
     derivative_weight = np.where((has_before & has_after)[:, None], weight, 0.0)
     constant = np.where(weight > 0, disagreement, 0.0) + np.where(
@@ -204,71 +248,100 @@ def _votes(
     return prior, spread, found.take
 
 
+class _GroupPrior:
+    """The prior of a gap group at any level, from the votes of its searches.
+
+    At the clip's own rate it also writes the spread of the votes into ``expected_rms``, and keeps
+    the take of each vote.
+    """
+
+    def __init__(
+        self,
+        group: GapGroup,
+        parts: list[_SearchedFrames],
+        planner: SearchPlanner,
+        options: Baumann2011Options,
+        expected_rms: NDArray[np.float64],
+    ) -> None:
+        self._group = group
+        self._parts = parts
+        self._planner = planner
+        self._options = options
+        self._expected_rms = expected_rms
+        self._takes: list[list[NDArray[np.intp]]] = [[] for _ in parts]
+
+    def __call__(self, level: Level, window: NDArray[np.intp]) -> Prior:
+        """Return the prior of some frames of a level [frames, markers of the group]."""
+        prior = Prior.empty(len(window), len(self._group.markers))
+        frames = window * level.step
+        for part, takes in zip(self._parts, self._takes, strict=True):
+            bank = self._planner.bank(part.search, level.rate)
+            if len(bank) == 0:
+                continue
+            columns = np.searchsorted(self._group.markers, part.search.wanted)
+            rows = np.flatnonzero((frames >= part.start) & (frames < part.stop))
+            for at in range(0, len(rows), self._options.batch_frames):
+                some = rows[at : at + self._options.batch_frames]
+                votes, spread, voters = _votes(
+                    level, window[some], part.search, bank, self._options
+                )
+                prior.place(some, columns, votes)
+                if level.step == 1:
+                    takes.append(voters)
+                    self._expected_rms[np.ix_(window[some], part.search.wanted)] = spread
+        return prior
+
+    def takes_of(self, part: int) -> NDArray[np.intp]:
+        """Return the take of each vote of a part [shape=(frames, k)]."""
+        nothing = np.empty((0, self._options.neighbours), np.intp)
+        return np.concatenate(self._takes[part] or [nothing])
+
+
 def fill(
     task: Task,
     progress: Callable[[], None] = lambda: None,
     options: Baumann2011Options | None = None,
 ) -> Estimate:
-    """Fill the gaps of a task by the published method.
+    """Fill the gaps of a task by the published method [B11]_.
 
     Parameters
     ----------
     task : Task
-        The clip and the takes to learn from; without takes the clip itself is searched.
+        The clip and the takes to search; without takes the clip itself is searched.
     progress : callable
-        Called once a gap group.
+        Called once per gap group.
     options : Baumann2011Options, optional
-        k and the bounds that the paper leaves open.
+        The defaults if not given.
 
     Returns
     -------
     Estimate
-        The deviation is the rms spread of the neighbours about their mean. Blackouts, and
-        markers that no pose has, stay missing and are noted.
+        ``expected_rms`` is the rms distance of the neighbours' positions from their mean: how far
+        they agree, not how far they are from the truth. Blackouts, and markers that no pose shows,
+        stay missing, with a note.
+
+    See Also
+    --------
+    priorfill.methods.baumann2011.weighted_votes.fill : With distance-weighted votes.
+    priorfill.methods.baumann2011.krueger2010.fill : The mean of the nearest poses, frame by frame.
     """
     options = options or Baumann2011Options()
     levels = pyramid(task.positions, task.rate, levels_for(task.rate))
     own = own_take(levels, task.name, task.subject)
-    takes = (*task.takes, own) if options.own else task.takes or (own,)
+    takes = (*task.takes, own) if options.search_own_clip else task.takes or (own,)
     planner = SearchPlanner(task, takes, options.min_viable, options.min_poses)
     estimate = Estimate.of(task)
     for group in task.groups:
-        parts, notes = _parts(task, planner, group, options)
-        used: dict[int, list[NDArray[np.intp]]] = {i: [] for i in range(len(parts))}
-
-        def prior_at(
-            level: Level,
-            window: NDArray[np.intp],
-            group: GapGroup = group,
-            parts: list[_Part] = parts,
-            used: dict[int, list[NDArray[np.intp]]] = used,
-        ) -> Prior:
-            prior = Prior.empty(len(window), len(group.markers))
-            for i, part in enumerate(parts):
-                search = part.search
-                bank = planner.bank(search, level.rate)
-                columns = np.searchsorted(group.markers, search.wanted)
-                frames = window * level.step
-                rows = np.flatnonzero((frames >= part.start) & (frames < part.stop))
-                if len(bank) == 0:
-                    continue
-                for at in range(0, len(rows), options.chunk):
-                    some = rows[at : at + options.chunk]
-                    votes, spread, voters = _votes(level, window[some], search, bank, options)
-                    prior.place(some, columns, votes)
-                    if level.step == 1:
-                        used[i].append(voters)
-                        estimate.expected_rms[np.ix_(window[some], search.wanted)] = spread
-            return prior
-
+        parts, notes = _planned(task, planner, group, options)
+        prior_at = _GroupPrior(group, parts, planner, options, estimate.expected_rms)
         if parts:
             inside = solve_levels(levels, group, prior_at, _solver)
             estimate.positions[group.start : group.stop, list(group.markers)] = inside
         estimate.notes.extend(notes)
-        for i, part in enumerate(parts):
-            votes = np.concatenate(used[i] or [np.empty((0, options.neighbours), np.intp)])
+        for number, part in enumerate(parts):
+            votes = prior_at.takes_of(number)
             names = take_names(takes, votes)
-            # a bank may hold fewer poses than neighbours are asked for
+            # a bank may hold fewer than k poses
             estimate.notes.extend(_notes(task, part, names, options, votes.shape[1]))
         progress()
     return estimate
@@ -279,17 +352,21 @@ def _solver(positions: NDArray[np.float64], free: NDArray[np.bool_], prior: Prio
 
 
 def _notes(
-    task: Task, part: _Part, names: tuple[str, ...], options: Baumann2011Options, poses: int
+    task: Task,
+    part: _SearchedFrames,
+    names: tuple[str, ...],
+    options: Baumann2011Options,
+    poses: int,
 ) -> list[Note]:
-    """Say for each run of missing samples of a part what it was filled from."""
-    how = f"{options.neighbours} nearest poses by {len(part.search.viable)} markers"
+    """Return a note for each run of missing samples of a part."""
+    source = f"{options.neighbours} nearest poses by {len(part.search.viable)} markers"
     missing = ~task.valid
     return [
         Note(
             int(marker),
             part.start + start,
             part.start + stop,
-            how,
+            source,
             source_clips=names,
             training_poses=poses,
         )

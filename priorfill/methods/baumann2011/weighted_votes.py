@@ -1,24 +1,57 @@
-"""The method ``neighbours``: the published machinery with kernel-weighted votes.
+"""The method ``neighbours``: `baumann2011` with distance-weighted votes.
 
-As `priorfill.methods.baumann2011.neighbour_votes`, but the nearer a neighbour, the more its vote
-counts, and the
-clip's own frames are searched beside the database. It is what the published method can do without
-regression, and tells how much of ``prior``'s gain is due to that.
+As `priorfill.methods.baumann2011.neighbour_votes`, but nearer neighbours have larger weights
+(Tautges et al. 2011), and the clip's own frames are searched in addition to the database. It shows
+what the published method can do without regression, for comparison with ``gpr``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
-from priorfill.methods.baumann2011 import neighbour_votes as baumann2011
+from priorfill.methods.baumann2011 import neighbour_votes
+from priorfill.methods.baumann2011.neighbour_votes import Baumann2011Options
 from priorfill.methods.task import Estimate, Task
 
-__all__ = ["OPTIONS", "fill"]
-
-OPTIONS = baumann2011.Baumann2011Options(neighbours=64, kernel=True, own=True)
-"""With weights that fall with distance, more than some tens of neighbours change nothing."""
+__all__ = ["NeighboursOptions", "fill"]
 
 
-def fill(task: Task, progress: Callable[[], None] = lambda: None) -> Estimate:
-    """Fill the gaps of a task by kernel-weighted neighbours; see `baumann2011.fill`."""
-    return baumann2011.fill(task, progress, OPTIONS)
+@dataclass(frozen=True)
+class NeighboursOptions(Baumann2011Options):
+    """Options of ``neighbours``: those of `Baumann2011Options` with other defaults.
+
+    With weights that decrease with distance, more than some tens of neighbours change nothing.
+    """
+
+    neighbours: int = 64
+    weight_by_distance: bool = True
+    search_own_clip: bool = True
+
+
+def fill(
+    task: Task,
+    progress: Callable[[], None] = lambda: None,
+    options: NeighboursOptions | None = None,
+) -> Estimate:
+    """Fill the gaps of a task by distance-weighted neighbours.
+
+    Parameters
+    ----------
+    task : Task
+        The clip and the takes to search.
+    progress : callable
+        Called once per gap group.
+    options : NeighboursOptions, optional
+        The defaults if not given.
+
+    Returns
+    -------
+    Estimate
+        As for `priorfill.methods.baumann2011.neighbour_votes.fill`.
+
+    See Also
+    --------
+    priorfill.methods.baumann2011.neighbour_votes.fill : The published method.
+    """
+    return neighbour_votes.fill(task, progress, options or NeighboursOptions())

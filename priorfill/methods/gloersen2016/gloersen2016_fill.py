@@ -1,4 +1,4 @@
-"""The strategies on a task: which frames they can work with, and what they say of gaps."""
+"""The methods ``r1`` and ``r2``: a strategy applied to the usable frames of a task."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from priorfill.methods.gloersen2016.strategies import (
     Gloersen2016Options,
     MissingMarkers,
     PcaFrames,
-    at_once,
-    one_by_one,
+    consecutive,
+    simultaneous,
 )
 from priorfill.methods.task import Estimate, Task
 
@@ -22,41 +22,46 @@ __all__ = ["r1", "r2"]
 
 Mask = NDArray[np.bool_]
 
-ANCHORS = 3
-"""Markers whose mean stands for the place of the body where frames are left out for it: one or two
-may be of a limb that swings. (Where frames need not be left out one will do, as published.)"""
+MIN_ANCHORS = 3
+"""Markers whose mean is the origin of the poses, where frames are left out to obtain them: one or
+two may belong to a limb that swings. (Where no frame is left out one suffices, as published.)"""
 
-HOW = "correlations with other markers"
-NEVER = "never seen in the clip; use auto with a database or a static trial"
-BLACKOUT = "no marker is seen; use auto, which finds similar movements elsewhere"
-FEWER = "too few markers are seen; use auto"
-WHOLE = "{}: no two frames show all markers; use r2 or auto"
-FEW = "seen in no two frames beside the markers that are seen in its gaps; use auto"
-ANCHOR = (
-    "{}: no marker is seen in all frames with gaps, and this method tells positions from the mean "
-    "of those that are; fill short gaps by pchip first, or use auto"
+SOURCE = "correlations with other markers"
+NEVER_VISIBLE = "never seen in the clip; use auto with a database or a static trial"
+NO_MARKER = "no marker is seen; use auto, which finds similar movements elsewhere"
+TOO_FEW_MARKERS = "too few markers are seen; use auto"
+NO_COMPLETE_FRAMES = "{}: no two frames show all markers; use r2 or auto"
+NEVER_TOGETHER = (
+    "fewer than two frames show it with the markers that are seen in its gaps; use auto"
+)
+NO_ANCHOR = (
+    "{}: no marker is seen in all frames with gaps, and this method needs one as the origin of its "
+    "poses; fill short gaps by pchip first, or use auto"
 )
 
 
-def _workable(valid: Mask) -> Mask:
-    """Choose the frames that show a marker, or many enough that some markers are in all of them.
+def _usable_frames(valid: Mask) -> Mask:
+    """Choose the frames to work with.
+
+    These are all frames with a visible marker, if a marker is visible in all of them; else those
+    with so many visible markers that `MIN_ANCHORS` of them are visible throughout.
 
     Parameters
     ----------
     valid : ndarray of bool [shape=(frames, markers)]
-        Of markers that are seen at all.
+        Measured samples of the markers that are visible in some frame.
 
     Returns
     -------
     ndarray of bool [shape=(frames,)]
-        None where no marker is in all frames that have gaps to be filled.
+        All False where no marker is visible in all frames with gaps.
     """
     shown = valid.sum(axis=1)
     if valid[shown > 0].all(axis=0).any():
         return np.asarray(shown > 0)
-    for fewest in np.unique(shown[shown < valid.shape[1]]):
-        if valid[shown >= fewest].all(axis=0).sum() >= ANCHORS:
-            return np.asarray(shown >= fewest)
+    for count in np.unique(shown[shown < valid.shape[1]]):
+        if valid[shown >= count].all(axis=0).sum() >= MIN_ANCHORS:
+            return np.asarray(shown >= count)
     return np.zeros(len(valid), dtype=bool)
 
 
@@ -66,38 +71,38 @@ def _filled(
     options: Gloersen2016Options,
     strategy: Callable[[PcaFrames, Gloersen2016Options], Iterator[MissingMarkers]],
 ) -> Estimate:
-    """Fill what can be filled by a strategy, and say why of the rest."""
+    """Fill a task by a strategy, and give the reason for what stays missing."""
     positions = task.positions.copy()
-    few = np.zeros(positions.shape[1], dtype=bool)
+    unlearnt = np.zeros(positions.shape[1], dtype=bool)
     if task.valid.any() and not task.valid.all():
         markers = np.flatnonzero(task.valid.any(axis=0))
-        rows = np.flatnonzero(_workable(task.valid[:, markers]))
+        rows = np.flatnonzero(_usable_frames(task.valid[:, markers]))
         if not len(rows):
-            raise MethodError(ANCHOR.format(task.name))
+            raise MethodError(NO_ANCHOR.format(task.name))
         clip = positions[np.ix_(rows, markers)]
         constant = task.valid[np.ix_(rows, markers)].all(axis=0)
         origin = clip[:, constant].mean(axis=1, keepdims=True)
         frames = PcaFrames(clip - origin)
-        for lost in strategy(frames, options):
-            told = frames.told(lost, options)
-            if told is None:
-                few[markers[lost.markers]] = True
+        for missing in strategy(frames, options):
+            predicted = frames.predict(missing, options)
+            if predicted is None:
+                unlearnt[markers[missing.markers]] = True
                 continue
-            gaps, found = told
-            positions[np.ix_(rows[gaps], markers[lost.markers])] = found + origin[gaps]
-    if strategy is at_once and few.any():
-        raise MethodError(WHOLE.format(task.name))
+            gaps, found = predicted
+            positions[np.ix_(rows[gaps], markers[missing.markers])] = found + origin[gaps]
+    if strategy is simultaneous and unlearnt.any():
+        raise MethodError(NO_COMPLETE_FRAMES.format(task.name))
     for _ in task.groups:
         progress()
 
     def reason(gap: Gap) -> str:
         if not task.valid[:, gap.marker].any():
-            return NEVER
-        if few[gap.marker]:
-            return FEW
-        return FEWER if task.valid[gap.start : gap.stop].any() else BLACKOUT
+            return NEVER_VISIBLE
+        if unlearnt[gap.marker]:
+            return NEVER_TOGETHER
+        return TOO_FEW_MARKERS if task.valid[gap.start : gap.stop].any() else NO_MARKER
 
-    return Estimate.told(task, positions, HOW, reason)
+    return Estimate.without_errors(task, positions, SOURCE, reason)
 
 
 def r1(
@@ -105,28 +110,34 @@ def r1(
     progress: Callable[[], None] = lambda: None,
     options: Gloersen2016Options | None = None,
 ) -> Estimate:
-    """Fill all markers with gaps at once (simultaneous strategy, R1 of the publication).
+    """Fill all markers with gaps at once: the simultaneous strategy, R1 of the publication.
 
     Parameters
     ----------
     task : Task
-        The clip; takes are not looked at.
+        The clip; its takes are not used.
     progress : callable
-        Called once a gap group.
+        Called once per gap group.
     options : Gloersen2016Options, optional
-        The publication's constants by default.
+        The publication's constants if not given.
 
     Returns
     -------
     Estimate
-        Markers that are never seen and frames that show none or few stay missing.
+        Markers that are never visible, and frames with no or too few visible markers, stay missing.
+        Errors are not predicted.
 
     Raises
     ------
     MethodError
-        Where no marker is seen in all of these frames, or no two of them show all markers (``r1``).
+        Where no marker is visible in all usable frames, or fewer than two frames are complete.
+
+    See Also
+    --------
+    r2 : One marker after another.
+    priorfill.methods.tits2018.wpca : ``r2`` constrained by distances.
     """
-    return _filled(task, progress, options or Gloersen2016Options(), at_once)
+    return _filled(task, progress, options or Gloersen2016Options(), simultaneous)
 
 
 def r2(
@@ -134,8 +145,9 @@ def r2(
     progress: Callable[[], None] = lambda: None,
     options: Gloersen2016Options | None = None,
 ) -> Estimate:
-    """Fill one marker after the other (consecutive strategy, R2 of the publication); see `r1`.
+    """Fill one marker after another: the consecutive strategy, R2 of the publication; see `r1`.
 
-    What two frames or more do not show beside the markers seen in its gaps stays missing, too.
+    Markers also stay missing where fewer than two frames show them together with the markers that
+    are visible in their gaps.
     """
-    return _filled(task, progress, options or Gloersen2016Options(), one_by_one)
+    return _filled(task, progress, options or Gloersen2016Options(), consecutive)

@@ -1,6 +1,7 @@
-"""The two strategies: which markers are lost together, and what they are told from.
+"""The two strategies: which markers are missing together, and which others predict them.
 
-Arrays only: `methods` has the task, and `priorfill.methods.tits2018` a model that is `one_by_one`.
+These are functions of arrays. `gloersen2016_fill` applies them to a task, and
+`priorfill.methods.tits2018` uses `consecutive` as one of its models.
 """
 
 from __future__ import annotations
@@ -11,53 +12,79 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.methods.gloersen2016.weighted_pca import ColumnMoments, mean_distances, regression
+from priorfill.methods.gloersen2016.weighted_pca import (
+    ColumnMoments,
+    mean_distances,
+    regression,
+)
+from priorfill.methods.options import check_at_least, check_between
 
-__all__ = ["Gloersen2016Options", "MissingMarkers", "PcaFrames", "at_once", "one_by_one"]
+__all__ = ["Gloersen2016Options", "MissingMarkers", "PcaFrames", "consecutive", "simultaneous"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-FEWEST_FRAMES = 2
-"""Frames to learn from: one has no deviation."""
+MIN_FRAMES = 2
+"""Training frames: the standard deviation of one is undefined."""
 
 
 @dataclass(frozen=True)
 class Gloersen2016Options:
-    """Constants of the publication; the names are those of its program.
+    """Constants of Gløersen and Federolf 2016.
 
     Attributes
     ----------
     sigma : float
-        mm; ``WeightScale``. How fast weights fall with the distance from a lost marker.
-    lost_weight : float
-        ``MMweight``, w_mm. Weight of lost markers: small, so that they hardly shape the
-        components, which the frames without them must give as well.
-    cutoff : float
-        ``DistalThreshold``. In ``r2`` other markers with gaps are left out beyond this share of
-        the mean distance to all markers.
-    explained : float
-        ``MinCumSV``. Share of the sum of singular values that the components kept must reach.
+        mm. σ of the weights exp(-d² / 2σ²) of markers at a mean distance d from the nearest missing
+        marker (``WeightScale`` in the authors' program).
+    missing_weight : float
+        w_mm, the weight of missing markers (``MMweight``). It is small, so that they hardly
+        influence the components, which must be similar without them.
+    distal_threshold : float
+        Θ_D (``DistalThreshold``). ``r2`` omits other markers with gaps whose distance exceeds this
+        share of the mean distance to all markers.
+    min_singular_share : float
+        Θ_λ (``MinCumSV``). Share of the sum of the singular values that the components kept must
+        reach.
+
+    Raises
+    ------
+    OptionError
+        Where a value is outside its range.
+
+    Examples
+    --------
+    >>> Gloersen2016Options(min_singular_share=0.95).sigma
+    200.0
     """
 
     sigma: float = 200.0
-    lost_weight: float = 0.02
-    cutoff: float = 0.5
-    explained: float = 0.99
+    missing_weight: float = 0.02
+    distal_threshold: float = 0.5
+    min_singular_share: float = 0.99
+
+    def __post_init__(self) -> None:
+        check_at_least(self, MIN_POSITIVE, "sigma", "missing_weight")
+        check_at_least(self, 0.0, "distal_threshold")
+        check_between(self, 0.0, 1.0, "min_singular_share")
+
+
+MIN_POSITIVE = 1e-6
+"""Smallest σ (mm) and weight; both are divisors."""
 
 
 @dataclass(frozen=True, eq=False)
 class MissingMarkers:
-    """Markers lost together, and what they are told from.
+    """Markers that are missing together, and the markers that predict them.
 
     Attributes
     ----------
-    markers : ndarray of int [shape=(lost,)]
-        The lost ones.
+    markers : ndarray of int [shape=(missing,)]
+        The missing markers.
     used : ndarray of bool [shape=(markers,)]
-        The markers looked at, the lost ones among them.
+        The markers used, including the missing ones.
     distances : ndarray [shape=(markers,), mm]
-        From the nearest lost marker.
+        Mean distance from the nearest missing marker.
     """
 
     markers: NDArray[np.intp]
@@ -66,19 +93,20 @@ class MissingMarkers:
 
 
 class PcaFrames:
-    """Frames to learn from and to fill, and their moments.
+    """The frames of a clip, as training data and to be filled.
 
     Parameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
-        From an origin that moves with the body; NaN where missing. Every marker is seen somewhere.
+        Relative to an origin that moves with the subject; NaN where missing. Every marker is
+        visible in some frame.
 
     Attributes
     ----------
     valid : ndarray of bool [shape=(frames, markers)]
         Which samples are measured.
     constant : ndarray of bool [shape=(markers,)]
-        Which markers are seen in every frame.
+        Which markers are visible in every frame.
     """
 
     def __init__(self, positions: Array) -> None:
@@ -94,46 +122,55 @@ class PcaFrames:
         """Return the mean distances of some markers from all; see `mean_distances`."""
         return mean_distances(self._shown, self.valid, markers)
 
-    def told(
-        self, lost: MissingMarkers, options: Gloersen2016Options
+    def predict(
+        self, missing: MissingMarkers, options: Gloersen2016Options
     ) -> tuple[NDArray[np.intp], Array] | None:
-        """Tell lost markers from the others.
+        """Predict missing markers from the others, by Eq. (1).
+
+        Parameters
+        ----------
+        missing : MissingMarkers
+            What is missing and what is used.
+        options : Gloersen2016Options
+            Weights and number of components.
 
         Returns
         -------
-        frames : ndarray of int [shape=(gappy,)]
-            Those in which any of the lost markers is missing.
-        positions : ndarray [shape=(gappy, lost, 3), mm]
-            None of both where fewer than `FEWEST_FRAMES` show all that is used.
+        frames : ndarray of int [shape=(frames with gaps,)]
+            The frames in which any of the missing markers is missing.
+        positions : ndarray [shape=(frames with gaps, missing, 3), mm]
+            Their predictions. None in place of both where fewer than `MIN_FRAMES` frames show all
+            markers used.
         """
-        shown = np.asarray(self.valid[:, lost.used].all(axis=1))
-        if shown.sum() < FEWEST_FRAMES:
+        shown = np.asarray(self.valid[:, missing.used].all(axis=1))
+        if shown.sum() < MIN_FRAMES:
             return None
-        used = np.repeat(lost.used, 3)
-        hidden = np.repeat(np.isin(np.flatnonzero(lost.used), lost.markers), 3)
-        weights = np.repeat(np.exp(-((lost.distances / options.sigma) ** 2) / 2), 3)[used]
-        weights[hidden] = options.lost_weight
+        used = np.repeat(missing.used, 3)
+        hidden = np.repeat(np.isin(np.flatnonzero(missing.used), missing.markers), 3)
+        weights = np.repeat(np.exp(-((missing.distances / options.sigma) ** 2) / 2), 3)[used]
+        weights[hidden] = options.missing_weight
         mean, covariance = self._moments.over(shown, used)
-        slopes = regression(covariance, weights, hidden, options.explained)
-        gaps = np.flatnonzero(~self.valid[:, lost.markers].all(axis=1))
+        slopes = regression(covariance, weights, hidden, options.min_singular_share)
+        gaps = np.flatnonzero(~self.valid[:, missing.markers].all(axis=1))
         found = mean[hidden] + (self._columns[gaps][:, used][:, ~hidden] - mean[~hidden]) @ slopes
-        return gaps, found.reshape(len(gaps), -1, 3) + self._centre[lost.markers]
+        return gaps, found.reshape(len(gaps), -1, 3) + self._centre[missing.markers]
 
 
-def at_once(frames: PcaFrames, options: Gloersen2016Options) -> Iterator[MissingMarkers]:
-    """All markers with gaps lost together."""
-    lost = np.flatnonzero(~frames.constant)
-    if len(lost):
+def simultaneous(frames: PcaFrames, options: Gloersen2016Options) -> Iterator[MissingMarkers]:
+    """Yield all markers with gaps, missing together."""
+    markers = np.flatnonzero(~frames.constant)
+    if len(markers):
         every = np.ones(len(frames.constant), dtype=bool)
-        yield MissingMarkers(lost, every, frames.distances(lost).min(axis=0))
+        yield MissingMarkers(markers, every, frames.distances(markers).min(axis=0))
 
 
-def one_by_one(frames: PcaFrames, options: Gloersen2016Options) -> Iterator[MissingMarkers]:
-    """Each marker with gaps lost alone."""
-    lost = np.flatnonzero(~frames.constant)
-    for marker, distances in zip(lost, frames.distances(lost), strict=True):
-        near = distances <= options.cutoff * distances[np.isfinite(distances)].mean()
-        beside = frames.valid[~frames.valid[:, marker]].all(axis=0)
-        used = frames.constant | (near & beside)
+def consecutive(frames: PcaFrames, options: Gloersen2016Options) -> Iterator[MissingMarkers]:
+    """Yield each marker with gaps, missing alone."""
+    markers = np.flatnonzero(~frames.constant)
+    for marker, distances in zip(markers, frames.distances(markers), strict=True):
+        mean_distance = distances[np.isfinite(distances)].mean()
+        near = distances <= options.distal_threshold * mean_distance
+        in_all_gaps = frames.valid[~frames.valid[:, marker]].all(axis=0)
+        used = frames.constant | (near & in_all_gaps)
         used[marker] = True
         yield MissingMarkers(np.array([marker]), used, distances)

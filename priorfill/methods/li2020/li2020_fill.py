@@ -255,7 +255,7 @@ def _by_markers(
         return "it is never seen, and no recording beside the clip shows it with the others"
 
     beside = f", with {len(takes)} recordings beside the clip" if takes else ""
-    return Estimate.told(task, positions, how + beside, reason, takes)
+    return Estimate.without_errors(task, positions, how + beside, reason, takes)
 
 
 def pca_train(
@@ -401,7 +401,7 @@ def pca_frames(
         return "it is never seen; use a method that learns from other markers"
 
     takes = learnt.takes if learnt is not None else ()
-    return Estimate.told(task, positions, "eigenspaces of trajectories", reason, takes)
+    return Estimate.without_errors(task, positions, "eigenspaces of trajectories", reason, takes)
 
 
 def _caution(halves: list[Array], shown: Bools, options: Li2020Options) -> float:

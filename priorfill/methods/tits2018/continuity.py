@@ -1,4 +1,4 @@
-"""The continuity correction: a straight line over time that closes the steps at a gap's edges."""
+"""The continuity correction: a linear ramp over time that removes the steps at a gap's edges."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ Array = NDArray[np.float64]
 
 
 def ramp(frames: int, before: Array | None, after: Array | None) -> Array:
-    """Return what is to be taken off a prediction.
+    """Return the correction to subtract from a prediction.
 
     Parameters
     ----------
     frames : int
-        Frames of the prediction, the measured ones beside the gap included.
+        Frames of the prediction, including the measured ones adjacent to the gap.
     before, after : ndarray [shape=(3,), mm] or None
-        How far the prediction is off at its first and last frame; None at an end of the clip,
-        where the step of the other side is taken off throughout.
+        Errors of the prediction at its first and last frame; None at an end of the clip, where the
+        error at the other edge is subtracted throughout.
 
     Returns
     -------
     ndarray [shape=(frames, 3), mm]
-        Zero where neither side is known.
+        Zero where neither error is known.
     """
     if before is None and after is None:
         return np.zeros((frames, 3))

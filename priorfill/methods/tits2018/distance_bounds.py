@@ -1,7 +1,7 @@
-"""The soft skeleton constraint: a filled marker keeps its distances from its three references.
+"""The soft skeleton constraint on a filled marker's distances from its three references.
 
-A distance may be anything between two quantiles of what was measured; beyond them, the marker
-moves along the line to the reference until the distance is one of the two.
+A distance outside two quantiles of the measured distances is moved to the nearer quantile, along
+the line through marker and reference.
 """
 
 from __future__ import annotations
@@ -13,26 +13,26 @@ __all__ = ["bounds", "constrain"]
 
 Array = NDArray[np.float64]
 
-NO_DIRECTION = 1e-9
-"""mm: from a reference as near as this there is no direction to move a marker in."""
+MIN_DISTANCE = 1e-9
+"""mm. Nearer to a reference, the direction in which to move the marker is undefined."""
 
 
-def bounds(distances: Array, narrow: float, wide: float) -> tuple[Array, Array]:
+def bounds(distances: Array, low: float, high: float) -> tuple[Array, Array]:
     """Return the quantiles of measured distances.
 
-    Sample k of n stands at (k - 1/2) / n, with straight lines between.
+    Sample k of n is the quantile (k - 1/2) / n; between samples they are interpolated linearly.
 
     Parameters
     ----------
     distances : ndarray [shape=(frames, references), mm]
         NaN where not measured.
-    narrow, wide : float
-        The quantiles.
+    low, high : float
+        The quantiles, 0 to 1.
 
     Returns
     -------
     shortest, longest : ndarray [shape=(references,), mm]
-        No bounds, 0 and infinite, where nothing was measured.
+        Lower and upper bounds; 0 and infinity where nothing was measured.
     """
     shortest = np.zeros(distances.shape[1])
     longest = np.full(distances.shape[1], np.inf)
@@ -40,7 +40,7 @@ def bounds(distances: Array, narrow: float, wide: float) -> tuple[Array, Array]:
         measured = column[~np.isnan(column)]
         if len(measured):
             shortest[reference], longest[reference] = np.quantile(
-                measured, [narrow, wide], method="hazen"
+                measured, [low, high], method="hazen"
             )
     return shortest, longest
 
@@ -48,26 +48,26 @@ def bounds(distances: Array, narrow: float, wide: float) -> tuple[Array, Array]:
 def constrain(
     points: Array, references: Array, shortest: Array, longest: Array, rounds: int
 ) -> Array:
-    """Move points until they keep their distances.
+    """Move points until their distances are within bounds.
 
     Each round starts with the last reference, whose distance varies most, and ends with the first,
-    which therefore is kept best.
+    whose bounds therefore hold exactly.
 
     Parameters
     ----------
     points : ndarray [shape=(frames, 3), mm]
-        Where the marker is predicted.
+        Predicted positions of the marker.
     references : ndarray [shape=(frames, references, 3), mm]
-        NaN where missing: such a reference moves nothing.
+        NaN where missing; such references have no effect.
     shortest, longest : ndarray [shape=(references,), mm]
         See `bounds`.
     rounds : int
-        How many at most.
+        Number of rounds at most.
 
     Returns
     -------
     ndarray [shape=(frames, 3), mm]
-        Points whose distances are all within bounds are not touched.
+        Points whose distances are all within bounds are unchanged.
     """
     points = points.copy()
     moving = np.arange(len(points))
@@ -81,7 +81,7 @@ def constrain(
             away = points[moving] - origin
             length = np.linalg.norm(away, axis=1)
             outside = (length < shortest[reference]) | (length > longest[reference])
-            outside &= length > NO_DIRECTION
+            outside &= length > MIN_DISTANCE
             at = moving[outside]
             wanted = np.clip(length[outside], shortest[reference], longest[reference])
             points[at] = origin[outside] + away[outside] * (wanted / length[outside])[:, None]

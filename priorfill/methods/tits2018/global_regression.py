@@ -1,7 +1,7 @@
-"""GLR, global linear regression: the marker from all markers seen throughout its gap.
+"""Global linear regression (``glr``) of a marker on the markers visible throughout its gap.
 
-Least squares of each coordinate on a constant and all coordinates of those markers whose distance
-from the missing one varies little.
+Each coordinate is regressed, by least squares, on a constant and on all coordinates of those
+markers whose distance from the missing one varies little.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from priorfill.methods.tits2018.continuity import ramp
 from priorfill.methods.tits2018.scaling import Scale
 from priorfill.methods.tits2018.tits2018_options import Tits2018Options, thinned
 
-__all__ = ["FEWEST_MARKERS", "predict"]
+__all__ = ["MIN_PREDICTORS", "predict"]
 
 Array = NDArray[np.float64]
 
-FEWEST_MARKERS = 4
-"""Markers that must be seen throughout a gap."""
+MIN_PREDICTORS = 4
+"""Markers that must be visible throughout a gap."""
 
 
 def predict(
@@ -27,39 +27,39 @@ def predict(
 ) -> Array:
     """Predict a marker in its gaps.
 
-    Gaps through which the same markers are seen share a regression.
+    Gaps in which the same markers are visible share a regression.
 
     Parameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
         NaN where missing.
     marker : int
-        The missing one.
+        The missing marker.
     gaps : list of Gap
         Its gaps.
     deviations : ndarray [shape=(markers,), mm]
         Standard deviation of its distance from each marker.
     options : Tits2018Options
-        Which markers and how many rows are used.
+        Which markers and how many training rows are used.
 
     Returns
     -------
     ndarray [shape=(frames, 3), mm]
-        NaN outside the gaps, and where too few markers are seen.
+        NaN outside the gaps, and where too few markers are visible.
     """
     frames = len(positions)
     out = np.full((frames, 3), np.nan)
     seen = ~np.isnan(positions[..., 0])
-    alike: dict[bytes, list[Gap]] = {}
+    by_visible: dict[bytes, list[Gap]] = {}
     for gap in gaps:
         throughout = seen[max(gap.start - 1, 0) : gap.stop + 1].all(axis=0)
-        alike.setdefault(throughout.tobytes(), []).append(gap)
-    for key, some in alike.items():
+        by_visible.setdefault(throughout.tobytes(), []).append(gap)
+    for key, some in by_visible.items():
         among = np.flatnonzero(np.frombuffer(key, dtype=bool))
-        if len(among) < FEWEST_MARKERS:
+        if len(among) < MIN_PREDICTORS:
             continue
-        stiff = among[~(deviations[among] > options.stiff)]
-        used = stiff if len(stiff) else among
+        constant = among[~(deviations[among] > options.max_distance_sd)]
+        used = constant if len(constant) else among
         rows = np.flatnonzero(seen[:, marker] & seen[:, used].all(axis=1))
         if not len(rows):
             continue
@@ -82,6 +82,6 @@ def predict(
 
 
 def _design(positions: Array) -> Array:
-    """Return a constant and all coordinates, a row a frame."""
+    """Return the design matrix: a row per frame, with a constant and all coordinates."""
     rows = positions.reshape(len(positions), -1)
     return np.column_stack([np.ones(len(rows)), rows])

@@ -1,7 +1,8 @@
-"""LGRNN, local generalised regression neural network: a mean weighed by likeness.
+"""Local generalised regression neural network (``lgrnn``): a mean weighted by similarity of shape.
 
-The marker in its triad's frame is the mean of what was measured, weighed by
-exp(-ln 2 (d / spread)²), d the distance between the scaled shapes of the triad.
+The marker in its triad's frame is the mean of its measured local positions with the weights
+exp(-ln 2 (d / h)²), where d is the distance between scaled shapes of the triad. Such a network is
+Nadaraya-Watson regression.
 """
 
 from __future__ import annotations
@@ -15,36 +16,38 @@ __all__ = ["predict"]
 
 Array = NDArray[np.float64]
 
-CHUNK = 512
-"""Frames asked for at once: bounds the memory to some 10 MB."""
+BATCH_FRAMES = 512
+"""Frames predicted at once; limits the memory to about 10 MB."""
 
 
-def predict(features: Array, local: Array, asked: Array, scaled_by: Array, spread: float) -> Array:
-    """Predict local coordinates by what was measured with a like shape of the triad.
+def predict(
+    features: Array, local: Array, query: Array, scaled_by: Array, half_weight_distance: float
+) -> Array:
+    """Predict local coordinates from frames in which the triad has a similar shape.
 
     Parameters
     ----------
-    features, local, asked, scaled_by : ndarray [shape=(..., 3), mm]
+    features, local, query, scaled_by : ndarray [shape=(..., 3), mm]
         As in `priorfill.methods.tits2018.local_polynomial.predict`.
-    spread : float
-        Distance at which the weight is half.
+    half_weight_distance : float
+        h, the distance between scaled shapes at which the weight is one half.
 
     Returns
     -------
-    ndarray [shape=(asked, 3), mm]
+    ndarray [shape=(query frames, 3), mm]
         NaN where the shape is missing.
     """
     scale = Scale.of(scaled_by)
     rows = scale.down(features)
-    out = np.full(asked.shape, np.nan)
-    known = np.flatnonzero(~np.isnan(asked).any(axis=1))
-    for start in range(0, len(known), CHUNK):
-        some = known[start : start + CHUNK]
-        points = scale.down(asked[some])
-        # less the point's own square, which is the same for all rows
+    out = np.full(query.shape, np.nan)
+    known = np.flatnonzero(~np.isnan(query).any(axis=1))
+    for start in range(0, len(known), BATCH_FRAMES):
+        some = known[start : start + BATCH_FRAMES]
+        points = scale.down(query[some])
+        # without the point's own square, which is the same for all rows
         square = (rows**2).sum(axis=1) - 2.0 * points @ rows.T
-        # relative to the nearest row: the same weights, and not all of them 0
+        # relative to the nearest row: the weights have the same ratios, but cannot all underflow
         square -= square.min(axis=1, keepdims=True)
-        weight = np.exp(-np.log(2.0) / spread**2 * square)
+        weight = np.exp(-np.log(2.0) / half_weight_distance**2 * square)
         out[some] = weight @ local / weight.sum(axis=1, keepdims=True)
     return out

@@ -1,4 +1,4 @@
-"""LI, local interpolation: straight lines over time in the frame of the triad."""
+"""Local interpolation (``li``): linear interpolation over time in the frame of the triad."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ Array = NDArray[np.float64]
 
 
 def interpolate(local: Array) -> Array:
-    """Lead straight lines through a gap.
+    """Interpolate a gap linearly.
 
     Parameters
     ----------
     local : ndarray [shape=(frames, 3), mm]
-        The marker in the frame of its triad; NaN where missing. Before the first measured frame
-        and after the last one it is held.
+        The marker in the frame of its triad; NaN where missing. Before the first measured frame and
+        after the last one, that frame's position is repeated.
 
     Returns
     -------
     ndarray [shape=(frames, 3), mm]
-        NaN where nothing at all is measured.
+        NaN where no frame is measured.
     """
     seen = ~np.isnan(local).any(axis=1)
     if not seen.any():

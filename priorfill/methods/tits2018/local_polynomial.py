@@ -1,6 +1,6 @@
-"""LPR, local polynomial regression: the marker in its triad's frame from the triad's shape.
+"""Local polynomial regression (``lpr``) of a marker, in its triad's frame, on the triad's shape.
 
-Least squares on a constant and all products of one and two of the shape's three numbers.
+Least squares on a constant and on all products of one and two of the three features of the shape.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ __all__ = ["predict", "products"]
 Array = NDArray[np.float64]
 
 DEGREE = 2
-"""Factors of a product, at most."""
+"""Degree of the polynomial."""
 
 
 def products(features: Array) -> Array:
-    """Return all products of up to `DEGREE` columns, with repetition [shape=(rows, products)]."""
+    """Return all monomials of degree 1 to `DEGREE` of the columns [shape=(rows, monomials)]."""
     columns = range(features.shape[1])
     chosen = [
         combination
@@ -31,32 +31,32 @@ def products(features: Array) -> Array:
     return np.stack([features[:, list(one)].prod(axis=1) for one in chosen], axis=1)
 
 
-def predict(features: Array, local: Array, asked: Array, scaled_by: Array) -> Array:
+def predict(features: Array, local: Array, query: Array, scaled_by: Array) -> Array:
     """Predict local coordinates by a polynomial of the triad's shape.
 
     Parameters
     ----------
     features : ndarray [shape=(rows, 3), mm]
-        Shape of the triad in the frames to learn from.
+        Shape of the triad in the training frames.
     local : ndarray [shape=(rows, 3), mm]
-        The marker in these frames.
-    asked : ndarray [shape=(asked, 3), mm]
-        Shape in the frames asked for; NaN where missing.
+        The marker's local position in these frames.
+    query : ndarray [shape=(query frames, 3), mm]
+        Shape in the frames to predict; NaN where missing.
     scaled_by : ndarray [shape=(frames, 3), mm]
-        All shapes that are known: the products are scaled by these.
+        All known shapes, by which the monomials are scaled.
 
     Returns
     -------
-    ndarray [shape=(asked, 3), mm]
+    ndarray [shape=(query frames, 3), mm]
         NaN where the shape is missing.
     """
     scale, target = Scale.of(products(scaled_by)), Scale.of(local)
-    known = ~np.isnan(asked).any(axis=1)
-    out = np.full(asked.shape, np.nan)
+    known = ~np.isnan(query).any(axis=1)
+    out = np.full(query.shape, np.nan)
 
     def design(shape: Array) -> Array:
         return np.column_stack([np.ones(len(shape)), scale.down(products(shape))])
 
     coefficients = np.linalg.lstsq(design(features), target.down(local), rcond=None)[0]
-    out[known] = target.up(design(asked[known]) @ coefficients)
+    out[known] = target.up(design(query[known]) @ coefficients)
     return out

@@ -1,6 +1,7 @@
-"""A moving median, then a moving mean, that shrink towards gaps and ends of the clip.
+"""A moving median followed by a moving mean, with windows that shrink towards gaps and clip ends.
 
-Both stay centred there, so nothing is delayed; the two samples next to an edge stay as they are.
+The shrinking windows stay centred, so the filter has no delay; the two samples adjacent to an edge
+are unchanged.
 """
 
 from __future__ import annotations
@@ -13,44 +14,44 @@ __all__ = ["frames_in", "smooth"]
 
 Array = NDArray[np.float64]
 
-LEAST_HALF = 2
-"""Samples to each side that a window must have; with fewer a sample stays as it is."""
+MIN_HALF_WINDOW = 2
+"""Samples on each side of the smallest window; a sample with fewer is unchanged."""
 
 
 def frames_in(window: float, rate: float) -> int:
-    """Return how many frames a window of so many seconds has."""
+    """Return the number of frames in a window of a length in s, at a rate in Hz."""
     return int(np.ceil(window * rate))
 
 
 def smooth(values: Array, window: int) -> Array:
-    """Smooth each column over time.
+    """Smooth each column over time by a moving median and a moving mean.
 
     Parameters
     ----------
     values : ndarray [shape=(frames, columns)]
-        NaN where missing; a frame is missing where its first column is.
+        NaN where missing; a frame is missing if its first column is.
     window : int
-        PcaFrames: length of the window. An even one reaches one frame further back than forward.
+        Length of the window in frames. An even window extends one frame further back than forward.
 
     Returns
     -------
     ndarray [shape=(frames, columns)]
-        NaN where ``values`` is.
+        NaN where ``values`` is NaN.
     """
-    if window <= LEAST_HALF - 1 or not len(values):
+    if window <= MIN_HALF_WINDOW - 1 or not len(values):
         return values.copy()
     back, ahead = window // 2, window - 1 - window // 2
-    since, until = _room(np.isnan(values[:, 0]))
-    whole = (since >= back) & (until >= ahead)
-    half = np.where(whole, 0, np.minimum(since, until))
+    before, after = _visible_around(np.isnan(values[:, 0]))
+    complete = (before >= back) & (after >= ahead)
+    half = np.where(complete, 0, np.minimum(before, after))
     out = values
     for middle in (_median, _mean):
         smoothed = out.copy()
-        if whole.any():
+        if complete.any():
             windows = sliding_window_view(out, window, axis=0)
-            at = np.flatnonzero(whole)
+            at = np.flatnonzero(complete)
             smoothed[at] = middle(windows[at - back])
-        for reach in range(LEAST_HALF, max(back, ahead) + 1):
+        for reach in range(MIN_HALF_WINDOW, max(back, ahead) + 1):
             at = np.flatnonzero(half == reach)
             if len(at):
                 windows = sliding_window_view(out, 2 * reach + 1, axis=0)
@@ -60,7 +61,7 @@ def smooth(values: Array, window: int) -> Array:
 
 
 def _median(windows: Array) -> Array:
-    """Return medians along the last axis; faster than NumPy's, which looks for NaN too."""
+    """Return medians along the last axis; faster than `np.median`, which also checks for NaN."""
     middle = [(windows.shape[-1] - 1) // 2, windows.shape[-1] // 2]
     parted = np.partition(np.ascontiguousarray(windows), middle, axis=-1)
     return np.asarray(0.5 * (parted[..., middle[0]] + parted[..., middle[1]]))
@@ -71,8 +72,8 @@ def _mean(windows: Array) -> Array:
     return np.asarray(windows @ np.full(windows.shape[-1], 1.0 / windows.shape[-1]))
 
 
-def _room(missing: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return how many seen frames there are before and after each seen frame; -1 for missing."""
+def _visible_around(missing: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the numbers of visible frames before and after each one; -1 for missing frames."""
     frames = np.arange(len(missing))
     last = np.maximum.accumulate(np.where(missing, frames, -1))
     following = np.where(missing, frames, len(missing))[::-1]

@@ -1,4 +1,4 @@
-"""PMA, probabilistic model averaging: each model counts by how likely its distances are."""
+"""Probabilistic model averaging (``pma``): weights are the densities of each model's distances."""
 
 from __future__ import annotations
 
@@ -11,36 +11,38 @@ __all__ = ["average", "bandwidth", "density"]
 
 Array = NDArray[np.float64]
 
-LEAST_WEIGHT = 1e-200
-"""Where all models are that unlikely, they count the same."""
+MIN_WEIGHT = 1e-200
+"""Lower bound of the products of densities: where all are smaller, the models have equal
+weights."""
 
-MAD_TO_DEVIATION = 0.6745
-"""Median absolute deviation of a normal distribution, in standard deviations."""
+MAD_TO_SD = 0.6745
+"""Median absolute deviation of a normal distribution with standard deviation 1."""
 
-NARROWEST = 1e-9
-"""mm: bandwidth where all distances are the same."""
+MIN_BANDWIDTH = 1e-9
+"""mm. Bandwidth where all distances are equal."""
 
 
 def bandwidth(sample: Array) -> float:
-    """Return the bandwidth that is best for a normal distribution (mm).
+    """Return the kernel bandwidth that is optimal for a normal distribution (mm).
 
-    σ (4 / 3n)^(1/5), σ from the median absolute deviation or, where that is 0, the range.
+    It is σ (4 / 3n)^(1/5), with σ from the median absolute deviation or, where that is 0, the
+    range.
     """
-    sigma = float(np.median(np.abs(sample - np.median(sample)))) / MAD_TO_DEVIATION
+    sigma = float(np.median(np.abs(sample - np.median(sample)))) / MAD_TO_SD
     if sigma <= 0.0:
         sigma = float(np.ptp(sample))
-    return max(sigma * float((4.0 / (3.0 * len(sample))) ** 0.2), NARROWEST)
+    return max(sigma * float((4.0 / (3.0 * len(sample))) ** 0.2), MIN_BANDWIDTH)
 
 
 def density(sample: Array, at: Array) -> Array:
-    """Estimate a probability density with normal kernels.
+    """Estimate a probability density by normal kernels.
 
     Parameters
     ----------
     sample : ndarray [shape=(n,), mm]
         Measured distances.
     at : ndarray [any shape, mm]
-        Where it is asked for.
+        Distances at which the density is estimated.
 
     Returns
     -------
@@ -48,7 +50,7 @@ def density(sample: Array, at: Array) -> Array:
         The density.
     """
     width = bandwidth(sample)
-    # in place: the table is large, and copies of it cost more than its exponentials
+    # in place: copies of this large table take longer than its exponentials
     table = at[..., None] / width - sample / width
     np.square(table, out=table)
     table *= -0.5
@@ -57,23 +59,23 @@ def density(sample: Array, at: Array) -> Array:
 
 
 def average(curves: Array, references: Array, samples: list[Array], window: int) -> Array:
-    """Average the curves of several models.
+    """Average the predictions of several models.
 
     Parameters
     ----------
     curves : ndarray [shape=(models, frames, 3), mm]
-        Each model's prediction, with the frames beside the gap.
+        Each model's prediction, including the frames adjacent to the gap.
     references : ndarray [shape=(frames, references, 3), mm]
-        The markers whose distances are judged.
+        The reference markers.
     samples : list of ndarray [shape=(n,), mm]
-        Measured distances from each of them.
+        Measured distances from each reference.
     window : int
-        Frames that curves and weights are smoothed over.
+        Frames over which predictions and weights are smoothed.
 
     Returns
     -------
     ndarray [shape=(frames, 3), mm]
-        NaN where a model or a reference is missing.
+        The average; NaN where a model or a reference is missing.
     """
     curves = np.stack([smooth(curve, window) for curve in curves])
     distance = np.linalg.norm(curves[:, :, None] - references, axis=3)
@@ -82,11 +84,11 @@ def average(curves: Array, references: Array, samples: list[Array], window: int)
     weight[:, known] = 1.0
     for reference, sample in enumerate(samples):
         weight[:, known] *= density(sample, distance[:, known, reference])
-    weight[:, known] = np.maximum(weight[:, known], LEAST_WEIGHT)
-    # half a short gap at most: its weights must be free to change
+    weight[:, known] = np.maximum(weight[:, known], MIN_WEIGHT)
+    # at most half of a short gap, so that its weights can change
     shorter = min(window, -(-(curves.shape[1] - 2) // 2))
     weight = smooth(weight.T, shorter).T
-    # relative to the largest, lest products be too small for a float
+    # relative to the largest, so that the products do not underflow
     weight[:, known] /= weight[:, known].max(axis=0)
     mixed = (weight[..., None] * curves).sum(axis=0) / weight.sum(axis=0)[:, None]
     return np.asarray(mixed)

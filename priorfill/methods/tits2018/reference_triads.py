@@ -1,4 +1,4 @@
-"""How stiffly markers keep their distance, and which three are the references of a gap."""
+"""Variation of the distances between markers, and the choice of three references for a gap."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 REFERENCES = 3
-"""Markers that make a frame."""
+"""Markers that define a coordinate frame."""
 
 
 def deviations(positions: Array, options: Tits2018Options) -> Array:
@@ -27,17 +27,17 @@ def deviations(positions: Array, options: Tits2018Options) -> Array:
     positions : ndarray [shape=(frames, markers, 3), mm]
         NaN where missing.
     options : Tits2018Options
-        Which frames count.
+        How many frames are used.
 
     Returns
     -------
     ndarray [shape=(markers, markers), mm]
-        Infinite for a marker and itself; NaN for pairs seen together in less than two frames.
+        Infinite on the diagonal; NaN for pairs visible together in fewer than two frames.
     """
-    whole = ~np.isnan(positions[..., 0]).any(axis=1)
-    if whole.sum() > options.complete:
-        positions = positions[whole]
-    positions = positions[spread_evenly(len(positions), options.distance_rows)]
+    complete = ~np.isnan(positions[..., 0]).any(axis=1)
+    if complete.sum() > options.min_complete_frames:
+        positions = positions[complete]
+    positions = positions[spread_evenly(len(positions), options.max_distance_frames)]
     markers = positions.shape[1]
     out = np.full((markers, markers), np.inf)
     for marker in range(markers - 1):
@@ -55,14 +55,14 @@ def deviations(positions: Array, options: Tits2018Options) -> Array:
 
 @dataclass(frozen=True)
 class Triad:
-    """Three references, and the gaps that they can fill.
+    """Three reference markers, and the gaps that they can fill.
 
     Attributes
     ----------
     markers : tuple of int
-        The stiffest first.
+        Those with the smallest standard deviation first.
     gaps : tuple of Gap
-        Gaps beside which all three are seen, and in which they are seen together.
+        Gaps adjacent to which all three are visible, with a frame that shows all three.
     """
 
     markers: tuple[int, int, int]
@@ -70,20 +70,20 @@ class Triad:
 
 
 def choose(seen: Mask, marker: int, gaps: list[Gap], deviation: Array) -> Triad | None:
-    """Choose the stiffest three references that can fill at least one of a marker's gaps.
+    """Choose the three references with the most constant distances for a marker's gaps.
 
-    Triads are tried in order of their first, then their second, then their third marker.
+    Triads are ordered by their first, then their second, then their third marker.
 
     Parameters
     ----------
     seen : ndarray of bool [shape=(frames, markers)]
-        Which samples are known, filled ones included.
+        Which samples are known, including filled ones.
     marker : int
-        The missing one.
+        The missing marker.
     gaps : list of Gap
         Its gaps.
     deviation : ndarray [shape=(markers,), mm]
-        Of its distance from each marker.
+        Standard deviation of its distance from each marker.
 
     Returns
     -------
@@ -93,7 +93,7 @@ def choose(seen: Mask, marker: int, gaps: list[Gap], deviation: Array) -> Triad 
     order = np.argsort(deviation, kind="stable")
     order = order[(order != marker) & ~np.isnan(deviation[order])]
     usable = [_usable(seen, gap, order) for gap in gaps]
-    first = [_first_together(inside, beside) for beside, inside in usable]
+    first = [_first_together(inside, adjacent) for adjacent, inside in usable]
     known = [places for places in first if places is not None]
     if not known:
         return None
@@ -101,29 +101,29 @@ def choose(seen: Mask, marker: int, gaps: list[Gap], deviation: Array) -> Triad 
     at = list(best)
     good = tuple(
         gap
-        for gap, (beside, inside) in zip(gaps, usable, strict=True)
-        if beside[at].all() and inside[:, at].all(axis=1).any()
+        for gap, (adjacent, inside) in zip(gaps, usable, strict=True)
+        if adjacent[at].all() and inside[:, at].all(axis=1).any()
     )
     one, two, three = (int(order[place]) for place in best)
     return Triad((one, two, three), good)
 
 
 def _usable(seen: Mask, gap: Gap, order: NDArray[np.intp]) -> tuple[Mask, Mask]:
-    """Return which markers are seen beside a gap, and which in each of its frames.
+    """Return which markers are visible adjacent to a gap, and which in each of its frames.
 
-    Beyond an end of the clip there is nothing to be seen.
+    At an end of the clip only the other side counts.
     """
-    beside = np.ones(len(order), dtype=bool)
+    adjacent = np.ones(len(order), dtype=bool)
     if gap.start > 0:
-        beside &= seen[gap.start - 1, order]
+        adjacent &= seen[gap.start - 1, order]
     if gap.stop < len(seen):
-        beside &= seen[gap.stop, order]
-    return beside, seen[gap.start : gap.stop][:, order]
+        adjacent &= seen[gap.stop, order]
+    return adjacent, seen[gap.start : gap.stop][:, order]
 
 
-def _first_together(inside: Mask, beside: Mask) -> tuple[int, int, int] | None:
-    """Return the first three markers, of those seen beside, that some frame shows together."""
-    among = np.flatnonzero(beside & inside.any(axis=0))
+def _first_together(inside: Mask, adjacent: Mask) -> tuple[int, int, int] | None:
+    """Return the first three of the adjacent markers that a frame of the gap shows together."""
+    among = np.flatnonzero(adjacent & inside.any(axis=0))
     if len(among) < REFERENCES:
         return None
     shown = inside[:, among]

@@ -1,4 +1,4 @@
-"""Scaling of features and of what is asked for to mean 0 and standard deviation 1."""
+"""Scaling of features and targets to mean 0 and standard deviation 1."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ __all__ = ["Scale"]
 
 Array = NDArray[np.float64]
 
-ROUNDING = 1e-12
-"""Share of the largest value below which a spread is rounding: the column is constant."""
+MIN_RELATIVE_SD = 1e-12
+"""Standard sd, relative to the largest value, below which a column counts as constant."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,28 +21,28 @@ class Scale:
 
     Attributes
     ----------
-    mean, deviation : ndarray [shape=(columns,)]
-        The deviation of a constant column is 0.
+    mean, sd : ndarray [shape=(columns,)]
+        The standard deviation of a constant column is 0.
     """
 
     mean: Array
-    deviation: Array
+    sd: Array
 
     @classmethod
     def of(cls, rows: Array) -> Scale:
-        """Return the scale of rows [shape=(rows, columns)] without NaN, one at least."""
+        """Return the scale of one or more rows [shape=(rows, columns)] without NaN."""
         mean = rows.mean(axis=0)
         if len(rows) == 1:
             return cls(mean, np.zeros(rows.shape[1]))
-        deviation = rows.std(axis=0, ddof=1)
-        constant = deviation <= ROUNDING * np.abs(rows).max(axis=0)
-        return cls(mean, np.where(constant, 0.0, deviation))
+        sd = rows.std(axis=0, ddof=1)
+        constant = sd <= MIN_RELATIVE_SD * np.abs(rows).max(axis=0)
+        return cls(mean, np.where(constant, 0.0, sd))
 
     def down(self, rows: Array) -> Array:
-        """Scale rows; constant columns become 0."""
-        varies = self.deviation > 0.0
-        return np.where(varies, (rows - self.mean) / np.where(varies, self.deviation, 1.0), 0.0)
+        """Return scaled rows; constant columns become 0."""
+        varies = self.sd > 0.0
+        return np.where(varies, (rows - self.mean) / np.where(varies, self.sd, 1.0), 0.0)
 
     def up(self, rows: Array) -> Array:
-        """Undo `down`."""
-        return rows * self.deviation + self.mean
+        """Return the rows that `down` would scale to these."""
+        return rows * self.sd + self.mean

@@ -1,4 +1,4 @@
-"""The task side: which models a method has, and what it says of gaps."""
+"""The methods of Tits et al. 2018 on a task, with reasons for what stays missing."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from priorfill.gaps import Gap
 from priorfill.methods.task import Estimate, Task
 from priorfill.methods.tits2018.recovery import (
     MODELS,
-    centre,
-    often,
+    centroid,
+    often_visible,
     recover,
 )
 from priorfill.methods.tits2018.tits2018_options import Tits2018Options
@@ -19,27 +19,24 @@ __all__ = ["glr", "lgrnn", "li", "lpr", "pma", "wpca"]
 
 Progress = Callable[[], None]
 
-PUBLISHED = Tits2018Options()
-"""The options of the published program."""
+MIN_MARKERS = 4
+"""A missing marker and its three references."""
 
-FEWEST_MARKERS = 4
-"""A marker to be filled and its three references."""
-
-NEVER = "it is never seen; use a method that learns from other recordings"
+NEVER_VISIBLE = "it is never seen; use a method that learns from other recordings"
 
 NO_REFERENCES = (
     "no three other markers are seen together in it and beside it; fill these first, or use a "
     "method that learns from other recordings"
 )
 
-ON_A_LINE = "the markers that it could be held to lie on one line, or are never seen with it"
+COLLINEAR = "its reference markers lie on one line, or are never seen with it"
 
-TOO_FEW = (
+TOO_FEW_PREDICTORS = (
     "fewer than four other markers are seen throughout it, or never together with this one; "
     "use pma, which has other models too"
 )
 
-NOT_WHOLE = (
+NEVER_TOGETHER = (
     "the markers that are seen throughout its gaps are never seen together with it; "
     "use pma, which has other models too"
 )
@@ -49,24 +46,24 @@ def _filled(
     task: Task,
     progress: Progress,
     models: tuple[str, ...],
-    options: Tits2018Options,
-    how: str,
-    failure: str = ON_A_LINE,
+    options: Tits2018Options | None,
+    source: str,
+    failure: str = COLLINEAR,
 ) -> Estimate:
-    """Fill a task by some models."""
-    enough = often(task.positions, options)
-    if enough.sum() < FEWEST_MARKERS:
+    """Fill a task by some models; ``failure`` is the reason where none of them has a prediction."""
+    options = options or Tits2018Options()
+    often = often_visible(task.positions, options)
+    if often.sum() < MIN_MARKERS:
         raise MethodError(
-            f"{task.name}: {enough.sum()} markers are seen in at least {options.presence:.0%} of "
-            f"the frames; this method needs {FEWEST_MARKERS}: one to be filled and three that it "
-            "is held to"
+            f"{task.name}: {often.sum()} markers are seen in at least {options.min_presence:.0%} "
+            f"of the frames; this method needs {MIN_MARKERS}: one to fill and its three references"
         )
-    if "wpca" in models and centre(task.positions) is None:
+    if "wpca" in models and centroid(task.positions) is None:
         models = tuple(model for model in models if model != "wpca")
         if not models:
             raise MethodError(
                 f"{task.name}: no marker is seen in every frame, and poses are centred by those "
-                "that are; use pma, which goes on without the PCA, or fill one marker first"
+                "that are; use pma, which then leaves the PCA out, or fill one marker first"
             )
     recovery = recover(task.positions, task.rate, models, options)
     for _ in task.groups:
@@ -74,83 +71,91 @@ def _filled(
 
     def reason(gap: Gap) -> str:
         if not task.valid[:, gap.marker].any():
-            return NEVER
-        if not enough[gap.marker]:
+            return NEVER_VISIBLE
+        if not often[gap.marker]:
             share = float(task.valid[:, gap.marker].sum()) / len(task.valid)
-            return f"it is seen in {share:.0%} of the frames, less than {options.presence:.0%}"
+            return f"it is seen in {share:.0%} of the frames, less than {options.min_presence:.0%}"
         return failure if recovery.failed[gap.start, gap.marker] else NO_REFERENCES
 
-    return Estimate.told(task, recovery.positions, how, reason)
+    return Estimate.without_errors(task, recovery.positions, source, reason)
 
 
-def _nothing() -> None:
+def _no_progress() -> None:
     """Report no progress."""
 
 
-def li(task: Task, progress: Progress = _nothing, options: Tits2018Options = PUBLISHED) -> Estimate:
-    """Fill gaps by straight lines in the frame of three stiffly linked markers.
+def li(
+    task: Task, progress: Progress = _no_progress, options: Tits2018Options | None = None
+) -> Estimate:
+    """Fill gaps by linear interpolation in the frame of three references (``li``).
 
     Parameters
     ----------
     task : Task
-        The clip; takes are not looked at.
+        The clip; its takes are not used.
     progress : callable
-        Called once a gap group.
-    options : Tits2018Options
-        All constants.
+        Called once per gap group.
+    options : Tits2018Options, optional
+        The constants of the published program if not given.
 
     Returns
     -------
     Estimate
-        Gaps without three references stay missing.
+        Gaps without three references stay missing. Errors are not predicted.
 
     Raises
     ------
     MethodError
-        Where fewer than four markers are seen often enough.
+        Where fewer than four markers are visible often enough.
+
+    See Also
+    --------
+    pma : The average of all five models.
+    priorfill.methods.rigid_body.fill : With neighbours in a rigid group.
     """
     return _filled(task, progress, ("li",), options, "local interpolation between three markers")
 
 
 def lpr(
-    task: Task, progress: Progress = _nothing, options: Tits2018Options = PUBLISHED
+    task: Task, progress: Progress = _no_progress, options: Tits2018Options | None = None
 ) -> Estimate:
-    """Fill gaps by a polynomial of the shape that three stiffly linked markers have; see `li`."""
+    """Fill gaps by a polynomial regression on the shape of three references; see `li`."""
     return _filled(task, progress, ("lpr",), options, "local polynomial regression")
 
 
 def lgrnn(
-    task: Task, progress: Progress = _nothing, options: Tits2018Options = PUBLISHED
+    task: Task, progress: Progress = _no_progress, options: Tits2018Options | None = None
 ) -> Estimate:
-    """Fill gaps by frames in which three stiffly linked markers have a like shape; see `li`."""
+    """Fill gaps by a mean of frames in which three references have a similar shape; see `li`."""
     return _filled(task, progress, ("lgrnn",), options, "local generalised regression network")
 
 
 def glr(
-    task: Task, progress: Progress = _nothing, options: Tits2018Options = PUBLISHED
+    task: Task, progress: Progress = _no_progress, options: Tits2018Options | None = None
 ) -> Estimate:
-    """Fill gaps by linear regression on the markers seen throughout; see `li`."""
-    return _filled(task, progress, ("glr",), options, "global linear regression", TOO_FEW)
+    """Fill gaps by linear regression on the markers visible throughout; see `li`."""
+    source = "global linear regression"
+    return _filled(task, progress, ("glr",), options, source, TOO_FEW_PREDICTORS)
 
 
 def wpca(
-    task: Task, progress: Progress = _nothing, options: Tits2018Options = PUBLISHED
+    task: Task, progress: Progress = _no_progress, options: Tits2018Options | None = None
 ) -> Estimate:
-    """Fill gaps by weighted PCA; see `li`.
+    """Fill gaps by the weighted PCA of Gløersen and Federolf 2016; see `li`.
 
     Raises
     ------
     MethodError
-        Where no marker is seen in every frame, too.
+        Also where no marker is visible in every frame.
     """
-    return _filled(task, progress, ("wpca",), options, "weighted PCA", NOT_WHOLE)
+    return _filled(task, progress, ("wpca",), options, "weighted PCA", NEVER_TOGETHER)
 
 
 def pma(
-    task: Task, progress: Progress = _nothing, options: Tits2018Options = PUBLISHED
+    task: Task, progress: Progress = _no_progress, options: Tits2018Options | None = None
 ) -> Estimate:
-    """Fill gaps by the mean of all five models, weighed by how likely distances are; see `li`.
+    """Fill gaps by the average of all five models, weighted by probability; see `li`.
 
-    Where no marker is seen in every frame, by the mean of the four others.
+    Where no marker is visible in every frame, the average is that of the models without the PCA.
     """
     return _filled(task, progress, MODELS, options, "probabilistic average of five models")

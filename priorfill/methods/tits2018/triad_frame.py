@@ -1,7 +1,7 @@
-"""Coordinates in the frame of three markers: the *triad* of a missing marker.
+"""Coordinates in the frame of a *triad*, the three reference markers of a missing marker.
 
-The first marker is the origin, the second lies on the first axis, the second axis is the normal
-of the plane of all three.
+The origin is the first marker, the first axis points to the second marker, and the second axis is
+normal to the plane of all three.
 """
 
 from __future__ import annotations
@@ -13,52 +13,52 @@ __all__ = ["axes", "into", "out_of", "shape_of"]
 
 Array = NDArray[np.float64]
 
-SHORTEST = 1e-6
-"""mm (mm² for the normal): axes of anything shorter mean nothing."""
+MIN_LENGTH = 1e-6
+"""mm (mm² for the normal). Shorter vectors have no defined direction."""
 
 
 def _unit(vectors: Array) -> Array:
-    """Return unit vectors; NaN for vectors without a direction."""
+    """Return unit vectors; NaN for vectors shorter than `MIN_LENGTH`."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return vectors / np.where(length > SHORTEST, length, np.nan)
+    return vectors / np.where(length > MIN_LENGTH, length, np.nan)
 
 
 def axes(triad: Array) -> Array:
-    """Return the axes of a triad.
+    """Return the axes of the frame of a triad.
 
     Parameters
     ----------
     triad : ndarray [shape=(frames, 3, 3), mm]
-        Its markers (second axis).
+        Its markers along the second axis.
 
     Returns
     -------
     ndarray [shape=(frames, 3, 3)]
-        One axis a row; NaN where a marker is missing or the three lie on one line.
+        The axes as rows; NaN where a marker is missing or the three are collinear.
     """
     first = _unit(triad[:, 1] - triad[:, 0])
     normal = _unit(np.cross(first, triad[:, 2] - triad[:, 0]))
-    # the normal of a triad on a line is NaN: so is then the frame
+    # the normal of a collinear triad is NaN, and then the whole frame is
     known = ~np.isnan(normal[:, :1])
     return np.stack([np.where(known, first, np.nan), normal, np.cross(normal, first)], axis=1)
 
 
 def into(points: Array, triad: Array, frame: Array) -> Array:
-    """Bring points into the frame of a triad [shape=(frames, 3), mm]."""
+    """Return points in the frame of a triad [shape=(frames, 3), mm]."""
     local: Array = np.einsum("fij,fj->fi", frame, points - triad[:, 0])
     return local
 
 
 def out_of(local: Array, triad: Array, frame: Array) -> Array:
-    """Bring points back out of the frame of a triad [shape=(frames, 3), mm]."""
+    """Return points of the frame of a triad in the original frame [shape=(frames, 3), mm]."""
     points: Array = np.einsum("fij,fi->fj", frame, local) + triad[:, 0]
     return points
 
 
 def shape_of(triad: Array, frame: Array) -> Array:
-    """Return what is free in the shape of a triad [shape=(frames, 3), mm].
+    """Return the features that describe the shape of a triad [shape=(frames, 3), mm].
 
-    The distance of the second marker, and the two coordinates of the third in the plane.
+    They are the distance of the second marker and the two coordinates of the third in the plane.
     """
     second = np.linalg.norm(triad[:, 1] - triad[:, 0], axis=1)
     third = into(triad[:, 2], triad, frame)
