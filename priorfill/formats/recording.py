@@ -70,9 +70,11 @@ class ReadOptions:
             raise OptionError(f"rate {self.rate:g} Hz is not positive; give the frames per second")
 
 
-@dataclass(frozen=True)
+@dataclass
 class Recording:
     """Contents of a file, before markers are separated from other points.
+
+    Not frozen: `make_clip` takes over the positions, because a large file fits into memory once.
 
     Attributes
     ----------
@@ -195,8 +197,8 @@ def make_clip(
     Parameters
     ----------
     recording : Recording
-        The contents of the file. Its positions are modified and may become the clip's, which saves
-        a copy of a large file.
+        The contents of the file. Its positions are replaced by those of the clip to save memory,
+        so it cannot be used again.
     name : str
         The file's name in messages.
     options : ReadOptions
@@ -222,14 +224,14 @@ def make_clip(
     OptionError
         If the unit or up axis of `options` is unknown.
     """
-    positions = recording.positions
-    for count, what in zip(positions.shape, ("frames", "points"), strict=False):
+    for count, what in zip(recording.positions.shape, ("frames", "points"), strict=False):
         if count == 0:
             raise ClipError(f"{name}: has no {what}; there is nothing to fill")
-    blank_incomplete_samples(positions)
+    blank_incomplete_samples(recording.positions)
     markers, zero = _choose_markers(recording, options, name)
     points, labels = list(markers.names), tuple(markers.names.values())
-    kept = _kept_points(positions, points)
+    kept = _of_points(recording.positions, points)
+    recording.positions = kept  # frees the memory of the other points
     _check_coordinates(kept, labels, recording.first_frame, name)
     _, mm_per_unit, unit_notes = find_unit(kept, recording.unit, options.unit, name)
     kept *= mm_per_unit
@@ -351,14 +353,14 @@ def _unique_names(
     return unique, twins, notes
 
 
-def _kept_points(positions: NDArray[np.float64], points: list[int]) -> NDArray[np.float64]:
-    """Return the positions of the markers, as an array that owns its memory.
+def _of_points(values: NDArray[np.float64], points: list[int]) -> NDArray[np.float64]:
+    """Return the values of some points, as an array that owns its memory.
 
-    Most files hold markers only; their positions are used without a copy.
+    Most files hold markers only; their arrays are used without a copy.
     """
-    if points == list(range(positions.shape[1])) and positions.flags.owndata:
-        return positions
-    return np.take(positions, points, axis=1)
+    if points == list(range(values.shape[1])) and values.flags.owndata:
+        return values
+    return np.take(values, points, axis=1)
 
 
 def _check_coordinates(
@@ -391,9 +393,9 @@ def _interpolated_samples(
     if recording.interpolated is not None:
         found: NDArray[np.bool_] = recording.interpolated[:, points] & present
     elif recording.residuals is not None:
-        words = recording.residuals[:, points]
-        of_present = words[present]
-        if of_present.size == 0 or (of_present > 0).mean() < MIN_RESIDUAL_SHARE:
+        words = _of_points(recording.residuals, points)
+        count = int(present.sum())
+        if count == 0 or int((present & (words > 0)).sum()) / count < MIN_RESIDUAL_SHARE:
             return None
         found = present & (words == 0)
     else:
