@@ -447,7 +447,7 @@ def _fill(case: Case, clip: pf.Clip, folder: Path | None) -> pf.Result:
                 for source in case.database:
                     known = _clip(source, folder)
                     subject = "" if case.anonymous else known.subject
-                    new.add(known, subject=subject, virtual_markers=case.placed)
+                    new.add(known, pf.ClipOrigin(subject=subject, virtual_markers=case.placed))
         return pf.fill(
             clip,
             database=database,

@@ -18,6 +18,10 @@ DOCUMENT = ROOT.parent / "ARCHITECTURE.md"
 ONLY_IN = {
     "click": ("cli",),
     "rich": ("cli",),
+    "filelock": ("runtime.file_lock",),
+    "pooch": ("datasets",),
+    "requests": ("datasets",),
+    "urllib3": ("datasets",),
     "matplotlib": ("evaluation.plots",),
     "ezc3d": ("formats",),
     "numba": ("energy.descent_kernels", "search.kernels"),

@@ -1,23 +1,24 @@
-"""The prior database on disk: clips of clean motion, found again for filling gaps.
+"""The prior database on disk: clips of clean motion that gaps are filled from.
 
 A database is a directory::
 
-    priorfill-database.json   what it is: format version, rate, levels; written once
-    catalogue.sqlite          one row a clip; a clip exists from the moment its row is committed
-    catalogue.seal            checksum of the catalogue as the last writer left it
+    priorfill-database.json   manifest: format version, rate, levels; written once
+    catalogue.sqlite          one row per clip; a clip exists once its row is committed
+    catalogue.checksum        checksum of the catalogue as its last writer closed it
     segments/000001.f32 ...   positions, little-endian float32, append-only, memory-mapped
     lock                      held by the one writer
 
-Bytes of a segment beyond the last committed row are what a writer left behind that did not come
-to its commit; the next writer overwrites them.
+Bytes of a segment beyond the last committed row were left by a writer that did not reach its
+commit; the next writer overwrites them.
 """
 
 from priorfill.database.manifest import FORMAT_VERSION
 from priorfill.database.record import (
-    Accepted,
+    AcceptResult,
+    ClipOrigin,
     ClipRecord,
     DatabaseInfo,
-    Merged,
+    MergeResult,
 )
 from priorfill.database.selection import Selection
 from priorfill.database.store import DEFAULT_LEVELS, DEFAULT_RATE, PriorDatabase
@@ -26,10 +27,11 @@ __all__ = [
     "DEFAULT_LEVELS",
     "DEFAULT_RATE",
     "FORMAT_VERSION",
-    "Accepted",
+    "AcceptResult",
+    "ClipOrigin",
     "ClipRecord",
     "DatabaseInfo",
-    "Merged",
+    "MergeResult",
     "PriorDatabase",
     "Selection",
 ]

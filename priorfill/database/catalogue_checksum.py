@@ -1,103 +1,100 @@
-"""The seal of a catalogue: a checksum over every byte of it, made when a writer closes it.
+"""The checksum file of a catalogue, written when a writer closes it.
 
-Rows have checksums of their own, but a file holds more than rows. The seal names the state of
-the file that it is for by SQLite's change counter: where a writer was killed, or is still at
-work, there is none for the present state, and rows are checked one by one.
+Rows have checksums of their own, but an SQLite file consists of more than rows. The checksum file
+covers every byte. It names the state of the catalogue it belongs to by SQLite's change counter:
+while a writer works, or after one was killed, there is no checksum of the present state, and rows
+are checked one by one.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import sqlite3
 import zlib
 from pathlib import Path
 
-from priorfill.database.segments import sync_folder
+from priorfill.runtime.atomic_file import finish_file
 
 __all__ = ["CatalogueChecksum"]
 
 _COUNTER = slice(24, 28)
-_COUNTER_AGAIN = slice(92, 96)
-"""Where an SQLite file has its change counter, big-endian, and where it repeats it."""
+_COUNTER_COPY = slice(92, 96)
+"""Bytes of an SQLite file with its change counter, big-endian, and with the copy of it."""
 
 
 class CatalogueChecksum:
-    """The seal of one catalogue.
+    """The checksum file of one catalogue.
 
     Parameters
     ----------
     catalogue : Path
-        The SQLite file; the seal lies beside it.
+        The SQLite file; the checksum file is in the same folder.
 
     Attributes
     ----------
     path : Path
-        Where it lies.
-    finding : str
-        What was found wrong the last time that it was looked at; empty if nothing.
-    denies : bool
-        Whether that is the catalogue, and not the seal itself.
+        The checksum file.
+    problem : str
+        Damage found by the last call of `matches`; empty if none.
+    catalogue_is_damaged : bool
+        Whether that damage is in the catalogue, not in the checksum file.
     """
 
     def __init__(self, catalogue: Path) -> None:
-        # a catalogue that is being made has its seal ready
-        self.path = catalogue.with_name(catalogue.name.partition(".")[0] + ".seal")
-        self.finding = ""
-        self.denies = False
+        # catalogue.sqlite.new, a catalogue being made, shares the name of the finished one
+        self.path = catalogue.with_name(catalogue.name.partition(".")[0] + ".checksum")
+        self.problem = ""
+        self.catalogue_is_damaged = False
 
-    def fits(self, connection: sqlite3.Connection) -> bool:
-        """Return whether the seal vouches for every byte of the file as it is.
+    def matches(self, connection: sqlite3.Connection) -> bool:
+        """Return whether the checksum covers the present state of the catalogue, and fits it.
 
         Parameters
         ----------
         connection : sqlite3.Connection
-            Within a transaction, so that nobody changes the file meanwhile.
+            Inside a transaction, so that no other process changes the file.
         """
-        self.finding, self.denies = "", False
+        self.problem, self.catalogue_is_damaged = "", False
         try:
             text = self.path.read_text(encoding="ascii")
         except FileNotFoundError:
             return False
         except (OSError, ValueError):
-            self.finding = f"{self.path} cannot be read"
+            self.problem = f"{self.path} cannot be read"
             return False
-        # read by SQLite: to open and close the file here would drop SQLite's locks on it
+        # read through SQLite: opening and closing the file here would drop SQLite's locks on it
         data = connection.serialize()
         counter = int.from_bytes(data[_COUNTER])
-        if counter != int.from_bytes(data[_COUNTER_AGAIN]):
-            self.finding, self.denies = "its header was changed", True
+        if counter != int.from_bytes(data[_COUNTER_COPY]):
+            self.problem, self.catalogue_is_damaged = "its header was changed", True
             return False
         try:
-            sealed = json.loads(text)
-            if _of(sealed["counter"], sealed["checksum"]) != text:
+            stored = json.loads(text)
+            if _format(stored["counter"], stored["checksum"]) != text:
                 raise ValueError
         except (ValueError, KeyError, TypeError):
-            self.finding = f"{self.path} is damaged"
+            self.problem = f"{self.path} is damaged"
             return False
-        if sealed["counter"] != counter:
+        if stored["counter"] != counter:
             return False
-        if sealed["checksum"] != zlib.crc32(data):
-            self.finding, self.denies = "bytes of it changed since it was sealed", True
+        if stored["checksum"] != zlib.crc32(data):
+            self.problem = "its bytes changed after its last writer closed it"
+            self.catalogue_is_damaged = True
             return False
         return True
 
-    def renew(self, connection: sqlite3.Connection) -> None:
-        """Seal the file as it is now."""
+    def write(self, connection: sqlite3.Connection) -> None:
+        """Write the checksum of the present state of the catalogue."""
         data = connection.serialize()
-        text = _of(int.from_bytes(data[_COUNTER]), zlib.crc32(data))
+        text = _format(int.from_bytes(data[_COUNTER]), zlib.crc32(data))
         if self.path.exists() and self.path.read_bytes() == text.encode("ascii"):
             return
         unfinished = self.path.with_name(self.path.name + ".new")
-        with unfinished.open("w", encoding="ascii") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        unfinished.replace(self.path)
-        sync_folder(self.path.parent)
+        unfinished.write_text(text, encoding="ascii")
+        finish_file(unfinished, self.path)
 
 
-def _of(counter: int, checksum: int) -> str:
-    sealed = {"counter": counter, "checksum": checksum}
-    check = zlib.crc32(json.dumps(sealed).encode("ascii"))
-    return json.dumps({**sealed, "check": check}) + "\n"
+def _format(counter: int, checksum: int) -> str:
+    content = {"counter": counter, "checksum": checksum}
+    check = zlib.crc32(json.dumps(content).encode("ascii"))
+    return json.dumps({**content, "check": check}) + "\n"

@@ -1,62 +1,147 @@
-"""What is made of a clip before it is stored: levels, content hash, masks, counts."""
+"""Prepare a clip for storage: levels, content hash, mask of filled samples, catalogue row."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import zlib
+from datetime import UTC, datetime
+from importlib import metadata
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.clip import Clip
+from priorfill.database.catalogue_rows import CatalogueRow
+from priorfill.database.record import ClipRecord
 from priorfill.database.segments import DTYPE
-from priorfill.errors import ClipError
+from priorfill.database.sketch import sketch
+from priorfill.errors import ClipError, OptionError
 from priorfill.geometry.axes import to_upright
 
-__all__ = ["content_hash", "counts", "filled_at_level_0", "levels_of", "pack", "unpack"]
+__all__ = ["content_hash", "ingest", "stored_levels", "unpack_mask"]
 
-MIN_RATE_SHARE = 0.5
-"""A clip whose rate is below this share of the database's is refused: more than half of
-its samples would be invented."""
+MIN_RATE_RATIO = 0.5
+"""Minimum rate of a clip, relative to the database's: below it, resampling would invent more than
+half of the samples."""
 
 MIN_FRAMES = 2
-"""Frames that a clip needs at the coarsest level: below, it has no velocity there."""
+"""Minimum number of frames at the coarsest level, needed for a velocity."""
 
-STATIC_RANGE = 10.0
-"""mm. A clip in which no marker leaves a box with this diagonal shows no motion; someone who
-stands still sways more within a few seconds."""
+MIN_EXTENT = 10.0
+"""mm. Minimum diagonal of the box that some marker's path fills; even a person who stands still
+sways more within a few seconds."""
 
 
-def levels_of(clip: Clip, rate: float, levels: int) -> list[NDArray[np.float32]]:
-    """Return a clip's positions at every level as they are stored.
+def ingest(
+    clip: Clip, rate: float, levels: int, filled: NDArray[np.bool_] | None, filled_by: str
+) -> tuple[list[bytes], CatalogueRow]:
+    """Return what a database stores of a clip.
 
     Parameters
     ----------
     clip : Clip
-        At any rate, with any axis up.
-    rate, levels
-        The database's.
+        The clip, at any rate and with any axis up.
+    rate : float
+        The database's rate (Hz).
+    levels : int
+        Its number of levels.
+    filled : ndarray of bool [shape=(frames, markers)] or None
+        The clip's filled samples.
+    filled_by : str
+        The method that filled them.
 
     Returns
     -------
-    list of ndarray [shape=(frames, markers, 3), mm]
-        Upright, NaN where missing, finest first.
+    blocks : list of bytes
+        The positions of each level.
+    row : CatalogueRow
+        Its record has the clip's own subject and source; session, licence and credit are empty,
+        and it has no place in a segment.
 
     Raises
     ------
     ClipError
-        Where no marker is ever seen, or the clip is static, too short or of too low a rate.
+        As for `stored_levels`.
+    OptionError
+        If `filled` does not have the shape of the clip.
+    """
+    # scipy takes longer to import than a database to open, and only adding needs it
+    from priorfill.markers.definitions import recognise
+
+    if filled is not None and filled.shape != clip.missing.shape:
+        raise OptionError(
+            f"{clip.name}: the mask of filled samples has shape {filled.shape}; "
+            f"{clip.missing.shape} is needed"
+        )
+    positions = stored_levels(clip, rate, levels)
+    mask = None
+    if filled is not None and (filled & ~clip.missing).any():
+        mask = _filled_at_level_0(clip, filled, rate) & ~np.isnan(positions[0][..., 0])
+        mask = mask if mask.any() else None  # the gap lies between two frames of level 0
+    present, measured = _sample_counts(positions[0], mask)
+    marker_set = recognise(clip.labels)
+    blocks = [level.tobytes() for level in positions]
+    record = ClipRecord(
+        content=content_hash(clip),
+        name=clip.name,
+        subject=clip.subject,
+        session="",
+        source=clip.source.path.name if clip.source is not None else "",
+        licence="",
+        credit="",
+        original_rate=float(clip.rate),
+        original_frames=clip.frames,
+        rate=rate,
+        frames=tuple(len(level) for level in positions),
+        labels=clip.labels,
+        marker_set=marker_set.name if marker_set is not None else "",
+        filled_by="" if mask is None else filled_by or "unknown",
+        present=present,
+        measured=measured,
+        added=datetime.now(UTC).isoformat(timespec="seconds"),
+        version=metadata.version("priorfill"),
+        synthetic=False,
+        virtual_markers=False,
+        segment=0,
+        offset=0,
+        checksums=tuple(zlib.crc32(block) for block in blocks),
+    )
+    packed = None if mask is None else _pack_mask(mask)
+    return blocks, CatalogueRow(record, packed, sketch(clip.positions))
+
+
+def stored_levels(clip: Clip, rate: float, levels: int) -> list[NDArray[np.float32]]:
+    """Return a clip's positions at every level, as they are stored.
+
+    Parameters
+    ----------
+    clip : Clip
+        The clip, at any rate and with any axis up.
+    rate : float
+        The database's rate (Hz).
+    levels : int
+        Its number of levels.
+
+    Returns
+    -------
+    list of ndarray [shape=(frames, markers, 3), mm]
+        Upright (+Z up), NaN where missing, finest level first.
+
+    Raises
+    ------
+    ClipError
+        If no marker is ever seen, or the clip is static, too short, or its rate too low.
     """
     from priorfill.signal.resample import pyramid, resample
 
     missing = clip.missing
     if missing.all():
         raise ClipError(f"{clip.name}: no marker is ever seen; there is nothing to add")
-    if clip.rate < MIN_RATE_SHARE * rate:
+    if clip.rate < MIN_RATE_RATIO * rate:
         raise ClipError(
             f"{clip.name}: has {clip.rate:g} Hz, too few for a database of {rate:g} Hz; "
-            f"add clips of {MIN_RATE_SHARE * rate:g} Hz or more"
+            f"add clips of {MIN_RATE_RATIO * rate:g} Hz or more"
         )
     seen = ~missing.all(axis=0)
     extent = np.nanmax(clip.positions[:, seen], axis=0) - np.nanmin(clip.positions[:, seen], axis=0)
@@ -67,10 +152,9 @@ def levels_of(clip: Clip, rate: float, levels: int) -> list[NDArray[np.float32]]
             f"{clip.name}: is too short ({clip.duration:.2f} s) for the database's coarsest "
             f"level of {rate / 2 ** (levels - 1):g} Hz; add a longer clip"
         )
-    if np.linalg.norm(extent, axis=1).max() < STATIC_RANGE:
+    if np.linalg.norm(extent, axis=1).max() < MIN_EXTENT:
         raise ClipError(
-            f"{clip.name}: is static (no marker moves by {STATIC_RANGE:g} mm); "
-            "add clips with motion"
+            f"{clip.name}: is static (no marker moves by {MIN_EXTENT:g} mm); add clips with motion"
         )
     return stored
 
@@ -79,44 +163,26 @@ def content_hash(clip: Clip) -> str:
     """Return the SHA-256 of a clip's labels, rate and positions."""
     digest = hashlib.sha256()
     digest.update(json.dumps([clip.labels, clip.rate]).encode())
-    # NaN has many bit patterns; all of them mean missing
+    # NaN has many bit patterns, all of which mean missing
     positions = np.where(np.isnan(clip.positions), np.nan, clip.positions)
     digest.update(np.ascontiguousarray(positions, dtype="<f8").tobytes())
     return digest.hexdigest()
 
 
-def filled_at_level_0(clip: Clip, filled: NDArray[np.bool_], rate: float) -> NDArray[np.bool_]:
-    """Return which samples of level 0 have a synthesised sample beside them.
-
-    Parameters
-    ----------
-    clip : Clip
-        The clip.
-    filled : ndarray of bool [shape=(frames, markers)]
-        Its synthesised samples.
-    rate : float
-        Of level 0 (Hz).
-    """
+def _filled_at_level_0(clip: Clip, filled: NDArray[np.bool_], rate: float) -> NDArray[np.bool_]:
+    """Return which samples of level 0 are interpolated from a filled sample."""
     from priorfill.signal.resample import resample
 
     marked = np.where(filled[:, :, None], np.nan, np.zeros(3))
-    # resample makes a sample missing where one that surrounds its time is: the rule wanted
+    # resample makes a sample missing if one that surrounds its time is
     result: NDArray[np.bool_] = np.isnan(resample(marked, clip.rate, rate)[:, :, 0])
     return result
 
 
-def counts(
+def _sample_counts(
     positions: NDArray[np.float32], filled: NDArray[np.bool_] | None
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return in how many frames each marker has a position, and a measured one.
-
-    Parameters
-    ----------
-    positions : ndarray [shape=(frames, markers, 3), mm]
-        Level 0.
-    filled : ndarray of bool [shape=(frames, markers)] or None
-        Which of its samples were synthesised.
-    """
+    """Return the number of present and of measured samples of each marker at level 0."""
     present = ~np.isnan(positions[..., 0])
     measured = present if filled is None else present & ~filled
     return (
@@ -125,18 +191,18 @@ def counts(
     )
 
 
-def pack(mask: NDArray[np.bool_]) -> bytes:
-    """Return a mask in few bytes."""
+def _pack_mask(mask: NDArray[np.bool_]) -> bytes:
+    """Return a compressed mask."""
     return zlib.compress(np.packbits(mask).tobytes())
 
 
-def unpack(packed: bytes, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Return the mask of a shape that was packed.
+def unpack_mask(packed: bytes, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Return the mask of a shape from its compressed form.
 
     Raises
     ------
     zlib.error, ValueError
-        Where the bytes are no such mask.
+        If the bytes are not such a mask.
     """
     bits = np.frombuffer(zlib.decompress(packed), dtype=np.uint8)
     return np.unpackbits(bits, count=shape[0] * shape[1]).reshape(shape).astype(bool)

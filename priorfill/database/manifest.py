@@ -1,20 +1,19 @@
-"""The identity file of a database: that it is one, of which form, at which rate and levels."""
+"""The manifest of a database: its format version, rate and levels."""
 
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from priorfill.database.segments import sync_folder
 from priorfill.errors import DatabaseFormatError, DatabaseNotFoundError
+from priorfill.runtime.atomic_file import finish_file
 
 __all__ = ["FORMAT_VERSION", "MANIFEST", "Manifest", "read_manifest", "write_manifest"]
 
-FORMAT_VERSION = 2
-"""Version of the form on disk. Version 1 is read, and brought to 2 when written to."""
+FORMAT_VERSION = 1
+"""Version of the format on disk."""
 
 MANIFEST = "priorfill-database.json"
 _FORMAT = "priorfill prior database"
@@ -22,7 +21,7 @@ _FORMAT = "priorfill prior database"
 
 @dataclass(frozen=True)
 class Manifest:
-    """What the identity file says.
+    """The content of a manifest.
 
     Attributes
     ----------
@@ -31,7 +30,7 @@ class Manifest:
     rate : float
         Frames per second of level 0 (Hz).
     levels : int
-        Number of resolutions.
+        Number of levels.
     """
 
     version: int
@@ -39,8 +38,8 @@ class Manifest:
     levels: int
 
 
-def write_manifest(folder: Path, rate: float, levels: int) -> Manifest:
-    """Write the identity file of this priorfill's format, whole or not at all.
+def write_manifest(folder: Path, rate: float, levels: int) -> None:
+    """Write a manifest of the present format version, atomically.
 
     Parameters
     ----------
@@ -57,25 +56,20 @@ def write_manifest(folder: Path, rate: float, levels: int) -> Manifest:
         "unit": "mm",
         "up": "+Z",
     }
-    temporary = folder / f"{MANIFEST}.new"
-    with temporary.open("w", encoding="utf-8") as file:
-        file.write(json.dumps(content, indent=2) + "\n")
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(folder / MANIFEST)
-    sync_folder(folder)
-    return Manifest(FORMAT_VERSION, float(rate), int(levels))
+    unfinished = folder / f"{MANIFEST}.new"
+    unfinished.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    finish_file(unfinished, folder / MANIFEST)
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Read the identity file.
+    """Read the manifest of a database.
 
     Raises
     ------
     DatabaseNotFoundError
-        Where there is no such folder.
+        If the folder does not exist.
     DatabaseFormatError
-        Where the folder is no database, or one of a version that this priorfill does not know.
+        If the folder is not a database, or has a format version unknown to this priorfill.
     """
     if not folder.exists():
         raise DatabaseNotFoundError(
@@ -96,15 +90,17 @@ def read_manifest(folder: Path) -> Manifest:
         version = int(content["version"])
     except (ValueError, KeyError, TypeError) as error:
         raise DatabaseFormatError(
-            f"{file}: is damaged or not of priorfill; restore it from a copy"
+            f"{file}: is damaged or was not written by priorfill; restore it from a copy"
         ) from error
     if not is_ours:
-        raise DatabaseFormatError(f"{file}: is not of priorfill; give the folder of a database")
-    if not 1 <= version <= FORMAT_VERSION:
         raise DatabaseFormatError(
-            f"{folder}: has format version {version}, this priorfill knows versions 1 to "
-            f"{FORMAT_VERSION}; "
-            + ("install a newer priorfill" if version > 1 else "restore it from a copy")
+            f"{file}: was not written by priorfill; give the folder of a database"
+        )
+    if version != FORMAT_VERSION:
+        remedy = "install a newer priorfill" if version > FORMAT_VERSION else "restore it"
+        raise DatabaseFormatError(
+            f"{folder}: has format version {version}, but this priorfill reads version "
+            f"{FORMAT_VERSION}; {remedy}"
         )
     try:
         return Manifest(version, float(content["rate"]), int(content["levels"]))

@@ -1,8 +1,8 @@
-"""Whether two clips are one recording, though no sample is the same bit for bit.
+"""Recognise one recording in two clips that share no sample bit for bit.
 
-A recording that was exported twice, as C3D and as text, or in other units or axes, has been
-rounded: sketches, which hash bits, have nothing in common. Its length is the same, and so are the
-distances between its markers, whatever the axes.
+When a recording is exported twice, as C3D and as text, or in other units or axes, its samples are
+rounded: the sketches of the two clips, which hash bits, have nothing in common. The lengths of the
+clips agree, and so do the distances between markers, which do not depend on the axes.
 """
 
 from __future__ import annotations
@@ -12,22 +12,22 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["RATE_ERROR", "same_motion"]
+__all__ = ["RATE_TOLERANCE", "same_motion"]
 
-RATE_ERROR = 0.01
-"""Relative difference of two rates that may be the same one, written with few digits."""
+RATE_TOLERANCE = 0.01
+"""Maximum relative difference of two rates that may be the same, written with few digits."""
 
-_ROUNDING = 0.3
-"""mm, by which a distance changes where coordinates are rounded to 0.1 mm, as files of integers
-usually are."""
+DISTANCE_TOLERANCE = 0.3
+"""mm. Maximum change of a distance when coordinates are rounded to 0.1 mm, the usual step of
+integer files."""
 
-_FEWEST = 30
-"""Distances that are compared at least."""
+MIN_DISTANCES = 30
+"""Minimum number of distances to compare."""
 
-_SHARE = 0.5
-"""Share of these that agree at least: what was filled, or filtered beside a gap, need not.
-Distances in two takes of the same person agree to 0.3 mm now and then only, as the markers that are
-compared are on different segments."""
+MIN_AGREEING_SHARE = 0.5
+"""Minimum share of distances that agree. Samples that were filled, or filtered near a gap, may
+differ. In two takes of the same subject few distances agree to 0.3 mm, as the compared markers are
+on different segments."""
 
 
 def same_motion(
@@ -36,27 +36,29 @@ def same_motion(
     other: NDArray[np.float32],
     other_labels: Sequence[str],
 ) -> bool:
-    """Tell if two clips are of one recording.
+    """Return whether two clips are of one recording.
 
     Parameters
     ----------
     one, other : ndarray [shape=(frames, markers, 3), mm]
-        At the same rate, of about the same length, NaN where missing.
+        At the same rate and of about the same length; NaN where missing.
     labels, other_labels : sequence of str
-        Their markers.
+        Their markers; case does not matter.
     """
-    there = {label.casefold(): marker for marker, label in enumerate(other_labels)}
-    pairs = [(i, there[x.casefold()]) for i, x in enumerate(labels) if x.casefold() in there]
+    index = {label.casefold(): marker for marker, label in enumerate(other_labels)}
+    pairs = [(i, index[x.casefold()]) for i, x in enumerate(labels) if x.casefold() in index]
     frames = min(len(one), len(other))
     if len(pairs) < 2 or frames == 0:
         return False
-    mine, theirs = (list(column) for column in zip(*pairs, strict=True))
-    # markers stand in the order of the body: half of them apart is far apart
+    markers, other_markers = (list(column) for column in zip(*pairs, strict=True))
+    # labels are usually listed from head to foot: markers half a list apart are far apart
     step = len(pairs) // 2
-    first, second = one[:frames, mine], other[:frames, theirs]
     distances = [
-        np.linalg.norm(both - np.roll(both, step, axis=1), axis=2) for both in (first, second)
+        np.linalg.norm(both - np.roll(both, step, axis=1), axis=2)
+        for both in (one[:frames, markers], other[:frames, other_markers])
     ]
-    off = np.abs(distances[0] - distances[1])
-    off = off[~np.isnan(off)]
-    return len(off) >= _FEWEST and bool((off < _ROUNDING).mean() >= _SHARE)
+    difference = np.abs(distances[0] - distances[1])
+    difference = difference[~np.isnan(difference)]
+    return len(difference) >= MIN_DISTANCES and bool(
+        (difference < DISTANCE_TOLERANCE).mean() >= MIN_AGREEING_SHARE
+    )

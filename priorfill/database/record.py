@@ -1,11 +1,51 @@
-"""What the catalogue says of a clip, and of the whole database."""
+"""What a database returns about a clip, and about itself."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["Accepted", "ClipRecord", "DatabaseInfo", "Merged"]
+__all__ = ["AcceptResult", "ClipOrigin", "ClipRecord", "DatabaseInfo", "MergeResult"]
+
+
+@dataclass(frozen=True)
+class ClipOrigin:
+    """Where a clip comes from, as the user who adds it states it.
+
+    Attributes
+    ----------
+    subject : str or None
+        The person recorded; None: as the clip says.
+    session : str
+        Recording session.
+    licence : str
+        Terms of use.
+    credit : str
+        Whom to name.
+    source : str or None
+        Name of the source file; None: as the clip says.
+    synthetic : bool
+        Whether the motion was computed, not recorded.
+    virtual_markers : bool
+        Whether the motion was recorded, but the markers were computed from a skeleton.
+
+    See Also
+    --------
+    PriorDatabase.add, PriorDatabase.accept
+
+    Examples
+    --------
+    >>> ClipOrigin(subject="anna", licence="CC0-1.0").session
+    ''
+    """
+
+    subject: str | None = None
+    session: str = ""
+    licence: str = ""
+    credit: str = ""
+    source: str | None = None
+    synthetic: bool = False
+    virtual_markers: bool = False
 
 
 @dataclass(frozen=True)
@@ -15,48 +55,48 @@ class ClipRecord:
     Attributes
     ----------
     content : str
-        SHA-256 of labels, rate and positions as they were read: the clip's identity.
+        SHA-256 of the labels, rate and positions that were added. It identifies the clip.
     name : str
-        What the clip is called.
+        Name of the clip.
     subject : str
-        Whose motion it is; empty if unknown.
+        The person recorded; empty if unknown.
     session : str
         Recording session; empty if unknown.
     source : str
         Name of the file it was read from, without its folder; empty for a clip made in memory.
     licence : str
-        Under which terms it may be used; empty if not given.
+        Terms of use; empty if not given.
     credit : str
         Whom to name; empty if not given.
     original_rate : float
         Frames per second of the recording (Hz).
     original_frames : int
-        Frames of the recording; 0 where format version 1 did not keep it.
+        Number of frames of the recording.
     rate : float
         Frames per second of level 0 in the database (Hz).
     frames : tuple of int
         Number of frames at each level.
     labels : tuple of str
-        The markers, as the clip calls them.
+        The markers, as the clip labels them.
     marker_set : str
-        Name of the marker set recognised; empty if none.
+        Name of the recognised marker set; empty if none.
     filled_by : str
-        What synthesised samples, where some were (`PriorDatabase.filled` says which); empty
-        where all were measured.
+        Method that filled samples (`PriorDatabase.filled` returns which); empty if all were
+        measured.
     present, measured : tuple of int
-        In how many frames of level 0 each marker has a position, and a measured one.
+        For each marker, the number of frames of level 0 with a position, and with a measured one.
     added : str
-        When it was added, UTC, ISO 8601.
+        Time of adding, UTC, ISO 8601.
     version : str
         Version of priorfill that added it.
     synthetic : bool
-        Whether the motion is computed, not recorded.
-    synthesised : bool
-        Whether the motion was recorded, but the markers were placed on a skeleton.
+        Whether the motion was computed, not recorded.
+    virtual_markers : bool
+        Whether the motion was recorded, but the markers were computed from a skeleton.
     segment : int
         Number of the segment file that holds its positions.
     offset : int
-        Where they begin in it, in bytes; the levels follow each other.
+        Position of its first byte in that file; its levels follow each other.
     checksums : tuple of int
         CRC-32 of the bytes of each level.
     """
@@ -80,10 +120,10 @@ class ClipRecord:
     added: str
     version: str
     synthetic: bool
+    virtual_markers: bool
     segment: int
     offset: int
     checksums: tuple[int, ...]
-    virtual_markers: bool = False
 
     @property
     def duration(self) -> float:
@@ -92,35 +132,43 @@ class ClipRecord:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of its positions, all levels together."""
+        """Bytes of its positions at all levels."""
         return sum(self.frames) * len(self.labels) * 12
 
     @property
     def has_filled(self) -> bool:
-        """Whether some samples were synthesised."""
+        """Whether some samples were filled."""
         return bool(self.filled_by)
 
 
 @dataclass(frozen=True)
-class Accepted:
-    """What became of a filled clip: its row, and the rows that it replaced."""
+class AcceptResult:
+    """The result of `PriorDatabase.accept`.
+
+    Attributes
+    ----------
+    record : ClipRecord
+        The new clip.
+    replaced : tuple of ClipRecord
+        The versions of the recording that it replaced.
+    """
 
     record: ClipRecord
     replaced: tuple[ClipRecord, ...] = ()
 
 
 @dataclass(frozen=True)
-class Merged:
-    """What became of another database's clips.
+class MergeResult:
+    """The result of `PriorDatabase.merge`.
 
     Attributes
     ----------
     added : tuple of ClipRecord
-        The new rows.
+        The new clips.
     skipped : tuple of ClipRecord
         Clips of the other database of which this one has a version.
     damaged : tuple of str
-        What is damaged in the other database and was left there, a sentence a clip.
+        One message for each clip that is damaged in the other database and was not added.
     """
 
     added: tuple[ClipRecord, ...]
@@ -130,38 +178,38 @@ class Merged:
 
 @dataclass(frozen=True)
 class DatabaseInfo:
-    """A prior database in figures.
+    """Figures of a prior database.
 
     Attributes
     ----------
     path : Path
         The directory.
     version : int
-        Its format version.
+        Format version.
     rate : float
         Frames per second of level 0 (Hz).
     levels : int
-        Number of resolutions, each at half the rate of the one before.
+        Number of levels, each at half the rate of the previous one.
     clips : int
         Number of clips.
     synthetic : int
-        How many of them are computed, not recorded.
-    synthesised : int
-        How many have markers that were placed on a skeleton.
+        Number of clips whose motion was computed.
+    virtual_markers : int
+        Number of clips whose markers were computed from a skeleton.
     subjects : int
-        Number of different subjects that are named.
+        Number of different subjects named.
     frames : int
-        Frames at level 0, all clips together.
+        Total number of frames at level 0.
     seconds : float
-        Length of all clips together.
+        Total length.
     bytes : int
-        Size of the database's files.
+        Size of the files.
     removed_bytes : int
-        How many of them compacting would give back.
+        Bytes that compacting would free.
     marker_sets : dict of str to int
-        Number of clips of each marker set; under the empty name those of no known set.
+        Number of clips by marker set; the empty name counts those of no known set.
     licences, credits : dict of str to int
-        Number of clips of each licence, and of each credit; under the empty text those of none.
+        Number of clips by licence and by credit; the empty text counts those without.
     """
 
     path: Path
@@ -170,6 +218,7 @@ class DatabaseInfo:
     levels: int
     clips: int
     synthetic: int
+    virtual_markers: int
     subjects: int
     frames: int
     seconds: float
@@ -178,4 +227,3 @@ class DatabaseInfo:
     marker_sets: dict[str, int]
     licences: dict[str, int]
     credits: dict[str, int]
-    virtual_markers: int = 0

@@ -13,27 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.errors import DatabaseCorruptError
+from priorfill.runtime.atomic_file import flush_folder
 
-__all__ = [
-    "DTYPE",
-    "SEGMENT_BYTES",
-    "SegmentReader",
-    "SegmentWriter",
-    "checksum",
-    "segment_path",
-    "sync_folder",
-]
+__all__ = ["DTYPE", "SEGMENT_BYTES", "SegmentReader", "SegmentWriter", "segment_path"]
 
 DTYPE = np.dtype("<f4")
-"""How a coordinate is stored."""
+"""Type of a stored coordinate."""
 
 SEGMENT_BYTES = 1 << 30
-"""A segment that would grow beyond this is left and a new one begun, so that a copy, a
-backup or a compaction never has to move more than 1 GiB at a time."""
+"""Maximum size of a segment, unless one clip is larger; a copy, a backup or a compaction then never
+moves more than 1 GiB at a time."""
 
-
-CHUNK = 1 << 22
-"""Bytes that are read at a time to be checked."""
+CHUNK_BYTES = 1 << 22
+"""Bytes read at a time for checksums."""
 
 
 class SegmentWriter:
@@ -46,45 +38,45 @@ class SegmentWriter:
     used : set of int
         Numbers of the segments that hold clips; others were never committed and are removed.
     segment, end : int
-        Number of the segment to go on with, and the bytes of it that are committed. What
-        lies beyond was never committed and is cut off.
+        Number of the segment to append to, and its committed bytes. Bytes beyond were never
+        committed and are cut off.
 
     Raises
     ------
     DatabaseCorruptError
-        Where the file is shorter than what is committed.
+        If the file is shorter than its committed bytes.
     """
 
     def __init__(self, folder: Path, used: set[int], segment: int, end: int) -> None:
         self._folder = folder
         self._segment = segment
         self._end = end
-        self.remove_all_but(used)
+        self._remove_all_but(used)
         path = segment_path(folder, segment)
         size = path.stat().st_size if path.exists() else 0
         if size < end:
             raise DatabaseCorruptError(
-                f"{path}: has {size} bytes where the catalogue counts {end}; "
+                f"{path}: has {size} bytes, but the catalogue counts {end}; "
                 "restore the database from a copy"
             )
         if size > end:
             os.truncate(path, end)
 
-    def remove_all_but(self, used: set[int]) -> None:
-        """Remove the segments of other numbers. Memory maps of them stay as they are."""
+    def _remove_all_but(self, used: set[int]) -> None:
+        """Remove the segments of other numbers. Their memory maps stay valid."""
         for path in self._folder.glob("*.f32"):
             if path.stem.isdigit() and int(path.stem) not in used:
                 path.unlink()
 
     def begin_new(self) -> None:
-        """Go on with a segment of a number that was not used before."""
+        """Continue with a segment of an unused number."""
         self._segment += 1
         self._end = 0
 
     def append(self, blocks: Sequence[bytes]) -> tuple[int, int]:
-        """Write blocks one after the other, down to the disk.
+        """Write blocks one after the other and flush them to the disk.
 
-        Nothing counts until `commit`: the next append begins at the same place otherwise.
+        They count only after `commit`; until then the next call overwrites them.
 
         Returns
         -------
@@ -103,17 +95,17 @@ class SegmentWriter:
             file.flush()
             os.fsync(file.fileno())
         if is_new:
-            sync_folder(self._folder)
+            flush_folder(self._folder)
         return self._segment, self._end
 
     def commit(self, segment: int, end: int) -> None:
-        """Count everything up to `end` of `segment` as written."""
+        """Count everything up to byte `end` of `segment` as written."""
         self._segment = segment
         self._end = end
 
 
 class SegmentReader:
-    """Gives views of the segments' memory maps. Several threads may read.
+    """Reads segments through memory maps.
 
     Parameters
     ----------
@@ -134,9 +126,12 @@ class SegmentReader:
         self._files.clear()
 
     def hold(self, segments: set[int]) -> bool:
-        """Map segments now, so that they stay as they are even if their files are removed.
+        """Map segments now, so that they stay readable even if their files are removed.
 
-        Returns whether all of them are there.
+        Returns
+        -------
+        bool
+            Whether all of them exist.
         """
         for segment in segments:
             try:
@@ -146,12 +141,12 @@ class SegmentReader:
         return True
 
     def read(self, segment: int, offset: int, count: int) -> NDArray[np.float32]:
-        """Return `count` values from byte `offset` on, read-only and without copying.
+        """Return a read-only view of `count` values from byte `offset` on.
 
         Raises
         ------
         DatabaseCorruptError
-            Where the segment is not there or ends before.
+            If the segment does not exist or is too short.
         """
         first = offset // DTYPE.itemsize
         values = self._maps.get(segment)
@@ -159,44 +154,44 @@ class SegmentReader:
         if values is None or len(values) < first + count:
             values = self._map(segment)
         if len(values) < first + count:
-            raise self._ends_early(segment)
+            raise self._too_short(segment)
         return values[first : first + count]
 
     def copy(self, segment: int, offset: int, count: int) -> tuple[NDArray[np.float32], int]:
-        """Return a copy of `count` values from byte `offset` on, read-only, and its checksum.
+        """Return a read-only copy of `count` values from byte `offset` on, and its CRC-32.
 
-        Read, not mapped: a large database shall not fill the memory.
+        The bytes are read, not mapped, so that a large database does not fill the memory.
 
         Raises
         ------
         DatabaseCorruptError
-            Where the segment is not there or ends before.
+            If the segment does not exist or is too short.
         """
         self.read(segment, offset, count)
         data = os.pread(self._files[segment].fileno(), count * DTYPE.itemsize, offset)
         if len(data) != count * DTYPE.itemsize:
-            raise self._ends_early(segment)
+            raise self._too_short(segment)
         return np.frombuffer(data, dtype=DTYPE), zlib.crc32(data)
 
     def checksum(self, segment: int, offset: int, nbytes: int) -> int:
-        """Return the checksum of bytes as they are in the file.
+        """Return the CRC-32 of bytes of the file.
 
-        They are read, not mapped: a large database shall not fill the memory to be checked.
+        They are read, not mapped, so that checking a large database does not fill the memory.
 
         Raises
         ------
         DatabaseCorruptError
-            Where the segment is not there or ends before.
+            If the segment does not exist or is too short.
         """
         self.read(segment, offset, nbytes // DTYPE.itemsize)
         handle = self._files[segment].fileno()
         result = 0
-        for start in range(offset, offset + nbytes, CHUNK):
-            chunk = os.pread(handle, min(CHUNK, offset + nbytes - start), start)
+        for start in range(offset, offset + nbytes, CHUNK_BYTES):
+            chunk = os.pread(handle, min(CHUNK_BYTES, offset + nbytes - start), start)
             result = zlib.crc32(chunk, result)
         return result
 
-    def _ends_early(self, segment: int) -> DatabaseCorruptError:
+    def _too_short(self, segment: int) -> DatabaseCorruptError:
         return DatabaseCorruptError(
             f"{segment_path(self._folder, segment)}: ends before the catalogue says; "
             "restore the database from a copy"
@@ -205,7 +200,7 @@ class SegmentReader:
     def _map(self, segment: int) -> NDArray[np.float32]:
         path = segment_path(self._folder, segment)
         try:
-            with self._opening:  # a file opened twice would be closed while another reads it
+            with self._opening:  # a second file would replace, and close, one another thread reads
                 if segment not in self._files:
                     self._files[segment] = path.open("rb")
                 file = self._files[segment]
@@ -214,26 +209,12 @@ class SegmentReader:
             values = np.memmap(file, dtype=DTYPE, mode="r", shape=(count,)).view(np.ndarray)
         except (FileNotFoundError, ValueError) as error:
             raise DatabaseCorruptError(
-                f"{path}: is not there or empty; restore the database from a copy"
+                f"{path}: is missing or empty; restore the database from a copy"
             ) from error
         self._maps[segment] = values
         return values
 
 
 def segment_path(folder: Path, segment: int) -> Path:
-    """Return the path of a segment by its number."""
+    """Return the path of a segment."""
     return folder / f"{segment:06d}.f32"
-
-
-def checksum(data: bytes) -> int:
-    """Return the CRC-32 by which stored bytes are checked."""
-    return zlib.crc32(data)
-
-
-def sync_folder(folder: Path) -> None:
-    """Bring a folder's entries (new and renamed files) down to the disk."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -1,4 +1,4 @@
-"""Choose clips of a prior database by name, subject and markers."""
+"""Select clips of a prior database by name, subject and markers."""
 
 from __future__ import annotations
 
@@ -10,26 +10,35 @@ from priorfill.database.record import ClipRecord
 
 __all__ = ["Selection"]
 
-HASH_DIGITS = 8
-"""So many digits of a content hash name a clip; fewer could be a name."""
+MIN_HASH_DIGITS = 8
+"""Minimum digits of a content hash that select a clip; fewer could be a name."""
 
-_HEX = frozenset("0123456789abcdef")
+_HEX_DIGITS = frozenset("0123456789abcdef")
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Which clips to take: those that every field that is not empty admits.
+    """Criteria for clips; a clip must meet all that are not empty.
 
     Attributes
     ----------
     names : tuple of str
-        Shell patterns of the name, or the first digits of the content hash (8 or more).
+        Shell patterns of the name, or the first 8 or more digits of the content hash.
     subjects : tuple of str
         Shell patterns of the subject.
     markers : tuple of str
-        Markers that a clip must have, all of them.
+        Markers, all of which a clip must have.
     not_names, not_subjects : tuple of str
-        Patterns, as above, of clips to leave out.
+        Patterns, as above, of clips to exclude.
+
+    See Also
+    --------
+    PriorDatabase.clips
+
+    Examples
+    --------
+    >>> Selection(names=("walk*",)).choose([])
+    ()
     """
 
     names: tuple[str, ...] = ()
@@ -39,25 +48,27 @@ class Selection:
     not_subjects: tuple[str, ...] = ()
 
     def choose(self, records: Iterable[ClipRecord]) -> tuple[ClipRecord, ...]:
-        """Return the records that are admitted, in their order."""
-        return tuple(record for record in records if self._admits(record))
+        """Return the selected records in their order."""
+        return tuple(record for record in records if self._selects(record))
 
-    def _admits(self, record: ClipRecord) -> bool:
+    def _selects(self, record: ClipRecord) -> bool:
         return (
-            (not self.names or _is_called(record, self.names))
-            and (not self.subjects or _fits(record.subject, self.subjects))
+            (not self.names or _name_matches(record, self.names))
+            and (not self.subjects or _matches(record.subject, self.subjects))
             and set(self.markers) <= set(record.labels)
-            and not _is_called(record, self.not_names)
-            and not _fits(record.subject, self.not_subjects)
+            and not _name_matches(record, self.not_names)
+            and not _matches(record.subject, self.not_subjects)
         )
 
 
-def _fits(text: str, patterns: tuple[str, ...]) -> bool:
+def _matches(text: str, patterns: tuple[str, ...]) -> bool:
     return any(fnmatchcase(text, pattern) for pattern in patterns)
 
 
-def _is_called(record: ClipRecord, names: tuple[str, ...]) -> bool:
-    return _fits(record.name, names) or any(
-        len(name) >= HASH_DIGITS and set(name) <= _HEX and record.content.startswith(name)
+def _name_matches(record: ClipRecord, names: tuple[str, ...]) -> bool:
+    return _matches(record.name, names) or any(
+        len(name) >= MIN_HASH_DIGITS
+        and set(name) <= _HEX_DIGITS
+        and record.content.startswith(name)
         for name in names
     )

@@ -1,4 +1,4 @@
-"""The prior database: clips in, positions out."""
+"""The prior database: add clips, read their positions."""
 
 from __future__ import annotations
 
@@ -8,82 +8,68 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from datetime import UTC, datetime
-from importlib import metadata
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.clip import Clip
-from priorfill.database.catalogue import Catalogue, Entry, find_catalogue
-from priorfill.database.ingest import (
-    content_hash,
-    counts,
-    filled_at_level_0,
-    levels_of,
-    pack,
-    unpack,
-)
-from priorfill.database.lock import WriterLock
-from priorfill.database.manifest import (
-    FORMAT_VERSION,
-    MANIFEST,
-    Manifest,
-    read_manifest,
-    write_manifest,
-)
-from priorfill.database.near_duplicates import RATE_ERROR, same_motion
+from priorfill.database.catalogue import Catalogue, find_catalogue
+from priorfill.database.catalogue_rows import CatalogueRow
+from priorfill.database.ingest import content_hash, ingest, stored_levels, unpack_mask
+from priorfill.database.manifest import MANIFEST, read_manifest, write_manifest
+from priorfill.database.near_duplicates import RATE_TOLERANCE, same_motion
 from priorfill.database.record import (
-    Accepted,
+    AcceptResult,
+    ClipOrigin,
     ClipRecord,
     DatabaseInfo,
-    Merged,
+    MergeResult,
 )
-from priorfill.database.segments import (
-    DTYPE,
-    SegmentReader,
-    SegmentWriter,
-    checksum,
-    sync_folder,
-)
-from priorfill.database.sketch import FEWEST_SHARED, is_version, sketch
+from priorfill.database.segments import DTYPE, SegmentReader, SegmentWriter
+from priorfill.database.sketch import MIN_SHARED_HASHES, is_version, sketch
 from priorfill.database.versions import reason_to_keep
 from priorfill.errors import (
     ClipError,
     DatabaseCorruptError,
     DatabaseError,
     DatabaseFormatError,
+    DatabaseLockedError,
     DatabaseNotFoundError,
     DuplicateClipError,
     OptionError,
 )
+from priorfill.runtime.atomic_file import flush_folder
+from priorfill.runtime.file_lock import LockHeldError, acquire_lock
+
+if TYPE_CHECKING:
+    from filelock import BaseFileLock
 
 __all__ = ["DEFAULT_LEVELS", "DEFAULT_RATE", "PriorDatabase"]
 
 DEFAULT_RATE = 30.0
-"""Hz of level 0. Body movement is below 10 Hz; [B11] keeps its database at 30 Hz."""
+"""Hz. Rate of level 0. Body movement is below 10 Hz; [B11] keeps its database at 30 Hz."""
 
 DEFAULT_LEVELS = 3
-"""Resolutions: 30, 15 and 7.5 Hz. The coarsest still has several frames a step."""
+"""Number of levels: 30, 15 and 7.5 Hz. The coarsest still has several frames per step."""
 
-FROM_FILE = "another program"
-"""By what samples were filled that a file marks as interpolated."""
+FILLED_IN_FILE = "another program"
+"""Recorded as the method that filled samples which a file marks as interpolated."""
 
-ATTEMPTS = 5
-"""How often a reader tries to open a database that a writer compacts at the same moment."""
+MAX_OPEN_ATTEMPTS = 5
+"""Maximum attempts of a reader to open a database that a writer compacts at the same time."""
 
 _SEGMENTS = "segments"
 _LOCK = "lock"
 
 
 class PriorDatabase:
-    """A prior database that is open; a context manager that closes it.
+    """An open prior database; a context manager that closes it.
 
-    Made by `open`, `create` and `open_or_create`. A reader sees the clips that were there when
-    it was opened, whatever a writer does meanwhile.
+    Made by `open`, `create` and `open_or_create`. A reader sees the clips that existed when it
+    opened the database, whatever a writer does in the meantime.
 
     Attributes
     ----------
@@ -92,68 +78,68 @@ class PriorDatabase:
     rate : float
         Frames per second of level 0 (Hz).
     levels : int
-        Number of resolutions, each at half the rate of the one before.
+        Number of levels, each at half the rate of the previous one.
+
+    See Also
+    --------
+    ClipOrigin, ClipRecord, Selection, priorfill.fill
+
+    Examples
+    --------
+    >>> from priorfill.runtime.resources import resource_path
+    >>> with PriorDatabase.open(resource_path("starter")) as database:
+    ...     database.rate, database.levels, len(database.clips())
+    (30.0, 3, 16)
     """
 
     def __init__(self, path: Path, *, write: bool) -> None:
         self.path = path
-        self._lock: WriterLock | None = None
-        identity = read_manifest(path)
-        self.rate = identity.rate
-        self.levels = identity.levels
-        self._version = identity.version
+        self._lock: BaseFileLock | None = None
+        self._manifest = read_manifest(path)
+        self.rate = self._manifest.rate
+        self.levels = self._manifest.levels
         self._records: tuple[ClipRecord, ...] | None = None
         self._folder = path / _SEGMENTS
         if write:
-            self._lock = WriterLock(path / _LOCK)
+            self._lock = _lock(path)
         try:
             self._open(write)
             self._writer: SegmentWriter | None = None
             if write:
-                self._prepare_to_write(identity)
+                self._prepare_to_write()
         except BaseException:
             self.close()
             raise
 
     def _open(self, write: bool) -> None:
-        """Open the catalogue and, for a reader, hold the segments as they are now."""
-        for attempt in range(1, ATTEMPTS + 1):
+        """Open the catalogue and, for a reader, map the segments in their present state."""
+        for attempt in range(1, MAX_OPEN_ATTEMPTS + 1):
             catalogue = find_catalogue(self.path)
             if not catalogue.exists() and any(self._folder.glob("*.f32")):
-                if attempt < ATTEMPTS:
-                    continue  # removed since it was looked for
+                if attempt < MAX_OPEN_ATTEMPTS:
+                    continue  # a compaction removed it after it was found
                 raise DatabaseCorruptError(
-                    f"{catalogue}: is gone, but there are segments; "
+                    f"{catalogue}: is missing, but there are segments; "
                     "restore the database from a copy"
                 )
             try:
                 self._catalogue = Catalogue(catalogue, self.rate, self.levels, write=write)
             except DatabaseError:
-                if catalogue.exists() or attempt == ATTEMPTS:
+                if catalogue.exists() or attempt == MAX_OPEN_ATTEMPTS:
                     raise
                 continue
             self._reader = SegmentReader(self._folder)
             if write or self._reader.hold(self._catalogue.segments()):
                 return
-            if catalogue.exists() or attempt == ATTEMPTS:
-                return  # the clips that need what is gone will say so
+            if catalogue.exists() or attempt == MAX_OPEN_ATTEMPTS:
+                return  # a segment is missing; reading its clips raises the error
             self._reader.close()
             self._catalogue.close()
 
-    def _prepare_to_write(self, identity: Manifest) -> None:
+    def _prepare_to_write(self) -> None:
         self._folder.mkdir(exist_ok=True)
-        sync_folder(self.path)
-        if self._catalogue.is_version_1:
-            records = self._read_records()
-            if self._catalogue.damaged:
-                raise DatabaseCorruptError(
-                    f"{self.path}: rows of clips {', '.join(self._catalogue.damaged)} are "
-                    "damaged; restore the database from a copy"
-                )
-            self._catalogue.replace([self._catalogue.entry(record) for record in records])
+        flush_folder(self.path)
         self._catalogue.remove_others()
-        if identity.version != FORMAT_VERSION:
-            self._version = write_manifest(self.path, self.rate, self.levels).version
         self._writer = SegmentWriter(
             self._folder, self._catalogue.segments(), *self._catalogue.end()
         )
@@ -162,47 +148,47 @@ class PriorDatabase:
     def create(
         cls, path: str | Path, *, rate: float = DEFAULT_RATE, levels: int = DEFAULT_LEVELS
     ) -> Self:
-        """Make a database and open it for writing.
+        """Create a database and open it for writing.
 
         Parameters
         ----------
         path : str or Path
-            A directory that is not there yet, or an empty one.
+            A directory that does not exist, or is empty.
         rate : float
             Frames per second of level 0 (Hz).
         levels : int
-            Number of resolutions.
+            Number of levels.
 
         Raises
         ------
         DatabaseFormatError
-            Where the directory has something in it.
+            If the directory is not empty.
         DatabaseNotFoundError
-            Where the folder that should hold it is not there.
+            If the parent folder does not exist.
         OptionError
-            Where rate or levels make no sense.
+            If the rate or the number of levels is invalid.
         """
         path = Path(path)
         if not (np.isfinite(rate) and rate > 0):
-            raise OptionError(f"a database rate of {rate:g} Hz makes no sense; give 30, say")
+            raise OptionError(f"a database rate of {rate:g} Hz is invalid; give 30, for example")
         if levels < 1:
-            raise OptionError(f"a database of {levels} levels makes no sense; give 1 or more")
+            raise OptionError(f"a database of {levels} levels is invalid; give 1 or more")
         if not path.parent.is_dir():
             raise DatabaseNotFoundError(
-                f"{path}: the folder {path.parent} is not there; make it first"
+                f"{path}: the folder {path.parent} does not exist; create it first"
             )
         if path.exists() and not path.is_dir():
             raise DatabaseFormatError(f"{path}: is a file; give a folder for the database")
         path.mkdir(exist_ok=True)
-        # an unfinished identity file is all that a crash in this function can leave behind
+        # a crash in this function leaves an unfinished manifest at most
         for other in sorted(path.iterdir()):
             if other.name != f"{MANIFEST}.new":
                 raise DatabaseFormatError(
-                    f"{path}: has other files in it ({other.name}); "
+                    f"{path}: contains other files ({other.name}); "
                     "give an empty or a new folder for a new database"
                 )
         write_manifest(path, rate, levels)
-        sync_folder(path.parent)
+        flush_folder(path.parent)
         return cls(path, write=True)
 
     @classmethod
@@ -214,19 +200,18 @@ class PriorDatabase:
         path : str or Path
             Its directory.
         write : bool
-            Whether clips will be added or removed. Only one process can write at a time; a
-            database of an older format is brought to the present one.
+            Whether clips will be added or removed. Only one process can write at a time.
 
         Raises
         ------
         DatabaseNotFoundError
-            Where there is no such directory.
+            If the directory does not exist.
         DatabaseFormatError
-            Where the directory is no database, or one of a newer format version.
+            If the directory is not a database, or has a format version unknown to this priorfill.
         DatabaseLockedError
-            Where another process is writing to it.
+            If another process is writing to it.
         DatabaseCorruptError
-            Where its catalogue is damaged.
+            If its catalogue is damaged.
         """
         return cls(Path(path), write=write)
 
@@ -234,9 +219,10 @@ class PriorDatabase:
     def open_or_create(
         cls, path: str | Path, *, rate: float = DEFAULT_RATE, levels: int = DEFAULT_LEVELS
     ) -> Self:
-        """Open a database for writing, or make it; for an existing one `rate` is not looked at.
+        """Open a database for writing; create it if it does not exist.
 
-        The parameters and errors are those of `create` and `open`.
+        For an existing database `rate` and `levels` are ignored. Parameters and errors are those of
+        `create` and `open`.
         """
         path = Path(path)
         if (path / MANIFEST).exists():
@@ -255,7 +241,7 @@ class PriorDatabase:
         self.close()
 
     def close(self) -> None:
-        """Close the catalogue and let the next writer in. Views of positions stay valid."""
+        """Close the catalogue and release the lock. Views of positions stay valid."""
         if hasattr(self, "_catalogue"):
             self._catalogue.close()
         if hasattr(self, "_reader"):
@@ -267,75 +253,66 @@ class PriorDatabase:
     def add(
         self,
         clip: Clip,
+        origin: ClipOrigin | None = None,
         *,
-        subject: str | None = None,
-        session: str = "",
-        licence: str = "",
-        credit: str = "",
-        synthetic: bool = False,
-        virtual_markers: bool = False,
-        source: str | None = None,
         filled: NDArray[np.bool_] | None = None,
         filled_by: str = "",
     ) -> ClipRecord:
-        """Add a clip; once this returns, it survives anything.
+        """Add a clip; when this returns, the clip is safely on the disk.
 
-        Positions are turned upright, resampled to the database's levels and rounded to
-        float32. Gaps stay gaps.
+        Positions are turned upright, resampled to the database's levels and rounded to float32.
+        Gaps remain gaps.
 
         Parameters
         ----------
         clip : Clip
             The clip, at any rate and with any axis up.
-        subject : str, optional
-            Whose motion it is; by default what the clip says.
-        session, licence, credit : str
-            Recording session, terms of use, whom to name.
-        synthetic : bool
-            Whether the motion is computed, not recorded.
-        synthesised : bool
-            Whether the motion was recorded, but the markers were placed on a skeleton.
-        source : str, optional
-            Name of the file that it comes from; by default as the clip says.
-        filled : ndarray [shape=(frames, markers), bool], optional
-            Samples of the clip that were synthesised, not measured; by default those that the
-            clip's file says are.
+        origin : ClipOrigin, optional
+            Subject, session, terms of use and the like.
+        filled : ndarray of bool [shape=(frames, markers)], optional
+            Samples of the clip that were filled, not measured; by default those that the clip's
+            file marks as interpolated.
         filled_by : str
-            By what.
+            The method that filled them.
 
         Returns
         -------
         ClipRecord
-            The new row. Where it is the filled version of a clip that was there with its gaps,
-            it has taken the place of that.
+            The new clip. If the database had the same clip with gaps, the new one replaces it.
 
         Raises
         ------
         DuplicateClipError
-            Where a clip with the same content is there, or another version of the same
-            recording that has as much.
+            If the database has the same clip, or another version of the recording that has as many
+            samples.
         ClipError
-            Where no marker is ever seen, or the clip is static, too short or of too low a rate.
+            If no marker is ever seen, or the clip is static, too short, or its rate too low.
         OptionError
-            Where `filled` does not have the shape of the clip.
+            If `filled` does not have the shape of the clip.
         DatabaseError
-            Where the database was opened for reading.
+            If the database was opened for reading.
+
+        See Also
+        --------
+        accept
         """
+        origin = origin or ClipOrigin()
         if filled is None and clip.source is not None:
-            filled, filled_by = clip.source.interpolated, FROM_FILE
-        blocks, entry = self._made_ready(clip, filled, filled_by)
+            filled, filled_by = clip.source.interpolated, FILLED_IN_FILE
+        self._ready_writer()
+        blocks, row = ingest(clip, self.rate, self.levels, filled, filled_by)
         record = replace(
-            entry.record,
-            subject=clip.subject if subject is None else subject,
-            session=session,
-            licence=licence,
-            credit=credit,
-            synthetic=synthetic,
-            virtual_markers=virtual_markers,
-            source=entry.record.source if source is None else source,
+            row.record,
+            subject=clip.subject if origin.subject is None else origin.subject,
+            session=origin.session,
+            licence=origin.licence,
+            credit=origin.credit,
+            synthetic=origin.synthetic,
+            virtual_markers=origin.virtual_markers,
+            source=row.record.source if origin.source is None else origin.source,
         )
-        entry = replace(entry, record=record)
-        return self._store(blocks, entry, self._to_be_replaced(entry, accepted=False))
+        row = replace(row, record=record)
+        return self._store(blocks, row, self._versions_to_replace(row, accepted=False))
 
     def accept(
         self,
@@ -343,122 +320,78 @@ class PriorDatabase:
         filled: NDArray[np.bool_],
         *,
         filled_by: str,
-        subject: str | None = None,
-        session: str = "",
-        licence: str = "",
-        credit: str = "",
-    ) -> Accepted:
-        """Add a filled clip in the place of the versions of it that are there.
+        origin: ClipOrigin | None = None,
+    ) -> AcceptResult:
+        """Add a filled clip in place of the versions of it in the database.
 
         Parameters
         ----------
         clip : Clip
-            With its gaps filled.
-        filled : ndarray [shape=(frames, markers), bool]
+            The clip with its gaps filled.
+        filled : ndarray of bool [shape=(frames, markers)]
             Which samples were filled.
         filled_by : str
-            The method.
-        subject, session, licence, credit
-            As for `add`; where not given, those of the version replaced.
+            The method that filled them.
+        origin : ClipOrigin, optional
+            As for `add`; fields that are not set are taken from the replaced version.
 
         Returns
         -------
-        Accepted
-            The new row and those that it replaced.
+        AcceptResult
+            The new clip and those that it replaced.
 
         Raises
         ------
         DuplicateClipError
-            Where the same clip with the same mask is there, or a version in which samples were
-            measured that are filled here.
+            If the database has the same clip with the same mask, or a version in which samples
+            filled here were measured.
         ClipError, OptionError, DatabaseError
             As for `add`.
+
+        See Also
+        --------
+        add
         """
-        blocks, entry = self._made_ready(clip, filled, filled_by)
-        replaced = self._to_be_replaced(entry, accepted=True)
-        former = replaced[0] if replaced else entry.record
+        origin = origin or ClipOrigin()
+        self._ready_writer()
+        blocks, row = ingest(clip, self.rate, self.levels, filled, filled_by)
+        replaced = self._versions_to_replace(row, accepted=True)
+        old = replaced[0] if replaced else row.record
         record = replace(
-            entry.record,
-            subject=(former.subject or clip.subject) if subject is None else subject,
-            session=session or former.session,
-            licence=licence or former.licence,
-            credit=credit or former.credit,
-            synthetic=former.synthetic,
-            virtual_markers=former.virtual_markers,
+            row.record,
+            subject=(old.subject or clip.subject) if origin.subject is None else origin.subject,
+            session=origin.session or old.session,
+            licence=origin.licence or old.licence,
+            credit=origin.credit or old.credit,
+            synthetic=origin.synthetic or old.synthetic,
+            virtual_markers=origin.virtual_markers or old.virtual_markers,
+            source=row.record.source if origin.source is None else origin.source,
         )
-        return Accepted(self._store(blocks, replace(entry, record=record), replaced), replaced)
+        return AcceptResult(self._store(blocks, replace(row, record=record), replaced), replaced)
 
-    def _made_ready(
-        self, clip: Clip, filled: NDArray[np.bool_] | None, filled_by: str
-    ) -> tuple[list[bytes], Entry]:
-        """Return a clip as it will be stored, and what the catalogue will say of it."""
-        # scipy takes longer to import than a database to open, and only adding needs it
-        from priorfill.markers.definitions import recognise
-
-        self._writing()
-        if filled is not None and filled.shape != clip.missing.shape:
-            raise OptionError(
-                f"{clip.name}: the mask of filled samples has shape {filled.shape}; "
-                f"{clip.missing.shape} is needed"
-            )
-        levels = levels_of(clip, self.rate, self.levels)
-        mask = None
-        if filled is not None and (filled & ~clip.missing).any():
-            mask = filled_at_level_0(clip, filled, self.rate) & ~np.isnan(levels[0][..., 0])
-            mask = mask if mask.any() else None  # too short for this database's rate
-        present, measured = counts(levels[0], mask)
-        markerset = recognise(clip.labels)
-        blocks = [level.tobytes() for level in levels]
-        record = ClipRecord(
-            content=content_hash(clip),
-            name=clip.name,
-            subject=clip.subject,
-            session="",
-            source=clip.source.path.name if clip.source is not None else "",
-            licence="",
-            credit="",
-            original_rate=float(clip.rate),
-            original_frames=clip.frames,
-            rate=self.rate,
-            frames=tuple(len(level) for level in levels),
-            labels=clip.labels,
-            marker_set=markerset.name if markerset is not None else "",
-            filled_by="" if mask is None else filled_by or "unknown",
-            present=present,
-            measured=measured,
-            added=datetime.now(UTC).isoformat(timespec="seconds"),
-            version=metadata.version("priorfill"),
-            synthetic=False,
-            segment=0,
-            offset=0,
-            checksums=tuple(checksum(block) for block in blocks),
-        )
-        packed = None if mask is None else pack(mask)
-        return blocks, Entry(record, packed, sketch(clip.positions))
-
-    def _writing(self) -> SegmentWriter:
+    def _ready_writer(self) -> SegmentWriter:
         if self._lock is None:
             raise DatabaseError(f"{self.path}: is open for reading; open it with write=True")
-        self._find_out()
+        self._recover()
         assert self._writer is not None
         return self._writer
 
-    def _find_out(self) -> None:
-        """Find out, after a change that failed, what is on the disk."""
+    def _recover(self) -> None:
+        """After a change that failed, read the state on the disk."""
         if self._lock is not None and self._writer is None:
             self._catalogue.reopen()
-            self._prepare_to_write(read_manifest(self.path))
+            self._prepare_to_write()
 
-    def _to_be_replaced(self, entry: Entry, *, accepted: bool) -> tuple[ClipRecord, ...]:
-        """Return the versions of a clip that it will replace, or refuse it for one of them."""
-        new = entry.record
+    def _versions_to_replace(self, row: CatalogueRow, *, accepted: bool) -> tuple[ClipRecord, ...]:
+        """Return the versions of a clip that it replaces; raise an error if one is to be kept."""
+        new = row.record
         versions = {new.content: self._catalogue.find(new.content)}
-        for content, (shared, size) in self._catalogue.sharing(entry.sketch).items():
-            if shared < FEWEST_SHARED:
+        for content, (shared, size) in self._catalogue.sharing(row.sketch).items():
+            if shared < MIN_SHARED_HASHES:
                 continue
             old = self._catalogue.find(content)
             same_length = old is not None and old.original_frames == new.original_frames
-            if is_version(shared, len(entry.sketch), size, same_length=same_length):
+            if is_version(shared, len(row.sketch), size, same_length=same_length):
                 versions[content] = old
         found = [old for _, old in sorted(versions.items()) if old is not None]
         for old in found:
@@ -468,36 +401,36 @@ class PriorDatabase:
         return tuple(found)
 
     def _store(
-        self, blocks: Sequence[bytes], entry: Entry, replaced: Iterable[ClipRecord]
+        self, blocks: Sequence[bytes], row: CatalogueRow, replaced: Iterable[ClipRecord]
     ) -> ClipRecord:
-        writer = self._writing()
+        writer = self._ready_writer()
         with self._one_change():
             segment, offset = writer.append(blocks)
-            record = replace(entry.record, segment=segment, offset=offset)
-            self._catalogue.change(add=[replace(entry, record=record)], remove=replaced)
+            record = replace(row.record, segment=segment, offset=offset)
+            self._catalogue.change(add=[replace(row, record=record)], remove=replaced)
             writer.commit(segment, offset + record.nbytes)
         return record
 
     @contextmanager
     def _one_change(self) -> Iterator[None]:
-        """Make a change; if it fails, the next one first finds out what is on the disk.
+        """Make a change; if it fails, the next one first reads the state on the disk.
 
-        What is said to have failed may have been done: a disk can fail, or a user interrupt,
+        A change that raises an error may still be complete: a disk can fail, or a user interrupt,
         right after the commit.
         """
         try:
             yield
         except BaseException:
             self._writer = None
-            self._catalogue.doubt()
+            self._catalogue.suspend_checksum()
             raise
         finally:
             self._records = None
 
     def remove(self, records: Iterable[ClipRecord]) -> None:
-        """Remove clips, all of them in one commit.
+        """Remove clips in one commit.
 
-        The disk space is given back by `compact`.
+        `compact` frees their disk space.
 
         Parameters
         ----------
@@ -507,83 +440,83 @@ class PriorDatabase:
         Raises
         ------
         DatabaseError
-            Where one is not there any more, or the database was opened for reading.
+            If one of them no longer exists, or the database was opened for reading.
         """
-        self._writing()
+        self._ready_writer()
         with self._one_change():
             self._catalogue.change(remove=list(records))
 
     def compact(self, progress: Callable[[int, int], None] | None = None) -> int:
-        """Give back the disk space of removed clips.
+        """Free the disk space of removed clips.
 
-        All clips are written anew; at any moment either the old or the new database is there.
-        It takes as much free space as the clips have.
+        All clips are written anew; at any moment either the old or the new database exists. This
+        takes as much free space as the clips occupy.
 
         Parameters
         ----------
         progress : callable, optional
-            Called with (clips done, clips in all).
+            Called with (clips done, all clips).
 
         Returns
         -------
         int
-            Bytes given back.
+            Freed bytes.
 
         Raises
         ------
         DatabaseCorruptError
-            Where a clip is damaged; remove it first.
+            If a clip is damaged; remove it first.
         DatabaseError
-            Where the database was opened for reading.
+            If the database was opened for reading.
         """
         before = self._segment_bytes()
-        writer = self._writing()
+        writer = self._ready_writer()
         records = self.clips()
         if self._segment_bytes() == sum(record.nbytes for record in records):
             return before - self._segment_bytes()
-        entries = []
+        rows = []
         with self._one_change():
             writer.begin_new()
             for done, record in enumerate(records, start=1):
                 self.check(record)
-                entry = self._catalogue.entry(record)
+                row = self._catalogue.row(record)
                 segment, offset = writer.append(self._blocks(record))
                 moved = replace(record, segment=segment, offset=offset)
                 writer.commit(segment, offset + record.nbytes)
-                entries.append(replace(entry, record=moved))
+                rows.append(replace(row, record=moved))
                 if progress is not None:
                     progress(done, len(records))
-            self._catalogue.replace(entries)
+            self._catalogue.replace(rows)
             self._reader.close()
             self._reader = SegmentReader(self._folder)
-            self._prepare_to_write(read_manifest(self.path))
+            self._prepare_to_write()
         return before - self._segment_bytes()
 
     def merge(
         self, other: PriorDatabase, progress: Callable[[int, int], None] | None = None
-    ) -> Merged:
-        """Add the clips of another database, as they are.
+    ) -> MergeResult:
+        """Add the clips of another database unchanged.
 
         Parameters
         ----------
         other : PriorDatabase
-            Open, of the same rate and levels.
+            Open, with the same rate and levels.
         progress : callable, optional
-            Called with (clips done, clips in all).
+            Called with (clips done, all clips).
 
         Returns
         -------
-        Merged
-            What was added, what was there already, and what is damaged over there.
+        MergeResult
+            The clips that were added, those that this database had, and those that are damaged.
 
         Raises
         ------
         OptionError
-            Where rates or levels differ.
+            If the rates or levels differ.
         DatabaseError
-            Where this database was opened for reading.
+            If this database was opened for reading.
         """
-        self._writing()
+        self._ready_writer()
         if (other.rate, other.levels) != (self.rate, self.levels):
             raise OptionError(
                 f"{other.path}: has {other.levels} levels from {other.rate:g} Hz on, {self.path} "
@@ -595,80 +528,68 @@ class PriorDatabase:
         for done, record in enumerate(records, start=1):
             try:
                 other.check(record)
-                entry = other._catalogue.entry(record)
-                replaced = self._to_be_replaced(entry, accepted=False)
-                added.append(self._store(other._blocks(record), entry, replaced))
+                row = other._catalogue.row(record)
+                replaced = self._versions_to_replace(row, accepted=False)
+                added.append(self._store(other._blocks(record), row, replaced))
             except DuplicateClipError:
                 skipped.append(record)
             except DatabaseCorruptError as error:
                 damaged.append(str(error))
             if progress is not None:
                 progress(done, len(records))
-        return Merged(tuple(added), tuple(skipped), tuple(damaged))
+        return MergeResult(tuple(added), tuple(skipped), tuple(damaged))
 
     def _blocks(self, record: ClipRecord) -> list[bytes]:
         return [self.positions(record, level).tobytes() for level in range(len(record.frames))]
 
     def versions(self, clip: Clip) -> tuple[ClipRecord, ...]:
-        """Return the clips that hold samples of the same recording.
+        """Return the clips that hold samples of the same recording as a clip.
 
-        Other versions, parts, and what came of it in another format, with its samples rounded.
+        These are other versions, parts, and exports in another format, whose samples are rounded.
         """
         sharing = self._catalogue.sharing(sketch(clip.positions))
-        contents = {content for content, (shared, _) in sharing.items() if shared >= FEWEST_SHARED}
+        contents = {
+            content for content, (shared, _) in sharing.items() if shared >= MIN_SHARED_HASHES
+        }
         contents.add(content_hash(clip))
-        contents |= self._exported_otherwise(clip, contents)
+        contents |= self._near_duplicates(clip, contents)
         return tuple(record for record in self.clips() if record.content in contents)
 
-    def _exported_otherwise(self, clip: Clip, known: set[str]) -> set[str]:
-        """Return the contents of clips that are as long and move the same, beside known ones."""
-        as_long = [
+    def _near_duplicates(self, clip: Clip, known: set[str]) -> set[str]:
+        """Return the contents of clips of the same length and motion, except known ones."""
+        same_length = [
             record
             for record in self.clips()
             if record.content not in known
             and record.original_frames == clip.frames
-            and abs(record.original_rate / clip.rate - 1) <= RATE_ERROR
+            and abs(record.original_rate / clip.rate - 1) <= RATE_TOLERANCE
         ]
         found = set()
-        for record in as_long:
-            # the same frames at the same times, though one of the rates was rounded
-            alike = replace(clip, rate=record.original_rate)
-            with suppress(ClipError, DatabaseCorruptError):  # none that is here; said when checked
-                coarse = levels_of(alike, self.rate, self.levels)[-1]
+        for record in same_length:
+            # the same frames at the same times, even if one of the rates was rounded
+            candidate = replace(clip, rate=record.original_rate)
+            with suppress(ClipError, DatabaseCorruptError):  # damage is reported by `check`
+                coarse = stored_levels(candidate, self.rate, self.levels)[-1]
                 stored = self.positions(record, len(record.frames) - 1)
                 if same_motion(coarse, clip.labels, stored, record.labels):
                     found.add(record.content)
         return found
 
     def clips(self) -> tuple[ClipRecord, ...]:
-        """Return every clip, in an order that does not depend on how the database grew.
+        """Return every clip, in an order independent of the order of adding.
 
         Clips whose rows are damaged are left out; see `damaged`.
         """
         if self._records is None:
-            self._find_out()
-            self._records = self._read_records()
+            self._recover()
+            self._records = tuple(self._catalogue.records())
         return self._records
-
-    def _read_records(self) -> tuple[ClipRecord, ...]:
-        records = self._catalogue.records()
-        if self._catalogue.is_version_1:
-            records = [self._counted(record) for record in records]
-        return tuple(records)
 
     @property
     def damaged(self) -> tuple[str, ...]:
         """Names of clips whose rows in the catalogue are damaged."""
         self.clips()
         return tuple(self._catalogue.damaged)
-
-    def _counted(self, record: ClipRecord) -> ClipRecord:
-        """Return a record with the counts that format version 1 did not keep."""
-        try:
-            present, measured = counts(self.positions(record), self.filled(record))
-        except DatabaseCorruptError:  # will be said when it is checked
-            return record
-        return replace(record, present=present, measured=measured)
 
     def positions(self, record: ClipRecord, level: int = 0) -> NDArray[np.float32]:
         """Return a clip's positions at a level.
@@ -678,20 +599,20 @@ class PriorDatabase:
         record : ClipRecord
             One of `clips`.
         level : int
-            Which resolution; its rate is that of the database / 2^level.
+            The level; its rate is that of the database / 2^level.
 
         Returns
         -------
         ndarray [shape=(frames, markers, 3), mm]
-            Upright (+Z up), NaN where missing; a read-only view of the file, not checked
-            (see `check`).
+            Upright (+Z up), NaN where missing; a read-only view of the file that is not compared
+            with its checksum (see `check` and `checked_positions`).
 
         Raises
         ------
         OptionError
-            Where there is no such level.
+            If the level does not exist.
         DatabaseCorruptError
-            Where the file ends before.
+            If the file is too short.
         """
         if not 0 <= level < len(record.frames):
             raise OptionError(
@@ -700,13 +621,15 @@ class PriorDatabase:
         offset, shape = self._place(record, level)
         return self._reader.read(record.segment, offset, math.prod(shape)).reshape(shape)
 
-    def sound_positions(self, record: ClipRecord, level: int = 0) -> NDArray[np.float32]:
-        """Return a copy of a clip's positions at a level, checked; else as `positions`.
+    def checked_positions(self, record: ClipRecord, level: int = 0) -> NDArray[np.float32]:
+        """Return a copy of a clip's positions at a level, compared with their checksum.
+
+        Parameters and result are those of `positions`.
 
         Raises
         ------
         DatabaseCorruptError
-            Where the level does not fit its checksum, or the file ends before.
+            If the level does not match its checksum, or the file is too short.
         """
         offset, shape = self._place(record, level)
         values, found = self._reader.copy(record.segment, offset, math.prod(shape))
@@ -720,7 +643,7 @@ class PriorDatabase:
             self._compare(record, level, self._reader.checksum(record.segment, offset, nbytes))
 
     def _compare(self, record: ClipRecord, level: int, found: int) -> None:
-        """Raise an error where a level's checksum is another than that found."""
+        """Raise an error if a level's checksum differs from the one found."""
         if found != record.checksums[level]:
             raise DatabaseCorruptError(
                 f"{self.path}: positions of clip {record.name} are damaged (level {level}); "
@@ -728,28 +651,38 @@ class PriorDatabase:
             )
 
     def _place(self, record: ClipRecord, level: int) -> tuple[int, tuple[int, int, int]]:
-        """Return where in its segment a level of a clip begins (bytes), and its shape."""
+        """Return the byte of its segment where a level of a clip begins, and its shape."""
         markers = len(record.labels)
         before = sum(record.frames[:level]) * markers * 3 * DTYPE.itemsize
         return record.offset + before, (record.frames[level], markers, 3)
 
     def filled(self, record: ClipRecord, level: int = 0) -> NDArray[np.bool_] | None:
-        """Return which samples of a clip were synthesised [shape=(frames, markers)].
+        """Return which samples of a clip were filled.
 
-        None where all were measured. A sample of level 0 counts as synthesised where one of the
-        recording's samples that surround its time is; one of another level where that of level 0
-        at its time is.
+        Parameters
+        ----------
+        record : ClipRecord
+            One of `clips`.
+        level : int
+            The level.
+
+        Returns
+        -------
+        ndarray of bool [shape=(frames, markers)] or None
+            None if all were measured. A sample of level 0 counts as filled if one of the
+            recording's samples that surround its time was filled; a sample of another level if
+            that of level 0 at its time counts as filled.
 
         Raises
         ------
         DatabaseCorruptError
-            Where what is stored of it is damaged.
+            If the stored mask is damaged.
         """
         packed = self._catalogue.filled(record.content)
         if packed is None:
             return None
         try:
-            mask = unpack(packed, (record.frames[0], len(record.labels)))
+            mask = unpack_mask(packed, (record.frames[0], len(record.labels)))
         except (zlib.error, ValueError) as error:
             raise DatabaseCorruptError(
                 f"{self.path}: the mask of filled samples of clip {record.name} is damaged; "
@@ -758,12 +691,12 @@ class PriorDatabase:
         return mask[:: 2**level]
 
     def info(self) -> DatabaseInfo:
-        """Return the database in figures."""
+        """Return figures of the database."""
         records = self.clips()
         files = [path for path in self.path.rglob("*") if path.is_file()]
         return DatabaseInfo(
             path=self.path,
-            version=self._version,
+            version=self._manifest.version,
             rate=self.rate,
             levels=self.levels,
             clips=len(records),
@@ -780,26 +713,19 @@ class PriorDatabase:
         )
 
     def check(self, record: ClipRecord) -> None:
-        """Compare what is stored of a clip with its checksums.
+        """Compare everything stored of a clip with its checksums.
 
         Raises
         ------
         DatabaseCorruptError
-            Where they differ.
+            If they differ.
         """
-        if not self._catalogue.check(self._as_stored(record)):
+        if not self._catalogue.check(record):
             raise DatabaseCorruptError(
                 f"{self.path}: the catalogue's row of clip {record.name} is damaged; "
                 "restore the database from a copy"
             )
         self._check_positions(record)
-
-    def _as_stored(self, record: ClipRecord) -> ClipRecord:
-        """Return a record as the catalogue holds it."""
-        if not self._catalogue.is_version_1:
-            return record
-        everywhere = (record.frames[0],) * len(record.labels)
-        return replace(record, present=everywhere, measured=everywhere)
 
     def verify(self, progress: Callable[[int, int], None] | None = None) -> list[str]:
         """Check the catalogue and every clip.
@@ -807,17 +733,17 @@ class PriorDatabase:
         Parameters
         ----------
         progress : callable, optional
-            Called with (clips done, clips in all).
+            Called with (clips done, all clips).
 
         Returns
         -------
         list of str
-            What is damaged, a line each; empty if nothing is.
+            One message for each damage found.
 
         Raises
         ------
         DatabaseCorruptError
-            Where the catalogue cannot be read at all.
+            If the catalogue cannot be read at all.
         """
         records = self.clips()
         problems = [
@@ -840,3 +766,13 @@ class PriorDatabase:
 
     def _segment_bytes(self) -> int:
         return sum(path.stat().st_size for path in self._folder.glob("*.f32"))
+
+
+def _lock(path: Path) -> BaseFileLock:
+    """Lock a database for writing."""
+    try:
+        return acquire_lock(path / _LOCK)
+    except LockHeldError as error:
+        raise DatabaseLockedError(
+            f"{path}: {error.holder} is writing to this database; wait until it has ended"
+        ) from None

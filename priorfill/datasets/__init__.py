@@ -1,6 +1,6 @@
-"""Free libraries of recordings: which there are, and how to get them.
+"""Free data sets of recordings: which are known, and how to download them.
 
-`fetch` alone asks a network for something, and only when it is called.
+Only `fetch` uses the network, and only when called.
 """
 
 from __future__ import annotations
@@ -11,13 +11,14 @@ from priorfill.datasets.catalogue import (
     find_dataset,
     known_datasets,
 )
-from priorfill.datasets.download import RetryPolicy
-from priorfill.datasets.fetch import Fetched, fetch
+from priorfill.datasets.fetch import FetchOptions, FetchResult, fetch
+from priorfill.datasets.retry_policy import RetryPolicy
 
 __all__ = [
     "Dataset",
     "DatasetFile",
-    "Fetched",
+    "FetchOptions",
+    "FetchResult",
     "RetryPolicy",
     "fetch",
     "find_dataset",

@@ -1,6 +1,6 @@
-"""Which libraries are known: addresses, terms, credit, and the files that hold the recordings.
+"""Known data sets: addresses, terms, credit, and the files that hold the recordings.
 
-Each has a definition in ``database/libraries``; its README says what is in one.
+Each has a definition in ``database/datasets``; the README there describes the fields.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from priorfill.runtime.resources import resource_path
 
 __all__ = ["Dataset", "DatasetFile", "check_address", "find_dataset", "known_datasets"]
 
-_TEXTS = ("name", "title", "home", "base", "licence", "terms", "credit", "marker_set")
-"""Fields that a definition must have, as text."""
+_TEXT_FIELDS = ("name", "title", "home", "base", "licence", "terms", "credit", "marker_set")
+"""Required fields of a definition that hold text."""
 
 _SHA256 = re.compile("[0-9a-f]{64}")
 
 
 @dataclass(frozen=True)
 class DatasetFile:
-    """A file of a library.
+    """A file of a data set.
 
     Attributes
     ----------
     path : str
-        Relative to the library's base address, and to the folder it is put into.
+        Relative to the data set's base address, and to the folder it is stored in.
     size : int or None
-        Bytes; None if not known.
+        Bytes; None if unknown.
     sha256 : str
-        Hash of its contents; empty if not known.
+        Hash of its contents; empty if unknown.
     """
 
     path: str
@@ -44,29 +44,29 @@ class DatasetFile:
 
 @dataclass(frozen=True)
 class Dataset:
-    """A library of recordings.
+    """A data set of recordings.
 
     Attributes
     ----------
     name : str
-        What it is called on the command line.
+        Its name on the command line.
     title, home : str
-        Its own name, and the page that tells of it.
+        Its full name, and its web page.
     base : str
         Address that the paths of its files are relative to.
     licence : str
-        Short name of its terms, as a database records it for each clip.
+        Short name of its terms of use, as a database records it for each clip.
     terms : str
-        What that means, in a sentence.
+        The terms in a sentence.
     credit : str
         Whom to name.
     marker_set : str
         Name of the marker set of its recordings; empty if they have several.
     subject_pattern, subject_name : str
-        Regular expression that finds who is recorded at the beginning of a recording's name, and
-        what to call them: ``{}`` stands for its first group.
-    files : tuple of LibraryFile
-        What to download.
+        Regular expression that finds the subject at the beginning of a recording's name, and the
+        name to give the subject: ``{}`` stands for its first group.
+    files : tuple of DatasetFile
+        The files to download.
     """
 
     name: str
@@ -82,44 +82,53 @@ class Dataset:
     files: tuple[DatasetFile, ...]
 
     def subject(self, recording: str) -> str:
-        """Return whose motion a recording is by its name; empty where that does not tell."""
+        """Return the subject of a recording by its name; empty if the name does not contain it."""
         found = re.match(self.subject_pattern, recording) if self.subject_pattern else None
         return self.subject_name.format(found[1]) if found else ""
 
 
 def known_datasets() -> tuple[Dataset, ...]:
-    """Return the libraries that ship with priorfill, by name.
+    """Return the data sets whose definitions are shipped with priorfill, ordered by name.
 
     Raises
     ------
     FetchError
-        Where a definition is wrong.
+        If a definition is invalid.
+
+    Examples
+    --------
+    >>> [dataset.name for dataset in known_datasets()]
+    ['cmu', 'hdm05']
     """
-    return tuple(_read(path) for path in sorted(resource_path("libraries").glob("*.toml")))
+    return tuple(_read(path) for path in sorted(resource_path("datasets").glob("*.toml")))
 
 
 def find_dataset(name: str) -> Dataset:
-    """Return a library.
+    """Return a data set.
 
     Parameters
     ----------
     name : str
-        One of the known, or the path of a definition (``.toml``).
+        The name of a known one, or the path of a definition (``.toml``).
 
     Raises
     ------
     FetchError
-        Where there is none of this name, or its definition is wrong.
+        If there is none of this name, or its definition is invalid.
+
+    See Also
+    --------
+    known_datasets
     """
     if name.endswith(".toml"):
         return _read(Path(name))
-    libraries = {library.name: library for library in known_datasets()}
-    if name not in libraries:
+    datasets = {dataset.name: dataset for dataset in known_datasets()}
+    if name not in datasets:
         raise FetchError(
-            f"library {name!r} is not known; use one of {' '.join(libraries)}, or the path of a "
+            f"data set {name!r} is unknown; use one of {' '.join(datasets)}, or the path of a "
             "definition (.toml)"
         )
-    return libraries[name]
+    return datasets[name]
 
 
 def check_address(address: str) -> str:
@@ -128,11 +137,11 @@ def check_address(address: str) -> str:
     Raises
     ------
     FetchError
-        Where it is none of the web.
+        If it is not an http or https address.
     """
     parts = urlsplit(address)
     if parts.scheme not in ("http", "https") or not parts.netloc:
-        raise FetchError(f"{address!r} is no address of the web; give one like https://host/folder")
+        raise FetchError(f"{address!r} is not a web address; give one like https://host/folder")
     return address.rstrip("/") + "/"
 
 
@@ -143,23 +152,23 @@ def _read(path: Path) -> Dataset:
     except OSError as error:
         raise FetchError(f"{path}: cannot be read ({error.strerror}); check the name") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise FetchError(f"{path}: is no TOML ({error}); correct it") from error
-    texts = {key: _text(content, key, path) for key in _TEXTS}
+        raise FetchError(f"{path}: is not valid TOML ({error}); correct it") from error
+    texts = {key: _text(content, key, path) for key in _TEXT_FIELDS}
     subject = content.pop("subject", {"pattern": "", "name": ""})
     if not isinstance(subject, dict):
-        raise FetchError(f"{path}: subject is no table; it has pattern and name")
+        raise FetchError(f"{path}: subject is not a table; it needs pattern and name")
     pattern, name = (_text(subject, key, path) for key in ("pattern", "name"))
     files = content.pop("files", None)
     if not isinstance(files, list) or not files:
         raise FetchError(f"{path}: has no files; add a [[files]] with a path")
     if content or subject:
         unknown = next(iter([*content, *subject]))
-        raise FetchError(f"{path}: field {unknown!r} is not known; remove it")
+        raise FetchError(f"{path}: field {unknown!r} is unknown; remove it")
     texts["base"] = check_address(texts["base"])
     try:
         groups = re.compile(pattern).groups
     except re.error as error:
-        raise FetchError(f"{path}: subject.pattern is wrong ({error}); correct it") from error
+        raise FetchError(f"{path}: subject.pattern is invalid ({error}); correct it") from error
     if pattern and (groups != 1 or name.count("{}") != 1):
         raise FetchError(
             f"{path}: subject.pattern needs one group, and subject.name one {{}} for it"
@@ -173,27 +182,27 @@ def _read(path: Path) -> Dataset:
 
 
 def _text(content: dict[str, Any], key: str, path: Path) -> str:
-    """Take a text out of a table."""
+    """Remove a text from a table and return it."""
     value = content.pop(key, None)
     if not isinstance(value, str):
-        raise FetchError(f"{path}: {key} is {value!r}; a text is needed")
+        raise FetchError(f"{path}: {key} is {value!r}; give a text")
     return value
 
 
 def _file(content: Any, path: Path) -> DatasetFile:
-    """Read an entry of the files."""
+    """Read one of the files."""
     if not isinstance(content, dict):
-        raise FetchError(f"{path}: an entry of files is no table; write [[files]]")
+        raise FetchError(f"{path}: an entry of files is not a table; write [[files]]")
     content = dict(content)
     name = _text(content, "path", path)
     parts = PurePosixPath(name).parts
     if not parts or name.startswith("/") or ".." in parts or "\\" in name or ":" in name:
-        raise FetchError(f"{path}: {name!r} is no relative path; correct it")
+        raise FetchError(f"{path}: {name!r} is not a relative path; correct it")
     size, sha256 = content.pop("bytes", None), content.pop("sha256", "")
     if size is not None and not (type(size) is int and size > 0):
         raise FetchError(f"{path}: bytes of {name} are {size!r}; give a number above 0")
     if sha256 and not (isinstance(sha256, str) and _SHA256.fullmatch(sha256)):
-        raise FetchError(f"{path}: sha256 of {name} is no hash of 64 hexadecimal digits")
+        raise FetchError(f"{path}: sha256 of {name} is not a hash of 64 hexadecimal digits")
     if content:
-        raise FetchError(f"{path}: field {next(iter(content))!r} of {name} is not known; remove it")
+        raise FetchError(f"{path}: field {next(iter(content))!r} of {name} is unknown; remove it")
     return DatasetFile(name, size, sha256)

@@ -1,116 +1,85 @@
-"""Download a file over HTTP, go on where it stopped, and say in a line why that cannot be done.
+"""Download files over HTTP, and resume interrupted downloads.
 
-What is there of a file is kept in ``NAME.part``, and beside it in ``NAME.part.json`` which version
-of the file that is: the server is asked for the rest of this version only (RFC 9110, sections
-13.1.5 and 14.2), and sends the whole of another.
+pooch stores a file under its name once its checksum matches. The downloader it calls is ours,
+because pooch's own start again after an interruption: the received part of a file is kept in
+``NAME.part``, and ``NAME.part.json`` identifies the version of the file it belongs to. The server
+is asked for the rest of this version only (RFC 9110, sections 13.1.5 and 14.2); if the file has
+changed, it sends the complete new version.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
-import os
 import re
 import shutil
 import time
-import urllib.error
-import urllib.request
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from email.message import Message
 from email.utils import parsedate_to_datetime
-from http.client import HTTPException, HTTPMessage, HTTPResponse
 from importlib.metadata import version
 from pathlib import Path
-from typing import IO, Any
-from urllib.parse import urlsplit
+from typing import Any, Self
+from urllib.parse import urljoin, urlsplit
 
+import pooch
+import requests
+import urllib3.exceptions
+
+from priorfill.datasets.retry_policy import FileFetchError, RetryPolicy
 from priorfill.errors import FetchError
-from priorfill.runtime.atomic_file import finish_file
+from priorfill.runtime.atomic_file import finish_file, flush_folder
 
-__all__ = ["Downloader", "FileFetchError", "RetryPolicy", "hash_of"]
+__all__ = ["Downloader"]
 
-_PART, _MARK = ".part", ".part.json"
-"""Suffixes of what is there of a file, and of which version it is."""
+CHUNK_BYTES = 1 << 18
+"""Maximum bytes read at a time."""
 
-_CHUNK = 1 << 18
-"""Bytes read at a time."""
+MIN_PROGRESS_BYTES = 1 << 16
+"""Bytes that an attempt must bring to reset the count of failures: a connection that breaks every
+few megabytes delivers a large file in the end, a server that sends next to nothing does not."""
 
-_PROGRESS = 1 << 16
-"""Bytes that an attempt must bring for the attempts to be counted anew: a line that breaks every
-few megabytes gets a large file in the end, a server that sends next to nothing does not."""
+MIN_BYTES_PER_SECOND = 200.0
+"""Rate below which a transfer counts as stalled; 100 MB would take six days."""
 
-_SLOWEST = 200.0
-"""Bytes a second below which a transfer is taken as stalled: 100 MB would take six days."""
+RATE_SECONDS = 60.0
+"""Time over which the rate is measured."""
 
-_SLOW_WINDOW = 60.0
-"""Seconds over which that is judged."""
+MAX_FILE_BYTES = 50_000_000_000
+"""Largest file that is downloaded: ten times the largest known one."""
 
-_LARGEST = 50_000_000_000
-"""Bytes of the largest file that is downloaded: ten times the largest that is known."""
+SPARE_DISK_BYTES = 100_000_000
+"""Disk space to leave free."""
 
-_SPARE = 100_000_000
-"""Bytes that are left free on the disk."""
-
-_TRY_LATER = frozenset({408, 425, 429, 500, 502, 503, 504})
-"""Statuses of servers that may answer another time."""
-
-_GONE = frozenset({404, 410})
-_REFUSED = frozenset({401, 403, 407, 451})
-
-_PARTIAL, _NOT_IN_RANGE = 206, 416
+RETRIED_STATUSES = frozenset({408, 425, 429, 500, 502, 503, 504})
+GONE_STATUSES = frozenset({404, 410})
+REFUSED_STATUSES = frozenset({401, 403, 407, 451})
+PARTIAL_CONTENT, RANGE_NOT_SATISFIABLE = 206, 416
 
 _CONTENT_RANGE = re.compile(r"bytes (\d+)-(\d+)/(\d+|\*)")
 
-
-class FileFetchError(FetchError):
-    """A file cannot be had; others of the same server may."""
-
-
-@dataclass(frozen=True)
-class RetryPolicy:
-    """How a server is treated, and for how long it is believed in.
-
-    Attributes
-    ----------
-    pause : float
-        s, between two files.
-    timeout : float
-        s, in which the server must say something.
-    tries : int
-        Attempts without progress before a file is given up.
-    wait : float
-        s, before the second attempt; doubled for each further one.
-    longest_wait : float
-        s, that a server may ask to wait.
-    """
-
-    pause: float = 1.0
-    timeout: float = 30.0
-    tries: int = 5
-    wait: float = 2.0
-    longest_wait: float = 600.0
+Progress = Callable[[int, int | None], None]
+"""Called with the received bytes and those of the complete file, if known."""
 
 
 @dataclass(frozen=True)
-class _Mark:
-    """Which version of a file a part is of: where from, the server's word for it, and its size."""
+class _FileVersion:
+    """The version of a file that a part belongs to: address, validator (ETag or date), bytes."""
 
     url: str
     validator: str
     size: int | None
 
 
-class _AgainError(Exception):
-    """An attempt failed in a way that another may not.
+class _RetryError(Exception):
+    """An attempt failed, and another one may succeed.
 
     Parameters
     ----------
     reason : str
         What happened.
     wait : float or None
-        s, to wait before the next; None: as long as manners say.
+        Wait before the next attempt (s); None: as the policy says.
     """
 
     def __init__(self, reason: str, wait: float | None = None) -> None:
@@ -118,57 +87,50 @@ class _AgainError(Exception):
         self.reason, self.wait = reason, wait
 
 
-class _Redirects(urllib.request.HTTPRedirectHandler):
-    """Follow redirects within the web, and none from an encrypted connection to an open one."""
+class _Session(requests.Session):
+    """Follows redirects to http and https, but not from https to http."""
 
-    def redirect_request(
-        self,
-        req: urllib.request.Request,
-        fp: IO[bytes],
-        code: int,
-        msg: str,
-        headers: HTTPMessage,
-        newurl: str,
-    ) -> urllib.request.Request | None:
-        old, new = urlsplit(req.full_url).scheme, urlsplit(newurl).scheme
-        if new not in ("http", "https") or (old == "https" and new == "http"):
-            fp.close()
-            raise FetchError(f"{req.full_url}: leads to {newurl}, which is not followed")
-        return super().redirect_request(req, fp, code, msg, headers, newurl)
+    def get_redirect_target(self, resp: requests.Response) -> str | None:
+        target = super().get_redirect_target(resp)
+        if target is not None:
+            new = urljoin(resp.url, target)
+            schemes = urlsplit(resp.url).scheme, urlsplit(new).scheme
+            if schemes[1] not in ("http", "https") or schemes == ("https", "http"):
+                resp.close()
+                raise FetchError(f"{resp.url}: redirects to {new}, which is not followed")
+        return target
 
 
 class Downloader:
-    """Downloads files one after another, politely.
+    """Downloads files one after another; a context manager that closes the connections.
 
     Parameters
     ----------
-    manners : Manners
-        How the server is treated.
-    tell : callable
-        Called with a sentence when there is something to wait for.
+    policy : RetryPolicy
+        Waiting times and number of attempts.
+    notify : callable
+        Called with a sentence before a wait.
     sleep : callable
-        Waits for so many seconds.
+        Waits for a number of seconds.
     """
 
     def __init__(
         self,
-        manners: RetryPolicy,
-        tell: Callable[[str], None] = lambda text: None,
+        policy: RetryPolicy,
+        notify: Callable[[str], None] = lambda text: None,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._manners, self._tell, self._sleep = manners, tell, sleep
-        self._opener = urllib.request.OpenerDirector()
-        for handler in (  # not build_opener, which also reads files and asks FTP servers
-            urllib.request.ProxyHandler(),
-            urllib.request.HTTPHandler(),
-            urllib.request.HTTPSHandler(),
-            urllib.request.HTTPDefaultErrorHandler(),
-            urllib.request.HTTPErrorProcessor(),
-            urllib.request.UnknownHandler(),
-            _Redirects(),
-        ):
-            self._opener.add_handler(handler)
-        self._asked = False
+        self.policy, self.notify, self.sleep = policy, notify, sleep
+        self.session = _Session()
+        self.session.headers["User-Agent"] = f"priorfill/{version('priorfill')}"
+        self.session.headers["Accept-Encoding"] = "identity"
+        self._is_first = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.session.close()
 
     def get(
         self,
@@ -177,7 +139,7 @@ class Downloader:
         *,
         size: int | None = None,
         sha256: str = "",
-        progress: Callable[[int, int | None], None] = lambda done, total: None,
+        progress: Progress = lambda done, total: None,
     ) -> str:
         """Download a file, or the rest of it.
 
@@ -186,13 +148,13 @@ class Downloader:
         url : str
             Its address.
         target : Path
-            Where to; replaced if it is there.
+            The file to write, which does not exist.
         size : int or None
             Bytes that it must have.
         sha256 : str
-            Hash that it must have; empty if that is not known.
+            Hash that it must have; empty if unknown.
         progress : callable
-            Called with the bytes that are there and those of the whole file, if known.
+            Called with the received bytes and those of the complete file, if known.
 
         Returns
         -------
@@ -202,225 +164,234 @@ class Downloader:
         Raises
         ------
         FileFetchError
-            Where this file cannot be had, or is another than it should be.
+            If this file cannot be downloaded, or its size or checksum is wrong.
         FetchError
-            Where the server does not answer, refuses, or the disk is full. What is there of the
-            file is kept, and the next call goes on from it.
+            If the server does not answer or refuses, or the disk is full. The received part of the
+            file is kept, and the next call continues from it.
         """
-        part, mark = _beside(target)
-        if self._asked:
-            self._sleep(self._manners.pause)
-        self._asked = True
+        if not self._is_first:
+            self.sleep(self.policy.pause)
+        self._is_first = False
+        pooch.get_logger().setLevel("WARNING")
+        transfer = _Transfer(self, target, size, progress, has_hash=bool(sha256))
+        while True:
+            try:
+                pooch.retrieve(
+                    url,
+                    known_hash=f"sha256:{sha256}" if sha256 else None,
+                    fname=target.name,
+                    path=target.parent,
+                    downloader=transfer,
+                )
+            except FetchError:
+                raise
+            except ValueError as error:  # of pooch: the checksum is wrong
+                if transfer.was_resumed:  # the parts may be of two versions of the file
+                    continue
+                raise FileFetchError(
+                    f"{url}: its checksum is not {sha256}; the file has changed, or was damaged on "
+                    "the way"
+                ) from error
+            flush_folder(target.parent)
+            return str(pooch.file_hash(target))
+
+
+class _Transfer:
+    """A downloader for pooch that continues from the received part of one file."""
+
+    def __init__(
+        self,
+        downloader: Downloader,
+        target: Path,
+        size: int | None,
+        progress: Progress,
+        *,
+        has_hash: bool,
+    ) -> None:
+        self._downloader, self._target = downloader, target
+        self._size, self._progress, self._has_hash = size, progress, has_hash
+        self._part = target.with_name(f"{target.name}.part")
+        self._version_file = target.with_name(f"{target.name}.part.json")
+        self.was_resumed = False
+
+    def __call__(
+        self, url: str, output_file: str, pooch: object, check_only: bool = False
+    ) -> bool | None:
+        """Download the file, in several attempts if need be."""
+        self.was_resumed = False
         failures = 0
         while True:
-            before = _size(part)
+            before = _size_of(self._part)
+            self.was_resumed |= before > 0
             try:
-                self._attempt(url, part, mark, size, bool(sha256), progress)
-                found = self._checked(url, part, mark, sha256, resumed=before > 0)
-            except _AgainError as again:
-                gained = _size(part) - before > _PROGRESS
-                failures = 1 if gained else failures + 1
-                self._wait(url, again, failures)
+                self._attempt(url)
+            except _RetryError as error:
+                progressed = _size_of(self._part) - before > MIN_PROGRESS_BYTES
+                failures = 1 if progressed else failures + 1
+                self._wait(url, error, failures)
                 continue
-            finish_file(part, target)
-            mark.unlink(missing_ok=True)
-            return found
+            finish_file(self._part, Path(output_file))
+            self._version_file.unlink(missing_ok=True)
+            return None
 
-    def _wait(self, url: str, again: _AgainError, failures: int) -> None:
+    def _wait(self, url: str, error: _RetryError, failures: int) -> None:
         """Wait before the next attempt, or give up."""
-        manners = self._manners
-        later = "what is there is kept; try again later, which goes on from it"
-        if failures >= manners.tries:
-            raise FetchError(f"{url}: {again.reason} ({failures} times); {later}") from again
-        seconds = manners.wait * 2 ** (failures - 1) if again.wait is None else again.wait
-        if seconds > manners.longest_wait:
+        policy = self._downloader.policy
+        later = "the received part is kept; try again later to continue from it"
+        if failures >= policy.max_attempts:
+            raise FetchError(f"{url}: {error.reason} ({failures} times); {later}") from error
+        seconds = policy.wait * 2 ** (failures - 1) if error.wait is None else error.wait
+        if seconds > policy.max_wait:
             raise FetchError(
-                f"{url}: {again.reason}, and asks to wait {seconds:.0f} s; {later}"
-            ) from again
+                f"{url}: {error.reason}, and asks to wait {seconds:.0f} s; {later}"
+            ) from error
         if seconds >= 1:
-            self._tell(f"{url}: {again.reason}; trying again in {seconds:.0f} s")
-        self._sleep(seconds)
+            self._downloader.notify(f"{url}: {error.reason}; trying again in {seconds:.0f} s")
+        self._downloader.sleep(seconds)
 
-    def _attempt(
-        self,
-        url: str,
-        part: Path,
-        mark: Path,
-        size: int | None,
-        verified: bool,
-        progress: Callable[[int, int | None], None],
-    ) -> None:
-        """Ask for a file, or the rest of it, once."""
-        known = _read_mark(mark)
-        start = _size(part)
-        if known is None or known.url != url or not (known.validator or verified):
-            start = 0  # nothing tells that the rest would be of the same file
+    def _attempt(self, url: str) -> None:
+        """Request the file, or the rest of it, once."""
+        known = _read_version(self._version_file)
+        start = _size_of(self._part)
+        if known is None or known.url != url or not (known.validator or self._has_hash):
+            start = 0  # the rest might be of another version
         elif start and start == known.size:
             return
-        headers = {"User-Agent": f"priorfill/{version('priorfill')}", "Accept-Encoding": "identity"}
+        headers = {}
         if start and known is not None:
             headers["Range"] = f"bytes={start}-"
             if known.validator:
                 headers["If-Range"] = known.validator
+        with self._request(url, headers) as response:
+            if response.status_code >= 300:
+                raise self._refusal(url, response)
+            start, total = self._extent(response, start, known)
+            self._check_size(url, start, total)
+            fresh = _FileVersion(url, _validator(response.headers), total)
+            self._version_file.write_text(json.dumps(asdict(fresh)), encoding="utf-8")
+            self._receive(response, start, total)
+
+    def _request(self, url: str, headers: dict[str, str]) -> requests.Response:
+        timeout = self._downloader.policy.timeout
         try:
-            response = self._opener.open(
-                urllib.request.Request(url, headers=headers), timeout=self._manners.timeout
-            )
-        except urllib.error.HTTPError as error:
-            with error:
-                raise self._refusal(url, error, part) from error
-        except FetchError:
-            raise
-        except urllib.error.URLError as error:
-            raise _AgainError(f"cannot be reached ({_reason(error.reason)})") from error
-        except (OSError, HTTPException) as error:
-            raise _AgainError(f"the connection failed ({_reason(error)})") from error
-        with response:
-            start, total = self._where(url, response, start, known, part)
-            if size is not None and total is not None and total != size:
-                raise FileFetchError(
-                    f"{url}: has {total} bytes, not {size} as the catalogue says; it has changed, "
-                    "or the address leads to something else"
-                )
-            self._check_room(url, part, start, total)
-            fresh = _Mark(url, _validator(response.headers), total)
-            mark.write_text(json.dumps(asdict(fresh)), encoding="utf-8")
-            self._receive(response, part, start, total, progress)
+            return self._downloader.session.get(url, headers=headers, stream=True, timeout=timeout)
+        except (requests.ConnectionError, requests.Timeout) as error:
+            raise _RetryError(f"the connection failed ({_reason(error)})") from error
+        except requests.RequestException as error:
+            raise FileFetchError(f"{url}: {_reason(error)}; check the address") from error
 
-    def _refusal(self, url: str, error: urllib.error.HTTPError, part: Path) -> Exception:
-        """Return what a status means."""
-        status, phrase = error.code, " ".join(str(error.reason).split())
-        answer = f"the server answers {status} {phrase}".rstrip()
-        if status == _NOT_IN_RANGE:
-            part.unlink(missing_ok=True)
-            return _AgainError("the server has another version", 0.0)
-        if status in _TRY_LATER:
-            return _AgainError(answer, _retry_after(error.headers))
-        if status in _GONE:
-            return FileFetchError(f"{url}: {answer}; it is not there (any more)")
-        if status in _REFUSED:
+    def _refusal(self, url: str, response: requests.Response) -> Exception:
+        """Return the error for a status."""
+        status = response.status_code
+        answer = f"the server answers {status} {response.reason}".rstrip()
+        if status == RANGE_NOT_SATISFIABLE:
+            self._part.unlink(missing_ok=True)
+            return _RetryError("the server has another version", 0.0)
+        if status in RETRIED_STATUSES:
+            return _RetryError(answer, _retry_after(response.headers))
+        if status in GONE_STATUSES:
+            return FileFetchError(f"{url}: {answer}; the file does not exist (any more)")
+        if status in REFUSED_STATUSES:
             return FetchError(
-                f"{url}: {answer}; download it with a browser, put it at "
-                f"{part.with_name(part.name.removesuffix(_PART))}, and try again"
+                f"{url}: {answer}; download it with a browser, save it as {self._target}, and try "
+                "again"
             )
-        return FileFetchError(f"{url}: {answer}; look at the address with a browser")
+        return FileFetchError(f"{url}: {answer}; check the address with a browser")
 
-    def _where(
-        self, url: str, response: HTTPResponse, start: int, known: _Mark | None, part: Path
+    def _extent(
+        self, response: requests.Response, start: int, known: _FileVersion | None
     ) -> tuple[int, int | None]:
-        """Return where in the file an answer begins, and how long the file is."""
-        length = response.headers.get("Content-Length", "")
-        if response.status != _PARTIAL:
+        """Return where in the file a response begins, and the file's size if known."""
+        if response.status_code != PARTIAL_CONTENT:
+            length = response.headers.get("Content-Length", "")
             return 0, int(length) if length.isdecimal() else None
         found = _CONTENT_RANGE.fullmatch(response.headers.get("Content-Range", "").strip())
         total = int(found[3]) if found and found[3] != "*" else None
         known_size = None if known is None else known.size
         if not found or int(found[1]) != start or (known_size and total and known_size != total):
-            part.unlink(missing_ok=True)
-            raise _AgainError("the server has another version", 0.0)
+            self._part.unlink(missing_ok=True)
+            raise _RetryError("the server has another version", 0.0)
         return start, total if total is not None else known_size
 
-    def _check_room(self, url: str, part: Path, start: int, total: int | None) -> None:
-        """Raise FetchError where a file is too large for the disk, or for any library."""
+    def _check_size(self, url: str, start: int, total: int | None) -> None:
+        """Raise an error if the size is wrong, or too large for the disk or for any data set."""
         if total is None:
             return
-        if total > _LARGEST:
+        if self._size is not None and total != self._size:
             raise FileFetchError(
-                f"{url}: has {total / 1e9:.0f} GB, more than the {_LARGEST / 1e9:.0f} GB that are "
-                "downloaded; look at the address with a browser"
+                f"{url}: has {total} bytes, not {self._size} as the definition says; the file has "
+                "changed, or the address leads to something else"
             )
-        free = shutil.disk_usage(part.parent).free
-        if total - start > free - _SPARE:
+        if total > MAX_FILE_BYTES:
+            raise FileFetchError(
+                f"{url}: has {total / 1e9:.0f} GB, more than the maximum of "
+                f"{MAX_FILE_BYTES / 1e9:.0f} GB; check the address with a browser"
+            )
+        folder = self._part.parent
+        free = max(shutil.disk_usage(folder).free - SPARE_DISK_BYTES, 0)
+        if total - start > free:
             raise FetchError(
-                f"{part.parent}: has {max(free - _SPARE, 0) / 1e9:.2f} GB to spare, and "
-                f"{(total - start) / 1e9:.2f} GB are to come; make room, or choose another folder"
+                f"{folder}: has {free / 1e9:.2f} GB to spare, but {(total - start) / 1e9:.2f} GB "
+                "are needed; free some space, or choose another folder"
             )
 
-    def _receive(
-        self,
-        response: HTTPResponse,
-        part: Path,
-        start: int,
-        total: int | None,
-        progress: Callable[[int, int | None], None],
-    ) -> None:
-        """Write what comes to the end of a part."""
-        done = since_done = start
+    def _receive(self, response: requests.Response, start: int, total: int | None) -> None:
+        """Append what the server sends to the part."""
+        done = measured_from = start
         since = time.monotonic()
-        progress(done, total)
-        with part.open("r+b" if start else "wb") as file:
+        self._progress(done, total)
+        with self._part.open("r+b" if start else "wb") as file:
             file.truncate(start)
             file.seek(start)
             while True:
                 try:
-                    piece = response.read1(_CHUNK)
-                except (OSError, HTTPException) as error:
-                    raise _AgainError(f"the connection broke ({_reason(error)})") from error
-                if not piece:
+                    # requests' own iterators lose what they hold when the connection breaks
+                    data = response.raw.read1(CHUNK_BYTES, decode_content=False)
+                except urllib3.exceptions.ProtocolError:
+                    break  # fewer bytes than announced
+                except (urllib3.exceptions.HTTPError, OSError) as error:
+                    raise _RetryError(f"the connection broke ({_reason(error)})") from error
+                if not data:
                     break
-                file.write(piece)
-                done += len(piece)
-                if done > _LARGEST:
-                    raise FileFetchError(f"{response.url}: does not end; look at the address")
-                progress(done, total)
+                file.write(data)
+                done += len(data)
+                if done > MAX_FILE_BYTES:
+                    raise FileFetchError(f"{response.url}: does not end; check the address")
+                self._progress(done, total)
                 now = time.monotonic()
-                if now - since > _SLOW_WINDOW:
-                    if done - since_done < _SLOWEST * (now - since):
-                        raise _AgainError("the server hardly sends anything")
-                    since, since_done = now, done
+                if now - since > RATE_SECONDS:
+                    if done - measured_from < MIN_BYTES_PER_SECOND * (now - since):
+                        raise _RetryError("the server sends almost nothing")
+                    since, measured_from = now, done
         if total is not None and done < total:
-            raise _AgainError(f"the connection broke after {done} of {total} bytes")
-
-    def _checked(self, url: str, part: Path, mark: Path, sha256: str, *, resumed: bool) -> str:
-        """Return the hash of a whole part, which must be right."""
-        found = hash_of(part)
-        if not sha256 or found == sha256:
-            return found
-        part.unlink()
-        mark.unlink(missing_ok=True)
-        if resumed:
-            raise _AgainError("the parts do not make the right file", 0.0)
-        raise FileFetchError(
-            f"{url}: its checksum is {found}, not {sha256}; the file is another than it was, or "
-            "was damaged on the way"
-        )
+            raise _RetryError(f"the connection broke after {done} of {total} bytes")
 
 
-def hash_of(path: Path) -> str:
-    """Return the SHA-256 of a file's contents."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def _size_of(path: Path) -> int:
+    """Return the bytes of a file; 0 if it does not exist."""
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:
+        return 0
 
 
-def _beside(target: Path) -> tuple[Path, Path]:
-    """Return where the part of a file is, and what it is of."""
-    return target.with_name(target.name + _PART), target.with_name(target.name + _MARK)
-
-
-def _size(path: Path) -> int:
-    """Return the bytes of a file; 0 if there is none."""
-    return os.stat(path).st_size if path.exists() else 0  # noqa: PTH116 (follows no name twice)
-
-
-def _read_mark(path: Path) -> _Mark | None:
-    """Read which version a part is of; None where that cannot be told."""
+def _read_version(path: Path) -> _FileVersion | None:
+    """Return the version that a part belongs to; None if unknown."""
     with suppress(OSError, ValueError, TypeError, KeyError):
         content: Any = json.loads(path.read_text(encoding="utf-8"))
-        return _Mark(str(content["url"]), str(content["validator"]), content["size"])
+        return _FileVersion(str(content["url"]), str(content["validator"]), content["size"])
     return None
 
 
-def _validator(headers: Message) -> str:
-    """Return what tells a version of a file from others; a weak tag does not."""
-    tag = str(headers.get("ETag", "")).strip()
-    if tag.startswith('"'):
-        return tag
-    return str(headers.get("Last-Modified", "")).strip()
+def _validator(headers: Mapping[str, str]) -> str:
+    """Return the strong ETag of a version, else its date; weak ETags do not identify bytes."""
+    tag = headers.get("ETag", "").strip()
+    return tag if tag.startswith('"') else headers.get("Last-Modified", "").strip()
 
 
-def _retry_after(headers: Message) -> float | None:
+def _retry_after(headers: Mapping[str, str]) -> float | None:
     """Return the seconds that a server asks to wait."""
-    text = str(headers.get("Retry-After", "")).strip()
+    text = headers.get("Retry-After", "").strip()
     if text.isdecimal():
         return float(text)
     with suppress(ValueError):
@@ -428,7 +399,12 @@ def _retry_after(headers: Message) -> float | None:
     return None
 
 
-def _reason(error: object) -> str:
-    """Return an error in a few words."""
-    words = getattr(error, "strerror", None) or str(error) or type(error).__name__
-    return " ".join(str(words).split())
+def _reason(error: BaseException) -> str:
+    """Return the innermost cause of an error in a few words."""
+    innermost = error
+    while (cause := innermost.__cause__ or innermost.__context__) is not None:
+        innermost = cause
+    if isinstance(innermost, TimeoutError):
+        return "timed out"
+    text = innermost.strerror if isinstance(innermost, OSError) else None
+    return text or " ".join(str(innermost).split()) or type(innermost).__name__

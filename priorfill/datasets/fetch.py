@@ -1,60 +1,79 @@
-"""Get the recordings of a library into a folder, which remembers what it has."""
+"""Download the recordings of a data set into a folder, which records what it has."""
 
 from __future__ import annotations
 
-import fcntl
 import json
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from priorfill.datasets.catalogue import Dataset, DatasetFile, check_address
-from priorfill.datasets.download import (
-    Downloader,
-    FileFetchError,
-    RetryPolicy,
-    hash_of,
-)
+from priorfill.datasets.retry_policy import FileFetchError, RetryPolicy
 from priorfill.datasets.unpack import unpack
 from priorfill.errors import FetchError
 from priorfill.runtime.atomic_file import replace_file
+from priorfill.runtime.file_lock import LockHeldError, acquire_lock
 
-__all__ = ["RECORD", "Fetched", "choose_files", "fetch"]
+if TYPE_CHECKING:
+    from priorfill.datasets.download import Downloader
+
+__all__ = ["RECORD", "FetchOptions", "FetchResult", "choose_files", "fetch"]
 
 RECORD = "priorfill-fetch.json"
-"""What a folder has of a library: name, size and hash of each file, and its recordings."""
+"""File with what the folder has of a data set: size, hash and recordings of each file."""
 
 _LOCK = ".priorfill-fetch.lock"
-
-_VERSION = 1
-"""Of the form of the record."""
-
+_RECORD_VERSION = 1
 _ARCHIVE = ".zip"
+
+FileProgress = Callable[[DatasetFile, int, int | None], None]
+"""Called with a file, its received bytes, and those of the complete file, if known."""
 
 
 @dataclass(frozen=True)
-class Fetched:
-    """What became of a file of a library.
+class FetchOptions:
+    """What to download, and from where.
 
     Attributes
     ----------
-    file : LibraryFile
+    only : sequence of str
+        Shell patterns of the files' paths, or of the last parts of these; empty: all files.
+    limit : int or None
+        Maximum number of files to download.
+    mirror : str or None
+        Address to use instead of the data set's own.
+    policy : RetryPolicy
+        Waiting times and number of attempts.
+    """
+
+    only: Sequence[str] = ()
+    limit: int | None = None
+    mirror: str | None = None
+    policy: RetryPolicy = field(default_factory=RetryPolicy)
+
+
+@dataclass(frozen=True)
+class FetchResult:
+    """The result for one file of a data set.
+
+    Attributes
+    ----------
+    file : DatasetFile
         The file.
     path : Path
         Where it is, or would be.
     recordings : tuple of Path
-        The recordings that came of it; empty where it could not be had.
+        Its recordings; empty if it could not be downloaded.
     new : bool
-        Whether something was downloaded for it.
+        Whether it was downloaded now.
     size : int
         Bytes of the file.
     failure : str
-        Why it could not be had; empty if it could.
+        Why it could not be downloaded; empty if it was.
     """
 
     file: DatasetFile
@@ -66,232 +85,239 @@ class Fetched:
 
 
 @dataclass(frozen=True)
-class _Entry:
-    """What the record says of a file: its recordings by path, with their sizes."""
+class _RecordedFile:
+    """The record of one file; `recordings` maps paths to sizes."""
 
     size: int
     sha256: str
     recordings: dict[str, int]
 
 
-def choose_files(library: Dataset, only: Sequence[str] = ()) -> tuple[DatasetFile, ...]:
-    """Return the files of a library that patterns ask for.
+def choose_files(dataset: Dataset, only: Sequence[str] = ()) -> tuple[DatasetFile, ...]:
+    """Return the files of a data set that match any of some patterns.
 
     Parameters
     ----------
-    library : Library
-        The library.
+    dataset : Dataset
+        The data set.
     only : sequence of str
-        Shell patterns of paths, or of their last parts; without any, all files.
+        See `FetchOptions`.
 
     Raises
     ------
     FetchError
-        Where a pattern fits none.
+        If a pattern matches no file.
     """
     for pattern in only:
-        if not any(_fits(file, pattern) for file in library.files):
-            names = ", ".join(file.path for file in library.files)
-            raise FetchError(f"{library.name}: no file fits {pattern!r}; its files are {names}")
+        if not any(_matches(file, pattern) for file in dataset.files):
+            names = ", ".join(file.path for file in dataset.files)
+            raise FetchError(f"{dataset.name}: no file matches {pattern!r}; its files are {names}")
     return tuple(
-        file for file in library.files if not only or any(_fits(file, pattern) for pattern in only)
+        file
+        for file in dataset.files
+        if not only or any(_matches(file, pattern) for pattern in only)
     )
 
 
 def fetch(
-    library: Dataset,
+    dataset: Dataset,
     folder: Path,
+    options: FetchOptions | None = None,
     *,
-    only: Sequence[str] = (),
-    limit: int | None = None,
-    mirror: str | None = None,
-    manners: RetryPolicy | None = None,
-    progress: Callable[[DatasetFile, int, int | None], None] = lambda file, done, total: None,
-    tell: Callable[[str], None] = lambda text: None,
+    progress: FileProgress = lambda file, done, total: None,
+    notify: Callable[[str], None] = lambda text: None,
     sleep: Callable[[float], None] = time.sleep,
-) -> Iterator[Fetched]:
-    """Get files of a library, one after another, and unpack them.
+) -> Iterator[FetchResult]:
+    """Download files of a data set one after another, and unpack them.
 
-    What the folder has is checked and not asked for again; what it has in part is completed. A
-    file that another program put there is taken as it is. The first checksum of a file that is seen
-    is remembered, and later ones are compared with it.
+    Files that the folder has are checked and not downloaded again; interrupted downloads are
+    resumed. A file that was put there by other means is accepted. The first checksum seen of a file
+    is recorded, and later ones are compared with it.
 
     Parameters
     ----------
-    library : Library
-        Which.
+    dataset : Dataset
+        The data set.
     folder : Path
-        Where to; made if it is not there.
-    only : sequence of str
-        Shell patterns of the files; all by default.
-    limit : int or None
-        How many files to download at most.
-    mirror : str or None
-        Address to ask instead of the library's own.
-    manners : Manners or None
-        How the server is treated.
+        Where to; created if it does not exist.
+    options : FetchOptions, optional
+        What to download, and from where.
     progress : callable
-        Called with a file, the bytes of it that are there, and those it has, if known.
-    tell : callable
-        Called with a sentence when there is something to wait for.
+        Called with a file, its received bytes, and those of the complete file, if known.
+    notify : callable
+        Called with a sentence before a wait.
     sleep : callable
-        Waits for so many seconds.
+        Waits for a number of seconds.
 
     Yields
     ------
-    Fetched
-        For each file; also where this one could not be had and others may.
+    FetchResult
+        For each file, including files that could not be downloaded when others may be.
 
     Raises
     ------
     FetchError
-        Where going on makes no sense: the server does not answer or refuses, the disk is full, the
-        folder is another library's or in use.
+        If no other file could be downloaded either: the server does not answer or refuses, the
+        disk is full, or the folder has another data set or is in use.
     OutputError
-        Where something cannot be written.
+        If a file cannot be written.
+
+    See Also
+    --------
+    find_dataset, known_datasets
     """
-    files = choose_files(library, only)
-    base = library.base if mirror is None else check_address(mirror)
-    downloader = Downloader(manners or RetryPolicy(), tell, sleep)
-    with _locked(folder):
-        entries = _read_record(folder, library.name)
+    from priorfill.datasets.download import Downloader  # imports requests
+
+    options = options or FetchOptions()
+    files = choose_files(dataset, options.only)
+    base = dataset.base if options.mirror is None else check_address(options.mirror)
+    with _locked(folder), Downloader(options.policy, notify, sleep) as downloader:
+        recorded = _read_record(folder, dataset.name)
         downloaded = 0
         for file in files:
             path = folder / file.path
-            there = _recordings_there(folder, entries.get(file.path))
-            if there is not None and not path.exists():
+            recordings = _existing_recordings(folder, recorded.get(file.path))
+            if recordings is not None and not path.exists():
                 # the archive was removed after it was unpacked
-                yield Fetched(file, path, there, size=entries[file.path].size)
+                yield FetchResult(file, path, recordings, size=recorded[file.path].size)
                 continue
             new = not path.exists()
-            if new and limit is not None and downloaded >= limit:
+            if new and options.limit is not None and downloaded >= options.limit:
                 continue
+            known = recorded.get(file.path)
             try:
-                entry = _get(file, path, folder, base, downloader, entries.get(file.path), progress)
+                sha256 = (
+                    _download(file, path, base, downloader, known, progress)
+                    if new
+                    else _check(file, path, known)
+                )
+                entry = _unpack(path, folder, sha256)
             except FileFetchError as error:
-                yield Fetched(file, path, failure=str(error))
+                yield FetchResult(file, path, failure=str(error))
                 continue
             finally:
                 downloaded += new
-            entries[file.path] = entry
-            _write_record(folder, library.name, entries)
+            recorded[file.path] = entry
+            _write_record(folder, dataset.name, recorded)
             recordings = tuple(folder / name for name in entry.recordings)
-            yield Fetched(file, path, recordings, new, entry.size)
+            yield FetchResult(file, path, recordings, new, entry.size)
 
 
-def _get(
+def _check(file: DatasetFile, path: Path, known: _RecordedFile | None) -> str:
+    """Return the checksum of a file in the folder, which must be right."""
+    from pooch import file_hash
+
+    found = str(file_hash(path))
+    if file.sha256 and found != file.sha256:
+        raise FileFetchError(
+            f"{path}: its checksum is {found}, not {file.sha256}; remove it and try again"
+        )
+    if known is not None and found != known.sha256:
+        raise FileFetchError(
+            f"{path}: has changed since it was downloaded; remove it and try again"
+        )
+    return found
+
+
+def _download(
     file: DatasetFile,
     path: Path,
-    folder: Path,
     base: str,
     downloader: Downloader,
-    known: _Entry | None,
-    progress: Callable[[DatasetFile, int, int | None], None],
-) -> _Entry:
-    """Download a file if it is not there, compare its checksum, and unpack it."""
-    if path.exists():
-        found = hash_of(path)
-        if file.sha256 and found != file.sha256:
-            raise FileFetchError(
-                f"{path}: its checksum is {found}, not {file.sha256}; remove it and try again"
-            )
-        if known is not None and found != known.sha256:
-            raise FileFetchError(
-                f"{path}: has changed since it was downloaded; remove it and try again"
-            )
-    else:
-        _make(path.parent)
-        found = downloader.get(
-            base + file.path,
-            path,
-            size=file.size,
-            sha256=file.sha256 or ("" if known is None else known.sha256),
-            progress=lambda done, total: progress(file, done, total),
-        )
-    archive = path.suffix.lower() == _ARCHIVE
-    recordings = unpack(path, folder) if archive else [path]
-    return _Entry(
-        path.stat().st_size,
-        found,
-        {one.relative_to(folder).as_posix(): one.stat().st_size for one in recordings},
+    known: _RecordedFile | None,
+    progress: FileProgress,
+) -> str:
+    """Download a file; return its checksum."""
+    _make_folder(path.parent)
+    return downloader.get(
+        base + file.path,
+        path,
+        size=file.size,
+        sha256=file.sha256 or ("" if known is None else known.sha256),
+        progress=lambda done, total: progress(file, done, total),
     )
 
 
-def _recordings_there(folder: Path, entry: _Entry | None) -> tuple[Path, ...] | None:
-    """Return the recordings of a file, if all are there."""
+def _unpack(path: Path, folder: Path, sha256: str) -> _RecordedFile:
+    """Unpack a file if it is an archive; return what to record of it."""
+    recordings = unpack(path, folder) if path.suffix.lower() == _ARCHIVE else [path]
+    sizes = {one.relative_to(folder).as_posix(): one.stat().st_size for one in recordings}
+    return _RecordedFile(path.stat().st_size, sha256, sizes)
+
+
+def _existing_recordings(folder: Path, entry: _RecordedFile | None) -> tuple[Path, ...] | None:
+    """Return the recordings of a file if all of them exist, else None."""
     if entry is None:
         return None
-    paths = {folder / name: size for name, size in entry.recordings.items()}
-    whole = all(path.is_file() and path.stat().st_size == size for path, size in paths.items())
-    return tuple(paths) if whole else None
+    sizes = {folder / name: size for name, size in entry.recordings.items()}
+    complete = all(path.is_file() and path.stat().st_size == size for path, size in sizes.items())
+    return tuple(sizes) if complete else None
 
 
-def _fits(file: DatasetFile, pattern: str) -> bool:
-    """Tell if a pattern fits a file's path or its last part."""
+def _matches(file: DatasetFile, pattern: str) -> bool:
+    """Return whether a pattern matches a file's path or the last part of it."""
     return fnmatchcase(file.path, pattern) or fnmatchcase(file.path.rpartition("/")[2], pattern)
 
 
-def _make(folder: Path) -> None:
-    """Make a folder and those above it."""
+def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FetchError(
-            f"{folder}: cannot be made ({error.strerror}); choose another folder (--to)"
+            f"{folder}: cannot be created ({error.strerror}); choose another folder (--to)"
         ) from error
 
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Make a folder if need be, and keep a second download out of it."""
-    _make(folder)
+    """Create a folder if necessary, and keep other downloads out of it."""
+    _make_folder(folder)
     try:
-        lock = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        lock = acquire_lock(folder / _LOCK)
+    except LockHeldError as error:
+        raise FetchError(
+            f"{folder}: {error.holder} is downloading into it; wait until it has ended"
+        ) from None
     except OSError as error:
         raise FetchError(
             f"{folder}: cannot be written ({error.strerror}); choose another folder (--to)"
         ) from error
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield
-    except BlockingIOError:
-        raise FetchError(
-            f"{folder}: another process is downloading into it; wait until it has ended"
-        ) from None
     finally:
-        os.close(lock)
+        lock.release()
 
 
-def _read_record(folder: Path, name: str) -> dict[str, _Entry]:
-    """Read what a folder has.
+def _read_record(folder: Path, name: str) -> dict[str, _RecordedFile]:
+    """Return the record of a folder by path; empty if it has none or a damaged one.
+
+    Without a record all files of the folder are checked again.
 
     Raises
     ------
     FetchError
-        Where it is of another library. A record that is damaged counts as none: then everything
-        is looked at again.
+        If the record is of another data set.
     """
     content: Any = {}
     with suppress(OSError, ValueError):
         content = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-    if not isinstance(content, dict) or content.get("version") != _VERSION:
+    if not isinstance(content, dict) or content.get("version") != _RECORD_VERSION:
         return {}
-    if content.get("library") != name:
+    if content.get("dataset") != name:
         raise FetchError(
-            f"{folder}: has files of the library {content.get('library')}; "
+            f"{folder}: has files of the data set {content.get('dataset')}; "
             "choose another folder (--to)"
         )
     with suppress(TypeError, AttributeError):
-        return {path: _Entry(**entry) for path, entry in content["files"].items()}
+        return {path: _RecordedFile(**entry) for path, entry in content["files"].items()}
     return {}
 
 
-def _write_record(folder: Path, name: str, entries: dict[str, _Entry]) -> None:
-    """Write what a folder has."""
+def _write_record(folder: Path, name: str, recorded: dict[str, _RecordedFile]) -> None:
     content = {
-        "version": _VERSION,
-        "library": name,
-        "files": {path: asdict(entry) for path, entry in sorted(entries.items())},
+        "version": _RECORD_VERSION,
+        "dataset": name,
+        "files": {path: asdict(entry) for path, entry in sorted(recorded.items())},
     }
     with replace_file(folder / RECORD, overwrite=True) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")

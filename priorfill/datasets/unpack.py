@@ -1,6 +1,6 @@
-"""Take the recordings out of an archive that nobody here has made.
+"""Unpack recordings from an archive of unknown origin.
 
-What it says of itself is not believed: names must stay in the folder, sizes are bounded and
+Nothing the archive states is trusted: names must stay inside the folder, sizes are bounded and
 counted, checksums are compared.
 """
 
@@ -11,45 +11,44 @@ import zipfile
 import zlib
 from pathlib import Path, PurePosixPath
 
-from priorfill.datasets.download import FileFetchError
+from priorfill.datasets.retry_policy import FileFetchError
 from priorfill.errors import OutputError
 from priorfill.runtime.atomic_file import replace_file
 
 __all__ = ["unpack"]
 
 RECORDINGS = (".c3d",)
-"""Suffixes of what is taken out, lower case."""
+"""Lower-case suffixes of the members that are unpacked."""
 
-LARGEST = 2_000_000_000
-"""Bytes of a recording: 5 hours of 50 markers at 120 Hz."""
+MAX_RECORDING_BYTES = 2_000_000_000
+"""Size of 5 hours of 50 markers at 120 Hz."""
 
-LARGEST_TOTAL = 100_000_000_000
-"""Bytes of an archive's recordings together."""
+MAX_TOTAL_BYTES = 100_000_000_000
+"""Maximum size of an archive's recordings together."""
 
-MOST = 100_000
-"""Recordings in an archive."""
+MAX_RECORDINGS = 100_000
 
-_CHUNK = 1 << 20
+CHUNK_BYTES = 1 << 20
 """Bytes read at a time."""
 
-_FOREIGN = ("__MACOSX",)
-"""Folders in which programs keep what is no recording."""
+IGNORED_FOLDERS = ("__MACOSX",)
+"""Folders in which programs store metadata under the names of recordings."""
 
-_DEFLATE_MOST = 1032
-"""Bytes that a byte of a deflated member can become at most (zlib's technical details)."""
+MAX_DEFLATE_RATIO = 1032
+"""Maximum ratio of inflated to deflated bytes (zlib's technical details)."""
 
 
 def unpack(archive: Path, folder: Path) -> list[Path]:
     """Write the recordings of an archive to a folder.
 
-    A recording that is there already, and the same, is not written again.
+    A recording that exists already, with the same content, is not written again.
 
     Parameters
     ----------
     archive : Path
         A zip file.
     folder : Path
-        Where to; the archive's folders are made in it.
+        Where to; the archive's folders are created in it.
 
     Returns
     -------
@@ -59,20 +58,20 @@ def unpack(archive: Path, folder: Path) -> list[Path]:
     Raises
     ------
     FileFetchError
-        Where it is no zip file, damaged, has no recordings, or is not what a library would be: then
-        nothing of it has been written.
+        If it is not a zip file, is damaged, has no recordings, or breaks one of the limits. In the
+        last two cases nothing is written.
     OutputError
-        Where something cannot be written.
+        If a file cannot be written.
     """
     try:
         with zipfile.ZipFile(archive) as opened:
-            members = _members(opened, archive)
-            where = {member: _place(member, folder, archive) for member in members}
+            members = _recordings_of(opened, archive)
+            targets = {member: _target(member, folder, archive) for member in members}
             _check_sizes(members, archive)
-            if len({str(path).casefold() for path in where.values()}) < len(where):
+            if len({str(path).casefold() for path in targets.values()}) < len(targets):
                 raise _unfit(archive, "has two recordings of one name")
-            for member, path in where.items():
-                if not _is_there(member, path):
+            for member, path in targets.items():
+                if not _exists(member, path):
                     _write(opened, member, path)
     except zipfile.BadZipFile as error:
         raise FileFetchError(
@@ -82,82 +81,82 @@ def unpack(archive: Path, folder: Path) -> list[Path]:
         raise FileFetchError(
             f"{archive}: cannot be unpacked ({error}); remove it and try again"
         ) from error
-    return list(where.values())
+    return list(targets.values())
 
 
-def _members(opened: zipfile.ZipFile, archive: Path) -> list[zipfile.ZipInfo]:
-    """Return the recordings of an archive."""
+def _recordings_of(opened: zipfile.ZipFile, archive: Path) -> list[zipfile.ZipInfo]:
+    """Return the members that are recordings."""
     members = [
         member
         for member in opened.infolist()
         if member.filename.lower().endswith(RECORDINGS)
         and not PurePosixPath(member.filename).name.startswith(".")
-        and not set(_FOREIGN) & set(PurePosixPath(member.filename).parts)
+        and not set(IGNORED_FOLDERS) & set(PurePosixPath(member.filename).parts)
     ]
     if not members:
         raise _unfit(archive, f"has no recordings ({', '.join(RECORDINGS)})")
-    if len(members) > MOST:
-        raise _unfit(archive, f"has {len(members)} recordings, more than {MOST}")
+    if len(members) > MAX_RECORDINGS:
+        raise _unfit(archive, f"has {len(members)} recordings, more than {MAX_RECORDINGS}")
     return members
 
 
-def _place(member: zipfile.ZipInfo, folder: Path, archive: Path) -> Path:
-    """Return where a member goes, which must be inside the folder."""
+def _target(member: zipfile.ZipInfo, folder: Path, archive: Path) -> Path:
+    """Return the path a member is written to, which must be inside the folder."""
     name = member.filename
     parts = PurePosixPath(name).parts
-    odd = any(ord(sign) < ord(" ") for sign in name) or "\\" in name or ":" in name
-    if odd or name.startswith("/") or ".." in parts:
-        raise _unfit(archive, f"has a recording of the name {name!r}, which leads out of it")
+    has_odd_characters = any(ord(sign) < ord(" ") for sign in name) or "\\" in name or ":" in name
+    if has_odd_characters or name.startswith("/") or ".." in parts:
+        raise _unfit(archive, f"has a recording whose name {name!r} leads out of the folder")
     path = folder.joinpath(*parts)
     inside = Path(os.path.realpath(folder))
-    # a link in the folder may lead out of it, too
+    # a symbolic link in the folder may lead out of it, too
     if not Path(os.path.realpath(path)).is_relative_to(inside):
-        raise _unfit(archive, f"has a recording of the name {name!r}, which leads out of it")
+        raise _unfit(archive, f"has a recording whose name {name!r} leads out of the folder")
     return path
 
 
 def _check_sizes(members: list[zipfile.ZipInfo], archive: Path) -> None:
-    """Raise FileFetchError where members are too large, or too large for what they are made of."""
+    """Raise FileFetchError if members are too large, or larger than their bytes can inflate to."""
     for member in members:
-        if member.file_size > LARGEST:
+        if member.file_size > MAX_RECORDING_BYTES:
             raise _unfit(
                 archive, f"has a recording of {member.file_size / 1e9:.1f} GB ({member.filename})"
             )
-        plain = member.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-        if plain and member.file_size > _DEFLATE_MOST * max(member.compress_size, 1):
-            raise _unfit(archive, f"says of {member.filename!r} what cannot be")
+        is_bounded = member.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+        if is_bounded and member.file_size > MAX_DEFLATE_RATIO * max(member.compress_size, 1):
+            raise _unfit(archive, f"states an impossible size of {member.filename!r}")
     total = sum(member.file_size for member in members)
-    if total > LARGEST_TOTAL:
+    if total > MAX_TOTAL_BYTES:
         raise _unfit(archive, f"has recordings of {total / 1e9:.0f} GB")
 
 
-def _is_there(member: zipfile.ZipInfo, path: Path) -> bool:
-    """Tell if a recording has been written before."""
+def _exists(member: zipfile.ZipInfo, path: Path) -> bool:
+    """Return whether a recording has been written already."""
     if not path.is_file() or path.stat().st_size != member.file_size:
         return False
     found = 0
     with path.open("rb") as file:
-        while piece := file.read(_CHUNK):
-            found = zlib.crc32(piece, found)
+        while chunk := file.read(CHUNK_BYTES):
+            found = zlib.crc32(chunk, found)
     return found == member.CRC
 
 
 def _write(opened: zipfile.ZipFile, member: zipfile.ZipInfo, path: Path) -> None:
-    """Write a recording; zipfile ends at the size that was checked, and compares the checksum."""
+    """Write a recording; zipfile stops at the checked size and compares the checksum."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(
-            f"{path.parent}: cannot be made ({error.strerror}); check what is there"
+            f"{path.parent}: cannot be created ({error.strerror}); check what is there"
         ) from error
     with (
         replace_file(path, overwrite=True) as temporary,
         opened.open(member) as source,
         temporary.open("wb") as file,
     ):
-        while piece := source.read(_CHUNK):
-            file.write(piece)
+        while chunk := source.read(CHUNK_BYTES):
+            file.write(chunk)
 
 
 def _unfit(archive: Path, what: str) -> FileFetchError:
-    return FileFetchError(f"{archive}: {what}; it is not unpacked, look at where it comes from")
+    return FileFetchError(f"{archive}: {what}; it is not unpacked, check where it comes from")

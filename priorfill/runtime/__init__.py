@@ -1,1 +1,1 @@
-"""Threads, worker processes, resource files, and files written atomically."""
+"""Threads, file locks, packaged resource files, and files written atomically."""

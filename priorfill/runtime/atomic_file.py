@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Files that are written completely or not at all."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from pathlib import Path
 
 from priorfill.errors import OutputError, PriorfillError
 
-__all__ = ["check_target", "finish_file", "replace_file"]
+__all__ = ["check_target", "finish_file", "flush_folder", "replace_file"]
 
 _TOKEN_BYTES = 6
-"""Random bytes in a temporary name: two writers of one target do not meet."""
+"""Random bytes in a temporary name, so that two writers of one target do not collide."""
 
 
 def check_target(path: Path | str, *, overwrite: bool = False, source: Path | None = None) -> Path:
-    """Check that a file can be written where it should go; return the place behind links.
+    """Check that a file can be written; return its path with links resolved.
 
     Parameters
     ----------
@@ -26,13 +26,13 @@ def check_target(path: Path | str, *, overwrite: bool = False, source: Path | No
     overwrite : bool
         Whether it may replace an existing file.
     source : Path or None
-        A file that it must not be.
+        A file that must not be overwritten.
 
     Raises
     ------
     OutputError
-        Where it is the source, its folder is missing, or it is a folder or exists already (and
-        `overwrite` is false).
+        If the path is the source, a folder, or an existing file (without `overwrite`), or if its
+        folder does not exist.
     """
     given = Path(path)
     target = Path(os.path.realpath(given))
@@ -49,13 +49,13 @@ def check_target(path: Path | str, *, overwrite: bool = False, source: Path | No
 
 @contextmanager
 def replace_file(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]:
-    """Hand out a temporary file that becomes `path` when the block ends well.
+    """Provide a temporary file that replaces `path` if the block succeeds.
 
-    The temporary file lies in the target's folder (a rename is atomic only within one file
-    system) and keeps the target's suffix in lower case (ezc3d appends one otherwise). At the
-    end it is flushed to the disk, renamed, and the folder is flushed too. After any
-    exception, an interrupt included, it is gone and `path` is as it was. A target that is a
-    symbolic link stays one: the file that it points to is replaced.
+    The temporary file is in the target's folder (a rename is atomic only within one file system)
+    and has the target's suffix in lower case (otherwise ezc3d appends one). On success it is
+    flushed to the disk and renamed, and the folder is flushed too. After any exception, including
+    an interrupt, it is removed and `path` is unchanged. If the target is a symbolic link, the file
+    it points to is replaced.
 
     Parameters
     ----------
@@ -67,13 +67,13 @@ def replace_file(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]
     Yields
     ------
     Path
-        The temporary file, which exists and is empty.
+        The temporary file, empty.
 
     Raises
     ------
     OutputError
-        Where the folder is missing, `path` is a folder or exists already (and `overwrite`
-        is false), or the system refuses to write.
+        If the folder does not exist, `path` is a folder or an existing file (without
+        `overwrite`), or the system refuses to write.
     """
     given = Path(path)
     target = check_target(given, overwrite=overwrite)
@@ -82,11 +82,13 @@ def replace_file(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]
         f".{target.stem}.{secrets.token_hex(_TOKEN_BYTES)}.part{target.suffix.lower()}"
     )
     try:
-        # not tempfile: its files are private (0600), a result should follow the umask
+        # not tempfile, whose files are private (0600): results follow the umask
         temporary.open("xb").close()
         yield temporary
-        _flush(temporary)  # may take long, and the check is to be the last thing before the rename
-        # an earlier check can be outdated: somebody else may have written meanwhile
+        _flush(
+            temporary
+        )  # slow, so it precedes the check, which is the last step before the rename
+        # another process may have written the target since the first check
         if target.exists() and not overwrite:
             raise OutputError(f"{given}: appeared while writing; choose another name")
         finish_file(temporary, target)
@@ -103,23 +105,23 @@ def replace_file(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]
 
 
 def finish_file(temporary: Path, target: Path) -> None:
-    """Give a file that is written to its end the name that it is known by, and flush both.
+    """Rename a complete file to its target, and flush the file and its folder.
 
     Parameters
     ----------
     temporary : Path
-        The file, in the folder of the target.
+        The file, in the target's folder.
     target : Path
-        What it is to be called; replaced if it is there.
+        The new name; an existing file is replaced.
 
     Raises
     ------
     OSError
-        Where the system refuses.
+        If the system refuses.
     """
     _flush(temporary)
     temporary.replace(target)
-    _flush_folder(target.parent)
+    flush_folder(target.parent)
 
 
 def _flush(path: Path) -> None:
@@ -128,9 +130,12 @@ def _flush(path: Path) -> None:
         os.fsync(file.fileno())
 
 
-def _flush_folder(folder: Path) -> None:
-    """Force the entries of `folder` to the disk, where the system can do that."""
-    if os.name == "nt":  # folders cannot be opened there
+def flush_folder(folder: Path) -> None:
+    """Force the entries of `folder` (new and renamed files) to the disk.
+
+    Windows cannot open folders; there this does nothing.
+    """
+    if os.name == "nt":
         return
     descriptor = os.open(folder, os.O_RDONLY)
     try:

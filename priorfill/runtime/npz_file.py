@@ -1,4 +1,4 @@
-"""Write arrays as a NumPy archive (.npz), for programs that calculate on."""
+"""Write arrays as NumPy archives (.npz)."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ __all__ = ["create_npz", "save_arrays"]
 
 
 def create_npz(path: Path | str, arrays: Mapping[str, Any], *, overwrite: bool = False) -> None:
-    """Write named arrays, compressed; the same arrays give the same bytes.
+    """Write named arrays to a compressed archive; equal arrays give equal bytes.
 
     Parameters
     ----------
     path : Path or str
         The file to write.
     arrays : mapping of str to array_like
-        Numbers and texts: what can be read again without unpickling.
+        Numbers and strings, which can be loaded without unpickling.
     overwrite : bool
         Replace an existing file.
 
@@ -30,23 +30,23 @@ def create_npz(path: Path | str, arrays: Mapping[str, Any], *, overwrite: bool =
     OutputError
         If the file exists already or cannot be written.
     ValueError
-        If something is neither number nor text.
+        If an array holds neither numbers nor strings.
     """
     with replace_file(path, overwrite=overwrite) as temporary:
         save_arrays(temporary, arrays)
 
 
 def save_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
-    """Write named arrays, as `create_npz` does, into a file that may be torn.
+    """Write named arrays as `create_npz` does, but not atomically.
 
     Raises
     ------
     ValueError
-        If something is neither number nor text.
+        If an array holds neither numbers nor strings.
     """
     ready = {name: np.asarray(value) for name, value in arrays.items()}
     for name, array in ready.items():
         if array.dtype.kind not in "biufU":
-            raise ValueError(f"{name} is of type {array.dtype}; give numbers or texts")
+            raise ValueError(f"{name} is of type {array.dtype}; give numbers or strings")
     with path.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **ready)

@@ -1,7 +1,6 @@
-"""How loops are compiled.
+"""Options for numba's `njit`.
 
-They are compiled when they are first needed, while somebody waits for it: what is left out here
-takes as long as a loop.
+Functions compile on first use; omitting unneeded wrappers and checks shortens that wait.
 """
 
 from __future__ import annotations
@@ -16,8 +15,7 @@ ENTRY: dict[str, Any] = {
     "error_model": "numpy",
     "no_cfunc_wrapper": True,
 }
-"""Options of numba's `njit` for functions that Python calls: without a way in from C, and without
-a check of each division."""
+"""For functions called from Python: no C wrapper, no check of each division."""
 
 HELPER: dict[str, Any] = {**ENTRY, "no_cpython_wrapper": True}
-"""The same for functions that only compiled ones call: without a way in from Python either."""
+"""For functions called only from compiled ones: no Python wrapper either."""

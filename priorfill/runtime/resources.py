@@ -1,4 +1,4 @@
-"""Where the files are that ship with priorfill: marker sets and the starter database."""
+"""Paths of the files shipped with priorfill, such as marker sets and the starter database."""
 
 from __future__ import annotations
 
@@ -8,20 +8,24 @@ __all__ = ["resource_path"]
 
 
 def resource_path(*parts: str) -> Path:
-    """Return the path of a file or folder that ships with priorfill.
+    """Return the path of a file or folder shipped with priorfill.
 
-    It is inside the package once installed (``priorfill/_database``), and in ``database/``
-    of a checkout.
+    In an installed package it is below ``priorfill/_database``, in a checkout below ``database/``.
 
     Parameters
     ----------
     *parts : str
-        Path below ``database/``, piece by piece.
+        Components of the path below ``database/``.
 
     Raises
     ------
     FileNotFoundError
-        Where neither place has it: the installation is incomplete.
+        If it is in neither place: the installation is incomplete.
+
+    Examples
+    --------
+    >>> resource_path("markersets", "baumann41.toml").name
+    'baumann41.toml'
     """
     package = Path(__file__).resolve().parents[1]
     for root in (package / "_database", package.parent / "database"):
@@ -29,5 +33,5 @@ def resource_path(*parts: str) -> Path:
         if path.exists():
             return path
     raise FileNotFoundError(
-        f"priorfill's own {'/'.join(parts)} is not installed; install priorfill again"
+        f"priorfill's file {'/'.join(parts)} is missing; install priorfill again"
     )

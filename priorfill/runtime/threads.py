@@ -1,7 +1,7 @@
-"""How many threads priorfill may use, and work that is shared out among them.
+"""The number of threads priorfill may use, and work divided among them.
 
-All cores, unless the environment variable `VARIABLE` says less: where many clips are filled at the
-same time, a process each, more threads than cores only get into each other's way.
+By default all cores; the environment variable `VARIABLE` sets a lower limit. When several processes
+fill clips at the same time, more threads than cores only slow each other down.
 """
 
 from __future__ import annotations
@@ -11,35 +11,56 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
-__all__ = ["VARIABLE", "at_most", "in_threads", "parts", "thread_count"]
+__all__ = ["VARIABLE", "limit_threads", "run_in_threads", "split_range", "thread_count"]
 
 VARIABLE = "PRIORFILL_THREADS"
-"""Environment variable: the threads that a fill may use at most."""
+"""Environment variable with the maximum number of threads of a fill."""
 
 
 def thread_count() -> int:
-    """Return how many threads a fill may use; results do not depend on it."""
+    """Return the number of threads a fill may use; results do not depend on it."""
     cores = os.cpu_count() or 1
     try:
-        asked = int(os.environ.get(VARIABLE, ""))
+        requested = int(os.environ.get(VARIABLE, ""))
     except ValueError:
         return cores
-    return min(max(asked, 1), cores)
+    return min(max(requested, 1), cores)
 
 
-def at_most(count: int) -> None:
-    """Let fills of this process use so many threads at most (1 or more)."""
+def limit_threads(count: int) -> None:
+    """Limit fills in this process to `count` threads (1 or more)."""
     os.environ[VARIABLE] = str(count)
 
 
-def parts(count: int, worth: int) -> list[tuple[int, int]]:
-    """Cut a range into parts for so many threads as are worth it and allowed."""
-    threads = max(1, min(worth, thread_count(), count))
+def split_range(count: int, max_parts: int) -> list[tuple[int, int]]:
+    """Split ``range(count)`` into contiguous parts, one per thread.
+
+    Parameters
+    ----------
+    count : int
+        Length of the range.
+    max_parts : int
+        Number of threads the work is worth; `thread_count` is a further limit.
+
+    Returns
+    -------
+    list of (int, int)
+        Start and stop of each part.
+
+    Examples
+    --------
+    >>> split_range(10, 1)
+    [(0, 10)]
+    """
+    threads = max(1, min(max_parts, thread_count(), count))
     return list(pairwise(count * part // threads for part in range(threads + 1)))
 
 
-def in_threads(work: Callable[[int, int], Any], parts: list[tuple[int, int]]) -> list[Any]:
-    """Do the parts of some work at the same time; none writes where another does."""
+def run_in_threads(work: Callable[[int, int], Any], parts: list[tuple[int, int]]) -> list[Any]:
+    """Call ``work(start, stop)`` for all parts at the same time; return the results in order.
+
+    No part may write to memory that another one writes to.
+    """
     if len(parts) == 1:
         return [work(*parts[0])]
     from concurrent.futures import ThreadPoolExecutor  # slow to import

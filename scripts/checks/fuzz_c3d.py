@@ -34,10 +34,11 @@ import numpy as np
 from priorfill.errors import PriorfillError
 from priorfill.filling.fill_clip import fill
 from priorfill.formats import read, write
-from priorfill.runtime.worker import DONE, Worker
 
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 sys.path.append(str(Path(__file__).resolve().parents[2] / "tests" / "support"))
 from c3d_bytes import BLOCK, DEC, INTEL, LABELS, MIPS, C3DFile, standing
+from worker import DONE, Worker
 
 SECONDS = 5.0
 """Processor time that a file may take: wall time says more of what else the machine does."""

@@ -32,7 +32,9 @@ from priorfill.errors import PriorfillError
 from priorfill.filling.fill_clip import fill
 from priorfill.formats import read_c3d, write_c3d
 from priorfill.formats.c3d.layout import parse_layout, read_points
-from priorfill.runtime.worker import DONE, Worker
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from worker import DONE, Worker
 
 STEPS = ("read", "filled", "byte-exact", "read back", "ezc3d agrees")
 """What is done with a file, in this order; the last only where ezc3d can read the file."""

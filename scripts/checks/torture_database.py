@@ -78,7 +78,7 @@ SMALL_SEGMENT = 20_000
 """Bytes of a segment in some rounds: so the catalogue grows larger than every segment, and is what
 meets the limit of a file's size."""
 
-RESTING = re.compile(r"priorfill-database\.json|catalogue(-\d+)?\.(sqlite|seal)|segments|lock")
+RESTING = re.compile(r"priorfill-database\.json|catalogue(-\d+)?\.(sqlite|checksum)|segments|lock")
 """What a database that nobody writes to consists of; anything else is unfinished."""
 
 AT_A_CALL = 0.3
@@ -1010,7 +1010,7 @@ class Torture:
         status = run.end()
         if killed:
             return
-        bad = [text for text in ("Traceback", "a fault of priorfill") if text in run.errors]
+        bad = [text for text in ("Traceback", "bug in priorfill") if text in run.errors]
         if status not in (0, 1) or bad:
             raise WrongError(f"ended with {status} and {run.errors[-600:]!r}")
 

@@ -113,7 +113,7 @@ def test_an_earlier_fill_says_it_too(here: Path, pair: tuple[Clip, Clip, np.ndar
 
 def test_none_of_them(here: Path, pair: object) -> None:
     text = (
-        "priorfill: filled.c3d: neither its residuals nor the database tell which samples were "
+        "priorfill: filled.c3d: neither its residuals nor the database show which samples were "
         "filled; give the file it was filled from (--original IN.c3d)\n"
     )
     result = run("db", "accept", "-d", "db", "filled.c3d")
@@ -226,14 +226,14 @@ def test_a_filled_clip_that_misses_more(here: Path, pair: tuple[Clip, Clip, np.n
     write("less.c3d", filled.with_positions(positions))
     result = run("db", "accept", "-d", "db", "less.c3d", "--original", "gappy.c3d")
     assert result.exit_code == 1
-    assert "it misses LASI in frame 6; give the file" in result.stderr
+    assert "it lacks LASI in frame 6; give the file" in result.stderr
 
 
 def test_nothing_filled(here: Path, pair: object) -> None:
     result = run("db", "accept", "-d", "db", "gappy.c3d", "--original", "gappy.c3d")
     assert result.exit_code == 1
     assert result.stderr == (
-        "priorfill: gappy.c3d: nothing in it is filled, --original has the same samples; "
+        "priorfill: gappy.c3d: has no filled samples, --original has the same ones; "
         "use: priorfill db add\n"
     )
 
@@ -257,7 +257,7 @@ def test_wrong_originals_and_methods(here: Path, pair: object) -> None:
     result = run("db", "accept", "-d", "db", "filled.c3d", "--method", " ")
     assert result.exit_code == 1
     assert result.stderr == (
-        "priorfill: --method is empty; say what the gaps were filled with, or leave it out\n"
+        "priorfill: --method is empty; name the method that filled the gaps, or omit it\n"
     )
 
 

@@ -78,7 +78,7 @@ def test_patterns_that_the_shell_left(here: Path) -> None:
     result = run("db", "add", "-d", "db", "jump*.c3d")
     assert result.exit_code == 1
     assert result.stderr == (
-        "priorfill: jump*.c3d: no file or folder fits this pattern; check it\n"
+        "priorfill: jump*.c3d: no file or folder matches this pattern; check it\n"
     )
 
 
@@ -93,7 +93,7 @@ def test_what_cannot_be_added_is_reported_and_the_others_go_on(here: Path) -> No
     assert result.exit_code == 1
     assert result.stdout == "added good.c3d\nadded 1 clip (1.00 s), could not add 4\n"
     errors = result.stderr.splitlines()
-    assert errors[0] == "priorfill: no.c3d: there is no such file or folder; check the name"
+    assert errors[0] == "priorfill: no.c3d: no such file or folder; check the name"
     assert errors[1] == f"priorfill: empty: has no files that can be read ({READ})"
     assert errors[2].startswith("priorfill: bad.c3d: ")
     assert errors[3] == (
@@ -114,7 +114,7 @@ def test_a_folder_with_other_files_stays_as_it_is(here: Path) -> None:
     result = run("db", "add", "-d", "clips", "clips/good.c3d")
     assert result.exit_code == 1
     assert result.stderr == (
-        "priorfill: clips: has other files in it (good.c3d); "
+        "priorfill: clips: contains other files (good.c3d); "
         "give an empty or a new folder for a new database\n"
     )
     assert [path.name for path in (here / "clips").iterdir()] == ["good.c3d"]
@@ -310,3 +310,46 @@ def test_what_is_added_goes_to_stdout_beside_a_progress_bar(
     out, err = capfd.readouterr()
     assert out == "added a.c3d\nadded 1 clip (1.00 s)\n"
     assert "Adding clips" in err
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (ZeroDivisionError("by 0"), "bug in priorfill (ZeroDivisionError: by 0)"),
+        (MemoryError(), "needs more memory than is available"),
+    ],
+)
+def test_a_file_that_breaks_its_parser_does_not_stop_the_others(
+    error: BaseException, words: str, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for seed, name in enumerate(["a", "b", "c"]):
+        write_clip(here / f"{name}.c3d", seed)
+
+    def failing(path: Path, **options: object) -> object:
+        if path.name == "b.c3d":
+            raise error
+        return read(path, **options)
+
+    monkeypatch.setattr("priorfill.formats.read", failing)
+    result = run("db", "add", "-d", "db", "a.c3d", "b.c3d", "c.c3d")
+    assert result.exit_code == 1
+    assert result.stdout.splitlines() == [
+        *("added a.c3d", "added c.c3d"),
+        "added 2 clips (2.00 s), could not add 1",
+    ]
+    assert result.stderr.startswith("priorfill: b.c3d: ")
+    assert words in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_an_evaluation_goes_on_with_the_other_files(here: Path) -> None:
+    write_clip(here / "a.c3d", 1)
+    (here / "bad.c3d").write_bytes(b"rubbish")
+    common = ["-m", "linear", "--copies", "1", "-j", "0"]
+    result = run("evaluate", "bad.c3d", "a.c3d", *common)
+    assert result.exit_code == 1
+    assert result.stderr.startswith("priorfill: bad.c3d: ")
+    assert "of 1 clip;" in result.stdout
+    result = run("evaluate", "bad.c3d", "bad.c3d", *common)
+    assert (result.exit_code, result.stdout) == (1, "")
+    assert "none of the 2 files can be read" in result.stderr

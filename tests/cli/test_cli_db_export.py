@@ -11,7 +11,7 @@ import pytest
 from db_cli import gappy_and_filled, run, small_clip
 
 from priorfill.clip import Clip
-from priorfill.database import PriorDatabase
+from priorfill.database import ClipOrigin, PriorDatabase
 from priorfill.errors import OutputError
 from priorfill.formats import create_npz, read
 
@@ -22,7 +22,7 @@ def ids(here: Path) -> dict[tuple[str, str], str]:
     with PriorDatabase.create("db") as database:
         gappy, _, _ = gappy_and_filled(small_clip("run", 1, subject="anna"))
         _, filled, mask = gappy_and_filled(small_clip("Walk", 2, subject="anna"))
-        database.add(gappy, licence="CC0", credit="lab", session="2")
+        database.add(gappy, ClipOrigin(licence="CC0", credit="lab", session="2"))
         database.accept(filled, mask, filled_by="gpr")
         database.add(small_clip("walk", 3, subject="ben"))
         return {(r.name, r.subject): r.content[:8] for r in database.clips()}
@@ -49,8 +49,8 @@ def test_c3d(ids: dict[tuple[str, str], str]) -> None:
         "exported 3 clips (3.00 s)",
     ]
     assert result.stderr == (
-        "note: 1 clip with filled samples, which these C3D files do not tell from measured ones "
-        "(--format npz does; --measured-only leaves them out)\n"
+        "note: 1 clip with filled samples, which these C3D files do not distinguish from "
+        "measured ones (--format npz does; --measured-only leaves them out)\n"
     )
     assert files() == sorted([f"{walk}.c3d", f"{other}.c3d", "run.c3d"])
     clip = read("out/run.c3d")
@@ -170,8 +170,8 @@ def test_wrong_folders(ids: object) -> None:
     for folder, text in (
         ("db", "db: is inside the database; choose another folder (-o)"),
         ("db/out", "db/out: is inside the database; choose another folder (-o)"),
-        ("file", "file: cannot be made (File exists); choose another folder (-o)"),
-        ("file/out", "file/out: cannot be made (Not a directory); choose another folder (-o)"),
+        ("file", "file: cannot be created (File exists); choose another folder (-o)"),
+        ("file/out", "file/out: cannot be created (Not a directory); choose another folder (-o)"),
     ):
         result = run("db", "export", "-d", "db", "-o", folder)
         assert (result.exit_code, result.stdout) == (1, "")
@@ -219,7 +219,7 @@ def test_a_damaged_clip_is_not_exported(ids: object) -> None:
 
 
 def test_a_clip_too_long_for_c3d(ids: object, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("priorfill.formats.c3d.create.MOST_FRAMES", 30)
+    monkeypatch.setattr("priorfill.formats.c3d.create.MAX_C3D_FRAMES", 30)
     with PriorDatabase.open("db", write=True) as database:
         database.add(small_clip("long", 8, frames=200))
     result = run("db", "export", "-d", "db", "-o", "out")
@@ -258,7 +258,7 @@ def test_npz_is_the_same_each_time(here: Path) -> None:
     create_npz("one.npz", {"rate": 60.0}, overwrite=True)
     with np.load("one.npz") as archive:
         assert archive.files == ["rate"]
-    with pytest.raises(ValueError, match="odd is of type object; give numbers or texts"):
+    with pytest.raises(ValueError, match="odd is of type object; give numbers or strings"):
         create_npz("three.npz", {"odd": np.array([None])})
     assert files(".") == ["one.npz", "two.npz"]
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 from db_cli import gappy_and_filled, run, small_clip
 
-from priorfill.database import ClipRecord, PriorDatabase
+from priorfill.database import ClipOrigin, ClipRecord, PriorDatabase
 
 
 def make(place: str, *seeds: int, **options: float) -> None:
     with PriorDatabase.create(place, **options) as database:
         for seed in seeds:
-            database.add(small_clip(f"clip{seed}", seed, subject="anna"), licence="CC0")
+            database.add(small_clip(f"clip{seed}", seed, subject="anna"), ClipOrigin(licence="CC0"))
 
 
 def clips(place: str) -> list[ClipRecord]:

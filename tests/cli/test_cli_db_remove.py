@@ -80,7 +80,7 @@ def test_a_name_that_fits_nothing_removes_nothing(
 def test_nothing_named(ids: object) -> None:
     result = run("db", "remove", "-d", "db")
     assert result.exit_code == 2
-    assert "say which clips: NAME... or --subject PATTERN" in result.stderr
+    assert "name the clips: NAME... or --subject PATTERN" in result.stderr
     assert len(left()) == 4
 
 
@@ -94,15 +94,15 @@ def test_locked(ids: object) -> None:
 
 
 def test_compact(ids: object) -> None:
-    assert run("db", "compact", "-d", "db").stdout == "nothing to give back\n"
+    assert run("db", "compact", "-d", "db").stdout == "nothing to free\n"
     size = sum(path.stat().st_size for path in Path("db/segments").iterdir())
     run("db", "remove", "-d", "db", "walk*")
     with PriorDatabase.open("db") as reader:
         (record,) = reader.clips()
         positions = reader.positions(record)
         result = run("db", "compact", "-d", "db")
-        assert (result.exit_code, result.stdout) == (0, "7.6 kB given back\n")
+        assert (result.exit_code, result.stdout) == (0, "7.6 kB freed\n")
         assert (reader.positions(record) == positions).all()
     assert sum(path.stat().st_size for path in Path("db/segments").iterdir()) == size / 4
     assert run("db", "verify", "-d", "db").stdout.startswith("1 clip checked")
-    assert run("db", "compact", "-d", "db").stdout == "nothing to give back\n"
+    assert run("db", "compact", "-d", "db").stdout == "nothing to free\n"

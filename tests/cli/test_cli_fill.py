@@ -217,8 +217,8 @@ def test_unfilled(folder: Path) -> None:
     first = read("drop.c3d").first_frame
     assert result.stderr == (
         f"unfilled: 240 samples of 1 marker (C7) within frames {first}-{first + 239}: "
-        "hardly a frame of the clip shows it together with the visible markers, "
-        "nor does another recording, and there is no database; "
+        "too few frames of the clip show it together with the visible markers, "
+        "and no other recording does, and there is no database; "
         "give one (--database), or another clip of the same person (--same-subject)\n"
     )
     assert "filled 220 samples with gpr; 7 of 8 gaps complete" in result.stdout

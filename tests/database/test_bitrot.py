@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from priorfill.clip import Clip
-from priorfill.database import ClipRecord, PriorDatabase
+from priorfill.database import ClipOrigin, ClipRecord, PriorDatabase
 from priorfill.errors import DatabaseCorruptError, DatabaseError, DatabaseFormatError
 from priorfill.filling.fill_clip import fill
 from priorfill.filling.result import Result
@@ -44,7 +44,7 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
             clip = small_clip(seed)
             filled = np.zeros(clip.missing.shape, dtype=bool)
             filled[5:15, 2] = seed == 1
-            database.add(clip, licence="CC0", filled=filled, filled_by="splines")
+            database.add(clip, ClipOrigin(licence="CC0"), filled=filled, filled_by="splines")
         database.remove([record for record in database.clips() if record.name == "clip3"])
     return folder
 
@@ -116,22 +116,22 @@ def test_a_bit_of_a_segment(where: float, bit: int, sound: Path, copy: Path) -> 
 
 
 @several
-@given(where=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7), sealed=st.booleans())
-@example(where=0.0, bit=0, sealed=True)
+@given(where=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7), has_checksum=st.booleans())
+@example(where=0.0, bit=0, has_checksum=True)
 def test_a_bit_of_the_catalogue(
-    where: float, bit: int, sealed: bool, sound: Path, copy: Path
+    where: float, bit: int, has_checksum: bool, sound: Path, copy: Path
 ) -> None:
     """Found, or of no consequence: what is not said to be wrong reads as it was written."""
     (file,) = copy.glob("*.sqlite")
-    (seal,) = sound.glob("*.seal")
+    (checksum,) = sound.glob("*.checksum")
     shutil.copyfile(sound / file.name, file)
-    shutil.copyfile(seal, copy / seal.name)
-    if not sealed:  # as after a writer that was killed
-        (copy / seal.name).unlink()
+    shutil.copyfile(checksum, copy / checksum.name)
+    if not has_checksum:  # as after a writer that was killed
+        (copy / checksum.name).unlink()
     flip(file, int(where * file.stat().st_size), bit)
     found = findings(copy)
-    if sealed:
-        assert found, "the seal is of every byte"
+    if has_checksum:
+        assert found, "the checksum file covers every byte"
     assert all("\n" not in line for line in found)
     was = everything(sound)
     if not found:
@@ -146,7 +146,7 @@ def test_a_bit_of_the_catalogue(
                     assert of(database, record) == was[record.content]
     except DatabaseError:
         pass  # cannot be opened at all, and says so
-    with pytest.raises(DatabaseError) if sealed else suppress(DatabaseError):
+    with pytest.raises(DatabaseError) if has_checksum else suppress(DatabaseError):
         PriorDatabase.open(copy, write=True).close()  # writers keep off
 
 
@@ -155,9 +155,9 @@ def test_a_bit_of_the_catalogue(
 def test_a_bit_of_the_small_files(
     where: float, bit: int, name: int, sound: Path, copy: Path
 ) -> None:
-    """The seal and the identity file: found, or of no consequence."""
-    (seal,) = sound.glob("*.seal")
-    names = (seal.name, "priorfill-database.json")
+    """The checksum file and the manifest: found, or of no consequence."""
+    (checksum,) = sound.glob("*.checksum")
+    names = (checksum.name, "priorfill-database.json")
     for each in names:
         shutil.copyfile(sound / each, copy / each)
     file = copy / names[name]
@@ -165,7 +165,7 @@ def test_a_bit_of_the_small_files(
     found = findings(copy)
     if not found:
         assert everything(copy) == everything(sound)
-    assert found or names[name] != seal.name
+    assert found or names[name] != checksum.name
 
 
 def test_a_row_is_named(copy: Path) -> None:

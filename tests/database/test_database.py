@@ -21,7 +21,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from priorfill.clip import Clip
-from priorfill.database import PriorDatabase, catalogue, segments
+from priorfill.database import ClipOrigin, PriorDatabase, catalogue, catalogue_rows, segments
 from priorfill.errors import (
     ClipError,
     DatabaseCorruptError,
@@ -87,7 +87,7 @@ def test_a_segment_that_several_threads_read_is_opened_once(
     with PriorDatabase.open(folder, write=True) as database:  # else all are opened at once
         monkeypatch.setattr(Path, "open", slowly)
         with ThreadPoolExecutor(max_workers=4) as pool:
-            found = list(pool.map(lambda level: database.sound_positions(record, level), [0] * 4))
+            found = list(pool.map(lambda level: database.checked_positions(record, level), [0] * 4))
         assert len(opened) == 1
         for positions in found:
             np.testing.assert_array_equal(positions, database.positions(record))
@@ -96,7 +96,9 @@ def test_a_segment_that_several_threads_read_is_opened_once(
 def test_round_trip(folder: Path) -> None:
     clip = make_clip(subject="anna", up="+Y")
     with PriorDatabase.create(folder) as database:
-        added = database.add(clip, session="s1", licence="CC0", credit="me", synthetic=True)
+        added = database.add(
+            clip, ClipOrigin(session="s1", licence="CC0", credit="me", synthetic=True)
+        )
     with PriorDatabase.open(folder) as database:
         (record,) = database.clips()
         assert record == added
@@ -133,12 +135,12 @@ def test_views_are_not_copies_and_outlive_the_database(folder: Path) -> None:
 
 def test_info(folder: Path) -> None:
     with PriorDatabase.create(folder, rate=25, levels=2) as database:
-        database.add(make_clip(0), subject="anna")
-        database.add(make_clip(1), subject="anna", synthetic=True)
+        database.add(make_clip(0), ClipOrigin(subject="anna"))
+        database.add(make_clip(1), ClipOrigin(subject="anna", synthetic=True))
         database.add(make_clip(2))
     with PriorDatabase.open(folder) as database:
         info = database.info()
-    assert (info.version, info.rate, info.levels) == (2, 25.0, 2)
+    assert (info.version, info.rate, info.levels) == (1, 25.0, 2)
     assert (info.clips, info.subjects, info.synthetic) == (3, 1, 1)
     assert info.frames == 3 * 27
     assert info.seconds == pytest.approx(3 * 27 / 25)
@@ -271,14 +273,14 @@ def test_no_database(tmp_path: Path) -> None:
         PriorDatabase.open_or_create(tmp_path / "file")
     with pytest.raises(DatabaseFormatError, match="is not a priorfill database"):
         PriorDatabase.open(tmp_path)
-    with pytest.raises(DatabaseNotFoundError, match=r"the folder .*no is not there"):
+    with pytest.raises(DatabaseNotFoundError, match=r"the folder .*no does not exist"):
         PriorDatabase.create(tmp_path / "no" / "db")
 
 
 def test_a_folder_with_other_files_is_never_made_a_database(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("x")
     for make in (PriorDatabase.create, PriorDatabase.open_or_create):
-        with pytest.raises(DatabaseFormatError, match=r"has other files in it \(thesis.tex\)"):
+        with pytest.raises(DatabaseFormatError, match=r"contains other files \(thesis.tex\)"):
             make(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
@@ -290,7 +292,7 @@ def test_create_and_open_or_create(folder: Path) -> None:
     with PriorDatabase.open_or_create(folder, rate=50) as database:
         assert database.rate == 25
         assert len(database.clips()) == 1
-    with pytest.raises(DatabaseFormatError, match="has other files in it"):
+    with pytest.raises(DatabaseFormatError, match="contains other files"):
         PriorDatabase.create(folder)
     for rate in (0.0, np.nan):
         with pytest.raises(OptionError, match="a database rate of"):
@@ -303,12 +305,12 @@ def test_create_and_open_or_create(folder: Path) -> None:
     ("change", "message"),
     [
         (
-            {"version": 3},
-            "has format version 3, this priorfill knows versions 1 to 2; install a newer",
+            {"version": 2},
+            "has format version 2, but this priorfill reads version 1; install a newer",
         ),
-        ({"version": 0}, "has format version 0, this priorfill knows versions 1 to 2; restore it"),
-        ({"version": None}, "is damaged or not of priorfill"),
-        ({"format": "other"}, "is not of priorfill"),
+        ({"version": 0}, "has format version 0, but this priorfill reads version 1; restore it"),
+        ({"version": None}, "is damaged or was not written by priorfill"),
+        ({"format": "other"}, "was not written by priorfill"),
         ({"rate": "fast"}, "has no valid rate and levels"),
     ],
 )
@@ -395,7 +397,7 @@ def run_and_die(action: Callable[[], None]) -> None:
 
 @pytest.mark.parametrize(
     "where",
-    [(catalogue.Catalogue, "change"), (catalogue, "_row_checksum"), (segments.os, "fsync")],
+    [(catalogue.Catalogue, "change"), (catalogue_rows, "row_checksum"), (segments.os, "fsync")],
     ids=["before the row", "within the transaction", "before the segment is on disk"],
 )
 def test_killed_before_the_commit(folder: Path, where: tuple[object, str]) -> None:
@@ -432,7 +434,7 @@ def test_an_error_in_the_middle_leaves_the_former_state(
         def full(*_: object) -> int:
             raise OSError(28, "No space left on device")
 
-        for module, name in ((catalogue, "_row_checksum"), (segments.os, "fsync")):
+        for module, name in ((catalogue_rows, "row_checksum"), (segments.os, "fsync")):
             with monkeypatch.context() as patch:
                 patch.setattr(module, name, full)
                 with pytest.raises(OSError, match="No space left"):
@@ -597,7 +599,7 @@ def test_a_damaged_catalogue(folder: Path) -> None:
     with pytest.raises(DatabaseCorruptError, match="is damaged"):
         PriorDatabase.open(folder)
     file.unlink()
-    with pytest.raises(DatabaseCorruptError, match="is gone, but there are segments"):
+    with pytest.raises(DatabaseCorruptError, match="is missing, but there are segments"):
         PriorDatabase.open(folder, write=True)
 
 
@@ -608,11 +610,11 @@ def test_a_segment_that_is_short_or_gone(folder: Path) -> None:
     os.truncate(segment, 100)
     with PriorDatabase.open(folder) as database:
         assert "ends before the catalogue says" in database.verify()[0]
-    with pytest.raises(DatabaseCorruptError, match="has 100 bytes where the catalogue counts"):
+    with pytest.raises(DatabaseCorruptError, match="has 100 bytes, but the catalogue counts"):
         PriorDatabase.open(folder, write=True)
     segment.unlink()
     with PriorDatabase.open(folder) as database:
-        assert "is not there or empty" in database.verify()[0]
+        assert "is missing or empty" in database.verify()[0]
     with pytest.raises(DatabaseCorruptError):
         PriorDatabase.open(folder, write=True)
     PriorDatabase.open(folder).close()

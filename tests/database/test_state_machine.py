@@ -30,7 +30,7 @@ from hypothesis.stateful import (
 from scripted import load_script
 
 from priorfill.clip import Clip
-from priorfill.database import ClipRecord, PriorDatabase
+from priorfill.database import ClipOrigin, ClipRecord, PriorDatabase
 from priorfill.errors import DatabaseError, DuplicateClipError
 from priorfill.signal.resample import pyramid, resample
 
@@ -201,8 +201,7 @@ class Machine(RuleBasedStateMachine):
                 clip, mask = version(new.recording, new.kind)
                 once.add(
                     clip,
-                    subject=new.subject,
-                    session=new.session,
+                    ClipOrigin(subject=new.subject, session=new.session),
                     filled=mask if new.filled_by else np.zeros_like(clip.missing),
                     filled_by=new.filled_by,
                 )
@@ -378,8 +377,7 @@ class Machine(RuleBasedStateMachine):
         def add() -> None:
             self.writer.add(
                 clip,
-                subject=subject or None,
-                session=session,
+                ClipOrigin(subject=subject or None, session=session),
                 filled=mask if by else None,
                 filled_by=by,
             )
@@ -396,7 +394,10 @@ class Machine(RuleBasedStateMachine):
         def accept() -> None:
             before = {record.content for record in self.writer.clips()}
             done = self.writer.accept(
-                clip, mask, filled_by="gpr", subject=subject or None, session=session
+                clip,
+                mask,
+                filled_by="gpr",
+                origin=ClipOrigin(subject=subject or None, session=session),
             )
             gone = {record.content for record in done.replaced}
             now = {record.content for record in self.writer.clips()}
@@ -476,7 +477,7 @@ def test_the_database_is_what_the_model_says(tmp_path: Path) -> None:
             for recording, kind in clips:
                 clip, mask = version(recording, kind)
                 by = "them" if mask is not None else ""
-                database.add(clip, subject="carl", filled=mask, filled_by=by)
+                database.add(clip, ClipOrigin(subject="carl"), filled=mask, filled_by=by)
                 model[content_of(recording, kind)] = kept(recording, kind, "carl", "", by)
         others.append((folder, model))
     Machine.others = tuple(others)

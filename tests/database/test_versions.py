@@ -13,18 +13,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from priorfill.clip import Clip
-from priorfill.database import PriorDatabase, Selection
+from priorfill.database import ClipOrigin, PriorDatabase, Selection
 from priorfill.database.sketch import (
-    FEWEST,
-    FEWEST_SHARED,
+    MIN_HASHES,
+    MIN_SHARED_HASHES,
     is_version,
     sketch,
 )
 from priorfill.errors import DatabaseError, DuplicateClipError, OptionError
 from priorfill.filling.fill_clip import fill
 
-V1 = Path(__file__).parents[1] / "fixtures" / "database-1"
-V2 = Path(__file__).parents[1] / "fixtures" / "database-2"
+FIXTURE = Path(__file__).parents[1] / "fixtures" / "database-1"
+FIRST_SAMPLE = (-168.127609, 111.895973, 7.632660)
+"""mm. First marker of the clip ``walk1`` in its first frame."""
 
 
 @pytest.fixture
@@ -70,7 +71,7 @@ def test_sketches_tell_versions_of_a_recording(seed: int, gone: float, mirrored:
     if mirrored:  # neither the order of markers nor of frames matters
         filled = filled[::-1, ::-1]
     one, other = sketch(gappy), sketch(filled)
-    assert (np.diff(one.astype(int)) > 0).all() and len(one) >= FEWEST - 1
+    assert (np.diff(one.astype(int)) > 0).all() and len(one) >= MIN_HASHES - 1
     shared = len(np.intersect1d(one, other))
     assert is_version(shared, len(one), len(other), same_length=True)
     stranger = sketch(np.cumsum(rng.normal(0, 3, (500, 30, 3)), axis=0))
@@ -101,8 +102,8 @@ def test_longer_recordings_hold_their_parts() -> None:
         (10, 100, 1000, True, True),  # a tenth of the smaller one
         (10, 1000, 100, True, True),
         (9, 100, 1000, True, False),
-        (FEWEST_SHARED, 4, 5, True, True),
-        (FEWEST_SHARED - 1, 3, 3, True, False),
+        (MIN_SHARED_HASHES, 4, 5, True, True),
+        (MIN_SHARED_HASHES - 1, 3, 3, True, False),
         (90, 90, 100, False, True),  # nine tenths of the larger one
         (89, 100, 89, False, False),
         (100, 100, 1000, False, False),  # a part of a longer recording
@@ -120,7 +121,9 @@ def test_how_much_versions_have_in_common(
 def test_a_filled_clip_takes_the_place_of_the_gappy_one(folder: Path) -> None:
     gappy, filled, mask = gappy_and_filled()
     with PriorDatabase.create(folder) as database:
-        first = database.add(gappy, subject="anna", session="s1", licence="CC0", credit="me")
+        first = database.add(
+            gappy, ClipOrigin(subject="anna", session="s1", licence="CC0", credit="me")
+        )
         accepted = database.accept(filled, mask, filled_by="gpr")
         assert accepted.replaced == (first,)
         assert database.clips() == (accepted.record,)
@@ -276,16 +279,16 @@ def test_merge(folder: Path, tmp_path: Path) -> None:
     gappy, filled, mask = gappy_and_filled(5)
     one, other, both = (tmp_path / name for name in ("one", "other", "both"))
     with PriorDatabase.create(one) as database:
-        database.add(person(seed=1), subject="anna")
+        database.add(person(seed=1), ClipOrigin(subject="anna"))
         database.add(gappy)
     with PriorDatabase.create(other) as database:
-        database.add(person(seed=1), subject="somebody else")
-        database.add(person(seed=2), synthetic=True, licence="CC0")
+        database.add(person(seed=1), ClipOrigin(subject="somebody else"))
+        database.add(person(seed=2), ClipOrigin(synthetic=True, licence="CC0"))
         database.accept(filled, mask, filled_by="gpr")
     with PriorDatabase.create(both) as database:
-        database.add(person(seed=2), synthetic=True, licence="CC0")
+        database.add(person(seed=2), ClipOrigin(synthetic=True, licence="CC0"))
         database.accept(filled, mask, filled_by="gpr")
-        database.add(person(seed=1), subject="anna")
+        database.add(person(seed=1), ClipOrigin(subject="anna"))
     with PriorDatabase.open(one, write=True) as database, PriorDatabase.open(other) as source:
         merged = database.merge(source)
         assert len(merged.added) == 2
@@ -343,7 +346,7 @@ def test_selection(folder: Path) -> None:
             labels = person(seed=seed).labels
             database.add(
                 Clip(positions[:, : 41 - seed], labels[: 41 - seed], 60, name=f"walk_{seed}"),
-                subject=subject,
+                ClipOrigin(subject=subject),
             )
         records = database.clips()
 
@@ -364,70 +367,28 @@ def test_selection(folder: Path) -> None:
     assert names(subjects=("anna",), not_names=("walk_0",)) == ["walk_1"]
 
 
-# --- format version 1 ------------------------------------------------------------------------
+# --- format on disk --------------------------------------------------------------------------
 
 
-def test_version_1_is_read(tmp_path: Path) -> None:
-    with PriorDatabase.open(V1) as database:
+def test_a_database_of_format_version_1_is_read(tmp_path: Path) -> None:
+    with PriorDatabase.open(FIXTURE) as database:
         assert database.info().version == 1
-        assert database.verify() == []
-        records = {record.name: record for record in database.clips()}
-        assert list(records) != [] and len(records) == 3
-        gappy, filled, synthetic = (records[f"walk{n}"] for n in range(3))
-        assert (gappy.subject, gappy.session, gappy.licence) == ("anna", "s1", "CC0")
-        assert gappy.measured == (21, 16, 21, 21)
-        assert filled.filled_by == "unknown" and not gappy.has_filled
-        assert filled.present == (21,) * 4 and filled.measured[2] < 21
-        mask = database.filled(filled)
-        assert mask is not None and mask[3:6, 2].all() and not mask[:, 0].any()
-        assert synthetic.synthetic
-        assert not (V1 / "lock").exists()
-    copy = tmp_path / "copy"
-    shutil.copytree(V1, copy)
-    before = state(copy)
-    with PriorDatabase.open(copy, write=True) as database:  # brought to the present version
-        assert database.info().version == 2
-        database.add(person(seed=1))
-    after = state(copy)
-    assert len(after) == 4
-    assert [row for row in after if row in before] == before
-
-
-def test_version_1_whose_upgrade_was_killed(tmp_path: Path) -> None:
-    """The catalogue is new already, the identity file still old."""
-    copy = tmp_path / "copy"
-    shutil.copytree(V1, copy)
-    PriorDatabase.open(copy, write=True).close()
-    shutil.copy(V1 / "priorfill-database.json", copy)
-    (copy / "catalogue.sqlite.new").write_bytes(b"half")
-    assert len(state(copy)) == 3
-    with PriorDatabase.open(copy, write=True) as database:
-        database.add(person(seed=1))
-    assert len(state(copy)) == 4
-    assert not (copy / "catalogue.sqlite.new").exists()
-
-
-def test_version_2_is_read(tmp_path: Path) -> None:
-    with PriorDatabase.open(V2) as database:
-        assert database.info().version == 2
         assert database.info().removed_bytes > 0
         assert database.verify() == []
         records = {record.name: record for record in database.clips()}
-        assert sorted(records) == ["walk0", "walk1", "walk2"]
+        assert sorted(records) == ["placed", "walk0", "walk1", "walk2"]
         accepted = records["walk0"]
-        assert (accepted.filled_by, accepted.session, accepted.licence) == ("prior", "s1", "CC0")
+        assert (accepted.filled_by, accepted.session, accepted.licence) == ("gpr", "s1", "CC0")
         assert (accepted.measured, accepted.present) == ((21, 16, 21, 21), (21,) * 4)
-    # what was measured is the same in both
-    with PriorDatabase.open(V1) as old, PriorDatabase.open(V2) as new:
-        former = {record.name: old.positions(record) for record in old.clips()}
-        for name, record in records.items():
-            ours = new.positions(record)
-            there = ~np.isnan(former[name])
-            np.testing.assert_allclose(ours[there], former[name][there], atol=0.5)
-            if name != "walk0":  # near a gap the filter bridges what is filled here
-                assert ours.tobytes() == former[name].tobytes()
+        mask = database.filled(accepted)
+        assert mask is not None and mask[5:10, 1].all() and mask.sum() == 5
+        assert [name for name, record in records.items() if record.synthetic] == ["walk2"]
+        assert [name for name, record in records.items() if record.virtual_markers] == ["placed"]
+        first = database.positions(records["walk1"])[0, 0]
+        np.testing.assert_allclose(first, FIRST_SAMPLE, atol=1e-3)
+        assert not (FIXTURE / "lock").exists()
     copy = tmp_path / "copy"
-    shutil.copytree(V2, copy)
+    shutil.copytree(FIXTURE, copy)
     before = state(copy)
     with PriorDatabase.open(copy, write=True) as database:
         assert database.compact() > 0

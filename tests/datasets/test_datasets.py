@@ -1,15 +1,17 @@
-"""Free libraries: definitions, downloads from a server that misbehaves, archives that lie."""
+"""Free data sets: definitions, downloads from a faulty server, hostile archives."""
 
 from __future__ import annotations
 
 import hashlib
 import io
 import json
+import os
 import re
 import time
 import zipfile
 from collections.abc import Callable
 from email.utils import formatdate
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -20,20 +22,21 @@ from http_server import Site, serve
 from priorfill.datasets import (
     Dataset,
     DatasetFile,
+    FetchOptions,
     RetryPolicy,
     fetch,
     find_dataset,
     known_datasets,
 )
-from priorfill.datasets import fetch as fetch_library
-from priorfill.datasets.download import Downloader, FileFetchError
+from priorfill.datasets.download import Downloader
 from priorfill.datasets.fetch import RECORD
+from priorfill.datasets.retry_policy import FileFetchError
 from priorfill.datasets.unpack import unpack
 from priorfill.errors import FetchError
 from priorfill.markers.definitions import load
 
 CONTENT = bytes(range(256)) * 4000
-QUICK = RetryPolicy(pause=0, timeout=0.3, tries=4, wait=0.5, longest_wait=60)
+QUICK = RetryPolicy(pause=0, timeout=0.3, max_attempts=4, wait=0.5, max_wait=60)
 
 
 @pytest.fixture(autouse=True)
@@ -42,28 +45,28 @@ def no_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Getter:
-    """Downloads ``f`` of a site into a folder, and remembers what it waited for."""
+    """Downloads ``f`` of a site into a folder, and records its waits, messages and progress."""
 
     def __init__(self, site: Site, folder: Path) -> None:
         self.site, self.target = site, folder / "f"
         self.waited: list[float] = []
-        self.told: list[str] = []
+        self.messages: list[str] = []
         self.progress: list[tuple[int, int | None]] = []
 
     def __call__(self, **options: Any) -> str:
-        downloader = Downloader(QUICK, self.told.append, self.waited.append)
-        return downloader.get(
-            f"{self.site.url}/f",
-            self.target,
-            progress=lambda done, total: self.progress.append((done, total)),
-            **options,
-        )
+        with Downloader(QUICK, self.messages.append, self.waited.append) as downloader:
+            return downloader.get(
+                f"{self.site.url}/f",
+                self.target,
+                progress=lambda done, total: self.progress.append((done, total)),
+                **options,
+            )
 
     @property
     def ranges(self) -> list[str]:
         return [asked.get("Range", "") for asked in self.site.asked]
 
-    def assert_whole(self, content: bytes = CONTENT) -> None:
+    def assert_complete(self, content: bytes = CONTENT) -> None:
         assert self.target.read_bytes() == content
         assert [path.name for path in self.target.parent.iterdir()] == ["f"]
 
@@ -72,25 +75,25 @@ def test_a_download(tmp_path):
     with serve({"f": CONTENT}) as site:
         get = Getter(site, tmp_path)
         assert get(size=len(CONTENT)) == hashlib.sha256(CONTENT).hexdigest()
-        get.assert_whole()
+        get.assert_complete()
         assert get.waited == []
         assert get.progress[0] == (0, len(CONTENT))
         assert get.progress[-1] == (len(CONTENT), len(CONTENT))
         assert site.asked[0]["User-Agent"].startswith("priorfill/")
 
 
-def test_a_connection_that_breaks_goes_on_where_it_broke(tmp_path):
+def test_a_broken_connection_is_resumed(tmp_path):
     with serve({"f": CONTENT}) as site:
         site.behave.extend([("cut", 100_000), ("cut", 5), ("cut", 300_000)])
         get = Getter(site, tmp_path)
         get()
-        get.assert_whole()
+        get.assert_complete()
         assert get.ranges == ["", "bytes=100000-", "bytes=100005-", "bytes=400005-"]
-        assert get.waited == [0.5, 1.0, 0.5]  # the second brought next to nothing
-        assert "broke after 100005 of 1024000 bytes; trying again in 1 s" in get.told[0]
+        assert get.waited == [0.5, 1.0, 0.5]  # the second brought almost nothing
+        assert "broke after 100005 of 1024000 bytes; trying again in 1 s" in get.messages[0]
 
 
-def test_a_second_run_goes_on_where_the_first_was_ended(tmp_path):
+def test_a_second_run_resumes_an_interrupted_one(tmp_path):
     with serve({"f": CONTENT}) as site:
         get = Getter(site, tmp_path)
 
@@ -98,84 +101,86 @@ def test_a_second_run_goes_on_where_the_first_was_ended(tmp_path):
             if done > 0:
                 raise KeyboardInterrupt
 
-        with pytest.raises(KeyboardInterrupt):
-            Downloader(QUICK).get(f"{site.url}/f", get.target, progress=interrupt)
+        with pytest.raises(KeyboardInterrupt), Downloader(QUICK) as downloader:
+            downloader.get(f"{site.url}/f", get.target, progress=interrupt)
         there = (tmp_path / "f.part").stat().st_size
         assert 0 < there < len(CONTENT)
         assert not get.target.exists()
         get()
-        get.assert_whole()
+        get.assert_complete()
         assert get.ranges == ["", f"bytes={there}-"]
 
 
-def test_a_server_that_knows_no_ranges_sends_all_again(tmp_path):
+def test_a_server_without_ranges_sends_the_complete_file_again(tmp_path):
     with serve({"f": CONTENT}, ranges=False) as site:
         site.behave.append(("cut", 100_000))
         get = Getter(site, tmp_path)
         get()
-        get.assert_whole()
+        get.assert_complete()
         assert get.ranges == ["", "bytes=100000-"]
 
 
-def test_without_a_word_on_the_version_the_rest_is_not_asked_for(tmp_path):
+def test_without_a_validator_the_download_starts_again(tmp_path):
     with serve({"f": CONTENT}, tags=False) as site:
         site.behave.append(("cut", 100_000))
         get = Getter(site, tmp_path)
         get()
-        get.assert_whole()
+        get.assert_complete()
         assert get.ranges == ["", ""]
-        # but where the checksum is known, a wrong rest would be found
+        # unless the checksum is known, which would reveal a wrong rest
         site.behave.append(("cut", 100_000))
         get.target.unlink()
         get(sha256=hashlib.sha256(CONTENT).hexdigest())
-        get.assert_whole()
+        get.assert_complete()
         assert get.ranges[2:] == ["", "bytes=100000-"]
 
 
 @pytest.mark.parametrize("new", [CONTENT[::-1], CONTENT[::-1][:90_000], CONTENT * 2])
 @pytest.mark.parametrize("tags", [True, False])
-def test_a_file_that_changes_meanwhile_comes_as_the_new_one(tmp_path, new, tags):
+def test_a_file_that_changes_during_the_download_arrives_as_the_new_one(tmp_path, new, tags):
     with serve({"f": CONTENT}, tags=tags) as site:
         site.behave.extend([("cut", 100_000), ("call", lambda: site.files.update(f=new))])
         get = Getter(site, tmp_path)
         get(sha256="" if tags else hashlib.sha256(new).hexdigest())
-        get.assert_whole(new)
+        get.assert_complete(new)
 
 
-def test_without_a_length_the_end_is_the_end(tmp_path):
+def test_a_file_of_unknown_length(tmp_path):
     with serve({"f": CONTENT}, length=False) as site:
         get = Getter(site, tmp_path)
         get()
-        get.assert_whole()
+        get.assert_complete()
         assert get.progress[-1] == (len(CONTENT), None)
 
 
-def test_a_server_that_is_busy_is_waited_for(tmp_path):
+def test_a_busy_server_is_asked_again_after_a_bounded_wait(tmp_path):
     later = formatdate(time.time() + 20, usegmt=True)
     with serve({"f": CONTENT}) as site:
         for header in ({"Retry-After": "7"}, {"Retry-After": later}, {}):
             site.behave.append(("status", 503, header))
         get = Getter(site, tmp_path)
         get()
-        get.assert_whole()
+        get.assert_complete()
         assert get.waited[0] == 7
         assert 15 < get.waited[1] <= 20
         assert get.waited[2] == 2.0
-        assert "answers 503 Service Unavailable; trying again in 7 s" in get.told[0]
+        assert "answers 503 Service Unavailable; trying again in 7 s" in get.messages[0]
+        get.target.unlink()
         site.behave.append(("status", 429, {"Retry-After": "3600"}))
         with pytest.raises(FetchError, match="asks to wait 3600 s"):
             get()
 
 
-def test_a_server_that_stalls_is_asked_again_and_given_up(tmp_path):
+def test_a_stalled_server_is_asked_again_and_given_up(tmp_path):
     with serve({"f": CONTENT}) as site:
         site.behave.append(("stall", 100_000))
         get = Getter(site, tmp_path)
         get()
-        get.assert_whole()
+        get.assert_complete()
         assert get.ranges[1] == "bytes=100000-"
+        get.target.unlink()
         site.behave.extend([("stall", 10)] * 4)
-        with pytest.raises(FetchError, match=r"timed out\) \(4 times\); what is there is kept"):
+        with pytest.raises(FetchError, match=r"timed out\) \(4 times\); the received part is kept"):
             get()
         assert (tmp_path / "f.part").stat().st_size == 40
 
@@ -183,13 +188,13 @@ def test_a_server_that_stalls_is_asked_again_and_given_up(tmp_path):
 @pytest.mark.parametrize(
     ("status", "error", "words"),
     [
-        (404, FileFetchError, "404 Not Found; it is not there"),
-        (403, FetchError, "403 Forbidden; download it with a browser, put it at .*f, and"),
+        (404, FileFetchError, "404 Not Found; the file does not exist"),
+        (403, FetchError, "403 Forbidden; download it with a browser, save it as .*f, and"),
         (418, FileFetchError, "418"),
-        (302, FetchError, "ftp://host/f, which is not followed"),
+        (302, FetchError, "redirects to ftp://host/f, which is not followed"),
     ],
 )
-def test_what_no_second_attempt_would_change(tmp_path, status, error, words):
+def test_errors_that_are_not_retried(tmp_path, status, error, words):
     with serve({"f": CONTENT}) as site:
         site.behave.append(("status", status, {"Location": "ftp://host/f"}))
         get = Getter(site, tmp_path)
@@ -200,27 +205,27 @@ def test_what_no_second_attempt_would_change(tmp_path, status, error, words):
         assert list(tmp_path.iterdir()) == []
 
 
-def test_nobody_there(tmp_path):
+def test_no_server(tmp_path):
     with serve({}) as site:
         get = Getter(site, tmp_path)
-    with pytest.raises(FetchError, match=r"cannot be reached \(Connection refused\) \(4 times\)"):
+    with pytest.raises(FetchError, match=r"connection failed \(Connection refused\) \(4 times\)"):
         get()
     assert get.waited == [0.5, 1.0, 2.0]
 
 
-def test_another_checksum_or_length(tmp_path):
+def test_a_wrong_checksum_or_length(tmp_path):
     with serve({"f": CONTENT}) as site:
         get = Getter(site, tmp_path)
-        with pytest.raises(FileFetchError, match=r"its checksum is [0-9a-f]{64}, not 0000"):
+        with pytest.raises(FileFetchError, match=r"its checksum is not 0000"):
             get(sha256="0" * 64)
         with pytest.raises(FileFetchError, match="has 1024000 bytes, not 17"):
             get(size=17)
         assert list(tmp_path.iterdir()) == []
 
 
-def test_a_full_disk_is_found_out_before(tmp_path, monkeypatch):
+def test_a_full_disk_is_noticed_before_the_download(tmp_path, monkeypatch):
     monkeypatch.setattr("shutil.disk_usage", lambda path: type("", (), {"free": 100_500_000}))
-    with serve({"f": CONTENT}) as site, pytest.raises(FetchError, match="make room"):
+    with serve({"f": CONTENT}) as site, pytest.raises(FetchError, match="free some space"):
         Getter(site, tmp_path)()
 
 
@@ -234,7 +239,7 @@ def archive(path: Path, members: dict[str, bytes], method: int = zipfile.ZIP_DEF
     return path
 
 
-def test_recordings_are_unpacked_and_nothing_else(tmp_path):
+def test_only_recordings_are_unpacked(tmp_path):
     made = archive(
         tmp_path / "a.zip",
         {
@@ -279,18 +284,18 @@ def test_names_that_lead_out_of_the_folder(tmp_path, name, words):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.zip", "to"]
 
 
-def test_archives_that_lie_are_damaged_or_too_large(tmp_path, monkeypatch):
+def test_archives_that_are_damaged_too_large_or_state_wrong_sizes(tmp_path, monkeypatch):
     to = tmp_path / "to"
     to.mkdir()
     path = archive(tmp_path / "a.zip", {"a.c3d": bytes(100_000)})
     whole = path.read_bytes()
-    monkeypatch.setattr("priorfill.datasets.unpack.LARGEST", 99_999)
+    monkeypatch.setattr("priorfill.datasets.unpack.MAX_RECORDING_BYTES", 99_999)
     with pytest.raises(FileFetchError, match="recording of"):
         unpack(path, to)
-    monkeypatch.setattr("priorfill.datasets.unpack.LARGEST", 1 << 30)
+    monkeypatch.setattr("priorfill.datasets.unpack.MAX_RECORDING_BYTES", 1 << 30)
     size = whole.rindex((100_000).to_bytes(4, "little"))
     for spoil, words in (
-        (lambda c: c[:size] + (2**29).to_bytes(4, "little") + c[size + 4 :], "what cannot be"),
+        (lambda c: c[:size] + (2**29).to_bytes(4, "little") + c[size + 4 :], "impossible size"),
         (lambda c: c[:size] + (50_000).to_bytes(4, "little") + c[size + 4 :], "Bad CRC"),
         (lambda c: c[:-30], "no zip file"),
         (lambda c: b"<html>please log in</html>", "no zip file"),
@@ -307,17 +312,17 @@ def test_archives_that_lie_are_damaged_or_too_large(tmp_path, monkeypatch):
 # definitions
 
 
-def test_the_libraries_that_ship_with_priorfill():
-    libraries = {library.name: library for library in known_datasets()}
-    assert list(libraries) == ["cmu", "hdm05"]
-    assert libraries["hdm05"].subject("HDM_bd_05-01_01_120") == "hdm05-bd"
-    assert libraries["cmu"].subject("127_07") == "cmu-127"
-    assert libraries["cmu"].subject("walk") == ""
-    for library in libraries.values():
-        assert load(library.marker_set)
-        assert len({file.path for file in library.files}) == len(library.files)
-        assert library.licence
-        assert library.credit
+def test_the_data_sets_shipped_with_priorfill():
+    datasets = {dataset.name: dataset for dataset in known_datasets()}
+    assert list(datasets) == ["cmu", "hdm05"]
+    assert datasets["hdm05"].subject("HDM_bd_05-01_01_120") == "hdm05-bd"
+    assert datasets["cmu"].subject("127_07") == "cmu-127"
+    assert datasets["cmu"].subject("walk") == ""
+    for dataset in datasets.values():
+        assert load(dataset.marker_set)
+        assert len({file.path for file in dataset.files}) == len(dataset.files)
+        assert dataset.licence
+        assert dataset.credit
 
 
 GOOD = (
@@ -331,14 +336,14 @@ GOOD = (
     [
         ("", "", ""),
         ('credit = "me"\n', "", "credit is None"),
-        ("http://x", "ftp://x", "no address of the web"),
-        ("a.zip", "../a.zip", "no relative path"),
-        ("[[files]]", "odd = 1\n[[files]]", "'odd' is not known"),
+        ("http://x", "ftp://x", "is not a web address"),
+        ("a.zip", "../a.zip", "is not a relative path"),
+        ("[[files]]", "odd = 1\n[[files]]", "'odd' is unknown"),
         ('path = "a.zip"', 'path = "a.zip"\nsha256 = "12"', "64 hexadecimal"),
         ('path = "a.zip"', 'path = "a.zip"\nbytes = 0', "above 0"),
         ("[[files]]", 'subject = {pattern = "a", name = "{}"}\n[[files]]', "one group"),
-        ("[[files]]", 'subject = {pattern = "(", name = "{}"}\n[[files]]', "is wrong"),
-        ("name", "name name", "no TOML"),
+        ("[[files]]", 'subject = {pattern = "(", name = "{}"}\n[[files]]', "is invalid"),
+        ("name", "name name", "is not valid TOML"),
     ],
 )
 def test_definitions(tmp_path, old, new, words):
@@ -356,7 +361,7 @@ def test_definitions(tmp_path, old, new, words):
 # folders
 
 
-def library(*paths: str, **more: Any) -> Dataset:
+def make_dataset(*paths: str, **more: Any) -> Dataset:
     files = tuple(DatasetFile(path, **more) for path in paths)
     return Dataset("x", "X", "", "http://192.0.2.1/", "CC0", "", "me", "", "", "", files)
 
@@ -369,24 +374,24 @@ def zipped(**members: bytes) -> bytes:
     return made.getvalue()
 
 
-def test_a_folder_remembers_what_it_has(tmp_path):
-    of = library("a.zip", "deep/b.zip")
+def test_a_folder_records_what_it_has(tmp_path):
+    of = make_dataset("a.zip", "deep/b.zip")
     files = {"a.zip": zipped(a=b"1", b=b"2"), "deep/b.zip": zipped(c=b"3")}
     to = tmp_path / "to"
     with serve(files) as site:
 
         def get(**options: Any) -> list[tuple[str, bool, int, str]]:
-            found = fetch(of, to, mirror=site.url, manners=QUICK, **options)
+            found = fetch(of, to, options=FetchOptions(mirror=site.url, policy=QUICK, **options))
             return [(f.file.path, f.new, len(f.recordings), f.failure) for f in found]
 
         assert get(limit=1) == [("a.zip", True, 2, "")]
         assert get(only=["b.*"]) == [("deep/b.zip", True, 1, "")]
         both = [("a.zip", False, 2, ""), ("deep/b.zip", False, 1, "")]
         assert get() == both
-        (to / "a.zip").unlink()  # no longer needed
+        (to / "a.zip").unlink()  # not needed once unpacked
         assert get() == both
         assert len(site.asked) == 2
-        (to / "b.c3d").unlink()  # now it is
+        (to / "b.c3d").unlink()  # now the archive is needed
         site.files["a.zip"] = zipped(a=b"1", b=b"x")
         ((_, _, _, failure), _) = get()
         assert "its checksum is" in failure
@@ -394,27 +399,28 @@ def test_a_folder_remembers_what_it_has(tmp_path):
         assert get() == [("a.zip", True, 2, ""), both[1]]
         (to / "deep" / "b.zip").write_bytes(zipped(c=b"4"))
         assert "has changed since" in get()[1][3]
-        with pytest.raises(FetchError, match=r"no file fits 'c\*'; its files are a.zip, deep/b"):
+        with pytest.raises(FetchError, match=r"no file matches 'c\*'; its files are a.zip, deep/b"):
             get(only=["c*"])
-        with pytest.raises(FetchError, match="no address of the web"):
-            list(fetch(of, to, mirror="file:///"))
-    for content in ("no JSON", '{"version": 1, "library": "x", "files": [1]}'):
+        with pytest.raises(FetchError, match="is not a web address"):
+            list(fetch(of, to, FetchOptions(mirror="file:///")))
+    for content in ("no JSON", '{"version": 1, "dataset": "x", "files": [1]}'):
         (to / RECORD).write_text(content)
         (to / "deep" / "b.zip").write_bytes(files["deep/b.zip"])
         assert [f.new for f in fetch(of, to)] == [False, False]
-    (to / RECORD).write_text('{"version": 1, "library": "y", "files": {}}')
-    with pytest.raises(FetchError, match="has files of the library y"):
+    (to / RECORD).write_text('{"version": 1, "dataset": "y", "files": {}}')
+    with pytest.raises(FetchError, match="has files of the data set y"):
         list(fetch(of, to))
 
 
-def test_one_at_a_time(tmp_path):
+def test_one_download_at_a_time(tmp_path):
     with serve({"a.zip": zipped(a=b"1"), "b.zip": zipped(b=b"1")}) as site:
-        first = fetch(library("a.zip", "b.zip"), tmp_path, mirror=site.url, manners=QUICK)
+        options = FetchOptions(mirror=site.url, policy=QUICK)
+        first = fetch(make_dataset("a.zip", "b.zip"), tmp_path, options)
         next(first)
-        with pytest.raises(FetchError, match="another process is downloading"):
-            next(fetch(library("a.zip"), tmp_path, mirror=site.url))
+        with pytest.raises(FetchError, match=rf"process {os.getpid()} on .* is downloading"):
+            next(fetch(make_dataset("a.zip"), tmp_path, options))
         first.close()
-        assert len(list(fetch(library("a.zip"), tmp_path, mirror=site.url))) == 1
+        assert len(list(fetch(make_dataset("a.zip"), tmp_path, options))) == 1
 
 
 # the command
@@ -444,7 +450,7 @@ def test_the_command(here, hdm05):
     with serve(files) as site:
         common = ["db", "fetch", "hdm05", "-d", "labs/db", "--mirror", site.url]
         result = run(*common, "--only", "*_01-0[123]_*")
-        assert (result.exit_code, site.asked) == (1, [])  # nobody has accepted
+        assert (result.exit_code, site.asked) == (1, [])  # the terms were not accepted
         assert "licence   CC BY-SA 3.0\n" in result.stderr
         assert "CG-2007-2" in result.stderr
         assert "files     3 of 20, from http://127" in result.stderr
@@ -473,7 +479,7 @@ def test_the_command(here, hdm05):
     assert {clip["subject"] for clip in clips} == {"hdm05-bd", "hdm05-tr"}
 
 
-def test_the_list_and_what_is_missing(here):
+def test_the_list_and_missing_arguments(here):
     result = run("db", "fetch", "--list")
     assert result.exit_code == 0
     assert "hdm05  Mocap Database HDM05" in result.stdout
@@ -482,8 +488,8 @@ def test_the_list_and_what_is_missing(here):
     assert "use one of cmu hdm05" in run("db", "fetch", "mine", "-d", "db", "-y").stderr
 
 
-def test_nothing_is_asked_for_that_is_not_fetched(monkeypatch):
-    """Neither imports nor the list of libraries touch the network."""
-    monkeypatch.setattr("socket.socket.connect", lambda *a: pytest.fail("the network is asked"))
+def test_only_fetch_uses_the_network(monkeypatch):
+    """Neither imports nor the list of data sets do."""
+    monkeypatch.setattr("socket.socket.connect", lambda *a: pytest.fail("the network is used"))
     assert known_datasets()
-    assert fetch_library is fetch
+    assert import_module("priorfill.datasets.download")

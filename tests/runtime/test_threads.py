@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from priorfill.cli import main
 from priorfill.formats import write
-from priorfill.runtime.threads import VARIABLE, at_most, thread_count
+from priorfill.runtime.threads import VARIABLE, limit_threads, thread_count
 from priorfill.synthetic.demo import make_demo_clip
 
 
@@ -27,7 +27,7 @@ def test_count(said: str, threads: int, monkeypatch: pytest.MonkeyPatch) -> None
 def test_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, "5")  # put back after the test
     monkeypatch.setattr(os, "cpu_count", lambda: 8)
-    at_most(2)
+    limit_threads(2)
     assert thread_count() == 2
 
 

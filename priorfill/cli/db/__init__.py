@@ -1,4 +1,4 @@
-"""``priorfill db``: build, look at and keep prior databases; one module a job."""
+"""``priorfill db``: build, inspect and maintain prior databases; one module per command."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["db"]
 
 @click.group()
 def db() -> None:
-    """Build, look at and keep prior databases."""
+    """Build, inspect and maintain prior databases."""
 
 
 for _command in (add, fetch, accept, list_clips, info, verify, remove, compact, export, merge):

@@ -1,4 +1,4 @@
-"""``priorfill db accept``: add filled files, remembering which samples were filled."""
+"""``priorfill db accept``: add filled files with a mask of the filled samples."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ if TYPE_CHECKING:
 __all__ = ["accept"]
 
 UNKNOWN_METHOD = "unknown"
-"""What is kept as the method of a fill of which none was given."""
+"""Recorded as the method if none is given."""
 
 
-@click.command(short_help="Add filled files, noting what was filled.")
+@click.command(short_help="Add filled files with a mask of the filled samples.")
 @database_option
 @click.option(
     "--original",
     metavar="IN.c3d",
     type=click.Path(path_type=Path),
-    help="The file that was filled: what it misses is filled. Or a folder with files of the "
-    "same names.",
+    help="The file that was filled: samples missing in it are filled. Or a folder with files of "
+    "the same names.",
 )
 @click.option(
     "--method",
     metavar="TEXT",
     default=UNKNOWN_METHOD,
     show_default=True,
-    help="What the gaps were filled with.",
+    help="The method that filled the gaps.",
 )
 @origin_options
 @file_options
@@ -57,50 +57,44 @@ def accept(
     paths: tuple[Path, ...],
     **reading: Any,
 ) -> None:
-    """Add filled files to a database, with a note of which samples were filled.
+    """Add filled files to a database, and record which samples were filled.
 
-    Other versions of the recording that are there, like the one with gaps, are replaced; what is
-    not said of origin and licence is taken over from them.
+    Other versions of the recording in the database, such as the one with gaps, are replaced.
+    Subject, session, licence and credit are taken from them unless given.
 
-    Which samples were filled is told by --original, else by the file (filled samples have
-    residual 0 and measured ones do not), else by the version with gaps that the database has.
+    The filled samples are found by comparison with --original, else from the file (residual 0,
+    where measured samples have others), else by comparison with the version in the database.
     """
-    from priorfill.cli.db.adding import put_files, read_file
+    from priorfill.cli.db.adding import Verb, put_files, read_file
+    from priorfill.database import ClipOrigin
 
     _check_method(method)
     if original is not None and not original.is_dir() and (len(paths) > 1 or paths[0].is_dir()):
         raise click.UsageError(
             "--original IN.c3d goes with one filled file; give the folder of the originals"
         )
+    origin = ClipOrigin(subject, session or "", licence or "", credit or "")
 
     def put(target: Target, path: Path) -> tuple[ClipRecord, str]:
-        clip = read_file(target.reader, path, subject, **reading)
-        before = _original_of(path, original)
-        gappy = None if before is None else read_file(target.reader, before, subject, **reading)
+        clip = read_file(path, subject, **reading)
+        gappy_path = _original_of(path, original)
+        gappy = None if gappy_path is None else read_file(gappy_path, subject, **reading)
         mask = _filled_samples(clip, gappy, target)
-        accepted = target.open().accept(
-            clip,
-            mask,
-            filled_by=method,
-            subject=subject,
-            session=session or "",
-            licence=licence or "",
-            credit=credit or "",
-        )
-        instead = ", ".join(record.name for record in accepted.replaced)
+        accepted = target.open().accept(clip, mask, filled_by=method, origin=origin)
+        replaced = ", ".join(record.name for record in accepted.replaced)
         text = f": {mask.sum()} samples filled ({100 * mask.sum() / (~clip.missing).sum():.1f} %)"
-        return accepted.record, text + (f", in place of {instead}" if instead else "")
+        return accepted.record, text + (f", in place of {replaced}" if replaced else "")
 
-    put_files(folder, paths, put, done="accepted", doing="Accepting", to_do="accept")
+    put_files(folder, paths, put, Verb("accept", "accepted", "Accepting"))
 
 
 def _check_method(method: str) -> None:
     if not method.strip():
-        raise OptionError("--method is empty; say what the gaps were filled with, or leave it out")
+        raise OptionError("--method is empty; name the method that filled the gaps, or omit it")
 
 
 def _original_of(path: Path, original: Path | None) -> Path | None:
-    """Return the file that another was filled from, if that was given."""
+    """Return the file that another was filled from, if --original is given."""
     if original is None or not original.is_dir():
         return original
     same_name = original / path.name
@@ -113,25 +107,25 @@ def _original_of(path: Path, original: Path | None) -> Path | None:
 
 
 def _filled_samples(clip: Clip, gappy: Clip | None, target: Target) -> NDArray[np.bool_]:
-    """Return which samples of a filled clip are not measured, by the best witness there is."""
+    """Return which samples of a filled clip are not measured, by the best evidence available."""
     from priorfill.database.masks import mask_by_database, mask_by_original
 
-    says = clip.source.interpolated if clip.source is not None else None
+    interpolated = clip.source.interpolated if clip.source is not None else None
     if gappy is not None:
         mask = mask_by_original(clip, gappy)
         if not mask.any():
             raise OptionError(
-                f"{clip.name}: nothing in it is filled, --original has the same samples; "
+                f"{clip.name}: has no filled samples, --original has the same ones; "
                 "use: priorfill db add"
             )
-        # what was interpolated before the fill is no more measured than what was filled
-        return mask if says is None else mask | says
-    if says is not None and says.any():
-        return says
+        # samples interpolated before the fill are not measured either
+        return mask if interpolated is None else mask | interpolated
+    if interpolated is not None and interpolated.any():
+        return interpolated
     found = mask_by_database(clip, target.open()) if target.exists else None
     if found is None or not found.any():
         raise OptionError(
-            f"{clip.name}: neither its residuals nor the database tell which samples were filled; "
+            f"{clip.name}: neither its residuals nor the database show which samples were filled; "
             "give the file it was filled from (--original IN.c3d)"
         )
     return found

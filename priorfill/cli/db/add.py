@@ -12,7 +12,9 @@ from priorfill.cli.reading import file_options
 
 if TYPE_CHECKING:
     from priorfill.cli.db.adding import Target
+    from priorfill.clip import Clip
     from priorfill.database import ClipRecord
+    from priorfill.markers.marker_set import MarkerSet
 
 __all__ = ["add"]
 
@@ -24,19 +26,20 @@ __all__ = ["add"]
 @click.option(
     "--keep-outliers",
     is_flag=True,
-    help="Add samples in trouble (swapped labels, spikes, phantoms, frozen markers), too.",
+    help="Also add artefacts (swapped labels, spikes, phantoms, stuck markers).",
 )
 @click.option(
     "--as",
     "placed_as",
     metavar="SET",
-    help="Take skeletons' motions (.amc, .bvh) and place this marker set on them, such as 41.",
+    help="Read skeleton motions (.amc, .bvh) and compute the virtual markers of this marker set, "
+    "such as 41.",
 )
 @click.option(
     "--skeleton",
     metavar="X.asf",
     type=click.Path(path_type=Path),
-    help="With --as: the skeleton of AMC files; by default the one beside them.",
+    help="With --as: the skeleton of AMC files; by default the ASF file of the same name.",
 )
 @click.argument(
     "paths", metavar="PATH...", nargs=-1, required=True, type=click.Path(path_type=Path)
@@ -53,50 +56,67 @@ def add(
     paths: tuple[Path, ...],
     **reading: Any,
 ) -> None:
-    """Add files, and the files in folders, to a database; make it if there is none.
+    """Add files, and the files in folders, to a database; create it if there is none.
 
-    Samples in trouble (swapped labels, spikes, phantoms, frozen markers) are left out: nothing is
-    learnt from them. A file whose recording is in it already is skipped. A file that cannot be
-    added is reported and the others go on; the exit status is then 1. In a file of several people,
-    --subject says whose markers to take.
+    Artefacts (swapped labels, spikes, phantoms, stuck markers) are left out. A file whose recording
+    is in the database already is skipped. A file that cannot be added is reported, the others are
+    added, and the exit status is 1. In a file of several subjects, --subject selects one.
     """
     from priorfill.cli.db import skeletons
-    from priorfill.cli.db.adding import put_files, read_file, sound
-    from priorfill.errors import FormatError, OptionError
+    from priorfill.cli.db.adding import ADD, put_files, read_file, without_artefacts
+    from priorfill.database import ClipOrigin
+    from priorfill.errors import OptionError
 
     if skeleton is not None and placed_as is None:
-        raise OptionError("--skeleton needs --as: say which marker set to place (--as 41)")
+        raise OptionError("--skeleton needs --as; name the marker set to compute (--as 41)")
     marker_set = None if placed_as is None else skeletons.find_set(placed_as)
 
     def put(target: Target, path: Path) -> tuple[ClipRecord, str]:
         placed = left_out = ""
         if marker_set is not None:
-            if not skeletons.is_skeleton(path):
-                raise FormatError(
-                    f"{path}: --as places markers on skeletons, and this is no .amc or .bvh file; "
-                    "add it without --as"
-                )
-            clip = skeletons.read_skeleton(path, marker_set, skeleton, **reading)
-            if len(clip.labels) < len(marker_set.labels):
-                placed = f" ({len(clip.labels)} of {len(marker_set.labels)} markers placed)"
-        elif skeletons.is_skeleton(path):
-            raise FormatError(
-                f"{path}: is a skeleton's motion; say which marker set to place on it (--as 41)"
-            )
+            clip, placed = _read_with_virtual_markers(path, marker_set, skeleton, reading)
         else:
-            clip = read_file(target.reader, path, subject, **reading)
+            _refuse_skeleton(path)
+            clip = read_file(path, subject, **reading)
         if not keep_outliers:
-            clip, left_out = sound(clip)
-        record = target.open().add(
-            clip,
-            subject=subject,
-            session=session or "",
-            licence=licence or "",
-            credit=credit or "",
+            clip, left_out = without_artefacts(clip)
+        origin = ClipOrigin(
+            subject,
+            session or "",
+            licence or "",
+            credit or "",
             source=path.name if marker_set is not None else None,
             virtual_markers=marker_set is not None,
         )
-        return record, placed + left_out
+        return target.open().add(clip, origin), placed + left_out
 
     suffixes = None if marker_set is None else skeletons.SUFFIXES
-    put_files(folder, paths, put, done="added", doing="Adding", to_do="add", suffixes=suffixes)
+    put_files(folder, paths, put, ADD, suffixes=suffixes)
+
+
+def _read_with_virtual_markers(
+    path: Path, marker_set: MarkerSet, skeleton: Path | None, reading: dict[str, Any]
+) -> tuple[Clip, str]:
+    """Read a skeleton motion; also return text to print if it lacks some markers."""
+    from priorfill.cli.db import skeletons
+    from priorfill.errors import FormatError
+
+    if not skeletons.is_skeleton(path):
+        raise FormatError(
+            f"{path}: is no .amc or .bvh file, and --as computes markers from skeletons only; "
+            "add it without --as"
+        )
+    clip = skeletons.read_skeleton(path, marker_set, skeleton, **reading)
+    if len(clip.labels) == len(marker_set.labels):
+        return clip, ""
+    return clip, f" ({len(clip.labels)} of {len(marker_set.labels)} markers computed)"
+
+
+def _refuse_skeleton(path: Path) -> None:
+    from priorfill.cli.db import skeletons
+    from priorfill.errors import FormatError
+
+    if skeletons.is_skeleton(path):
+        raise FormatError(
+            f"{path}: is a skeleton motion; name the marker set to compute from it (--as 41)"
+        )

@@ -1,4 +1,4 @@
-"""What the commands of ``priorfill db`` share: options, and words for what they print."""
+"""Options and texts shared by the commands of ``priorfill db``."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ __all__ = [
     "size",
     "skipped",
     "subject_patterns",
-    "tell_damaged",
     "title",
     "total",
+    "warn_damaged",
 ]
 
 ID_DIGITS = 8
-"""First digits of a content hash by which a clip can be named, and is listed."""
+"""Digits of the content hash that identify a clip in lists and arguments."""
 
 _INTERNAL = ("segment", "offset", "checksums")
-"""Of a record: where and how its positions are stored, no one's business outside."""
+"""Fields of a record that concern its storage only."""
 
 database_option = click.option(
     "--database",
@@ -52,33 +52,33 @@ subject_patterns = click.option(
     "subjects",
     metavar="PATTERN",
     multiple=True,
-    help="Only clips of these subjects; may be given again.",
+    help="Only clips of these subjects; can be repeated.",
 )
 marker_labels = click.option(
     "--marker",
     "markers",
     metavar="LABEL",
     multiple=True,
-    help="Only clips that have this marker; may be given again, for clips that have all.",
+    help="Only clips that have this marker; if repeated, clips that have all of them.",
 )
 
 _ORIGIN = (
-    click.option("--subject", metavar="NAME", help="Whose motion it is; by default as known."),
+    click.option("--subject", metavar="NAME", help="Subject; by default as the file says."),
     click.option("--session", metavar="NAME", help="Recording session."),
-    click.option("--licence", metavar="TEXT", help="Terms under which it may be used."),
+    click.option("--licence", metavar="TEXT", help="Terms of use."),
     click.option("--credit", metavar="TEXT", help="Whom to name."),
 )
 
 
 def origin_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the options ``subject session licence credit``; None where not given."""
+    """Give a command the options ``subject session licence credit``; None if not given."""
     for option in reversed(_ORIGIN):
         command = option(command)
     return command
 
 
 def clip_facts(record: ClipRecord) -> dict[str, Any]:
-    """Return what a record says of its clip, without where it is stored."""
+    """Return the fields of a record, without those that concern its storage."""
     from dataclasses import asdict
 
     facts = {key: value for key, value in asdict(record).items() if key not in _INTERNAL}
@@ -86,19 +86,19 @@ def clip_facts(record: ClipRecord) -> dict[str, Any]:
 
 
 def title(record: ClipRecord) -> str:
-    """Return a clip's name and what tells it from others of that name."""
-    whose = f"{record.subject}, " if record.subject else ""
-    return f"{record.name} ({whose}{duration(record.duration)}, {record.content[:ID_DIGITS]})"
+    """Return a clip's name, and what distinguishes it from others of the same name."""
+    subject = f"{record.subject}, " if record.subject else ""
+    return f"{record.name} ({subject}{duration(record.duration)}, {record.content[:ID_DIGITS]})"
 
 
 def total(records: Iterable[ClipRecord]) -> str:
-    """Return how many clips there are and how long they are together."""
+    """Return the number of clips and their total length."""
     records = tuple(records)
     return f"{count(len(records), 'clip')} ({duration(sum(r.duration for r in records))})"
 
 
-def tell_damaged(database: PriorDatabase) -> int:
-    """Name the clips whose rows are damaged, which are not among the clips; return how many."""
+def warn_damaged(database: PriorDatabase) -> int:
+    """Name the clips whose rows are damaged, which are left out; return their number."""
     for name in database.damaged:
         click.echo(
             f"priorfill: {database.path}: the catalogue's row of clip {name} is damaged, so it is "
@@ -109,7 +109,7 @@ def tell_damaged(database: PriorDatabase) -> int:
 
 
 def skipped(number: int) -> str:
-    """Return how many were skipped, to follow how many were added; nothing for none."""
+    """Return text about skipped clips, to follow that about added ones; empty if none."""
     return (
         f", skipped {number} that {'is' if number == 1 else 'are'} there already" if number else ""
     )
@@ -121,7 +121,7 @@ def count(number: int, noun: str) -> str:
 
 
 def size(number: int) -> str:
-    """Return a number of bytes for people."""
+    """Return a number of bytes in a suitable unit."""
     amount = float(number)
     for unit in ("bytes", "kB", "MB"):
         if amount < 1000:

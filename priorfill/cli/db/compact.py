@@ -1,4 +1,4 @@
-"""``priorfill db compact``: give back the space of clips that were removed."""
+"""``priorfill db compact``: free the disk space of removed clips."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from priorfill.cli.progress import progress
 __all__ = ["compact"]
 
 
-@click.command(short_help="Give back the space of removed clips.")
+@click.command(short_help="Free the disk space of removed clips.")
 @database_option
 def compact(folder: Path) -> None:
-    """Give back the space of clips that were removed or replaced.
+    """Free the disk space of clips that were removed or replaced.
 
-    Whoever reads the database meanwhile goes on with what they opened.
+    Processes that have the database open for reading are not affected.
     """
     from priorfill.database import PriorDatabase
 
@@ -26,4 +26,4 @@ def compact(folder: Path) -> None:
         progress(None, "Moving clips") as show,
     ):
         freed = database.compact(show)
-    click.echo(f"{size(freed)} given back" if freed else "nothing to give back")
+    click.echo(f"{size(freed)} freed" if freed else "nothing to free")

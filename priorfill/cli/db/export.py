@@ -1,4 +1,4 @@
-"""``priorfill db export``: clips of a database as files."""
+"""``priorfill db export``: write clips of a database as files."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from priorfill.cli.db.common import (
     database_option,
     marker_labels,
     subject_patterns,
-    tell_damaged,
     title,
     total,
+    warn_damaged,
 )
 from priorfill.cli.progress import progress
 from priorfill.errors import ClipError, DatabaseCorruptError, OutputError
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 __all__ = ["export"]
 
 _NOT_IN_NAMES = re.compile(r'[\x00-\x1f\x7f<>:"/\\|?*]')
-"""Characters that some file system does not allow in a name."""
+"""Characters that some file systems do not allow in names."""
 
-_MOST_NAME_BYTES = 150
-"""Bytes of a clip's name in that of its file: file systems allow 255, and a writer's temporary
-file adds some."""
+_MAX_NAME_BYTES = 150
+"""Maximum bytes of a clip's name in its file's name: file systems allow 255, and the names of
+temporary files are longer."""
 
 
 @click.command(short_help="Write clips as C3D or npz files.")
@@ -49,7 +49,7 @@ file adds some."""
     metavar="FOLDER",
     required=True,
     type=click.Path(path_type=Path),
-    help="Where to write the files; made if it is not there.",
+    help="Folder for the files; created if it does not exist.",
 )
 @click.option(
     "--format",
@@ -57,7 +57,7 @@ file adds some."""
     type=click.Choice(["c3d", "npz"]),
     default="c3d",
     show_default=True,
-    help="c3d, or npz for NumPy, which also holds what the database knows of the clip.",
+    help="c3d, or npz for NumPy, which also holds the clip's record.",
 )
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")
 @click.option("--measured-only", is_flag=True, help="Leave out samples that were filled.")
@@ -74,11 +74,11 @@ def export(
     markers: tuple[str, ...],
     names: tuple[str, ...],
 ) -> None:
-    """Write clips of a database as files, one each: all, or those that are named.
+    """Write clips of a database to files, one each: all clips, or those named.
 
     NAME is a clip's name, a pattern of names (in quotes: 'walk*'), or its id as db list shows it.
-    The files have the rate of the database, mm, +Z up. A file is named after its clip; clips of
-    the same name get their id added.
+    The files have the rate of the database, mm, +Z up. A file is named after its clip; the id is
+    added to the names of clips that share a name.
     """
     from priorfill.cli.db.remove import choose
     from priorfill.database import PriorDatabase
@@ -90,14 +90,14 @@ def export(
         files = {record.content: output / f"{stems[record.content]}.{suffix}" for record in records}
         _prepare(output, folder, list(files.values()), overwrite=overwrite)
         written: list[ClipRecord] = []
-        failures = tell_damaged(database)
+        failures = warn_damaged(database)
         with progress(len(records), "Exporting clips") as show:
             for done, record in enumerate(records):
                 show(done, None)
                 path = files[record.content]
                 try:
                     _write(path, database, record, overwrite, measured_only)
-                except (ClipError, DatabaseCorruptError) as error:  # the next may be better
+                except (ClipError, DatabaseCorruptError) as error:  # the next may be undamaged
                     failures += 1
                     click.echo(f"priorfill: {error}", err=True)
                 else:
@@ -109,8 +109,8 @@ def export(
     mixed = sum(record.has_filled for record in written)
     if mixed and suffix == "c3d" and not measured_only:
         click.echo(
-            f"note: {count(mixed, 'clip')} with filled samples, which these C3D files do not tell "
-            "from measured ones (--format npz does; --measured-only leaves them out)",
+            f"note: {count(mixed, 'clip')} with filled samples, which these C3D files do not "
+            "distinguish from measured ones (--format npz does; --measured-only leaves them out)",
             err=True,
         )
     if failures:
@@ -118,12 +118,12 @@ def export(
 
 
 def _prepare(output: Path, folder: Path, files: Sequence[Path], *, overwrite: bool) -> None:
-    """Make the folder for the files, and find out whether they can be written there.
+    """Create the folder for the files, and check that they can be written there.
 
     Raises
     ------
     OutputError
-        Where that is not so.
+        If they cannot.
     """
     if output.resolve().is_relative_to(folder.resolve()):
         raise OutputError(f"{output}: is inside the database; choose another folder (-o)")
@@ -138,28 +138,29 @@ def _prepare(output: Path, folder: Path, files: Sequence[Path], *, overwrite: bo
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(
-            f"{output}: cannot be made ({error.strerror}); choose another folder (-o)"
+            f"{output}: cannot be created ({error.strerror}); choose another folder (-o)"
         ) from error
 
 
 def _file_stems(records: Sequence[ClipRecord]) -> dict[str, str]:
-    """Return the file's stem of each clip, by its content.
+    """Return the stem of each clip's file name, by content hash.
 
-    All clips of the database count, chosen or not, so that a clip's file has the same name always.
+    All clips of the database count, selected or not, so that a clip's file always has the same
+    name.
     """
     stems = {record.content: _safe(record.name) for record in records}
-    for digits in (ID_DIGITS, None):  # a name may look like another one with its digits
-        often = Counter(stem.casefold() for stem in stems.values())  # not all file systems tell
+    for digits in (ID_DIGITS, None):  # a name may equal another one with digits
+        uses = Counter(stem.casefold() for stem in stems.values())  # case may not matter
         stems = {
-            content: f"{stem}-{content[:digits]}" if often[stem.casefold()] > 1 else stem
+            content: f"{stem}-{content[:digits]}" if uses[stem.casefold()] > 1 else stem
             for content, stem in stems.items()
         }
     return stems
 
 
 def _safe(name: str) -> str:
-    """Return a name that a file can have on any system, and that does not hide it."""
-    short = _NOT_IN_NAMES.sub("_", name).encode()[:_MOST_NAME_BYTES].decode(errors="ignore")
+    """Return a file name that is valid on all systems and not hidden."""
+    short = _NOT_IN_NAMES.sub("_", name).encode()[:_MAX_NAME_BYTES].decode(errors="ignore")
     stem = short.strip(" .")
     return stem or "clip"
 
@@ -172,11 +173,11 @@ def _write(
     Raises
     ------
     OutputError
-        Where it cannot be written.
+        If it cannot be written.
     ClipError
-        Where it is too long for the format.
+        If it is too long for the format.
     DatabaseCorruptError
-        Where what the database has of it is damaged.
+        If it is damaged in the database.
     """
     import numpy as np
 
@@ -215,7 +216,7 @@ def _write(
 def _arrays(
     record: ClipRecord, positions: NDArray[np.float32], filled: NDArray[np.bool_]
 ) -> dict[str, object]:
-    """Return what an npz file holds of a clip."""
+    """Return the content of a clip's npz file."""
     facts = clip_facts(record)
-    del facts["has_filled"], facts["frames"]  # the arrays say it
+    del facts["has_filled"], facts["frames"]  # the arrays contain them
     return facts | {"positions": positions, "filled": filled, "unit": "mm", "up": "+Z"}

@@ -1,4 +1,4 @@
-"""``priorfill db fetch``: download a free library, and add it to a database."""
+"""``priorfill db fetch``: download a free data set, and add it to a database."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from priorfill.cli.progress import progress
 if TYPE_CHECKING:
     from priorfill.cli.db.adding import Target
     from priorfill.database import ClipRecord
-    from priorfill.datasets import Dataset, DatasetFile, Fetched
+    from priorfill.datasets import Dataset, DatasetFile, FetchOptions, FetchResult
 
 __all__ = ["fetch"]
 
@@ -24,7 +24,7 @@ MEGABYTE = 1_000_000
 
 
 def _list(context: click.Context, parameter: click.Parameter, value: bool) -> None:
-    """Print which libraries there are, and end."""
+    """Print the known data sets, and exit."""
     del parameter
     if not value or context.resilient_parsing:
         return
@@ -34,19 +34,19 @@ def _list(context: click.Context, parameter: click.Parameter, value: bool) -> No
         (one.name, one.title, str(len(one.files)), one.marker_set or "-", one.licence, one.home)
         for one in known_datasets()
     ]
-    print_table(("name", "library", "files>", "marker set", "licence", "see"), rows)
+    print_table(("name", "data set", "files>", "marker set", "licence", "see"), rows)
     context.exit()
 
 
-@click.command(short_help="Download a free library into a database.")
-@click.argument("name", metavar="LIBRARY")
+@click.command(short_help="Download a free data set into a database.")
+@click.argument("name", metavar="DATASET")
 @click.option(
     "--list",
     is_flag=True,
     is_eager=True,
     expose_value=False,
     callback=_list,
-    help="Show which libraries there are, and end.",
+    help="Show the known data sets, and exit.",
 )
 @click.option(
     "--database",
@@ -54,28 +54,28 @@ def _list(context: click.Context, parameter: click.Parameter, value: bool) -> No
     "database",
     metavar="DIR",
     type=click.Path(path_type=Path),
-    help="The database's folder; needed unless --download-only is given.",
+    help="The database's folder; required unless --download-only is given.",
 )
 @click.option(
     "--to",
     "folder",
     metavar="FOLDER",
     type=click.Path(path_type=Path),
-    help="Where the files go; by default a folder of the library's name beside the database.",
+    help="Folder for the files; by default one named as the data set, next to the database.",
 )
 @click.option(
     "--only",
     metavar="PATTERN",
     multiple=True,
-    help="These files of the library only ('*03-0*'); may be given again.",
+    help="Only these files of the data set ('*03-0*'); can be repeated.",
 )
 @click.option(
     "--limit",
     metavar="N",
     type=click.IntRange(min=1),
-    help="Download no more than N files this time.",
+    help="Download at most N files now.",
 )
-@click.option("--mirror", metavar="URL", help="Ask this address instead of the library's own.")
+@click.option("--mirror", metavar="URL", help="Use this address instead of the data set's own.")
 @click.option(
     "--pause",
     metavar="SECONDS",
@@ -84,7 +84,7 @@ def _list(context: click.Context, parameter: click.Parameter, value: bool) -> No
     show_default=True,
     help="Wait between two files.",
 )
-@click.option("--yes", "-y", is_flag=True, help="Accept the library's terms without being asked.")
+@click.option("--yes", "-y", is_flag=True, help="Accept the terms of use without being asked.")
 @click.option("--download-only", is_flag=True, help="Add nothing to a database.")
 def fetch(
     name: str,
@@ -97,126 +97,128 @@ def fetch(
     yes: bool,
     download_only: bool,
 ) -> None:
-    """Download LIBRARY, hdm05 or cmu, and add its recordings to a database.
+    """Download DATASET, hdm05 or cmu, and add its recordings to a database.
 
-    Shows the library's terms first, and asks whether you accept them. What was interrupted goes
-    on where it stopped when the same command is given again. A file that cannot be had is reported
-    and the others go on; the exit status is then 1.
+    Shows the terms of use first, and asks whether you accept them. To resume an interrupted
+    download, give the same command again. A file that cannot be downloaded is reported, the others
+    are downloaded, and the exit status is 1.
     """
-    from priorfill.datasets import RetryPolicy, find_dataset
-    from priorfill.datasets import fetch as get
+    from priorfill.datasets import FetchOptions, RetryPolicy, find_dataset
     from priorfill.datasets.fetch import choose_files
 
     if database is None and not download_only:
-        raise click.UsageError(
-            "give the database to add to (--database DIR), or say --download-only"
-        )
+        raise click.UsageError("give the database to add to (--database DIR), or --download-only")
     if database is None and folder is None:
-        raise click.UsageError("say where the files go (--to FOLDER)")
-    library = find_dataset(name)
+        raise click.UsageError("give a folder for the files (--to FOLDER)")
+    dataset = find_dataset(name)
     if folder is None:
         assert database is not None
-        folder = database.absolute().parent / library.name
+        folder = database.absolute().parent / dataset.name
         if folder == database.absolute():
-            raise click.UsageError("the database is where the files would go; give --to FOLDER")
-    number = len(choose_files(library, only))
-    _tell_terms(library, number, folder, mirror)
+            raise click.UsageError("the files would go into the database; give --to FOLDER")
+    options = FetchOptions(only, limit, mirror, RetryPolicy(pause=pause))
+    _print_terms(dataset, len(choose_files(dataset, only)), folder, mirror)
     if not yes:
         click.confirm("Do you accept these terms?", abort=True, err=True)
-    failures = 0
-    recordings: list[Path] = []
-    downloads = get(
-        library,
-        folder,
-        only=only,
-        limit=limit,
-        mirror=mirror,
-        manners=RetryPolicy(pause=pause),
-        progress=(bar := _Bar()).show,
-        tell=lambda text: click.echo(f"note: {text}", err=True),
-    )
-    with bar:
-        for fetched in _with_bar_removed(downloads, bar):
-            if fetched.failure:
-                failures += 1
-                click.echo(f"priorfill: {fetched.failure}", err=True)
-                continue
-            verb = "downloaded" if fetched.new else "there already:"
-            held = count(len(fetched.recordings), "recording")
-            click.echo(f"{verb} {fetched.path} ({size(fetched.size)}, {held})")
-            recordings += fetched.recordings
-    click.echo(
-        f"{count(len(recordings), 'recording')} in {folder}"
-        + (f", could not download {failures}" if failures else "")
-    )
+    recordings, failures = _download(dataset, folder, options)
     if database is not None and not download_only and recordings:
-        _add(library, database, recordings)  # exits with 1 itself if one cannot be added
+        _add(dataset, database, recordings)  # exits with 1 itself if one cannot be added
     if failures:
         click.get_current_context().exit(1)
 
 
-def _tell_terms(library: Dataset, number: int, folder: Path, mirror: str | None) -> None:
-    """Say what is to be downloaded, and on which terms; on stderr, beside the question."""
+def _print_terms(dataset: Dataset, number: int, folder: Path, mirror: str | None) -> None:
+    """Print what will be downloaded and the terms of use, on stderr like the question."""
     for key, value in (
-        ("library", f"{library.title} ({library.home})"),
-        ("licence", library.licence),
-        ("terms", library.terms),
-        ("credit", library.credit),
-        ("files", f"{number} of {len(library.files)}, from {mirror or library.base}"),
+        ("data set", f"{dataset.title} ({dataset.home})"),
+        ("licence", dataset.licence),
+        ("terms", dataset.terms),
+        ("credit", dataset.credit),
+        ("files", f"{number} of {len(dataset.files)}, from {mirror or dataset.base}"),
         ("to", str(folder)),
     ):
         click.echo(f"{key:<9} {value}", err=True)
 
 
-def _add(library: Dataset, database: Path, recordings: list[Path]) -> None:
-    """Add recordings with what the library says of them."""
-    from priorfill.cli.db.adding import put_files, read_file, sound
+def _download(dataset: Dataset, folder: Path, options: FetchOptions) -> tuple[list[Path], int]:
+    """Download the files and print the result of each; return recordings and failures."""
+    from priorfill.datasets import fetch as fetch_files
+
+    failures = 0
+    recordings: list[Path] = []
+    with _DownloadBar() as bar:
+        results = fetch_files(
+            dataset,
+            folder,
+            options,
+            progress=bar.show,
+            notify=lambda text: click.echo(f"note: {text}", err=True),
+        )
+        for result in _hiding(bar, results):
+            if result.failure:
+                failures += 1
+                click.echo(f"priorfill: {result.failure}", err=True)
+                continue
+            verb = "downloaded" if result.new else "there already:"
+            number = count(len(result.recordings), "recording")
+            click.echo(f"{verb} {result.path} ({size(result.size)}, {number})")
+            recordings += result.recordings
+    click.echo(
+        f"{count(len(recordings), 'recording')} in {folder}"
+        + (f", could not download {failures}" if failures else "")
+    )
+    return recordings, failures
+
+
+def _add(dataset: Dataset, database: Path, recordings: list[Path]) -> None:
+    """Add recordings with their subjects, and the data set's licence and credit."""
+    from priorfill.cli.db.adding import ADD, put_files, read_file, without_artefacts
+    from priorfill.database import ClipOrigin
 
     def put(target: Target, path: Path) -> tuple[ClipRecord, str]:
-        options = {"up": None, "rate": None, "unit": None, "keep_zeros": False}
-        clip, text = sound(read_file(target.reader, path, None, **options))
-        record = target.open().add(
-            clip,
-            subject=library.subject(path.stem) or None,
-            licence=library.licence,
-            credit=library.credit,
+        reading = {"up": None, "rate": None, "unit": None, "keep_zeros": False}
+        clip, text = without_artefacts(read_file(path, None, **reading))
+        origin = ClipOrigin(
+            subject=dataset.subject(path.stem) or None,
+            licence=dataset.licence,
+            credit=dataset.credit,
         )
-        return record, text
+        return target.open().add(clip, origin), text
 
-    put_files(database, recordings, put, done="added", doing="Adding", to_do="add")
+    put_files(database, recordings, put, ADD)
 
 
-class _Bar:
+class _DownloadBar:
     """A progress bar in megabytes for one file after another."""
 
     def __init__(self) -> None:
         self._file: DatasetFile | None = None
         self._stack = ExitStack()
 
-    def __enter__(self) -> _Bar:
+    def __enter__(self) -> _DownloadBar:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self.remove()
+        self.hide()
 
     def show(self, file: DatasetFile, done: int, total: int | None) -> None:
-        """Show how much of a file is there."""
+        """Show how much of a file has been received."""
         megabytes = None if total is None else -(-total // MEGABYTE)
         if file is not self._file:
-            self.remove()
+            self.hide()
             self._file = file
             name = f"{file.path.rpartition('/')[2]} (MB)"
             self._show = self._stack.enter_context(progress(megabytes, name))
         self._show(done // MEGABYTE, megabytes)
 
-    def remove(self) -> None:
-        """Take the bar away, if there is one."""
+    def hide(self) -> None:
+        """Remove the bar, if there is one."""
         self._file = None
         self._stack.close()
 
 
-def _with_bar_removed(downloads: Iterator[Fetched], bar: _Bar) -> Iterator[Fetched]:
-    """Yield downloads, each when its bar is gone."""
-    for fetched in downloads:
-        bar.remove()
-        yield fetched
+def _hiding(bar: _DownloadBar, results: Iterator[FetchResult]) -> Iterator[FetchResult]:
+    """Yield results, each after the bar was hidden."""
+    for result in results:
+        bar.hide()
+        yield result

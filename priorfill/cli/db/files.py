@@ -1,4 +1,4 @@
-"""Which files the arguments of a command stand for."""
+"""Expand the arguments of a command to files."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ __all__ = ["find_files"]
 def find_files(
     paths: Sequence[Path], suffixes: Sequence[str], recognised: Callable[[Path], bool]
 ) -> tuple[list[Path], list[str]]:
-    """Return the files that arguments stand for, and what is wrong with the others.
+    """Return the files that arguments stand for, and a message for each that stands for none.
 
     Parameters
     ----------
     paths : sequence of Path
-        Files, folders (all that is in them and in their folders, but for hidden files), and shell
-        patterns, for shells that do not expand them; ``**`` stands for folders of any depth.
+        Files, folders (all files in them and in their subfolders, except hidden ones), and shell
+        patterns, for shells that do not expand them; ``**`` matches folders of any depth.
     suffixes : sequence of str
-        Lower-case suffixes of the files that are taken from folders.
+        Lower-case suffixes of the files taken from folders.
     recognised : callable
-        Tells which of those are recordings; for files that are named it is not asked.
+        Returns whether a file in a folder is a recording; not called for files named explicitly.
 
     Returns
     -------
     files : list of Path
         Each once.
     failed : list of str
-        A message for each argument that stands for nothing.
+        The messages.
     """
     files: dict[Path, None] = {}
     failed = []
@@ -37,9 +37,9 @@ def find_files(
         found = [path] if path.exists() else _matches(path)
         if not found:
             failed.append(
-                f"{path}: no file or folder fits this pattern; check it"
+                f"{path}: no file or folder matches this pattern; check it"
                 if glob.has_magic(str(path))
-                else f"{path}: there is no such file or folder; check the name"
+                else f"{path}: no such file or folder; check the name"
             )
         for one in found:
             if not one.is_dir():
@@ -61,7 +61,7 @@ def _matches(pattern: Path) -> list[Path]:
 def _inside(
     folder: Path, suffixes: Sequence[str], recognised: Callable[[Path], bool]
 ) -> list[Path]:
-    # hidden ones are other programs' notes (macOS puts ._walk.c3d beside walk.c3d) or unfinished
+    # hidden files are metadata (macOS writes ._walk.c3d next to walk.c3d) or unfinished
     return sorted(
         path
         for path in folder.rglob("*")

@@ -1,4 +1,4 @@
-"""``priorfill db info``: a database in figures."""
+"""``priorfill db info``: figures of a database."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["info"]
 @database_option
 @json_option
 def info(folder: Path, as_json: bool) -> None:
-    """Show a database in figures."""
+    """Show figures of a database."""
     from dataclasses import asdict
 
     from priorfill.database import PriorDatabase
@@ -28,15 +28,15 @@ def info(folder: Path, as_json: bool) -> None:
         return
     rates = ", ".join(f"{facts.rate / 2**level:g}" for level in range(facts.levels))
     sets = ", ".join(
-        f"{name or 'not known'} ({number})" for name, number in facts.marker_sets.items()
+        f"{name or 'unknown'} ({number})" for name, number in facts.marker_sets.items()
     )
-    synthetic = f", {facts.synthetic} of them synthetic" if facts.synthetic else ""
+    kinds = f", {facts.synthetic} of them synthetic" if facts.synthetic else ""
     if facts.virtual_markers:
-        synthetic += f", {facts.virtual_markers} with markers placed on a skeleton"
+        kinds += f", {facts.virtual_markers} with virtual markers"
     for name, value in (
         ("database", str(facts.path)),
         ("format", f"version {facts.version}"),
-        ("clips", f"{facts.clips}{synthetic}"),
+        ("clips", f"{facts.clips}{kinds}"),
         ("subjects", str(facts.subjects)),
         ("length", f"{duration(facts.seconds)}, {facts.frames} frames at {facts.rate:g} Hz"),
         ("levels", f"{rates} Hz"),

@@ -1,4 +1,4 @@
-"""``priorfill db list``: the clips of a database."""
+"""``priorfill db list``: list the clips of a database."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from priorfill.cli.db.common import (
     json_option,
     marker_labels,
     subject_patterns,
-    tell_damaged,
+    warn_damaged,
 )
 from priorfill.cli.output import print_json, print_table
 
@@ -47,7 +47,7 @@ _COLUMNS = (
     "names",
     metavar="PATTERN",
     multiple=True,
-    help="Only clips of these names (or ids); may be given again.",
+    help="Only clips of these names (or ids); can be repeated.",
 )
 @subject_patterns
 @marker_labels
@@ -61,15 +61,15 @@ def list_clips(
 ) -> None:
     """List the clips of a database, or some of them.
 
-    A PATTERN is one of the shell: walk* for all names that begin with walk. Put it into quotes.
-    The id names a clip in other commands, where several have the same name.
+    PATTERN is a shell pattern in quotes: 'walk*' for all names that begin with walk. The id
+    identifies a clip in other commands if several have the same name.
     """
     from priorfill.database import PriorDatabase, Selection
 
     selection = Selection(names=names, subjects=subjects, markers=markers)
     with PriorDatabase.open(folder) as database:
         known = database.clips()
-        tell_damaged(database)
+        warn_damaged(database)
     records = sorted(
         selection.choose(known), key=lambda record: (record.subject, record.name, record.content)
     )
@@ -78,7 +78,7 @@ def list_clips(
     elif records:
         print_table(_COLUMNS, (tuple(_row(record)) for record in records))
     elif known:
-        click.echo(f"{folder}: none of its {len(known)} clips fits")
+        click.echo(f"{folder}: none of its {len(known)} clips matches")
     else:
         click.echo(f"{folder}: the database has no clips")
 
@@ -99,7 +99,7 @@ def _row(record: ClipRecord) -> Iterator[str]:
         word
         for word, given in (
             ("synthetic", record.synthetic),
-            ("markers placed on a skeleton", record.virtual_markers),
+            ("virtual markers", record.virtual_markers),
             (f"filled: {record.filled_by}", record.has_filled),
         )
         if given

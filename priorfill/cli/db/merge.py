@@ -20,15 +20,15 @@ __all__ = ["merge"]
     "others", metavar="OTHER...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
 def merge(folder: Path, others: tuple[Path, ...]) -> None:
-    """Add the clips of OTHER databases; make DIR if it is not there.
+    """Add the clips of OTHER databases; create DIR if it does not exist.
 
-    Recordings that DIR has already are skipped. A clip that is damaged is left out and named; the
-    exit status is then 1. The databases must have the same rate and levels.
+    Recordings that DIR has already are skipped. Damaged clips are named and left out, and the exit
+    status is 1. The databases must have the same rate and levels.
     """
     from priorfill.database import PriorDatabase
 
     with ExitStack() as stack:
-        # a wrong name is found out before anything is done
+        # wrong names are reported before anything is done
         sources = []
         for other in others:
             if folder.exists() and other.exists() and other.samefile(folder):

@@ -1,4 +1,4 @@
-"""``priorfill db remove``: take clips out of a database."""
+"""``priorfill db remove``: remove clips from a database."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ __all__ = ["choose", "remove"]
 @click.command(short_help="Remove clips from a database.")
 @database_option
 @subject_patterns
-@click.option("--dry-run", is_flag=True, help="Only say what would be removed.")
+@click.option("--dry-run", is_flag=True, help="Only show what would be removed.")
 @click.argument("names", metavar="[NAME]...", nargs=-1)
 def remove(folder: Path, subjects: tuple[str, ...], dry_run: bool, names: tuple[str, ...]) -> None:
     """Remove clips from a database, all of them or none.
 
     NAME is a clip's name, a pattern of names (in quotes: 'walk*'), or its id as db list shows it.
-    The space is given back by: priorfill db compact.
+    To free the disk space, use: priorfill db compact.
     """
     from priorfill.database import PriorDatabase
 
     if not names and not subjects:
-        raise click.UsageError("say which clips: NAME... or --subject PATTERN")
+        raise click.UsageError("name the clips: NAME... or --subject PATTERN")
     with PriorDatabase.open(folder, write=not dry_run) as database:
         records = choose(folder, database.clips(), names, subjects)
         if not dry_run:
@@ -55,21 +55,21 @@ def choose(
     subjects: Sequence[str],
     markers: Sequence[str] = (),
 ) -> tuple[ClipRecord, ...]:
-    """Return the clips that are asked for, by name.
+    """Return the clips that arguments select, ordered by subject and name.
 
     Parameters
     ----------
     folder : Path
-        The database's, for the message.
+        The database's folder, for messages.
     records : sequence of ClipRecord
         All of its clips.
     names, subjects, markers : sequence of str
-        As of `priorfill.database.Selection`.
+        As in `priorfill.database.Selection`.
 
     Raises
     ------
     OptionError
-        Where a name, or the whole, fits no clip.
+        If a name, or the combination, matches no clip.
     """
     from priorfill.database import Selection
 

@@ -1,4 +1,4 @@
-"""Read skeletons' motions for a database, with a marker set placed on them."""
+"""Read skeleton motions for a database, and compute virtual markers from them."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ if TYPE_CHECKING:
 __all__ = ["SUFFIXES", "find_set", "is_skeleton", "read_skeleton"]
 
 SUFFIXES = (".amc", ".bvh")
-"""Suffixes of files with a skeleton's motion, lower case."""
+"""Lower-case suffixes of files with skeleton motions."""
 
 
 def is_skeleton(path: Path) -> bool:
-    """Tell by its name if a file holds a skeleton's motion."""
+    """Return whether a file holds a skeleton motion, by its suffix."""
     return path.suffix.lower() in SUFFIXES
 
 
 def find_set(name: str) -> MarkerSet:
-    """Return the marker set of a name, of a definition's path, or of a number of markers.
+    """Return the marker set of a name, a definition's path, or a number of markers.
 
-    ``41`` is the one set whose name ends with 41.
+    ``41`` selects the set whose name ends with 41.
 
     Raises
     ------
     MarkerSetError
-        Where there is none.
+        If there is none.
     """
     from priorfill.markers import definitions
 
@@ -55,26 +55,26 @@ def read_skeleton(
     unit: str | None,
     keep_zeros: bool = False,
 ) -> Clip:
-    """Read a skeleton's motion and place a marker set on it.
+    """Read a skeleton motion and compute virtual markers from it.
 
     Parameters
     ----------
     path : Path
         AMC or BVH.
     marker_set : MarkerSet
-        What to place.
+        The markers to compute.
     skeleton : Path or None
-        The ASF file of AMC files, instead of one that lies beside them.
+        The ASF file of AMC files, in place of the one of the same name.
     up, rate, unit, keep_zeros
         The options of `priorfill.cli.reading.file_options`. The unit may be a number of mm;
-        `keep_zeros` means nothing here.
+        `keep_zeros` has no effect.
 
     Raises
     ------
     FormatError, ClipError
-        Where this file cannot be read.
+        If this file cannot be read.
     PriorfillError
-        Where an option makes no sense.
+        If an option is invalid.
     """
     from priorfill.formats.skeletons.asf_amc import find_asf, read_amc, read_asf
     from priorfill.formats.skeletons.bvh import read_bvh
@@ -91,7 +91,7 @@ def read_skeleton(
         asf = skeleton or find_asf(path)
         if asf is None:
             raise FormatError(
-                f"{path}: no skeleton of its name (.asf) lies beside it; give it (--skeleton)"
+                f"{path}: its folder has no skeleton of the same name (.asf); give one (--skeleton)"
             )
         motion = read_amc(path, read_asf(asf))
         subject = asf.stem
@@ -99,7 +99,7 @@ def read_skeleton(
 
 
 def _millimetres(unit: str | None) -> float | None:
-    """Return the millimetres in a unit that the user says."""
+    """Return the millimetres in a unit that the user gives."""
     from priorfill.formats.units import UNITS
 
     if unit is None:

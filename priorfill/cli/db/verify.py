@@ -15,7 +15,7 @@ __all__ = ["verify"]
 @click.command(short_help="Check a database against its checksums.")
 @database_option
 def verify(folder: Path) -> None:
-    """Check every clip of a database against its checksums."""
+    """Check the catalogue and every clip of a database against their checksums."""
     from priorfill.database import PriorDatabase
 
     with PriorDatabase.open(folder) as database, progress(None, "Checking clips") as show:
@@ -25,4 +25,4 @@ def verify(folder: Path) -> None:
         click.echo(f"priorfill: {problem}", err=True)
     if problems:
         click.get_current_context().exit(1)
-    click.echo(f"{count(number, 'clip')} checked, all are as they were added")
+    click.echo(f"{count(number, 'clip')} checked, no damage found")

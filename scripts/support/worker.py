@@ -1,4 +1,7 @@
-"""Work on one item after another in a process that may crash, hang or eat memory."""
+"""Run a task for one item after another in a process with limits on time and memory.
+
+For scripts that run code of other libraries, or priorfill itself, on damaged files.
+"""
 
 from __future__ import annotations
 
@@ -12,28 +15,25 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
 
-__all__ = ["CRASH", "DONE", "HANG", "MEMORY", "RAISED", "Outcome", "Worker"]
-
-DONE, RAISED, CRASH, HANG, MEMORY = "done", "raised", "crash", "hang", "memory"
+DONE, RAISED, CRASH, TIMEOUT, MEMORY = "done", "raised", "crash", "timeout", "memory"
 """Kinds of outcome."""
 
-PATIENCE = 120.0
-"""Seconds that a new process may take to import what it needs."""
+START_SECONDS = 120.0
+"""Maximum time a new process takes to import what it needs."""
 
-PAGE = resource.getpagesize()
-"""Bytes in which the system counts the memory of a process."""
+PAGE_BYTES = resource.getpagesize()
 
 
 class Outcome(NamedTuple):
-    """What became of an item.
+    """The outcome for one item.
 
     Attributes
     ----------
     kind : str
-        ``done``; ``raised``, an exception; ``crash``, the process ended; ``hang``, it took too
-        long and was ended; ``memory``, it asked for more than it may have.
+        ``done``; ``raised``, an exception; ``crash``, the process ended; ``timeout``, it took too
+        long and was killed; ``memory``, it exceeded its memory limit.
     value : object
-        What the task returned; otherwise a line that says what happened.
+        The task's return value if done, else a one-line description.
     """
 
     kind: str
@@ -41,22 +41,23 @@ class Outcome(NamedTuple):
 
 
 class Worker:
-    """A process that does a task for one item at a time, within limits.
+    """A process that runs a task for one item at a time, within limits.
 
-    After a crash or a hang the next item gets a new process. So does each item, if `fresh`.
+    After a crash or a timeout the next item gets a new process.
 
     Parameters
     ----------
     task : callable
-        Takes an item, returns its value; a function of a module, as it is sent by name.
+        Takes an item and returns a value; a module-level function, as it is pickled by name.
     seconds : float
-        Wall time for an item, after which the process is killed.
+        Maximum wall time for an item.
     memory : int
-        Bytes that the process may have beyond those it has before its first item.
+        Maximum bytes of address space beyond those in use before the first item.
     fresh : bool
-        Whether each item gets a process of its own.
+        Whether each item gets a new process.
     preload : sequence of str
-        Modules that a new process finds imported: it is then there in hundredths of a second.
+        Modules that new processes inherit imported, which makes them start within hundredths of a
+        second.
     """
 
     def __init__(
@@ -69,7 +70,7 @@ class Worker:
         preload: Sequence[str] = (),
     ) -> None:
         self._task, self._seconds, self._memory, self._fresh = task, seconds, memory, fresh
-        # a server without threads, which has imported what takes long, forks the processes
+        # processes are forked by a server without threads that has done the slow imports
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload(list(preload))
         self._process: Any = None
@@ -81,23 +82,14 @@ class Worker:
     def __exit__(self, *error: object) -> None:
         self.stop()
 
-    def do(self, item: Any, *, seconds: float | None = None) -> Outcome:
-        """Do the task for an item.
-
-        Parameters
-        ----------
-        item : object
-            What the task takes.
-        seconds : float or None
-            Wall time for this item, where it differs.
-        """
-        seconds = self._seconds if seconds is None else seconds
+    def do(self, item: Any) -> Outcome:
+        """Run the task for an item."""
         try:
             pipe = self._pipe or self._start()
             pipe.send(item)
-            if not pipe.poll(seconds):
+            if not pipe.poll(self._seconds):
                 self.stop()
-                return Outcome(HANG, f"took more than {seconds:.3g} s")
+                return Outcome(TIMEOUT, f"took more than {self._seconds:.3g} s")
             outcome: Outcome = pipe.recv()
         except (EOFError, OSError):
             self._process.join()
@@ -109,7 +101,7 @@ class Worker:
         return outcome
 
     def stop(self) -> None:
-        """End the process, if there is one."""
+        """Kill the process, if there is one."""
         if self._process is not None:
             self._process.kill()
             self._process.join()
@@ -125,18 +117,18 @@ class Worker:
         )
         self._process.start()
         theirs.close()
-        if not self._pipe.poll(PATIENCE):
+        if not self._pipe.poll(START_SECONDS):
             self.stop()
-            raise RuntimeError("a process for the work could not be started")
+            raise RuntimeError("a worker process could not be started")
         self._pipe.recv()
         return self._pipe
 
 
 def _serve(pipe: Connection, task: Callable[[Any], Any], memory: int) -> None:
-    """Answer items until nobody asks any more."""
-    # Ctrl-C reaches every process of the terminal; the one that asks decides what comes of it
+    """Process items until the pipe is closed."""
+    # Ctrl-C reaches all processes of a terminal; the parent handles it
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _limit(memory)
+    _limit_memory(memory)
     pipe.send("ready")
     while True:
         try:
@@ -146,19 +138,19 @@ def _serve(pipe: Connection, task: Callable[[Any], Any], memory: int) -> None:
         try:
             outcome = Outcome(DONE, task(item))
         except MemoryError:
-            outcome = Outcome(MEMORY, f"asked for more than {memory / 2**30:g} GB")
-        except BaseException as error:  # whatever it is, it is the item's outcome
+            outcome = Outcome(MEMORY, f"needed more than {memory / 2**30:g} GB")
+        except BaseException as error:  # any exception is the item's outcome
             place = traceback.extract_tb(sys.exc_info()[2])[-1]
             where = f"{place.filename.rpartition('/')[2]}:{place.lineno}"
             outcome = Outcome(RAISED, f"{type(error).__name__} at {where}: {error}")
         pipe.send(outcome)
 
 
-def _limit(memory: int) -> None:
-    """Let the process have no more than `memory` bytes of address space beyond what it has."""
+def _limit_memory(memory: int) -> None:
+    """Limit the address space to `memory` bytes beyond the present size (Linux only)."""
     try:
         pages = int(Path("/proc/self/statm").read_text("ascii").split()[0])
     except OSError:
-        return  # only Linux tells; time is bounded everywhere
-    limit = pages * PAGE + memory
+        return
+    limit = pages * PAGE_BYTES + memory
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
