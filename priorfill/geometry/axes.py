@@ -1,6 +1,6 @@
-"""Axes: from a file's own to upright ones (+Z up), and back.
+"""Axes: from a file's own axes to upright ones (+Z up), and back.
 
-By exchanging coordinates and signs, so that not a bit of a coordinate is lost either way.
+Coordinates and signs are exchanged only, so both directions are exact.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from priorfill.errors import OptionError
 __all__ = ["UP_AXES", "from_upright", "to_upright"]
 
 UP_AXES = ("+X", "-X", "+Y", "-Y", "+Z", "-Z")
-"""The directions that "up" can have, in a file's own axes."""
+"""Possible up axes of a file."""
 
 UPRIGHT = "+Z"
 """The up axis of upright positions."""
@@ -31,24 +31,33 @@ _ROTATIONS: dict[str, tuple[tuple[int, int, int], tuple[int, int, int]]] = {
 
 
 def to_upright(positions: NDArray[np.floating], up: str) -> NDArray[np.float64]:
-    """Turn positions so that `up` becomes +Z.
+    """Rotate positions so that `up` becomes +Z.
 
     Parameters
     ----------
     positions : ndarray [shape=(..., 3)]
-        In axes in which `up` points up.
+        In a file's axes; `up` points up.
     up : str
         One of `UP_AXES`.
 
     Returns
     -------
     ndarray [shape=(..., 3)]
-        The array given where +Z is up already, else a new one.
+        The array given if +Z is up already, otherwise a new one.
 
     Raises
     ------
     OptionError
-        Where `up` is no axis.
+        If `up` is no axis.
+
+    See Also
+    --------
+    from_upright : The inverse.
+
+    Examples
+    --------
+    >>> to_upright(np.array([[1.0, 2.0, 3.0]]), "+Y")
+    array([[ 1., -3.,  2.]])
     """
     order, signs = _rotation(up)
     given = np.asarray(positions, dtype=np.float64)
@@ -61,7 +70,7 @@ def to_upright(positions: NDArray[np.floating], up: str) -> NDArray[np.float64]:
 
 
 def from_upright(positions: NDArray[np.floating], up: str) -> NDArray[np.float64]:
-    """Turn positions with +Z up back to axes in which `up` points up.
+    """Rotate upright positions to axes in which `up` points up.
 
     The inverse of `to_upright`, with the same parameters.
     """

@@ -1,4 +1,4 @@
-"""How far markers are from each other, and how much that varies."""
+"""Distances between markers, and how much they vary."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ __all__ = [
 ]
 
 MAX_POSES = 1000
-"""Poses used, evenly spaced; a mean and a standard deviation gain nothing from more."""
+"""Poses used, evenly spaced; more do not improve a mean and a standard deviation."""
 
 MIN_COMMON_POSES = 5
-"""Poses that must show both markers of a pair for its distance to be known."""
+"""Poses that must show both markers of a pair."""
 
 
 def norms(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the lengths of vectors; of three coordinates, what numpy does takes six times as long.
+    """Return Euclidean norms of 3-vectors; about six times as fast as `numpy.linalg.norm`.
 
     Parameters
     ----------
@@ -35,6 +35,11 @@ def norms(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     Returns
     -------
     ndarray [shape=(...)]
+
+    Examples
+    --------
+    >>> norms(np.array([[3.0, 0.0, 4.0]]))
+    array([5.])
     """
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     lengths: NDArray[np.float64] = np.sqrt(x**2 + y**2 + z**2)
@@ -59,37 +64,41 @@ class PairStatistics:
     spread: NDArray[np.float64]
 
     def of_common(self, min_common: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return rms and spread, infinite for pairs seen together in fewer poses."""
+        """Return rms and spread [mm]; infinite for pairs seen together in fewer poses."""
         enough = self.count >= max(min_common, 1)
         return np.where(enough, self.rms, np.inf), np.where(enough, self.spread, np.inf)
 
 
 def pair_statistics(positions: NDArray[np.floating]) -> PairStatistics:
-    """Measure the distance of each pair of markers, and how much it varies.
+    """Compute statistics of the distance of each pair of markers.
 
     Parameters
     ----------
     positions : ndarray [shape=(poses, markers, 3), mm]
         NaN where missing. At most `MAX_POSES` poses are used, evenly spaced.
+
+    Returns
+    -------
+    PairStatistics
     """
-    some = positions[:: max(1, -(-len(positions) // MAX_POSES))].astype(np.float64)
-    markers = some.shape[1]
-    valid = ~np.isnan(some[..., 0])
-    together = valid.T.astype(np.float64) @ valid.astype(np.float64)
+    sample = positions[:: max(1, -(-len(positions) // MAX_POSES))].astype(np.float64)
+    markers = sample.shape[1]
+    valid = ~np.isnan(sample[..., 0])
+    common = valid.T.astype(np.float64) @ valid.astype(np.float64)
     rms = np.full((markers, markers), np.inf)
     spread = np.full((markers, markers), np.inf)
     for marker in range(markers):
-        between = norms(some - some[:, marker : marker + 1])
-        between = np.where(np.isnan(between), 0.0, between)
-        seen = together[marker] > 0
-        count = np.where(seen, together[marker], 1.0)
-        square = (between**2).sum(axis=0) / count
-        mean = between.sum(axis=0) / count
+        distance = norms(sample - sample[:, marker : marker + 1])
+        distance = np.where(np.isnan(distance), 0.0, distance)
+        seen = common[marker] > 0
+        count = np.where(seen, common[marker], 1.0)
+        square = (distance**2).sum(axis=0) / count
+        mean = distance.sum(axis=0) / count
         rms[marker] = np.where(seen, np.sqrt(square), np.inf)
         # rounding can make the variance of a rigid pair negative
         variance = np.maximum(square - mean**2, 0.0)
         spread[marker] = np.where(seen, np.sqrt(variance), np.inf)
-    return PairStatistics(together, rms, spread)
+    return PairStatistics(common, rms, spread)
 
 
 def pair_distances(
@@ -108,65 +117,78 @@ def pair_distances(
     -------
     distance, spread : ndarray [shape=(markers, markers), mm]
         Symmetric; infinite for pairs seen together in fewer than ``min_common`` poses.
+
+    See Also
+    --------
+    pooled_distances : The same over several recordings.
+
+    Examples
+    --------
+    >>> positions = np.zeros((10, 2, 3))
+    >>> positions[:, 1, 0] = 300.0 + np.arange(10) % 2  # 300 or 301 mm
+    >>> distance, spread = pair_distances(positions)
+    >>> round(float(distance[0, 1]), 1), round(float(spread[0, 1]), 1)
+    (300.5, 0.5)
     """
     return pair_statistics(positions).of_common(min_common)
 
 
 def median_distances(
-    poses: NDArray[np.float64], one: NDArray[np.intp], other: NDArray[np.intp]
+    poses: NDArray[np.float64], first: NDArray[np.intp], second: NDArray[np.intp]
 ) -> NDArray[np.float64]:
-    """Median distance of pairs of markers.
+    """Return the median distance of pairs of markers.
 
     Parameters
     ----------
     poses : ndarray [shape=(poses, markers, 3), mm]
         NaN where missing.
-    one, other : ndarray of int [shape=(pairs,)]
+    first, second : ndarray of int [shape=(pairs,)]
         The markers of each pair.
 
     Returns
     -------
     ndarray [shape=(pairs,), mm]
-        NaN where no pose shows a pair; the lower one of two in the middle.
+        NaN where no pose shows the pair. Of an even number of distances, the lower middle one.
     """
-    between = np.sort(norms(poses[:, one] - poses[:, other]), axis=0)  # NaN last
-    count = (~np.isnan(between)).sum(axis=0)
-    median: NDArray[np.float64] = between[np.maximum(count - 1, 0) // 2, np.arange(len(one))]
+    ordered = np.sort(norms(poses[:, first] - poses[:, second]), axis=0)  # NaN last
+    count = (~np.isnan(ordered)).sum(axis=0)
+    median: NDArray[np.float64] = ordered[np.maximum(count - 1, 0) // 2, np.arange(len(first))]
     return median
 
 
 def pooled_distances(
     recordings: Sequence[NDArray[np.float64]], markers: NDArray[np.intp]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Rms distance of some markers to all in several recordings, and how much it varies in one.
+    """Return rms distances of some markers from all over several recordings, and their spread.
 
     Parameters
     ----------
     recordings : sequence of ndarray [shape=(poses, all markers, 3), mm]
         NaN where missing.
     markers : ndarray of int [shape=(markers,)]
-        Those that are looked at.
+        The markers.
 
     Returns
     -------
-    distance, deviation : ndarray [shape=(markers, all markers), mm]
-        Infinite where no recording shows a pair. The deviation is from each recording's own mean.
+    distance, spread : ndarray [shape=(markers, all markers), mm]
+        Infinite where no recording shows a pair. ``spread`` is the standard deviation within
+        recordings, about the mean of each.
     """
     total = recordings[0].shape[1] if recordings else 0
     count = np.zeros((len(markers), total))
-    square, varied = np.zeros_like(count), np.zeros_like(count)
+    squared_distance, squared_deviation = np.zeros_like(count), np.zeros_like(count)
     for poses in recordings:
-        between = norms(poses[:, markers, None] - poses[:, None])
-        known = ~np.isnan(between)
-        between = np.where(known, between, 0.0)
-        here = known.sum(axis=0)
-        mean = between.sum(axis=0) / np.maximum(here, 1)
-        count += here
-        square += (between**2).sum(axis=0)
-        varied += np.where(known, (between - mean) ** 2, 0.0).sum(axis=0)
+        distance = norms(poses[:, markers, None] - poses[:, None])
+        known = ~np.isnan(distance)
+        distance = np.where(known, distance, 0.0)
+        shown = known.sum(axis=0)
+        mean = distance.sum(axis=0) / np.maximum(shown, 1)
+        count += shown
+        squared_distance += (distance**2).sum(axis=0)
+        squared_deviation += np.where(known, (distance - mean) ** 2, 0.0).sum(axis=0)
     unknown = count == 0
     count[unknown] = 1.0
     return (
-        np.where(unknown, np.inf, np.sqrt(square / count)),
-        np.where(unknown, np.inf, np.sqrt(varied / count)),
+        np.where(unknown, np.inf, np.sqrt(squared_distance / count)),
+        np.where(unknown, np.inf, np.sqrt(squared_deviation / count)),
     )

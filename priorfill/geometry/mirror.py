@@ -8,24 +8,36 @@ from numpy.typing import NDArray
 __all__ = ["mirrored", "reflected"]
 
 _ACROSS = np.array([-1.0, 1.0, 1.0])
-"""Upright positions in a mirror that stands across x; which vertical one it is does not matter."""
+"""Signs of a reflection in the plane x = 0; any vertical plane would do."""
 
 
 def reflected(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points [shape=(..., 3), mm] in a mirror, each where its own image is."""
+    """Return the reflections of points [shape=(..., 3), mm]."""
     image: NDArray[np.float64] = points * _ACROSS
     return image
 
 
 def mirrored(poses: NDArray[np.float64], contralateral: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Return poses in a mirror, each marker where its partner's image is.
+    """Return mirror images of poses: each marker at the reflection of its contralateral marker.
 
     Parameters
     ----------
     poses : ndarray [shape=(poses, markers, 3), mm]
-        NaN where missing.
-    partner : ndarray of int [shape=(markers,)]
-        As `partners` gives it; the image of a marker without one is missing.
+        Upright; NaN where missing.
+    contralateral : ndarray of int [shape=(markers,)]
+        As returned by `priorfill.markers.left_right.contralateral_markers`; -1 where there is none.
+
+    Returns
+    -------
+    ndarray [shape=(poses, markers, 3), mm]
+        NaN for markers without a contralateral one.
+
+    Examples
+    --------
+    >>> pose = np.array([[[-100.0, 0.0, 500.0], [90.0, 10.0, 500.0]]])  # left and right knee
+    >>> mirrored(pose, np.array([1, 0]))
+    array([[[-90.,  10., 500.],
+            [100.,   0., 500.]]])
     """
     image = reflected(poses[:, contralateral])
     image[:, contralateral < 0] = np.nan

@@ -1,4 +1,4 @@
-"""Poses, and indices of poses: which are whole, and some of them, evenly spread."""
+"""Select poses: complete ones, and evenly spaced ones."""
 
 from __future__ import annotations
 
@@ -8,25 +8,35 @@ from numpy.typing import NDArray
 __all__ = ["complete_poses", "evenly_spaced", "sample_complete_poses"]
 
 
-def evenly_spaced(count: int, most: int) -> NDArray[np.intp]:
-    """Return up to ``most`` indices below ``count``, evenly spread, the first and last among them.
+def evenly_spaced(count: int, max_count: int) -> NDArray[np.intp]:
+    """Return up to ``max_count`` evenly spaced indices below ``count``.
 
     Parameters
     ----------
-    count, most : int
+    count, max_count : int
         At least 0.
+
+    Returns
+    -------
+    ndarray of int
+        Ascending; includes 0 and ``count - 1`` if it has more than one element.
+
+    Examples
+    --------
+    >>> evenly_spaced(9, 3)
+    array([0, 4, 8])
     """
-    some: NDArray[np.intp] = np.linspace(0, count - 1, min(most, count)).astype(np.intp)
-    return some
+    indices: NDArray[np.intp] = np.linspace(0, count - 1, min(max_count, count)).astype(np.intp)
+    return indices
 
 
 def complete_poses(poses: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Return which poses [shape=(poses, markers, 3), mm] have all of their markers."""
+    """Return which poses [shape=(poses, markers, 3), mm] have no missing marker."""
     complete: NDArray[np.bool_] = np.logical_and.reduce(~np.isnan(poses[..., 0]), axis=1)
     return complete
 
 
-def sample_complete_poses(poses: NDArray[np.float64], most: int) -> NDArray[np.float64]:
-    """Return up to ``most`` of the whole poses, evenly spread [shape=(poses, markers, 3), mm]."""
+def sample_complete_poses(poses: NDArray[np.float64], max_poses: int) -> NDArray[np.float64]:
+    """Return up to ``max_poses`` complete poses, evenly spaced [shape=(poses, markers, 3), mm]."""
     complete = poses[complete_poses(poses)]
-    return complete[evenly_spaced(len(complete), most)]
+    return complete[evenly_spaced(len(complete), max_poses)]

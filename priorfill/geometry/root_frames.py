@@ -1,12 +1,12 @@
-"""Root frames: the position and heading taken out of a pose before poses are compared.
+"""Root frames: the position and orientation removed from poses before they are compared.
 
-A root frame is estimated from a group of markers that hold their shape (pelvis, thorax, head,
-or whatever lies near a gap) by aligning them with a template of that group. Two kinds are used:
-*heading* takes out the position and the rotation about the vertical only, as [B11]_ does, so that
-a lying body stays lying; *rigid* takes out the whole rotation, as is fit where the group turns
-over together with the markers to be predicted.
+A root frame is estimated from a group of rigidly connected markers (pelvis, thorax, head, or
+markers near a gap) by aligning them with a template of that group. There are two kinds: *heading*
+frames remove the position and the rotation about the vertical only, so that a lying body remains
+lying; *rigid* frames remove the complete rotation, which suits markers that turn together with the
+group. [B11]_ removes "position and orientation" without saying which.
 
-All coordinates here are upright: mm, z up.
+All coordinates are upright, in mm.
 
 References
 ----------
@@ -36,7 +36,7 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class RootFrames:
-    """A root frame for each of a number of poses.
+    """Root frames of some poses.
 
     Attributes
     ----------
@@ -50,38 +50,38 @@ class RootFrames:
     rotation: NDArray[np.float64]
 
     def to_local(self, positions: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Express positions [shape=(frames, markers, 3), mm] in the root frames."""
+        """Transform world positions [shape=(frames, markers, 3), mm] into the root frames."""
         local: NDArray[np.float64] = (positions - self.origin[:, None, :]) @ self.rotation
         return local
 
     def to_world(self, positions: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Express positions given in the root frames in the world's [shape as given, mm]."""
+        """Transform positions from the root frames into the world [shape as given, mm]."""
         turned: NDArray[np.float64] = positions @ np.swapaxes(self.rotation, 1, 2)
         return turned + self.origin[:, None, :]
 
 
 @dataclass(frozen=True, eq=False)
 class RootGroup:
-    """Markers that give a root frame, and the shape that they are aligned with.
+    """Markers that define a root frame, and the template they are aligned with.
 
     Attributes
     ----------
     markers : tuple of int
         Indices of the group's markers.
     template : ndarray [shape=(markers of the group, 3), mm]
-        The group's shape in a pose of heading 0.
+        Their positions in a pose of heading 0.
     """
 
     markers: tuple[int, ...]
     template: NDArray[np.float64]
 
     def frames(self, positions: NDArray[np.floating]) -> RootFrames:
-        """Root frames of poses [shape=(frames, all markers, 3), mm] by heading."""
+        """Return the heading frames of poses [shape=(frames, all markers, 3), mm]."""
         points = np.asarray(positions[:, list(self.markers)], dtype=np.float64)
         return heading_frames(points, self.template)
 
     def among(self, markers: NDArray[np.intp]) -> RootGroup:
-        """Return the group for poses of some markers only, which ascend; its own are among them."""
+        """Return the group for poses with a subset of markers, ascending, that contains its own."""
         columns = np.searchsorted(markers, self.markers)
         return RootGroup(tuple(int(c) for c in columns), self.template)
 
@@ -89,14 +89,14 @@ class RootGroup:
 def _centred(
     points: NDArray[np.float64], template: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the weighted centroids, and points and template about theirs."""
+    """Return the weighted centroids, and points and template relative to theirs."""
     share = weights / weights.sum()
     origin = np.einsum("g,fgi->fi", share, points)
     return origin, points - origin[:, None, :], template - share @ template
 
 
 def about_vertical(angle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotations of root frames with some headings.
+    """Return the rotations of root frames with given headings.
 
     Parameters
     ----------
@@ -121,24 +121,39 @@ def heading_frames(
     template: NDArray[np.float64],
     weights: NDArray[np.float64] | None = None,
 ) -> RootFrames:
-    """Root frames by position and heading.
+    """Estimate root frames by position and heading.
 
-    The heading is the rotation about the vertical that brings the group's horizontal
-    coordinates nearest to the template's, in closed form.
+    The heading is the rotation about the vertical that best aligns the group's horizontal
+    coordinates with the template's, in closed form.
 
     Parameters
     ----------
     points : ndarray [shape=(frames, group, 3), mm]
-        The group's markers, upright, none missing.
+        Upright positions of the group's markers, none missing.
     template : ndarray [shape=(group, 3), mm]
-        Their shape in heading 0.
+        Their positions at heading 0.
     weights : ndarray [shape=(group,)], optional
-        How much each marker counts; all the same by default.
+        Weight of each marker; equal by default.
 
     Returns
     -------
     RootFrames
         The origin is the weighted centroid.
+
+    See Also
+    --------
+    rigid_frames : Root frames with the complete rotation.
+
+    Examples
+    --------
+    >>> template = np.array([[-100.0, 0.0, 0.0], [100.0, 0.0, 0.0]])
+    >>> points = np.array([[[0.0, -100.0, 900.0], [0.0, 100.0, 900.0]]])  # turned by 90 degrees
+    >>> frames = heading_frames(points, template)
+    >>> frames.origin
+    array([[  0.,   0., 900.]])
+    >>> np.round(frames.to_local(points), 6) + 0.0
+    array([[[-100.,    0.,    0.],
+            [ 100.,    0.,    0.]]])
     """
     if weights is None:
         weights = np.ones(len(template))
@@ -154,38 +169,37 @@ def rigid_frames(
     template: NDArray[np.float64],
     weights: NDArray[np.float64] | None = None,
 ) -> RootFrames:
-    """Root frames by position and full rotation: weighted Kabsch [K76]_.
+    """Estimate root frames by position and complete rotation, by weighted Kabsch [K76]_.
 
     Parameters, return value and conventions are those of `heading_frames`. Reflections are
-    excluded, so fewer than three markers, or markers in line, leave a rotation free; it is
-    then the one that the singular value decomposition happens to give.
+    excluded. Fewer than three markers, or markers on a line, do not determine the rotation; it is
+    then arbitrary about that line.
     """
     if weights is None:
         weights = np.ones(len(template))
     origin, centred, shape = _centred(points, template, weights)
     covariance = np.einsum("g,fgi,gj->fij", weights, centred, shape)
     u, _, vt = np.linalg.svd(covariance)
-    # a negative determinant would be a reflection: turn the least certain axis round
+    # a negative determinant would be a reflection: reverse the least certain axis
     u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
     return RootFrames(origin, u @ vt)
 
 
 def root_group(positions: NDArray[np.float64], markers: Sequence[int]) -> RootGroup | None:
-    """Make a root group: learn the markers' shape from the poses in which all are valid.
+    """Return a root group with a template from the poses in which all its markers are valid.
 
     Parameters
     ----------
     positions : ndarray [shape=(frames, all markers, 3), mm]
-        A clip, upright.
+        Upright positions of a clip.
     markers : sequence of int
         The group's markers.
 
     Returns
     -------
     RootGroup or None
-        None where no pose has all of them. The template is the mean of the poses after
-        turning each to the first one's heading; heading 0 is therefore arbitrary, and turns
-        with the clip.
+        None if no pose has all markers. The template is the mean of the poses after each was
+        turned to the heading of the first; heading 0 is therefore arbitrary.
     """
     points = positions[:, list(markers)]
     points = points[~np.isnan(points[..., 0]).any(axis=1)]

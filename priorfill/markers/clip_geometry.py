@@ -19,7 +19,7 @@ __all__ = ["ClipGeometry"]
 
 @dataclass(frozen=True, eq=False)
 class ClipGeometry:
-    """What the positions of a clip tell about its markers. Each part is computed on first use.
+    """Properties of a clip's markers that follow from their positions, each computed on first use.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class ClipGeometry:
     labels : tuple of str
         The markers.
     definition : MarkerSet or None
-        The definition that the markers belong to; None if it is unknown.
+        Definition of the marker set; None if it is unknown.
 
     Examples
     --------
@@ -69,12 +69,12 @@ class ClipGeometry:
 
     @cached_property
     def marker_set(self) -> MarkerSet:
-        """Segments, reliable bits and mirror pairs of all the clip's markers."""
+        """Segments, reliability and mirror pairs of all the clip's markers."""
         return describe_markers(self.labels, self.positions, self.definition, lambda: self.pairs)
 
     @cached_property
     def contralateral(self) -> NDArray[np.intp]:
-        """Each marker's counterpart on the other side of the body; -1 where there is none."""
+        """Each marker's contralateral marker [shape=(markers,)]; -1 where there is none."""
         return contralateral_markers(self.labels, self.marker_set)
 
     @cached_property

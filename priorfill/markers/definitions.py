@@ -1,4 +1,4 @@
-"""Read marker-set definitions (TOML) and recognise a set by its labels."""
+"""Read marker-set definitions (TOML), and find the one that fits the labels of a clip."""
 
 from __future__ import annotations
 
@@ -11,43 +11,33 @@ from pathlib import Path
 from typing import Any, cast
 
 from priorfill.errors import MarkerSetError
-from priorfill.markers.marker_set import (
-    Joint,
-    MarkerSet,
-)
+from priorfill.markers.marker_set import Joint, MarkerSet
 from priorfill.runtime.resources import resource_path
 
 __all__ = ["available", "load", "recognise"]
 
 MIN_SET_SHARE = 0.4
-"""A set is recognised if at least this share of its markers is in the clip: the legs of a
-full-body set, 16 of 39 markers, still count."""
-
+"""Fraction of a set's markers that a clip must have: the legs of a full-body set, 16 of 39 markers,
+are enough."""
 
 MIN_CLIP_SHARE = 0.6
-"""A set is recognised if it knows at least this share of the clip's markers."""
-
+"""Fraction of a clip's markers that a set must contain."""
 
 ENV_FOLDER = "PRIORFILL_MARKERSETS"
-"""Environment variable that names a folder with a user's definitions."""
-
+"""Environment variable with the path of a folder of the user's definitions."""
 
 JOINT_POINTS = 3
-"""Points of an angle: above the joint, the joint, below it."""
-
+"""Points of a joint angle: above the joint, the joint, and below it."""
 
 MIRROR_RULE = "L/R"
-"""The mirror rule of definition files: L... and R... are mirror images."""
-
+"""Mirror rule of definition files: labels L... and R... are mirror images."""
 
 _KEYS = {
     *("name", "title", "source", "root_segments", "mirror", "midline", "markers", "aliases"),
     "joints",
 }
 
-
 _MARKER_KEYS = {"segment", "reliable", "optional"}
-
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
@@ -58,12 +48,26 @@ def load(name_or_path: str | Path) -> MarkerSet:
     Parameters
     ----------
     name_or_path : str or Path
-        Name of one of `available`, or the path of a ``.toml`` file.
+        Name of a marker set in `available`, or path of a ``.toml`` file.
+
+    Returns
+    -------
+    MarkerSet
 
     Raises
     ------
     MarkerSetError
-        Where there is no such set, or its definition is malformed.
+        If there is no such set, or its definition is malformed.
+
+    See Also
+    --------
+    available : All marker sets.
+    recognise : The one that fits a clip.
+
+    Examples
+    --------
+    >>> load("plug-in-gait").segment["LKNE"]
+    'left_thigh'
     """
     path = Path(name_or_path)
     if path.suffix == ".toml" or len(path.parts) > 1:
@@ -78,35 +82,39 @@ def load(name_or_path: str | Path) -> MarkerSet:
 
 
 def available() -> dict[str, MarkerSet]:
-    """Return every marker set that is found, by name; a user's go before shipped ones.
+    """Return all marker sets by name. The user's take precedence over those of the package.
 
     Raises
     ------
     MarkerSetError
-        Where a definition is malformed, or the folder named by `PRIORFILL_MARKERSETS` is not
-        there.
+        If a definition is malformed, or the folder in `PRIORFILL_MARKERSETS` does not exist.
+
+    Examples
+    --------
+    >>> "plug-in-gait" in available()
+    True
     """
     sets: dict[str, MarkerSet] = {}
     for folder in _folders():
         here: dict[str, Path] = {}
         for path in sorted(folder.glob("*.toml")):
-            markerset = _read(path)
-            if markerset.name in here:
+            marker_set = _read(path)
+            if marker_set.name in here:
                 raise MarkerSetError(
-                    f"{path}: has the name {markerset.name} of {here[markerset.name].name}; "
-                    "give it another one"
+                    f"{path}: the name {marker_set.name} is also that of "
+                    f"{here[marker_set.name].name}; choose another name"
                 )
-            here[markerset.name] = path
-            sets.setdefault(markerset.name, markerset)
+            here[marker_set.name] = path
+            sets.setdefault(marker_set.name, marker_set)
     return sets
 
 
 def recognise(labels: Sequence[str]) -> MarkerSet | None:
-    """Return the marker set that a clip's labels belong to.
+    """Return the marker set that fits the labels of a clip best.
 
-    The one that shares the most with the clip (Dice coefficient), if it knows at least
-    `MIN_CLIP_SHARE` of the clip's markers and at least `MIN_SET_SHARE` of its own, optional ones
-    apart, are in the clip.
+    That is the set with the largest Dice coefficient, among those that contain at least
+    `MIN_CLIP_SHARE` of the clip's markers and of which the clip has at least `MIN_SET_SHARE` of the
+    markers that are not optional.
 
     Parameters
     ----------
@@ -116,24 +124,29 @@ def recognise(labels: Sequence[str]) -> MarkerSet | None:
     Returns
     -------
     MarkerSet or None
-        As defined, with all its markers; None where nothing fits.
+        The complete definition; None if no set fits.
 
     Raises
     ------
     MarkerSetError
-        Where a definition file is malformed.
+        If a definition file is malformed.
+
+    Examples
+    --------
+    >>> recognise(["anything", "else"]) is None
+    True
     """
     best: MarkerSet | None = None
     best_score = 0.0
-    for _, markerset in sorted(available().items()):
-        match = markerset.match(labels)
-        needed = [label for label in markerset.labels if label not in markerset.optional]
-        found = sum(label not in markerset.optional for label in match.values())
+    for _, marker_set in sorted(available().items()):
+        match = marker_set.match(labels)
+        needed = [label for label in marker_set.labels if label not in marker_set.optional]
+        found = sum(label not in marker_set.optional for label in match.values())
         if found < MIN_SET_SHARE * len(needed) or len(match) < MIN_CLIP_SHARE * len(labels):
             continue
         score = 2 * found / (len(needed) + len(labels))
         if score > best_score:
-            best, best_score = markerset, score
+            best, best_score = marker_set, score
     return best
 
 
@@ -167,7 +180,7 @@ def _read(path: Path) -> MarkerSet:
 
 @lru_cache(maxsize=256)
 def _read_cached(path: Path, stamp: int) -> MarkerSet:
-    """Read a definition; `stamp` is its time of change, so that an edited file is read again."""
+    """Read a definition. ``stamp``, its modification time, makes edited files be read again."""
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -181,7 +194,7 @@ def _read_cached(path: Path, stamp: int) -> MarkerSet:
 
 
 def _parse(content: dict[str, Any], path: Path) -> MarkerSet:
-    """Return the set that a definition's content makes, checked."""
+    """Return the marker set that a definition describes, after checking it."""
     for key in sorted(set(content) - _KEYS):
         raise MarkerSetError(
             f"{path}: key {key} is unknown; use {', '.join(sorted(_KEYS))} (see README.md)"
@@ -189,8 +202,39 @@ def _parse(content: dict[str, Any], path: Path) -> MarkerSet:
     name = _text(content, "name", path, required=True)
     if not _NAME.fullmatch(name):
         raise MarkerSetError(
-            f"{path}: name {name!r} is unfit; use letters, digits, '-', '_' and '.'"
+            f"{path}: name {name!r} is not allowed; use letters, digits, '-', '_' and '.'"
         )
+    segment, reliable, optional = _parse_markers(content, path)
+    roots = _texts(content, "root_segments", path)
+    for root in roots:
+        if root not in segment.values():
+            raise MarkerSetError(
+                f"{path}: root segment {root} has no markers; "
+                f"use some of {', '.join(sorted(set(segment.values())))}"
+            )
+    if not roots:
+        raise MarkerSetError(
+            f"{path}: has no root_segments; list the segments that can define the root frame"
+        )
+    return MarkerSet(
+        name=name,
+        labels=tuple(segment),
+        segment=segment,
+        reliable=reliable,
+        mirror=_parse_mirror(content, path, segment),
+        root_segments=roots,
+        title=_text(content, "title", path, required=True),
+        source=_text(content, "source", path, required=False),
+        aliases=_parse_aliases(content, path, segment),
+        optional=frozenset(optional),
+        joints=_parse_joints(content, path, segment),
+    )
+
+
+def _parse_markers(
+    content: dict[str, Any], path: Path
+) -> tuple[dict[str, str], dict[str, bool], set[str]]:
+    """Return segment and reliability of each marker, and the optional markers."""
     table = content.get("markers")
     if not isinstance(table, dict) or not table:
         raise MarkerSetError(f"{path}: has no markers; add a table [markers] of labels")
@@ -217,30 +261,7 @@ def _parse(content: dict[str, Any], path: Path) -> MarkerSet:
         reliable[label] = entry.get("reliable", False)
         if entry.get("optional", False):
             optional.add(label)
-    roots = _texts(content, "root_segments", path)
-    for root in roots:
-        if root not in segment.values():
-            raise MarkerSetError(
-                f"{path}: root segment {root} has no markers; "
-                f"use some of {', '.join(sorted(set(segment.values())))}"
-            )
-    if not roots:
-        raise MarkerSetError(
-            f"{path}: has no root_segments; list the segments that can carry the root frame"
-        )
-    return MarkerSet(
-        name=name,
-        labels=tuple(segment),
-        segment=segment,
-        reliable=reliable,
-        mirror=_parse_mirror(content, path, segment),
-        root_segments=roots,
-        title=_text(content, "title", path, required=True),
-        source=_text(content, "source", path, required=False),
-        aliases=_parse_aliases(content, path, segment),
-        optional=frozenset(optional),
-        joints=_parse_joints(content, path, segment),
-    )
+    return segment, reliable, optional
 
 
 def _parse_mirror(content: dict[str, Any], path: Path, labels: Mapping[str, str]) -> dict[str, str]:
@@ -256,7 +277,7 @@ def _parse_mirror(content: dict[str, Any], path: Path, labels: Mapping[str, str]
                 _check_known(one, labels, "mirror", path)
             if mirror.get(label, other) != other or mirror.get(other, label) != label:
                 raise MarkerSetError(
-                    f"{path}: [mirror] gives {label} or {other} two mirror images; leave one"
+                    f"{path}: [mirror] gives {label} or {other} two mirror images; keep one"
                 )
             mirror |= {label: other, other: label}
     else:
@@ -267,7 +288,7 @@ def _parse_mirror(content: dict[str, Any], path: Path, labels: Mapping[str, str]
         _check_known(label, labels, "midline", path)
         if mirror.get(label, label) != label:
             raise MarkerSetError(
-                f"{path}: {label} is in midline but mirrors onto {mirror[label]}; leave one"
+                f"{path}: {label} is in midline but mirrors onto {mirror[label]}; keep one"
             )
         mirror[label] = label
     return mirror
@@ -278,14 +299,14 @@ def _parse_aliases(
 ) -> dict[str, str]:
     table = content.get("aliases", {})
     if not isinstance(table, dict):
-        raise MarkerSetError(f'{path}: aliases is no table; write [aliases] and LABEL = ["..."]')
+        raise MarkerSetError(f'{path}: aliases is not a table; write [aliases] and LABEL = ["..."]')
     aliases: dict[str, str] = {}
     for label in table:
         _check_known(label, labels, "aliases", path)
         for alias in _texts(table, label, path):
             if alias in labels or aliases.get(alias, label) != label:
                 raise MarkerSetError(
-                    f"{path}: alias {alias} of {label} is another marker too; take it out"
+                    f"{path}: alias {alias} of {label} is also another marker; remove it"
                 )
             aliases[alias] = label
     return aliases
@@ -297,7 +318,7 @@ def _parse_joints(
     table = content.get("joints", {})
     if not isinstance(table, dict):
         raise MarkerSetError(
-            f'{path}: joints is no table; write [joints] and NAME = [["..."], ["..."], ["..."]]'
+            f'{path}: joints is not a table; write [joints] and NAME = [["..."], ["..."], ["..."]]'
         )
     joints: dict[str, Joint] = {}
     for name, points in table.items():
@@ -334,5 +355,5 @@ def _text(content: dict[str, Any], key: str, path: Path, *, required: bool) -> s
 def _texts(content: dict[str, Any], key: str, path: Path) -> tuple[str, ...]:
     value = content.get(key, [])
     if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
-        raise MarkerSetError(f'{path}: {key} is no list of names; write {key} = ["...", "..."]')
+        raise MarkerSetError(f'{path}: {key} is not a list of names; write {key} = ["...", "..."]')
     return tuple(value)

@@ -1,4 +1,4 @@
-"""Describe all markers of a clip: by a definition, by its data, or both."""
+"""The marker set of a clip: from a definition, from its data, or both."""
 
 from __future__ import annotations
 
@@ -11,29 +11,22 @@ from numpy.typing import NDArray
 from priorfill.clip import Clip
 from priorfill.geometry.distances import PairStatistics, pair_statistics
 from priorfill.geometry.rigid_groups import MIN_COMMON
-from priorfill.markers.definitions import (
-    recognise,
-)
-from priorfill.markers.discover import (
-    discover,
-)
-from priorfill.markers.marker_set import (
-    Joint,
-    MarkerSet,
-)
+from priorfill.markers.definitions import recognise
+from priorfill.markers.discover import discover
+from priorfill.markers.marker_set import Joint, MarkerSet
 
 __all__ = ["describe", "describe_markers"]
 
 
 def describe(clip: Clip, definition: MarkerSet | None = None) -> MarkerSet:
-    """Return the marker set of a clip: exactly its markers, under its own labels.
+    """Return the marker set of a clip, with exactly the clip's markers and labels.
 
     Parameters
     ----------
     clip : Clip
         The clip.
     definition : MarkerSet, optional
-        The set it belongs to; by default the one that its labels are recognised as.
+        Definition to use; by default the one that fits the labels, if any.
 
     Returns
     -------
@@ -43,7 +36,17 @@ def describe(clip: Clip, definition: MarkerSet | None = None) -> MarkerSet:
     Raises
     ------
     MarkerSetError
-        Where a definition file is malformed.
+        If a definition file is malformed.
+
+    See Also
+    --------
+    discover : Finds a marker set from the data alone.
+
+    Examples
+    --------
+    >>> clip = Clip(np.zeros((2, 2, 3)), ("LKNE", "RKNE"), rate=100.0)
+    >>> describe(clip).name
+    'discovered'
     """
     return describe_markers(
         clip.labels,
@@ -59,7 +62,7 @@ def describe_markers(
     definition: MarkerSet | None,
     pairs: Callable[[], PairStatistics],
 ) -> MarkerSet:
-    """Return the marker set of some markers, by a definition, by their motion, or both.
+    """Return the marker set of some markers, from a definition, from their motion, or both.
 
     Parameters
     ----------
@@ -68,43 +71,42 @@ def describe_markers(
     positions : ndarray [shape=(frames, markers, 3), mm]
         NaN where missing.
     definition : MarkerSet or None
-        The set they belong to; None if it is unknown.
+        Definition to use; None to find the marker set from the data.
     pairs : callable
-        Returns the statistics of the markers' distances; called only if they are needed.
+        Returns the statistics of the markers' distances; called only if needed.
 
     Returns
     -------
     MarkerSet
-        The definition without the markers that are not there. Markers that it does not know are
-        assigned to the segment to which their distances vary least, as not reliable and without
-        a mirror image. Without a definition, what `discover` finds.
+        The definition, restricted to the markers given. Markers it does not contain are assigned to
+        the segment to which their distances vary least, as not reliable and without a mirror image.
+        Without a definition, the result of `discover`.
     """
     if definition is None:
         return discover(positions, labels, pairs())
-    markerset = definition
-    match = markerset.match(labels)
+    match = definition.match(labels)
     own = {name: label for label, name in match.items()}
-    segment = {label: markerset.segment[name] for label, name in match.items()}
+    segment = {label: definition.segment[name] for label, name in match.items()}
     extra = [label for label in labels if label not in match]
     if extra:
         segment |= _nearest_segments(labels, pairs(), segment, extra)
     present = set(segment.values())
     return MarkerSet(
-        name=markerset.name,
+        name=definition.name,
         labels=tuple(labels),
         segment={label: segment[label] for label in labels},
-        reliable={label: label in match and markerset.reliable[match[label]] for label in labels},
+        reliable={label: label in match and definition.reliable[match[label]] for label in labels},
         mirror={
-            label: own[markerset.mirror[name]]
+            label: own[definition.mirror[name]]
             for label, name in match.items()
-            if markerset.mirror.get(name) in own
+            if definition.mirror.get(name) in own
         },
-        root_segments=tuple(s for s in markerset.root_segments if s in present),
-        title=markerset.title,
-        source=markerset.source,
+        root_segments=tuple(s for s in definition.root_segments if s in present),
+        title=definition.title,
+        source=definition.source,
         joints={
             joint: cast(Joint, tuple(tuple(own[name] for name in point) for point in points))
-            for joint, points in markerset.joints.items()
+            for joint, points in definition.joints.items()
             if all(name in own for point in points for name in point)
         },
     )
@@ -116,7 +118,7 @@ def _nearest_segments(
     segment: Mapping[str, str],
     extra: Sequence[str],
 ) -> dict[str, str]:
-    """Return a segment for each extra marker; its own label where none was seen with it."""
+    """Return a segment for each extra marker: its own label if it was seen with no other marker."""
     spread = pairs.of_common(MIN_COMMON)[1]
     index = {label: m for m, label in enumerate(labels)}
     members: dict[str, list[int]] = {}

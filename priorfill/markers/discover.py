@@ -9,63 +9,71 @@ from numpy.typing import NDArray
 
 from priorfill.geometry.distances import PairStatistics, pair_statistics
 from priorfill.geometry.rigid_groups import MIN_COMMON, rigid_groups
-from priorfill.markers.marker_set import (
-    DISCOVERED,
-    MarkerSet,
-)
+from priorfill.markers.marker_set import DISCOVERED, MarkerSet
 
 __all__ = ["discover"]
 
-MIN_COMPANIONS = 2
-"""Other markers that a segment needs for a marker's place on it to be known; three markers
-also make the smallest frame of reference."""
+MIN_SEGMENT_MARKERS = 3
+"""Markers that a segment needs to be rigid or a root: the smallest frame of reference."""
 
+MAX_RIGID_SPREAD = 5.0
+"""mm. Rms standard deviation of a rigidly placed marker's distances from the other markers of its
+segment. Half of the pairs on one known segment have less in real recordings."""
 
-FIRM = 5.0
-"""mm. A marker sits firmly if its distances to the other markers of its segment vary by no more
-than this (root mean square). Half of the pairs of one known segment do so in real takes."""
+MIN_RELIABLE_MARKERS = 6
+"""If fewer markers are reliable by the data, all that are mostly visible count as reliable;
+otherwise the search would ignore most of the body's posture."""
 
+HALF_CREDIT_DISTANCE = 0.5
+"""Distance of a segment from the centre of the body, relative to the mean of all markers, at which
+its credit as a root halves. Pelvis and thorax are nearer, head and limbs farther away."""
 
-MIN_RELIABLE = 6
-"""Where fewer markers than this are reliable by the data, all that are mostly seen count: with
-fewer, most of the body's posture would have no say in the search."""
+MIN_VISIBLE_SHARE = 0.5
+"""Fraction of the frames in which a reliable marker must be visible."""
 
-
-CENTRAL = 0.5
-"""Distance of a segment from the body's middle, relative to the markers' mean distance, at which
-it loses half its credit as a root: pelvis and thorax are nearer, head and limbs farther off."""
-
-
-MOSTLY_SEEN = 0.5
-"""Share of the frames in which a marker must be seen to count as reliable."""
+MAX_CREDITED_MARKERS = 4
+"""Markers of a segment up to which its size adds to its credit as a root."""
 
 
 def discover(
     positions: NDArray[np.floating], labels: Sequence[str], pairs: PairStatistics | None = None
 ) -> MarkerSet:
-    """Return a marker set found from the data alone.
+    """Find a marker set from the data alone.
 
-    Segments are groups of markers whose mutual distances hardly vary (`rigid_groups`). A marker
-    is reliable if it is mostly seen and sits firmly (`FIRM`) on a segment with at least
-    `MIN_COMPANIONS` others; if that leaves fewer than `MIN_RELIABLE`, every marker that is
-    mostly seen is. Root segments have three markers or more and come in order of how often
-    they are whole, how large, rigid and central they are. Mirror images are told by the names, if
-    at least half of the labels come in pairs of a left and a right one.
+    Segments are groups of markers whose mutual distances hardly vary (`rigid_groups`). A marker is
+    reliable if it is visible in most frames and rigidly placed (`MAX_RIGID_SPREAD`) on a segment
+    with at least `MIN_SEGMENT_MARKERS` markers. If that applies to fewer than
+    `MIN_RELIABLE_MARKERS`, all markers visible in most frames are reliable. Root segments have at
+    least `MIN_SEGMENT_MARKERS` markers and are ordered by how often they are complete and by how
+    large, rigid and central they are. Mirror pairs follow from the labels, if at least half of
+    them come in pairs of left and right.
 
     Parameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
         NaN where missing.
     labels : sequence of str
-        One for each marker, unique.
+        Unique labels, one per marker.
     pairs : PairStatistics, optional
-        Of the distances of these markers; computed if not given.
+        Statistics of the distances of these markers; computed if not given.
 
     Returns
     -------
     MarkerSet
-        With the name `DISCOVERED` and segments ``segment01``, ``segment02``, ... in the order
-        of their first markers.
+        With the name `DISCOVERED` and segments ``segment01``, ``segment02``, ... in the order of
+        their first markers.
+
+    See Also
+    --------
+    describe : Uses a definition if there is one.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> shape = np.array([[0, 0, 0], [100, 0, 0], [0, 80, 0], [0, 0, 60.0]])
+    >>> positions = rng.normal(0.0, 200.0, (50, 1, 3)) + shape  # four markers on one bone
+    >>> discover(positions, ("A", "B", "C", "D")).segments
+    {'segment01': ('A', 'B', 'C', 'D')}
     """
     spread = (pairs or pair_statistics(positions)).of_common(MIN_COMMON)[1]
     groups = rigid_groups(spread)
@@ -73,65 +81,69 @@ def discover(
     segment = {labels[m]: name for name, group in zip(names, groups, strict=True) for m in group}
 
     seen = ~np.isnan(positions[:, :, 0])
-    mostly_seen = seen.mean(axis=0) >= MOSTLY_SEEN if len(seen) else np.zeros(len(labels), bool)
-    firm = np.zeros(len(labels), dtype=bool)
+    visible = np.zeros(len(labels), dtype=bool)
+    if len(seen):
+        visible = seen.mean(axis=0) >= MIN_VISIBLE_SHARE
+    rigid = np.zeros(len(labels), dtype=bool)
     for group in groups:
-        if len(group) > MIN_COMPANIONS:
+        if len(group) >= MIN_SEGMENT_MARKERS:
             inner = spread[np.ix_(group, group)]
-            firm[group] = np.sqrt((inner**2).sum(axis=1) / (len(group) - 1)) <= FIRM
-    reliable = firm & mostly_seen
-    if reliable.sum() < MIN_RELIABLE:
-        reliable = mostly_seen
+            rms_spread = np.sqrt((inner**2).sum(axis=1) / (len(group) - 1))
+            rigid[group] = rms_spread <= MAX_RIGID_SPREAD
+    reliable = rigid & visible
+    if reliable.sum() < MIN_RELIABLE_MARKERS:
+        reliable = visible
 
-    order = sorted(range(len(groups)), key=_root_fitness(positions, spread, groups), reverse=True)
-    frames = [i for i in order if len(groups[i]) > MIN_COMPANIONS]
+    order = sorted(range(len(groups)), key=_root_credit(positions, spread, groups), reverse=True)
+    roots = [i for i in order if len(groups[i]) >= MIN_SEGMENT_MARKERS]
     return MarkerSet(
         name=DISCOVERED,
         labels=tuple(labels),
         segment={label: segment[label] for label in labels},
         reliable={label: bool(reliable[m]) for m, label in enumerate(labels)},
         mirror=_mirror_by_names(labels),
-        root_segments=tuple(names[i] for i in frames or order),
+        root_segments=tuple(names[i] for i in roots or order),
         title="found from the data",
     )
 
 
-def _root_fitness(
+def _root_credit(
     positions: NDArray[np.floating], spread: NDArray[np.float64], groups: list[list[int]]
 ) -> Callable[[int], float]:
-    """Return the sort key of `groups`: how fit each is to carry the root frame.
+    """Return the sort key of ``groups``: how well each one is suited to define the root frame.
 
-    A product, so that a group which fails in one respect does not come first: the share of
-    frames in which it is whole, its size (up to 4 markers; more add nothing), how rigid and how
-    central it is. Half the credit is lost at a spread of `FIRM`, and at `CENTRAL` times the
-    markers' mean distance from the body's middle; the square keeps limbs behind the trunk.
+    The credit is a product, so that a group that fails in one respect does not come first: the
+    fraction of frames in which the group is complete, its size, how rigid and how central it is.
+    Half of the credit is lost at a spread of `MAX_RIGID_SPREAD`, and half at a distance of
+    `HALF_CREDIT_DISTANCE`; the square in the latter keeps limbs behind the trunk.
     """
     seen = ~np.isnan(positions[:, :, 0])
     step = max(1, positions.shape[0] // 100)
     data = np.asarray(positions[::step], dtype=np.float64)
     known = ~np.isnan(data[:, :, :1])
     filled = np.where(known, data, 0.0)
-    middle = filled.sum(axis=1, keepdims=True) / np.maximum(known.sum(axis=1, keepdims=True), 1)
-    distance = np.where(known[:, :, 0], np.linalg.norm(filled - middle, axis=2), 0.0)
+    centre = filled.sum(axis=1, keepdims=True) / np.maximum(known.sum(axis=1, keepdims=True), 1)
+    distance = np.where(known[:, :, 0], np.linalg.norm(filled - centre, axis=2), 0.0)
     distance = distance.sum(axis=0) / np.maximum(known[:, :, 0].sum(axis=0), 1)
-    body = max(float(distance.mean()), 1e-9)
+    mean_distance = max(float(distance.mean()), 1e-9)
 
-    def fitness(i: int) -> float:
+    def credit(i: int) -> float:
         group = groups[i]
-        whole = float(seen[:, group].all(axis=1).mean()) if len(seen) else 0.0
-        size = min(len(group), 4) / 4
-        loose = float(spread[np.ix_(group, group)].max()) if len(group) > 1 else np.inf
-        off = float(distance[group].mean()) / body
-        return whole * size / (1 + loose / FIRM) / (1 + (off / CENTRAL) ** 2)
+        complete = float(seen[:, group].all(axis=1).mean()) if len(seen) else 0.0
+        size = min(len(group), MAX_CREDITED_MARKERS) / MAX_CREDITED_MARKERS
+        max_spread = float(spread[np.ix_(group, group)].max()) if len(group) > 1 else np.inf
+        off_centre = float(distance[group].mean()) / mean_distance
+        rigidity = 1 / (1 + max_spread / MAX_RIGID_SPREAD)
+        return complete * size * rigidity / (1 + (off_centre / HALF_CREDIT_DISTANCE) ** 2)
 
-    return fitness
+    return credit
 
 
 def _mirror_by_names(labels: Sequence[str]) -> dict[str, str]:
-    """Return mirror pairs told by L and R, l and r, left and right; else nothing.
+    """Return mirror pairs by the labels: L and R, l and r, left and right.
 
-    If half of the labels come in pairs, the others are taken for markers in the middle,
-    except those that are named as of one side.
+    If at least half of the labels come in pairs, the others are midline markers, except those named
+    as of one side. Otherwise nothing is returned.
     """
     present = set(labels)
     pairs: dict[str, str] = {}
@@ -153,7 +165,7 @@ def _mirror_by_names(labels: Sequence[str]) -> dict[str, str]:
 
 
 def _other_side(label: str) -> list[str]:
-    """Return what the mirror image of a marker could be called."""
+    """Return possible labels of the contralateral marker."""
     swap = {"L": "R", "R": "L", "l": "r", "r": "l"}
     words = {"left": "right", "Left": "Right", "LEFT": "RIGHT"}
     words |= {right: left for left, right in words.items()}

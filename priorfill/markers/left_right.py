@@ -1,4 +1,4 @@
-"""Pairs of markers on the left and right side of the body."""
+"""Pairs of markers on the left and the right side of the body."""
 
 from __future__ import annotations
 
@@ -13,9 +13,23 @@ __all__ = ["contralateral_markers"]
 
 
 def contralateral_markers(labels: Sequence[str], marker_set: MarkerSet) -> NDArray[np.intp]:
-    """Return the partner of each marker on the other side of the body [shape=(markers,)].
+    """Return the contralateral marker of each marker.
 
-    A marker in the middle is its own; -1 for those that have none among the labels.
+    Parameters
+    ----------
+    labels : sequence of str
+        The markers.
+    marker_set : MarkerSet
+        With mirror pairs under these labels.
+
+    Returns
+    -------
+    ndarray of int [shape=(markers,)]
+        Indices into ``labels``. A midline marker is its own; -1 for markers without one.
+
+    See Also
+    --------
+    priorfill.geometry.mirror.mirrored : Mirror images of poses.
     """
     index = {label: i for i, label in enumerate(labels)}
     found = (index.get(marker_set.mirror.get(label, ""), -1) for label in labels)

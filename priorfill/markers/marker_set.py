@@ -1,7 +1,7 @@
-"""Marker sets: on which segment each marker sits, and which are fit for the search.
+"""Marker sets: the segment of each marker, and which markers are reliable.
 
-A set comes from a definition file (``database/markersets/README.md`` describes its form), or,
-for a clip that fits none, from the clip's own data.
+A set is read from a definition file (see ``database/markersets/README.md``) or, if a clip fits
+none, found from the clip's own data.
 """
 
 from __future__ import annotations
@@ -12,42 +12,59 @@ from dataclasses import dataclass, field
 __all__ = ["DISCOVERED", "MarkerSet", "same_markers"]
 
 DISCOVERED = "discovered"
-"""Name of a set that was found from the data."""
+"""Name of sets found from the data."""
 
 
 Joint = tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]
-"""Markers of three points, the middle one at the joint."""
+"""Markers whose means are three points: above the joint, the joint, and below it."""
 
 
 @dataclass(frozen=True)
 class MarkerSet:
-    """What is known of a set of markers.
+    """Segments, reliability and mirror pairs of a set of markers.
 
     Attributes
     ----------
     name : str
-        How the set is called; `DISCOVERED` if it was found from the data.
+        Name of the set; `DISCOVERED` if it was found from the data.
     labels : tuple of str
         The markers.
     segment : dict of str to str
         The body segment of each marker.
     reliable : dict of str to bool
-        Which markers are placed the same way on everybody and so are fit for the search.
+        Whether a marker is placed alike on all subjects, so that poses can be searched by it.
     mirror : dict of str to str
-        The mirror image of each marker that has one; a marker in the middle is its own.
+        The contralateral marker of each marker that has one; a midline marker is its own.
     root_segments : tuple of str
-        Segments that can carry the root frame, best first.
+        Segments suited to define the root frame, best first.
     title : str
-        One line on what the set is.
+        One-line description.
     source : str
-        Where the definition is from.
+        Source of the definition.
     aliases : dict of str to str
-        Other spellings and the labels they stand for.
+        Alternative labels, with the label each one stands for.
     optional : frozenset of str
-        Markers that a clip of this set need not have.
+        Markers that a clip of this set may lack.
     joints : dict of str to three tuples of str
-        Angles to compare fills by: the markers whose mean is the first point, the joint, and the
-        last point.
+        Joint angles that evaluations report: the markers whose means are the point above the
+        joint, the joint, and the point below it.
+
+    See Also
+    --------
+    describe : The marker set of a clip.
+    load : Read a definition.
+
+    Examples
+    --------
+    >>> pelvis = {"LASI": "pelvis", "RASI": "pelvis"}
+    >>> mirror = {"LASI": "RASI", "RASI": "LASI"}
+    >>> marker_set = MarkerSet(
+    ...     "hips", tuple(pelvis), pelvis, dict.fromkeys(pelvis, True), mirror, ("pelvis",)
+    ... )
+    >>> marker_set.segments
+    {'pelvis': ('LASI', 'RASI')}
+    >>> marker_set.match(["lasi", "C7"])
+    {'lasi': 'LASI'}
     """
 
     name: str
@@ -71,16 +88,26 @@ class MarkerSet:
         return {segment: tuple(labels) for segment, labels in result.items()}
 
     def match(self, labels: Sequence[str]) -> dict[str, str]:
-        """Return which of `labels` this set knows, and as which of its markers.
+        """Return which of ``labels`` belong to this set, and to which of its markers.
 
-        Upper and lower case are the same; an alias counts only where the marker is not there
-        under its own label. No marker of the set is given twice.
+        Case is ignored. An alias is used only if no label is that of the marker itself. No marker
+        of the set is matched twice.
+
+        Parameters
+        ----------
+        labels : sequence of str
+            Labels of a clip.
+
+        Returns
+        -------
+        dict of str to str
+            The set's marker for each known label, in the order of ``labels``.
         """
-        known = {label.upper(): label for label in self.labels}
+        by_label = {label.upper(): label for label in self.labels}
         result: dict[str, str] = {}
         taken: set[str] = set()
-        other = {alias.upper(): label for alias, label in self.aliases.items()}
-        for names in (known, other):
+        by_alias = {alias.upper(): label for alias, label in self.aliases.items()}
+        for names in (by_label, by_alias):
             for label in labels:
                 name = names.get(label.upper())
                 if name is not None and label not in result and name not in taken:
@@ -94,20 +121,25 @@ def same_markers(
 ) -> tuple[list[int], list[int]]:
     """Find which markers of two recordings are the same.
 
-    The same label is the same marker; where the marker set knows both, so are upper and lower
-    case and the other spellings that it lists.
+    Equal labels are the same marker. For markers of the marker set, case is ignored, and its
+    aliases count as well.
 
     Parameters
     ----------
     labels, others : sequence of str
         The markers of the two recordings.
     marker_set : MarkerSet or None
-        As defined, with its other spellings.
+        Definition with aliases.
 
     Returns
     -------
     here, there : list of int
-        Indices into `labels` and `others` of the markers that both have, pair by pair.
+        Indices into ``labels`` and ``others`` of the common markers, pair by pair.
+
+    Examples
+    --------
+    >>> same_markers(("LKNE", "LANK"), ("C7", "LANK"), None)
+    ([1], [1])
     """
     mine, theirs = {label: label for label in labels}, {label: label for label in others}
     if marker_set is not None:

@@ -1,4 +1,4 @@
-"""Choose the markers of the root frame."""
+"""Choose the markers that define the root frame."""
 
 from __future__ import annotations
 
@@ -7,25 +7,22 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.geometry.root_frames import (
-    RootGroup,
-    root_group,
-)
+from priorfill.geometry.root_frames import RootGroup, root_group
 from priorfill.markers.marker_set import MarkerSet
 
 __all__ = ["choose_root"]
 
-MIN_ROOT_SPREAD = 30.0
-"""Horizontal rms spread (mm) below which a group tells no heading: marker noise of 1 mm would
-turn it by 2 degrees."""
+MIN_ROOT_EXTENT = 30.0
+"""mm. Horizontal rms extent that a group needs to determine the heading: at this size, noise of
+1 mm turns it by 2 degrees."""
 
 
 MIN_ROOT_MARKERS = 3
-"""Fewest markers of a segment that make a root group."""
+"""Markers that a segment needs to be a root group."""
 
 
-def _spread(group: RootGroup) -> float:
-    """Horizontal rms distance of a group's markers from their centroid, mm."""
+def _horizontal_extent(group: RootGroup) -> float:
+    """Return the horizontal rms distance (mm) of a group's markers from their centroid."""
     flat = group.template[:, :2]
     return float(np.sqrt(((flat - flat.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
@@ -36,25 +33,25 @@ def choose_root(
     positions: NDArray[np.float64],
     valid: NDArray[np.bool_],
 ) -> RootGroup | None:
-    """Choose the rigid group that gives a gap group's root frame.
+    """Choose the markers that define the root frames of a gap group.
 
     Parameters
     ----------
     marker_set : MarkerSet
-        Segments, and which of them to prefer as a root.
+        Segments, and which of them are preferred.
     labels : sequence of str
         The clip's labels.
     positions : ndarray [shape=(frames, markers, 3), mm]
-        The clip, upright: the templates are learnt from it.
+        The upright clip, from which the template is computed.
     valid : ndarray of bool [shape=(markers,)]
-        Markers that are valid in all frames concerned.
+        Markers that are valid in all frames of interest.
 
     Returns
     -------
     RootGroup or None
-        The first of the marker set's root segments, then of its other segments, that has
-        three valid markers and tells a heading; else all valid markers together, which tell a
-        rougher one; None where fewer than two markers are valid.
+        The first of the marker set's root segments, then of its other segments by size, with
+        three valid markers that determine a heading. If there is none, all valid markers together,
+        which determine it less exactly; None if fewer than two are valid.
     """
     segments: dict[str, list[int]] = {}
     for marker, label in enumerate(labels):
@@ -65,7 +62,7 @@ def choose_root(
     for name in ordered:
         if len(segments[name]) >= MIN_ROOT_MARKERS:
             group = root_group(positions, segments[name])
-            if group is not None and _spread(group) >= MIN_ROOT_SPREAD:
+            if group is not None and _horizontal_extent(group) >= MIN_ROOT_EXTENT:
                 return group
     everything = np.flatnonzero(valid)
     if len(everything) < 2:

@@ -1,4 +1,4 @@
-"""Groups of what is near each other, against SciPy's hierarchical clustering."""
+"""Linkage, against SciPy's hierarchical clustering."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from priorfill.geometry.clustering import complete_linkage, single_linkage
 @pytest.mark.parametrize(
     ("group", "linking"), [(single_linkage, "single"), (complete_linkage, "complete")]
 )
-def test_groups_are_those_of_hierarchical_clustering(group, linking, seed, count, most) -> None:
+def test_groups_are_those_of_hierarchical_clustering(group, linking, seed, count, limit) -> None:
     distance = np.random.default_rng(seed).random((count, count))
     distance = distance + distance.T
     np.fill_diagonal(distance, 0.0)
     tree = linkage(squareform(distance, checks=False), linking)
-    cluster = fcluster(tree, most, "distance")
+    cluster = fcluster(tree, limit, "distance")
     expected = [np.flatnonzero(cluster == c).tolist() for c in dict.fromkeys(cluster)]
-    assert [one.tolist() for one in group(distance, most)] == expected
+    assert [one.tolist() for one in group(distance, limit)] == expected
 
 
-def test_what_is_infinitely_far_stays_apart() -> None:
+def test_infinite_distances_are_never_within_a_group() -> None:
     distance = np.array([[0.0, np.inf], [np.inf, 0.0]])
     for group in (single_linkage, complete_linkage):
         assert [one.tolist() for one in group(distance, 1.0)] == [[0], [1]]

@@ -12,7 +12,7 @@ from priorfill.markers.left_right import contralateral_markers
 LABELS = ("LANK", "RANK", "LKNE", "T10")
 
 
-def test_partners_by_their_labels() -> None:
+def test_contralateral_markers_by_their_labels() -> None:
     marker_set = discover(np.random.default_rng(0).normal(size=(20, 4, 3)), LABELS)
     assert contralateral_markers(LABELS, marker_set).tolist()[:3] == [1, 0, -1]
 

@@ -125,13 +125,13 @@ def test_shipped_sets() -> None:
         "gait59": 59,
         "plug-in-gait": 39,
     }
-    for markerset in sets.values():
-        assert set(markerset.segment) == set(markerset.reliable) == set(markerset.labels)
-        for label, other in markerset.mirror.items():
-            assert markerset.mirror[other] == label
-        for root in markerset.root_segments:
-            assert len(markerset.segments[root]) >= 3
-        assert sum(markerset.reliable.values()) >= 20
+    for marker_set in sets.values():
+        assert set(marker_set.segment) == set(marker_set.reliable) == set(marker_set.labels)
+        for label, other in marker_set.mirror.items():
+            assert marker_set.mirror[other] == label
+        for root in marker_set.root_segments:
+            assert len(marker_set.segments[root]) >= 3
+        assert sum(marker_set.reliable.values()) >= 20
 
 
 def test_reliable_bits_of_baumann_2011() -> None:
@@ -152,8 +152,8 @@ def test_mirror_of_baumann41() -> None:
 def test_definition_by_path(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(MINIMAL + '[aliases]\nA = ["AA"]\n[mirror]\nA = "B"\n')
-    markerset = load(path)
-    assert markerset == MarkerSet(
+    marker_set = load(path)
+    assert marker_set == MarkerSet(
         name="mine",
         labels=("A", "B", "LC"),
         segment={"A": "pelvis", "B": "pelvis", "LC": "leg"},
@@ -164,8 +164,8 @@ def test_definition_by_path(tmp_path: Path) -> None:
         aliases={"AA": "A"},
         optional=frozenset({"LC"}),
     )
-    assert markerset.match(["lc", "AA", "x", "B"]) == {"lc": "LC", "AA": "A", "B": "B"}
-    assert markerset.match(["AA", "A"]) == {"A": "A"}
+    assert marker_set.match(["lc", "AA", "x", "B"]) == {"lc": "LC", "AA": "A", "B": "B"}
+    assert marker_set.match(["AA", "A"]) == {"A": "A"}
 
 
 def test_an_edited_definition_is_read_again(tmp_path: Path) -> None:
@@ -186,7 +186,7 @@ def test_user_folders(where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     (folder / "a.toml").write_text(MINIMAL)
     (folder / "b.toml").write_text(MINIMAL.replace('"mine"', '"gait59"'))
     assert load("mine").title == "My set"
-    assert load("gait59").title == "My set"  # a user's goes first
+    assert load("gait59").title == "My set"  # the user's definition takes precedence
     assert recognise(["A", "B"]) == load("gait59")  # equally good: the first by name
 
 
@@ -200,7 +200,7 @@ def test_two_definitions_of_one_name(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("PRIORFILL_MARKERSETS", str(tmp_path))
     (tmp_path / "a.toml").write_text(MINIMAL)
     (tmp_path / "b.toml").write_text(MINIMAL)
-    with pytest.raises(MarkerSetError, match=r"b\.toml: has the name mine of a\.toml"):
+    with pytest.raises(MarkerSetError, match=r"b\.toml: the name mine is also that of a\.toml"):
         available()
 
 
@@ -209,12 +209,12 @@ def test_two_definitions_of_one_name(tmp_path: Path, monkeypatch: pytest.MonkeyP
     [
         (("name =", "name = = "), "is not valid TOML"),
         (('name = "mine"', ""), "has no name"),
-        (('"mine"', '"../x"'), "is unfit"),
+        (('"mine"', '"../x"'), "is not allowed"),
         (('title = "My set"', ""), "has no title"),
         (('title = "My set"', "title = 3"), "has no title"),
         (('title = "My set"', 'titel = "x"'), "key titel is unknown"),
         (('root_segments = ["pelvis"]', ""), "has no root_segments"),
-        (('["pelvis"]', '"pelvis"'), "root_segments is no list of names"),
+        (('["pelvis"]', '"pelvis"'), "root_segments is not a list of names"),
         (('["pelvis"]', '["head"]'), "root segment head has no markers; use some of leg, pelvis"),
         (('B = { segment = "pelvis" }', "B = { reliable = true }"), "marker B has no segment"),
         (('B = { segment = "pelvis" }', 'B = "pelvis"'), "marker B has no segment"),
@@ -223,10 +223,10 @@ def test_two_definitions_of_one_name(tmp_path: Path, monkeypatch: pytest.MonkeyP
         (("[markers]", 'midline = ["Z"]\n[markers]'), "midline names Z"),
         (("[markers]", 'mirror = "A/B"\n[markers]'), "mirror = 'A/B' is unknown"),
         (("[markers]", '[aliases]\nZ = ["Y"]\n[markers]'), "aliases names Z"),
-        (("[markers]", '[aliases]\nA = ["B"]\n[markers]'), "alias B of A is another marker"),
-        (("[markers]", '[aliases]\nA = "C"\n[markers]'), "A is no list of names"),
-        (("[markers]", 'aliases = "A"\n[markers]'), "aliases is no table"),
-        (("[markers]", 'joints = "A"\n[markers]'), "joints is no table"),
+        (("[markers]", '[aliases]\nA = ["B"]\n[markers]'), "alias B of A is also another marker"),
+        (("[markers]", '[aliases]\nA = "C"\n[markers]'), "A is not a list of names"),
+        (("[markers]", 'aliases = "A"\n[markers]'), "aliases is not a table"),
+        (("[markers]", 'joints = "A"\n[markers]'), "joints is not a table"),
         (("[markers]", '[joints]\nknee = [["A"], ["B"]]\n[markers]'), "knee is not three lists"),
         (("[markers]", '[joints]\nk = [["A"], [], ["B"]]\n[markers]'), "k is not three lists"),
         (("[markers]", '[joints]\nk = [["A"], ["Z"], ["B"]]\n[markers]'), "joints names Z"),
@@ -269,17 +269,17 @@ def test_unreadable_definitions(tmp_path: Path) -> None:
 
 
 def name_of(labels: list[str]) -> str | None:
-    markerset = recognise(labels)
-    return None if markerset is None else markerset.name
+    marker_set = recognise(labels)
+    return None if marker_set is None else marker_set.name
 
 
 def test_recognises_whole_sets() -> None:
-    for name, markerset in available().items():
-        assert name_of(list(markerset.labels)) == name
-        assert name_of([label.lower() for label in reversed(markerset.labels)]) == name
+    for name, marker_set in available().items():
+        assert name_of(list(marker_set.labels)) == name
+        assert name_of([label.lower() for label in reversed(marker_set.labels)]) == name
 
 
-def test_recognises_a_set_that_lacks_some_or_has_more() -> None:
+def test_recognises_sets_with_markers_missing_or_added() -> None:
     labels = list(load("baumann41").labels)
     without = [label for label in labels if label not in ("LBHD", "RBHD")]
     assert name_of(without) == "baumann41"
@@ -349,7 +349,7 @@ def test_nothing_rigid() -> None:
     positions = np.random.default_rng(0).normal(0, 500, (100, 8, 3))
     found = discover(positions, list("abcdefgh"))
     assert all(len(group) == 1 for group in found.segments.values())
-    assert all(found.reliable.values())  # nothing better to search with
+    assert all(found.reliable.values())  # no better ones to search by
     assert len(found.root_segments) == 8
 
 
@@ -369,7 +369,7 @@ def test_root_is_central() -> None:
     positions, _ = body(200)
     found = discover(positions, [f"M{i}" for i in range(20)])
     assert set(found.root_segments[:2]) <= {"segment02", "segment03", "segment04"}
-    positions[50:, 8:12] = np.nan  # the middle one is hardly ever there
+    positions[50:, 8:12] = np.nan  # the middle one is hardly ever visible
     again = discover(positions, [f"M{i}" for i in range(20)])
     assert again.root_segments[0] != "segment03"
 
@@ -413,7 +413,7 @@ def test_describe_keeps_the_clips_own_labels() -> None:
     assert found.segment["RBAK"] == "thorax"
     assert found.reliable["lkne"] and not found.reliable["lsho"]
     assert found.mirror["lkne"] == "rkne"
-    assert "rfhd" not in found.mirror  # its partner is not in the clip
+    assert "rfhd" not in found.mirror  # its contralateral marker is not in the clip
     assert found.root_segments[:3] == ("pelvis", "thorax", "head")
 
 
@@ -431,7 +431,7 @@ def test_describe_puts_unknown_markers_on_segments() -> None:
     positions[:, 19] = np.nan
     found = describe(Clip(positions, labels, 100.0), known)
     assert found.segment["M18"] == "s4"
-    assert found.segment["M19"] == "M19"  # never seen: on no segment
+    assert found.segment["M19"] == "M19"  # never visible: on no segment
     assert not found.reliable["M18"]
     assert found.root_segments == ("s0",)
 
@@ -516,5 +516,5 @@ def test_joints_of_a_clip_have_its_labels() -> None:
     clip = Clip(np.zeros((3, len(labels), 3)), tuple(labels), 100.0)
     joints = describe(clip).joints
     assert joints["left_elbow"] == (("lsho",), ("lelb",), ("lwra", "lwrb"))
-    assert "left_knee" not in joints  # its ankle is not there
+    assert "left_knee" not in joints  # its ankle is missing
     assert "right_knee" in joints
