@@ -32,7 +32,7 @@ def test_gaps_cover_exactly_what_is_missing(missing):
         assert gap.frames > 0
         assert not covered[gap.start : gap.stop, gap.marker].any()
         covered[gap.start : gap.stop, gap.marker] = True
-        # a gap is as long as it can be
+        # a gap is maximal
         assert gap.start == 0 or not missing[gap.start - 1, gap.marker]
         assert gap.stop == len(missing) or not missing[gap.stop, gap.marker]
     np.testing.assert_array_equal(covered, missing)

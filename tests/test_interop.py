@@ -1,4 +1,4 @@
-"""Clips from and to what other programs hold positions in; stand-ins take their place."""
+"""Clips from and to marker data of other packages, which are replaced by minimal classes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from priorfill.errors import ClipError
 
 
 class TimeSeries:
-    """The attributes of Kinetics Toolkit's that are used."""
+    """The attributes used of Kinetics Toolkit's class."""
 
     def __init__(self, *, time: Any, data: dict[str, Any]) -> None:
         self.time = np.asarray(time)
@@ -24,7 +24,7 @@ class TimeSeries:
 
 
 class DataArray:
-    """The attributes of xarray's that are used."""
+    """The attributes used of xarray's class."""
 
     def __init__(self, data, dims, coords, name="", attrs=None) -> None:
         self.values, self.dims, self.name = np.asarray(data), tuple(dims), name
@@ -38,7 +38,7 @@ class DataArray:
 
 
 class DataFrame:
-    """The attributes of pandas' that are used."""
+    """The attributes used of pandas' class."""
 
     def __init__(self, data, columns, index) -> None:
         self.values, self.columns, self._index = np.asarray(data), list(columns), np.asarray(index)
@@ -71,18 +71,18 @@ def same(one: Clip, other: Clip) -> bool:
 
 
 @pytest.mark.parametrize("unit", ["mm", "m"])
-def test_there_and_back(unit):
+def test_round_trips(unit):
     clip = with_gap()
     series = interop.to_timeseries(clip, TimeSeries, unit)
     assert same(interop.from_timeseries(series), clip)
     assert same(interop.from_xarray(interop.to_xarray(clip, DataArray, unit)), clip)
     frame = interop.to_dataframe(clip, DataFrame, unit)
     assert same(interop.from_dataframe(frame, unit=unit), clip)
-    assert same(interop.from_dataframe(frame), clip)  # the unit by the markers' spread
+    assert same(interop.from_dataframe(frame), clip)  # the unit is found from the markers' spread
     assert same(interop.from_arrays(clip.positions.reshape(12, 18), LABELS, 120), clip)
 
 
-def test_timeseries_is_homogeneous_and_leaves_other_data_out():
+def test_timeseries_is_homogeneous_and_other_data_are_left_out():
     series = interop.to_timeseries(with_gap(), TimeSeries)
     assert series.data["LTOE"].shape == (12, 4)
     assert (series.data["LTOE"][:, 3] == 1).all()
@@ -139,7 +139,7 @@ def test_the_array_given_is_not_changed():
     assert np.allclose(clip.positions[0], 10 * before[0])
 
 
-def test_what_makes_no_sense():
+def test_unusable_data():
     with pytest.raises(ClipError, match=r"shape \(12, 6, 3\); \(frames, 2, 3\) or \(frames, 6\)"):
         interop.from_arrays(standing(), ["a", "b"], 100)
     with pytest.raises(ClipError, match="markers 2 and 4 are both named RTOE; rename one"):
@@ -157,7 +157,7 @@ def test_what_makes_no_sense():
 
 
 def test_the_packages_themselves(tmp_path):
-    """With what is installed; none is needed for the other tests."""
+    """Uses the packages that are installed; the other tests need none of them."""
     clip = with_gap()
     pandas = pytest.importorskip("pandas")
     frame = interop.to_dataframe(clip, pandas.DataFrame)

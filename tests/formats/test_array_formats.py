@@ -44,7 +44,7 @@ def path(request, tmp_path):
     return tmp_path / f"walk{request.param}"
 
 
-def test_there_and_back_is_exact(path):
+def test_round_trip_is_exact(path):
     clip = clip_with_gap()
     assert formats.write(path, clip).samples == 0
     again = formats.read(path)
@@ -56,7 +56,7 @@ def test_there_and_back_is_exact(path):
     assert formats.is_recording(path)
 
 
-def test_filled_samples_are_told_from_measured_ones(path, tmp_path):
+def test_filled_samples_are_distinguished_from_measured_ones(path, tmp_path):
     formats.write(path, clip_with_gap())
     clip = formats.read(path)
     full = clip.with_positions(np.nan_to_num(clip.positions, nan=5.0))
@@ -65,7 +65,7 @@ def test_filled_samples_are_told_from_measured_ones(path, tmp_path):
     again = formats.read(out)
     assert np.array_equal(again.source.interpolated, clip.missing)
     assert np.array_equal(again.positions, full.positions)
-    # and of another fill, all are
+    # a second fill adds to the first
     second = tmp_path / f"second{path.suffix}"
     formats.write(second, again, np.arange(12)[:, None] == np.full(6, 0))
     assert formats.read(second).source.interpolated.sum() == 3 + 6
@@ -73,7 +73,7 @@ def test_filled_samples_are_told_from_measured_ones(path, tmp_path):
         formats.write(path, full, clip.missing, overwrite=True)
 
 
-def test_layouts_of_others(path):
+def test_layouts_of_other_programs(path):
     positions = standing() / 1000
     positions[2, 3] = np.nan
     names = {"labels": list(LABELS), "rate": 100.0}
@@ -109,7 +109,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("fault", WRONG)
-def test_what_is_not_understood_is_said_in_one_line(path, fault):
+def test_unusable_contents_are_reported_in_one_line(path, fault):
     arrays, message = WRONG[fault]
     save(path, **arrays)
     with pytest.raises((FormatError, ClipError), match=message) as caught:
@@ -119,7 +119,7 @@ def test_what_is_not_understood_is_said_in_one_line(path, fault):
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning", "ignore::DeprecationWarning")
-def test_damaged_files_raise_only_errors_of_ours(path):
+def test_damaged_files_raise_only_priorfill_errors(path):
     formats.write(path, clip_with_gap())
     data = path.read_bytes()
     rng = np.random.default_rng(7)
@@ -137,7 +137,7 @@ def test_damaged_files_raise_only_errors_of_ours(path):
         formats.is_recording(path)
 
 
-def test_other_files_are_not_taken_for_recordings(path):
+def test_other_files_are_not_recordings(path):
     save(path, weights=np.zeros(5))
     assert not formats.is_recording(path)
     path.write_bytes(b"nothing")
@@ -148,14 +148,14 @@ def test_other_files_are_not_taken_for_recordings(path):
         formats.read(path)
 
 
-def test_arrays_that_need_pickle_are_left_alone(tmp_path):
+def test_arrays_that_need_pickle_are_ignored(tmp_path):
     path = tmp_path / "a.npz"
     odd = np.array([{"a": 1}], dtype=object)
     np.savez(path, positions=standing(), labels=list(LABELS), rate=100, note=odd)
     assert formats.read(path).labels == LABELS
 
 
-def test_what_unpacks_to_too_much_is_not_read(path, monkeypatch):
+def test_archives_that_expand_beyond_the_limit_are_refused(path, monkeypatch):
     save(path, labels=list(LABELS), positions=np.zeros((2000, 18)), rate=1.0)
     if path.suffix == ".npz":
         np.savez_compressed(path, labels=list(LABELS), positions=np.zeros((2000, 18)), rate=1.0)
@@ -164,7 +164,7 @@ def test_what_unpacks_to_too_much_is_not_read(path, monkeypatch):
         formats.read(path)
 
 
-def test_what_a_structure_unpacks_to_counts(tmp_path, monkeypatch):
+def test_expanded_size_of_a_structure_is_counted(tmp_path, monkeypatch):
     path = tmp_path / "a.mat"
     savemat(path, {"s": {"positions": np.zeros((2000, 18))}}, do_compression=True)
     data = path.read_bytes()
@@ -214,7 +214,7 @@ def test_matlab_files_of_qualisys(tmp_path):
         formats.read(path)
 
 
-def test_version_7_3_is_named(tmp_path):
+def test_version_7_3_is_refused(tmp_path):
     path = tmp_path / "a.mat"
     path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(512, b"\0") + b"\x89HDF\r\n\x1a\n" + bytes(99))
     with pytest.raises(FormatError, match=r"version 7.3; save it as version 7 \(save ... -v7\)"):
@@ -228,7 +228,7 @@ def test_one_marker_and_one_frame(path):
         assert np.array_equal(formats.read(path).positions, clip.positions)
 
 
-def test_what_db_export_writes_can_be_read(tmp_path):
+def test_output_of_db_export_can_be_read(tmp_path):
     from db_cli import run, write_clip
 
     write_clip(tmp_path / "walk.c3d", 1)
@@ -239,10 +239,10 @@ def test_what_db_export_writes_can_be_read(tmp_path):
     clip = formats.read(file)
     before = formats.read(tmp_path / "walk.c3d")
     assert set(clip.labels) == set(before.labels)
-    assert clip.duration == pytest.approx(before.duration)  # a database has a rate of its own
+    assert clip.duration == pytest.approx(before.duration)  # a database resamples
 
 
-def test_written_bytes_are_the_same_each_time(path):
+def test_output_is_reproducible(path):
     formats.write(path, clip_with_gap())
     first = path.read_bytes()
     formats.write(path, replace(clip_with_gap()), overwrite=True)

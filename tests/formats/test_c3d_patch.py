@@ -29,7 +29,7 @@ from priorfill.formats.c3d.layout import parse_layout, read_points
 
 STEP = 0.1
 FEW = 2
-"""Recordings of a folder that a test takes."""
+"""Recordings per folder used by a test."""
 
 
 @pytest.fixture
@@ -51,7 +51,7 @@ def source(tmp_path):
 
 
 def fill(clip: Clip, at: list[tuple[int, int]], values) -> tuple[Clip, np.ndarray]:
-    """The clip with values at some (frame, marker), and the mask of these."""
+    """The clip with values at some (frame, marker), and their mask."""
     filled = np.zeros_like(clip.missing)
     positions = clip.positions.copy()
     for (frame, marker), value in zip(at, values, strict=True):
@@ -130,7 +130,7 @@ def test_any_set_of_samples(tmp_path, source, processor, is_float, channels, at,
     for frame, marker in places:
         start = file.offset(frame, marker)
         for content in (before, after):
-            content[start : start + (16 if is_float else 8)] = b""  # the same length off both
+            content[start : start + (16 if is_float else 8)] = b""  # blank the record in both
             content[start:start] = bytes(16 if is_float else 8)
     assert before == after
     back = read_c3d(tmp_path / "out.c3d")
@@ -219,7 +219,7 @@ def test_a_source_that_changes_while_it_is_copied(tmp_path, source, monkeypatch,
 
 
 def test_a_source_where_files_cannot_be_mapped(tmp_path, source, monkeypatch):
-    """Some network and virtual file systems refuse to."""
+    """Some network and virtual file systems do not support it."""
 
     def refuse(*given, **more):
         raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
@@ -232,7 +232,7 @@ def test_a_source_where_files_cannot_be_mapped(tmp_path, source, monkeypatch):
 
 
 @pytest.mark.parametrize("fault", ["other byte", "other value", "shorter"])
-def test_what_reads_back_wrong_is_not_kept(tmp_path, source, monkeypatch, fault):
+def test_a_copy_that_reads_back_wrong_is_removed(tmp_path, source, monkeypatch, fault):
     clip, file = source()
     clip, filled = fill(clip, GAP, VALUES)
     write = c3d_patch._write
@@ -312,7 +312,7 @@ def test_new_file_refusals(tmp_path):
 # --- by suffix -------------------------------------------------------------------------
 
 
-def test_write_chooses(tmp_path, source):
+def test_write_chooses_copy_or_new_file(tmp_path, source):
     clip, file = source()
     clip, filled = fill(clip, GAP, VALUES)
     assert formats.write(tmp_path / "out.c3d", clip, filled).samples == 3
@@ -343,7 +343,7 @@ def pretend(clip: Clip) -> tuple[Clip, np.ndarray]:
 
 
 def some_of_each_folder(data: Path) -> list[Path]:
-    """A few recordings of each folder; scripts/checks/survey.py takes all."""
+    """A few recordings of each folder; scripts/checks/survey.py uses all."""
     folders: dict[Path, list[Path]] = {}
     for path in sorted(data.rglob("*.c3d")):
         folders.setdefault(path.parent, []).append(path)
@@ -383,7 +383,7 @@ def test_recordings_byte_for_byte_and_read_back(data, tmp_path):
 
 
 def groups(path: Path) -> dict[str, dict[str, tuple[object, ...]]]:
-    """What is in each group of a file's parameters, as another reader has it."""
+    """Contents of each parameter group according to another reader."""
     return {
         name: {
             key: (
@@ -413,7 +413,7 @@ def test_groups_of_nexus_are_intact(data, tmp_path, name):
 def with_second_reader(path: Path) -> np.ndarray:
     """(frames, points, 5): position, residual, number of cameras."""
     with warnings.catch_warnings():
-        # py-c3d says so of every such file
+        # py-c3d warns about every such file
         warnings.filterwarnings("ignore", "No analog data|missing parameter POINT:DESCRIPTIONS")
         with path.open("rb") as file:
             reader = second_reader.Reader(file)

@@ -106,7 +106,7 @@ def test_three_codings_of_a_missing_sample(save):
     assert clip.source.zero_samples == 0
 
 
-def test_a_labelled_marker_that_is_never_seen_is_kept(save):
+def test_a_labelled_marker_without_samples_is_kept(save):
     records = standing()
     records[:, 4, 3] = -1
     clip = read_c3d(save(C3DFile(records, LABELS)))
@@ -124,7 +124,7 @@ def test_infinite_coordinate(save):
     )
 
 
-def test_infinite_coordinates_of_model_outputs_do_no_harm(save):
+def test_infinite_coordinates_of_model_outputs_are_ignored(save):
     records = standing()
     records[4, 2, 1] = np.inf
     labels = ["LHipAngles" if label == "C7" else label for label in LABELS]
@@ -160,7 +160,7 @@ def test_missing_samples_are_not_interpolated(save):
 
 
 @pytest.mark.parametrize("word", [0x0300, 0x0003, 0.4])
-def test_any_sign_of_cameras_or_error_is_measured(save, word):
+def test_any_camera_or_residual_means_measured(save, word):
     records = standing()
     records[:, :, 3] = word
     records[2:4, 5, 3] = 0
@@ -168,7 +168,7 @@ def test_any_sign_of_cameras_or_error_is_measured(save, word):
     assert np.argwhere(clip.source.interpolated).tolist() == [[2, 5], [3, 5]]
 
 
-def test_a_file_without_residuals_does_not_tell(save):
+def test_a_file_without_residuals_marks_nothing_as_interpolated(save):
     records = standing()
     assert read_c3d(save(C3DFile(records, LABELS))).source.interpolated is None
     records[:, 0, 3] = MEASURED  # a tenth of the samples
@@ -179,7 +179,7 @@ def test_a_file_without_residuals_does_not_tell(save):
     assert read_c3d(save(C3DFile(records, LABELS))).source.interpolated is None
 
 
-def test_other_points_do_not_count(save):
+def test_residuals_of_other_points_do_not_count(save):
     records = standing()
     records[:, :, 3] = MEASURED
     records[:, 3, 3] = 0
@@ -189,7 +189,7 @@ def test_other_points_do_not_count(save):
     assert not clip.source.interpolated.any()
 
 
-def test_what_was_filled_can_be_told(save, tmp_path):
+def test_filled_samples_are_marked_as_interpolated(save, tmp_path):
     records = standing()
     records[:, :, 3] = MEASURED
     records[4:7, 2, 3] = -1
@@ -201,7 +201,7 @@ def test_what_was_filled_can_be_told(save, tmp_path):
     np.testing.assert_array_equal(again.source.interpolated, filled)
 
 
-# --- files that are wrong --------------------------------------------------------------
+# --- invalid files ---------------------------------------------------------------------
 
 
 def test_no_such_file(tmp_path):
@@ -307,7 +307,7 @@ def test_duplicate_labels(save):
     assert note.startswith("Points 6 and 7 are both labelled RKNE; the second is called RKNE#7")
 
 
-def test_duplicate_labels_of_which_one_is_never_seen(save):
+def test_duplicate_labels_one_without_samples(save):
     labels = ["RKNE" if label == "LKNE" else label for label in LABELS]
     for unseen, how in ((5, "residual"), (6, "zero")):
         records = standing()
@@ -322,11 +322,11 @@ def test_duplicate_labels_of_which_one_is_never_seen(save):
         assert clip.source.notes == ()
 
 
-def test_duplicate_labels_are_never_called_as_another(save):
+def test_names_of_duplicates_never_collide(save):
     labels = ["A", "A", "A#2", *LABELS[3:]]
     assert read_c3d(save(C3DFile(standing(), labels))).labels[:3] == ("A", "A#2#", "A#2")
     records = standing()
-    records[:, :2, 3] = -1  # both never seen: one is to be filled
+    records[:, :2, 3] = -1  # neither has samples: one is kept, to be filled
     assert read_c3d(save(C3DFile(records, labels))).labels[:2] == ("A", "A#2")
 
 
@@ -336,7 +336,7 @@ def test_no_labels_at_all(save):
 
 
 def wrong_record(name: bytes, body: bytes) -> bytes:
-    """A good file in which a parameter's type, dimensions and values begin otherwise."""
+    """A valid file with the first bytes of one parameter replaced."""
     whole = bytearray(C3DFile(standing(), LABELS).bytes())
     at = whole.index(name) + len(name) + 2
     whole[at : at + len(body)] = body
@@ -402,7 +402,7 @@ def wrong_record(name: bytes, body: bytes) -> bytes:
         ),
     ],
 )
-def test_what_a_file_claims_takes_neither_time_nor_memory(save, content, message):
+def test_absurd_sizes_take_neither_time_nor_memory(save, content, message):
     path = save(content)
     tracemalloc.start()
     start = time.process_time()
@@ -417,8 +417,8 @@ def test_what_a_file_claims_takes_neither_time_nor_memory(save, content, message
     assert peak < 10e6
 
 
-def test_what_is_no_recording_is_not_read(tmp_path):
-    """A large file of something else, a large C3D file, and a pipe that says nothing."""
+def test_other_files_are_not_read(tmp_path):
+    """A large file of another format, a large C3D file, and a pipe without a writer."""
     path = tmp_path / "large.c3d"
     for start, message in ((b"PK", "is not a C3D file"), (b"\x02\x50", "GB, and at most 4 are")):
         path.write_bytes(start)
@@ -432,7 +432,7 @@ def test_what_is_no_recording_is_not_read(tmp_path):
             read_c3d(tmp_path / "pipe.c3d")
 
 
-# --- files that are odd, and right -----------------------------------------------------
+# --- unusual but valid files -----------------------------------------------------------
 
 
 def test_header_contradicts_analog_used(save):
@@ -534,7 +534,7 @@ def test_trailing_blanks_and_upper_case_suffix(save):
 
 
 def test_analog_channels_without_scale(save):
-    # ezc3d ends the whole process on such a file
+    # ezc3d crashes on such a file
     file = C3DFile(
         standing(),
         LABELS,
@@ -545,7 +545,7 @@ def test_analog_channels_without_scale(save):
 
 
 def test_a_description_of_wrong_length(save):
-    # ezc3d gets lost in such a file for minutes
+    # ezc3d hangs for minutes on such a file
     whole = bytearray(C3DFile(standing(), LABELS).bytes())
     at = whole.index(b"POINT") + len(b"POINT") + 2
     assert whole[at] == 0
@@ -609,7 +609,7 @@ def test_split_label(label, expected):
     assert split_label(label, []) == expected
 
 
-# --- markers and others ----------------------------------------------------------------
+# --- markers and other points-------------------------------------------------------------
 
 # fmt: off
 MARKERS = [
@@ -643,18 +643,18 @@ def test_markers_are_kept():
     assert reasons(MARKERS) == {}
 
 
-def test_others_are_left_out():
+def test_other_points_are_left_out():
     assert [OTHERS[i] for i in range(len(OTHERS)) if i not in reasons(OTHERS)] == []
 
 
 @pytest.mark.parametrize("suffixes", ["OALP", "0123"])
-def test_families_never_seen(suffixes):
+def test_families_without_samples(suffixes):
     names = [f"LTI{s}" for s in suffixes]
     left = reasons(names, np.full((20, 4, 3), np.nan))
     assert bool(left) == (suffixes == "OALP")
 
 
-def test_what_the_file_declares_is_left_out():
+def test_declared_model_outputs_are_left_out():
     names = ["LFHD", "PELAng", "JUG"]
     found = reasons(
         names,
@@ -672,14 +672,14 @@ def test_axes_of_a_computed_segment(suffixes):
     names = [f"LTI{s}" for s in suffixes] + ["LTIB"]
     rng = np.random.default_rng(1)
     positions = rng.normal(0, 500, (20, 5, 3))
-    # four measured markers that happen to have such names stay markers
+    # four measured markers with such names remain markers
     assert reasons(names, positions) == {}
     turned = np.linalg.qr(rng.normal(size=(20, 3, 3)))[0] * 50
     positions[:, 1:4] = positions[:, :1] + turned
     assert set(reasons(names, positions)) == {0, 1, 2, 3}
 
 
-def test_numbered_axes_about_a_point_of_another_name():
+def test_numbered_axes_with_an_origin_of_another_name():
     names = ["LTIB1", "LTIB2", "LTIB3", "LTIB", "LAJC"]
     rng = np.random.default_rng(1)
     positions = rng.normal(0, 500, (20, 5, 3))
@@ -689,7 +689,7 @@ def test_numbered_axes_about_a_point_of_another_name():
     assert set(reasons(names, positions)) == {0, 1, 2, 4}
 
 
-def test_oxford_foot_points_only_beside_its_axes():
+def test_oxford_foot_points_only_with_its_axes():
     assert reasons(["LHE1", "LD1M0", "LPROXFF"]) == {}
     rng = np.random.default_rng(1)
     names = ["LFOF0", "LFOF1", "LFOF2", "LFOF3", "LHE1", "LD1M0", "LPROXFF"]
@@ -718,7 +718,7 @@ def test_units(spelled, factor):
 
 
 @pytest.mark.parametrize("factor", [1, 10, 1000])
-def test_missing_unit_is_judged_by_size(save, factor):
+def test_missing_unit_is_found_from_the_spread(save, factor):
     records = standing()
     records[:, :, :3] /= factor
     clip = read_c3d(save(C3DFile(records, LABELS, units=None)))
@@ -753,7 +753,7 @@ AXES = {
 
 
 def turn(positions: np.ndarray, up: str) -> np.ndarray:
-    """Positions with +Z up as a file with another axis up would have them."""
+    """Turn positions with +Z up to another up axis."""
     return np.stack([sign * positions[..., axis] for axis, sign in AXES[up]], axis=-1)
 
 
@@ -773,7 +773,7 @@ def test_up_from_the_floor(up):
     assert up_from_floor(turn(body, up)) == up
 
 
-def test_a_plain_body_overrules_the_file():
+def test_an_upright_body_overrules_the_file():
     body, labels = standing()[:, :, :3], tuple(LABELS)
     assert find_up_axis(body, labels, "+Z", None) == ("+Z", "file", [])
     assert find_up_axis(body, labels, "Z", None) == ("+Z", "file", [])
@@ -785,7 +785,7 @@ def test_a_plain_body_overrules_the_file():
         find_up_axis(body, labels, "+Z", "W")
 
 
-def test_nothing_tells_what_is_up():
+def test_default_up_axis():
     up, found, notes = find_up_axis(np.zeros((5, 2, 3)), ("A", "B"), "", None)
     assert (up, found) == ("+Z", "default")
     assert "--up" in notes[0]
@@ -849,7 +849,7 @@ def test_interpolated_samples_of_recordings(data):
 
 @pytest.mark.realdata
 def test_up_axis(data):
-    # every fifth is enough: most are alike
+    # every fifth is enough: most are similar
     assert {path.name for path in recordings(data)[::5] if read_c3d(path).up != "+Z"} == set()
 
 

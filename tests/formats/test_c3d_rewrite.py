@@ -16,12 +16,12 @@ from priorfill.formats.c3d.rewrite import rewrite_c3d
 
 STEP = 0.1
 FAR = (0.0, 0.0, 4000.0)
-"""Beyond the 3276.7 mm that integers of 0.1 mm reach."""
+"""mm, beyond the range of integers in steps of 0.1 mm (3276.7 mm)."""
 
 
 @pytest.fixture
 def source(tmp_path):
-    """A clip read from a file of integers, with a sample filled beyond them, and the mask."""
+    """A clip read from an integer file, with a filled sample out of range, and the mask."""
 
     def make(**options):
         options = {"is_float": False, "scale": STEP, **options}
@@ -42,7 +42,7 @@ def source(tmp_path):
 
 
 @pytest.mark.parametrize("processor", [INTEL, DEC])
-def test_what_does_not_fit_integers_is_rewritten(tmp_path, source, processor):
+def test_samples_out_of_range_are_rewritten(tmp_path, source, processor):
     clip, filled = source(processor=processor, analog=np.arange(72).reshape(12, 2, 3))
     with pytest.raises(OutputError, match=r"end at 3277: .* \(--rewrite\)"):
         write_c3d(tmp_path / "out.c3d", clip, filled)
@@ -60,8 +60,8 @@ def test_what_does_not_fit_integers_is_rewritten(tmp_path, source, processor):
     assert [path.name for path in sorted(tmp_path.iterdir())] == ["in.c3d", "out.c3d"]
 
 
-def test_every_change_is_said(tmp_path, source, monkeypatch):
-    """A program that loses and changes things between reading and writing."""
+def test_every_change_is_reported(tmp_path, source, monkeypatch):
+    """A library that loses and changes contents between reading and writing."""
     write = ezc3d.c3d.write
 
     def spoil(self, path):
@@ -84,7 +84,7 @@ def test_every_change_is_said(tmp_path, source, monkeypatch):
     assert any("residuals of" in change for change in changes)
 
 
-def test_lost_events_are_said(tmp_path, source):
+def test_lost_events_are_reported(tmp_path, source):
     def with_events(content: bytes) -> bytes:
         head = bytearray(content)
         head[298:302] = struct.pack("<HH", 0x3039, 2)
@@ -161,7 +161,7 @@ def test_option_of_fill(here, source):
     assert not read_c3d(here / "out.c3d").missing.any()
 
 
-def test_fill_says_how_the_file_was_understood(here):
+def test_fill_reports_notes_on_the_file(here):
     records = standing()
     records[4:7, 2, 3] = -1
     labels = ["RKNE" if label == "LKNE" else label for label in LABELS]
@@ -186,12 +186,12 @@ def test_recordings(data, tmp_path, name):
     scale = clip.source.mm_per_unit
     np.testing.assert_allclose(back.positions * scale, moved, rtol=1e-6)
     assert report.samples == 5
-    assert bool(report.changes) == (not name.startswith("cmu"))  # which ezc3d itself wrote
+    assert bool(report.changes) == (not name.startswith("cmu"))  # those files were written by ezc3d
 
 
 @pytest.mark.parametrize("word", [3e38, float("inf"), -1e9])
-def test_a_fourth_word_or_analog_value_that_is_no_such_thing(tmp_path, source, word):
-    """Damage that reading lets pass must not become a warning, which is an error here."""
+def test_invalid_fourth_words_and_analog_values(tmp_path, source, word):
+    """Damage that reading ignores must not cause a warning, which is an error in tests."""
     analog = np.ones((12, 2, 3))
 
     def change(content):

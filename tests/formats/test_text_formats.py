@@ -32,13 +32,13 @@ def with_gap(up: int = 2, frames: int = 12) -> np.ndarray:
 
 
 def filled_in(clip, values):
-    """The clip with positions where it is missing, and the mask of these."""
+    """The clip with values for its missing samples, and their mask."""
     return clip.with_positions(
         np.where(np.isnan(clip.positions), values, clip.positions)
     ), clip.missing
 
 
-# what is written: suffix, up axis of the positions, how many file units a mm is, decimals
+# writer, suffix, up axis of the positions, file units per mm, options
 CASES = {
     "trc": (files.trc, ".trc", 1, 1.0, {}),
     "trc, m": (files.trc, ".trc", 1, 0.001, {"unit": "m", "decimals": 7}),
@@ -110,14 +110,14 @@ def test_fill_changes_the_filled_cells_and_nothing_else(case, tmp_path):
     truth = np.where(np.isnan(with_gap(up)), standing(12, up) + 1 / 3, with_gap(up))
     clip, filled = filled_in(formats.read(path), truth)
     report = formats.write(tmp_path / f"out{suffix}", clip, filled)
-    # the very file that the program would have written
+    # exactly the file that the program would have written
     assert (tmp_path / f"out{suffix}").read_bytes() == write(truth * scale, **options)
     assert report.samples == 4
     assert 0 < report.worst_error_mm <= 0.5001 * 10.0**-decimals / scale
     assert sorted(p.name for p in tmp_path.iterdir()) == [f"out{suffix}", f"walk{suffix}"]
 
 
-def test_no_gap_gives_a_plain_copy(case, tmp_path):
+def test_without_gaps_the_copy_is_identical(case, tmp_path):
     _, path = case
     clip = formats.read(path)
     out = tmp_path / f"out{path.suffix}"
@@ -146,7 +146,7 @@ def test_a_filled_sample_at_the_origin_does_not_read_as_missing(tmp_path):
     assert b"\t0.00000\t0.00000\t0.00001" in (tmp_path / "out.trc").read_bytes()
 
 
-def test_nor_does_it_in_a_new_file(tmp_path):
+def test_a_filled_sample_at_the_origin_of_a_new_file(tmp_path):
     path = tmp_path / "walk.csv"
     path.write_bytes(files.nexus(with_gap()))
     clip, filled = filled_in(formats.read(path), -1e-9)
@@ -154,7 +154,7 @@ def test_nor_does_it_in_a_new_file(tmp_path):
     assert not formats.read(tmp_path / "out.trc").missing.any()
 
 
-def test_zeros_are_kept_if_so_asked(tmp_path):
+def test_zeros_are_kept_on_request(tmp_path):
     path = tmp_path / "walk.tsv"
     path.write_bytes(files.qualisys(with_gap()))
     assert not formats.read(path, zeros_missing=False).missing.any()
@@ -179,13 +179,13 @@ def test_any_gaps_and_digits(tmp_path_factory, seed, write, decimals, share):
     filled = clip.missing & (rng.random(clip.missing.shape) < 0.7)
     after = np.where(filled[..., None], truth, gaps)
     formats.write(folder / f"b{suffix}", clip.with_positions(after), filled)
-    # a table without a single number says nothing of decimals
+    # a table without a number does not define decimals
     if not np.isnan(gaps).all():
         expected = write(after, decimals=decimals, **unit)
         assert (folder / f"b{suffix}").read_bytes() == expected
 
 
-# --- what files say apart from positions ----------------------------------------------------
+# --- contents other than positions ----------------------------------------------------------
 
 
 def read_bytes(tmp_path, data: bytes, suffix: str, **options):
@@ -230,14 +230,14 @@ def test_trc_header_that_is_wrong(tmp_path):
     )
 
 
-def test_frame_numbers_that_jump_are_noted(tmp_path):
+def test_jumps_of_frame_numbers_are_noted(tmp_path):
     data = files.trc(standing(up=1)).replace(b"\n9\t", b"\n19\t")
     notes = read_bytes(tmp_path, data, ".trc").source.notes
     assert any(note.startswith("After frame 8 comes 19 (line 15)") for note in notes)
 
 
 @pytest.mark.parametrize("write", [files.trc, files.motive])
-def test_y_is_up_where_nothing_tells(tmp_path, write):
+def test_y_is_up_by_default(tmp_path, write):
     labels = ("a", "b", "c", "d", "e", "f")
     still = np.tile(standing(1)[:, :, :] * 0.2, (12, 1, 1))[:, :, [0, 1, 1]]
     suffix = ".trc" if write is files.trc else ".csv"
@@ -272,7 +272,7 @@ def test_nexus_subjects(tmp_path):
     assert clip.source.points == (4,)
 
 
-def test_motive_solved_markers_stand_back(tmp_path):
+def test_motive_solved_markers_are_left_out(tmp_path):
     clip = read_bytes(tmp_path, files.motive(standing(up=1) / 1000, extra_solved=True), ".csv")
     assert clip.labels == LABELS
     assert any(note.startswith("1 solved markers") for note in clip.source.notes)
@@ -290,7 +290,7 @@ def test_quotes():
     assert text_table.texts_of(b"a\tb c\t\n", b"\t") == ["a", "b c", ""]
 
 
-# --- what cannot be read ---------------------------------------------------------------------
+# --- files that cannot be read------------------------------------------------------------------
 
 WRONG = {
     "letters": (files.trc, lambda d: d.replace(b"\t30.00000\t", b"\t3o.0\t", 1), ".trc",
@@ -354,8 +354,8 @@ def test_a_file_that_is_too_large_is_not_read(tmp_path, monkeypatch):
 
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.sampled_from(sorted(CASES)), st.integers(0, 2**32 - 1), st.integers(1, 6))
-@example(name="motive", seed=292584, changes=6)  # nothing is left of it
-def test_spoilt_files_raise_only_errors_of_ours(tmp_path_factory, name, seed, changes):
+@example(name="motive", seed=292584, changes=6)  # the file becomes empty
+def test_damaged_files_raise_only_priorfill_errors(tmp_path_factory, name, seed, changes):
     write, suffix, up, scale, options = CASES[name]
     data = bytearray(write(with_gap(up) * scale, **options))
     rng = np.random.default_rng(seed)
@@ -389,7 +389,7 @@ def test_spoilt_files_raise_only_errors_of_ours(tmp_path_factory, name, seed, ch
     assert not list(folder.glob("*.part*"))
 
 
-# --- what cannot be written ------------------------------------------------------------------
+# --- writes that are refused -----------------------------------------------------------------
 
 
 def test_a_source_that_has_changed_is_refused(tmp_path):
@@ -403,7 +403,7 @@ def test_a_source_that_has_changed_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".trc", ".c3d"])
-def test_neither_the_source_nor_what_is_there_is_overwritten(tmp_path, suffix):
+def test_neither_source_nor_existing_files_are_overwritten(tmp_path, suffix):
     path = tmp_path / "walk.trc"
     path.write_bytes(files.trc(with_gap(1)))
     clip, filled = filled_in(formats.read(path), 1.0)
@@ -415,7 +415,7 @@ def test_neither_the_source_nor_what_is_there_is_overwritten(tmp_path, suffix):
     assert (tmp_path / f"out{suffix}").read_bytes() == b"old"
 
 
-def test_csv_is_no_new_file(tmp_path):
+def test_csv_cannot_be_a_new_file(tmp_path):
     path = tmp_path / "walk.trc"
     path.write_bytes(files.trc(with_gap(1)))
     clip, filled = filled_in(formats.read(path), 1.0)
@@ -426,7 +426,7 @@ def test_csv_is_no_new_file(tmp_path):
         formats.check_output(tmp_path / "out.csv", source=path)
 
 
-def test_a_write_that_went_wrong_leaves_nothing(tmp_path, monkeypatch):
+def test_a_failed_write_leaves_no_file(tmp_path, monkeypatch):
     path = tmp_path / "walk.trc"
     path.write_bytes(files.trc(with_gap(1)))
     clip, filled = filled_in(formats.read(path), 1.0)

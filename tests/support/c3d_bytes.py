@@ -1,7 +1,7 @@
-"""C3D files put together byte by byte, right ones and wrong ones.
+"""Valid and invalid C3D files, assembled byte by byte.
 
-Written from the format's definition and not with the package's own code, so that a mistake
-in one does not hide in the other.
+Written from the format's definition instead of the package's own code, so that an error in one is
+not hidden by the other.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def number_float(value: float, processor: int) -> bytes:
         return struct.pack(">f", value)
     if value == 0:
         return bytes(4)
-    # DEC: value = (-1)^s * 0.1mmm * 2^(e - 128), the 16 bit word with the sign first
+    # DEC: value = (-1)^s * 0.1mmm * 2^(e - 128); the 16 bit word with the sign comes first
     mantissa, exponent = math.frexp(abs(value))
     fraction = round(mantissa * 2**24)
     if fraction == 2**24:
@@ -55,7 +55,7 @@ def read_short(raw: bytes, processor: int) -> int:
 
 @dataclass
 class C3DFile:
-    """What to write; `records` is (frames, points, 4): x, y, z as stored, and the 4th word."""
+    """Contents of a file; `records` is (frames, points, 4): x, y, z as stored, and the 4th word."""
 
     records: np.ndarray
     labels: list[str | bytes]
@@ -148,7 +148,7 @@ class C3DFile:
         return section + b"\0\0"
 
     def data_start(self) -> int:
-        """Byte of the first frame."""
+        """Byte offset of the first frame."""
         return BLOCK * (1 + -(-(4 + len(self.parameter_section(2))) // BLOCK))
 
     def bytes(self) -> bytes:
@@ -186,7 +186,7 @@ class C3DFile:
         return whole[: len(whole) - self.truncate]
 
     def offset(self, frame: int, point: int) -> int:
-        """Byte at which the record of a sample begins."""
+        """Byte offset of the record of a sample."""
         size = 4 if self.is_float else 2
         samples, channels = self.analog_shape()
         frame_words = 4 * self.records.shape[1] + samples * channels
@@ -199,7 +199,7 @@ HEIGHTS = [1700, 1700, 1450, 950, 950, 480, 480, 90, 90, 30]
 
 
 def standing(frames: int = 12, *, seed: int = 0, step: float | None = None) -> np.ndarray:
-    """Records of a body that stands along +Z and sways, mm; `step`: as integers of so much."""
+    """Records (mm) of a swaying body upright along +Z; as integers of `step` mm if given."""
     rng = np.random.default_rng(seed)
     records = np.zeros((frames, len(LABELS), 4))
     records[:, :, 0] = np.linspace(0, 300, frames)[:, None] + rng.normal(0, 20, len(LABELS))

@@ -1,11 +1,11 @@
-"""Small ASF, AMC and BVH files of a whole body, as text."""
+"""Small ASF, AMC and BVH files of a complete body, as text."""
 
 from __future__ import annotations
 
 import math
 
 LIMBS = {
-    # bone: parent, end from its beginning (cm), degrees of freedom
+    # bone: parent, vector from start to end (cm), degrees of freedom
     "lowerback": ("root", (0.0, 25.0, 0.0), "rx ry rz"),
     "thorax": ("lowerback", (0.0, 25.0, 0.0), "rx ry rz"),
     "head": ("thorax", (0.0, 20.0, 0.0), "rx ry rz"),
@@ -23,7 +23,7 @@ AXES = {"lhumerus": (180.0, -30.0, -90.0), "lradius": (180.0, -30.0, -90.0), "lf
 
 
 def bones() -> dict[str, tuple[str, tuple[float, float, float], str]]:
-    """The bones of both sides, a parent before its children."""
+    """The bones of both sides, parents before their children."""
     found = {}
     for name, (parent, end, dof) in LIMBS.items():
         found[name] = (parent, end, dof)
@@ -40,7 +40,7 @@ def axis(name: str) -> tuple[float, float, float]:
 
 
 def asf() -> str:
-    """An ASF file; its unit of length is that of 1 cm, so 2.54 inches' parts."""
+    """An ASF file with lengths in cm, that is with a unit of 2.54."""
     lines = [":version 1.10", ":name test", ":units", "  length 2.54", "  angle deg", ":root"]
     lines += ["  order TX TY TZ RX RY RZ", "  axis XYZ", "  position 0 0 0"]
     lines += ["  orientation 0 0 0", ":bonedata"]
@@ -59,12 +59,12 @@ def asf() -> str:
 
 
 def angle(bone: str, channel: int, frame: int) -> float:
-    """An angle in degrees, another one everywhere."""
+    """An angle (deg) that differs for every bone, channel and frame."""
     return 20.0 * math.sin(0.05 * frame + sum(map(ord, bone)) + 2.0 * channel)
 
 
 def amc(frames: int) -> str:
-    """An AMC file of the ASF file's skeleton."""
+    """An AMC file for the skeleton of the ASF file."""
     lines = ["# test", ":FULLY-SPECIFIED", ":DEGREES"]
     for frame in range(frames):
         lines += [str(frame + 1), f"root {0.5 * frame} 90 0 " + _angles("root", 3, frame)]
@@ -86,7 +86,7 @@ DAZ = {
 
 
 def bvh(frames: int, still: bool = False) -> str:
-    """A BVH file of about the same body (cm)."""
+    """A BVH file of a similar body (cm)."""
     every = bones()
     order: list[str] = []
 

@@ -1,4 +1,4 @@
-"""Text files of motion capture, written byte by byte as the programs export them."""
+"""Motion-capture text files as exported by several programs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ LABELS = ("LTOE", "RTOE", "LKNE", "RKNE", "C7", "LFHD")
 
 
 def standing(frames: int = 12, up: int = 2) -> np.ndarray:
-    """Six markers of a body that sways [shape=(frames, 6, 3), mm], upright along an axis."""
+    """Six markers of a swaying body, upright along an axis [shape=(frames, 6, 3), mm]."""
     t = np.arange(frames)[:, None]
     heights = np.array([30.0, 31.0, 480.0, 485.0, 1450.0, 1700.0])
     sides = np.array([-100.0, 100.0, -110.0, 110.0, 5.0, -70.0])
@@ -43,7 +43,7 @@ def trc(
     trailing_tab: bool = False,
     header: bool = True,
 ) -> bytes:
-    """As OpenSim and Cortex write it; positions in the file's unit."""
+    """A TRC file of OpenSim or Cortex; positions in the file's unit."""
     frames, count = positions.shape[:2]
     lines = [
         "PathFileType\t4\t(X/Y/Z)\tC:\\data\\walk.trc\t",
@@ -77,7 +77,7 @@ def nexus(
     after: str = "",
     comma: bool = False,
 ) -> bytes:
-    """As Nexus 2 exports trajectories as ASCII."""
+    """An ASCII export of trajectories by Nexus 2."""
     frames, count = positions.shape[:2]
     lines = [
         "Trajectories",
@@ -108,7 +108,7 @@ def qualisys(
     trailing_tab: bool = False,
     types: Sequence[str] | None = None,
 ) -> bytes:
-    """As Qualisys Track Manager exports 3D data as TSV."""
+    """A TSV export of 3D data by Qualisys Track Manager."""
     frames, count = positions.shape[:2]
     lines = [
         f"NO_OF_FRAMES\t{frames}",
@@ -147,7 +147,7 @@ def motive(
     body: bool = True,
     extra_solved: bool = False,
 ) -> bytes:
-    """As Motive 2 and 3 export a take; a rigid body stands before the markers."""
+    """A CSV export of a take by Motive 2 or 3, with a rigid body before the markers."""
     frames = len(positions)
     columns: list[tuple[str, str, str, str, str]] = []  # type, name, ID, measure, axis
     if body:
