@@ -23,7 +23,15 @@ def test_all_is_sorted_and_complete():
     assert dir(priorfill) == priorfill.__all__
     for name in priorfill.__all__:
         assert getattr(priorfill, name) is not None
-    for module in ("filling.fill_clip", "formats", "gaps", "clip", "database", "evaluation"):
+    for module in (
+        "filling.fill_clip",
+        "filling.fill_file",
+        "formats",
+        "gaps",
+        "clip",
+        "database",
+        "evaluation",
+    ):
         names = import_module(f"priorfill.{module}").__all__
         assert len(set(names)) == len(names)
 

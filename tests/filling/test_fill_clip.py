@@ -172,7 +172,7 @@ def test_the_factor_of_a_prediction_is_the_bound(monkeypatch, folder):
 
     def calibrated(self, *arguments, **keywords):
         original(self, *arguments, **keywords)
-        object.__setattr__(self, "bound_factor", 2.0 if len(self.piece.markers) > 1 else 3.0)
+        object.__setattr__(self, "bound_factor", 2.0 if len(self.segment.markers) > 1 else 3.0)
 
     monkeypatch.setattr(SegmentPrediction, "__init__", calibrated)
     clip = with_gaps(person(), *GAPS)
@@ -297,7 +297,7 @@ def test_no_gaps(method):
 def test_progress_counts_the_gap_groups():
     clip = with_gaps(person(), (20, 30, ("LKNE",)), (60, 70, ("RKNE",)), (65, 90, ("C7",)))
     calls = []
-    fill(clip, progress=lambda done, total: calls.append((done, total)))
+    fill(clip, options=pf.FillOptions(progress=lambda done, total: calls.append((done, total))))
     assert calls == [(1, 2), (2, 2)]
 
 
