@@ -1,9 +1,8 @@
 """Recordings and databases for the tables of Baumann, Krüger, Zinke and Weber 2011.
 
-The paper fills takes of the motion library HDM05 from databases made of the rest of it. Which
-takes, and most of its figures, stand in its plots and are not stated in the text that these
-scripts were written from: such figures are dashes here, and the scripts take any file of HDM05 by
-``--recording``. Files of HDM05 tell by their names who does what: ``HDM_actor_motion_number``.
+The paper fills takes of the motion library HDM05 from databases of the other takes. It does not
+identify its takes and shows most results as plots only; such values are dashes here. File names of
+HDM05 contain actor and motion: ``HDM_actor_motion_number``.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 
 from paper import cut, error
 
@@ -23,16 +21,17 @@ from priorfill.gaps import gap_groups
 from priorfill.geometry.axes import from_upright, to_upright
 from priorfill.markers.definitions import load
 from priorfill.markers.describe import describe
+from priorfill.methods.baumann2011 import krueger2010
 from priorfill.methods.task import Task
-from priorfill.search.takes import Take as Prior
+from priorfill.search.takes import Take as SearchTake
 
 __all__ = [
     "METHODS",
     "RECORDING",
     "Take",
     "database_of",
-    "error_by",
     "examples",
+    "krueger_error",
     "library",
     "limb",
     "middle",
@@ -40,7 +39,7 @@ __all__ = [
 ]
 
 METHODS = ("baumann2011", "krueger2010", "gpr")
-"""The paper's own method, the one that it compares with, and ours."""
+"""The method of the paper, the one it compares with, and the default of priorfill."""
 
 RECORDING = "a C3D file of HDM05 (HDM_actor_motion_...) or another one with its 41 markers"
 
@@ -48,19 +47,19 @@ LONGEST_GAP = 2.0
 """s."""
 
 GAP_SHARE = 0.5
-"""Part of a clip that a gap takes, in its middle: the cut motions are short."""
+"""Share of a clip that a gap takes, in its middle: the takes are short."""
 
 RATE = 120.0
-"""Hz. The paper's levels start at the recordings' own rate. Of poses four times as dense, the k
-nearest are of a quarter of the time."""
+"""Hz. The finest level of the paper is the rate of the recordings. At a quarter of it, the k
+nearest poses would span four times the time."""
 
 LEAST_SECONDS = 1.0
-"""s. Shorter clips are not filled, only learnt from."""
+"""s. Shorter clips are in the database, but are not filled."""
 
 
 @dataclass(frozen=True)
 class Take:
-    """A recording by its file; actor and motion as its name tells them, else empty."""
+    """A recording: file, and actor and motion from its name, or empty."""
 
     file: Path
     actor: str
@@ -68,25 +67,25 @@ class Take:
 
     @classmethod
     def of(cls, file: Path) -> Take:
-        """Return what a file's name tells."""
+        """Read actor and motion from a file name."""
         parts = file.stem.split("_")
         known = parts[0] == "HDM" and len(parts) > 3
         return cls(file, *(parts[1:3] if known else ("", "")))
 
 
 def library(data: Path) -> list[Take]:
-    """Return all files of HDM05 below a folder that tell actor and motion, each name once."""
+    """Return the HDM05 files below a folder with actor and motion in their name, each name once."""
     found = {file.stem: file for file in sorted(data.rglob("HDM_*.c3d"), reverse=True)}
     takes = [Take.of(found[name]) for name in sorted(found)]
     takes = [take for take in takes if take.actor]
     if not takes:
-        raise SystemExit(f"{data}: no file HDM_*.c3d below it; use --data")
+        raise SystemExit(f"{data}: contains no file HDM_*.c3d; use --data")
     return takes
 
 
 @contextmanager
 def database_of(takes: Sequence[Take]) -> Iterator[Path]:
-    """Make a database of recordings for as long as it is used."""
+    """Build a temporary database of recordings."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "priors"
         with pf.PriorDatabase.create(path, rate=RATE) as writer:
@@ -98,9 +97,8 @@ def database_of(takes: Sequence[Take]) -> Iterator[Path]:
 def examples(takes: Sequence[Take], recording: Path | None, *, full: bool) -> list[Take]:
     """Return the recordings to be filled.
 
-    The user's own; else the first of each motion by one actor, actors taken in turn; or by each
-    actor, if ``full``. Only motions of which the actor has another recording: they are what the
-    paper's databases hold of each.
+    The given one; otherwise one take of each motion that an actor performed twice, with actors in
+    turn, or of each actor if ``full``.
     """
     if recording is not None:
         return [Take.of(recording)]
@@ -128,40 +126,36 @@ def limb(kind: str, *sides: str) -> list[str]:
 
 
 def middle(clip: pf.Clip, labels: Sequence[str]) -> pf.Clip:
-    """Return a clip without some markers in its middle."""
+    """Remove markers in the middle of a clip."""
     frames = min(round(GAP_SHARE * clip.frames), round(LONGEST_GAP * clip.rate))
     start = (clip.frames - frames) // 2
     return cut(clip, start, start + frames, labels)
 
 
-def error_by(
-    method: ModuleType, k: int, truth: pf.Clip, gappy: pf.Clip, priors: tuple[Prior, ...]
-) -> float:
-    """Return the error (mm) of a method of the field with k neighbours; NaN if it left any."""
+def krueger_error(k: int, truth: pf.Clip, gappy: pf.Clip, takes: tuple[SearchTake, ...]) -> float:
+    """Return the error (mm) of krueger2010 with k neighbours; NaN if samples stay missing."""
     task = Task(
         to_upright(gappy.positions, gappy.up),
         gappy.labels,
         gappy.rate,
         describe(gappy),
         tuple(gap_groups(gappy.missing)),
-        priors,
+        takes,
     )
-    found = method.fill(task, options=method.Options(neighbours=k)).positions
+    found = krueger2010.fill(task, options=krueger2010.Krueger2010Options(neighbours=k)).positions
     return error(gappy.with_positions(from_upright(found, gappy.up)), truth, gappy)
 
 
 def tell_data(takes: Sequence[Take], filled: Sequence[Take], recording: Path | None) -> None:
-    """Say what was filled from what, and how that differs from the paper."""
+    """Print the filled recordings and the library, compared with the paper's."""
     print("Paper: takes of HDM05 as recorded (120 Hz, 41 markers), filled from databases of HDM05.")
     print(f"Here:  {len(filled)} filled, from a library of {len(takes)} files of HDM05:")
     print("       " + ", ".join(take.file.stem.removeprefix("HDM_") for take in filled))
     virtual_markers = [take for take in takes if take.file.parent.name == "hdm05_cut_markers"]
     if virtual_markers:
         print(
-            f"       {len(virtual_markers)} of the library are short cuts whose markers were put "
-            "on the recorded skeleton:\n       motion and bodies are real, soft tissue is missing."
+            f"       {len(virtual_markers)} of the library are short takes whose markers were "
+            "computed on the recorded skeleton:\n       real motion and proportions, no soft tissue"
         )
     if recording is None:
-        print(
-            "       The paper's takes are not named in the text at hand; --recording takes yours."
-        )
+        print("       The takes of the paper are not identified; --recording fills one of yours.")

@@ -5,8 +5,8 @@
 
 An arm is taken out of a long recording of HDM05 for 1 to 8 s (``--full``: 16 s too, thrice each),
 and filled from a database of other recordings. Seconds are the processor's, those of all its cores
-added, so that they hardly depend on what else the machine does; compiling, and making the database,
-are done before.
+added, so that they hardly depend on what else the machine does; compiling, and making the
+database, are done before.
 """
 
 from __future__ import annotations

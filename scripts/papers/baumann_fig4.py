@@ -21,8 +21,8 @@ from baumann import (
     RECORDING,
     Take,
     database_of,
-    error_by,
     examples,
+    krueger_error,
     library,
     limb,
     middle,
@@ -31,7 +31,6 @@ from baumann import (
 from paper import beside, error, in_processes, options
 
 import priorfill as pf
-from priorfill.methods.baumann2011 import krueger2010
 from priorfill.search.takes import takes_from
 
 RELATIONS: dict[str, Callable[[Take, Take], bool]] = {
@@ -83,7 +82,7 @@ def errors(case: Case) -> list[float]:
     ]
     with pf.PriorDatabase.open(case.database) as database:
         priors = takes_from(database, chosen.choose(database.clips()), gappy.labels)
-        found += [error_by(krueger2010, k, truth, gappy, priors) for k in NEIGHBOURS]
+        found += [krueger_error(k, truth, gappy, priors) for k in NEIGHBOURS]
     return found
 
 

@@ -1,9 +1,9 @@
 """Recordings, gaps and errors for the tables of Gløersen and Federolf 2016.
 
-The paper's own recording ``WalkL`` (walking on a treadmill, 37 markers, 18 s at 240 Hz) is among
-its supplementary files, as are 50 gap patterns for it. The scripts were written from the paper's
-abstract, its program, and figures quoted from it: how its gaps were drawn, and what each of its
-tables counts, is our reading, which each script tells.
+The recording ``WalkL`` of the paper (treadmill walking, 37 markers, 18 s at 240 Hz) and 50 gap
+patterns are in its supplement. The scripts rely on the abstract, the published program and values
+cited elsewhere. How random gaps were drawn and what each table averages is an interpretation,
+which each script states.
 """
 
 from __future__ import annotations
@@ -49,31 +49,31 @@ __all__ = [
 Array = NDArray[np.float64]
 
 METHODS: dict[str, Callable[..., Estimate]] = {"r1": r1, "r2": r2}
-"""The paper's two strategies: all markers at once, one after the other."""
+"""The two strategies of the paper: all markers at once, or one after the other."""
 
 RECORDING = "WalkL of the paper's supplement as C3D, or any other recording"
 
 NAMES = ("walkl/WalkL.c3d", "hdm05/HDM_bd_01-02_01_120.c3d")
-"""The paper's own, and the longest walk of HDM05 that is at hand."""
+"""The recording of the paper, and a long walk of HDM05."""
 
 PATTERNS = "missing_masks.npz"
-"""File beside the recording with the published patterns."""
+"""File with the published patterns, in the folder of the recording."""
 
 SEED = 2016
 
 QUARTILES = (25.0, 75.0)
 
 FRINGE = (5.0, 95.0)
-"""Percentiles between which nine in ten lie."""
+"""Percentiles that enclose 90 % of the values."""
 
 
 def recording(arguments: argparse.Namespace) -> Path:
-    """Return the recording to be used, by the script's options."""
+    """Return the recording that the options of the script select."""
     return find(NAMES, arguments.data, arguments.recording)
 
 
 def is_the_papers(file: Path) -> bool:
-    """Tell whether a recording is the paper's own, by its name."""
+    """Return whether a recording is that of the paper, by name."""
     return file.name == Path(NAMES[0]).name
 
 
@@ -84,7 +84,7 @@ def read(file: Path) -> pf.Clip:
 
 
 def published(file: Path) -> list[Mask]:
-    """Return the published patterns that lie beside a recording and are of its size; or none."""
+    """Return the published patterns, if they are in the folder and fit the recording."""
     beside = file.parent / PATTERNS
     if not beside.is_file():
         return []
@@ -98,7 +98,7 @@ def published(file: Path) -> list[Mask]:
 
 
 def one_run(clip: pf.Clip, marker: int, share: float, copy: int) -> Mask | None:
-    """Remove a marker in a share of the frames, one run at random; None if there is no place."""
+    """Remove a marker in one random run of frames; None if there is no room."""
     rng = np.random.default_rng([SEED, marker, round(100 * share), copy])
     cutter = GapGenerator(clip, rng, measured_in(clip))
     return cutter.gone if cutter.cut([marker], round(share * clip.frames)) else None
@@ -107,8 +107,8 @@ def one_run(clip: pf.Clip, marker: int, share: float, copy: int) -> Mask | None:
 def runs_in_frames(clip: pf.Clip, share: float, copy: int) -> Mask:
     """Remove random markers at random times until a share of the frames lacks a marker.
 
-    Lengths are those of the published patterns. Copies of other shares go on where those of a
-    lower one stopped, so that shares can be compared.
+    Lengths are those of the published patterns. The gaps of a smaller share are contained in those
+    of a larger one, so that shares can be compared.
     """
     cutter = GapGenerator(clip, np.random.default_rng([SEED, copy]), measured_in(clip))
     for _ in range(TRIES_PER_GAP * clip.frames):
@@ -122,14 +122,14 @@ def runs_in_frames(clip: pf.Clip, share: float, copy: int) -> Mask:
 def deviations(
     clip: pf.Clip, gone: Mask, method: str, options: Gloersen2016Options | None = None
 ) -> Array | None:
-    """Remove samples, fill them by a method, and take the truth from the fill.
+    """Remove samples, fill them, and return the difference from the truth.
 
     Parameters
     ----------
     clip : Clip
         The truth.
     gone : ndarray of bool [shape=(frames, markers)]
-        What is removed.
+        Samples to remove.
     method : str
         Name of a method.
     options : Gloersen2016Options, optional
@@ -138,14 +138,14 @@ def deviations(
     Returns
     -------
     ndarray [shape=(samples, 3), mm] or None
-        By coordinate, in the file's axes, in the order of ``gone``. None where the method left
-        any sample missing: a mean over some could not be compared with others.
+        Differences in the axes of the file, in the order of ``gone``. None if samples stay missing,
+        because a mean over fewer samples would not be comparable.
     """
     positions = clip.positions.copy()
     positions[gone] = np.nan
     gappy = clip.with_positions(positions)
     try:
-        with threadpool_limits(1):  # the other cores have other cases
+        with threadpool_limits(1):  # other cases run on the other cores
             if options is None:
                 found = pf.fill(gappy, method=method).clip.positions
             else:
@@ -185,7 +185,7 @@ def mean_distance(
 
 
 def quartiles(values: Array) -> tuple[float, str]:
-    """Return the median of the values that are known, and their quartiles as text."""
+    """Return the median of the finite values, and their quartiles as text."""
     known = values[np.isfinite(values)]
     if not len(known):
         return float("nan"), "-"
@@ -194,7 +194,7 @@ def quartiles(values: Array) -> tuple[float, str]:
 
 
 def spread(values: Array) -> str:
-    """Return between which values nine in ten of the known ones lie, as text."""
+    """Return the range of the central 90 % of the finite values as text."""
     known = values[np.isfinite(values)]
     if not len(known):
         return "-"
@@ -203,7 +203,7 @@ def spread(values: Array) -> str:
 
 
 def tell_data(file: Path, what: str) -> None:
-    """Say what the paper filled, and what is filled here."""
+    """Print the recordings of the paper and of this run."""
     clip = read(file)
     print("Paper: WalkL, walking on a treadmill, 37 markers, 18 s at 240 Hz (its supplement).")
     print(
@@ -211,4 +211,4 @@ def tell_data(file: Path, what: str) -> None:
         f"{clip.rate:g} Hz; {what}."
     )
     if not is_the_papers(file):
-        print("       Not the paper's recording: only the kind of figure can be compared.")
+        print("       Not the recording of the paper: values cannot be compared directly.")

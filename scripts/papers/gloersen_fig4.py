@@ -3,12 +3,12 @@
 
     python scripts/papers/gloersen_fig4.py [--data DIR] [--recording FILE] [--full]
 
-Our reading: in each copy (20, ``--full``: 50) random markers are missing at random times until a
-share of the frames lacks a marker; the error of a copy is the mean distance over its removed
+Interpretation: in each copy (20, ``--full``: 50) random markers are missing at random times until
+a share of the frames lacks a marker; the error of a copy is the mean distance over its removed
 samples, and a method's is the median over the copies. Lengths of gaps are those of the published
-patterns, 0.1 to 2 s. The paper tells its medians, but here it is not known at which share of the
-frames: they stand beside each. Its abstract has 3 mm at most for gaps in up to 70 % of the frames.
-``lds``, which takes seconds, fills four copies of each share unless ``--full``.
+patterns, 0.1 to 2 s. The medians of the paper are known, but not at which share of the frames, so
+they are printed for each share. The abstract states at most 3 mm for gaps in up to 70 % of the
+frames. ``lds``, which takes seconds, fills four copies of each share unless ``--full``.
 """
 
 from __future__ import annotations

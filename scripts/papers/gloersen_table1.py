@@ -3,9 +3,9 @@
 
     python scripts/papers/gloersen_table1.py [--data DIR] [--recording FILE] [--full]
 
-Our reading: one marker at a time is missing in one run of frames, placed at random; its error is
-the mean distance, over some copies (3, ``--full``: 50). With one marker missing r1 and r2 are the
-same. Of the paper's figures only the range of the column of 90 % is known here.
+Interpretation: one marker at a time is missing in one run of frames, placed at random; its error
+is the mean distance, over some copies (3, ``--full``: 50). With one marker missing r1 and r2 are
+the same. Of the paper's values, only the range of the 90 % column is available.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def main() -> int:
     )
     beside(
         "All markers (mm)",
-        ["missing", "median", "nine in ten", "paper"],
+        ["missing", "median", "central 90 %", "paper"],
         [
             [f"{share:.0%}", quartiles(found[:, i])[0], spread(found[:, i]), PAPER.get(share)]
             for i, share in enumerate(SHARES)

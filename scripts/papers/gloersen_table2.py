@@ -4,11 +4,11 @@
     python scripts/papers/gloersen_table2.py [--data DIR] [--recording FILE] [--full]
 
 The root mean square error of a marker along an axis, over all its removed samples, filled by r2.
-How many markers are missing at once in the paper's table is not known here, so there are both:
-each marker alone in a tenth of the frames, in one run at random (3 runs, ``--full``: 50); and the
+How many markers are missing at once in the paper's table is not known, so both are printed: each
+marker alone in a tenth of the frames, in one run at random (3 runs, ``--full``: 50); and the
 patterns published with the paper (every fifth of 50, ``--full``: all), where they are of the
-recording's size, else random gaps until half of the frames have one. Of the paper's figures only
-the range is known here. Which axis is which is not known either: ours are those of the file.
+recording's size, else random gaps until half of the frames have one. Of the paper's values, only
+the range is available. Axes are those of the file.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ def main() -> int:
         f"filled: {filled_runs} of {len(runs)} markers alone, {filled} of {len(patterns)} {kind}",
     )
     beside(
-        "Root mean square error in mm by marker and axis (r2; paper by marker: not known here)",
+        "Root mean square error in mm by marker and axis (r2; paper: not available by marker)",
         ["marker", *(f"{axis} alone" for axis in AXES), *(f"{axis} patterns" for axis in AXES)],
         [[label, *alone[i].tolist(), *several[i].tolist()] for i, label in enumerate(clip.labels)],
     )
@@ -123,10 +123,10 @@ def main() -> int:
         "All markers and axes (mm)",
         ["", "alone", "patterns", "paper"],
         [
-            ["nine in ten", spread(alone), spread(several), PAPER],
+            ["central 90 %", spread(alone), spread(several), PAPER],
             ["median", quartiles(alone)[0], quartiles(several)[0], None],
-            ["greatest", float(np.nanmax(alone)), float(np.nanmax(several)), None],
-            [f"within {UPPER:g}", _within(alone), _within(several), None],
+            ["maximum", float(np.nanmax(alone)), float(np.nanmax(several)), None],
+            [f"within {UPPER:g} mm", _within(alone), _within(several), None],
         ],
     )
     return 0

@@ -3,11 +3,11 @@
 
     python scripts/papers/gloersen_walkl.py [--data DIR] [--recording FILE] [--full]
 
-Each pattern is cut out of the recording and filled by r1 and r2. Beside them stand patterns of
-``priorfill evaluate --protocol random`` (10, ``--full``: 50): what r1 errs by depends on how many
-frames show all markers, how many markers have gaps, and how far from these the others are, for it
-learns all of these, at once, from those frames and the others. The paper's medians belong to
-random gaps of its own, of which it is not known here in how many frames they were.
+Each pattern is cut out of the recording and filled by r1 and r2. For comparison, so are random
+patterns of ``priorfill evaluate --protocol random`` (10, ``--full``: 50). The error of r1 depends
+on the number of complete frames, the number of markers with gaps, and the distance of the other
+markers from these, because r1 learns all markers with gaps at once from the others in complete
+frames. The medians of the paper are for random gaps of unknown density.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ EVALUATE_SEED = 0
 """Its default, so that the first patterns are those of ``priorfill evaluate FILE --copies N``."""
 
 FIRST = 3
-"""So many of these are told one by one, and what evaluate makes of them together."""
+"""Number of copies listed one by one and evaluated together."""
 
 COMPLETE = (0, 200, 400, 800, 1200)
 """Frames that show everything: lower ends of classes."""

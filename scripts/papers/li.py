@@ -1,11 +1,11 @@
 """Recordings, gaps and errors for the tables of Li, Yu, Kieu, Vuong and Zhang 2020.
 
-The paper's recordings are Malay dances of the AniAge project, 15 joints at 30 Hz, which cannot be
-had here; nor can its text. What is known is its abstract and its published program
-(github.com/lizhuorong/Mocap-Data-Completion), without masks or data: so every figure of the paper
-is a dash here, and which table has which experiment is our reading, which each script tells. The
-experiments are those of the program, on the nearest recordings: long ones of moves of the whole
-body, as 15 markers that sit near those joints, at 30 Hz.
+Neither the paper's recordings (Malay dances of the AniAge project, 15 joints at 30 Hz) nor its
+text are available, only its abstract and its program
+(github.com/lizhuorong/Mocap-Data-Completion), without masks and data. So every value of the paper
+is a dash, and the assignment of experiments to tables is an interpretation, which each script
+states. The experiments are those of the program, on long recordings of whole-body motion, reduced
+to 15 markers near those joints, at 30 Hz.
 """
 
 from __future__ import annotations
@@ -54,14 +54,14 @@ __all__ = [
 ]
 
 RATE = 30.0
-"""Hz, of the paper's recordings."""
+"""Hz. Rate of the paper's recordings."""
 
 JOINTS = (
     *("LFHD", "C7", "STRN"),
     *("LSHO", "LELB", "LWRA", "RSHO", "RELB", "RWRA"),
     *("LFWT", "LKNE", "LANK", "RFWT", "RKNE", "RANK"),
 )
-"""Fifteen of the 41 markers: as many as the paper has, one near each of its skeleton's joints."""
+"""Fifteen of the 41 markers, one near each joint of the paper's skeleton."""
 
 NAMES = (
     "cmu/135_07.c3d",
@@ -70,44 +70,44 @@ NAMES = (
     "hdm05/HDM_bd_01-02_01_120.c3d",
     "cmu/01_01.c3d",
 )
-"""Recordings taken for the paper's dances: karate, and what else is long and has those markers."""
+"""Recordings used instead of the dances: karate, and other long recordings with these markers."""
 
 SAMPLE = 200
-"""Frames of a sample, and of the stretch after it that is learnt from: the program reads 1 to 200
-of each test recording, and trains on recordings from frame 101 on."""
+"""Frames of a sample, and of the training stretch after it. The program tests on frames 1 to 200
+of a recording and trains on recordings from frame 101 on."""
 
 SEEN = 100
-"""Frames that a sample shows before gaps that go on to its end begin."""
+"""Complete frames of a sample before gaps that last to its end."""
 
 PIECE = 100
-"""Frames of a piece in the other programs: the paper's pieces of training are as long."""
+"""Frames of a sample in the other programs, and of the training sequences of the paper."""
 
 LEAST = 30
-"""Frames of a stretch that is learnt from: of less than a second a database has nothing to say."""
+"""Minimum number of frames of a training stretch: one second."""
 
 FEW = 4
-"""Samples that are filled, unless all are."""
+"""Samples filled without ``--full``."""
 
 DEFAULT = "pca-train,pca-pieces,pca-frames,r1,r2,linear,lds,auto"
-"""The paper's methods, those that it compares with or that others do, and ours."""
+"""Methods of the paper, methods used for comparison, and the default of priorfill."""
 
-UNKNOWN = "paper's figures: not stated in the text at hand"
+UNKNOWN = "values of the paper are not available"
 
 RECORDING = "a recording to fill instead, longer than 7 s, of the 41 markers or of any others"
 
 
 @dataclass(frozen=True)
 class Material:
-    """What is filled, and what is learnt from.
+    """Samples and training data.
 
     Attributes
     ----------
     samples : list of Clip
         Each of `SAMPLE` frames at `RATE`.
     training : list of Clip
-        What is learnt from: the rest of their recordings, or others.
+        Training data: the rest of their recordings, or others.
     files : list of Path
-        The recordings that it is of.
+        Source recordings.
     """
 
     samples: list[pf.Clip]
@@ -115,13 +115,13 @@ class Material:
     files: list[Path]
 
     def first(self, frames: int) -> Material:
-        """Return the same with the first frames of each sample; nobody learns from the others."""
+        """Return the first frames of each sample; the others are not used for training either."""
         cut = [clip.with_positions(clip.positions[:frames]) for clip in self.samples]
         return Material(cut, self.training, self.files)
 
 
 def parser_of(doc: str | None, full: str, methods: str = DEFAULT) -> argparse.ArgumentParser:
-    """Return a script's parser, with the methods that fill if none are named."""
+    """Return the parser of a script with its default methods."""
     parser = options(doc, recording=RECORDING, full=full)
     parser.add_argument(
         "--methods",

@@ -4,9 +4,9 @@
     python scripts/papers/li_fig9.py [--data DIR] [--recording FILE] [--full]
         [--training DIR] [--methods NAME,NAME...]
 
-Our reading, since the text is not at hand: the program's other "extreme case", ``T``, in which one
-joint at a time is missing in all of 100 frames, and is known from the training alone. Methods
-that learn from nothing but the clip can say nothing of such a marker and are left out:
+Interpretation (the text of the paper is not available): the program's other "extreme case", ``T``,
+in which one joint at a time is missing in all of 100 frames, and is known from the training alone.
+Methods that learn from nothing but the clip can say nothing of such a marker and are left out:
 ``--methods`` brings them back.
 """
 

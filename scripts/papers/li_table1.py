@@ -4,12 +4,12 @@
     python scripts/papers/li_table1.py [--data DIR] [--recording FILE] [--full]
         [--training DIR] [--methods NAME,NAME...]
 
-Our reading, since the text is not at hand: the program's ``test4data`` compares the methods with
-r2 on twenty samples of 130 frames of a dance each, with the mask ``1_100f_100g``, which we take to
-be one marker that is missing from frame 101 on, here a marker drawn for each sample (``--full``:
-five). Its means by method are told twice: as ``mae.m`` has them, distances, and over coordinates,
-which is the MAE of ``priorfill evaluate``. Beside them is the processor time for a sample, since
-the abstract calls the methods fast.
+Interpretation (the text of the paper is not available): the program's ``test4data`` compares the
+methods with r2 on twenty samples of 130 frames of a dance each, with the mask ``1_100f_100g``,
+which we take to be one marker that is missing from frame 101 on, here a marker drawn for each
+sample (``--full``: five). Its means by method are told twice: as ``mae.m`` has them, distances,
+and over coordinates, which is the MAE of ``priorfill evaluate``. Beside them is the processor time
+for a sample, since the abstract calls the methods fast.
 """
 
 from __future__ import annotations

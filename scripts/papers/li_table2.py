@@ -4,9 +4,10 @@
     python scripts/papers/li_table2.py [--data DIR] [--recording FILE] [--full]
         [--training DIR] [--methods NAME,NAME...]
 
-Our reading, since the text is not at hand: the program's readme says that ``test4data`` is run with
-other lengths of the data to see what longer gaps do. One marker, drawn for each sample, is missing
-from frame 101 on to the end of the sample, which is cut 10 to 100 frames later.
+Interpretation (the text of the paper is not available): the program's readme says that
+``test4data`` is run with other lengths of the data to see what longer gaps do. One marker, drawn
+for each sample, is missing from frame 101 on to the end of the sample, which is cut 10 to 100
+frames later.
 """
 
 from __future__ import annotations

@@ -4,10 +4,10 @@
     python scripts/papers/li_table3.py [--data DIR] [--recording FILE] [--full]
         [--training DIR] [--methods NAME,NAME...]
 
-Our reading, since the text is not at hand: the program's ``test_marker_num`` fills samples of 200
-frames in which 1 to 14 of 15 markers are missing, by masks that are not published. Here they are
-missing from frame 101 on; which ones is drawn for each sample, and those of a row are missing in
-the next row too.
+Interpretation (the text of the paper is not available): the program's ``test_marker_num`` fills
+samples of 200 frames in which 1 to 14 of 15 markers are missing, by masks that are not published.
+Here they are missing from frame 101 on; which ones is drawn for each sample, and those of a row
+are missing in the next row too.
 """
 
 from __future__ import annotations

@@ -4,10 +4,10 @@
     python scripts/papers/li_table4.py [--data DIR] [--recording FILE] [--full]
         [--training DIR] [--methods NAME,NAME...]
 
-Our reading, since the text is not at hand: the programs ``T0`` and ``F0`` fill pieces of 100 frames
-under masks called ``interval2``, ``interval10`` and ``interval25``, which are not published. Here a
-third of the markers, drawn for each sample, are missing together for so many frames, seen for as
-many, and so on (the protocol ``periodic``).
+Interpretation (the text of the paper is not available): the programs ``T0`` and ``F0`` fill pieces
+of 100 frames under masks called ``interval2``, ``interval10`` and ``interval25``, which are not
+published. Here a third of the markers, drawn for each sample, are missing together for so many
+frames, seen for as many, and so on (the protocol ``periodic``).
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
-"""What the scripts of papers' tables and figures share: recordings, artificial gaps, tables.
+"""Recordings, artificial gaps and tables for the scripts of published tables and figures.
 
-Each script runs by itself, as ``scripts/papers/NAME.py``; what lies in ``scripts/`` can be imported
-once this module is.
+Importing this module makes ``scripts/support`` importable.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ import priorfill as pf
 __all__ = ["beside", "cut", "error", "find", "in_processes", "options"]
 
 UNKNOWN = "-"
-"""What a table has where a figure is not known."""
+"""Cell of a table without a value."""
 
 Cell = str | float | None
 Case = TypeVar("Case")
@@ -33,9 +32,9 @@ Outcome = TypeVar("Outcome")
 
 
 def options(doc: str | None, **more: str) -> argparse.ArgumentParser:
-    """Return a script's parser, with ``--data`` and what more it takes (``full="help"``).
+    """Return a parser with ``--data`` and further options (``name="help text"``).
 
-    ``recording`` takes a file, everything else is a flag.
+    ``recording`` takes a file, all others are flags.
     """
     parser = argparse.ArgumentParser(description=(doc or "").splitlines()[0])
     add_data_option(parser)
@@ -48,31 +47,31 @@ def options(doc: str | None, **more: str) -> argparse.ArgumentParser:
 
 
 def find(names: Sequence[str], data: Path, recording: Path | None = None) -> Path:
-    """Find a recording: the one named by the user, else the first of some names that is there.
+    """Find a recording: the given one, otherwise the first of some names that exists.
 
     Parameters
     ----------
     names : sequence of str
-        Paths below the folder, or names of files anywhere below it; the best first.
+        Paths below the folder, or names of files anywhere below it, in order of preference.
     data : Path
         Folder of recordings.
     recording : Path, optional
-        The user's own.
+        File given by the user.
 
     Raises
     ------
     SystemExit
-        Where there is none, with a line that says what was looked for.
+        If there is none; the message lists the names.
     """
     if recording is not None:
         if not recording.is_file():
-            raise SystemExit(f"{recording}: no such recording")
+            raise SystemExit(f"{recording}: file not found")
         return recording
     for name in names:
         for file in (data / name, *sorted(data.rglob(Path(name).name))):
             if file.is_file():
                 return file
-    raise SystemExit(f"{data}: has none of {', '.join(names)}; use --data or --recording")
+    raise SystemExit(f"{data}: contains none of {', '.join(names)}; use --data or --recording")
 
 
 def cut(clip: pf.Clip, start: int, stop: int, labels: Iterable[str]) -> pf.Clip:
@@ -83,28 +82,28 @@ def cut(clip: pf.Clip, start: int, stop: int, labels: Iterable[str]) -> pf.Clip:
 
 
 def error(found: pf.Clip, truth: pf.Clip, gappy: pf.Clip) -> float:
-    """Return the mean distance (mm) to what was cut out; NaN if any of it is left missing."""
+    """Return the mean error (mm) over the removed samples; NaN if any stays missing."""
     gone = gappy.missing & ~truth.missing
     return float(np.linalg.norm((found.positions - truth.positions)[gone], axis=1).mean())
 
 
 def in_processes(function: Callable[[Case], Outcome], cases: Sequence[Case]) -> list[Outcome]:
-    """Return what a function makes of each case, in their order, worked on by all cores."""
+    """Apply a function to all cases on all cores, and return the results in order."""
     with ProcessPoolExecutor(min(len(cases), os.cpu_count() or 1)) as pool:
         return list(pool.map(function, cases))
 
 
 def beside(title: str, columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
-    """Print a table; numbers have three digits at least, and what is not known is a dash.
+    """Print a table; unknown values are dashes.
 
     Parameters
     ----------
     title : str
-        What it shows, and in which unit.
+        Quantity and unit.
     columns : sequence of str
-        Their heads; the paper's figures stand beside ours.
+        Column heads.
     rows : iterable of sequences
-        A text, a number, or None or NaN where nothing is known, for each column.
+        Text, number, or None or NaN if unknown, for each column.
     """
     lines = [list(columns), *([_written(cell) for cell in row] for row in rows)]
     widths = [max(len(line[i]) for line in lines) for i in range(len(columns))]

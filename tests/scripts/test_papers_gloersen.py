@@ -163,7 +163,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         (
             "table1",
-            ("missing  median  nine in ten  paper", "2-5", "markers are within 5 mm at 90%"),
+            ("missing  median  central 90 %  paper", "2-5", "markers are within 5 mm at 90%"),
         ),
         ("table2", ("2 of 2 published patterns", "alone", "paper", "1-4")),
         ("fig4", ("median", "paper", "r1", "spline", "116.0", "3 mm at most")),
@@ -183,7 +183,7 @@ def test_a_script_prints_its_table_beside_the_papers(
     monkeypatch.setattr(scripts["table2"], "EVERY", 1)
     assert scripts[name].main() == 0
     printed = capsys.readouterr().out
-    assert "Not the paper's recording" in printed
+    assert "Not the recording of the paper" in printed
     for words in said:
         assert words in printed
     assert "nan" not in printed

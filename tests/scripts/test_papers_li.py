@@ -16,8 +16,8 @@ from scripted import SCRIPTS
 import priorfill as pf
 from priorfill.clip import Clip
 from priorfill.evaluation.protocols import (
-    GapMask,
     FrameGaps,
+    GapMask,
     SkippedCase,
     draw_for,
 )
@@ -98,7 +98,7 @@ def test_each_script_prints_ours_beside_the_papers(
     lines = run(name, monkeypatch, capsys, arguments(short, "--methods", methods))
     assert lines[0].startswith("Paper: ")
     head = next(i for i, line in enumerate(lines) if line.endswith("  paper"))
-    assert "not stated in the text at hand" in lines[head - 1]
+    assert "not available" in lines[head - 1]
     assert lines[head].split()[1:] == [*methods.split(","), "paper"]
     for row, line in zip(rows, lines[head + 1 : head + 1 + len(rows)], strict=True):
         assert line.startswith(row)
