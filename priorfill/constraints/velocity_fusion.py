@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
-from priorfill.gp.velocities import Motion
+from priorfill.gp.velocities import VelocityPrediction
 
 __all__ = ["VelocityFusionOptions", "fuse_velocity"]
 
@@ -57,7 +57,7 @@ class VelocityFusionOptions:
 
 def fuse_velocity(
     positions: NDArray[np.float64],
-    motion: Motion,
+    prediction: VelocityPrediction,
     measured: NDArray[np.float64],
     rate: float,
     options: VelocityFusionOptions = VelocityFusionOptions(),
@@ -68,7 +68,7 @@ def fuse_velocity(
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
         Predicted positions in consecutive frames.
-    motion : Motion
+    prediction : VelocityPrediction
         Predicted velocities in these frames.
     measured : ndarray [shape=(frames, markers, 3), mm]
         Measured samples; NaN where missing.
@@ -83,8 +83,8 @@ def fuse_velocity(
     frames, markers = positions.shape[:2]
     if frames < 2:
         return positions
-    error = np.maximum(motion.error, MIN_ERROR)
-    velocity, precision = _fused_velocity(positions, motion, error, rate, options)
+    error = np.maximum(prediction.position_rms, MIN_ERROR)
+    velocity, precision = _fused_velocity(positions, prediction, error, rate, options)
     # the constraint of two consecutive frames: the mean velocity and precision between them
     step = 0.5 * (velocity[1:] + velocity[:-1]) / rate
     stiffness = 0.5 * (precision[1:] + precision[:-1]) * rate**2
@@ -108,17 +108,17 @@ def fuse_velocity(
 
 def _fused_velocity(
     positions: NDArray[np.float64],
-    motion: Motion,
+    prediction: VelocityPrediction,
     error: NDArray[np.float64],
     rate: float,
     options: VelocityFusionOptions,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return u (frames, markers, 3; mm/s) and 1 / w² (frames, markers; s²/mm²)."""
-    variance = np.maximum(motion.expected_rms, MIN_ERROR / options.error_time) ** 2
+    variance = np.maximum(prediction.expected_rms, MIN_ERROR / options.error_time) ** 2
     of_derivative = (error / options.error_time) ** -2.0
     ratio = variance * of_derivative / options.half_weight_ratio**2
     of_velocity = 1.0 / (variance * (1.0 + ratio))
     derivative = np.gradient(positions, axis=0) * rate
     precision = of_velocity + of_derivative
-    fused = of_velocity[..., None] * motion.velocity + of_derivative[:, None] * derivative
+    fused = of_velocity[..., None] * prediction.velocity + of_derivative[:, None] * derivative
     return fused / precision[..., None], precision

@@ -1,7 +1,7 @@
-"""Change of frame rate with anti-aliasing, the pyramid of levels, and derivatives.
+"""Resampling with anti-aliasing, the pyramid of levels, and derivatives.
 
-Everything here works on positions (frames, markers, 3) in which NaN means missing, and
-keeps the time origin: frame 0 is at t = 0 at every rate.
+All functions take positions (frames, markers, 3) in which NaN means missing, and keep the time
+origin: frame 0 is at t = 0 at every rate.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ CUTOFF = 0.75
 frequency: the pass band ends at `CUTOFF` - `TRANSITION` / 2, the stop band begins at 1."""
 
 TRANSITION = 0.5
-"""Width of the filter's transition band, as a fraction of the new Nyquist frequency. Body
-movement has little above 6 Hz, so a wide band costs nothing, and it keeps the filter short:
-fewer measured samples have a gap within its reach."""
+"""Width of the filter's transition band, as a fraction of the new Nyquist frequency. Human movement
+has little above 6 Hz, so a wide band costs nothing, and it keeps the filter short, so that fewer
+measured samples have a gap within its support."""
 
 ATTENUATION = 50.0
-"""Stop-band attenuation in dB: 1 mm of vibration above the new Nyquist leaves 3 µm. Between 21 and
-50, where the rule holds by which the window's shape is chosen."""
+"""dB. Stop-band attenuation: 1 mm of vibration above the new Nyquist frequency leaves 3 µm. Must be
+between 21 and 50 for the rule that gives the shape of the window."""
 
 TIME_TOLERANCE = 1e-6
-"""Fraction of a frame by which a new sample may be off an old one and still coincide with it;
-above the rounding of t = i * rate_from / rate_to for any clip that fits in memory."""
+"""Frames. New and old samples closer in time than this coincide; more than the rounding error of
+t = i * rate_from / rate_to in any clip that fits into memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,24 +59,24 @@ class Level:
         return len(self.positions)
 
     def window(self, first: int, last: int, markers: Sequence[int]) -> NDArray[np.float64]:
-        """Return some markers in frames ``first <= frame < last``, for the caller to keep."""
+        """Return a copy of some markers in frames ``first <= frame < last``."""
         return self.positions[first:last, list(markers)]
 
 
 @dataclass(frozen=True, eq=False)
 class Resolution:
-    """One resolution of a recording, made only where it is looked at.
+    """One level of a recording, computed only where it is needed.
 
-    Says bit for bit what a `Level` says, without the memory of the whole.
+    The samples are those of a `Level` bit by bit, without the memory for the complete level.
 
     Attributes
     ----------
     finest : ndarray [shape=(frames, markers, 3), mm]
         The recording; NaN where missing.
     finest_rate : float
-        Its frames per second (Hz).
+        Hz. Its rate.
     step : int
-        Frames of the recording per frame of this resolution.
+        Frames of the recording per frame of this level.
     """
 
     finest: NDArray[np.float64]
@@ -94,7 +94,7 @@ class Resolution:
         return (len(self.finest) - 1) // self.step + 1
 
     def window(self, first: int, last: int, markers: Sequence[int]) -> NDArray[np.float64]:
-        """Return some markers in frames ``first <= frame < last``, for the caller to keep."""
+        """Return a copy of some markers in frames ``first <= frame < last``."""
         inside = slice(first * self.step, (last - 1) * self.step + 1)
         if self.step == 1:
             return self.finest[inside, list(markers)]
@@ -103,34 +103,34 @@ class Resolution:
         taps = _anti_alias(float(self.step))
         half = len(taps) // 2
         result = np.empty((last - first, len(markers), 3))
-        for place, marker in enumerate(markers):
+        for column, marker in enumerate(markers):
             path = self.finest[:, marker : marker + 1]
             missing = np.isnan(path[..., 0])
-            start, stop, pad = _reach(~missing[:, 0], inside, half)
-            padded = _bridge(path[start:stop], missing[start:stop], pad)
+            start, stop, pad = _filter_range(~missing[:, 0], inside, half)
+            padded = _interpolate_gaps(path[start:stop], missing[start:stop], pad)
             smooth = correlate1d(padded, taps, axis=0, mode="nearest")[pad : pad + stop - start]
-            result[:, place] = smooth[inside.start - start : inside.stop - start : self.step, 0]
-            result[missing[inside][:: self.step, 0], place] = np.nan
+            result[:, column] = smooth[inside.start - start : inside.stop - start : self.step, 0]
+            result[missing[inside][:: self.step, 0], column] = np.nan
         return result
 
 
-def _reach(valid: NDArray[np.bool_], inside: slice, half: int) -> tuple[int, int, int]:
-    """Return which samples have a say in filtered ones, and by how many they are prolonged.
+def _filter_range(valid: NDArray[np.bool_], inside: slice, half: int) -> tuple[int, int, int]:
+    """Return the range of samples that filtered ones depend on, and the padding they need.
 
     Parameters
     ----------
     valid : ndarray of bool [shape=(frames,)]
         Which samples of a marker are measured.
     inside : slice
-        The samples wanted.
+        The filtered samples.
     half : int
-        Reach of the filter to either side.
+        Half-width of the filter.
     """
     known = np.flatnonzero(valid)
     first, last = inside.start - half, inside.stop - 1 + half
     if not len(known) or first < known[0] or last > known[-1]:
-        return 0, len(valid), half  # beyond what is measured, all of it is reflected
-    # whole gaps, with two samples on either side, from which a curve leads through them
+        return 0, len(valid), half  # beyond the ends, the complete path is reflected
+    # complete gaps, with the two samples on either side that determine the curve across them
     before = known[np.searchsorted(known, first, side="right") - 1]
     after = known[np.searchsorted(known, last)]
     return max(int(before) - 1, 0), min(int(after) + 2, len(valid)), 0
@@ -141,30 +141,40 @@ def resample(
 ) -> NDArray[np.float64]:
     """Return positions at another frame rate.
 
-    Going down, a zero-phase low-pass (linear-phase FIR, Kaiser window, centred) keeps what is
-    above the new Nyquist frequency out; then a cubic spline is read at the new times. A slow
-    signal passes unchanged, a constant or linear one exactly. Missing samples are bridged for
-    the filter and the spline only.
+    To a lower rate, a zero-phase low-pass (centred linear-phase FIR, Kaiser window) first removes
+    frequencies above the new Nyquist frequency. The result is a cubic spline, evaluated at the new
+    times. Slow signals pass nearly unchanged, constant and linear ones exactly. Missing samples are
+    interpolated for the filter and the spline only.
 
     Parameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
         NaN where missing.
     rate_from : float
-        Frames per second of `positions` (Hz).
+        Hz. Rate of ``positions``.
     rate_to : float
-        Frames per second wanted (Hz).
+        Hz. New rate.
 
     Returns
     -------
     ndarray [shape=(frames', markers, 3), mm]
-        With frames' = floor((frames - 1) * rate_to / rate_from) + 1. A sample is missing where
-        one of the old samples that surround its time is missing.
+        With frames' = floor((frames - 1) * rate_to / rate_from) + 1. A sample is missing if one of
+        the old samples around its time is.
 
     Raises
     ------
     OptionError
-        Where a rate is not a positive number, or `positions` is not (frames, markers, 3).
+        If a rate is not a positive number, or ``positions`` is not (frames, markers, 3).
+
+    See Also
+    --------
+    pyramid : All levels.
+
+    Examples
+    --------
+    >>> line = np.linspace(0.0, 12.0, 13)[:, None, None] * np.ones(3)
+    >>> np.round(resample(line, 120.0, 30.0)[:, 0, 0], 6) + 0.0
+    array([ 0.,  4.,  8., 12.])
     """
     data = _validated(positions)
     for rate in (rate_from, rate_to):
@@ -176,14 +186,14 @@ def resample(
     ratio = rate_from / rate_to
     half = 0
     if ratio > 1:
-        from scipy.ndimage import correlate1d  # slow to import, for who needs no other rate
+        from scipy.ndimage import correlate1d  # slow to import
 
         taps = _anti_alias(ratio)
         half = len(taps) // 2
-        padded = _bridge(data, missing, half)
+        padded = _interpolate_gaps(data, missing, half)
         smooth = correlate1d(padded, taps, axis=0, mode="nearest")[half : half + frames]
     else:
-        smooth = _bridge(data, missing, 0)
+        smooth = _interpolate_gaps(data, missing, 0)
 
     count = math.floor((frames - 1) / ratio + TIME_TOLERANCE) + 1
     times = np.arange(count) * ratio
@@ -194,41 +204,41 @@ def resample(
     if coincides.all():
         result = smooth[nearest]
     else:
-        from scipy.interpolate import CubicSpline  # slow to import; whole steps do without
+        from scipy.interpolate import CubicSpline  # slow to import; not needed for integer ratios
 
         flat = smooth.reshape(frames, markers * 3)
         result = CubicSpline(np.arange(frames), flat)(times).reshape(count, markers, 3)
-        # the spline goes through its knots; take them as they are, free of rounding
+        # the spline interpolates its nodes; take these without rounding errors
         result[coincides] = smooth[nearest[coincides]]
     result[missing[before] | missing[after]] = np.nan
     return np.ascontiguousarray(result)
 
 
 def pyramid(positions: NDArray[np.floating], rate: float, levels: int) -> list[Level]:
-    """Return the resolutions r_i = rate / 2^i, finest first.
+    """Return the levels r_i = rate / 2^i, finest first: Eq. (5) of Baumann et al. 2011.
 
     Parameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
         NaN where missing.
     rate : float
-        Frames per second of `positions` (Hz).
+        Hz. Rate of ``positions``.
     levels : int
-        How many resolutions.
+        Number of levels.
 
     Returns
     -------
     list of Level
-        Level 0 has the positions as they are; level i has frames ``[::2**i]`` of the
-        low-passed positions. Frame j of level i is at the time of frame j * 2^i of level 0.
+        Level 0 has the positions as given, level i every 2^i-th frame of the low-passed positions.
+        Frame j of level i is at the time of frame j * 2^i of level 0.
 
     Raises
     ------
     OptionError
-        Where `levels` is below 1, or for the reasons of `resample`.
+        If ``levels`` is below 1, or for the reasons given for `resample`.
     """
     if levels < 1:
-        raise OptionError(f"a pyramid of {levels} levels makes no sense; ask for at least 1")
+        raise OptionError(f"a pyramid cannot have {levels} levels; give 1 or more")
     result = []
     for i in range(levels):
         step = 2**i
@@ -239,27 +249,27 @@ def pyramid(positions: NDArray[np.floating], rate: float, levels: int) -> list[L
 def derivatives(
     positions: NDArray[np.floating], rate: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return velocities and accelerations by finite differences over neighbouring frames.
+    """Return velocities and accelerations by finite differences of neighbouring frames.
 
     Parameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
         NaN where missing.
     rate : float
-        Frames per second (Hz).
+        Hz.
 
     Returns
     -------
     velocities : ndarray [shape=(frames, markers, 3), mm/s]
-        Central differences; one-sided where a run of valid samples begins or ends; NaN where
-        the sample is missing or stands alone.
+        Central differences, one-sided at the ends of a run of valid samples; NaN where the sample
+        is missing or has no valid neighbour.
     accelerations : ndarray [shape=(frames, markers, 3), mm/s²]
         Second central differences; NaN where the sample or one of its neighbours is missing.
 
     Raises
     ------
     OptionError
-        Where the rate is not a positive number, or `positions` is not (frames, markers, 3).
+        If the rate is not a positive number, or ``positions`` is not (frames, markers, 3).
     """
     data = _validated(positions)
     _check_rate(rate)
@@ -282,13 +292,13 @@ def _validated(positions: NDArray[np.floating]) -> NDArray[np.float64]:
 
 def _check_rate(rate: float) -> None:
     if not (math.isfinite(rate) and rate > 0):
-        raise OptionError(f"a frame rate of {rate:g} Hz makes no sense; give a positive number")
+        raise OptionError(f"the frame rate is {rate:g} Hz; give a positive number")
 
 
 def _anti_alias(ratio: float) -> NDArray[np.float64]:
-    """Return the taps, odd in number and of unit sum, for a rate divided by `ratio` > 1."""
-    # Kaiser's rules for the window's length and shape (Oppenheim and Schafer, Discrete-Time
-    # Signal Processing, section 7.5.3); scipy.signal has them, but takes long to import
+    """Return the taps, odd in number and summing to 1, for a rate divided by ``ratio`` > 1."""
+    # Kaiser's rules for length and shape of the window (Oppenheim and Schafer, Discrete-Time
+    # Signal Processing, section 7.5.3); scipy.signal has them too, but is slow to import
     length = math.ceil((ATTENUATION - 7.95) / (2.285 * math.pi * TRANSITION / ratio)) + 1
     beta = 0.5842 * (ATTENUATION - 21.0) ** 0.4 + 0.07886 * (ATTENUATION - 21.0)
     half = (length | 1) // 2
@@ -296,25 +306,26 @@ def _anti_alias(ratio: float) -> NDArray[np.float64]:
     return np.asarray(taps / taps.sum(), dtype=np.float64)
 
 
-def _bridge(data: NDArray[np.float64], missing: NDArray[np.bool_], pad: int) -> NDArray[np.float64]:
-    """Return `data` without NaN, prolonged by `pad` frames at either end.
+def _interpolate_gaps(
+    data: NDArray[np.float64], missing: NDArray[np.bool_], pad: int
+) -> NDArray[np.float64]:
+    """Return ``data`` with gaps interpolated, extended by ``pad`` frames at either end.
 
-    Before the first and after the last valid sample comes the odd reflection of what is
-    measured, which keeps value and slope, and leaves the end sample itself where it is.
-    A marker that is missing throughout becomes 0.
+    Before the first and after the last valid sample follows the odd reflection of the measured
+    samples, which preserves value and slope. A marker that is missing throughout becomes 0.
     """
     frames, markers, _ = data.shape
     result = np.zeros((frames + 2 * pad, markers, 3))
-    whole = ~missing.any(axis=0)
-    if whole.any():
-        result[:, whole] = _reflect(data[:, whole], pad, pad)
-    for marker in np.flatnonzero(~whole):
+    complete = ~missing.any(axis=0)
+    if complete.any():
+        result[:, complete] = _reflect(data[:, complete], pad, pad)
+    for marker in np.flatnonzero(~complete):
         valid = np.flatnonzero(~missing[:, marker])
         if valid.size == 0:
             continue
         first, last = valid[0], valid[-1]
         run = data[first : last + 1, marker].copy()
-        _join(run, valid - first)
+        _interpolate_inner_gaps(run, valid - first)
         result[:, marker] = _reflect(run, first + pad, frames - 1 - last + pad)
     return result
 
@@ -324,11 +335,11 @@ def _reflect(data: NDArray[np.float64], before: int, after: int) -> NDArray[np.f
     return np.pad(data, widths, mode="reflect", reflect_type="odd")
 
 
-def _join(run: NDArray[np.float64], valid: NDArray[np.intp]) -> None:
-    """Fill the inner gaps of one marker's `run` (frames, 3) in place.
+def _interpolate_inner_gaps(run: NDArray[np.float64], valid: NDArray[np.intp]) -> None:
+    """Fill the inner gaps of one marker's ``run`` (frames, 3) in place, by cubic Hermite splines.
 
-    By cubic Hermite pieces that take over the slope on either side. A straight line would put
-    a kink at the gap's edge, and the filter would carry it into the measured samples.
+    They continue the slope on either side. A straight line would have a kink at the edge of the
+    gap, and the filter would spread it to measured samples.
     """
     edges = np.flatnonzero(np.diff(valid) > 1)
     for k in edges:

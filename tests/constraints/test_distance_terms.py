@@ -78,7 +78,7 @@ def test_variance_of_a_coordinate():
     assert coordinate_variance(np.zeros((1, 1)))[0, 0] == pytest.approx(1e-6 / 3.0)
 
 
-def test_markers_in_one_place_have_no_direction():
+def test_the_direction_between_close_markers_is_damped():
     points = np.zeros((1, 2, 3))
     points[0, 0, 0] = 0.5 * MIN_DISTANCE
     matrix, rhs = normal_equations(

@@ -1,4 +1,4 @@
-"""Feet stay out of the floor."""
+"""No prediction lies below the floor."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ def leg(frames=60, seed=0):
     """Hip, knee, ankle, heel and toe of a leg over a floor at a height of 20 mm (frames, 5, 3)."""
     rng = np.random.default_rng(seed)
     time = np.arange(frames) / RATE
-    lifted = 20.0 + 80.0 * np.maximum(np.sin(2.0 * np.pi * time + rng.uniform(0, 6)), 0.0)
+    height = 20.0 + 80.0 * np.maximum(np.sin(2.0 * np.pi * time + rng.uniform(0, 6)), 0.0)
     points = np.zeros((frames, 5, 3))
     points[:, :, 0] = [0.0, 120.0, 0.0, -60.0, 140.0]
     points[:, :, 2] = np.array([820.0, 420.0, 80.0, 20.0, 0.0])
-    points[:, 1:, 2] += lifted[:, None]
+    points[:, 1:, 2] += height[:, None]
     return points
 
 
@@ -46,7 +46,7 @@ SPREAD = np.array(  # of knee, ankle, heel and toe, with these and the hip
 FLOOR = np.array([-np.inf, 100.0, 40.0, 20.0])
 
 
-def lifted(predicted, hip, expected_rms=40.0, floor=FLOOR):
+def corrected(predicted, hip, expected_rms=40.0, floor=FLOOR):
     deviations = np.full(predicted.shape[:2], expected_rms)
     return enforce_floor(predicted, deviations, hip, SPREAD, floor, RATE)
 
@@ -58,14 +58,14 @@ def test_a_foot_stays_above_its_floor_and_a_knee_has_none():
     np.testing.assert_allclose(floor[2:], FLOOR[1:], atol=1.0)
 
 
-def test_one_bad_sample_is_no_floor():
+def test_one_bad_sample_does_not_lower_the_floor():
     clip = leg(frames=300)
     clip[17, 4, 2] = -400.0
     clip[18:40, 4] = np.nan
     assert floor_heights(clip, np.full(5, -1))[4] == pytest.approx(20.0, abs=1.0)
 
 
-def test_what_swings_low_for_a_moment_has_no_floor():
+def test_a_marker_that_swings_low_has_no_floor():
     clip = np.concatenate([leg(frames=300), leg(frames=300)[:, :1]], axis=1)
     time = np.arange(300) / RATE
     clip[:, 5, 2] = 400.0 - 350.0 * np.maximum(np.sin(2.0 * np.pi * time), 0.0) ** 20
@@ -75,16 +75,16 @@ def test_what_swings_low_for_a_moment_has_no_floor():
     assert floor_heights(clip, np.full(6, -1))[5] == -np.inf
 
 
-def test_a_foot_that_is_hardly_seen_has_its_partners_floor():
+def test_a_hardly_visible_foot_has_the_floor_of_the_other_one():
     clip = np.concatenate([leg(frames=300), leg(frames=300)], axis=1)
     clip[10:, 9] = np.nan
-    partner = np.r_[5:10, 0:5]
-    floor = floor_heights(clip, partner)
+    contralateral = np.r_[5:10, 0:5]
+    floor = floor_heights(clip, contralateral)
     assert floor[9] == floor[4]
     assert floor_heights(clip, np.full(10, -1))[9] == -np.inf
 
 
-def test_the_lower_of_two_feet_says_how_low_both_go():
+def test_the_lower_foot_sets_the_floor_of_both():
     clip = np.concatenate([leg(frames=300), leg(frames=300)], axis=1)
     clip[:, 5:, 2] += 7.0
     floor = floor_heights(clip, np.r_[5:10, 0:5])
@@ -100,10 +100,10 @@ def test_nothing_stays_below_the_floor(seed, depth, expected_rms):
     predicted[..., 2] -= min(depth, OPTIONS.max_penetration_std * expected_rms) * rng.uniform(
         0.0, 1.0, (60, 1)
     )
-    found = lifted(predicted, clip[:, :1], expected_rms)
-    # the floor gives way a little against the pull of what was predicted of all four markers
-    pull = 4 * (depth + 10.0) / (expected_rms**2 / 3.0)
-    assert (found[..., 2] > FLOOR - 1.0 - pull * OPTIONS.floor_std**2).all()
+    found = corrected(predicted, clip[:, :1], expected_rms)
+    # the soft floor yields a little to the predictions of all four markers
+    yielding = 4 * (depth + 10.0) / (expected_rms**2 / 3.0)
+    assert (found[..., 2] > FLOOR - 1.0 - yielding * OPTIONS.floor_std**2).all()
 
 
 @settings(deadline=None, max_examples=20)
@@ -111,10 +111,10 @@ def test_nothing_stays_below_the_floor(seed, depth, expected_rms):
 def test_what_is_above_the_floor_stays(seed):
     clip = leg(seed=seed % 1000)
     predicted = clip[:, 1:] + [0.0, 0.0, 1e-9]
-    assert lifted(predicted, clip[:, :1]) is predicted
+    assert corrected(predicted, clip[:, :1]) is predicted
     sunk = predicted.copy()
     sunk[30, 3, 2] = 5.0
-    found = lifted(sunk, clip[:, :1])
+    found = corrected(sunk, clip[:, :1])
     moved = (found != sunk).any(axis=(1, 2))
     assert moved[30]
     assert not moved[:24].any()
@@ -126,7 +126,7 @@ def test_the_limb_follows_and_keeps_its_lengths():
     clip = leg()
     sunk = clip[:, 1:].copy()
     sunk[:, 1:, 2] -= 30.0  # a leg that is too long, foot and all
-    found = lifted(sunk, clip[:, :1])
+    found = corrected(sunk, clip[:, :1])
 
     def lengths(points):
         return np.linalg.norm(np.diff(points[:, 1:], axis=1), axis=2)
@@ -137,31 +137,31 @@ def test_the_limb_follows_and_keeps_its_lengths():
     assert np.linalg.norm(found[:, 0] - sunk[:, 0], axis=1).max() > 1.0  # the knee gives way
 
 
-def test_a_lift_turns_and_moves_with_the_body_over_the_floor():
+def test_the_correction_turns_and_moves_with_the_body():
     clip = leg()
     rng = np.random.default_rng(3)
     predicted = clip[:, 1:] + rng.normal(0.0, 10.0, (60, 4, 3))
     shift = np.array([500.0, -2000.0, 0.0])
-    found = lifted(predicted, clip[:, :1])
+    found = corrected(predicted, clip[:, :1])
     assert (found != predicted).any()
-    moved = lifted(turned(predicted, 1.1, shift), turned(clip[:, :1], 1.1, shift))
+    moved = corrected(turned(predicted, 1.1, shift), turned(clip[:, :1], 1.1, shift))
     np.testing.assert_allclose(moved, turned(found, 1.1, shift), atol=1e-7)
 
 
-def test_a_stair_is_no_floor():
+def test_predictions_far_below_the_floor_are_not_corrected():
     clip = leg()
     lower = clip[:, 1:] - [
         0.0,
         0.0,
         OPTIONS.max_penetration + OPTIONS.max_penetration_std * 5.0 + 1.0 + 80.0,
     ]
-    assert lifted(lower, clip[:, :1], expected_rms=5.0) is lower
+    assert corrected(lower, clip[:, :1], expected_rms=5.0) is lower
 
 
 @settings(deadline=None, max_examples=10)
 @given(st.integers(0, 2**31))
 @example(336234)
-def test_it_is_the_minimum_of_its_least_squares(seed):
+def test_the_result_minimises_the_least_squares(seed):
     rng = np.random.default_rng(seed)
     clip = leg(frames=1, seed=seed % 1000)
     predicted = clip[:, 1:] + rng.normal(0.0, 5.0, (1, 4, 3)) - [0.0, 0.0, 40.0]
@@ -185,15 +185,15 @@ def test_it_is_the_minimum_of_its_least_squares(seed):
     assert (terms(found.ravel()) ** 2).sum() < 1.1 * 2.0 * best.cost + 1e-3
 
 
-def test_markers_that_are_not_measured_take_no_part():
+def test_missing_markers_tie_nothing():
     clip = leg()
     sunk = clip[:, 1:] - [0.0, 0.0, 25.0]
-    found = lifted(sunk, np.full((60, 1, 3), np.nan))
+    found = corrected(sunk, np.full((60, 1, 3), np.nan))
     assert np.isfinite(found).all()
     assert (found[..., 2] > FLOOR - 2.0).all()
 
 
-def test_a_lifted_toe_does_not_tilt_the_heel_into_the_floor():
+def test_a_raised_toe_does_not_tilt_the_heel_into_the_floor():
     foot = np.zeros((1, 3, 3))  # ankle with a small expected error, heel and toe
     foot[0, :, 0] = [0.0, -60.0, 140.0]
     foot[0, :, 2] = [100.0, 20.0, -20.0]
@@ -206,32 +206,32 @@ def test_a_lifted_toe_does_not_tilt_the_heel_into_the_floor():
     assert found(20.0)[2] > 9.0
     assert found(20.0)[1] > 19.0
     assert found(-np.inf)[1] < 15.0  # a heel without a floor turns about the ankle
-    np.testing.assert_array_equal(found(20.0, 0.0), found(20.0))  # no distance is held better
+    np.testing.assert_array_equal(found(20.0, 0.0), found(20.0))  # no distance is held more tightly
     assert (np.abs(found(20.0, 2.0 * OPTIONS.min_spread) - found(20.0)) > 1e-3).any()
 
 
-def test_a_floor_is_ignored_by_markers_far_below_it():
+def test_the_limit_of_the_penetration():
     clip = leg()
     depth = OPTIONS.max_penetration + OPTIONS.max_penetration_std * 5.0
     for more, stays in ((-0.01, False), (0.01, True)):
         sunk = clip[:, 1:].copy()
         sunk[30, 3, 2] = FLOOR[3] - depth - more
-        found = lifted(sunk, clip[:, :1], expected_rms=5.0)
+        found = corrected(sunk, clip[:, :1], expected_rms=5.0)
         assert (found is sunk) == stays
 
 
-def test_a_marker_far_below_its_floor_stays_while_others_are_lifted():
+def test_a_marker_far_below_its_floor_is_unchanged_while_others_are_raised():
     clip = leg()
     sunk = clip[:, 1:].copy()
     sunk[30, 3, 2] -= 1000.0  # more than the limit
     sunk[10, 2, 2] = FLOOR[2] - 15.0
-    far = np.full((60, 4), 5.0)
-    found = enforce_floor(sunk, far, clip[:, :1], np.full((4, 5), 99.0), FLOOR, RATE)
+    rms = np.full((60, 4), 5.0)
+    found = enforce_floor(sunk, rms, clip[:, :1], np.full((4, 5), 99.0), FLOOR, RATE)
     np.testing.assert_allclose(found[:, 3], sunk[:, 3], atol=1e-9)
     assert found[10, 2, 2] > FLOOR[2] - 3.0
 
 
-def test_a_floor_needs_samples_that_rest_low():
+def test_a_floor_needs_samples_at_rest():
     none = np.full(3, -1)
     clip = np.zeros((100, 3, 3))
     clip[..., 2] = 500.0
@@ -253,7 +253,7 @@ def test_a_floor_needs_samples_that_rest_low():
     np.testing.assert_allclose(floor_heights(clip, none), expected)
 
 
-def test_a_lift_comes_and_goes_smoothly():
+def test_the_correction_is_smooth_in_time():
     rate = 200.0
     reach = round(OPTIONS.ramp_seconds * rate)
     heights = np.full(60, 50.0)

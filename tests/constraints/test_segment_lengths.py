@@ -1,4 +1,4 @@
-"""Segments keep their lengths."""
+"""Segments hold their lengths."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def chosen(clip):
     return choose_length_edges(*pair_distances(clip), MISSING, VISIBLE)
 
 
-def test_each_marker_hangs_on_the_stiffest():
+def test_each_marker_is_linked_by_its_most_constant_distance():
     edges = chosen(arm())
     pairs = {
         (MISSING[a], np.r_[MISSING, VISIBLE][b])
@@ -62,7 +62,7 @@ def test_each_marker_hangs_on_the_stiffest():
     assert (edges.spread < MAX_CONSTRAINED_SPREAD).all()
 
 
-def test_nothing_holds_what_varies():
+def test_varying_distances_are_not_held():
     clip = arm()
     distance, spread = pair_distances(clip)
     assert (
@@ -74,7 +74,7 @@ def test_nothing_holds_what_varies():
     np.testing.assert_array_equal(held, clip[:, 3:])
 
 
-def test_lengths_come_nearer():
+def test_lengths_improve():
     clip = arm()
     edges = chosen(clip)
     short = clip[:, 3:].mean(axis=0) + 0.6 * (clip[:, 3:] - clip[:, 3:].mean(axis=0))
@@ -93,7 +93,7 @@ def test_lengths_come_nearer():
 
 @settings(deadline=None, max_examples=20)
 @given(st.integers(0, 2**31))
-def test_it_is_the_minimum_of_its_least_squares(seed):
+def test_the_result_minimises_the_least_squares(seed):
     clip = arm(frames=12, seed=seed % 1000)
     rng = np.random.default_rng(seed)
     edges = chosen(clip)
@@ -123,7 +123,7 @@ def test_it_is_the_minimum_of_its_least_squares(seed):
     assert reached <= (terms(predicted[0].ravel()) ** 2).sum()
 
 
-def test_it_turns_and_moves_with_the_body():
+def test_the_result_turns_and_moves_with_the_body():
     clip = arm()
     edges = chosen(clip)
     predicted = clip[:, 3:] + np.random.default_rng(1).normal(0, 20.0, (40, 4, 3))
@@ -149,7 +149,7 @@ def test_frames_and_other_visible_markers_make_no_difference():
     np.testing.assert_allclose(alone, held, atol=1e-9)
 
 
-def test_markers_that_hang_on_each_other_alone_need_no_visible_one():
+def test_markers_linked_only_to_each_other_need_no_visible_one():
     clip = arm()
     edges = chosen(clip)
     inner = edges.second < 4

@@ -1,4 +1,4 @@
-"""Positions and velocities are joined."""
+"""Positions and velocities are fused."""
 
 from __future__ import annotations
 
@@ -14,9 +14,8 @@ from priorfill.constraints.velocity_fusion import (
     fuse_velocity,
 )
 from priorfill.gp.velocities import (
-    LEAST_WIDTH,
-    SPEED_WIDTH,
-    Motion,
+    VelocityErrorOptions,
+    VelocityPrediction,
     error_by_speed,
 )
 
@@ -27,7 +26,7 @@ def some(seed, frames=12, markers=2):
     """Return what is predicted, how it moves, and what is measured of some frames at 100 Hz."""
     rng = np.random.default_rng(seed)
     positions = rng.normal(0, 100, (frames, markers, 3)).cumsum(axis=0)
-    motion = Motion(
+    motion = VelocityPrediction(
         rng.normal(0, 500, (frames, markers, 3)),
         rng.uniform(100, 500, (frames, markers)),
         rng.uniform(5, 50, markers),
@@ -39,7 +38,7 @@ def some(seed, frames=12, markers=2):
 
 @settings(deadline=None, max_examples=25)
 @given(st.integers(0, 2**31))
-def test_the_minimum_of_what_the_docs_say(seed):
+def test_the_result_minimises_the_least_squares(seed):
     """Against a dense least squares, a coordinate at a time."""
     positions, motion, measured = some(seed)
     found = fuse_velocity(positions, motion, measured, 100.0)
@@ -49,13 +48,13 @@ def test_the_minimum_of_what_the_docs_say(seed):
             equations, side = [], []
             slope = np.gradient(positions[:, m, i]) * 100.0
             expected = motion.expected_rms[:, m]
-            ratio = expected / (motion.error[m] / OPTIONS.error_time)
+            ratio = expected / (motion.position_rms[m] / OPTIONS.error_time)
             told = 1 / (expected**2 * (1 + (ratio / OPTIONS.half_weight_ratio) ** 2))
-            derived = (OPTIONS.error_time / motion.error[m]) ** 2
+            derived = (OPTIONS.error_time / motion.position_rms[m]) ** 2
             u = (told * motion.velocity[:, m, i] + derived * slope) / (told + derived)
             for t in range(frames):
                 known = not np.isnan(measured[t, m, i])
-                error = OPTIONS.measured_std if known else motion.error[m]
+                error = OPTIONS.measured_std if known else motion.position_rms[m]
                 equations.append(np.eye(frames)[t] / error)
                 side.append((measured if known else positions)[t, m, i] / error)
                 if t + 1 < frames:
@@ -72,10 +71,10 @@ def test_a_standing_foot_stays_where_it_is_measured():
     wrong = 30.0 * np.stack([np.cos(t / 6), np.sin(t / 6), 0.0 * t], axis=1)[:, None]
     measured = np.full((60, 1, 3), np.nan)
     measured[:3] = measured[-3:] = 0.0
-    motion = Motion(np.zeros((60, 1, 3)), np.full((60, 1), 10.0), np.array([30.0]))
+    motion = VelocityPrediction(np.zeros((60, 1, 3)), np.full((60, 1), 10.0), np.array([30.0]))
     found = fuse_velocity(wrong, motion, measured, 100.0)
     assert np.linalg.norm(found, axis=2).max() < 6.0
-    unsure = Motion(motion.velocity, np.full((60, 1), 1e4), motion.error)
+    unsure = VelocityPrediction(motion.velocity, np.full((60, 1), 1e4), motion.position_rms)
     assert np.linalg.norm(fuse_velocity(wrong, unsure, measured, 100.0), axis=2)[10:50].min() > 20.0
 
 
@@ -88,10 +87,10 @@ def test_measured_samples_are_held(seed):
     np.testing.assert_allclose(found[known], measured[known], atol=2.0)
 
 
-def test_what_agrees_is_left_alone():
+def test_consistent_predictions_are_unchanged():
     t = np.arange(20)[:, None, None] / 100.0
     velocity = np.broadcast_to([100.0, -50.0, 20.0], (20, 1, 3))
-    motion = Motion(velocity, np.full((20, 1), 30.0), np.array([10.0]))
+    motion = VelocityPrediction(velocity, np.full((20, 1), 30.0), np.array([10.0]))
     positions = velocity * t
     nothing = np.full_like(positions, np.nan)
     np.testing.assert_allclose(
@@ -101,10 +100,10 @@ def test_what_agrees_is_left_alone():
 
 def test_a_clip_that_stands_still_has_no_errors():
     positions = np.ones((5, 1, 3))
-    still = Motion(np.zeros((5, 1, 3)), np.zeros((5, 1)), np.zeros(1))
+    still = VelocityPrediction(np.zeros((5, 1, 3)), np.zeros((5, 1)), np.zeros(1))
     nothing = np.full_like(positions, np.nan)
     np.testing.assert_allclose(fuse_velocity(positions, still, nothing, 100.0), 1.0)
-    one = Motion(np.zeros((1, 1, 3)), np.zeros((1, 1)), np.zeros(1))
+    one = VelocityPrediction(np.zeros((1, 1, 3)), np.zeros((1, 1)), np.zeros(1))
     np.testing.assert_array_equal(fuse_velocity(positions[:1], one, nothing[:1], 100.0), 1.0)
 
 
@@ -128,7 +127,10 @@ def test_errors_by_speed_are_a_weighted_mean(seed):
     found = error_by_speed(asked, predicted, wrong)
     for m in range(2):
         speeds = [np.linalg.norm(v) for v in predicted[:, m]]
-        width = max(SPEED_WIDTH * np.median(speeds), LEAST_WIDTH)
+        width = max(
+            VelocityErrorOptions.relative_bandwidth * np.median(speeds),
+            VelocityErrorOptions.min_bandwidth,
+        )
         for q in range(4):
             weights = [
                 np.exp(-(((np.linalg.norm(asked[q, m]) - s) / width) ** 2) / 2) + 1e-6
@@ -142,5 +144,5 @@ def test_poses_are_compared_in_parts():
     rng = np.random.default_rng(2)
     asked, predicted, wrong = (rng.normal(0, 300, (n, 2, 3)) for n in (11, 9, 9))
     whole = error_by_speed(asked, predicted, wrong)
-    with mock.patch("priorfill.gp.velocities.AT_ONCE", 4):
+    with mock.patch("priorfill.gp.velocities.BATCH_SIZE", 4):
         np.testing.assert_array_equal(error_by_speed(asked, predicted, wrong), whole)

@@ -1,4 +1,4 @@
-"""Predictions shake no more than what is measured."""
+"""Predictions have no more jitter than the measured trajectory."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from priorfill.signal.smoothing import (
 
 RATE = 120.0
 OPTIONS = SmoothingOptions()
-UNSURE = np.full((200, 1), 100.0)
+LARGE_RMS = np.full((200, 1), 100.0)
 
 
 def movement(frames=200, seed=0):
@@ -47,13 +47,13 @@ def test_the_low_pass_halves_its_frequency_and_keeps_parabolas():
     np.testing.assert_allclose(low_pass(parabola, RATE, 10.0), parabola, atol=1e-4)
 
 
-def test_slow_movement_does_not_shake_and_noise_does():
+def test_noise_has_jitter_and_slow_movement_has_none():
     slow = movement()
     noisy = slow + np.random.default_rng(0).normal(0.0, 0.5, slow.shape)
     assert jitter_power(noisy, RATE) > 100.0 * jitter_power(slow, RATE)
 
 
-def test_holes_do_not_shake():
+def test_gaps_add_no_jitter():
     noisy = movement() + np.random.default_rng(0).normal(0.0, 0.5, (200, 3))
     holes = noisy.copy()
     holes[60:80] = np.nan
@@ -62,87 +62,89 @@ def test_holes_do_not_shake():
     assert np.isnan(jitter_power(holes, RATE))
 
 
-def test_a_low_rate_tells_nothing():
+def test_jitter_is_unknown_at_a_low_rate():
     assert np.isnan(jitter_power(movement(), 2.0 * OPTIONS.body_frequency))
 
 
 @settings(deadline=None, max_examples=20)
 @given(st.integers(0, 2**31), st.floats(0.5, 5.0))
-def test_what_shakes_becomes_calm_without_moving(seed, noise):
+def test_jitter_is_removed_without_moving_the_path(seed, noise):
     rng = np.random.default_rng(seed)
     slow = movement(seed=seed % 1000)
-    usual = jitter_power(slow + rng.normal(0.0, 0.3, slow.shape), RATE)
-    shaky = slow + rng.normal(0.0, noise, slow.shape)
-    found = smooth_jitter(shaky[:, None], UNSURE, np.array([usual]), RATE)[:, 0]
-    assert jitter_power(found, RATE) <= max(OPTIONS.max_jitter_ratio * usual, 1e-2)
-    off = [np.linalg.norm(x - slow, axis=1).mean() for x in (found, shaky)]
+    measured = jitter_power(slow + rng.normal(0.0, 0.3, slow.shape), RATE)
+    jittery = slow + rng.normal(0.0, noise, slow.shape)
+    found = smooth_jitter(jittery[:, None], LARGE_RMS, np.array([measured]), RATE)[:, 0]
+    assert jitter_power(found, RATE) <= max(OPTIONS.max_jitter_ratio * measured, 1e-2)
+    off = [np.linalg.norm(x - slow, axis=1).mean() for x in (found, jittery)]
     assert off[0] < off[1]
 
 
 def test_a_jump_is_spread_over_a_few_frames():
     path = movement()
-    usual = jitter_power(path + np.random.default_rng(0).normal(0.0, 0.2, path.shape), RATE)
+    measured = jitter_power(path + np.random.default_rng(0).normal(0.0, 0.2, path.shape), RATE)
     jump = path + np.where(np.arange(200) < 100, 0.0, 30.0)[:, None]
-    found = smooth_jitter(jump[:, None], UNSURE, np.array([usual]), RATE)[:, 0]
+    found = smooth_jitter(jump[:, None], LARGE_RMS, np.array([measured]), RATE)[:, 0]
     step = np.linalg.norm(np.diff(found - path, axis=0), axis=1).max()
     assert step < 0.4 * 30.0 * np.sqrt(3.0)
 
 
-def test_what_is_calm_stays_to_the_bit():
+def test_paths_without_jitter_are_unchanged():
     slow = np.stack([movement(seed=1), movement(seed=2)], axis=1)
     noisy = slow + np.random.default_rng(0).normal(0.0, 1.0, slow.shape)
-    usual = np.array([jitter_power(noisy[:, 0], RATE), np.nan])
-    unsure = np.full((200, 2), 100.0)
-    np.testing.assert_array_equal(smooth_jitter(slow, unsure, usual, RATE), slow)
-    found = smooth_jitter(noisy, unsure, usual * [0.1, 1.0], RATE)
-    np.testing.assert_array_equal(found[:, 1], noisy[:, 1])  # of this one nothing is known
+    measured = np.array([jitter_power(noisy[:, 0], RATE), np.nan])
+    large_rms = np.full((200, 2), 100.0)
+    np.testing.assert_array_equal(smooth_jitter(slow, large_rms, measured, RATE), slow)
+    found = smooth_jitter(noisy, large_rms, measured * [0.1, 1.0], RATE)
+    np.testing.assert_array_equal(found[:, 1], noisy[:, 1])  # its measured jitter is unknown
     assert (found[:, 0] != noisy[:, 0]).any()
 
 
-def test_too_short_a_piece_stays():
+def test_short_paths_are_unchanged():
     few = movement(frames=OPTIONS.min_frames - 1)[:, None]
-    assert smooth_jitter(few, UNSURE[: OPTIONS.min_frames - 1], np.array([0.0]), RATE) is few
+    assert smooth_jitter(few, LARGE_RMS[: OPTIONS.min_frames - 1], np.array([0.0]), RATE) is few
 
 
-def test_what_is_known_well_may_shake():
+def test_accurate_predictions_keep_their_jitter():
     noise = np.random.default_rng(0).normal(0.0, 2.0, (200, 3))
-    shaky = (movement() + noise)[:, None]
-    usual = np.array([0.01])
-    np.testing.assert_array_equal(smooth_jitter(shaky, np.full((200, 1), 0.1), usual, RATE), shaky)
-    some = smooth_jitter(shaky, np.full((200, 1), 7.0), usual, RATE)
-    assert (some != shaky).any()
-    moved = np.sqrt(((some - shaky) ** 2).sum(axis=2).mean())
+    jittery = (movement() + noise)[:, None]
+    measured = np.array([0.01])
+    np.testing.assert_array_equal(
+        smooth_jitter(jittery, np.full((200, 1), 0.1), measured, RATE), jittery
+    )
+    some = smooth_jitter(jittery, np.full((200, 1), 7.0), measured, RATE)
+    assert (some != jittery).any()
+    moved = np.sqrt(((some - jittery) ** 2).sum(axis=2).mean())
     assert moved <= OPTIONS.max_shift * 7.0
 
 
-def test_how_far_a_low_pass_may_move_a_prediction():
+def test_the_shift_of_a_low_pass_is_limited():
     """By half of its expected error, on the mean over its frames."""
     rng = np.random.default_rng(3)
-    shaky = (movement() + rng.normal(0.0, 2.0, (200, 3)))[:, None]
-    mildest = low_pass(shaky, RATE, OPTIONS.cutoffs[0])
-    moved = np.sqrt(((mildest - shaky) ** 2).sum(axis=2).mean())
+    jittery = (movement() + rng.normal(0.0, 2.0, (200, 3)))[:, None]
+    weakest = low_pass(jittery, RATE, OPTIONS.cutoffs[0])
+    moved = np.sqrt(((weakest - jittery) ** 2).sum(axis=2).mean())
     size = rng.uniform(0.5, 2.0, (200, 1))
     size *= moved / OPTIONS.max_shift / np.sqrt((size**2).mean())
-    usual = np.array([1e-6])
-    np.testing.assert_array_equal(smooth_jitter(shaky, 0.999 * size, usual, RATE), shaky)
-    np.testing.assert_array_equal(smooth_jitter(shaky, 1.001 * size, usual, RATE), mildest)
+    measured = np.array([1e-6])
+    np.testing.assert_array_equal(smooth_jitter(jittery, 0.999 * size, measured, RATE), jittery)
+    np.testing.assert_array_equal(smooth_jitter(jittery, 1.001 * size, measured, RATE), weakest)
 
 
-def test_the_mildest_low_pass_that_is_enough_is_taken():
-    shaky = (movement() + np.random.default_rng(4).normal(0.0, 2.0, (200, 3)))[:, None]
-    smoothed = [low_pass(shaky, RATE, cut) for cut in OPTIONS.cutoffs]
+def test_the_highest_sufficient_cutoff_is_used():
+    jittery = (movement() + np.random.default_rng(4).normal(0.0, 2.0, (200, 3)))[:, None]
+    smoothed = [low_pass(jittery, RATE, cut) for cut in OPTIONS.cutoffs]
     assert sorted(OPTIONS.cutoffs, reverse=True) == list(OPTIONS.cutoffs)
     for smooth in smoothed:
-        usual = np.array([jitter_power(smooth[:, 0], RATE) / OPTIONS.max_jitter_ratio])
-        found = smooth_jitter(shaky, UNSURE, 1.001 * usual, RATE)
+        measured = np.array([jitter_power(smooth[:, 0], RATE) / OPTIONS.max_jitter_ratio])
+        found = smooth_jitter(jittery, LARGE_RMS, 1.001 * measured, RATE)
         np.testing.assert_array_equal(found, smooth)
-    # 20 Hz are too near to half of a rate of 50 Hz
-    enough, stronger = (low_pass(shaky, 50.0, cut) for cut in OPTIONS.cutoffs[:2])
-    usual = np.array([1.001 * jitter_power(enough[:, 0], 50.0) / OPTIONS.max_jitter_ratio])
-    np.testing.assert_array_equal(smooth_jitter(shaky, UNSURE, usual, 50.0), stronger)
+    # 20 Hz is too close to half of a rate of 50 Hz
+    enough, stronger = (low_pass(jittery, 50.0, cut) for cut in OPTIONS.cutoffs[:2])
+    measured = np.array([1.001 * jitter_power(enough[:, 0], 50.0) / OPTIONS.max_jitter_ratio])
+    np.testing.assert_array_equal(smooth_jitter(jittery, LARGE_RMS, measured, 50.0), stronger)
 
 
-def test_shaking_is_a_mean_square_second_difference():
+def test_jitter_power_is_a_mean_squared_second_difference():
     path = movement(70) + np.random.default_rng(5).normal(0.0, 1.0, (70, 3))
     path[[20, 20 + OPTIONS.min_frames]] = np.nan  # runs of 20 frames, one too short, and the rest
     squares = []
@@ -159,7 +161,7 @@ def test_the_shortest_run_and_the_lowest_rate():
     assert np.isfinite(
         jitter_power(movement(), 1.001 * OPTIONS.body_frequency / OPTIONS.max_cutoff_per_rate)
     )
-    shaky = (few + np.random.default_rng(6).normal(0.0, 2.0, few.shape))[:, None]
+    jittery = (few + np.random.default_rng(6).normal(0.0, 2.0, few.shape))[:, None]
     assert (
-        smooth_jitter(shaky, UNSURE[: OPTIONS.min_frames], np.array([1e-6]), RATE) != shaky
+        smooth_jitter(jittery, LARGE_RMS[: OPTIONS.min_frames], np.array([1e-6]), RATE) != jittery
     ).any()
