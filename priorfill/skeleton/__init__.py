@@ -1,5 +1,5 @@
-"""Skeletons: joints that turn in each other, and marker sets placed on them.
+"""Skeletons: joints that rotate in each other, and virtual markers computed from their motion.
 
-Free libraries of motion come as skeletons (ASF/AMC, BVH), not as markers. Here a skeleton's joint
-angles become positions and rotations of its bones, and a marker set is placed on these.
+Much freely available motion is published as skeletons (ASF/AMC, BVH), not as markers. Forward
+kinematics turns joint angles into positions and rotations of bones, on which markers are placed.
 """

@@ -1,4 +1,4 @@
-"""A skeleton, its motion, and forward kinematics: from joint angles to places in the world."""
+"""A skeleton, its motion, and forward kinematics."""
 
 from __future__ import annotations
 
@@ -7,7 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Motion", "Placed", "Skeleton", "euler", "forward"]
+__all__ = [
+    "JointPoses",
+    "Skeleton",
+    "SkeletonMotion",
+    "euler_rotations",
+    "forward_kinematics",
+]
 
 _AXES = "XYZ"
 
@@ -16,12 +22,13 @@ _AXES = "XYZ"
 class Skeleton:
     """Joints, each with the bone that begins in it.
 
-    In the rest pose no joint is turned, so the frame of every bone has the axes of the world.
+    In the rest pose no joint is rotated, so that the frames of all bones have the axes of the
+    world.
 
     Attributes
     ----------
     names : tuple of str
-        The joints' names, a parent before its children; the first is the root.
+        The joints' names, parents before children; the first is the root.
     parents : tuple of int
         The number of each joint's parent; -1 for the root.
     offsets : ndarray [shape=(joints, 3), file units]
@@ -29,7 +36,7 @@ class Skeleton:
     ends : ndarray [shape=(joints, 3), file units]
         From the joint to the end of its bone, in the rest pose.
     mm_per_unit : float or None
-        Millimetres in a unit of length, where the file says it.
+        Millimetres in a unit of length, if the file states it.
     """
 
     names: tuple[str, ...]
@@ -38,32 +45,32 @@ class Skeleton:
     ends: NDArray[np.float64]
     mm_per_unit: float | None = None
 
-    def rest(self) -> NDArray[np.float64]:
-        """Return where the joints are in the rest pose, from the root [shape=(joints, 3)]."""
-        places = self.offsets.copy()
+    def rest_positions(self) -> NDArray[np.float64]:
+        """Return the joints in the rest pose, relative to the root [shape=(joints, 3)]."""
+        positions = self.offsets.copy()
         for joint, parent in enumerate(self.parents):
             if parent >= 0:
-                places[joint] += places[parent]
-        return places
+                positions[joint] += positions[parent]
+        return positions
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
-    """A skeleton's motion.
+class SkeletonMotion:
+    """The motion of a skeleton.
 
     Attributes
     ----------
     skeleton : Skeleton
-        Whose.
+        The skeleton.
     root : ndarray [shape=(frames, 3), file units]
-        Where the root is.
+        Position of the root.
     turns : dict of int to ndarray [shape=(frames, 3, 3)]
-        How joints are turned from the rest pose, in their parent's frame; joints that are not
-        named keep their parent's.
+        Rotation of joints from the rest pose, in their parent's frame; other joints are not
+        rotated.
     moves : dict of int to ndarray [shape=(frames, 3), file units]
-        What is in the place of the offset of joints that slide, too.
+        Offsets of joints that also translate, in place of the skeleton's.
     rate : float or None
-        Frames per second (Hz); None where the file does not say.
+        Frames per second (Hz); None if the file does not state it.
     """
 
     skeleton: Skeleton
@@ -74,23 +81,23 @@ class Motion:
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
-    """Where a skeleton's joints are in the world.
+class JointPoses:
+    """Positions and rotations of a skeleton's joints in the world.
 
     Attributes
     ----------
-    places : ndarray [shape=(frames, joints, 3), file units]
+    positions : ndarray [shape=(frames, joints, 3), file units]
         The joints.
     rotations : ndarray [shape=(frames, joints, 3, 3)]
         From the frame of each joint's bone to the world.
     """
 
-    places: NDArray[np.float64]
+    positions: NDArray[np.float64]
     rotations: NDArray[np.float64]
 
 
-def euler(order: str, angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return rotations by angles about axes that turn with what is turned.
+def euler_rotations(order: str, angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotations of intrinsic Euler angles.
 
     Parameters
     ----------
@@ -102,47 +109,54 @@ def euler(order: str, angles: NDArray[np.float64]) -> NDArray[np.float64]:
     Returns
     -------
     ndarray [shape=(..., 3, 3)]
-        The identity where there is no axis.
+        The identity if there is no axis.
+
+    Examples
+    --------
+    >>> euler_rotations("Z", np.array([np.pi / 2])).round().astype(int).tolist()
+    [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
     """
-    turned = np.broadcast_to(np.eye(3), (*angles.shape[:-1], 3, 3))
+    rotations = np.broadcast_to(np.eye(3), (*angles.shape[:-1], 3, 3))
     for column, axis in enumerate(order):
-        turned = turned @ _about(_AXES.index(axis), angles[..., column])
-    return turned
+        rotations = rotations @ _axis_rotations(_AXES.index(axis), angles[..., column])
+    return rotations
 
 
-def _about(axis: int, angle: NDArray[np.float64]) -> NDArray[np.float64]:
+def _axis_rotations(axis: int, angle: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return rotations about one axis."""
-    one, other = (axis + 1) % 3, (axis + 2) % 3
-    turned = np.zeros((*angle.shape, 3, 3))
-    turned[..., axis, axis] = 1.0
-    turned[..., one, one] = turned[..., other, other] = np.cos(angle)
-    turned[..., other, one] = np.sin(angle)
-    turned[..., one, other] = -turned[..., other, one]
-    return turned
+    second, third = (axis + 1) % 3, (axis + 2) % 3
+    rotations = np.zeros((*angle.shape, 3, 3))
+    rotations[..., axis, axis] = 1.0
+    rotations[..., second, second] = rotations[..., third, third] = np.cos(angle)
+    rotations[..., third, second] = np.sin(angle)
+    rotations[..., second, third] = -rotations[..., third, second]
+    return rotations
 
 
-def forward(motion: Motion) -> Placed:
-    """Compute where the joints are.
+def forward_kinematics(motion: SkeletonMotion) -> JointPoses:
+    """Compute positions and rotations of the joints.
 
-    A joint is where its parent's bone frame takes its offset, and its own frame is the parent's,
-    turned by its own turn.
+    With the parent's position p and rotation R, a joint with offset o and own rotation T has the
+    position p + R o and the rotation R T.
 
     Parameters
     ----------
-    motion : Motion
+    motion : SkeletonMotion
         The skeleton and its joint angles.
     """
     skeleton, frames = motion.skeleton, len(motion.root)
-    places = np.empty((frames, len(skeleton.names), 3))
-    rotations = np.empty((*places.shape, 3))
+    positions = np.empty((frames, len(skeleton.names), 3))
+    rotations = np.empty((*positions.shape, 3))
     for joint, parent in enumerate(skeleton.parents):
         if parent < 0:
-            places[:, joint] = motion.root
+            positions[:, joint] = motion.root
             above = np.broadcast_to(np.eye(3), (frames, 3, 3))
         else:
             above = rotations[:, parent]
             offset = motion.moves.get(joint, skeleton.offsets[joint])
-            places[:, joint] = places[:, parent] + np.einsum("...ij,...j->...i", above, offset)
+            positions[:, joint] = positions[:, parent] + np.einsum(
+                "...ij,...j->...i", above, offset
+            )
         turn = motion.turns.get(joint)
         rotations[:, joint] = above if turn is None else above @ turn
-    return Placed(places, rotations)
+    return JointPoses(positions, rotations)

@@ -1,4 +1,4 @@
-"""Kinds of skeletons: by what names their files call the parts of a body."""
+"""Names of body parts, and the joint names of known kinds of skeletons."""
 
 from __future__ import annotations
 
@@ -12,25 +12,34 @@ from typing import Any
 from priorfill.errors import ClipError, MarkerSetError
 from priorfill.runtime.resources import resource_path
 
-__all__ = ["BEFORE", "MIDDLE", "NEIGHBOURS", "PARTS", "SIDES", "Kind", "find_joints", "kinds"]
+__all__ = [
+    "FALLBACK_PARTS",
+    "NEIGHBOURS",
+    "PARTS",
+    "SIDES",
+    "TRUNK",
+    "SkeletonKind",
+    "find_joints",
+    "skeleton_kinds",
+]
 
 SIDES = ("left", "right")
 
-MIDDLE = ("pelvis", "thorax", "head")
+TRUNK = ("pelvis", "thorax", "head")
 _LIMBS = (
     *("shoulder", "upper_arm", "forearm", "wrist", "hand"),
     *("thigh", "shank", "foot"),
 )
 
-PARTS = (*MIDDLE, *(f"{side}_{limb}" for side in SIDES for limb in _LIMBS))
-"""The parts of a body, named as the segments of marker sets are. A part begins in a joint of the
+PARTS = (*TRUNK, *(f"{side}_{limb}" for side in SIDES for limb in _LIMBS))
+"""The parts of a body, named like the segments of marker sets. A part begins in a joint of the
 skeleton and moves with it."""
 
-BEFORE = {"wrist": "forearm"}
-"""Parts of limbs that many skeletons do not have, and the parts that they then move with. Of the
-wrist as ASF has it, the lower half of the forearm turns with the hand."""
+FALLBACK_PARTS = {"wrist": "forearm"}
+"""Parts of limbs that many skeletons lack, and the parts they then move with. The wrist, as in ASF,
+is the lower part of the forearm, which rotates with the hand."""
 
-_ALONG = (
+_CHAIN = (
     *(("shoulder", "upper_arm"), ("upper_arm", "forearm"), ("forearm", "wrist"), ("wrist", "hand")),
     *(("thigh", "shank"), ("shank", "foot")),
 )
@@ -40,25 +49,25 @@ NEIGHBOURS = tuple(
     for pair in (
         ("thorax", f"{side}_shoulder"),
         ("pelvis", f"{side}_thigh"),
-        *((f"{side}_{one}", f"{side}_{other}") for one, other in _ALONG),
+        *((f"{side}_{inner}", f"{side}_{outer}") for inner, outer in _CHAIN),
     )
 )
-"""Parts between which skin stretches: pairs, from the middle of the body outwards."""
+"""Pairs of adjacent parts, between which skin stretches, from the trunk outwards."""
 
 
 @dataclass(frozen=True)
-class Kind:
+class SkeletonKind:
     """A kind of skeleton.
 
     Attributes
     ----------
     name : str
-        How it is called.
+        Its name.
     title : str
-        What it is, in one line.
+        Its description in one line.
     joints : dict of str to str
-        The name of the joint of each part; the thorax has none, it is what both shoulders hang
-        on.
+        The name of the joint of each part, except the thorax, whose joint is the parent of both
+        shoulders.
     """
 
     name: str
@@ -67,60 +76,68 @@ class Kind:
 
 
 @lru_cache(maxsize=1)
-def kinds() -> tuple[Kind, ...]:
-    """Return the kinds that ship with priorfill."""
+def skeleton_kinds() -> tuple[SkeletonKind, ...]:
+    """Return the kinds whose definitions are shipped with priorfill.
+
+    Raises
+    ------
+    MarkerSetError
+        If a definition is invalid.
+    """
     return tuple(_read(file) for file in sorted(resource_path("skeletons", "kinds").glob("*.toml")))
 
 
-def _read(file: Path) -> Kind:
+def _read(file: Path) -> SkeletonKind:
     """Read a definition."""
     try:
         content: dict[str, Any] = tomllib.loads(file.read_text(encoding="utf-8"))
         parts, sides = dict(content["parts"]), dict(zip(SIDES, content["sides"], strict=True))
-        joints = {part: str(parts.pop(part)) for part in MIDDLE if part in parts}
+        joints = {part: str(parts.pop(part)) for part in TRUNK if part in parts}
         for limb, joint in parts.items():
             joints |= {f"{side}_{limb}": joint.replace("{s}", sides[side]) for side in SIDES}
         unknown = [part for part in joints if part not in PARTS]
         if unknown:
             raise ValueError(f"part {unknown[0]} is unknown")
-        return Kind(str(content["name"]), str(content["title"]), joints)
+        return SkeletonKind(str(content["name"]), str(content["title"]), joints)
     except (OSError, ValueError, KeyError, AttributeError) as error:
-        raise MarkerSetError(f"{file}: is no kind of skeletons ({error}); correct it") from error
+        raise MarkerSetError(
+            f"{file}: is not a valid kind of skeleton ({error}); correct it"
+        ) from error
 
 
 def find_joints(
     names: Sequence[str], parents: Sequence[int], file: str
-) -> tuple[Kind, dict[str, int]]:
+) -> tuple[SkeletonKind, dict[str, int]]:
     """Recognise a skeleton by the names of its joints.
 
     Parameters
     ----------
     names : sequence of str
-        The joints' names; upper and lower case, and what stands before a colon, do not matter.
+        The joints' names; case and prefixes that end with a colon do not matter.
     parents : sequence of int
         The number of each joint's parent.
     file : str
-        What to call the file.
+        Name of the file for messages.
 
     Returns
     -------
-    kind : Kind
+    kind : SkeletonKind
         The kind.
     joints : dict of str to int
-        The number of each part's joint; parts that it does not have are not among them.
+        The number of each part's joint, for the parts that the skeleton has.
 
     Raises
     ------
     ClipError
-        Where it is of no kind that is known.
+        If it is of no known kind.
     """
     numbers = {name.split(":")[-1].lower(): number for number, name in enumerate(names)}
-    found = []
-    for kind in kinds():
+    candidates = []
+    for kind in skeleton_kinds():
         absent = [
             joint
             for part, joint in kind.joints.items()
-            if joint.lower() not in numbers and not part.endswith(tuple(BEFORE))
+            if joint.lower() not in numbers and not part.endswith(tuple(FALLBACK_PARTS))
         ]
         if not absent:
             joints = {
@@ -128,14 +145,15 @@ def find_joints(
                 for part, joint in kind.joints.items()
                 if joint.lower() in numbers
             }
-            hung = {parents[joints[f"{side}_shoulder"]] for side in SIDES}
-            if len(hung) == 1:
-                joints["thorax"] = hung.pop()
+            thorax = {parents[joints[f"{side}_shoulder"]] for side in SIDES}
+            if len(thorax) == 1:
+                joints["thorax"] = thorax.pop()
                 return kind, joints
-            absent = ["one joint that both shoulders hang on"]
-        found.append((len(absent), kind.name, absent))
-    _, nearest, absent = min(found)
+            absent = ["a common parent of both shoulders"]
+        candidates.append((len(absent), kind.name, absent))
+    _, nearest, absent = min(candidates)
+    known = ", ".join(kind.name for kind in skeleton_kinds())
     raise ClipError(
-        f"{file}: is a skeleton of no kind that is known ({', '.join(k.name for k in kinds())}); "
-        f"{nearest} is nearest and has {', '.join(absent[:4])} too; export it with such names"
+        f"{file}: is a skeleton of no known kind ({known}); the most similar one, {nearest}, also "
+        f"has {', '.join(absent[:4])}; export it with these names"
     )

@@ -2,10 +2,10 @@
 
     python scripts/studies/learn_markers.py TAKE.c3d TAKE.amc [--skeleton X.asf] [-o OUT.toml]
 
-The take's axes are those of HDM05: the C3D file's (x, y, z) are the AMC file's (z, x, y). Prints
-for each marker on which parts of the body it sits, what is left between it and its place, and the
-same where the places were learnt from one half of the take and the other half is looked at.
-`database/skeletons/markers.toml` is what this writes for HDM05's HDM_dg_06-03_03_120.
+The take must have the axes of HDM05: (x, y, z) of the C3D file are (z, x, y) of the AMC file. This
+prints for each marker the parts of the body it sits on, the rms distance from its site, and the
+held-out distance (sites learnt from one half of the take, distance measured in the other).
+`database/skeletons/markers.toml` was written by this script for HDM05's HDM_dg_06-03_03_120.
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ from priorfill.formats import read
 from priorfill.formats.skeletons.asf_amc import find_asf, read_amc, read_asf
 from priorfill.markers.definitions import recognise
 from priorfill.runtime.atomic_file import replace_file
-from priorfill.skeleton.body import Body
-from priorfill.skeleton.joints import Placed, forward
-from priorfill.skeleton.learning import learn_sites
-from priorfill.skeleton.markers import Site, positions_of
+from priorfill.skeleton.joints import JointPoses, forward_kinematics
+from priorfill.skeleton.learn_sites import learn_sites
+from priorfill.skeleton.marker_sites import MarkerSite, marker_positions
+from priorfill.skeleton.skeleton_body import SkeletonBody
 
 FROM_C3D = [1, 2, 0]
 """Which coordinates of the C3D file are x, y and z of the AMC file."""
 
-HEAD = """# Where the 41 markers of baumann41 sit on a body.
+HEAD = """# Sites of the 41 markers of baumann41 on a body.
 #
 # Learnt by scripts/studies/learn_markers.py from one take of HDM05 that exists as C3D and
 # as ASF/AMC, HDM_dg_06-03_03_120 (HDM05, CC BY-SA 3.0: Mueller, Roeder, Clausen, Eberhardt,
 # Krueger, Weber, Documentation: Mocap Database HDM05, CG-2007-2, Universitaet Bonn 2007).
 #
 # A marker is the sum over its parts of weight * (origin of the part's frame) + frame * at, with
-# `at` in the part's sizes: up, to the left, ahead in the rest pose (priorfill/skeleton/body.py).
+# `at` in the part's sizes: up, left, ahead in the rest pose (priorfill/skeleton/skeleton_body.py).
 
 [markers]
 """
 
 
 def main() -> None:
-    """Learn, print, and write where it is asked for."""
+    """Learn the sites, print the errors, and write the sites if --output is given."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("c3d", type=Path)
     parser.add_argument("amc", type=Path)
@@ -51,29 +51,31 @@ def main() -> None:
     options = parser.parse_args()
     asf_file = options.skeleton or find_asf(options.amc)
     if asf_file is None:
-        parser.error(f"{options.amc}: no skeleton lies beside it; give it (--skeleton)")
+        parser.error(
+            f"{options.amc}: its folder has no skeleton of the same name; give one (--skeleton)"
+        )
     asf = read_asf(asf_file)
-    placed = forward(read_amc(options.amc, asf))
+    poses = forward_kinematics(read_amc(options.amc, asf))
     clip = read(options.c3d)
     markers = clip.positions[..., FROM_C3D]
     marker_set = recognise(clip.labels)
     scale = asf.skeleton.mm_per_unit
     assert marker_set is not None and scale is not None
-    body = Body(asf.skeleton, str(asf_file), scale)
+    body = SkeletonBody(asf.skeleton, str(asf_file), scale)
     labels = [label for label in clip.labels if label in marker_set.segment]
     columns = [clip.labels.index(label) for label in labels]
     markers = markers[:, columns]
-    partner = [labels.index(marker_set.mirror.get(label, label)) for label in labels]
+    contralateral = [labels.index(marker_set.mirror.get(label, label)) for label in labels]
     segments = [marker_set.segment[label] for label in labels]
 
-    def learn(rows: slice) -> dict[str, tuple[Site, ...]]:
-        some = Placed(placed.places[rows], placed.rotations[rows])
-        found = learn_sites(body, some, scale, markers[rows], segments, partner, clip.rate)
+    def learn(rows: slice) -> dict[str, tuple[MarkerSite, ...]]:
+        some = JointPoses(poses.positions[rows], poses.rotations[rows])
+        found = learn_sites(body, some, scale, markers[rows], segments, contralateral, clip.rate)
         return dict(zip(labels, found, strict=True))
 
-    def square(sites: dict[str, tuple[Site, ...]], rows: slice) -> NDArray[np.float64]:
-        some = Placed(placed.places[rows], placed.rotations[rows])
-        away = positions_of(sites, body, some, scale) - markers[rows]
+    def square(sites: dict[str, tuple[MarkerSite, ...]], rows: slice) -> NDArray[np.float64]:
+        some = JointPoses(poses.positions[rows], poses.rotations[rows])
+        away = marker_positions(sites, body, some, scale) - markers[rows]
         return np.nanmean((away**2).sum(axis=2), axis=0)
 
     middle = len(markers) // 2
@@ -92,10 +94,10 @@ def main() -> None:
             )
 
 
-def _row(label: str, sites: tuple[Site, ...]) -> str:
+def _row(label: str, sites: tuple[MarkerSite, ...]) -> str:
     rows = []
     for site in sites:
-        at = ", ".join(f"{value:.5f}" for value in site.place)
+        at = ", ".join(f"{value:.5f}" for value in site.position)
         weight = f", weight = {site.weight:.5f}" if len(sites) > 1 else ""
         rows.append(f'{{ part = "{site.part}"{weight}, at = [{at}] }}')
     return f"{label} = [{', '.join(rows)}]\n"

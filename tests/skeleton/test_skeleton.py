@@ -22,16 +22,16 @@ from priorfill.formats.skeletons.asf_amc import (
 )
 from priorfill.formats.skeletons.bvh import parse_bvh
 from priorfill.markers.definitions import load
-from priorfill.skeleton.body import Body
-from priorfill.skeleton.joints import Motion, forward
-from priorfill.skeleton.learning import learn_sites
-from priorfill.skeleton.markers import known_sites, positions_of
-from priorfill.skeleton.place_markers import place
+from priorfill.skeleton.joints import SkeletonMotion, forward_kinematics
+from priorfill.skeleton.learn_sites import learn_sites
+from priorfill.skeleton.marker_sites import known_sites, marker_positions
+from priorfill.skeleton.skeleton_body import SkeletonBody
+from priorfill.skeleton.virtual_markers import compute_virtual_markers
 
 FRAMES = 40
 
 
-def amc_motion(frames: int = FRAMES) -> Motion:
+def amc_motion(frames: int = FRAMES) -> SkeletonMotion:
     return parse_amc(amc(frames).encode(), parse_asf(asf().encode(), "a.asf"), "a.amc")
 
 
@@ -44,7 +44,7 @@ def matrix(rotation: NDArray[np.float64], offset: object = (0.0, 0.0, 0.0)) -> N
 def test_asf_and_amc_agree_with_homogeneous_matrices() -> None:
     # L = C M C^-1 in each bone, about fixed axes x, then y, then z (Acclaim's ASF/AMC)
     motion, frame = amc_motion(), 7
-    placed = forward(motion)
+    poses = forward_kinematics(motion)
     assert motion.skeleton.mm_per_unit == pytest.approx(10.0)
     root = [angle("root", channel, frame) for channel in range(3)]
     turned = Rotation.from_euler("xyz", root, degrees=True).as_matrix()
@@ -57,14 +57,14 @@ def test_asf_and_amc_agree_with_homogeneous_matrices() -> None:
         local = own * Rotation.from_euler("xyz", angles, degrees=True) * own.inv()
         start = ends[parent] @ matrix(local.as_matrix())
         joint = motion.skeleton.names.index(name)
-        np.testing.assert_allclose(placed.places[frame, joint], start[:3, 3], atol=1e-9)
-        np.testing.assert_allclose(placed.rotations[frame, joint], start[:3, :3], atol=1e-9)
+        np.testing.assert_allclose(poses.positions[frame, joint], start[:3, 3], atol=1e-9)
+        np.testing.assert_allclose(poses.rotations[frame, joint], start[:3, :3], atol=1e-9)
         ends[name] = start @ matrix(np.eye(3), end)
 
 
 def test_bvh_agrees_with_homogeneous_matrices() -> None:
     motion, frame = parse_bvh(bvh(FRAMES).encode(), "a.bvh"), 11
-    placed, skeleton = forward(motion), motion.skeleton
+    poses, skeleton = forward_kinematics(motion), motion.skeleton
     assert motion.rate == 120.0
     worlds: list[NDArray[np.float64]] = []
     values = [float(v) for v in bvh(FRAMES).splitlines()[-FRAMES + frame].split()]
@@ -73,8 +73,8 @@ def test_bvh_agrees_with_homogeneous_matrices() -> None:
         turn = Rotation.from_euler("ZXY", values[first : first + 3], degrees=True).as_matrix()
         offset = values[:3] if parent < 0 else skeleton.offsets[joint]
         worlds.append((np.eye(4) if parent < 0 else worlds[parent]) @ matrix(turn, offset))
-        np.testing.assert_allclose(placed.places[frame, joint], worlds[-1][:3, 3], atol=1e-9)
-        np.testing.assert_allclose(placed.rotations[frame, joint], worlds[-1][:3, :3], atol=1e-9)
+        np.testing.assert_allclose(poses.positions[frame, joint], worlds[-1][:3, 3], atol=1e-9)
+        np.testing.assert_allclose(poses.rotations[frame, joint], worlds[-1][:3, :3], atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_bvh_agrees_with_homogeneous_matrices() -> None:
         ("    root lowerback", "    root lowerbck", None, "lowerbck is not among"),
     ],
 )
-def test_what_is_wrong_in_an_asf_file_is_named_with_its_line(
+def test_errors_in_an_asf_file_are_reported_with_the_line(
     old: str, new: str, line: int | None, says: str
 ) -> None:
     text = asf().replace(old, new, 1)
@@ -104,7 +104,7 @@ def test_what_is_wrong_in_an_asf_file_is_named_with_its_line(
         ("\nltibia ", "\n# ", r"line \d+: bone ltibia has no values in frame 3"),
     ],
 )
-def test_what_is_wrong_in_an_amc_file_is_named_with_its_line(old: str, new: str, says: str) -> None:
+def test_errors_in_an_amc_file_are_reported_with_the_line(old: str, new: str, says: str) -> None:
     text = amc(3)
     assert old in text
     if new == "\n# ":
@@ -127,12 +127,12 @@ def test_what_is_wrong_in_an_amc_file_is_named_with_its_line(old: str, new: str,
         ("Xrotation", "Wrotation", r"line \d+: 'wrotation' is not a channel"),
     ],
 )
-def test_what_is_wrong_in_a_bvh_file_is_named(old: str, new: str, says: str) -> None:
+def test_errors_in_a_bvh_file_are_reported(old: str, new: str, says: str) -> None:
     with pytest.raises(FormatError, match="a.bvh: " + says):
         parse_bvh(bvh(3).replace(old, new, 1).encode(), "a.bvh")
 
 
-def test_files_that_are_cut_short_are_refused_or_read_and_never_crash() -> None:
+def test_truncated_files_are_read_or_refused_in_one_line() -> None:
     skeleton = parse_asf(asf().encode(), "a.asf")
     for text, read in (
         (asf(), lambda data: parse_asf(data, "a")),
@@ -146,7 +146,7 @@ def test_files_that_are_cut_short_are_refused_or_read_and_never_crash() -> None:
                 assert "\n" not in str(error)
 
 
-def test_the_skeleton_beside_is_found_by_name(tmp_path: Path) -> None:
+def test_the_skeleton_of_an_amc_file_is_found_by_name(tmp_path: Path) -> None:
     for name in ("01.asf", "HDM_d.asf", "HDM_dg.asf"):
         (tmp_path / name).touch()
     assert find_asf(tmp_path / "01_02.amc") == tmp_path / "01.asf"
@@ -155,34 +155,34 @@ def test_the_skeleton_beside_is_found_by_name(tmp_path: Path) -> None:
     assert find_asf(tmp_path / "011_02.amc") is None
 
 
-def test_learning_finds_places_that_are_there() -> None:
+def test_learning_recovers_known_sites() -> None:
     motion = amc_motion(120)
-    placed, body = forward(motion), Body(motion.skeleton, "a.asf", 10.0)
+    poses, body = forward_kinematics(motion), SkeletonBody(motion.skeleton, "a.asf", 10.0)
     sites = known_sites()
     labels = [label for label, some in sites.items() if len(some) == 1]
     single = {label: sites[label] for label in labels}
-    markers = positions_of(single, body, placed, 10.0)
+    markers = marker_positions(single, body, poses, 10.0)
     marker_set = load("baumann41")
-    partner = [labels.index(marker_set.mirror.get(label, label)) if
+    contralateral = [labels.index(marker_set.mirror.get(label, label)) if
                marker_set.mirror.get(label, label) in labels else i
                for i, label in enumerate(labels)]  # fmt: skip
     segments = [marker_set.segment[label] for label in labels]
-    learnt = learn_sites(body, placed, 10.0, markers, segments, partner, 120.0)
-    again = positions_of(dict(zip(labels, learnt, strict=True)), body, placed, 10.0)
+    learnt = learn_sites(body, poses, 10.0, markers, segments, contralateral, 120.0)
+    again = marker_positions(dict(zip(labels, learnt, strict=True)), body, poses, 10.0)
     assert np.abs(again - markers).max() < 0.1
 
 
-def test_markers_keep_their_places_in_another_kind_of_skeleton() -> None:
-    """The same body in its rest pose, as ASF in mm and as BVH of a unit that nobody says."""
+def test_markers_are_the_same_on_another_kind_of_skeleton() -> None:
+    """The same body in its rest pose, as ASF in mm and as BVH in an unknown unit."""
     still = parse_amc(
         re.sub(r"(?m)^([a-z]+) .*$", _at_rest, amc(2)).encode(),
         parse_asf(asf().encode(), "a.asf"),
         "a.amc",
     )
     marker_set = load("baumann41")
-    here = place(still, marker_set, name="a", file="a.amc")
+    here = compute_virtual_markers(still, marker_set, name="a", file="a.amc")
     rest = parse_bvh(bvh(2, still=True).encode(), "a.bvh")
-    there = place(rest, marker_set, name="b", file="b.bvh")
+    there = compute_virtual_markers(rest, marker_set, name="b", file="b.bvh")
     assert here.labels == there.labels and len(here.labels) == 41
     assert (here.up, there.up, here.rate, there.rate) == ("+Y", "+Y", 120.0, 120.0)
     away = np.linalg.norm(here.positions - there.positions, axis=2)
@@ -195,27 +195,31 @@ def _at_rest(match: re.Match[str]) -> str:
     return " ".join([words[0], *values, *["0"] * (len(words) - 1 - len(values))])
 
 
-def test_markers_follow_a_body_that_is_moved_and_larger() -> None:
+def test_markers_scale_with_the_body() -> None:
     motion, marker_set = amc_motion(), load("baumann41")
-    small = place(motion, marker_set, name="a", file="a")
-    large = place(motion, marker_set, name="a", file="a", mm_per_unit=11.0)
+    small = compute_virtual_markers(motion, marker_set, name="a", file="a")
+    large = compute_virtual_markers(motion, marker_set, name="a", file="a", mm_per_unit=11.0)
     np.testing.assert_allclose(large.positions, 1.1 * small.positions, atol=1e-6)
 
 
-def test_a_set_of_which_some_markers_are_known_is_placed_without_the_others() -> None:
-    clip = place(amc_motion(), load("plug-in-gait"), name="a", file="a")
+def test_markers_without_known_sites_are_left_out() -> None:
+    clip = compute_virtual_markers(amc_motion(), load("plug-in-gait"), name="a", file="a")
     assert "LKNE" in clip.labels and "RBAK" in clip.labels and "LASI" not in clip.labels
 
 
 def test_a_skeleton_of_no_known_kind_or_size_is_refused() -> None:
     text = bvh(3).replace("rShldr", "thing")
-    with pytest.raises(ClipError, match=r"a\.bvh: is a skeleton of no kind.*rShldr"):
-        place(parse_bvh(text.encode(), "a"), load("baumann41"), name="a", file="a.bvh")
+    with pytest.raises(ClipError, match=r"a\.bvh: is a skeleton of no known kind.*rShldr"):
+        compute_virtual_markers(
+            parse_bvh(text.encode(), "a"), load("baumann41"), name="a", file="a.bvh"
+        )
     with pytest.raises(ClipError, match="--unit"):
-        place(amc_motion(), load("baumann41"), name="a", file="a", mm_per_unit=1.0)
+        compute_virtual_markers(
+            amc_motion(), load("baumann41"), name="a", file="a", mm_per_unit=1.0
+        )
 
 
-def test_db_add_marks_placed_clips_and_needs_to_be_told(tmp_path: Path) -> None:
+def test_db_add_marks_virtual_markers_and_requires_a_marker_set(tmp_path: Path) -> None:
     (tmp_path / "x.asf").write_text(asf())
     (tmp_path / "x_1.amc").write_text(amc(FRAMES))
     (tmp_path / "y.bvh").write_text(bvh(FRAMES))
@@ -245,13 +249,13 @@ def test_db_add_marks_placed_clips_and_needs_to_be_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.realdata
-def test_placed_markers_are_near_the_recorded_ones(data: Path) -> None:
+def test_virtual_markers_are_near_the_recorded_ones(data: Path) -> None:
     from priorfill.formats import read
 
     data = data / "hdm05"
     take = data / "HDM_dg_06-03_03_120"
     skeleton = read_asf(data / "HDM_dg.asf")
-    clip = place(
+    clip = compute_virtual_markers(
         read_amc(take.with_suffix(".amc"), skeleton), load("baumann41"), name="dg", file="dg"
     )
     recorded = read(take.with_suffix(".c3d"))

@@ -79,7 +79,7 @@ def read_skeleton(
     from priorfill.formats.skeletons.asf_amc import find_asf, read_amc, read_asf
     from priorfill.formats.skeletons.bvh import read_bvh
     from priorfill.geometry.axes import UP_AXES
-    from priorfill.skeleton.place_markers import place
+    from priorfill.skeleton.virtual_markers import compute_virtual_markers
 
     if up is not None and up not in UP_AXES:
         raise PriorfillError(f"up axis {up!r} is unknown; use one of {' '.join(UP_AXES)}")
@@ -95,7 +95,9 @@ def read_skeleton(
             )
         motion = read_amc(path, read_asf(asf))
         subject = asf.stem
-    return place(motion, marker_set, name=path.stem, file=str(path), subject=subject, **options)
+    return compute_virtual_markers(
+        motion, marker_set, name=path.stem, file=str(path), subject=subject, **options
+    )
 
 
 def _millimetres(unit: str | None) -> float | None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from priorfill.errors import FormatError
 from priorfill.formats.file_bytes import read_bytes
 from priorfill.formats.skeletons.numbered_lines import MAX_NUMBER, NumberedLines
-from priorfill.skeleton.joints import Motion, Skeleton, euler
+from priorfill.skeleton.joints import Skeleton, SkeletonMotion, euler_rotations
 
 __all__ = ["AsfSkeleton", "find_asf", "parse_amc", "parse_asf", "read_amc", "read_asf"]
 
@@ -79,7 +79,7 @@ def read_asf(path: Path) -> AsfSkeleton:
     return parse_asf(read_bytes(path, max_bytes=MAX_AMC_BYTES), str(path))
 
 
-def read_amc(path: Path, asf: AsfSkeleton) -> Motion:
+def read_amc(path: Path, asf: AsfSkeleton) -> SkeletonMotion:
     """Read the motion of a skeleton.
 
     Raises
@@ -279,10 +279,10 @@ def _floats(root: dict[str, list[str]], key: str) -> tuple[float, ...]:
 def _turn(order: str, angles: Sequence[float], degrees: bool) -> NDArray[np.float64]:
     """Return the rotation of an ``axis`` line: about world axes, in the order given."""
     values = np.array(angles[::-1], dtype=np.float64)
-    return euler(order[::-1], np.deg2rad(values) if degrees else values)
+    return euler_rotations(order[::-1], np.deg2rad(values) if degrees else values)
 
 
-def parse_amc(data: bytes, asf: AsfSkeleton, name: str) -> Motion:
+def parse_amc(data: bytes, asf: AsfSkeleton, name: str) -> SkeletonMotion:
     """Parse the contents of an AMC file.
 
     Parameters
@@ -296,7 +296,7 @@ def parse_amc(data: bytes, asf: AsfSkeleton, name: str) -> Motion:
 
     Returns
     -------
-    Motion
+    SkeletonMotion
         The motion in file units, without a rate.
 
     Raises
@@ -375,7 +375,7 @@ def _array(
 
 def _motion(
     asf: AsfSkeleton, columns: dict[str, NDArray[np.float64]], frames: int, degrees: bool
-) -> Motion:
+) -> SkeletonMotion:
     """Convert channel values to rotations and positions."""
     skeleton = asf.skeleton
     root = np.broadcast_to(asf.root, (frames, 3)).copy()
@@ -390,7 +390,7 @@ def _motion(
             # rotations about world axes in the file's order, so the last is the outermost
             at = [channels.index(c) for c in turning[::-1]]
             angles = np.deg2rad(values[:, at]) if degrees else values[:, at]
-            local = euler("".join(_ROTATIONS[c] for c in turning[::-1]), angles)
+            local = euler_rotations("".join(_ROTATIONS[c] for c in turning[::-1]), angles)
         if joint == 0:
             for column, channel in enumerate(channels):
                 if values is not None and channel in _TRANSLATIONS:
@@ -405,4 +405,4 @@ def _motion(
             for column, axis in sliding:
                 moved[:, axis] = values[:, column]
             moves[joint] = skeleton.offsets[joint] + moved @ axes.T
-    return Motion(skeleton, root, turns, moves)
+    return SkeletonMotion(skeleton, root, turns, moves)

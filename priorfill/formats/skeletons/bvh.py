@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from priorfill.errors import FormatError
 from priorfill.formats.file_bytes import read_bytes
 from priorfill.formats.skeletons.numbered_lines import MAX_NUMBER, NumberedLines
-from priorfill.skeleton.joints import Motion, Skeleton, euler
+from priorfill.skeleton.joints import Skeleton, SkeletonMotion, euler_rotations
 
 __all__ = ["parse_bvh", "read_bvh"]
 
@@ -43,7 +43,7 @@ class _Joint:
     tips: list[tuple[float, ...]] = field(default_factory=list)  # offsets of its children
 
 
-def read_bvh(path: Path) -> Motion:
+def read_bvh(path: Path) -> SkeletonMotion:
     """Read a skeleton and its motion.
 
     Raises
@@ -54,7 +54,7 @@ def read_bvh(path: Path) -> Motion:
     return parse_bvh(read_bytes(path, max_bytes=MAX_BVH_BYTES), str(path))
 
 
-def parse_bvh(data: bytes, name: str) -> Motion:
+def parse_bvh(data: bytes, name: str) -> SkeletonMotion:
     """Parse the contents of a BVH file.
 
     Parameters
@@ -66,7 +66,7 @@ def parse_bvh(data: bytes, name: str) -> Motion:
 
     Returns
     -------
-    Motion
+    SkeletonMotion
         The skeleton and its motion in file units, with the rate if it is plausible.
 
     Raises
@@ -93,7 +93,7 @@ def parse_bvh(data: bytes, name: str) -> Motion:
         turning = [k for k, c in enumerate(joint.channels) if c.endswith(_ROTATION)]
         if turning:
             order = "".join(joint.channels[k][0].upper() for k in turning)
-            turns[number] = euler(order, np.deg2rad(columns[:, turning]))
+            turns[number] = euler_rotations(order, np.deg2rad(columns[:, turning]))
         sliding = [k for k, c in enumerate(joint.channels) if c.endswith(_POSITION)]
         if sliding:
             # replaces the offset, as in common programs
@@ -104,7 +104,7 @@ def parse_bvh(data: bytes, name: str) -> Motion:
                 moves[number] = place
             else:
                 root = place
-    return Motion(skeleton, root, turns, moves, rate)
+    return SkeletonMotion(skeleton, root, turns, moves, rate)
 
 
 def _hierarchy(lines: NumberedLines) -> list[_Joint]:
