@@ -47,12 +47,9 @@ def from_arrays(
     labels: Sequence[str],
     rate: float,
     *,
-    unit: str | None = None,
-    up: str | None = None,
     name: str = "clip",
-    subject: str | None = None,
     first_frame: int = 0,
-    zeros_missing: bool = True,
+    **options: Any,
 ) -> Clip:
     """Make a clip from an array.
 
@@ -64,18 +61,13 @@ def from_arrays(
         The markers' names, unique; a prefix before a colon is the subject.
     rate : float
         Frame rate (Hz).
-    unit : str or None
-        Unit of length (mm, cm, m, ...); found from the spread of the markers if None.
-    up : str or None
-        The axis that points up, one of +X, -X, +Y, -Y, +Z, -Z; found from the data if None.
     name : str
         Name of the clip.
-    subject : str or None
-        The subject whose markers are used, if there are several.
     first_frame : int
         Number of the first frame.
-    zeros_missing : bool
-        Treat samples at exactly (0, 0, 0) as missing.
+    **options
+        Further options of `priorfill.read`: ``unit`` (found from the spread of the markers if not
+        given), ``up`` (found from the data if not given), ``subject`` and ``zeros_missing``.
 
     Returns
     -------
@@ -117,7 +109,7 @@ def from_arrays(
             "rename one of them"
         )
     recording = Recording(array, texts, float(rate), "", first_frame=first_frame)
-    return make_clip(recording, name, ReadOptions(zeros_missing, up, None, unit, subject))
+    return make_clip(recording, name, ReadOptions(**options))
 
 
 def from_timeseries(series: Any, **options: Any) -> Clip:

@@ -11,7 +11,7 @@ from text_files import LABELS, standing
 
 from priorfill import interop
 from priorfill.clip import Clip
-from priorfill.errors import ClipError
+from priorfill.errors import ClipError, OptionError
 
 
 class TimeSeries:
@@ -140,6 +140,10 @@ def test_the_array_given_is_not_changed():
 
 
 def test_unusable_data():
+    with pytest.raises(TypeError, match="unexpected keyword argument 'units'"):
+        interop.from_arrays(standing(), LABELS, 100, units="m")
+    with pytest.raises(OptionError, match="unit 'ell' is unknown"):
+        interop.from_arrays(standing(), LABELS, 100, unit="ell")
     with pytest.raises(ClipError, match=r"shape \(12, 6, 3\); \(frames, 2, 3\) or \(frames, 6\)"):
         interop.from_arrays(standing(), ["a", "b"], 100)
     with pytest.raises(ClipError, match="markers 2 and 4 are both named RTOE; rename one"):
