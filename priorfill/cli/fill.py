@@ -69,7 +69,7 @@ def _values(
     type=click.Path(path_type=Path),
     multiple=True,
     help="Another recording of the same subject with the same markers attached, such as the "
-    "static trial, to learn from. May be repeated.",
+    "static trial, to learn from. Can be repeated.",
 )
 @click.option(
     "--method",
@@ -84,13 +84,13 @@ def _values(
     metavar="NAME=VALUE",
     multiple=True,
     callback=_values,
-    help="Set an option of the method; `priorfill methods METHOD` lists them. May be repeated.",
+    help="Set an option of the method; `priorfill methods METHOD` lists them. Can be repeated.",
 )
 @click.option(
     "--markers",
     metavar="PATTERN",
     multiple=True,
-    help="Fill only markers that match ('L*'). May be repeated.",
+    help="Fill only markers that match ('L*'). Can be repeated.",
 )
 @click.option(
     "--frames",
@@ -120,7 +120,7 @@ def _values(
     "subjects",
     metavar="PATTERN",
     multiple=True,
-    help="Learn only from clips of these subjects. May be repeated.",
+    help="Learn only from clips of these subjects. Can be repeated.",
 )
 @click.option(
     "--trust-filled",

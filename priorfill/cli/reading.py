@@ -38,14 +38,14 @@ _NOT_NAMES = click.option(
     "not_names",
     metavar="PATTERN",
     multiple=True,
-    help="Do not learn from clips with these names ('walk*'). May be repeated.",
+    help="Do not learn from clips with these names ('walk*'). Can be repeated.",
 )
 _NOT_SUBJECTS = click.option(
     "--exclude-subject",
     "not_subjects",
     metavar="PATTERN",
     multiple=True,
-    help="Do not learn from clips of these subjects. May be repeated.",
+    help="Do not learn from clips of these subjects. Can be repeated.",
 )
 
 
