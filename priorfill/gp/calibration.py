@@ -1,7 +1,7 @@
-"""What a deviation says of the errors to be expected.
+"""Expected errors and bounds.
 
-A deviation is an expected root mean square distance from the truth (mm). A bound is the distance
-below which nine errors in ten are expected.
+The expected error of a sample is its root mean square (Euclidean) distance from the truth, in mm.
+A bound is the distance below which nine errors in ten are expected.
 """
 
 from __future__ import annotations
@@ -9,59 +9,70 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BOUND_FACTOR", "BOUND_SHARE", "LEAST_DEVIATION", "MEAN_FACTOR", "common_bound"]
+__all__ = ["BOUND_COVERAGE", "BOUND_FACTOR", "MEAN_FACTOR", "MIN_EXPECTED_RMS", "common_bound"]
 
 BOUND_FACTOR = 1.6
-"""Where nothing better is known, 90 % of the errors are expected below this many times the expected
-rms error. For a normal isotropic error in space it would be 1.44; tails are heavier, and the
-deviation itself is an estimate. In 40 cases of `scripts/studies/accuracy_study.py` 1.6 covers 88
-to 90 %;
-by kind of gap 65 to 98 %."""
+"""Ratio of the 90 % bound to the expected rms error, where it is not calibrated. It is 1.44 for
+normal isotropic errors in space, but the tails are heavier and the expected error is an estimate.
+In 40 cases of ``scripts/studies/accuracy_study.py`` a factor of 1.6 covers 88 to 90 % of the
+errors, and 65 to 98 % by kind of gap."""
 
-LEAST_DEVIATION = 0.1
-"""mm. No marker is measured better, so what is not told by its own segment is not known better."""
+MIN_EXPECTED_RMS = 0.1
+"""mm. Measurement noise: a prediction from other recordings, other subjects or over time has no
+smaller expected error."""
 
-BOUND_SHARE = 0.9
-"""Share of the errors that are expected to lie below a bound; one in ten is greater."""
+BOUND_COVERAGE = 0.9
+"""Part of the errors that are expected to lie below a bound."""
 
 MEAN_FACTOR = 0.921
-"""Mean of the distance from the truth, by its root mean square, for a normal isotropic error in
-space: 4 / sqrt(6 pi). A mean of the distance is what recordings are usually compared by."""
+"""Ratio of the mean distance from the truth to its root mean square for normal isotropic errors in
+space, 4 / sqrt(6 pi). Publications mostly compare mean distances."""
 
 UNIT_BOUND = 2.500278
 """Distance below which 90 % of the errors lie that are normal with a standard deviation of 1 in
 each of the three coordinates."""
 
 BISECTIONS = 40
-"""Halvings of an interval: to a part in 10^12 of it."""
+"""Steps of the bisection: the interval shrinks to a 10^-12th."""
+
+MIN_BOUND = 1e-9
+"""mm. Least bound of a sample; avoids a division by zero."""
 
 
 def common_bound(bounds: NDArray[np.float64]) -> float:
     """Return the distance below which 90 % of the errors of samples with different bounds lie.
 
-    Each sample's error is taken to be normal and isotropic, of the size that its own bound says.
-    Samples right at a gap's edge err little, those in its middle more; the errors of the gap are
-    those of all of them together.
+    Samples near the edges of a gap have smaller errors than those in its middle; this is the bound
+    for all of them together. The errors of each sample are taken as normal and isotropic, so that
+    their distances follow a Maxwell distribution.
 
     Parameters
     ----------
     bounds : ndarray [shape=(samples,), mm]
-        Of each sample; at least one, all finite.
+        The 90 % bound of each sample; at least one, all finite.
 
     Returns
     -------
     float
         mm.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> round(common_bound(np.array([3.0, 3.0])), 6)
+    3.0
+    >>> round(common_bound(np.array([1.0, 5.0])), 2)
+    4.37
     """
     from scipy.special import erf
 
     low, high = 0.0, float(bounds.max())
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        ratio = UNIT_BOUND * middle / np.maximum(bounds, 1e-9)  # mm; nothing is known that well
-        # share of a Maxwell distribution below
-        share = erf(ratio / np.sqrt(2.0)) - np.sqrt(2.0 / np.pi) * ratio * np.exp(-0.5 * ratio**2)
-        if share.mean() < BOUND_SHARE:
+        ratio = UNIT_BOUND * middle / np.maximum(bounds, MIN_BOUND)
+        # the distribution function of a Maxwell distribution
+        below = erf(ratio / np.sqrt(2.0)) - np.sqrt(2.0 / np.pi) * ratio * np.exp(-0.5 * ratio**2)
+        if below.mean() < BOUND_COVERAGE:
             low = middle
         else:
             high = middle

@@ -1,36 +1,35 @@
-"""Gaussian-process regression from visible to missing markers.
+"""Gaussian-process regression from visible to missing markers by an ensemble of models.
 
-The rows are poses in which the missing markers were seen. Poses are aligned near the gap (a
-*view*), the visible markers' coordinates weighted by how near and how firmly they are tied to
-the missing ones, and a Gaussian process (GP) predicts the missing coordinates in the aligned
-frame. Its kernel has a linear part (bodies are nearly linear between near poses), a radial part
-(k-nearest-neighbour like), and a part that decays with time, which carries the seam: rows right
-beside the gap are followed closely there and forgotten further in.
+The training poses are those in which the missing markers were measured. Poses are aligned near
+the gap (`priorfill.gp.features.Alignment`), the coordinates of the visible markers are weighted by
+their distance from the missing ones and by how rigidly they are linked with them, and a Gaussian
+process predicts the missing coordinates in the aligned frame. Its kernel has a linear part (a body
+segment's markers are nearly a linear function of each other over similar poses), a squared
+exponential part (similar poses, as in nearest-neighbour regression), and a part that decays with
+the time between poses, which joins the prediction to the measured samples at the gap's edges.
 
-Poses that look alike can belong to different movements. So the features may also hold a
-*moment*: where the visible markers are shortly before and after, or how they move.
+Similar poses may belong to different movements. Lag features (`priorfill.gp.features.LagFeature`)
+add the positions of the visible markers shortly before and after, or their displacement.
 
-No view, moment and kernel is best for all movements. Each triple of them is a *member*; all
-predict, and each counts by its error when blocks as long as the gap are left out of the rows, which
-has a closed form [R06]_ Eq. (5.12), generalised to blocks: with the inverse kernel matrix G, the
-residuals of block B are inv(G_BB) (G Y)_B and their covariance is inv(G_BB). A member that is less
-sure of the gap than of those blocks counts less.
+No alignment, lag feature and kernel is best for all movements. Each combination is a *model* of
+the ensemble. All models are fitted, and are weighted by their cross-validated error, with blocks of
+the gap's length held out [RW06]_ (section 5.3): `priorfill.gp.process.FittedGP.leave_blocks_out`.
+A model whose predictive standard deviation in the gap exceeds that of the held-out blocks has less
+weight there. The ensemble's own errors on the held-out blocks calibrate its expected errors.
 
-The mixture's own residuals of the blocks say how far its deviation is to be trusted.
-
-Rows may also say how fast the missing markers move. Velocities are predicted in the same way,
-from the same matrices, and mixed by their own errors. `priorfill.motion` joins them with the
-positions.
+Velocities of the missing markers, where the training poses have them, are further targets with
+the same covariance, and are combined by weights of their own. `priorfill.constraints` fuses them
+with the positions.
 
 References
 ----------
-.. [R06] Rasmussen and Williams, Gaussian Processes for Machine Learning, MIT Press 2006.
+.. [RW06] Rasmussen and Williams, Gaussian Processes for Machine Learning, MIT Press 2006.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import reduce
 from itertools import groupby
 from typing import Any
@@ -38,311 +37,358 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.gp.calibration import BOUND_FACTOR, BOUND_SHARE
-from priorfill.gp.data import Lesson, Member
-from priorfill.gp.linalg import shares
-from priorfill.gp.models import (
-    Learnt,
-    Reader,
-    Shared,
-    Told,
-)
-from priorfill.gp.velocities import Motion, error_by_speed
+from priorfill.gp.calibration import BOUND_COVERAGE, BOUND_FACTOR
+from priorfill.gp.fitted_models import FittedModel, FittedModels, Predictions, SharedCovariances
+from priorfill.gp.linalg import power_weights
+from priorfill.gp.problem import GPModel, RegressionProblem
+from priorfill.gp.velocities import VelocityErrorOptions, VelocityPrediction, error_by_speed
 
-__all__ = ["Regression", "regress"]
+__all__ = ["EnsembleOptions", "Regression", "regress"]
 
-AT_ONCE = 200
-"""Queries that all members predict at once: the matrices of a member take 0.4 MB each, and what
-some hundred members say of a dozen targets 8 MB, however long the gap is."""
+BATCH_SIZE = 200
+"""Queries predicted at a time: a model's matrices take 0.4 MB each, and the predictions of a
+hundred models for a dozen targets 8 MB, however long the gap is."""
 
-SELECTION_POWER = 8.0
-"""Members count by (least error / own error) to this power: between the mean of all (0) and the
-best alone (infinite), both of which fill worse."""
+MIN_MODEL_ERROR = 1e-6
+"""mm. Least cross-validated error of a model: that of a clip without movement is 0."""
 
-DOUBT_POWER = 0.35
-"""In each frame members count by their left-out error times (deviation predicted there / in the
-blocks left out) to this power: 0.25 to 0.5 fill alike, 0 and 1 worse by one or two parts in a
-hundred, and far worse in the worst case."""
+MIN_VARIANCE = 1e-12
+"""mm². Least predicted variance of a held-out pose."""
 
-PRIOR_BLOCKS = 8.0
-"""Blocks that `BOUND_FACTOR`, and a deviation that is right as predicted, count as against those
-that were left out: a few blocks tell little of the tails."""
 
-CHOICE = 1.3
-"""So many times what left-out blocks tell is the deviation of what lessons beside the first say,
-since they are weighed by the same blocks: without it, bounds that should hold for 90 % of samples
-held for 85 % with a database, on 60 gaps, and for 90 % without."""
+@dataclass(frozen=True)
+class EnsembleOptions:
+    """How the models of an ensemble are weighted, and how its errors are calibrated.
 
-LEAST_DEVIATION = 1e-3
-"""mm. Nothing is known better; a marker in the place of a visible one might seem to be."""
+    Attributes
+    ----------
+    weight_power : float
+        Models are weighted by their cross-validated error to the power of minus this: 0 is the
+        mean of all, infinity the best one alone, and both fill worse.
+    relative_std_power : float
+        In each frame the error of a model is multiplied by its relative standard deviation to
+        this power. From 0.25 to 0.5 results are alike; 0 and 1 are worse by one or two per cent,
+        and far worse in the worst case.
+    prior_blocks : float
+        The calibration without data (expected errors as predicted, and
+        `priorfill.gp.calibration.BOUND_FACTOR`) counts as this many held-out blocks: few blocks
+        tell little about the tails of the errors.
+    selection_inflation : float
+        Factor of the expected error of models of further problems than the first. Their weights
+        are chosen on the blocks that calibrate them: without it, bounds for 90 % of the samples
+        held for 85 % with a database, in 60 gaps, and for 90 % without.
+    min_expected_rms : float
+        mm. Least expected error; a marker at the place of a visible one could have none.
+    min_common_poses : int
+        Held-out poses that all problems must have in common to calibrate their ensemble;
+        otherwise the problem of the greatest weight is calibrated alone.
+    velocity_errors : VelocityErrorOptions
+        Of the expected errors of velocities.
+    """
 
-FEWEST_JUDGED = 20
-"""Fewest rows that lessons must have in common for their mixture to be judged by them."""
+    weight_power: float = 8.0
+    relative_std_power: float = 0.35
+    prior_blocks: float = 8.0
+    selection_inflation: float = 1.3
+    min_expected_rms: float = 1e-3
+    min_common_poses: int = 20
+    velocity_errors: VelocityErrorOptions = field(default_factory=VelocityErrorOptions)
 
 
 @dataclass(frozen=True, eq=False)
 class Regression:
-    """What the regression says of the missing markers.
+    """The ensemble's prediction of the missing markers.
 
     Attributes
     ----------
     positions : ndarray [shape=(poses, missing markers, 3), mm]
         Upright.
-    deviation : ndarray [shape=(poses, missing markers), mm]
-        Expected rms Euclidean error.
+    expected_rms : ndarray [shape=(poses, missing markers), mm]
+        Expected rms error (Euclidean).
     bound_factor : float
-        Times the deviation: what 90 % of the errors are expected to lie within.
-    motion : Motion or None
-        How the missing markers move, if all lessons' rows say so.
+        Factor of `expected_rms` that gives the bound below which 90 % of the errors are expected.
+    velocity : VelocityPrediction or None
+        Velocities of the missing markers, if the training poses of all problems have them.
     """
 
     positions: NDArray[np.float64]
     expected_rms: NDArray[np.float64]
     bound_factor: float
-    motion: Motion | None = None
-
-
-def _calibrate(
-    share: NDArray[np.float64],
-    residuals: NDArray[np.float64],
-    left_out: NDArray[np.float64],
-    blocks: int,
-) -> tuple[float, float]:
-    """Judge a mixture's deviation by what it got wrong on blocks left out.
-
-    Parameters
-    ----------
-    share : ndarray [shape=(members,)]
-        Sum 1.
-    residuals : ndarray [shape=(members, rows, missing markers, 3), mm]
-        Of the same rows.
-    left_out : ndarray [shape=(members, rows, missing markers), mm²]
-        Predicted variance of each.
-    blocks : int
-        How many blocks the rows are from.
-
-    Returns
-    -------
-    factor : float
-        What the mixture's deviation is to be multiplied by.
-    bound : float
-        What times that deviation 90 % of the errors lie within.
-    """
-    mean = np.einsum("k,krmi->rmi", share, residuals)
-    disagreement = ((residuals - mean) ** 2).sum(axis=3)
-    variance = np.einsum("k,krm->rm", share, left_out + disagreement)
-    ratio = np.sqrt((mean**2).sum(axis=2) / np.maximum(variance, 1e-12))
-    known = blocks / (blocks + PRIOR_BLOCKS)
-    factor = float(np.sqrt((ratio**2).mean()))
-    if factor < LEAST_DEVIATION:  # nothing was wrong at all
-        return LEAST_DEVIATION, BOUND_FACTOR
-    bound = float(np.quantile(ratio, BOUND_SHARE)) / factor
-    return factor**known, bound**known * BOUND_FACTOR ** (1.0 - known)
-
-
-@dataclass(frozen=True, eq=False)
-class _Taught:
-    """Lessons, their readers, and the members of all of them in one order."""
-
-    lessons: Sequence[Lesson]
-    shared: Sequence[Shared]
-    readers: Sequence[Reader]
-    of_lesson: NDArray[np.intp]  # (members,)
-
-    @property
-    def learnt(self) -> list[Learnt]:
-        """What each member has learnt."""
-        return [one for reader in self.readers for one in reader.learnt]
-
-
-@dataclass(eq=False)
-class _Mixture:
-    """What members say together of some of the targets: a part of the queries at a time.
-
-    Members count frame by frame, by their errors in the blocks left out and their doubt.
-    """
-
-    taught: _Taught
-    targets: slice
-    mean: NDArray[np.float64]  # (queries, targets, 3)
-    expected_rms: NDArray[np.float64]  # (queries, targets), as they predict it
-    usual: NDArray[np.float64]  # (members,), how much they count in the gap, summed
-    error: NDArray[np.float64]  # (members,), rms in the blocks left out
-
-    @classmethod
-    def of(cls, taught: _Taught, targets: slice, queries: int, count: int) -> _Mixture:
-        """Return a mixture for so many queries and targets, of which nothing is said yet."""
-        square = [(one.residuals[:, targets] ** 2).sum(axis=2).mean() for one in taught.learnt]
-        return cls(
-            taught,
-            targets,
-            np.empty((queries, count, 3)),
-            np.empty((queries, count)),
-            np.zeros(len(square)),
-            np.sqrt(square),
-        )
-
-    def add(self, some: slice, found: Sequence[Told], inside: NDArray[np.bool_]) -> None:
-        """Mix what the readers say of some of the queries.
-
-        Parameters
-        ----------
-        some : slice
-            Which queries.
-        found : sequence of Told
-            Of each reader.
-        inside : ndarray of bool [shape=(some,)]
-            Which of them are in the gap.
-        """
-        told = np.concatenate([one.told[:, :, self.targets] for one in found])
-        variance = np.concatenate([one.variance[:, :, self.targets] for one in found])
-        doubt = np.concatenate([one.doubt for one in found])
-        handicap = np.array([lesson.handicap for lesson in self.taught.lessons])
-        # a clip that stands still has no error
-        judged = np.maximum(self.error[:, None] * doubt**DOUBT_POWER, 1e-6)
-        share = shares(judged * handicap[self.taught.of_lesson, None], SELECTION_POWER)
-        mean = np.einsum("kq,kqmi->qmi", share, told)
-        told -= mean
-        # sums over the last axis, of three, are slow
-        disagreement = told[..., 0] ** 2 + told[..., 1] ** 2 + told[..., 2] ** 2
-        self.mean[some] = mean
-        self.expected_rms[some] = np.sqrt(np.einsum("kq,kqm->qm", share, variance + disagreement))
-        self.usual += share[:, inside].sum(axis=1)
-
-    def judge(self) -> _Judgement:
-        """Judge it by the rows that all lessons have, or else by those of the weightiest."""
-        taught, learnt = self.taught, self.taught.learnt
-        usual = self.usual / self.usual.sum()
-        lessons, shared, of_lesson = taught.lessons, taught.shared, taught.of_lesson
-        times = [lesson.rows.time[s.judged] for lesson, s in zip(lessons, shared, strict=True)]
-        common = reduce(np.intersect1d, times)
-        if len(lessons) > 1 and len(common) >= FEWEST_JUDGED:
-            counted, by = np.arange(len(learnt)), 0
-            rows = [np.searchsorted(time, common) for time in times]
-        else:
-            by = int(np.argmax(np.bincount(of_lesson, usual)))
-            counted = np.flatnonzero(of_lesson == by)
-            rows = [np.arange(len(time)) for time in times]
-        moving = lessons[by].rows.moving
-        known = np.empty((len(rows[by]), 0, 3))
-        if moving is not None and self.targets.start:
-            known = moving[shared[by].judged[rows[by]]]
-        return _Judgement(
-            float(usual[of_lesson > 0].sum()),
-            usual[counted] / usual[counted].sum(),
-            np.stack([learnt[k].residuals[rows[of_lesson[k]], self.targets] for k in counted]),
-            np.stack([learnt[k].left_out[rows[of_lesson[k]], self.targets] for k in counted]),
-            known,
-            min(len(s.blocks) for s in shared),
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class _Judgement:
-    """What a mixture got wrong of its targets, by the members and rows that can tell."""
-
-    beside: float  # how much lessons beside the first count
-    share: NDArray[np.float64]  # (members,)
-    residuals: NDArray[np.float64]  # (members, rows, targets, 3)
-    left_out: NDArray[np.float64]  # (members, rows, targets)
-    known: NDArray[np.float64]  # (rows, targets, 3), velocities; empty of positions
-    blocks: int
-
-    @property
-    def wrong(self) -> NDArray[np.float64]:
-        """The mixture's residuals [shape=(rows, targets, 3)]."""
-        residuals: NDArray[np.float64] = np.einsum("k,krmi->rmi", self.share, self.residuals)
-        return residuals
+    velocity: VelocityPrediction | None = None
 
 
 def regress(
-    lessons: Sequence[Lesson],
-    members: Sequence[Member],
+    problems: Sequence[RegressionProblem],
+    models: Sequence[GPModel],
     block_seconds: float,
     inside: NDArray[np.bool_] | None = None,
-    each: Callable[..., Iterable[Any]] = map,
+    map_function: Callable[..., Iterable[Any]] = map,
+    options: EnsembleOptions = EnsembleOptions(),
 ) -> Regression:
     """Predict the missing markers of some poses.
 
     Parameters
     ----------
-    lessons : sequence of Lesson
-        Ways to learn the same thing: all have the same queries and missing markers.
-    members : sequence of Member
-        Ways to predict; each does by each lesson that has its moment. Those of one view, and in
-        it of one moment, follow each other.
+    problems : sequence of RegressionProblem
+        Training sets for the same missing markers and the same queries.
+    models : sequence of GPModel
+        Each is fitted to each problem that has its lag feature. Those of one alignment, and among
+        these those of one lag feature, must follow each other.
     block_seconds : float
-        Length of the blocks left out: that of the gap.
+        s. Length of the held-out blocks: that of the gap.
     inside : ndarray of bool [shape=(poses,)], optional
-        Which of the queries stand for the gap, the others being beside it or too many;
-        all by default.
-    each : callable
-        How views are gone through: as `map` does, or several at a time.
+        Queries over which a model's weight is averaged, for the calibration; all by default.
+    map_function : callable
+        `map`, or a function like it that works on several alignments at a time.
+    options : EnsembleOptions
+        Weights and calibration.
 
     Returns
     -------
     Regression
-        Members mixed by their left-out error.
+        The weighted mean of the models.
+
+    See Also
+    --------
+    priorfill.gp.process.GaussianProcess : a single process.
     """
-    queries = len(lessons[0].query.time)
+    queries = len(problems[0].query.time)
     if inside is None:
         inside = np.ones(queries, dtype=bool)
-    taught = _teach(lessons, members, block_seconds, each)
-    markers = lessons[0].rows.missing.shape[1]
-    mixtures = [_Mixture.of(taught, slice(0, markers), queries, markers)]
-    moving = all(lesson.rows.moving is not None for lesson in lessons)
-    if moving:
-        mixtures.append(_Mixture.of(taught, slice(markers, None), queries, markers))
-    for start in range(0, queries, AT_ONCE):
-        some = slice(start, start + AT_ONCE)
-        found = _tell(taught, some, each)
-        for mixture in mixtures:
-            mixture.add(some, found, inside[some])
-    place, judgement = mixtures[0], mixtures[0].judge()
-    factor, bound = _calibrate(
-        judgement.share, judgement.residuals, judgement.left_out, judgement.blocks
+    fitted = _fit(problems, models, block_seconds, map_function)
+    markers = problems[0].train.missing.shape[1]
+    ensembles = [_Ensemble.of(fitted, slice(0, markers), queries, markers, options)]
+    if all(problem.train.velocity is not None for problem in problems):
+        velocities = slice(markers, None)
+        ensembles.append(_Ensemble.of(fitted, velocities, queries, markers, options))
+    for start in range(0, queries, BATCH_SIZE):
+        batch = slice(start, start + BATCH_SIZE)
+        predictions = _predict(fitted, batch, map_function)
+        for ensemble in ensembles:
+            ensemble.add(batch, predictions, inside[batch])
+    position, validation = ensembles[0], ensembles[0].cross_validate()
+    factor, bound = _calibrate(validation, options)
+    factor *= options.selection_inflation**validation.further_weight
+    velocity = None
+    if len(ensembles) > 1:
+        velocity = _predicted_velocity(ensembles[1], validation, options)
+    return Regression(
+        position.mean,
+        np.maximum(position.predicted_rms * factor, options.min_expected_rms),
+        bound,
+        velocity,
     )
-    factor *= CHOICE**judgement.beside
-    expected_rms = np.maximum(place.expected_rms * factor, LEAST_DEVIATION)
-    motion = None
-    if moving:
-        pace, paced = mixtures[1], mixtures[1].judge()
-        motion = Motion(
-            pace.mean,
-            np.sqrt(
-                pace.expected_rms
-                * error_by_speed(pace.mean, paced.known - paced.wrong, paced.wrong)
-            ),
-            np.maximum(np.sqrt((judgement.wrong**2).sum(axis=2).mean(axis=0)), LEAST_DEVIATION),
-        )
-    return Regression(place.mean, expected_rms, bound, motion)
 
 
-def _teach(
-    lessons: Sequence[Lesson],
-    members: Sequence[Member],
+@dataclass(frozen=True, eq=False)
+class _FittedEnsemble:
+    """Problems and the models fitted to them; the models of all problems in one order."""
+
+    problems: Sequence[RegressionProblem]
+    shared: Sequence[SharedCovariances]
+    by_alignment: Sequence[FittedModels]
+    problem_of: NDArray[np.intp]  # (models,)
+
+    @property
+    def models(self) -> list[FittedModel]:
+        """The fitted models of all problems and alignments."""
+        return [model for models in self.by_alignment for model in models.fitted]
+
+
+def _fit(
+    problems: Sequence[RegressionProblem],
+    models: Sequence[GPModel],
     block_seconds: float,
-    each: Callable[..., Iterable[Reader]],
-) -> _Taught:
-    """Let members learn; parameters as for `regress`."""
-    kernels = tuple(dict.fromkeys(member.kernel for member in members))
-    shared = [Shared.of(lesson, kernels, block_seconds) for lesson in lessons]
-    able = [[m for m in members if lesson.shows(m.moment)] for lesson in lessons]
-    tasks = [
-        (view, lesson, tuple(some), share)
-        for lesson, share, readers in zip(lessons, shared, able, strict=True)
-        for view, some in groupby(readers, key=lambda member: member.view)
+    map_function: Callable[..., Iterable[FittedModels]],
+) -> _FittedEnsemble:
+    """Fit the models; parameters as of `regress`."""
+    supported = [[m for m in models if problem.supports(m)] for problem in problems]
+    shared = [
+        SharedCovariances.of(problem, some, block_seconds)
+        for problem, some in zip(problems, supported, strict=True)
     ]
-    readers = list(each(Reader.of, *zip(*tasks, strict=True)))
-    return _Taught(
-        lessons, shared, readers, np.repeat(np.arange(len(lessons)), [len(some) for some in able])
+    tasks = [
+        (alignment, problem, tuple(group), common)
+        for problem, common, some in zip(problems, shared, supported, strict=True)
+        for alignment, group in groupby(some, key=lambda model: model.alignment)
+    ]
+    fitted = list(map_function(FittedModels.fit, *zip(*tasks, strict=True)))
+    counts = [len(some) for some in supported]
+    return _FittedEnsemble(problems, shared, fitted, np.repeat(np.arange(len(problems)), counts))
+
+
+def _predict(
+    fitted: _FittedEnsemble, batch: slice, map_function: Callable[..., Iterable[Predictions]]
+) -> list[Predictions]:
+    """Predict some of the queries with the models of each alignment."""
+    inputs = {}
+    for problem, shared in zip(fitted.problems, fitted.shared, strict=True):
+        query = problem.query_batch(batch)
+        inputs[id(shared)] = (query, shared.query_pairs(query))
+    return list(
+        map_function(lambda models: models.predict(*inputs[id(models.shared)]), fitted.by_alignment)
     )
 
 
-def _tell(taught: _Taught, some: slice, each: Callable[..., Iterable[Told]]) -> list[Told]:
-    """Let all readers predict some of the queries."""
-    asked = {}
-    for lesson, share in zip(taught.lessons, taught.shared, strict=True):
-        query = lesson.asked(some)
-        asked[id(share)] = (query, *share.asked(query))
-    return list(each(lambda reader: reader.tell(*asked[id(reader.shared)]), taught.readers))
+@dataclass(eq=False)
+class _Ensemble:
+    """The weighted mean of the models for some of the targets, one batch of queries at a time.
+
+    The weights differ from query to query: see `EnsembleOptions`.
+    """
+
+    fitted: _FittedEnsemble
+    targets: slice
+    options: EnsembleOptions
+    mean: NDArray[np.float64]  # (queries, targets, 3)
+    predicted_rms: NDArray[np.float64]  # (queries, targets), not calibrated
+    total_weight: NDArray[np.float64]  # (models,), summed over the queries in the gap
+    error: NDArray[np.float64]  # (models,), cross-validated, rms
+
+    @classmethod
+    def of(
+        cls,
+        fitted: _FittedEnsemble,
+        targets: slice,
+        queries: int,
+        markers: int,
+        options: EnsembleOptions,
+    ) -> _Ensemble:
+        """Return an ensemble without predictions."""
+        square = [(m.residuals[:, targets] ** 2).sum(axis=2).mean() for m in fitted.models]
+        return cls(
+            fitted,
+            targets,
+            options,
+            np.empty((queries, markers, 3)),
+            np.empty((queries, markers)),
+            np.zeros(len(square)),
+            np.sqrt(square),
+        )
+
+    def add(
+        self, batch: slice, predictions: Sequence[Predictions], inside: NDArray[np.bool_]
+    ) -> None:
+        """Combine the predictions of some of the queries.
+
+        Parameters
+        ----------
+        batch : slice
+            Which queries.
+        predictions : sequence of Predictions
+            Of the models of each alignment.
+        inside : ndarray of bool [shape=(queries of the batch,)]
+            Which of them are in the gap.
+        """
+        each = np.concatenate([one.mean[:, :, self.targets] for one in predictions])
+        variance = np.concatenate([one.variance[:, :, self.targets] for one in predictions])
+        relative_std = np.concatenate([one.relative_std for one in predictions])
+        penalty = np.array([problem.error_penalty for problem in self.fitted.problems])
+        power = self.options.relative_std_power
+        error = np.maximum(self.error[:, None] * relative_std**power, MIN_MODEL_ERROR)
+        error = error * penalty[self.fitted.problem_of, None]
+        weight = power_weights(error, self.options.weight_power)
+        mean = np.einsum("kq,kqmi->qmi", weight, each)
+        each -= mean
+        # spelt out, because a sum over an axis of length three is slow
+        disagreement = each[..., 0] ** 2 + each[..., 1] ** 2 + each[..., 2] ** 2
+        self.mean[batch] = mean
+        self.predicted_rms[batch] = np.sqrt(
+            np.einsum("kq,kqm->qm", weight, variance + disagreement)
+        )
+        self.total_weight += weight[:, inside].sum(axis=1)
+
+    def cross_validate(self) -> _CrossValidation:
+        """Return the errors on the held-out poses.
+
+        They are the poses that all problems have, or else those of the problem of most weight.
+        """
+        fitted, models = self.fitted, self.fitted.models
+        weight = self.total_weight / self.total_weight.sum()
+        problems, shared, problem_of = fitted.problems, fitted.shared, fitted.problem_of
+        times = [p.train.time[s.held_out] for p, s in zip(problems, shared, strict=True)]
+        common = reduce(np.intersect1d, times)
+        if len(problems) > 1 and len(common) >= self.options.min_common_poses:
+            used, main = np.arange(len(models)), 0
+            rows = [np.searchsorted(time, common) for time in times]
+        else:
+            main = int(np.argmax(np.bincount(problem_of, weight)))
+            used = np.flatnonzero(problem_of == main)
+            rows = [np.arange(len(time)) for time in times]
+        velocity = problems[main].train.velocity
+        measured = np.empty((len(rows[main]), 0, 3))
+        if velocity is not None and self.targets.start:
+            measured = velocity[shared[main].held_out[rows[main]]]
+        return _CrossValidation(
+            weight[used] / weight[used].sum(),
+            np.stack([models[k].residuals[rows[problem_of[k]], self.targets] for k in used]),
+            np.stack(
+                [models[k].held_out_variance[rows[problem_of[k]], self.targets] for k in used]
+            ),
+            measured,
+            min(len(s.blocks) for s in shared),
+            float(weight[problem_of > 0].sum()),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _CrossValidation:
+    """Errors of an ensemble on held-out poses, with its mean weights in the gap."""
+
+    weight: NDArray[np.float64]  # (models,), sum 1
+    residuals: NDArray[np.float64]  # (models, poses, targets, 3)
+    held_out_variance: NDArray[np.float64]  # (models, poses, targets)
+    velocity: NDArray[np.float64]  # (poses, targets, 3), measured; no targets for positions
+    blocks: int  # number of held-out blocks
+    further_weight: float = 0.0  # of the models of further problems than the first
+
+    @property
+    def ensemble_residuals(self) -> NDArray[np.float64]:
+        """Residuals of the weighted mean [shape=(poses, targets, 3)]."""
+        residuals: NDArray[np.float64] = np.einsum("k,krmi->rmi", self.weight, self.residuals)
+        return residuals
+
+
+def _calibrate(validation: _CrossValidation, options: EnsembleOptions) -> tuple[float, float]:
+    """Calibrate the predicted errors of an ensemble by its errors on held-out poses.
+
+    Returns
+    -------
+    factor : float
+        By which the predicted rms error is to be multiplied.
+    bound : float
+        Factor of that which gives the bound below which 90 % of the errors lie.
+    """
+    mean = validation.ensemble_residuals
+    disagreement = ((validation.residuals - mean) ** 2).sum(axis=3)
+    variance = np.einsum(
+        "k,krm->rm", validation.weight, validation.held_out_variance + disagreement
+    )
+    ratio = np.sqrt((mean**2).sum(axis=2) / np.maximum(variance, MIN_VARIANCE))
+    known = validation.blocks / (validation.blocks + options.prior_blocks)
+    factor = float(np.sqrt((ratio**2).mean()))
+    if factor < options.min_expected_rms:  # a clip without movement
+        return options.min_expected_rms, BOUND_FACTOR
+    bound = float(np.quantile(ratio, BOUND_COVERAGE)) / factor
+    return factor**known, bound**known * BOUND_FACTOR ** (1.0 - known)
+
+
+def _predicted_velocity(
+    ensemble: _Ensemble, positions: _CrossValidation, options: EnsembleOptions
+) -> VelocityPrediction:
+    """Return an ensemble's velocities and their expected errors.
+
+    The expected rms error is the geometric mean of that which the models predict and that of
+    held-out velocities of similar speed.
+    """
+    validation = ensemble.cross_validate()
+    residuals = validation.ensemble_residuals
+    by_speed = error_by_speed(
+        ensemble.mean, validation.velocity - residuals, residuals, options.velocity_errors
+    )
+    position_rms = np.sqrt((positions.ensemble_residuals**2).sum(axis=2).mean(axis=0))
+    return VelocityPrediction(
+        ensemble.mean,
+        np.sqrt(ensemble.predicted_rms * by_speed),
+        np.maximum(position_rms, options.min_expected_rms),
+    )

@@ -158,17 +158,3 @@ def block_residuals(
     covariance = np.linalg.inv(precision)
     variance: NDArray[np.float64] = np.diagonal(covariance, axis1=1, axis2=2)
     return covariance @ weights[blocks], variance
-
-
-# ---- names of callers that are not converted yet ----
-shares, explained = power_weights, explained_variance
-
-
-def left_out_residuals(
-    root: NDArray[np.float64], weights: NDArray[np.float64], blocks: list[NDArray[np.intp]]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """See `priorfill.gp.process.FittedGP.leave_blocks_out`."""
-    from priorfill.gp.kernels import Constant
-    from priorfill.gp.process import FittedGP
-
-    return FittedGP(Constant(), root, weights).leave_blocks_out(blocks)

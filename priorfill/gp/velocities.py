@@ -9,68 +9,84 @@ from numpy.typing import NDArray
 
 from priorfill.geometry.distances import norms
 
-__all__ = ["Motion", "error_by_speed"]
+__all__ = ["VelocityErrorOptions", "VelocityPrediction", "error_by_speed"]
 
-SPEED_WIDTH = 0.3
-"""Speeds that differ by this part of the median speed are much alike."""
+BATCH_SIZE = 100
+"""Poses compared with all held-out poses at a time: the distances take some MB."""
+
+MIN_WEIGHT = 1e-6
+"""Added to each weight: where no held-out speed is similar, all count alike."""
 
 
-LEAST_WIDTH = 20.0
-"""mm/s. All speeds that differ by no more are alike."""
+@dataclass(frozen=True)
+class VelocityErrorOptions:
+    """Bandwidth of the kernel regression of velocity errors on speed.
 
+    Attributes
+    ----------
+    relative_bandwidth : float
+        In units of the median speed.
+    min_bandwidth : float
+        mm/s.
+    """
 
-AT_ONCE = 100
-"""Poses compared with all rows at once: their distances take a MB or two, not some hundred."""
+    relative_bandwidth: float = 0.3
+    min_bandwidth: float = 20.0
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
-    """How missing markers are predicted to move.
+class VelocityPrediction:
+    """Predicted velocities of the missing markers.
 
     Attributes
     ----------
     velocity : ndarray [shape=(poses, missing markers, 3), mm/s]
         Upright.
-    deviation : ndarray [shape=(poses, missing markers), mm/s]
-        Its expected rms error.
-    error : ndarray [shape=(missing markers,), mm]
-        Usual rms error of their positions.
+    expected_rms : ndarray [shape=(poses, missing markers), mm/s]
+        Expected rms error (Euclidean).
+    position_rms : ndarray [shape=(missing markers,), mm]
+        Rms error of the positions of held-out poses.
     """
 
     velocity: NDArray[np.float64]
     expected_rms: NDArray[np.float64]
-    error: NDArray[np.float64]
+    position_rms: NDArray[np.float64]
 
 
 def error_by_speed(
     velocity: NDArray[np.float64],
-    predicted: NDArray[np.float64],
+    held_out: NDArray[np.float64],
     residuals: NDArray[np.float64],
+    options: VelocityErrorOptions = VelocityErrorOptions(),
 ) -> NDArray[np.float64]:
-    """Tell how wrong velocities are by what others of like speed got wrong.
+    """Estimate the errors of velocities from those of held-out velocities of similar speed.
 
-    What stands still is known to do so far better than what moves.
+    A marker at rest is predicted far better than a moving one. The estimate is a Nadaraya-Watson
+    regression of the squared error on the predicted speed.
 
     Parameters
     ----------
     velocity : ndarray [shape=(poses, markers, 3), mm/s]
-        Predicted.
-    predicted, residuals : ndarray [shape=(rows, markers, 3), mm/s]
-        Predicted for other poses, and what is to be added to be right.
+        Predicted velocities.
+    held_out, residuals : ndarray [shape=(held-out poses, markers, 3), mm/s]
+        Predicted velocities of held-out poses, and the true ones minus these.
+    options : VelocityErrorOptions
+        Bandwidth.
 
     Returns
     -------
     ndarray [shape=(poses, markers), mm/s]
-        Rms error.
+        Expected rms error.
     """
-    speed, others = norms(velocity), norms(predicted)
+    speed, others = norms(velocity), norms(held_out)
     square = (residuals**2).sum(axis=2)
-    width = np.maximum(SPEED_WIDTH * np.median(others, axis=0), LEAST_WIDTH)
+    bandwidth = np.maximum(
+        options.relative_bandwidth * np.median(others, axis=0), options.min_bandwidth
+    )
     error = np.empty(speed.shape)
-    for start in range(0, len(speed), AT_ONCE):
-        some = slice(start, start + AT_ONCE)
-        distance = (speed[some, None] - others) / width  # (poses, rows, markers)
-        # where none is alike, all count
-        alike = np.exp(-0.5 * distance**2) + 1e-6
-        error[some] = np.sqrt((alike * square).sum(axis=1) / alike.sum(axis=1))
+    for start in range(0, len(speed), BATCH_SIZE):
+        batch = slice(start, start + BATCH_SIZE)
+        distance = (speed[batch, None] - others) / bandwidth  # (poses, held-out poses, markers)
+        weight = np.exp(-0.5 * distance**2) + MIN_WEIGHT
+        error[batch] = np.sqrt((weight * square).sum(axis=1) / weight.sum(axis=1))
     return error

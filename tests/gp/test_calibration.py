@@ -8,8 +8,8 @@ from scipy.optimize import brentq
 from scipy.stats import chi, maxwell
 
 from priorfill.gp.calibration import (
+    BOUND_COVERAGE,
     BOUND_FACTOR,
-    BOUND_SHARE,
     MEAN_FACTOR,
     UNIT_BOUND,
     common_bound,
@@ -19,7 +19,7 @@ from priorfill.gp.calibration import (
 def test_factors_are_those_of_a_normal_error():
     """Against the textbook's moments of the Maxwell distribution (chi with 3 degrees)."""
     assert chi(3).mean() / np.sqrt(3.0) == pytest.approx(MEAN_FACTOR, abs=1e-3)
-    assert chi(3).ppf(BOUND_SHARE) == pytest.approx(UNIT_BOUND, abs=1e-6)
+    assert chi(3).ppf(BOUND_COVERAGE) == pytest.approx(UNIT_BOUND, abs=1e-6)
     assert UNIT_BOUND / np.sqrt(3.0) < BOUND_FACTOR
 
 
@@ -40,7 +40,7 @@ def test_the_bound_of_samples_that_are_certain():
 
 
 def test_factors_are_those_of_the_maxwell_distribution():
-    assert pytest.approx(maxwell.ppf(BOUND_SHARE), abs=1e-6) == UNIT_BOUND
+    assert pytest.approx(maxwell.ppf(BOUND_COVERAGE), abs=1e-6) == UNIT_BOUND
     # to all the digits that it is given with
     assert pytest.approx(maxwell.mean() / np.sqrt(3.0), abs=5e-4) == MEAN_FACTOR
     assert pytest.approx(4.0 / np.sqrt(6.0 * np.pi), abs=5e-4) == MEAN_FACTOR
@@ -49,7 +49,7 @@ def test_factors_are_those_of_the_maxwell_distribution():
 @pytest.mark.parametrize("seed", range(3))
 def test_the_bound_of_a_mixture_of_maxwell_distributions(seed):
     bounds = np.random.default_rng(seed).uniform(0.5, 40.0, 30)
-    scale = bounds / maxwell.ppf(BOUND_SHARE)
-    exact = brentq(lambda x: maxwell.cdf(x, scale=scale).mean() - BOUND_SHARE, 0.1, 100.0)
+    scale = bounds / maxwell.ppf(BOUND_COVERAGE)
+    exact = brentq(lambda x: maxwell.cdf(x, scale=scale).mean() - BOUND_COVERAGE, 0.1, 100.0)
     assert common_bound(bounds) == pytest.approx(exact, rel=1e-6)
     assert common_bound(bounds[:1]) == pytest.approx(bounds[0], rel=1e-6)

@@ -19,36 +19,40 @@ from sklearn.gaussian_process.kernels import (
     WhiteKernel,
 )
 
-from priorfill.gp import data as lesson
 from priorfill.gp import features as gp_features
-from priorfill.gp import linalg as gaussian
-from priorfill.gp import models as readers
-from priorfill.gp import pose_kernel as kernels
-from priorfill.methods.gpr.blackout import correction, windows
-from priorfill.methods.gpr.blackout import stacking as mixture
+from priorfill.gp import kernels, linalg
+from priorfill.gp.fitted_models import FittedModels, SharedCovariances
+from priorfill.gp.kernels import Matern32, Matern52, Matern72
+from priorfill.gp.problem import GPModel, PoseSamples, RegressionProblem
+from priorfill.gp.process import FittedGP, GaussianProcess
+from priorfill.methods.gpr.blackout import BlackoutOptions
+from priorfill.methods.gpr.blackout.correction import correct_from_edges
+from priorfill.methods.gpr.blackout.windows import BlackoutWindows
 from priorfill.methods.gpr.dropout import DropoutOptions, predict_from_donors
 from priorfill.methods.gpr.dropout.donors import Donor
 from priorfill.methods.gpr.dropout.marker_coupling import MarkerCoupling
-from priorfill.methods.gpr.dropout.subjects import THIS_CLIP
-from priorfill.signal import gp_interpolation as gp_interpolation
+from priorfill.methods.gpr.training.options import DatabaseTrainingOptions
+from priorfill.methods.task import THIS_CLIP
+from priorfill.signal.gp_interpolation import interpolate_gap, interpolation_weights
 
 # ---- adapter: only this section uses the names of priorfill --------------------------------------
 
-SUBJECT_OFFSET = lesson.BODY_OFFSET
-REMEMBERED = kernels.FADED
-MIN_ALIGNMENT = gp_features.ALIGNMENT_FLOOR
+SUBJECT_OFFSET = DatabaseTrainingOptions().offset_variance
+REMEMBERED = 0.5
+MIN_ALIGNMENT = gp_features.MIN_ALIGNMENT_WEIGHT
 OWN_NOISE = DropoutOptions().own_noise_ratio
 SHAPE_SCALE = DropoutOptions().shape_length_scale
 SHAPE_SPREAD = DropoutOptions().shape_rigidity_scale
-CURVE_SETTINGS = gp_interpolation.PROCESSES
-"""Smoothness, time scale (s) and noise of each curve through a blackout."""
+BLACKOUT = BlackoutOptions()
+SMOOTHNESS = {Matern32: 1.5, Matern52: 2.5, Matern72: 3.5}
+"""Of the covariances in time."""
 
-CORRECTION_SETTINGS = tuple(product(correction.SCALES, correction.NOISES, correction.POWERS))
+CORRECTION_SETTINGS = tuple(product((0.4, 0.7), (0.1, 0.5), BLACKOUT.correction_exponents))
 """Length scale, noise and exponent of each correction of a blackout."""
 
-CORRECTION_LINEAR, CORRECTION_CONSTANT = correction.LINEAR, correction.CONSTANT
-CORRECTION_SHARPNESS = mixture.SHARPNESS
-MIN_WINDOWS = windows.FEWEST_WINDOWS
+CORRECTION_LINEAR, CORRECTION_CONSTANT = 0.1, 1.0
+CORRECTION_SHARPNESS = BLACKOUT.weight_power
+MIN_WINDOWS = BLACKOUT.min_windows
 
 
 @dataclass(frozen=True)
@@ -104,14 +108,14 @@ class Predicted:
     held_out_variance: np.ndarray  # (held-out poses, targets)
 
 
-def _view(alignment):
-    return gp_features.View(
+def _alignment(alignment):
+    return gp_features.Alignment(
         alignment.kind, alignment.length_scale, alignment.min_weight, alignment.rigidity
     )
 
 
-def _rows(poses):
-    return lesson.Rows(
+def _samples(poses):
+    return PoseSamples(
         poses.visible,
         poses.missing,
         poses.time,
@@ -123,43 +127,45 @@ def _rows(poses):
     )
 
 
+def _kernel(settings):
+    of_poses = kernels.Constant() + settings.linear * kernels.Linear()
+    of_poses += settings.rbf * kernels.RBF(settings.length_scale)
+    factor = kernels.SubjectCorrelation()
+    if settings.forgetting_time is not None:
+        factor *= kernels.Forgetting(settings.forgetting_time, REMEMBERED)
+    kind = kernels.Matern32 if settings.smooth else kernels.Exponential
+    return of_poses * factor + settings.time_variance * kind(settings.time_scale)
+
+
 def fit_and_predict(train, test, distance, spread, alignment, settings, block_seconds):
     """Results of one model."""
-    kernel = kernels.Kernel(
-        settings.linear,
-        settings.rbf,
-        settings.length_scale,
-        settings.time_variance,
-        settings.time_scale,
-        settings.smooth,
-        settings.noise,
-        settings.forgetting_time,
+    lag = None if settings.lag is None else gp_features.LagFeature(*settings.lag)
+    process = GaussianProcess(_kernel(settings), settings.noise)
+    model, query = GPModel(_alignment(alignment), lag, process), _samples(test)
+    problem = RegressionProblem(
+        _samples(train),
+        query,
+        distance,
+        spread,
+        offset_variance=0.0 if train.subject is None else SUBJECT_OFFSET,
     )
-    view, query = _view(alignment), _rows(test)
-    moment = None if settings.lag is None else gp_features.Moment(*settings.lag)
-    problem = lesson.Lesson(_rows(train), query, distance, spread)
-    shared = readers.Shared.of(problem, (kernel,), block_seconds)
-    reader = readers.Reader.of(view, problem, (lesson.Member(view, moment, kernel),), shared)
-    found, (learnt,) = reader.tell(query, *shared.asked(query)), reader.learnt
+    shared = SharedCovariances.of(problem, (model,), block_seconds)
+    models = FittedModels.fit(model.alignment, problem, (model,), shared)
+    found, (fitted,) = models.predict(query, shared.query_pairs(query)), models.fitted
     return Predicted(
-        found.told[0], found.variance[0], found.doubt[0], learnt.residuals, learnt.left_out
+        found.mean[0],
+        found.variance[0],
+        found.relative_std[0],
+        fitted.residuals,
+        fitted.held_out_variance,
     )
 
 
 def held_out_residuals(covariance_matrix, targets, blocks):
     """Residuals and variances with each block of rows held out, in closed form."""
-    root = gaussian.inverse_root(covariance_matrix.copy())
-    return gaussian.left_out_residuals(root, root.T @ (root @ targets), blocks)
-
-
-def interpolate(positions, start, stop, rate):
-    """Positions and expected rms error of a marker in a gap."""
-    return gp_interpolation.interpolate_gap(positions, start, stop, rate)
-
-
-def curve_weights(known, asked):
-    """Weights [shape=(asked, known)] of the samples in each curve of `CURVE_SETTINGS`."""
-    return [curve.each for curve in gp_interpolation.process_in_time(known, asked)]
+    root = linalg.inverse_root(covariance_matrix.copy())
+    fitted = FittedGP(kernels.Constant(), root, root.T @ (root @ targets))
+    return fitted.leave_blocks_out(blocks)
 
 
 def models_of_donors(donors, query, distance, spread, visible_spread, alignment, calibrated):
@@ -168,17 +174,26 @@ def models_of_donors(donors, query, distance, spread, visible_spread, alignment,
     coupling = MarkerCoupling(distance, spread, visible_spread)
     training = predict_from_donors._TrainingPoses.of(donors, query, coupling, options)
     found = predict_from_donors._predict_aligned(
-        _view(alignment), training, query, coupling, options, calibrated
+        _alignment(alignment), training, query, coupling, options, calibrated
     )
     return list(zip(options.processes, found.positions, found.variance, found.errors, strict=True))
 
 
 def correct_curve(edges, start, source, correlation, errors, scale, weight, min_distance):
     """Correction of a blackout's curve, and what it leaves of the errors in windows."""
-    count, nothing = len(edges), np.zeros((len(edges), 0, 0, 3))
-    turn = np.broadcast_to(np.eye(3), (count, 3, 3))
-    found = windows.Windows(nothing, nothing, edges, turn, start, source, correlation)
-    return correction.correct(found, errors, scale, weight, min_distance)
+    empty = np.zeros((len(edges), 0, 0, 3))
+    windows = BlackoutWindows(
+        context=empty,
+        inside=empty,
+        edges=edges,
+        rotation=np.broadcast_to(np.eye(3), (len(edges), 3, 3)),
+        start=start,
+        source=source,
+        correlation=correlation,
+        own=source == 0,
+        own_image=source == 1,
+    )
+    return correct_from_edges(windows, errors, scale, weight, min_distance, BLACKOUT)
 
 
 # ---- reference -----------------------------------------------------------------------------------
@@ -573,7 +588,7 @@ TWO_ON_EITHER_SIDE = (*range(20, 58), *range(92, 130))
 @pytest.mark.parametrize("holes", [(), (59, 90, 95, 96), range(20, 58), TWO_ON_EITHER_SIDE])
 def test_interpolation_is_universal_kriging(holes):
     path = gappy_path(7, holes)
-    found, expected_rms = interpolate(path, 60, 90, 100.0)
+    found, expected_rms = interpolate_gap(path, 60, 90, 100.0)
     known = [t for t in range(30, 120) if not np.isnan(path[t, 0])]  # 0.3 s on either side
     time, asked = (np.array(x)[:, None] / 100.0 - 0.75 for x in (known, range(60, 90)))
     kernel = matern(0.3, 2.5)
@@ -590,7 +605,7 @@ def test_interpolation_is_universal_kriging(holes):
 
 def test_interpolation_has_a_line_of_unlimited_variance():
     path = gappy_path(8, TWO_ON_EITHER_SIDE)
-    found, expected_rms = interpolate(path, 60, 90, 100.0)
+    found, expected_rms = interpolate_gap(path, 60, 90, 100.0)
     known = np.array([58, 59, 90, 91])
     time, asked = (np.asarray(x)[:, None] / 100.0 - 0.75 for x in (known, np.arange(60, 90)))
     middle = path[known].mean(axis=0)
@@ -605,9 +620,10 @@ def test_interpolation_has_a_line_of_unlimited_variance():
     assert variance[15] > 1.02 * without[15]
 
 
-@pytest.mark.parametrize("number", range(len(CURVE_SETTINGS)))
-def test_curves_through_a_blackout_are_universal_kriging(number):
-    smoothness, seconds, noise = CURVE_SETTINGS[number]
+@pytest.mark.parametrize("process", BLACKOUT.curve_processes)
+def test_curves_through_a_blackout_are_universal_kriging(process):
+    smoothness, seconds = SMOOTHNESS[type(process.kernel)], process.kernel.time_scale
+    noise = process.noise_variance
     known = np.concatenate([np.arange(-8, 0), np.arange(15, 24)]) / 40.0
     asked = np.arange(0, 15) / 40.0
     kernel = matern(seconds, smoothness)
@@ -618,7 +634,7 @@ def test_curves_through_a_blackout_are_universal_kriging(number):
         np.hstack([np.ones_like(time), time]),
         np.hstack([np.ones_like(when), when]),
     )
-    found = curve_weights(known, asked)[number]
+    found = interpolation_weights(process, known, asked)
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-6 * np.abs(expected).max())
 
 

@@ -1,1 +1,1 @@
-"""The parts of the method ``prior``; `priorfill.methods.gpr.gpr_fill` joins them."""
+"""The parts of the default method, ``gpr``; `priorfill.methods.gpr.gpr_fill` joins them."""

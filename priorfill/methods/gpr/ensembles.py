@@ -1,108 +1,187 @@
-"""The members of the regressions: which views, moments and kernels predict which kind of gap.
+"""The ensembles of the regressions: alignments, lag features and Gaussian processes.
 
-Chosen on several hundred artificial gaps in takes of walking, karate, exercises and acrobatics;
-no single member is best for all, and their mixture is better than any of them.
+They were chosen on several hundred artificial gaps in takes of walking, karate, exercises and
+acrobatics. No single model is best for all movements, and the ensemble is better than each.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-from priorfill.gp.data import Member
-from priorfill.gp.features import Moment, View
-from priorfill.gp.pose_kernel import Kernel
-
-__all__ = ["BASIC", "BRIEF_MEMBERS", "LIMB_MEMBERS", "MARKER_MEMBERS", "seconds_of"]
-
-
-def _each(
-    views: Sequence[View], moments: Sequence[Moment | None], kernels: Sequence[Kernel]
-) -> tuple[Member, ...]:
-    """Return a member for each view, moment and kernel."""
-    return tuple(Member(v, m, k) for v in views for m in moments for k in kernels)
-
-
-def seconds_of(members: Sequence[Member]) -> tuple[float, ...]:
-    """Return the seconds before and after poses that members look at, each once."""
-    return tuple(dict.fromkeys(m.moment.seconds for m in members if m.moment is not None))
-
-
-_SEGMENT = View("rigid", 220.0, 0.005, 10.0)
-_NEAR = View("rigid", 120.0, 0.001, 8.0)
-_PARTS = View("rigid", 300.0, 0.002, 10.0)
-_UPRIGHT = View("heading", 220.0, 0.005, 10.0)
-_BODY = View("heading", 200.0, 0.1)
-
-_PLAIN = Kernel(1.0, 0.1, 1.0, 0.001, 0.1, smooth=False, noise=1e-4)
-_WIDE = Kernel(1.0, 1.0, 1.5, 0.001, 0.1, smooth=False, noise=1e-4)
-
-_MARKER_KERNELS = (
-    _PLAIN,
-    Kernel(1.0, 0.1, 1.0, 0.001, 0.1, smooth=False, noise=1e-3),
-    _WIDE,
-    Kernel(1.0, 0.1, 1.0, 0.001, 0.1, smooth=False, noise=1e-4, fading=3.0),
-    Kernel(30.0, 0.0, 1.0, 0.01, 0.3, smooth=True, noise=1e-4),
+from priorfill.gp.features import Alignment, LagFeature
+from priorfill.gp.kernels import (
+    RBF,
+    Constant,
+    Exponential,
+    Forgetting,
+    Kernel,
+    Linear,
+    Matern32,
+    SubjectCorrelation,
 )
-_MARKER_MOMENTS = (
-    Moment(1.0 / 30.0, 0.4),
-    Moment(1.0 / 15.0, 0.4),
-    Moment(1.0 / 30.0, 2.0, velocity=True),
+from priorfill.gp.problem import GPModel
+from priorfill.gp.process import GaussianProcess
+
+__all__ = ["ModelOptions", "lags_of"]
+
+
+def lags_of(models: Sequence[GPModel]) -> tuple[float, ...]:
+    """Return the lags (s) of some models' lag features, each once."""
+    return tuple(dict.fromkeys(m.lag_feature.seconds for m in models if m.lag_feature is not None))
+
+
+def _combinations(
+    alignments: Sequence[Alignment],
+    lag_features: Sequence[LagFeature | None],
+    processes: Sequence[GaussianProcess],
+) -> tuple[GPModel, ...]:
+    """Return a model for each alignment, lag feature and process."""
+    return tuple(
+        GPModel(alignment, lag, process)
+        for alignment in alignments
+        for lag in lag_features
+        for process in processes
+    )
+
+
+_SUBJECT = SubjectCorrelation()
+
+
+def _process(
+    of_poses: Kernel,
+    of_time: Kernel,
+    noise_variance: float,
+    factor: Kernel = _SUBJECT,
+) -> GaussianProcess:
+    """Return the process of a covariance of poses and one of time.
+
+    The covariance of poses is multiplied by a factor, that of their subjects by default. The
+    covariance of time is that of what the visible markers do not explain: it joins the prediction
+    to the measured samples at the gap's edges.
+    """
+    return GaussianProcess(of_poses * factor + of_time, noise_variance)
+
+
+# ---- alignments ----------------------------------------------------------------------------------
+
+_SEGMENT = Alignment("rigid", length_scale=220.0, min_weight=0.005, rigidity_scale=10.0)
+_NEAR = Alignment("rigid", length_scale=120.0, min_weight=0.001, rigidity_scale=8.0)
+_WIDE = Alignment("rigid", length_scale=300.0, min_weight=0.002, rigidity_scale=10.0)
+_UPRIGHT = Alignment("heading", length_scale=220.0, min_weight=0.005, rigidity_scale=10.0)
+_WHOLE_BODY = Alignment("heading", length_scale=200.0, min_weight=0.1)
+
+# ---- single markers ------------------------------------------------------------------------------
+
+_SHORT_SEAM = 0.001 * Exponential(time_scale=0.1)
+_SMOOTH_SEAM = 0.05 * Matern32(time_scale=0.4)
+
+_NEARLY_LINEAR = Constant() + Linear() + 0.1 * RBF(length_scale=1.0)
+
+_PLAIN = _process(_NEARLY_LINEAR, _SHORT_SEAM, noise_variance=1e-4)
+_NOISY = _process(_NEARLY_LINEAR, _SHORT_SEAM, noise_variance=1e-3)
+_CURVED = _process(Constant() + Linear() + RBF(length_scale=1.5), _SHORT_SEAM, noise_variance=1e-4)
+_FORGETFUL = _process(
+    _NEARLY_LINEAR,
+    _SHORT_SEAM,
+    noise_variance=1e-4,
+    factor=_SUBJECT * Forgetting(time=3.0, limit=0.5),
+)
+_LINEAR = _process(
+    Constant() + 30.0 * Linear(), 0.01 * Matern32(time_scale=0.3), noise_variance=1e-4
 )
 
-
-def _marker() -> tuple[Member, ...]:
-    """Members for one marker: moments with some of the views and kernels only."""
-    members: list[Member] = []
-    for view in (_SEGMENT, _NEAR, _UPRIGHT, _PARTS):
-        members += _each([view], [None], _MARKER_KERNELS)
-        if view is not _PARTS:
-            members += _each([view], _MARKER_MOMENTS, [_PLAIN, _WIDE])
-    return tuple(members)
-
-
-MARKER_MEMBERS = _marker()
-"""For one marker alone, whose neighbours on the same segment are mostly visible."""
-
-BRIEF_MEMBERS = _each([_SEGMENT, _NEAR, _UPRIGHT, _PARTS], [None], _MARKER_KERNELS[::4])
-"""For pieces of a few frames: the seam says nearly all of them. Where gaps have ragged edges there
-are hundreds."""
-
-BASIC = _each([_SEGMENT, _UPRIGHT], [None], [_PLAIN])
-"""For a first reading that a second will replace."""
-
-_LIMB_KERNELS = (
-    _PLAIN,
-    Kernel(3.0, 3.0, 1.0, 0.05, 0.4, smooth=True, noise=1e-5),
-    Kernel(30.0, 0.0, 1.0, 0.05, 0.4, smooth=True, noise=1e-4),
-    Kernel(0.3, 1.0, 0.6, 0.05, 0.4, smooth=True, noise=1e-4),
-)
-_LIMB_MOMENTS = (
-    Moment(1.0 / 15.0, 0.8),
-    Moment(2.0 / 15.0, 0.4),
-    Moment(4.0 / 15.0, 0.6),
-    Moment(2.0 / 15.0, 1.5, velocity=True),
+_MARKER_PROCESSES = (_PLAIN, _NOISY, _CURVED, _FORGETFUL, _LINEAR)
+_MARKER_LAGS = (
+    LagFeature(1.0 / 30.0, weight=0.4),
+    LagFeature(1.0 / 15.0, weight=0.4),
+    LagFeature(1.0 / 30.0, weight=2.0, velocity=True),
 )
 
-_WINDING = (
-    Kernel(3.0, 10.0, 0.6, 0.05, 0.4, smooth=True, noise=1e-5),
-    Kernel(3.0, 10.0, 0.4, 0.05, 0.4, smooth=True, noise=1e-5),
-)
-"""Hardly linear: they follow the poses closely."""
-
-_FORGETFUL = Kernel(0.1, 0.1, 0.4, 0.05, 0.4, smooth=True, noise=1e-4)
-"""Goes back to the mean pose where nothing like it was seen."""
-
-LIMB_MEMBERS = (
+_SINGLE_MARKER = (
     *(
-        member
-        for view in (_SEGMENT, _UPRIGHT, _BODY)
-        for member in (
-            *_each([view], [None], [*_LIMB_KERNELS, *_WINDING, _FORGETFUL]),
-            *_each([view], _LIMB_MOMENTS, _LIMB_KERNELS),
+        model
+        for alignment in (_SEGMENT, _NEAR, _UPRIGHT)
+        for model in (
+            *_combinations([alignment], [None], _MARKER_PROCESSES),
+            *_combinations([alignment], _MARKER_LAGS, [_PLAIN, _CURVED]),
         )
     ),
-    *_each([_NEAR], [None], _LIMB_KERNELS[:3]),
-    *_each([_NEAR], _LIMB_MOMENTS[:1], _LIMB_KERNELS[:2]),
+    *_combinations([_WIDE], [None], _MARKER_PROCESSES),
 )
-"""For several markers at once: limbs above all, which move against what is visible. Their moments
-are whole steps of 1/15 s, which databases are read by."""
+
+_SHORT_SEGMENT = _combinations([_SEGMENT, _NEAR, _UPRIGHT, _WIDE], [None], [_PLAIN, _LINEAR])
+
+_FIRST_PASS = _combinations([_SEGMENT, _UPRIGHT], [None], [_PLAIN])
+
+# ---- several markers -----------------------------------------------------------------------------
+
+_LIMB_SMOOTH = _process(
+    Constant() + 3.0 * Linear() + 3.0 * RBF(length_scale=1.0), _SMOOTH_SEAM, noise_variance=1e-5
+)
+_LIMB_LINEAR = _process(Constant() + 30.0 * Linear(), _SMOOTH_SEAM, noise_variance=1e-4)
+_LIMB_LOCAL = _process(
+    Constant() + 0.3 * Linear() + RBF(length_scale=0.6), _SMOOTH_SEAM, noise_variance=1e-4
+)
+_LIMB_PROCESSES = (_PLAIN, _LIMB_SMOOTH, _LIMB_LINEAR, _LIMB_LOCAL)
+
+# follow the training poses closely
+_STRONGLY_CURVED = tuple(
+    _process(
+        Constant() + 3.0 * Linear() + 10.0 * RBF(length_scale),
+        _SMOOTH_SEAM,
+        noise_variance=1e-5,
+    )
+    for length_scale in (0.6, 0.4)
+)
+
+# returns to the mean pose where no training pose is similar
+_TO_THE_MEAN = _process(
+    Constant() + 0.1 * Linear() + 0.1 * RBF(length_scale=0.4), _SMOOTH_SEAM, noise_variance=1e-4
+)
+
+# Lags are multiples of 1/15 s, a step of the database's poses.
+_LIMB_LAGS = (
+    LagFeature(1.0 / 15.0, weight=0.8),
+    LagFeature(2.0 / 15.0, weight=0.4),
+    LagFeature(4.0 / 15.0, weight=0.6),
+    LagFeature(2.0 / 15.0, weight=1.5, velocity=True),
+)
+
+_LIMB = (
+    *(
+        model
+        for alignment in (_SEGMENT, _UPRIGHT, _WHOLE_BODY)
+        for model in (
+            *_combinations(
+                [alignment], [None], [*_LIMB_PROCESSES, *_STRONGLY_CURVED, _TO_THE_MEAN]
+            ),
+            *_combinations([alignment], _LIMB_LAGS, _LIMB_PROCESSES),
+        )
+    ),
+    *_combinations([_NEAR], [None], [_PLAIN, _LIMB_SMOOTH, _LIMB_LINEAR]),
+    *_combinations([_NEAR], [LagFeature(1.0 / 15.0, weight=0.8)], [_PLAIN, _LIMB_SMOOTH]),
+)
+
+
+@dataclass(frozen=True)
+class ModelOptions:
+    """The ensembles of models.
+
+    Attributes
+    ----------
+    single_marker : tuple of GPModel
+        For one marker, whose neighbours on the same body segment are mostly visible.
+    limb : tuple of GPModel
+        For several markers at once, mostly those of a limb, which moves relative to what is
+        visible.
+    short_segment : tuple of GPModel
+        For segments of a few frames; where gaps have ragged edges there are hundreds of them.
+    first_pass : tuple of GPModel
+        For a first pass that a second one will replace.
+    """
+
+    single_marker: tuple[GPModel, ...] = _SINGLE_MARKER
+    limb: tuple[GPModel, ...] = _LIMB
+    short_segment: tuple[GPModel, ...] = _SHORT_SEGMENT
+    first_pass: tuple[GPModel, ...] = _FIRST_PASS

@@ -1,8 +1,8 @@
-"""Pieces: what a regression predicts at once.
+"""Gap segments: the missing samples that are predicted together.
 
-Gaps of neighbouring markers with the same frames are predicted jointly. Where the visible markers
-change inside a gap it is cut into pieces, but only where a piece would otherwise lose markers that
-matter to it.
+Gaps of nearby markers in the same frames are predicted jointly. A gap during which the set of
+visible markers changes is divided in time, but only where a segment would otherwise lose visible
+markers that are important for it.
 """
 
 from __future__ import annotations
@@ -15,35 +15,54 @@ from numpy.typing import NDArray
 
 from priorfill.gaps import GapGroup, constant_spans
 from priorfill.geometry.clustering import single_linkage
+from priorfill.methods.options import check_at_least, check_between
 
-__all__ = ["Piece", "pieces_of"]
+__all__ = ["GapSegment", "SegmentOptions", "split_into_segments"]
 
-JOINT_DISTANCE = 350.0
-"""mm; markers missing in the same frames are predicted jointly when a chain of them is no further
-apart than this: the markers of a limb are, two limbs are not."""
+MIN_VISIBLE = 3
+"""Visible markers needed: three points define a frame of reference."""
 
-REACH = 220.0
-"""mm; a visible marker matters to a missing one at distance D as exp(-D² / 2 REACH²)."""
 
-FAR_WEIGHT = 0.005
-"""What a far marker matters."""
+@dataclass(frozen=True)
+class SegmentOptions:
+    """How gaps are joined and divided.
 
-LOST_WEIGHT = 0.1
-"""Neighbouring pieces become one if it loses no more than this part of what matters."""
+    Attributes
+    ----------
+    joint_distance : float
+        mm. Markers missing in the same frames are predicted jointly if a chain of them has no
+        greater distances: the markers of one limb are, two limbs are not.
+    length_scale : float
+        mm. A visible marker at the distance D from the missing ones has the importance
+        exp(-D² / 2 length_scale²).
+    min_weight : float
+        Added to the importance of each visible marker.
+    max_loss : float
+        Adjacent segments are joined if neither loses more than this share of the importance of its
+        visible markers.
+    max_segments : int
+        A gap is divided into more segments than this only where joining them would lose more than
+        `max_forced_loss`.
+    max_forced_loss : float
+        See there.
+    """
 
-MAX_PIECES = 8
-"""A gap is not cut into more pieces than this while `HEAVY_LOSS` is not exceeded."""
+    joint_distance: float = 350.0
+    length_scale: float = 220.0
+    min_weight: float = 0.005
+    max_loss: float = 0.1
+    max_segments: int = 8
+    max_forced_loss: float = 0.5
 
-HEAVY_LOSS = 0.5
-"""More than this part of what matters is never lost to save pieces."""
-
-FEWEST_VISIBLE = 3
-"""Visible markers that a piece needs: three points make a frame of reference."""
+    def __post_init__(self) -> None:
+        check_at_least(self, 0.0, "joint_distance", "min_weight")
+        check_at_least(self, 1.0, "length_scale", "max_segments")
+        check_between(self, 0.0, 1.0, "max_loss", "max_forced_loss")
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
-    """Markers missing together in frames ``start <= frame < stop``, and who is visible.
+class GapSegment:
+    """Markers missing together in frames ``start <= frame < stop``, and the visible ones.
 
     Attributes
     ----------
@@ -61,23 +80,23 @@ class Piece:
     visible: NDArray[np.intp]
 
     @property
-    def searchable(self) -> bool:
-        """Whether enough markers are visible to say anything of the missing ones."""
-        return len(self.visible) >= FEWEST_VISIBLE
+    def has_enough_visible(self) -> bool:
+        """Whether the visible markers define a frame of reference."""
+        return len(self.visible) >= MIN_VISIBLE
 
-    def around(
+    def with_margin(
         self, valid: NDArray[np.bool_], visible: NDArray[np.intp], margin: int
     ) -> NDArray[np.intp]:
-        """Return its frames and those beside it, as far as some markers are measured.
+        """Return its frames and adjacent ones in which some markers are measured.
 
         Parameters
         ----------
         valid : ndarray of bool [shape=(frames, markers)]
             Which samples of the clip are measured.
         visible : ndarray of int
-            The markers that must be.
+            The markers that must be measured.
         margin : int
-            Frames on either side at most.
+            Adjacent frames on either side at most.
         """
         first, last = self.start, self.stop
         while first > max(0, self.start - margin) and valid[first - 1, visible].all():
@@ -87,66 +106,72 @@ class Piece:
         return np.arange(first, last)
 
 
+def split_into_segments(
+    group: GapGroup,
+    valid: NDArray[np.bool_],
+    distance: NDArray[np.float64],
+    options: SegmentOptions = SegmentOptions(),
+) -> list[GapSegment]:
+    """Divide a gap group into segments.
+
+    Parameters
+    ----------
+    group : GapGroup
+        The missing samples.
+    valid : ndarray of bool [shape=(frames, markers)]
+        Which samples of the clip are measured.
+    distance : ndarray [shape=(markers, markers), mm]
+        Rms distance of each pair of markers; infinite where unknown.
+    options : SegmentOptions
+        When gaps are joined and divided.
+
+    Returns
+    -------
+    list of GapSegment
+        Every missing sample of the group in exactly one of them, in order of time.
+    """
+    segments = []
+    for markers, start, stop in _joint_gaps(group, distance, options):
+        shown = valid[start:stop].copy()
+        shown[:, markers] = False
+        nearest = distance[markers].min(axis=0)
+        weight = np.exp(-(nearest**2) / (2.0 * options.length_scale**2)) + options.min_weight
+        spans = [(a, b, shown[a]) for a, b in constant_spans(shown)]
+        while len(spans) > 1:
+            losses = [_loss(weight, one, other) for (_, _, one), (_, _, other) in pairwise(spans)]
+            best = int(np.argmin(losses))
+            few = len(spans) <= options.max_segments
+            if losses[best] > (options.max_loss if few else options.max_forced_loss):
+                break
+            (a, _, one), (_, b, other) = spans[best], spans[best + 1]
+            spans[best : best + 2] = [(a, b, one & other)]
+        segments += [
+            GapSegment(markers, start + a, start + b, np.flatnonzero(visible))
+            for a, b, visible in spans
+        ]
+    return sorted(segments, key=lambda segment: (segment.start, segment.markers[0]))
+
+
 def _joint_gaps(
-    group: GapGroup, distance: NDArray[np.float64]
+    group: GapGroup, distance: NDArray[np.float64], options: SegmentOptions
 ) -> list[tuple[NDArray[np.intp], int, int]]:
-    """Markers, start and stop of gaps that are predicted jointly."""
+    """Return markers, start and stop of gaps that are predicted jointly."""
     together: dict[tuple[int, int], list[int]] = {}
     for gap in group.gaps:
         together.setdefault((gap.start, gap.stop), []).append(gap.marker)
     joint = []
     for (start, stop), markers in together.items():
         chosen = np.array(markers, dtype=np.intp)
-        # markers never seen together are far apart for all we know
-        limbs = single_linkage(distance[np.ix_(chosen, chosen)], JOINT_DISTANCE)
+        # the distance of markers that are never visible together is infinite: they are separated
+        limbs = single_linkage(distance[np.ix_(chosen, chosen)], options.joint_distance)
         joint += [(chosen[limb], start, stop) for limb in limbs]
     return joint
 
 
-def pieces_of(
-    group: GapGroup, valid: NDArray[np.bool_], distance: NDArray[np.float64]
-) -> list[Piece]:
-    """Cut a gap group into pieces.
-
-    Parameters
-    ----------
-    group : GapGroup
-        What is missing.
-    valid : ndarray of bool [shape=(frames, markers)]
-        Which samples of the clip are measured.
-    distance : ndarray [shape=(markers, markers), mm]
-        Rms distance of each pair of markers; infinite where unknown.
-
-    Returns
-    -------
-    list of Piece
-        Every missing sample of the group in exactly one of them, in order of time.
-    """
-    pieces = []
-    for markers, start, stop in _joint_gaps(group, distance):
-        seen = valid[start:stop].copy()
-        seen[:, markers] = False
-        nearest = distance[markers].min(axis=0)
-        weight = np.exp(-(nearest**2) / (2.0 * REACH**2)) + FAR_WEIGHT
-        spans = [(a, b, seen[a]) for a, b in constant_spans(seen)]
-        while len(spans) > 1:
-            losses = [_loss(weight, one, other) for (_, _, one), (_, _, other) in pairwise(spans)]
-            least = int(np.argmin(losses))
-            bearable = LOST_WEIGHT if len(spans) <= MAX_PIECES else HEAVY_LOSS
-            if losses[least] > bearable:
-                break
-            (a, _, one), (_, b, other) = spans[least], spans[least + 1]
-            spans[least : least + 2] = [(a, b, one & other)]
-        pieces += [
-            Piece(markers, start + a, start + b, np.flatnonzero(visible)) for a, b, visible in spans
-        ]
-    return sorted(pieces, key=lambda piece: (piece.start, piece.markers[0]))
-
-
 def _loss(weight: NDArray[np.float64], one: NDArray[np.bool_], other: NDArray[np.bool_]) -> float:
-    """Return what two spans lose of the weight of their visible markers by becoming one."""
+    """Return the share of the visible markers' weight that joining two spans would lose."""
     both = one & other
-    if both.sum() < FEWEST_VISIBLE <= max(one.sum(), other.sum()):
+    if both.sum() < MIN_VISIBLE <= max(one.sum(), other.sum()):
         return 1.0
     most = max(weight[one].sum(), weight[other].sum())
     return float(1.0 - weight[both].sum() / most) if most > 0 else 0.0

@@ -1,20 +1,22 @@
-"""The method ``prior``: the published machinery with a prior that knows the body at hand.
+"""The default method: Gaussian-process regression on the clip's own poses and the database's.
 
-The energy, the levels and the solver are those of Baumann et al. 2011 (`priorfill.energy.terms`,
-`priorfill.energy.multiresolution`, `priorfill.energy.solver`). What differs is where the prior
-comes from:
+The energy, its levels and its solver are those of Baumann et al. 2011 (`priorfill.energy`). The
+targets of the energy differ:
 
-* the clip's own frames come first: same body, same markers, same day; the prior database speaks
-  where the clip has too few of them, for a marker that it never shows above all;
-* instead of the mean of the neighbours, the prior is a Gaussian-process regression from the
-  visible markers (`priorfill.gp.ensemble`), its weight the inverse of the predicted variance;
-* predictions below the floor are lifted, and calmed where they shake more than what is measured
-  (`priorfill.methods.gpr.postprocess`);
-* velocities and accelerations come from the same prediction, across the gap's edges too, so that
-  the fill joins the measured signal without a seam;
-* frames with holes teach nothing at first; a second reading completes them with the first fill;
-* short gaps that nothing else predicts are bridged over time (`priorfill.signal.gp_interpolation`);
-* blackouts are filled by how the body moves before, after, and elsewhere
+* The training poses are the clip's own frames: the same subject, the same markers, the same day.
+  The database is used where the clip has too few of them, above all for markers that it never
+  shows (`priorfill.methods.gpr.dropout`).
+* Instead of the mean of the nearest neighbours, the target is a Gaussian-process regression from
+  the visible markers (`priorfill.gp.ensemble`), weighted by the inverse of its variance.
+* Predictions below the floor are raised, and predictions that jitter more than measured samples
+  are smoothed (`priorfill.methods.gpr.postprocess`).
+* Target velocities and accelerations are differences of the same prediction, beyond the edges of
+  the gap as well, so that the fill joins the measured samples continuously.
+* Incomplete frames are no training poses in the first pass. Where too few remain, a second pass
+  uses frames completed by the first one.
+* Short gaps without a better prediction are interpolated over time
+  (`priorfill.signal.gp_interpolation`).
+* Blackouts are filled by the movement before, after, and elsewhere
   (`priorfill.methods.gpr.blackout`).
 """
 
@@ -23,7 +25,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,297 +33,303 @@ from numpy.typing import NDArray
 
 from priorfill.energy.multiresolution import levels_for, solve_levels
 from priorfill.energy.solver import minimise
-from priorfill.energy.targets import Prior
-from priorfill.gaps import GapGroup, runs
-from priorfill.methods.gpr.gap_segments import Piece, pieces_of
+from priorfill.gaps import runs
+from priorfill.methods.gpr.energy_targets import targets_from
+from priorfill.methods.gpr.gap_segments import GapSegment, split_into_segments
 from priorfill.methods.gpr.options import GPROptions
-from priorfill.methods.gpr.postprocess import Finish
-from priorfill.methods.gpr.predict import Predictor
-from priorfill.methods.gpr.prediction import Prediction, unfilled
+from priorfill.methods.gpr.postprocess import PostProcessor
+from priorfill.methods.gpr.predict import SegmentPredictor
+from priorfill.methods.gpr.prediction import SegmentPrediction, notes_on_unfilled
 from priorfill.methods.task import Estimate, Note, Task
 from priorfill.runtime.threads import thread_count
 from priorfill.signal.resample import Resolution
 
-__all__ = ["GPROptions", "fill"]
-
-JOIN_SECONDS = 0.015
-"""s. Reach of the velocity and acceleration terms of a marker whose expected error in the piece is
-1 mm at most: over such a time the offset from the measured signal at a gap's edge is spread."""
-
-JOIN_GROWTH = 0.4
-"""The reach grows with the expected error to this power: what errs by centimetres does so for
-longer than what errs by a millimetre. Better by 0.3 to 1 % than the same reach for all."""
-
-LONGEST_JOIN = 0.1
-"""s. The reach grows no further."""
-
-LEAST_DEVIATION = 0.1
-"""Least deviation that weighs in the energy, as a part of the greatest in the piece: frames right
-at the edge are known almost exactly, which would only stiffen the solve."""
+__all__ = ["fill"]
 
 _Map = Callable[..., Iterable[Any]]
-"""`map`, or one that works on several at a time."""
+"""`map`, or a function like it that works on several items at a time."""
 
-HOPELESS = 1000.0
-"""mm. A sample with a greater expected error is left missing: it is as good as anywhere. The worst
-that can be expected of a limb in sight of the body is some 400 mm."""
+_Predictions = tuple[tuple[SegmentPrediction, ...], ...]
+"""The predictions of each segment: none, one, or one for each of some of its markers."""
 
 
 def fill(
-    task: Task, progress: Callable[[], None] = lambda: None, options: GPROptions | None = None
+    task: Task,
+    progress: Callable[[], None] = lambda: None,
+    options: GPROptions | None = None,
 ) -> Estimate:
-    """Fill the gaps of a task with a regression prior.
+    """Fill the gaps of a task by Gaussian-process regression.
 
     Parameters
     ----------
     task : Task
-        The clip and the takes to learn from.
+        The clip and the takes.
     progress : callable
-        Called once a gap group.
+        Called once per gap group.
     options : GPROptions, optional
-        See `GPROptions`.
+        Of the method.
 
     Returns
     -------
     Estimate
-        Markers that neither clip nor database show, and samples whose expected
-        error is above `HOPELESS` stay missing and are noted.
+        Markers that neither the clip nor the takes show, and samples whose expected error exceeds
+        `GPROptions.max_expected_error`, stay missing, with a note.
     """
-    count = levels_for(task.rate)
-    # the coarsest level's differences reach two of its steps beyond a piece
-    predictor = Predictor(task, 2 * 2 ** (count - 1), options or GPROptions())
-    levels = [Resolution(task.positions, task.rate, 2**i) for i in range(count)]
-    filling = _Filling(task, predictor, levels)
+    options = options or GPROptions()
+    setup = _Setup.of(task, options)
+    estimate = replace(Estimate.of(task), error_bound_90=np.full(task.positions.shape[:2], np.nan))
     cores = thread_count()
-    # Pieces know nothing of each other, so however many are predicted at a time, each comes
-    # out the same.
+    # Segments are predicted independently, so the result does not depend on how many are predicted
+    # at a time.
     with ThreadPoolExecutor(max_workers=cores) as pool:
-        over_pieces: _Map = pool.map
-        if len(filling.slots) < 2 * cores:
-            over_pieces, predictor.each = map, pool.map
-        filling.read(over_pieces, progress)
-        filling.read_again(over_pieces)
-    filling.interpolate_gap()
-    filling.lead_through()
-    for slot in filling.slots:
-        told = {int(marker) for part in slot.parts for marker in part.piece.markers}
-        filling.estimate.notes.extend(note for part in slot.parts for note in part.notes)
-        filling.estimate.notes.extend(n for n in unfilled(slot.piece, task) if n.marker not in told)
-    _give_up_hopeless(filling.estimate)
-    return filling.estimate
+        map_segments: _Map = pool.map
+        if len(setup.segments) < 2 * cores:
+            map_segments, setup.predictor.map_function = map, pool.map
+        predictions = _first_pass(setup, estimate, map_segments, progress)
+        predictions = _second_pass(setup, estimate, predictions, map_segments)
+    predictions = _interpolate_over_time(setup, estimate, predictions)
+    predictions = _fill_blackouts(setup, estimate, predictions)
+    for segment, parts in zip(setup.segments, predictions, strict=True):
+        predicted = {int(marker) for part in parts for marker in part.segment.markers}
+        estimate.notes.extend(note for part in parts for note in part.notes)
+        unfilled = notes_on_unfilled(segment, task)
+        estimate.notes.extend(note for note in unfilled if note.marker not in predicted)
+    _drop_uncertain(estimate, options.max_expected_error)
+    return estimate
 
 
-@dataclass
-class _Slot:
-    """A piece, and what is predicted for it or for some of its markers."""
+@dataclass(frozen=True, eq=False)
+class _Setup:
+    """What all steps of a fill use, and none changes.
 
-    group: int
-    piece: Piece
-    parts: list[Prediction] = field(default_factory=list)
+    Attributes
+    ----------
+    group_of : tuple of int
+        Number of the gap group of each segment.
+    """
 
-    @property
-    def told_by_clip(self) -> bool:
-        """Whether the clip's own frames told all of it."""
-        told = sum(len(part.piece.markers) for part in self.parts if part.own)
-        return told == len(self.piece.markers)
+    task: Task
+    options: GPROptions
+    predictor: SegmentPredictor
+    postprocess: PostProcessor
+    levels: Sequence[Resolution]
+    segments: tuple[GapSegment, ...]
+    group_of: tuple[int, ...]
 
-
-class _Filling:
-    """A task on its way from pieces to an estimate."""
-
-    def __init__(self, task: Task, predictor: Predictor, levels: Sequence[Resolution]) -> None:
-        self._groups = task.groups
-        self._predictor = predictor
-        self._finish = Finish(task, predictor.spread)
-        self._levels = levels
-        self._bound = np.full(task.positions.shape[:2], np.nan)
-        self.estimate = replace(Estimate.of(task), error_bound_90=self._bound)
-        self._by_group = [
-            [_Slot(n, piece) for piece in pieces_of(group, predictor.valid, predictor.distance)]
-            for n, group in enumerate(task.groups)
+    @classmethod
+    def of(cls, task: Task, options: GPROptions) -> _Setup:
+        """Divide the gap groups into segments, and prepare their prediction."""
+        count = levels_for(task.rate)
+        # the differences at the coarsest level extend two of its steps beyond a segment
+        predictor = SegmentPredictor(task, 2 * 2 ** (count - 1), options)
+        distance = task.geometry.distance
+        by_group = [
+            split_into_segments(group, task.valid, distance, options.segments)
+            for group in task.groups
         ]
-        self.slots = [slot for slots in self._by_group for slot in slots]
-
-    def read(self, over_pieces: _Map, progress: Callable[[], None]) -> None:
-        """Predict all pieces from what is measured."""
-        found = iter(over_pieces(lambda slot: self._predict(slot, None), self.slots))
-        for number in range(len(self._groups)):
-            for slot in self._by_group[number]:
-                slot.parts = next(found)
-            self._synthesise(number)
-            progress()
-
-    def read_again(self, over_pieces: _Map) -> None:
-        """Predict once more what learnt from few frames, now that a first fill completes more."""
-        again = [slot for slot in self.slots if not all(part.complete for part in slot.parts)]
-        # the estimate changes only when all of them are predicted
-        found = over_pieces(lambda slot: self._predict(slot, self.estimate.positions), again)
-        for slot, parts in zip(again, found, strict=True):
-            slot.parts = parts
-        for number in sorted({slot.group for slot in again}):
-            self._synthesise(number)
-
-    def _predict(self, slot: _Slot, completed: NDArray[np.float64] | None) -> list[Prediction]:
-        """Predict a piece, and see to its looks; parameters as for `Predictor.predict`."""
-        return [self._finish(part) for part in self._predictor.predict(slot.piece, completed)]
-
-    def interpolate_gap(self) -> None:
-        """Bridge over time what the clip's own frames do not tell; all around it is filled."""
-        doubtful = [s for s in self.slots if s.piece.searchable and not s.told_by_clip]
-        changed = set()
-        with self._without(doubtful) as completed:
-            for slot in doubtful:
-                # other bodies are no better guess than the marker's own movement over a short gap
-                better, rest = _better(
-                    self._predictor.interpolate_gap(slot.piece, completed), slot.parts
-                )
-                slot.parts = [*rest, *better]
-                if better:
-                    changed.add(slot.group)
-        for number in sorted(changed):
-            self._synthesise(number)
-
-    def lead_through(self) -> None:
-        """Lead the body through blackouts, when all that is told by visible markers is filled."""
-        blind = sorted(
-            (slot for slot in self.slots if not slot.piece.searchable),
-            key=lambda slot: slot.piece.start,
+        return cls(
+            task,
+            options,
+            predictor,
+            PostProcessor(task, options.floor, options.smoothing),
+            [Resolution(task.positions, task.rate, 2**i) for i in range(count)],
+            tuple(segment for segments in by_group for segment in segments),
+            tuple(number for number, segments in enumerate(by_group) for _ in segments),
         )
-        blackouts: list[list[_Slot]] = []
-        stop = -1
-        for slot in blind:
-            if slot.piece.start > stop:  # what touches is one blackout
-                blackouts.append([])
-            blackouts[-1].append(slot)
-            stop = max(stop, slot.piece.stop)
-        with self._without(blind) as completed:
-            for slots in blackouts:
-                found = self._predictor.lead_through([slot.piece for slot in slots], completed)
-                for slot in slots:
-                    piece = slot.piece
-                    slot.parts = [
-                        self._finish.enforce_floor(part)  # curves over time do not shake
-                        for part in found
-                        if part.first == piece.start and part.piece.markers[0] in piece.markers
-                    ]
-        for number in sorted({slot.group for slot in blind}):
-            self._synthesise(number)
 
-    @contextmanager
-    def _without(self, slots: Sequence[_Slot]) -> Iterator[NDArray[np.float64]]:
-        """Give the positions so far with some pieces missing; nothing may be synthesised meanwhile.
+    def predict(
+        self, segment: GapSegment, completed: NDArray[np.float64] | None
+    ) -> tuple[SegmentPrediction, ...]:
+        """Predict a segment from its visible markers, and post-process the predictions."""
+        return tuple(self.postprocess(p) for p in self.predictor.predict(segment, completed))
 
-        Those of the estimate themselves, as a copy of a long clip is large.
-        """
-        positions = self.estimate.positions
-        places = [(slice(s.piece.start, s.piece.stop), s.piece.markers) for s in slots]
-        hidden = [positions[place] for place in places]
-        for place in places:
-            positions[place] = np.nan
-        try:
-            yield positions
-        finally:
-            for place, some in zip(places, hidden, strict=True):
-                positions[place] = some
+    def solve(self, estimate: Estimate, predictions: _Predictions, changed: Iterable[int]) -> None:
+        """Minimise the energy of the gap groups of changed segments, into the estimate."""
+        for number in sorted({self.group_of[index] for index in changed}):
+            self.solve_group(estimate, predictions, number)
 
-    def _synthesise(self, number: int) -> None:
-        """Minimise a gap group's energy under its predictions, into the estimate."""
-        group = self._groups[number]
-        parts = [part for slot in self._by_group[number] for part in slot.parts]
-        inside = solve_levels(self._levels, group, _prior_of(parts, group), minimise)
-        self.estimate.positions[group.start : group.stop, list(group.markers)] = inside
+    def solve_group(self, estimate: Estimate, predictions: _Predictions, number: int) -> None:
+        """Minimise the energy of a gap group, into the estimate."""
+        group = self.task.groups[number]
+        parts = [
+            part
+            for group_number, parts in zip(self.group_of, predictions, strict=False)
+            if group_number == number
+            for part in parts
+        ]
+        targets = targets_from(parts, group, self.options.joining)
+        solution = solve_levels(self.levels, group, targets, minimise)
+        estimate.positions[group.start : group.stop, list(group.markers)] = solution
+        assert estimate.error_bound_90 is not None
         for part in parts:
-            piece = part.piece
-            expected_rms = part.expected_rms[piece.start - part.first : piece.stop - part.first]
-            self.estimate.expected_rms[piece.start : piece.stop, piece.markers] = expected_rms
-            bound = part.bound_factor * expected_rms
-            self._bound[piece.start : piece.stop, piece.markers] = bound
+            segment = part.segment
+            expected_rms = part.expected_rms[segment.start - part.first : segment.stop - part.first]
+            place = (slice(segment.start, segment.stop), segment.markers)
+            estimate.expected_rms[place] = expected_rms
+            estimate.error_bound_90[place] = part.bound_factor * expected_rms
 
 
-def _give_up_hopeless(estimate: Estimate) -> None:
-    """Leave samples missing of which nothing is known but that they are somewhere."""
-    hopeless = estimate.expected_rms > HOPELESS
-    estimate.positions[hopeless] = np.nan
-    reason = f"the visible markers say nothing of it: expected error above {HOPELESS:.0f} mm"
-    for marker in np.flatnonzero(np.logical_or.reduce(hopeless, axis=0)):
-        for start, stop in runs(hopeless[:, marker]):
+def _first_pass(
+    setup: _Setup, estimate: Estimate, map_segments: _Map, progress: Callable[[], None]
+) -> _Predictions:
+    """Predict all segments from the measured samples, and solve all gap groups."""
+    found = iter(map_segments(lambda segment: setup.predict(segment, None), setup.segments))
+    predictions: list[tuple[SegmentPrediction, ...]] = []
+    for number in range(len(setup.task.groups)):
+        predictions += [next(found) for _ in range(setup.group_of.count(number))]
+        setup.solve_group(estimate, tuple(predictions), number)
+        progress()
+    return tuple(predictions)
+
+
+def _second_pass(
+    setup: _Setup, estimate: Estimate, predictions: _Predictions, map_segments: _Map
+) -> _Predictions:
+    """Predict again, with training poses completed by the first pass, what had few of them."""
+    again = [i for i, parts in enumerate(predictions) if not all(p.complete for p in parts)]
+    completed = estimate.positions
+    segments = [setup.segments[i] for i in again]
+    # all of them before the first is solved, which changes the estimate
+    found = list(map_segments(lambda segment: setup.predict(segment, completed), segments))
+    predictions = _replaced(predictions, dict(zip(again, found, strict=True)))
+    setup.solve(estimate, predictions, again)
+    return predictions
+
+
+def _interpolate_over_time(
+    setup: _Setup, estimate: Estimate, predictions: _Predictions
+) -> _Predictions:
+    """Interpolate over time where that has a smaller expected error than other recordings.
+
+    Predictions from the clip's own frames are kept.
+    """
+    candidates = [
+        i
+        for i, segment in enumerate(setup.segments)
+        if segment.has_enough_visible and not _from_own_frames(segment, predictions[i])
+    ]
+    changes: dict[int, tuple[SegmentPrediction, ...]] = {}
+    changed = []
+    with _hidden(estimate.positions, [setup.segments[i] for i in candidates]) as positions:
+        for i in candidates:
+            interpolated = setup.predictor.interpolate(setup.segments[i], positions)
+            better, rest = _better(interpolated, predictions[i])
+            changes[i] = (*rest, *better)
+            if better:
+                changed.append(i)
+    predictions = _replaced(predictions, changes)
+    setup.solve(estimate, predictions, changed)
+    return predictions
+
+
+def _fill_blackouts(setup: _Setup, estimate: Estimate, predictions: _Predictions) -> _Predictions:
+    """Fill blackouts, when everything that the visible markers predict has been filled."""
+    blackouts = _blackouts(setup.segments)
+    indices = [i for blackout in blackouts for i in blackout]
+    changes: dict[int, tuple[SegmentPrediction, ...]] = {}
+    with _hidden(estimate.positions, [setup.segments[i] for i in indices]) as positions:
+        for blackout in blackouts:
+            segments = [setup.segments[i] for i in blackout]
+            found = setup.predictor.predict_blackout(segments, positions)
+            for i, segment in zip(blackout, segments, strict=True):
+                changes[i] = tuple(
+                    setup.postprocess.enforce_floor(part)  # curves over time do not jitter
+                    for part in found
+                    if part.first == segment.start and part.segment.markers[0] in segment.markers
+                )
+    predictions = _replaced(predictions, changes)
+    setup.solve(estimate, predictions, indices)
+    return predictions
+
+
+def _replaced(
+    predictions: _Predictions, changes: dict[int, tuple[SegmentPrediction, ...]]
+) -> _Predictions:
+    """Return predictions with those of some segments replaced."""
+    return tuple(changes.get(i, parts) for i, parts in enumerate(predictions))
+
+
+def _from_own_frames(segment: GapSegment, parts: Sequence[SegmentPrediction]) -> bool:
+    """Whether all markers of a segment are predicted from the clip's own frames."""
+    own = sum(len(part.segment.markers) for part in parts if part.from_own_frames)
+    return own == len(segment.markers)
+
+
+def _blackouts(segments: Sequence[GapSegment]) -> list[list[int]]:
+    """Return the segments of each blackout, by their index: those that overlap or touch."""
+    dark = [i for i, segment in enumerate(segments) if not segment.has_enough_visible]
+    blackouts: list[list[int]] = []
+    stop = -1
+    for i in sorted(dark, key=lambda i: segments[i].start):
+        if segments[i].start > stop:
+            blackouts.append([])
+        blackouts[-1].append(i)
+        stop = max(stop, segments[i].stop)
+    return blackouts
+
+
+@contextmanager
+def _hidden(
+    positions: NDArray[np.float64], segments: Sequence[GapSegment]
+) -> Iterator[NDArray[np.float64]]:
+    """Give positions in which some segments are missing, and restore them afterwards.
+
+    The array itself is changed meanwhile, because a copy of a long clip is large.
+    """
+    places = [(slice(s.start, s.stop), s.markers) for s in segments]
+    hidden = [positions[place] for place in places]
+    for place in places:
+        positions[place] = np.nan
+    try:
+        yield positions
+    finally:
+        for place, values in zip(places, hidden, strict=True):
+            positions[place] = values
+
+
+def _drop_uncertain(estimate: Estimate, max_expected_error: float) -> None:
+    """Leave samples missing whose expected error exceeds a maximum (mm)."""
+    uncertain = estimate.expected_rms > max_expected_error
+    estimate.positions[uncertain] = np.nan
+    reason = (
+        f"the visible markers do not determine it: expected error above {max_expected_error:.0f} mm"
+    )
+    for marker in np.flatnonzero(np.logical_or.reduce(uncertain, axis=0)):
+        for start, stop in runs(uncertain[:, marker]):
             estimate.notes.append(Note(int(marker), start, stop, reason, filled=False))
 
 
 def _better(
-    bridged: Sequence[Prediction], found: Sequence[Prediction]
-) -> tuple[list[Prediction], list[Prediction]]:
-    """Choose the bridges that err less than what was found, and what is left of that."""
+    interpolated: Sequence[SegmentPrediction], found: Sequence[SegmentPrediction]
+) -> tuple[list[SegmentPrediction], list[SegmentPrediction]]:
+    """Choose the interpolations with a smaller expected error than the predictions.
+
+    Parameters
+    ----------
+    interpolated : sequence of SegmentPrediction
+        Of one marker each.
+    found : sequence of SegmentPrediction
+        Predictions for the same segment.
+
+    Returns
+    -------
+    better : list of SegmentPrediction
+        The chosen interpolations.
+    rest : list of SegmentPrediction
+        The predictions of the other markers.
+    """
     expected = {
-        int(marker): (0.0 if part.own else float(np.sqrt((expected_rms**2).mean())))
+        int(marker): (0.0 if part.from_own_frames else float(np.sqrt((expected_rms**2).mean())))
         for part in found
-        for marker, expected_rms in zip(part.piece.markers, part.expected_rms.T, strict=True)
+        for marker, expected_rms in zip(part.segment.markers, part.expected_rms.T, strict=True)
     }
     better = [
         part
-        for part in bridged
-        if np.sqrt((part.expected_rms**2).mean()) < expected.get(int(part.piece.markers[0]), np.inf)
+        for part in interpolated
+        if np.sqrt((part.expected_rms**2).mean())
+        < expected.get(int(part.segment.markers[0]), np.inf)
     ]
-    taken = [int(part.piece.markers[0]) for part in better]
-    rest = []
-    for part in found:
-        kept = np.flatnonzero(~np.isin(part.piece.markers, taken))
-        if len(kept):
-            rest.append(
-                replace(
-                    part,
-                    piece=replace(part.piece, markers=part.piece.markers[kept]),
-                    positions=part.positions[:, kept],
-                    expected_rms=part.expected_rms[:, kept],
-                )
-            )
+    chosen = [int(part.segment.markers[0]) for part in better]
+    columns = [np.flatnonzero(~np.isin(part.segment.markers, chosen)) for part in found]
+    rest = [part.for_markers(kept) for part, kept in zip(found, columns, strict=True) if len(kept)]
     return better, rest
-
-
-def _prior_of(
-    predictions: Sequence[Prediction], group: GapGroup
-) -> Callable[[Resolution, NDArray[np.intp]], Prior]:
-    """Return the prior of a gap group's markers at any level, by its predictions."""
-
-    def prior_at(level: Resolution, window: NDArray[np.intp]) -> Prior:
-        prior = Prior.empty(len(window), len(group.markers))
-        for prediction in predictions:
-            _place(prior, prediction, group, window * level.step, level)
-        return prior
-
-    return prior_at
-
-
-def _place(
-    prior: Prior,
-    prediction: Prediction,
-    group: GapGroup,
-    frames: NDArray[np.intp],
-    level: Resolution,
-) -> None:
-    """Write a prediction, and its differences over a level's steps, into a prior."""
-    piece, step = prediction.piece, level.step
-    columns = np.searchsorted(group.markers, piece.markers)
-    expected_rms = prediction.expected_rms
-    weight = np.maximum(expected_rms, LEAST_DEVIATION * expected_rms.max(axis=0)) ** -2.0
-
-    rows = np.flatnonzero((frames >= piece.start) & (frames < piece.stop))
-    at = frames[rows] - prediction.first
-    prior.pose[np.ix_(rows, columns)] = prediction.positions[at]
-    prior.pose_weight[np.ix_(rows, columns)] = weight[at]
-
-    # differences one step outside the piece reach into it: they are the seam
-    rows = np.flatnonzero(
-        (frames >= max(piece.start - step, prediction.first + step))
-        & (frames < min(piece.stop + step, prediction.last - step))
-    )
-    at = frames[rows] - prediction.first
-    before, here, after = (prediction.positions[at + d] for d in (-step, 0, step))
-    where = np.ix_(rows, columns)
-    prior.velocity[where] = 0.5 * (after - before)
-    prior.acceleration[where] = after - 2.0 * here + before
-    # an error that is forgotten like a Matérn process of smoothness 3/2
-    reach = JOIN_SECONDS * np.maximum(expected_rms.max(axis=0), 1.0) ** JOIN_GROWTH
-    stiffness = (np.minimum(reach, LONGEST_JOIN) * level.rate) ** 2
-    prior.velocity_weight[where] = 2.0 * stiffness * weight[at]
-    prior.acceleration_weight[where] = stiffness**2 * weight[at]

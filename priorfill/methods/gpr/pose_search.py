@@ -12,7 +12,7 @@ from priorfill.geometry.poses import evenly_spaced
 from priorfill.geometry.root_frames import RootGroup
 from priorfill.methods.options import check_at_least
 from priorfill.methods.task import THIS_CLIP, Task
-from priorfill.search.bank import Banks, PoseBank
+from priorfill.search.bank import PoseBank, PoseBankCache
 
 __all__ = ["PoseSearch", "SearchOptions"]
 
@@ -66,7 +66,7 @@ class PoseSearch:
     def __init__(self, task: Task, options: SearchOptions = SearchOptions()) -> None:
         self.task = task
         self.options = options
-        self._banks = Banks(task.takes)
+        self._banks = PoseBankCache(task.takes)
 
     def common_markers(self, markers: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Return which markers most takes have that have some markers [shape=(markers,)].
@@ -77,9 +77,7 @@ class PoseSearch:
             The markers that a take must have to be counted.
         """
         having = self._has_marker[np.logical_and.reduce(self._has_marker[:, markers], axis=1)]
-        common: NDArray[np.bool_] = having.sum(axis=0) >= max(
-            1.0, MIN_SHARE_OF_TAKES * len(having)
-        )
+        common: NDArray[np.bool_] = having.sum(axis=0) >= max(1.0, MIN_SHARE_OF_TAKES * len(having))
         return common
 
     def bank(
@@ -87,7 +85,7 @@ class PoseSearch:
     ) -> PoseBank:
         """Return a bank of the takes at a rate (Hz), or at a lower one if it would be too large.
 
-        The other parameters are those of `priorfill.search.bank.Banks.get`.
+        The other parameters are those of `priorfill.search.bank.PoseBankCache.get`.
         """
         highest = min(rate, self._highest_rate)
         return self._banks.get(root, viable, wanted, highest, self.options.max_poses)

@@ -1,4 +1,4 @@
-"""Decide what a piece is predicted from: the clip's own frames, other recordings, or time alone."""
+"""Prediction of gap segments: from the clip's own frames, other recordings, or over time."""
 
 from __future__ import annotations
 
@@ -11,160 +11,181 @@ from numpy.typing import NDArray
 
 from priorfill.constraints.segment_lengths import choose_length_edges, hold_lengths
 from priorfill.constraints.velocity_fusion import fuse_velocity
-from priorfill.gp.ensemble import regress
-from priorfill.methods.gpr.blackout import Blackouts
-from priorfill.methods.gpr.dropout import DropoutOptions, DropoutPredictor
-from priorfill.methods.gpr.gap_segments import Piece
+from priorfill.gp.ensemble import Regression, regress
+from priorfill.methods.gpr.blackout import BlackoutPredictor
+from priorfill.methods.gpr.dropout import DropoutPredictor
+from priorfill.methods.gpr.gap_segments import GapSegment
 from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import PoseSearch
-from priorfill.methods.gpr.prediction import Prediction
-from priorfill.methods.gpr.spline_nodes import between
-from priorfill.methods.gpr.training.plan import Lessons
+from priorfill.methods.gpr.prediction import SegmentPrediction
+from priorfill.methods.gpr.spline_nodes import interpolate_nodes
+from priorfill.methods.gpr.training.plan import TrainingPlan, TrainingPlanner
 from priorfill.methods.task import Task
 from priorfill.signal.gp_interpolation import interpolate_gap
 
-__all__ = ["Predictor"]
-
-BRIEF = 0.1
-"""s. Over no longer than this a marker's own movement is a better guess than any other body."""
+__all__ = ["SegmentPredictor"]
 
 
-class Predictor:
-    """Predicts the pieces of one task. Predictions do not depend on each other.
+class SegmentPredictor:
+    """Predicts the gap segments of one task, independently of each other.
 
     Parameters
     ----------
     task : Task
-        The clip and the takes to learn from.
+        The clip and the takes.
     margin : int
-        Frames around a piece to be predicted too, where the visible markers allow.
+        Frames around a segment to be predicted too, where the visible markers allow.
     options : GPROptions
-        See there.
+        Of the method.
 
     Attributes
     ----------
-    each : callable
-        How the views of a piece are gone through: as `map` does, or several at a time.
-    valid : ndarray of bool [shape=(frames, markers)]
-        Which samples are measured.
-    distance, spread : ndarray [shape=(markers, markers), mm]
-        See `priorfill.geometry.distances.pair_distances`.
+    map_function : callable
+        `map`, or a function like it that works on several alignments of a segment at a time.
     """
 
     def __init__(self, task: Task, margin: int, options: GPROptions) -> None:
         self.task = task
-        self.each: Callable[..., Any] = map
+        self.map_function: Callable[..., Any] = map
         self._margin = margin
-        search = PoseSearch(task, options)
-        self._lessons = Lessons(task, search, margin, options)
-        self._dropouts = DropoutPredictor(task, DropoutOptions())
-        self._blackouts = Blackouts(task, search, options)
-        self.valid = self._lessons.own.valid
-        self.distance, self.spread = self._lessons.own.distance, self._lessons.own.spread
+        self._options = options
+        search = PoseSearch(task, options.search)
+        self._planner = TrainingPlanner(task, search, margin, options)
+        self._dropouts = DropoutPredictor(task, options.dropout)
+        self._blackouts = BlackoutPredictor(task, search, options.blackout, options.correlation)
 
-    def predict(self, piece: Piece, completed: NDArray[np.float64] | None) -> list[Prediction]:
-        """Predict a piece from its visible markers.
+    def predict(
+        self, segment: GapSegment, completed: NDArray[np.float64] | None
+    ) -> list[SegmentPrediction]:
+        """Predict a segment from its visible markers.
 
         Parameters
         ----------
-        piece : Piece
+        segment : GapSegment
             What to predict.
         completed : ndarray [shape=(frames, markers, 3), mm] or None
-            The clip after a first fill, to complete the poses that are learnt from.
+            The clip filled by the first pass, to complete training poses in the second one.
 
         Returns
         -------
-        list of Prediction
-            For the piece, or, where its markers are never seen together, for each of them that
-            can be predicted; empty where none can.
+        list of SegmentPrediction
+            For the segment, or, where its markers are never visible together, for each marker
+            that can be predicted; empty where none can.
         """
-        if not piece.searchable:
+        if not segment.has_enough_visible:
             return []
-        prediction = self._from_own(piece, completed)
-        if prediction is None and (piece.stop - piece.start) / self.task.rate <= BRIEF:
-            bridged = self.interpolate_gap(piece, self.task.positions)
-            if len(bridged) == len(piece.markers):
-                return bridged
-        prediction = prediction or self._from_others(piece)
+        plan = self._planner.plan(segment, completed)
+        if plan is not None:
+            return [self._from_own_frames(segment, plan)]
+        seconds = (segment.stop - segment.start) / self.task.rate
+        if seconds <= self._options.short_gap_seconds:
+            interpolated = self.interpolate(segment, self.task.positions)
+            if len(interpolated) == len(segment.markers):
+                return interpolated
+        prediction = self._from_donors(segment)
         if prediction is not None:
             return [prediction]
-        if len(piece.markers) == 1:
+        if len(segment.markers) == 1:
             return []
         return [
             part
-            for marker in piece.markers
-            for part in self.predict(replace(piece, markers=marker[None]), completed)
+            for marker in segment.markers
+            for part in self.predict(replace(segment, markers=marker[None]), completed)
         ]
 
-    def interpolate_gap(self, piece: Piece, completed: NDArray[np.float64]) -> list[Prediction]:
-        """Bridge a piece over time, marker by marker; parameters as for `predict`."""
-        found = []
-        for marker in piece.markers:
-            bridged = interpolate_gap(completed[:, marker], piece.start, piece.stop, self.task.rate)
-            if bridged is not None:
-                positions, expected_rms = bridged
-                found.append(
-                    Prediction(
-                        replace(piece, markers=marker[None]),
-                        piece.start,
-                        positions[:, None],
-                        expected_rms[:, None],
-                        complete=True,
-                        how="interpolation over time",
-                        takes=(self.task.name,),
-                    )
+    def interpolate(
+        self, segment: GapSegment, completed: NDArray[np.float64]
+    ) -> list[SegmentPrediction]:
+        """Interpolate a segment over time, marker by marker; parameters as of `predict`."""
+        start, stop = segment.start, segment.stop
+        predictions = []
+        for marker in segment.markers:
+            found = interpolate_gap(
+                completed[:, marker], start, stop, self.task.rate, self._options.interpolation
+            )
+            if found is None:
+                continue
+            positions, expected_rms = found
+            predictions.append(
+                SegmentPrediction(
+                    replace(segment, markers=marker[None]),
+                    start,
+                    positions[:, None],
+                    expected_rms[:, None],
+                    complete=True,
+                    source="interpolation over time",
+                    source_clips=(self.task.name,),
                 )
-        return found
+            )
+        return predictions
 
-    def lead_through(
-        self, pieces: Sequence[Piece], completed: NDArray[np.float64]
-    ) -> list[Prediction]:
-        """Lead pieces through a blackout together; see `Blackouts.lead_through`."""
-        return self._blackouts.lead_through(pieces, completed)
+    def predict_blackout(
+        self, segments: Sequence[GapSegment], completed: NDArray[np.float64]
+    ) -> list[SegmentPrediction]:
+        """Predict the segments of a blackout together; see `BlackoutPredictor.predict`."""
+        return self._blackouts.predict(segments, completed)
 
-    def _from_own(self, piece: Piece, completed: NDArray[np.float64] | None) -> Prediction | None:
-        """Predict from the clip's own frames; None where too few can be learnt from."""
-        course = self._lessons.of(piece, completed)
-        if course is None:
-            return None
-        asked, visible = course.asked, course.visible
-        seconds = (piece.stop - piece.start) / self.task.rate
-        found = regress(course.lessons, course.members, seconds, course.even, self.each)
-        found, frames = between(found, asked), np.arange(asked[0], asked[-1] + 1)
-        positions = found.positions
-        if found.motion is not None:
-            known = self.task.positions[np.ix_(frames, piece.markers)]
-            positions = fuse_velocity(positions, found.motion, known, self.task.rate)
-        edges = choose_length_edges(self.distance, self.spread, piece.markers, visible)
-        anchors, edges = edges.anchored(len(piece.markers))
-        seen = self.task.positions[np.ix_(frames, visible[anchors])]
-        return Prediction(
-            piece,
-            int(frames[0]),
-            hold_lengths(positions, found.expected_rms, seen, edges),
+    def _from_own_frames(self, segment: GapSegment, plan: TrainingPlan) -> SegmentPrediction:
+        """Predict by regression on the clip's own frames, and on the database's if planned."""
+        found = regress(
+            plan.problems,
+            plan.models,
+            (segment.stop - segment.start) / self.task.rate,
+            plan.inside,
+            self.map_function,
+            self._options.ensemble,
+        )
+        found = interpolate_nodes(found, plan.query_frames)
+        first, last = int(plan.query_frames[0]), int(plan.query_frames[-1])
+        positions = self._constrained(segment, found, plan.visible, slice(first, last + 1))
+        source = "the clip's own frames"
+        return SegmentPrediction(
+            segment,
+            first,
+            positions,
             found.expected_rms,
-            complete=course.complete,
-            how="the clip's own frames" + self.task.and_sources(course.takes, "the database's"),
-            takes=(self.task.name, *course.takes),
-            own=True,
-            poses=course.poses,
+            complete=plan.complete,
+            source=source + self.task.and_sources(plan.takes, "the database's"),
+            source_clips=(self.task.name, *plan.takes),
+            from_own_frames=True,
+            training_poses=plan.training_poses,
             bound_factor=found.bound_factor,
         )
 
-    def _from_others(self, piece: Piece) -> Prediction | None:
-        """Predict from other recordings, other bodies and the mirror; None where none tells."""
-        visible = self._dropouts.nearest_visible(piece.markers, piece.visible)
-        asked = piece.around(self.valid, visible, self._margin)
-        told = self._dropouts.predict(piece.markers, visible, asked)
-        if told is None:
+    def _constrained(
+        self, segment: GapSegment, found: Regression, visible: NDArray[np.intp], frames: slice
+    ) -> NDArray[np.float64]:
+        """Return positions fused with velocities, and with the lengths of body segments kept."""
+        markers, measured = segment.markers, self.task.positions[frames]
+        positions = found.positions
+        if found.velocity is not None:
+            positions = fuse_velocity(
+                positions,
+                found.velocity,
+                measured[:, markers],
+                self.task.rate,
+                self._options.velocity_fusion,
+            )
+        geometry, options = self.task.geometry, self._options.segment_lengths
+        edges = choose_length_edges(geometry.distance, geometry.spread, markers, visible, options)
+        anchors, edges = edges.anchored(len(markers))
+        anchored = measured[:, visible[anchors]]
+        return hold_lengths(positions, found.expected_rms, anchored, edges, options)
+
+    def _from_donors(self, segment: GapSegment) -> SegmentPrediction | None:
+        """Predict from other recordings, other subjects and the mirror image, if any."""
+        visible = self._dropouts.nearest_visible(segment.markers, segment.visible)
+        frames = segment.with_margin(self.task.valid, visible, self._margin)
+        found = self._dropouts.predict(segment.markers, visible, frames)
+        if found is None:
             return None
-        return Prediction(
-            piece,
-            int(asked[0]),
-            told.positions,
-            told.expected_rms,
+        return SegmentPrediction(
+            segment,
+            int(frames[0]),
+            found.positions,
+            found.expected_rms,
             complete=True,
-            how=told.source,
-            takes=told.source_clips,
-            poses=told.training_poses,
+            source=found.source,
+            source_clips=found.source_clips,
+            training_poses=found.training_poses,
         )

@@ -1,88 +1,99 @@
-"""What is predicted for a piece, or why it stays missing."""
+"""The prediction for a gap segment, or the reason why it stays missing."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gp.calibration import BOUND_FACTOR
-from priorfill.methods.gpr.gap_segments import Piece
+from priorfill.methods.gpr.gap_segments import GapSegment
 from priorfill.methods.task import Note, Task
 
-__all__ = ["Prediction", "unfilled"]
+__all__ = ["SegmentPrediction", "notes_on_unfilled"]
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
-    """What is predicted for a piece and a few frames around it.
+class SegmentPrediction:
+    """The prediction for a gap segment and a few frames around it.
 
     Attributes
     ----------
-    piece : Piece
-        What was asked for.
+    segment : GapSegment
+        The predicted samples.
     first : int
-        The first frame predicted; not after the piece's start.
-    positions : ndarray [shape=(frames, piece's markers, 3), mm]
+        The first predicted frame; not after the segment's start.
+    positions : ndarray [shape=(frames, segment's markers, 3), mm]
         Upright.
-    deviation : ndarray [shape=(frames, piece's markers), mm]
-        Expected rms Euclidean error.
+    expected_rms : ndarray [shape=(frames, segment's markers), mm]
+        Expected rms error (Euclidean).
     complete : bool
-        Whether the rows learnt from left nothing to be gained by a second reading.
-    how : str
+        Whether a second pass has no more training poses.
+    source : str
         What it was predicted from.
-    takes : tuple of str
-        Recordings learnt from.
-    own : bool
-        Whether it was predicted from the clip's own poses.
-    poses : int
-        Rows of the largest lesson, or windows of a blackout; 0 where none were learnt from.
+    source_clips : tuple of str
+        Names of the recordings in the training data.
+    from_own_frames : bool
+        Whether it was predicted by the regression on the clip's own frames.
+    training_poses : int
+        Poses of the largest regression problem, or windows for a blackout; 0 without training.
     bound_factor : float
-        How many times the deviation 90 % of the errors are expected to lie below.
+        Factor of `expected_rms` that gives the bound below which 90 % of the errors are expected.
     """
 
-    piece: Piece
+    segment: GapSegment
     first: int
     positions: NDArray[np.float64]
     expected_rms: NDArray[np.float64]
     complete: bool
-    how: str
-    takes: tuple[str, ...] = ()
-    own: bool = False
-    poses: int = 0
+    source: str
+    source_clips: tuple[str, ...] = ()
+    from_own_frames: bool = False
+    training_poses: int = 0
     bound_factor: float = BOUND_FACTOR
 
     @property
     def last(self) -> int:
-        """The frame after the last one predicted."""
+        """The frame after the last predicted one."""
         return self.first + len(self.positions)
 
     @property
     def notes(self) -> list[Note]:
-        """What is to be said of it, marker by marker."""
+        """A note for each marker."""
         return [
             Note(
                 int(m),
-                self.piece.start,
-                self.piece.stop,
-                self.how,
-                source_clips=self.takes,
-                training_poses=self.poses,
+                self.segment.start,
+                self.segment.stop,
+                self.source,
+                source_clips=self.source_clips,
+                training_poses=self.training_poses,
             )
-            for m in self.piece.markers
+            for m in self.segment.markers
         ]
 
+    def for_markers(self, columns: NDArray[np.intp]) -> SegmentPrediction:
+        """Return the prediction for some of the segment's markers, by their index in it."""
+        return replace(
+            self,
+            segment=replace(self.segment, markers=self.segment.markers[columns]),
+            positions=self.positions[:, columns],
+            expected_rms=self.expected_rms[:, columns],
+        )
 
-def unfilled(piece: Piece, task: Task) -> list[Note]:
-    """Say why a piece stays missing, marker by marker."""
-    if not piece.searchable:
-        reason = "fewer than three other markers are visible, and it is not seen beside the gap"
+
+def notes_on_unfilled(segment: GapSegment, task: Task) -> list[Note]:
+    """Return the reason why a segment stays missing, for each marker."""
+    if not segment.has_enough_visible:
+        reason = "fewer than three other markers are visible, and it is not visible next to the gap"
     else:
-        reason = "hardly a frame of the clip shows it together with the visible markers, "
-        reason += "nor does another recording"
+        reason = "too few frames of the clip show it together with the visible markers, "
+        reason += "and no other recording does"
         if all(take.same_subject for take in task.takes):
             reason += ", and there is no database"
         if not task.takes:
             reason += "; give one (--database), or another clip of the same person (--same-subject)"
-    return [Note(int(m), piece.start, piece.stop, reason, filled=False) for m in piece.markers]
+    return [
+        Note(int(m), segment.start, segment.stop, reason, filled=False) for m in segment.markers
+    ]

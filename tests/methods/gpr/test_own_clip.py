@@ -1,4 +1,4 @@
-"""What a lesson of the clip's own frames says of the poses to be predicted."""
+"""Lag features of the regression problems of the clip's own frames."""
 
 from __future__ import annotations
 
@@ -9,38 +9,44 @@ from gappy import ARM, person, with_gaps
 
 from priorfill.gaps import gap_groups
 from priorfill.markers.describe import describe
-from priorfill.methods.gpr.ensembles import LIMB_MEMBERS, seconds_of
-from priorfill.methods.gpr.gap_segments import pieces_of
+from priorfill.methods.gpr.ensembles import ModelOptions, lags_of
+from priorfill.methods.gpr.gap_segments import split_into_segments
 from priorfill.methods.gpr.options import GPROptions
-from priorfill.methods.gpr.training.own_clip import OwnLessons
+from priorfill.methods.gpr.training.own_clip import OwnClipProblems
 from priorfill.methods.task import Task
 
 RATE = 60.0
 
 
-def test_queries_are_surrounded_by_what_is_measured_around_them():
+def test_queries_have_the_positions_measured_before_and_after_them():
     clip = with_gaps(person(seconds=6.0, rate=RATE), (120, 240, ARM), (100, 101, ["RKNE"]))
     groups = tuple(gap_groups(clip.missing))
     task = Task(clip.positions, clip.labels, clip.rate, describe(clip), groups)
-    lessons = OwnLessons(task, 8, GPROptions())
-    pieces = [part for group in groups for part in pieces_of(group, task.valid, lessons.distance)]
-    piece = next(part for part in pieces if len(part.markers) > 1)
-    own = lessons.with_moments(lessons.read(piece, None), LIMB_MEMBERS)
-    moments = seconds_of(LIMB_MEMBERS)
+    options = GPROptions()
+    problems = OwnClipProblems(task, 8, options.training, options.spline_nodes, options.correlation)
+    models = ModelOptions().limb
+    segments = [
+        part
+        for group in groups
+        for part in split_into_segments(group, task.valid, problems.distance)
+    ]
+    segment = next(part for part in segments if len(part.markers) > 1)
+    own = problems.with_lag_features(problems.problem_for(segment, None), models)
+    lags = lags_of(models)
     some = np.array([3, 0, 5])
-    fewer = own.lesson.surroundings.among(some)
+    fewer = own.problem.lag_source.restricted_to(some)
     for part in (slice(0, 30), slice(40, None)):
-        asked = own.lesson.asked(part)
-        assert set(asked.around) == set(moments)
-        for row, frame in enumerate(own.asked[part]):
+        query = own.problem.query_batch(part)
+        assert set(query.lagged) == set(lags)
+        for row, frame in enumerate(own.query_frames[part]):
             now = clip.positions[frame, own.visible]
-            np.testing.assert_array_equal(asked.visible[row], now)
-            for seconds in moments:
+            np.testing.assert_array_equal(query.visible[row], now)
+            for seconds in lags:
                 away = round(seconds * RATE)
                 before, after = (clip.positions[frame + d, own.visible] for d in (-away, away))
                 before = np.where(np.isnan(before), 2 * now - after, before)
                 after = np.where(np.isnan(after), 2 * now - before, after)
-                np.testing.assert_allclose(asked.around[seconds][:, row], [before, after])
-        again = fewer(replace(asked, visible=asked.visible[:, some], around={})).around
-        for seconds in moments:
-            np.testing.assert_array_equal(again[seconds], asked.around[seconds][:, :, some])
+                np.testing.assert_allclose(query.lagged[seconds][:, row], [before, after])
+        again = fewer(replace(query, visible=query.visible[:, some], lagged={})).lagged
+        for seconds in lags:
+            np.testing.assert_array_equal(again[seconds], query.lagged[seconds][:, :, some])

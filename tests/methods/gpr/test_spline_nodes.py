@@ -1,4 +1,4 @@
-"""Knots of limbs' pieces, and the curves through what is predicted of them."""
+"""Spline nodes of segments of several markers, and the splines through the predictions there."""
 
 from __future__ import annotations
 
@@ -10,18 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from priorfill.gp.ensemble import Regression
-from priorfill.gp.velocities import Motion
-from priorfill.methods.gpr.gap_segments import Piece
+from priorfill.gp.velocities import VelocityPrediction
+from priorfill.methods.gpr.gap_segments import GapSegment
 from priorfill.methods.gpr.spline_nodes import (
-    EDGE,
-    KNOT_RATE,
-    between,
-    knots,
+    SplineNodeOptions,
+    interpolate_nodes,
+    spline_nodes,
 )
 
 
-def piece(start, stop, markers=3):
-    return Piece(np.arange(markers), start, stop, np.arange(10, 20))
+def segment(start, stop, markers=3):
+    return GapSegment(np.arange(markers), start, stop, np.arange(10, 20))
 
 
 @settings(max_examples=100, deadline=None)
@@ -32,74 +31,77 @@ def piece(start, stop, markers=3):
     st.integers(0, 40),
     st.floats(1.0, 2000.0),
 )
-def test_knots_are_dense_enough(start, length, before, after, rate):
+def test_nodes_are_dense_enough(start, length, before, after, rate):
     stop = start + length
     frames = np.arange(start - before, stop + after)
-    chosen, even = knots(frames, piece(start, stop), rate)
-    assert chosen[0] == frames[0]
-    assert chosen[-1] == frames[-1]
-    gaps = np.diff(chosen)
+    nodes, inside = spline_nodes(frames, segment(start, stop), rate)
+    assert nodes[0] == frames[0]
+    assert nodes[-1] == frames[-1]
+    gaps = np.diff(nodes)
     assert (gaps >= 1).all()
-    assert gaps.max(initial=1) <= max(1.0, rate / KNOT_RATE)
-    beside = np.minimum(np.abs(frames - start), np.abs(frames - (stop - 1))) < EDGE * rate
-    assert set(frames[beside]) <= set(chosen)
-    # those that stand for the gap are evenly spread over it, and not beside it
-    spread = chosen[even]
-    assert spread[0] == start
-    assert (spread < stop).all()
-    assert len(set(np.diff(spread))) <= 1
+    assert gaps.max(initial=1) <= max(1.0, rate / SplineNodeOptions.rate)
+    near_edge = (
+        np.minimum(np.abs(frames - start), np.abs(frames - (stop - 1)))
+        < SplineNodeOptions.edge_seconds * rate
+    )
+    assert set(frames[near_edge]) <= set(nodes)
+    # the nodes inside the segment are evenly spaced
+    spaced = nodes[inside]
+    assert spaced[0] == start
+    assert (spaced < stop).all()
+    assert len(set(np.diff(spaced))) <= 1
 
 
-def test_of_a_single_marker_every_frame_is_one():
-    chosen, even = knots(np.arange(90, 310), piece(100, 300, markers=1), 240.0)
-    assert chosen.tolist() == list(range(90, 310))
-    assert even.sum() == 200
+def test_every_frame_of_a_single_marker_is_a_node():
+    nodes, inside = spline_nodes(np.arange(90, 310), segment(100, 300, markers=1), 240.0)
+    assert nodes.tolist() == list(range(90, 310))
+    assert inside.sum() == 200
 
 
-def found_at(chosen, path):
-    expected_rms = np.stack([1.0 + chosen % 7, 2.0 + chosen % 5], axis=1).astype(float)
-    motion = Motion(10.0 * path, 3.0 * expected_rms, np.ones(2))
-    return Regression(path, expected_rms, 1.6, motion)
+def found_at(nodes, path):
+    expected_rms = np.stack([1.0 + nodes % 7, 2.0 + nodes % 5], axis=1).astype(float)
+    velocity = VelocityPrediction(10.0 * path, 3.0 * expected_rms, np.ones(2))
+    return Regression(path, expected_rms, 1.6, velocity)
 
 
-def test_knots_keep_what_was_found_and_cubics_are_led_through_exactly():
-    chosen, _ = knots(np.arange(180, 440), piece(200, 420), 120.0)
+def test_predictions_at_nodes_are_kept_and_cubics_are_interpolated_exactly():
+    nodes, _ = spline_nodes(np.arange(180, 440), segment(200, 420), 120.0)
     frames = np.arange(180, 440)
     cubic = np.random.default_rng(0).normal(size=(4, 2, 3))
 
     def path(at):
         return np.einsum("kmc,kt->tmc", cubic, np.vander((at - 300) / 60.0, 4).T)
 
-    found = found_at(chosen, path(chosen))
-    led = between(found, chosen)
-    assert len(chosen) < 0.6 * len(frames)
-    np.testing.assert_allclose(led.positions, path(frames), atol=1e-9)
-    np.testing.assert_allclose(led.motion.velocity, 10.0 * path(frames), atol=1e-8)
-    at = chosen - chosen[0]
-    for whole, some in (
-        (led.positions, found.positions),
-        (led.expected_rms, found.expected_rms),
-        (led.motion.velocity, found.motion.velocity),
-        (led.motion.expected_rms, found.motion.expected_rms),
+    found = found_at(nodes, path(nodes))
+    interpolated = interpolate_nodes(found, nodes)
+    assert len(nodes) < 0.6 * len(frames)
+    np.testing.assert_allclose(interpolated.positions, path(frames), atol=1e-9)
+    np.testing.assert_allclose(interpolated.velocity.velocity, 10.0 * path(frames), atol=1e-8)
+    at = nodes - nodes[0]
+    for every, some in (
+        (interpolated.positions, found.positions),
+        (interpolated.expected_rms, found.expected_rms),
+        (interpolated.velocity.velocity, found.velocity.velocity),
+        (interpolated.velocity.expected_rms, found.velocity.expected_rms),
     ):
-        np.testing.assert_array_equal(whole[at], some)
-    for knot, following in pairwise(at):
-        low, high = np.sort(led.expected_rms[[knot, following]], axis=0)
-        inner = led.expected_rms[knot : following + 1]
+        np.testing.assert_array_equal(every[at], some)
+    for node, following in pairwise(at):
+        low, high = np.sort(interpolated.expected_rms[[node, following]], axis=0)
+        inner = interpolated.expected_rms[node : following + 1]
         assert (inner >= low - 1e-12).all()
         assert (inner <= high + 1e-12).all()
 
 
-def test_where_all_are_knots_nothing_changes():
-    chosen = np.arange(5, 30)
-    found = found_at(chosen, np.ones((25, 2, 3)))
-    assert between(found, chosen) is found
+def test_nothing_changes_where_all_frames_are_nodes():
+    nodes = np.arange(5, 30)
+    found = found_at(nodes, np.ones((25, 2, 3)))
+    assert interpolate_nodes(found, nodes) is found
 
 
 @pytest.mark.parametrize("rate", [100.0, 120.0, 240.0])
-def test_movement_is_hardly_missed(rate):
+def test_fast_movement_is_interpolated_accurately(rate):
     frames = np.arange(1000)
-    chosen, _ = knots(frames, piece(0, 1000), rate)
+    nodes, _ = spline_nodes(frames, segment(0, 1000), rate)
     wave = np.sin(2.0 * np.pi * 8.0 * frames / rate)[:, None, None] * np.ones((1, 2, 3))
-    missed = between(found_at(chosen, wave[chosen]), chosen).positions - wave
+    missed = interpolate_nodes(found_at(nodes, wave[nodes]), nodes).positions - wave
     assert np.abs(missed).max() < 0.01

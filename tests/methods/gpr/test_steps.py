@@ -19,8 +19,8 @@ import priorfill as pf
 from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
 from priorfill.energy.solver import solve_exactly
-from priorfill.gp.data import Lesson
 from priorfill.gp.ensemble import Regression, regress
+from priorfill.gp.problem import RegressionProblem
 from priorfill.markers.marker_set import MarkerSet
 from priorfill.methods.gpr.gap_segments import GapSegment
 from priorfill.methods.gpr.prediction import SegmentPrediction
@@ -365,11 +365,11 @@ def test_an_offset_at_the_edge_decays_as_in_the_closed_form(
                 np.full((frames, 1), expected_rms),
                 True,
                 "",
-                own=True,
+                from_own_frames=True,
             )
         ]
 
-    monkeypatch.setattr("priorfill.methods.gpr.predict.Predictor.predict", predict)
+    monkeypatch.setattr("priorfill.methods.gpr.predict.SegmentPredictor.predict", predict)
     monkeypatch.setattr("priorfill.methods.gpr.gpr_fill.minimise", solve_exactly)
     found = pf.fill(with_gaps(clip, (start, stop, "A"))).clip.positions[start:stop, 0]
     share = (found - places[0]) @ shift / (shift @ shift)
@@ -393,9 +393,9 @@ def test_samples_with_too_great_an_expected_error_stay_missing(
         expected_rms = np.full((60, 1), 900.0)
         expected_rms[20:30] = 1100.0
         path = truth.positions[100:160, segment.markers]
-        return [SegmentPrediction(segment, 100, path, expected_rms, True, "", own=True)]
+        return [SegmentPrediction(segment, 100, path, expected_rms, True, "", from_own_frames=True)]
 
-    monkeypatch.setattr("priorfill.methods.gpr.predict.Predictor.predict", predict)
+    monkeypatch.setattr("priorfill.methods.gpr.predict.SegmentPredictor.predict", predict)
     result = pf.fill(with_gaps(truth, (110, 150, ["LKNE"])))
     marker = truth.labels.index("LKNE")
     expected = np.zeros(truth.frames, dtype=bool)
@@ -414,7 +414,7 @@ def test_frames_between_knots_are_interpolated(monkeypatch: pytest.MonkeyPatch) 
     """A limb is predicted at 40 Hz and more, but for a tenth of a second at either edge."""
     asked = []
 
-    def counting(training: Sequence[Lesson], *rest: Any) -> Regression:
+    def counting(training: Sequence[RegressionProblem], *rest: Any) -> Regression:
         asked.append(len(training[0].query.time))
         return regress(training, *rest)
 

@@ -1,4 +1,4 @@
-"""Post-processing of predictions: floor and smoothing; the bridge over short gaps."""
+"""Post-processing of predictions: floor and smoothing."""
 
 from __future__ import annotations
 
@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from gappy import FOOT, person, with_gaps
 
-from priorfill.constraints.floor import enforce_floor
+from priorfill.constraints.floor import FloorOptions, enforce_floor
 from priorfill.gaps import gap_groups
 from priorfill.markers.describe import describe
-from priorfill.methods.gpr.gap_segments import Piece
-from priorfill.methods.gpr.postprocess import Finish
-from priorfill.methods.gpr.prediction import Prediction
+from priorfill.methods.gpr.gap_segments import GapSegment
+from priorfill.methods.gpr.postprocess import PostProcessor
+from priorfill.methods.gpr.prediction import SegmentPrediction
 from priorfill.methods.task import Task
-from priorfill.signal.gp_interpolation import NOISE, SECONDS, interpolate_gap
-from priorfill.signal.smoothing import low_pass, smooth_jitter
+from priorfill.signal.smoothing import SmoothingOptions, low_pass, smooth_jitter
 
 RATE = 100.0
 
@@ -22,7 +21,7 @@ RATE = 100.0
 # --- both together ---
 
 
-def test_a_prediction_is_lifted_and_smoothed() -> None:
+def test_a_prediction_is_raised_and_smoothed() -> None:
     """A foot that is predicted 15 mm too low, with noise of 3 mm."""
     truth = person(rate=RATE)
     markers = np.array([truth.labels.index(label) for label in FOOT])
@@ -34,16 +33,17 @@ def test_a_prediction_is_lifted_and_smoothed() -> None:
     rng = np.random.default_rng(0)
     off = rng.normal(0.0, 3.0, (110, len(markers), 3)) - [0.0, 0.0, 15.0]
     visible = np.setdiff1d(np.arange(len(truth.labels)), markers)
-    given = Prediction(
-        Piece(markers, 150, 260, visible),
+    given = SegmentPrediction(
+        GapSegment(markers, 150, 260, visible),
         150,
         truth.positions[150:260, markers] + off,
         np.full((110, len(markers)), 20.0),
         complete=True,
-        how="",
+        source="",
     )
-    finish = Finish(task, spread)
-    found, lifted = finish(given), finish.enforce_floor(given)
+    task.geometry.__dict__["spread"] = spread
+    process = PostProcessor(task, FloorOptions(), SmoothingOptions())
+    found, raised = process(given), process.enforce_floor(given)
 
     def roughness(positions: np.ndarray) -> float:
         return float(np.sqrt((np.diff(positions, 2, axis=0) ** 2).sum(axis=2).mean()))
@@ -56,10 +56,10 @@ def test_a_prediction_is_lifted_and_smoothed() -> None:
     assert below(given.positions) > 18.0
     # the floor is that of the lower foot
     assert below(found.positions) < 12.0
-    assert below(lifted.positions) < 12.0
+    assert below(raised.positions) < 12.0
     # with noise of 3 mm more than 5 mm
     assert roughness(found.positions) < 2.0 * roughness(inside)
-    assert roughness(lifted.positions) > 4.0 * roughness(inside)
+    assert roughness(raised.positions) > 4.0 * roughness(inside)
 
 
 # --- floor ---
@@ -73,8 +73,8 @@ def test_a_lift_of_the_toe_does_not_push_the_heel_into_the_floor() -> None:
     spread = np.full((3, 4), 50.0)
     spread[:, :3] = 1.0
     floor = np.array([30.0, -np.inf, 30.0])
-    lifted = enforce_floor(predicted, np.full((40, 3), 20.0), visible, spread, floor, RATE)
-    assert (floor - lifted[..., 2])[:, [0, 2]].max() < 1.0
+    raised = enforce_floor(predicted, np.full((40, 3), 20.0), visible, spread, floor, RATE)
+    assert (floor - raised[..., 2])[:, [0, 2]].max() < 1.0
 
 
 # --- smoothing ---
@@ -90,36 +90,3 @@ def test_smoothing_moves_a_prediction_by_no_more_than_half_of_its_error(
     moved = np.sqrt(((low_pass(path, RATE, 20.0) - path) ** 2).sum(axis=2).mean())
     found = smooth_jitter(path, np.full((200, 1), deviations * moved), np.zeros(1), RATE)
     assert (np.abs(found - path).max() > 0.1 * moved) == smoothed
-
-
-# --- bridge ---
-
-
-def test_the_bridges_variance_includes_that_of_its_line() -> None:
-    """Against a process that has the line as two very uncertain coefficients."""
-    rng = np.random.default_rng(0)
-    start, stop = 60, 90
-    path = np.cumsum(np.cumsum(rng.normal(0.0, 0.1, (150, 3)), axis=0), axis=0)
-    path[start:stop] = np.nan
-    beside = 2  # few samples, of which a line is uncertain
-    path[: start - beside] = path[stop + beside :] = np.nan
-    found = interpolate_gap(path, start, stop, RATE)
-    assert found is not None
-    known = np.r_[start - beside : start, stop : stop + beside]
-    time, asked = (known - 75) / RATE, (np.arange(start, stop) - 75) / RATE
-
-    def covariance(one: np.ndarray, other: np.ndarray, line: float) -> np.ndarray:
-        r = np.sqrt(5.0) * np.abs(one[:, None] - other) / SECONDS
-        return (1 + r + r**2 / 3) * np.exp(-r) + line * (1.0 + np.outer(one, other))
-
-    # a variance from which the limit differs by no more than rounding
-    matrix = covariance(time, time, 1e4) + NOISE * np.eye(len(time))
-    cross = covariance(asked, time, 1e4)
-    middle = path[known].mean(axis=0)
-    mean = cross @ np.linalg.solve(matrix, path[known] - middle) + middle
-    np.testing.assert_allclose(found[0], mean, atol=1e-2)
-    left = np.diag(covariance(asked, asked, 1e4) - cross @ np.linalg.solve(matrix, cross.T))
-    # the scale is a fit of its own
-    ratio = found[1] / np.sqrt(left)
-    np.testing.assert_allclose(ratio / ratio.mean(), 1.0, rtol=0.01)
-    assert found[1].argmax() in (14, 15)

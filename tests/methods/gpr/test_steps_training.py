@@ -10,30 +10,32 @@ from gappy import ARM, person, with_gaps
 
 from priorfill.clip import Clip
 from priorfill.gaps import gap_groups
-from priorfill.gp.data import Lesson, Member, Rows
-from priorfill.gp.ensemble import CHOICE, _calibrate, regress
-from priorfill.gp.features import View
-from priorfill.gp.pose_kernel import Kernel
+from priorfill.gp.ensemble import EnsembleOptions, _calibrate, _CrossValidation, regress
+from priorfill.gp.features import Alignment
+from priorfill.gp.kernels import RBF, Constant, Exponential, Linear, SubjectCorrelation
+from priorfill.gp.problem import GPModel, PoseSamples, RegressionProblem
+from priorfill.gp.process import GaussianProcess
 from priorfill.markers.describe import describe
-from priorfill.methods.gpr.gap_segments import Piece, pieces_of
+from priorfill.methods.gpr.gap_segments import GapSegment, split_into_segments
 from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import PoseSearch
-from priorfill.methods.gpr.training.own_clip import OwnLesson, OwnLessons
-from priorfill.methods.gpr.training.plan import Course, Lessons
-from priorfill.methods.gpr.training.subject_correlation import (
-    MIRROR_KINSHIP,
-    STRANGER_KINSHIP,
-    SYNTHESISED_KINSHIP,
-)
-from priorfill.methods.task import Task
+from priorfill.methods.gpr.training.own_clip import OwnClipProblem, OwnClipProblems
+from priorfill.methods.gpr.training.plan import TrainingPlan, TrainingPlanner
+from priorfill.methods.gpr.training.subject_correlation import SubjectCorrelationOptions
+from priorfill.methods.task import MIRROR_IMAGE, THIS_CLIP, Task
 from priorfill.search.takes import same_subject_take
 
-KERNEL = Kernel(1.0, 0.1, 1.0, 0.001, 0.1, smooth=False, noise=1e-4)
-MEMBERS = [Member(View("rigid", 220.0, 0.005, 10.0), None, KERNEL)]
+PROCESS = GaussianProcess(
+    (Constant() + Linear() + 0.1 * RBF(1.0)) * SubjectCorrelation() + 0.001 * Exponential(0.1),
+    noise_variance=1e-4,
+)
+MODELS = [GPModel(Alignment("rigid", 220.0, 0.005, 10.0), None, PROCESS)]
+CORRELATION = SubjectCorrelationOptions()
+OPTIONS = EnsembleOptions()
 GAP = np.arange(40, 80)
 
 
-def bending(seed: int, noise: float, bend: float = 0.0) -> Lesson:
+def bending(seed: int, noise: float, bend: float = 0.0) -> RegressionProblem:
     """Four visible markers that move, and a missing one that is a function of them."""
     rng = np.random.default_rng(seed)
     time = np.arange(160) / 100.0
@@ -45,9 +47,9 @@ def bending(seed: int, noise: float, bend: float = 0.0) -> Lesson:
     poses += rng.normal(0.0, noise, poses.shape)
     seen = np.setdiff1d(np.arange(160), GAP)
     take = np.zeros(160, dtype=np.intp)
-    return Lesson(
-        Rows(poses[seen, 1:], poses[seen, :1], time[seen], take[seen]),
-        Rows(poses[GAP, 1:], np.empty((len(GAP), 0, 3)), time[GAP], take[GAP]),
+    return RegressionProblem(
+        PoseSamples(poses[seen, 1:], poses[seen, :1], time[seen], take[seen]),
+        PoseSamples(poses[GAP, 1:], np.empty((len(GAP), 0, 3)), time[GAP], take[GAP]),
         np.linalg.norm(shape[1:] - shape[0], axis=1),
         np.full(4, 2.0),
     )
@@ -61,7 +63,10 @@ def test_calibration_is_shrunk_when_there_are_few_blocks(blocks: int, known: flo
     """Errors of 3 mm each where 1 was predicted; the prior guess has the weight of 8 blocks."""
     residuals = np.zeros((1, 50, 2, 3))
     residuals[..., 1] = 3.0
-    factor, bound = _calibrate(np.ones(1), residuals, np.ones((1, 50, 2)), blocks)
+    validation = _CrossValidation(
+        np.ones(1), residuals, np.ones((1, 50, 2)), np.empty((50, 0, 3)), blocks
+    )
+    factor, bound = _calibrate(validation, OPTIONS)
     assert factor == pytest.approx(3.0**known)
     # all errors are equal, so the 90 % bound is 1 time the rms error; the prior guess is 1.6
     assert bound == pytest.approx(1.6 ** (1.0 - known))
@@ -70,7 +75,7 @@ def test_calibration_is_shrunk_when_there_are_few_blocks(blocks: int, known: flo
 def test_the_calibration_scales_the_deviation(monkeypatch: pytest.MonkeyPatch) -> None:
     factors = iter([1.0, 2.5])
     monkeypatch.setattr("priorfill.gp.ensemble._calibrate", lambda *_: (next(factors), 1.75))
-    plain, scaled = (regress([bending(0, 1.0)], MEMBERS, 0.4) for _ in range(2))
+    plain, scaled = (regress([bending(0, 1.0)], MODELS, 0.4) for _ in range(2))
     np.testing.assert_allclose(scaled.expected_rms, 2.5 * plain.expected_rms)
     assert scaled.bound_factor == 1.75
 
@@ -78,11 +83,13 @@ def test_the_calibration_scales_the_deviation(monkeypatch: pytest.MonkeyPatch) -
 def test_a_mixture_of_training_sets_has_a_wider_deviation() -> None:
     """Weights chosen on the blocks left out do better there than in the gap."""
     problem = bending(0, 1.0)
-    one, two = regress([problem], MEMBERS, 0.4), regress([problem, problem], MEMBERS, 0.4)
+    one, two = regress([problem], MODELS, 0.4), regress([problem, problem], MODELS, 0.4)
     np.testing.assert_allclose(two.positions, one.positions, atol=1e-6)
-    assert CHOICE > 1.1
+    assert OPTIONS.selection_inflation > 1.1
     # half of the weight is on the second one
-    np.testing.assert_allclose(two.expected_rms / one.expected_rms, CHOICE**0.5, rtol=1e-6)
+    np.testing.assert_allclose(
+        two.expected_rms / one.expected_rms, OPTIONS.selection_inflation**0.5, rtol=1e-6
+    )
     assert two.bound_factor == pytest.approx(one.bound_factor)
 
 
@@ -92,11 +99,11 @@ def test_a_mixture_of_training_sets_has_a_wider_deviation() -> None:
 def test_a_penalty_shifts_the_mixture_towards_the_other_problem() -> None:
     own, others = bending(1, 2.0), bending(2, 2.0, bend=30.0)
     others = replace(others, query=own.query)
-    alone = [regress([one], MEMBERS, 0.4).positions for one in (own, others)]
+    alone = [regress([one], MODELS, 0.4).positions for one in (own, others)]
     span = (alone[1] - alone[0]).ravel()
 
     def share(penalty: float) -> float:
-        both = regress([own, replace(others, handicap=penalty)], MEMBERS, 0.4).positions
+        both = regress([own, replace(others, error_penalty=penalty)], MODELS, 0.4).positions
         return float((both - alone[0]).ravel() @ span / (span @ span))
 
     rewarded, even, penalised = share(0.9), share(1.0), share(1.2)
@@ -113,18 +120,19 @@ def task_of(clip: Clip, *others: Clip) -> Task:
     )
 
 
-def arm_of(task: Task) -> Piece:
+def arm_of(task: Task) -> GapSegment:
     markers = np.array([task.labels.index(label) for label in ARM])
     frames = np.flatnonzero(~task.valid[:, markers[0]])
     visible = np.setdiff1d(np.arange(len(task.labels)), markers)
-    return Piece(markers, int(frames[0]), int(frames[-1]) + 1, visible)
+    return GapSegment(markers, int(frames[0]), int(frames[-1]) + 1, visible)
 
 
-def course_of(clip: Clip, *others: Clip) -> Course:
+def plan_for(clip: Clip, *others: Clip) -> TrainingPlan:
     task, options = task_of(clip, *others), GPROptions()
-    found = Lessons(task, PoseSearch(task, options), 8, options).of(arm_of(task), None)
-    assert found is not None
-    return found
+    planner = TrainingPlanner(task, PoseSearch(task, options.search), 8, options)
+    plan = planner.plan(arm_of(task), None)
+    assert plan is not None
+    return plan
 
 
 @pytest.mark.parametrize(
@@ -140,53 +148,54 @@ def test_long_clips_penalise_other_recordings_and_short_ones_reward_them(
     seconds: float, rate: float, start: int, penalty: float
 ) -> None:
     clip = with_gaps(person(seconds=seconds, rate=rate), (start, start + 20, ARM))
-    course = course_of(clip, person(seconds=4.0, rate=30.0, seed=9))
-    own, others = course.lessons
-    assert own.handicap == 1.0
-    assert others.handicap == pytest.approx(penalty, abs=0.01)
+    plan = plan_for(clip, person(seconds=4.0, rate=30.0, seed=9))
+    own, others = plan.problems
+    assert own.error_penalty == 1.0
+    assert others.error_penalty == pytest.approx(penalty, abs=0.01)
 
 
 # --- the clip's mirror image, and other bodies ---
 
 
-def own_problem(clip: Clip) -> tuple[OwnLessons, OwnLesson]:
-    task = task_of(clip)
-    lessons = OwnLessons(task, 8, GPROptions())
-    found = lessons.read(arm_of(task), None)
-    assert found is not None
-    return lessons, found
+def own_problem(clip: Clip) -> tuple[OwnClipProblems, OwnClipProblem]:
+    task, options = task_of(clip), GPROptions()
+    problems = OwnClipProblems(task, 8, options.training, options.spline_nodes, options.correlation)
+    own = problems.problem_for(arm_of(task), None)
+    assert own is not None
+    return problems, own
 
 
-def test_the_mirror_image_is_correlated_with_the_body_but_not_the_same() -> None:
-    lessons, own = own_problem(with_gaps(person(), (100, 160, ARM)))
-    rows = lessons.with_mirror(own).lesson.rows
-    assert rows.kinship is not None
-    image = rows.take == 1
+def test_the_mirror_image_is_correlated_with_the_subject_but_not_the_same() -> None:
+    problems, own = own_problem(with_gaps(person(), (100, 160, ARM)))
+    train = problems.with_mirror_image(own).problem.train
+    assert train.correlation is not None
+    image = train.recording == MIRROR_IMAGE
     assert image.sum() >= 50 and (~image).sum() >= 50
-    assert set(rows.kinship[~image]) == {1.0}
-    assert ((rows.kinship[image] > 0.5) & (rows.kinship[image] < 0.99)).all()
-    # other people are less correlated, and markers placed on a skeleton least
-    assert 0.5 < SYNTHESISED_KINSHIP < STRANGER_KINSHIP < MIRROR_KINSHIP < 0.99
+    assert set(train.correlation[~image]) == {1.0}
+    assert ((train.correlation[image] > 0.5) & (train.correlation[image] < 0.99)).all()
+    # other people are less correlated, and virtual markers least
+    assert 0.5 < CORRELATION.virtual_markers < CORRELATION.other_subject
+    assert CORRELATION.other_subject < CORRELATION.mirror_image < 0.99
 
 
-@pytest.mark.parametrize("correlation", [MIRROR_KINSHIP, STRANGER_KINSHIP])
+@pytest.mark.parametrize("correlation", [CORRELATION.mirror_image, CORRELATION.other_subject])
 def test_the_clips_own_frames_outweigh_contradicting_ones(correlation: float) -> None:
     """The same poses, but the missing marker 60 mm away."""
     own = bending(3, 1.0)
-    rows = own.rows
+    rows = own.train
     count = len(rows.time)
 
     def both(correlation: float) -> np.ndarray:
-        mixed = Rows(
+        mixed = PoseSamples(
             np.concatenate([rows.visible, rows.visible]),
             np.concatenate([rows.missing, rows.missing + np.array([60.0, 0.0, 0.0])]),
             np.concatenate([rows.time, rows.time]),
             np.repeat([0, 1], count),
             np.repeat([1.0, correlation], count),
         )
-        return regress([replace(own, rows=mixed)], MEMBERS, 0.4).positions
+        return regress([replace(own, train=mixed)], MODELS, 0.4).positions
 
-    alone = regress([own], MEMBERS, 0.4).positions
+    alone = regress([own], MODELS, 0.4).positions
     away = [np.linalg.norm(both(c) - alone, axis=2).mean() for c in (correlation, 1.0)]
     assert away[0] < 4.0
     # as one body they are averaged
@@ -197,39 +206,42 @@ def test_the_clips_own_frames_outweigh_contradicting_ones(correlation: float) ->
 
 
 def test_velocities_of_a_uniform_motion_are_those_of_the_motion() -> None:
-    """Every marker moves along a line of its own; the mirror image of each as its partner's."""
+    """Each marker moves along a line; its mirror image as the contralateral marker's line."""
     still = person()
     rng = np.random.default_rng(0)
     speed = rng.normal(0.0, 30.0, (len(still.labels), 3))  # mm/s
     time = np.arange(still.frames) / still.rate
     clip = still.with_positions(still.positions[50] + time[:, None, None] * speed)
-    lessons, own = own_problem(with_gaps(clip, (100, 160, ARM)))
-    rows = lessons.with_velocities(lessons.with_mirror(own)).lesson.rows
-    assert rows.moving is not None
+    problems, own = own_problem(with_gaps(clip, (100, 160, ARM)))
+    train = problems.with_velocities(problems.with_mirror_image(own)).problem.train
+    assert train.velocity is not None
     markers = [clip.labels.index(label) for label in ARM]
     mirror = describe(clip).mirror
-    partners = [clip.labels.index(mirror[label]) for label in ARM]
-    for number, expected in ((0, speed[markers]), (1, speed[partners] * [-1.0, 1.0, 1.0])):
-        some = rows.moving[rows.take == number]
+    contralateral = [clip.labels.index(mirror[label]) for label in ARM]
+    for number, expected in (
+        (THIS_CLIP, speed[markers]),
+        (MIRROR_IMAGE, speed[contralateral] * [-1.0, 1.0, 1.0]),
+    ):
+        some = train.velocity[train.recording == number]
         assert len(some) >= 50
         np.testing.assert_allclose(some, np.broadcast_to(expected, some.shape), atol=1e-6)
 
 
-# --- pieces ---
+# --- segments ---
 
 
 def cut(distances: list[float], lost: list[int]) -> int:
-    """Number of pieces of a gap of marker 0 in the middle of which some others are missing."""
+    """Number of segments of a gap of marker 0 in the middle of which some others are missing."""
     count = 1 + len(distances)
     valid = np.ones((90, count), dtype=bool)
     valid[10:80, 0] = False
     valid[np.ix_(np.arange(30, 60), lost)] = False
-    # far from each other, so that each is a piece of its own
+    # far from each other, so that each is a segment of its own
     distance = np.full((count, count), 5000.0)
     distance[0, 1:] = distance[1:, 0] = distances
     np.fill_diagonal(distance, 0.0)
     (group,) = gap_groups(~valid)
-    return sum(0 in piece.markers for piece in pieces_of(group, valid, distance))
+    return sum(0 in segment.markers for segment in split_into_segments(group, valid, distance))
 
 
 def test_neighbours_are_weighted_by_a_gaussian_of_their_distance() -> None:

@@ -1,31 +1,32 @@
-"""Moments: where markers are shortly before and after poses."""
+"""Positions of markers shortly before and after poses."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["standing_in"]
+__all__ = ["complete_lagged"]
 
 
-def standing_in(
+def complete_lagged(
     now: NDArray[np.float64], before: NDArray[np.float64], after: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return markers before and after poses, none missing.
+    """Extrapolate lagged positions that are missing.
 
-    A marker that is missing on one side is taken to go on as from or to the other; on both
-    sides, to stand still.
+    A marker that is missing on one side is extrapolated linearly from the other side and the pose;
+    one that is missing on both sides keeps its position.
 
     Parameters
     ----------
     now : ndarray [shape=(poses, markers, 3), mm]
-        The poses, none missing.
+        The poses, complete.
     before, after : ndarray [shape=(poses, markers, 3), mm]
         NaN where missing.
 
     Returns
     -------
     ndarray [shape=(2, poses, markers, 3), mm]
+        Before and after, complete.
     """
     before = np.where(np.isnan(before), 2.0 * now - after, before)
     after = np.where(np.isnan(after), 2.0 * now - before, after)

@@ -1,4 +1,4 @@
-"""A lesson of the clip's own frames, its mirror image beside it, and the moments around both."""
+"""Regression problems of the clip's own frames, its mirror image and lag features."""
 
 from __future__ import annotations
 
@@ -10,215 +10,257 @@ from numpy.typing import NDArray
 
 from priorfill.geometry.mirror import mirrored
 from priorfill.geometry.poses import evenly_spaced
-from priorfill.gp.data import Lesson, Member, Rows
-from priorfill.methods.gpr.ensembles import seconds_of
-from priorfill.methods.gpr.gap_segments import FEWEST_VISIBLE, Piece
-from priorfill.methods.gpr.options import GPROptions
-from priorfill.methods.gpr.spline_nodes import knots
-from priorfill.methods.gpr.training.lagged_poses import standing_in
-from priorfill.methods.gpr.training.subject_correlation import MIRROR_KINSHIP
-from priorfill.methods.task import Task
+from priorfill.gp.problem import GPModel, PoseSamples, RegressionProblem
+from priorfill.methods.gpr.ensembles import lags_of
+from priorfill.methods.gpr.gap_segments import MIN_VISIBLE, GapSegment
+from priorfill.methods.gpr.spline_nodes import SplineNodeOptions, spline_nodes
+from priorfill.methods.gpr.training.lagged_poses import complete_lagged
+from priorfill.methods.gpr.training.options import TrainingOptions
+from priorfill.methods.gpr.training.subject_correlation import SubjectCorrelationOptions
+from priorfill.methods.task import MIRROR_IMAGE, THIS_CLIP, Task
 
-__all__ = ["IMAGE", "OWN", "VELOCITY_SECONDS", "OwnLesson", "OwnLessons"]
-
-OWN, IMAGE = 0, 1
-"""Numbers of the clip and its mirror image among the takes of rows; the database's follow."""
-
-VELOCITY_SECONDS = 1.0 / 30.0
-"""s. Velocities are taken from so long before to so long after: from twice as long they fill worse
-by one part in a hundred."""
-
-FEWEST_KEPT = 4
-"""Visible markers that are not given up, however few frames show them together."""
-
-ENOUGH_SHOWN = 0.5
-"""Part of the frames that show the missing markers which is enough, where all are few."""
+__all__ = ["OwnClipProblem", "OwnClipProblems"]
 
 
 @dataclass(frozen=True, eq=False)
-class OwnLesson:
-    """A lesson of the clip's own frames.
+class OwnClipProblem:
+    """A regression problem of the clip's own frames.
 
     Attributes
     ----------
-    lesson : Lesson
-        Rows of the clip, and of its mirror image if it has been added.
-    piece : Piece
+    problem : RegressionProblem
+        Training poses of the clip, and of its mirror image if it has been added.
+    segment : GapSegment
         What to predict.
-    asked : ndarray of int
-        Frames of the queries, which are knots; see `priorfill.methods.gpr.spline_nodes`.
-    even : ndarray of bool [shape=(queries,)]
-        Which of them are in the piece, and evenly spread over it.
+    query_frames : ndarray of int
+        Frames of the queries: the spline nodes (`priorfill.methods.gpr.spline_nodes`).
+    inside : ndarray of bool [shape=(queries,)]
+        Which of them are in the segment, evenly spaced.
     visible : ndarray of int
-        The visible markers of the lesson, in its order: the nearest first.
-    near : ndarray of int
-        Frames right beside the piece, of which none is given up.
+        The visible markers, in the order of the problem: the nearest first.
+    adjacent : ndarray of int
+        Training frames adjacent to the segment, which are always kept.
     source : ndarray [shape=(frames, markers, 3), mm]
-        The clip, its holes completed on a second reading.
+        The clip, in the second pass completed by the first one.
     complete : bool
-        Whether a second reading would gain nothing.
+        Whether a second pass has no more training poses.
     """
 
-    lesson: Lesson
-    piece: Piece
-    asked: NDArray[np.intp]
-    even: NDArray[np.bool_]
+    problem: RegressionProblem
+    segment: GapSegment
+    query_frames: NDArray[np.intp]
+    inside: NDArray[np.bool_]
     visible: NDArray[np.intp]
-    near: NDArray[np.intp]
+    adjacent: NDArray[np.intp]
     source: NDArray[np.float64]
     complete: bool
 
 
-class OwnLessons:
-    """Makes lessons of the clip of a task.
+@dataclass(frozen=True, eq=False)
+class _UsableFrames:
+    """Visible markers, and the frames that show them with the missing ones."""
+
+    visible: NDArray[np.intp]
+    frames: NDArray[np.intp]
+    showing: int  # number of frames that show the missing markers
+    complete: bool
+
+
+class OwnClipProblems:
+    """Makes the regression problems of the clip of a task.
 
     Parameters
     ----------
     task : Task
         The clip.
     margin : int
-        Frames around a piece to be predicted too, where the visible markers allow.
-    options : GPROptions
-        How many rows.
+        Frames around a segment to be predicted too, where the visible markers allow.
+    options : TrainingOptions
+        Number of training poses.
+    nodes : SplineNodeOptions
+        Frames to predict.
+    correlation : SubjectCorrelationOptions
+        Correlation with the mirror image.
 
     Attributes
     ----------
     valid : ndarray of bool [shape=(frames, markers)]
         Which samples are measured.
     distance, spread : ndarray [shape=(markers, markers), mm]
-        See `ClipGeometry`.
+        See `priorfill.markers.clip_geometry.ClipGeometry`.
     """
 
-    def __init__(self, task: Task, margin: int, options: GPROptions) -> None:
+    def __init__(
+        self,
+        task: Task,
+        margin: int,
+        options: TrainingOptions,
+        nodes: SplineNodeOptions,
+        correlation: SubjectCorrelationOptions,
+    ) -> None:
         self.valid = task.valid
         self.distance, self.spread = task.geometry.distance, task.geometry.spread
         self._task = task
         self._margin = margin
         self._options = options
+        self._nodes = nodes
+        self._correlation = correlation
 
-    def read(self, piece: Piece, completed: NDArray[np.float64] | None) -> OwnLesson | None:
-        """Make a lesson of the frames that show a piece's markers; None where they are too few.
+    def problem_for(
+        self, segment: GapSegment, completed: NDArray[np.float64] | None
+    ) -> OwnClipProblem | None:
+        """Make a problem of the frames that show a segment's markers.
 
         Parameters
         ----------
-        piece : Piece
+        segment : GapSegment
             What to predict.
         completed : ndarray [shape=(frames, markers, 3), mm] or None
-            The clip after a first fill, to complete the rows.
+            The clip filled by the first pass, to complete training poses in the second one.
+
+        Returns
+        -------
+        OwnClipProblem or None
+            None where there are too few such frames.
         """
         options, rate = self._options, self._task.rate
         source = self._task.positions if completed is None else completed
-        shown = np.logical_and.reduce(self.valid[:, piece.markers], axis=1)
-        nearest = self.distance[piece.markers].min(axis=0)
-        visible = piece.visible[np.isfinite(nearest[piece.visible])]
+        usable = self._usable_frames(segment, source)
+        if usable is None:
+            return None
+        visible = usable.visible
+        margin = int(options.adjacent_seconds * rate) + 1
+        first, last = segment.start - margin, segment.stop + margin
+        adjacent = usable.frames[(usable.frames >= first) & (usable.frames < last)]
+        chosen = usable.frames[evenly_spaced(len(usable.frames), options.max_poses)]
+        frames = np.union1d(adjacent, chosen)
+        around = segment.with_margin(self.valid, visible, self._margin)
+        query_frames, inside = spline_nodes(around, segment, rate, self._nodes)
+        problem = RegressionProblem(
+            train=PoseSamples(
+                source[np.ix_(frames, visible)],
+                self._task.positions[np.ix_(frames, segment.markers)],
+                frames / rate,
+                np.full(len(frames), THIS_CLIP),
+            ),
+            query=PoseSamples(
+                self._task.positions[np.ix_(query_frames, visible)],
+                np.empty((len(query_frames), 0, 3)),
+                query_frames / rate,
+                np.full(len(query_frames), THIS_CLIP),
+            ),
+            distance=self.distance[np.ix_(segment.markers, visible)].min(axis=0),
+            spread=self.spread[np.ix_(segment.markers, visible)].min(axis=0),
+        )
+        complete = usable.complete
+        complete = complete and len(usable.frames) >= options.second_pass_share * usable.showing
+        return OwnClipProblem(
+            problem, segment, query_frames, inside, visible, adjacent, source, complete
+        )
+
+    def _usable_frames(
+        self, segment: GapSegment, source: NDArray[np.float64]
+    ) -> _UsableFrames | None:
+        """Choose the visible markers, dropping distant ones that would leave too few frames."""
+        options = self._options
+        nearest = self.distance[segment.markers].min(axis=0)
+        visible = segment.visible[np.isfinite(nearest[segment.visible])]
         visible = visible[np.argsort(nearest[visible], kind="stable")]
+        shown = np.logical_and.reduce(self.valid[:, segment.markers], axis=1)
         showing = np.flatnonzero(shown)
-        # which of these frames show the nearest n visible markers together; marker by marker, as
-        # a long clip's masks are large
+        # Column n: whether a frame shows the nearest n + 1 markers together. One marker at a time,
+        # because the masks of a long clip are large.
         together = np.empty((len(showing), len(visible)), dtype=bool)
         for place, marker in enumerate(visible):
             known = self.valid[showing, marker]
-            if completed is not None:
+            if source is not self._task.positions:
                 known = ~np.isnan(source[showing, marker, 0])
             together[:, place] = known & together[:, place - 1] if place else known
         count = together.sum(axis=0)
-        enough = np.flatnonzero(count >= min(options.wished_rows, ENOUGH_SHOWN * shown.sum()))
-        kept = max(int(enough[-1]) + 1 if len(enough) else 0, min(FEWEST_KEPT, len(visible)))
-        if kept < FEWEST_VISIBLE:
+        wanted = min(options.enough_poses, options.enough_share * len(showing))
+        enough = np.flatnonzero(count >= wanted)
+        kept = int(enough[-1]) + 1 if len(enough) else 0
+        kept = max(kept, min(options.min_kept_markers, len(visible)))
+        if kept < MIN_VISIBLE:
             return None
-        visible = visible[:kept]
-        usable = showing[together[:, kept - 1]]
-        if len(usable) < options.fewest_rows:
+        frames = showing[together[:, kept - 1]]
+        if len(frames) < options.min_poses:
             return None
+        return _UsableFrames(visible[:kept], frames, len(showing), kept == len(segment.visible))
 
-        beside = int(options.beside * rate) + 1
-        near = usable[(usable >= piece.start - beside) & (usable < piece.stop + beside)]
-        frames = np.union1d(near, usable[evenly_spaced(len(usable), options.rows)])
-        asked, even = knots(piece.around(self.valid, visible, self._margin), piece, rate)
-        rows = Rows(
-            source[np.ix_(frames, visible)],
-            self._task.positions[np.ix_(frames, piece.markers)],
-            frames / rate,
-            np.full(len(frames), OWN),
-        )
-        query = Rows(
-            self._task.positions[np.ix_(asked, visible)],
-            np.empty((len(asked), 0, 3)),
-            asked / rate,
-            np.full(len(asked), OWN),
-        )
-        spread = self.spread[np.ix_(piece.markers, visible)].min(axis=0)
-        return OwnLesson(
-            Lesson(rows, query, nearest[visible], spread),
-            piece,
-            asked,
-            even,
-            visible,
-            near,
-            source,
-            kept == len(piece.visible) and len(usable) >= options.rereading * shown.sum(),
-        )
-
-    def with_mirror(self, own: OwnLesson) -> OwnLesson:
-        """Add the clip's mirror image to a lesson, unless it shows too little."""
+    def with_mirror_image(self, own: OwnClipProblem) -> OwnClipProblem:
+        """Add poses of the clip's mirror image to a problem, unless too few are complete."""
         options, rate = self._options, self._task.rate
-        lesson, markers = own.lesson, own.piece.markers
+        problem, markers = own.problem, own.segment.markers
         shown = np.logical_or.reduce(self.valid, axis=0)
-        # visible markers without a partner are not in the mirror image
+        # the mirror image lacks markers without a contralateral one
         contralateral = self._task.contralateral
         kept = np.flatnonzero((contralateral[own.visible] >= 0) & shown[contralateral[own.visible]])
         visible = own.visible[kept]
         needed = contralateral[np.concatenate([visible, markers])]
-        usable = np.flatnonzero(np.logical_and.reduce(self.valid[:, needed], axis=1))
-        if (needed < 0).any():
-            usable = usable[:0]
-        if len(kept) < FEWEST_VISIBLE or len(usable) < options.fewest_rows:
+        if len(kept) < MIN_VISIBLE or (needed < 0).any():
             return own
-        frames = usable[evenly_spaced(len(usable), options.mirrored_rows)]
-        rows = lesson.rows
-        beside = np.flatnonzero(np.isin(rows.time, own.near / rate))
-        some = np.union1d(
-            beside, evenly_spaced(len(rows.time), options.rows - options.mirrored_rows)
+        usable = np.flatnonzero(np.logical_and.reduce(self.valid[:, needed], axis=1))
+        if len(usable) < options.min_poses:
+            return own
+        frames = usable[evenly_spaced(len(usable), options.mirror_poses)]
+        train = problem.train
+        adjacent = np.flatnonzero(np.isin(train.time, own.adjacent / rate))
+        spaced = evenly_spaced(len(train.time), options.max_poses - options.mirror_poses)
+        rows = np.union1d(adjacent, spaced)
+        counts = [len(rows), len(frames)]
+        mixed = PoseSamples(
+            np.concatenate([train.visible[np.ix_(rows, kept)], self._image(frames, visible)]),
+            np.concatenate([train.missing[rows], self._image(frames, markers)]),
+            np.concatenate([train.time[rows], frames / rate]),
+            np.repeat([THIS_CLIP, MIRROR_IMAGE], counts),
+            np.repeat([1.0, self._correlation.mirror_image], counts),
         )
-        added = Rows(
-            np.concatenate([rows.visible[np.ix_(some, kept)], self._image(frames, visible)]),
-            np.concatenate([rows.missing[some], self._image(frames, markers)]),
-            np.concatenate([rows.time[some], frames / rate]),
-            np.repeat([OWN, IMAGE], [len(some), len(frames)]),
-            np.repeat([1.0, MIRROR_KINSHIP], [len(some), len(frames)]),
+        query = replace(problem.query, visible=problem.query.visible[:, kept])
+        mixed_problem = RegressionProblem(
+            mixed, query, problem.distance[kept], problem.spread[kept]
         )
-        query = replace(lesson.query, visible=lesson.query.visible[:, kept])
-        mixed = Lesson(added, query, lesson.distance[kept], lesson.spread[kept])
-        return replace(own, lesson=mixed, visible=visible)
+        return replace(own, problem=mixed_problem, visible=visible)
 
-    def with_velocities(self, own: OwnLesson) -> OwnLesson:
-        """Add to a lesson how fast the missing markers move."""
-        rows = own.lesson.rows
-        frames = np.round(rows.time * self._task.rate).astype(np.intp)
-        image = (rows.take == IMAGE)[:, None, None]
-        step = max(1, round(VELOCITY_SECONDS * self._task.rate))
+    def with_velocities(self, own: OwnClipProblem) -> OwnClipProblem:
+        """Add the velocities of the missing markers to the training poses."""
+        train = own.problem.train
+        frames = np.round(train.time * self._task.rate).astype(np.intp)
+        image = (train.recording == MIRROR_IMAGE)[:, None, None]
+        step = max(1, round(self._options.velocity_seconds * self._task.rate))
         before, after = (
-            self.at(self._task.positions, frames + way, own.piece.markers, image)
-            for way in (-step, step)
+            self.positions_at(self._task.positions, frames + lag, own.segment.markers, image)
+            for lag in (-step, step)
         )
-        before, after = standing_in(rows.missing, before, after)
-        moving = (after - before) * (0.5 * self._task.rate / step)
-        return replace(own, lesson=replace(own.lesson, rows=replace(rows, moving=moving)))
+        before, after = complete_lagged(train.missing, before, after)
+        velocity = (after - before) * (0.5 * self._task.rate / step)
+        train = replace(train, velocity=velocity)
+        return replace(own, problem=replace(own.problem, train=train))
 
-    def with_moments(self, own: OwnLesson, members: Sequence[Member]) -> OwnLesson:
-        """Add the moments to a lesson that members ask for."""
-        around = _Around(self, own.source, own.visible, self._task.rate, seconds_of(members))
-        lesson = replace(own.lesson, rows=around(own.lesson.rows), surroundings=around)
-        return replace(own, lesson=lesson)
+    def with_lag_features(self, own: OwnClipProblem, models: Sequence[GPModel]) -> OwnClipProblem:
+        """Add the lagged positions that models need to the training poses, and their source."""
+        source = _ClipLagSource(self, own.source, own.visible, self._task.rate, lags_of(models))
+        problem = replace(own.problem, train=source(own.problem.train), lag_source=source)
+        return replace(own, problem=problem)
 
-    def at(
+    def positions_at(
         self,
         source: NDArray[np.float64],
         frames: NDArray[np.intp],
         markers: NDArray[np.intp],
         image: NDArray[np.bool_],
     ) -> NDArray[np.float64]:
-        """Return markers in frames of a clip, or of the mirror image; NaN outside of it."""
+        """Return positions in frames of a clip or of its mirror image; NaN outside of it.
+
+        Parameters
+        ----------
+        source : ndarray [shape=(frames, markers, 3), mm]
+            The clip.
+        frames, markers : ndarray of int [shapes=(poses,), (chosen markers,)]
+            Which positions.
+        image : ndarray of bool [shape=(poses, 1, 1)]
+            Which poses are of the mirror image.
+        """
         inside = np.clip(frames, 0, len(source) - 1)
         positions = source[np.ix_(inside, markers)]
         if image.any():
@@ -227,33 +269,30 @@ class OwnLessons:
         return positions
 
     def _image(self, frames: NDArray[np.intp], markers: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Return markers of the clip's mirror image in some frames; NaN where it lacks them."""
+        """Return markers of the mirror image in some frames; NaN where it lacks them."""
         return mirrored(self._task.positions[frames], self._task.contralateral)[:, markers]
 
 
 @dataclass(frozen=True, eq=False)
-class _Around:
-    """Knows what is around poses of the clip or its mirror image."""
+class _ClipLagSource:
+    """Lagged positions of poses of the clip or of its mirror image."""
 
-    clip: OwnLessons
+    problems: OwnClipProblems
     source: NDArray[np.float64]  # (frames, markers, 3)
     visible: NDArray[np.intp]
     rate: float
-    moments: Sequence[float]  # s
+    lags: Sequence[float]  # s
 
-    def __call__(self, poses: Rows) -> Rows:
+    def __call__(self, poses: PoseSamples) -> PoseSamples:
         frames = np.round(poses.time * self.rate).astype(np.intp)
-        image = (poses.take == IMAGE)[:, None, None]
+        image = (poses.recording == MIRROR_IMAGE)[:, None, None]
 
         def at(seconds: float) -> NDArray[np.float64]:
             moved = frames + round(seconds * self.rate)
-            return self.clip.at(self.source, moved, self.visible, image)
+            return self.problems.positions_at(self.source, moved, self.visible, image)
 
-        around = {
-            seconds: standing_in(poses.visible, at(-seconds), at(seconds))
-            for seconds in self.moments
-        }
-        return replace(poses, around=around)
+        lagged = {lag: complete_lagged(poses.visible, at(-lag), at(lag)) for lag in self.lags}
+        return replace(poses, lagged=lagged)
 
-    def among(self, some: NDArray[np.intp]) -> _Around:
-        return replace(self, visible=self.visible[some])
+    def restricted_to(self, visible: NDArray[np.intp]) -> _ClipLagSource:
+        return replace(self, visible=self.visible[visible])

@@ -1,4 +1,4 @@
-"""The lessons that a piece is learnt from, and the members that read them."""
+"""The regression problems and the ensemble of models for a gap segment."""
 
 from __future__ import annotations
 
@@ -8,119 +8,139 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.gp.data import Lesson, Member
-from priorfill.methods.gpr.ensembles import (
-    BASIC,
-    BRIEF_MEMBERS,
-    LIMB_MEMBERS,
-    MARKER_MEMBERS,
-)
-from priorfill.methods.gpr.gap_segments import Piece
+from priorfill.gp.problem import GPModel, RegressionProblem
+from priorfill.methods.gpr.gap_segments import GapSegment
 from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import PoseSearch
-from priorfill.methods.gpr.training.own_clip import OwnLessons
-from priorfill.methods.gpr.training.with_database import shared_lesson
+from priorfill.methods.gpr.training.own_clip import OwnClipProblem, OwnClipProblems
+from priorfill.methods.gpr.training.with_database import problem_with_database
 from priorfill.methods.task import Task
 
-__all__ = ["Course", "Lessons"]
-
-
-MOMENTARY = 0.1
-"""s. Over no longer than this the seam says more than any way of learning."""
+__all__ = ["TrainingPlan", "TrainingPlanner"]
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
-    """What a piece is learnt from.
+class TrainingPlan:
+    """The training data and models for a gap segment.
 
     Attributes
     ----------
-    lessons : sequence of Lesson
-        All predict the same poses.
-    members : sequence of Member
-        Who reads them.
-    asked : ndarray of int
-        Frames of the clip to be predicted: knots, through which curves are led.
-    even : ndarray of bool [shape=(asked,)]
-        Which of them are in the piece, and evenly spread over it.
+    problems : sequence of RegressionProblem
+        All with the same queries: of the clip, and of the clip with the database.
+    models : sequence of GPModel
+        The ensemble.
+    query_frames : ndarray of int
+        Frames of the queries; see `priorfill.methods.gpr.spline_nodes`.
+    inside : ndarray of bool [shape=(queries,)]
+        Which of them are in the segment, evenly spaced.
     visible : ndarray of int
-        Visible markers of the clip's own frames, the nearest first.
+        Visible markers of the clip's own problem, the nearest first.
     complete : bool
-        Whether a second reading would gain nothing.
+        Whether a second pass has no more training poses.
     takes : tuple of str
-        Recordings of the database in the lessons.
+        Names of the recordings of the database that are used.
     """
 
-    lessons: Sequence[Lesson]
-    members: Sequence[Member]
-    asked: NDArray[np.intp]
-    even: NDArray[np.bool_]
+    problems: Sequence[RegressionProblem]
+    models: Sequence[GPModel]
+    query_frames: NDArray[np.intp]
+    inside: NDArray[np.bool_]
     visible: NDArray[np.intp]
     complete: bool
-    takes: tuple[str, ...]
+    takes: tuple[str, ...] = ()
 
     @property
-    def poses(self) -> int:
-        """Rows of the largest lesson."""
-        return max(len(lesson.rows.time) for lesson in self.lessons)
+    def training_poses(self) -> int:
+        """Number of training poses of the largest problem."""
+        return max(len(problem.train.time) for problem in self.problems)
 
 
-class Lessons:
-    """Makes the lessons of a task's pieces.
+class TrainingPlanner:
+    """Plans the training for the gap segments of a task.
 
     Parameters
     ----------
     task : Task
-        The clip and the takes to learn from.
+        The clip and the takes.
     search : PoseSearch
         Of these takes.
     margin : int
-        Frames around a piece to be predicted too, where the visible markers allow.
+        Frames around a segment to be predicted too, where the visible markers allow.
     options : GPROptions
-        How many rows of what.
+        Of the method.
 
     Attributes
     ----------
-    own : OwnLessons
-        The clip's.
+    own : OwnClipProblems
+        The problems of the clip alone.
     """
 
     def __init__(self, task: Task, search: PoseSearch, margin: int, options: GPROptions) -> None:
-        self.own = OwnLessons(task, margin, options)
+        self.own = OwnClipProblems(
+            task, margin, options.training, options.spline_nodes, options.correlation
+        )
         self._task = task
         self._search = search
         self._options = options
+        self._models = options.models
 
-    def of(self, piece: Piece, completed: NDArray[np.float64] | None) -> Course | None:
-        """Return what a piece is learnt from; None where the clip shows too little of it.
+    def plan(
+        self, segment: GapSegment, completed: NDArray[np.float64] | None
+    ) -> TrainingPlan | None:
+        """Choose the training data and the models for a segment.
 
         Parameters
         ----------
-        piece : Piece
+        segment : GapSegment
             What to predict.
         completed : ndarray [shape=(frames, markers, 3), mm] or None
-            The clip after a first fill, to complete the poses that are learnt from.
+            The clip filled by the first pass, to complete training poses in the second one.
+
+        Returns
+        -------
+        TrainingPlan or None
+            None where the clip shows the segment's markers in too few frames.
         """
-        own = self.own.read(piece, completed)
+        own = self.own.problem_for(segment, completed)
         if own is None:
             return None
-        takes: tuple[str, ...] = ()
-        members = LIMB_MEMBERS
-        if completed is None and not own.complete:
-            members = BASIC
-            lessons = [own.lesson]
-        elif (piece.stop - piece.start) / self._task.rate <= MOMENTARY:
-            members = BRIEF_MEMBERS
-            lessons = [own.lesson]
-        elif len(piece.markers) == 1:
-            members = MARKER_MEMBERS
-            lessons = [self.own.with_moments(own, members).lesson]
-        else:
-            limb = self.own.with_moments(self.own.with_mirror(own), members)
-            limb = self.own.with_velocities(limb)
-            lessons = [limb.lesson]
-            shared = shared_lesson(limb, self._task, self._search, self._options)
-            if shared is not None:
-                lessons.append(shared[0])
-                takes = shared[1]
-        return Course(lessons, members, own.asked, own.even, own.visible, own.complete, takes)
+        if completed is None and not own.complete:  # the second pass will replace it
+            return _plan_of(own, self._models.first_pass)
+        seconds = (segment.stop - segment.start) / self._task.rate
+        if seconds <= self._options.training.short_segment_seconds:
+            return _plan_of(own, self._models.short_segment)
+        if len(segment.markers) == 1:
+            models = self._models.single_marker
+            return _plan_of(self.own.with_lag_features(own, models), models)
+        return self._limb_plan(own)
+
+    def _limb_plan(self, own: OwnClipProblem) -> TrainingPlan:
+        """Plan for several markers: with the mirror image, velocities, and the database."""
+        models = self._models.limb
+        limb = self.own.with_lag_features(self.own.with_mirror_image(own), models)
+        limb = self.own.with_velocities(limb)
+        with_database = problem_with_database(
+            limb, self._task, self._search, self._options.training, self._options.correlation
+        )
+        if with_database is None:
+            return _plan_of(limb, models)
+        problem, takes = with_database
+        return _plan_of(limb, models, (problem,), takes)
+
+
+def _plan_of(
+    own: OwnClipProblem,
+    models: Sequence[GPModel],
+    further: tuple[RegressionProblem, ...] = (),
+    takes: tuple[str, ...] = (),
+) -> TrainingPlan:
+    """Return the plan of a problem of the clip, and further ones."""
+    return TrainingPlan(
+        (own.problem, *further),
+        models,
+        own.query_frames,
+        own.inside,
+        own.visible,
+        own.complete,
+        takes,
+    )

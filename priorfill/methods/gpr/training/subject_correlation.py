@@ -1,14 +1,57 @@
-"""Kinship: how far recordings agree with the body that is asked for; 1 for its own."""
+"""Correlation of a recording's subject with the subject of the clip; 1 for the same one."""
 
 from __future__ import annotations
 
-__all__ = ["MIRROR_KINSHIP", "STRANGER_KINSHIP", "SYNTHESISED_KINSHIP"]
+from collections.abc import Sequence
+from dataclasses import dataclass
 
-MIRROR_KINSHIP = 0.95
-"""How far a body agrees with its mirror image; 0.7 to 0.95 fill about as well."""
+import numpy as np
+from numpy.typing import NDArray
 
-STRANGER_KINSHIP = 0.9
-"""How far a body agrees with others, offsets apart; 0.8 to 0.95 fill about as well."""
+from priorfill.methods.options import check_between
+from priorfill.methods.task import THIS_CLIP
+from priorfill.search.takes import Take
 
-SYNTHESISED_KINSHIP = 0.8
-"""The same for markers placed on a skeleton: as others, and about a centimetre off in poses."""
+__all__ = ["SubjectCorrelationOptions", "take_correlations"]
+
+
+@dataclass(frozen=True)
+class SubjectCorrelationOptions:
+    """Correlations with the subject of the clip, apart from constant offsets.
+
+    Attributes
+    ----------
+    mirror_image : float
+        Of the mirror image of the clip's own subject; 0.7 to 0.95 fill about equally well.
+    other_subject : float
+        Of other subjects; 0.8 to 0.95 fill about equally well.
+    virtual_markers : float
+        Of other subjects whose markers were computed from a skeleton, which adds about a
+        centimetre that depends on the pose.
+    """
+
+    mirror_image: float = 0.95
+    other_subject: float = 0.9
+    virtual_markers: float = 0.8
+
+    def __post_init__(self) -> None:
+        check_between(self, 0.0, 1.0, "mirror_image", "other_subject", "virtual_markers")
+
+
+def take_correlations(
+    takes: Sequence[Take], subjects: NDArray[np.intp], options: SubjectCorrelationOptions
+) -> NDArray[np.float64]:
+    """Return the correlation of each take's subject with that of the clip [shape=(takes,)].
+
+    Parameters
+    ----------
+    takes : sequence of Take
+        The recordings.
+    subjects : ndarray of int [shape=(takes,)]
+        Number of each one's subject; `THIS_CLIP` for the clip's own.
+    options : SubjectCorrelationOptions
+        The correlations.
+    """
+    virtual = np.array([take.virtual_markers for take in takes], dtype=bool)
+    others = np.where(virtual, options.virtual_markers, options.other_subject)
+    return np.where(subjects == THIS_CLIP, 1.0, others)

@@ -1,8 +1,8 @@
-"""Fit other bodies to the clip's: what their poses are constantly off by.
+"""Constant offsets between other subjects' poses and the clip's.
 
-Limbs of other people are longer or shorter, and their markers sit elsewhere. Much of that is a
-constant for each body in a frame that moves with it. So each body's poses are shifted by what they
-are off by on average from the clip's own nearest poses.
+Limbs of other people are longer or shorter, and their markers are placed elsewhere. In a frame
+that moves with the body, much of the difference is constant for each subject. So the poses of each
+subject are shifted by their mean difference from the clip's own nearest poses.
 """
 
 from __future__ import annotations
@@ -10,44 +10,46 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["shifts"]
+__all__ = ["subject_offsets"]
 
 ROUNDS = 3
-"""Nearest poses change with the shift; after so many rounds hardly any does."""
+"""The nearest poses depend on the offset; after this many rounds it hardly changes."""
 
-DOUBT = 3.0
-"""Poses that no shift counts as: a few poses may be off by what they are, not by whose they are."""
+SHRINKAGE_POSES = 3.0
+"""Poses without offset that are counted in addition: a few poses may differ because they are other
+poses, not because they are another subject's."""
 
 
-def shifts(
-    own: NDArray[np.float64], others: NDArray[np.float64], body: NDArray[np.intp]
+def subject_offsets(
+    own: NDArray[np.float64], others: NDArray[np.float64], subject: NDArray[np.intp]
 ) -> NDArray[np.float64]:
-    """Return what is to be added to other bodies' poses.
+    """Return the offset to be added to each pose of other subjects.
 
     Parameters
     ----------
     own : ndarray [shape=(own poses, markers, 3), mm]
-        In root frames.
+        The clip's poses, in root frames.
     others : ndarray [shape=(poses, markers, 3), mm]
-        In root frames of the same kind.
-    body : ndarray of int [shape=(poses,)]
-        Whose they are.
+        Poses of other subjects, in root frames of the same kind.
+    subject : ndarray of int [shape=(poses,)]
+        Number of each one's subject.
 
     Returns
     -------
     ndarray [shape=(poses, markers, 3), mm]
-        In the root frames; the same for all poses of a body.
+        In the root frames; the same for all poses of a subject.
     """
-    mine = own.reshape(len(own), -1)
-    theirs = others.reshape(len(others), -1)
-    shift = np.zeros_like(theirs)
-    square = (mine**2).sum(axis=1)
-    for number in np.unique(body):
-        rows = np.flatnonzero(body == number)
-        poses, off = theirs[rows], np.zeros(theirs.shape[1])
-        trust = len(rows) / (len(rows) + DOUBT)
+    targets = own.reshape(len(own), -1)
+    poses = others.reshape(len(others), -1)
+    result = np.zeros_like(poses)
+    squares = (targets**2).sum(axis=1)
+    for number in np.unique(subject):
+        rows = np.flatnonzero(subject == number)
+        subject_poses, offset = poses[rows], np.zeros(poses.shape[1])
+        shrinkage = len(rows) / (len(rows) + SHRINKAGE_POSES)
         for _ in range(ROUNDS):
-            nearest = np.argmin(square - 2.0 * (poses + off) @ mine.T, axis=1)
-            off = trust * (mine[nearest] - poses).mean(axis=0)
-        shift[rows] = off
-    return shift.reshape(others.shape)
+            # squared distances, up to a term that is the same for all targets
+            nearest = np.argmin(squares - 2.0 * (subject_poses + offset) @ targets.T, axis=1)
+            offset = shrinkage * (targets[nearest] - subject_poses).mean(axis=0)
+        result[rows] = offset
+    return result.reshape(others.shape)

@@ -31,7 +31,7 @@ def problem_with_database(
     task: Task,
     search: PoseSearch,
     options: TrainingOptions,
-    correlation: SubjectCorrelationOptions = SubjectCorrelationOptions(),
+    correlation: SubjectCorrelationOptions,
 ) -> tuple[RegressionProblem, tuple[str, ...]] | None:
     """Make a problem of poses of the clip, its mirror image and the database.
 
@@ -215,9 +215,7 @@ class _Training:
             lagged[lag] = np.concatenate([own, bank], axis=1)
         return lagged
 
-    def _velocity(
-        self, bank_rows: NDArray[np.intp], seconds: float
-    ) -> NDArray[np.float64] | None:
+    def _velocity(self, bank_rows: NDArray[np.intp], seconds: float) -> NDArray[np.float64] | None:
         """Return the velocities of the missing markers [mm/s], by differences over ``2 seconds``.
 
         None where the clip's own problem has none.

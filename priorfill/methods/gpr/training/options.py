@@ -1,0 +1,111 @@
+"""Options of the training data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from priorfill.methods.options import check_at_least, check_between
+
+__all__ = ["DatabaseTrainingOptions", "TrainingOptions"]
+
+
+@dataclass(frozen=True)
+class DatabaseTrainingOptions:
+    """Training data of the clip and the database together.
+
+    The default numbers of poses sum up to about `TrainingOptions.max_poses`, so that these
+    problems take no longer than those of the clip alone.
+
+    Attributes
+    ----------
+    own_poses : int
+        Evenly spaced poses of the clip; those adjacent to the gap are added.
+    mirror_poses : int
+        Poses of the clip's mirror image.
+    gap_poses : int
+        Poses of the database nearest to those in the gap.
+    other_poses : int
+        Poses of the database nearest to the clip's training poses.
+    rate : float
+        Hz. Resolution at which the database is searched: at a lower rate the same number of poses
+        is more varied.
+    sufficient_seconds : float
+        s. A clip that shows the missing markers for longer needs other subjects less.
+    penalty_per_doubling : float
+        Relative increase of `RegressionProblem.error_penalty` for each doubling of that time, and
+        its decrease where it is half as long or less: few blocks can be held out then.
+    offset_variance : float
+        Variance of the subjects' offsets, in units of the kernels' constant: in effect, offsets
+        are free.
+    """
+
+    own_poses: int = 60
+    mirror_poses: int = 30
+    gap_poses: int = 120
+    other_poses: int = 60
+    rate: float = 15.0
+    sufficient_seconds: float = 4.0
+    penalty_per_doubling: float = 0.1
+    offset_variance: float = 10.0
+
+    def __post_init__(self) -> None:
+        check_at_least(self, 0, "mirror_poses", "gap_poses", "other_poses", "offset_variance")
+        check_at_least(self, 1, "own_poses")
+        check_at_least(self, 0.1, "rate", "sufficient_seconds")
+        check_between(self, 0.0, 0.9, "penalty_per_doubling")
+
+
+@dataclass(frozen=True)
+class TrainingOptions:
+    """Which poses the regressions are trained with.
+
+    Attributes
+    ----------
+    max_poses : int
+        Evenly spaced poses of the clip; those adjacent to the gap are added. More do not fill
+        better.
+    adjacent_seconds : float
+        s. Poses nearer than this to the gap are all used.
+    mirror_poses : int
+        Of `max_poses`, for several missing markers: poses of the clip's mirror image.
+    min_poses : int
+        With fewer complete poses of its own, a clip is filled from other recordings alone.
+    enough_poses : int
+        Distant visible markers are dropped until this many frames, or `enough_share` of those
+        that show the missing markers, show the visible ones too.
+    enough_share : float
+        See there.
+    min_kept_markers : int
+        Visible markers that are not dropped, however few frames show them together.
+    second_pass_share : float
+        A gap segment is predicted a second time, its training poses completed by the first pass,
+        if the first pass could use less than this share of the frames that show its markers.
+    velocity_seconds : float
+        s. Velocities are central differences over twice this time. Twice as long fills worse by
+        one per cent.
+    short_segment_seconds : float
+        s. Segments no longer than this are predicted by a small ensemble: they are determined by
+        the samples at their edges.
+    database : DatabaseTrainingOptions
+        Training data of the clip and the database together.
+    """
+
+    max_poses: int = 250
+    adjacent_seconds: float = 0.03
+    mirror_poses: int = 90
+    min_poses: int = 12
+    enough_poses: int = 150
+    enough_share: float = 0.5
+    min_kept_markers: int = 4
+    second_pass_share: float = 0.7
+    velocity_seconds: float = 1.0 / 30.0
+    short_segment_seconds: float = 0.1
+    database: DatabaseTrainingOptions = field(default_factory=DatabaseTrainingOptions)
+
+    def __post_init__(self) -> None:
+        check_at_least(self, 2, "max_poses", "min_poses", "enough_poses")
+        check_at_least(self, 3, "min_kept_markers")
+        check_between(self, 0, self.max_poses, "mirror_poses")
+        check_at_least(self, 0.0, "adjacent_seconds", "short_segment_seconds")
+        check_at_least(self, 1e-3, "velocity_seconds")
+        check_between(self, 0.0, 1.0, "enough_share", "second_pass_share")
