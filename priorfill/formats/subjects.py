@@ -58,4 +58,4 @@ def choose_subject(
     if not present and (subject in declared or not declared):
         return subject, {}
     known = ", ".join(present or declared)
-    raise ClipError(f"{name}: has no subject {subject}; it holds {known}")
+    raise ClipError(f"{name}: has no subject {subject}; it holds {known}: choose one of them")

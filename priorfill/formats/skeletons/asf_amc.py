@@ -197,7 +197,7 @@ def _read_bone(lines: NumberedLines) -> _Bone:
         elif key == "begin" or key.startswith(":"):
             raise lines.error("a bone begins before the previous one has ended")
     else:
-        raise lines.error("the file ends inside a bone; download it again", at=bone.line)
+        raise lines.error("the file ends inside a bone", "download it again", at=bone.line)
     if not bone.name or bone.direction is None or bone.length is None:
         lacking = "name" if not bone.name else "direction" if bone.direction is None else "length"
         raise lines.error(f"the bone that begins here has no {lacking}", at=bone.line)
@@ -319,18 +319,18 @@ def parse_amc(data: bytes, asf: AsfSkeleton, name: str) -> SkeletonMotion:
                 _check_frame(lines, values, frames)
             frames += 1
         elif not frames:
-            raise lines.error("values precede the first frame number; it is not an AMC file")
+            raise lines.error("values precede the first frame number", "give an AMC file")
         else:
             wanted = asf.channels.get(first)
             if wanted is None:
                 raise lines.error(
-                    f"bone {first} cannot move or is not in the skeleton; give the right skeleton "
-                    "(--skeleton)"
+                    f"bone {first} cannot move or is not in the skeleton",
+                    "give the right skeleton (--skeleton)",
                 )
             if len(words) - 1 != len(wanted):
                 raise lines.error(
-                    f"bone {first} has {len(words) - 1} values, but {len(wanted)} in the skeleton; "
-                    "give the right skeleton (--skeleton)"
+                    f"bone {first} has {len(words) - 1} values, but {len(wanted)} in the skeleton",
+                    "give the right skeleton (--skeleton)",
                 )
             if len(values[first]) == frames:
                 raise lines.error(f"bone {first} occurs twice in one frame")
@@ -354,7 +354,8 @@ def _check_frame(lines: NumberedLines, values: dict[str, list[list[str]]], frame
         if len(rows) != frames and (rows or bone == ROOT):
             raise lines.error(
                 f"bone {bone} has no values in frame {frames} of the file, which ends before "
-                "this line; the file is cut short or damaged, download it again"
+                "this line",
+                "the file is cut short or damaged, download it again",
             )
 
 

@@ -118,11 +118,11 @@ def _hierarchy(lines: NumberedLines) -> list[_Joint]:
         key = words[0].upper()
         if not begun:
             if key != "HIERARCHY":
-                raise lines.error("does not begin with HIERARCHY; it is not a BVH file")
+                raise lines.error("does not begin with HIERARCHY", "give a BVH file")
             begun = True
         elif key == "MOTION":
             if open_joints or not joints:
-                raise lines.error("the hierarchy is not closed; '}' is missing")
+                raise lines.error("the hierarchy is not closed ('}' is missing)")
             for joint in joints:
                 if joint.offset is None:
                     raise lines.error(f"joint {joint.name} has no OFFSET", at=joint.line)
@@ -130,7 +130,7 @@ def _hierarchy(lines: NumberedLines) -> list[_Joint]:
         elif key in ("ROOT", "JOINT"):
             if (key == "ROOT") != (not joints):
                 raise lines.error(
-                    "a file with two skeletons cannot be read; export each separately"
+                    "a file with two skeletons cannot be read", "export each separately"
                 )
             if joints and (not open_joints or open_joints[-1] < 0):
                 raise lines.error("a joint has no parent")
@@ -166,8 +166,8 @@ def _hierarchy(lines: NumberedLines) -> list[_Joint]:
             joint.channels, joint.first = _channels(words, lines), columns
             columns += len(joint.channels)
         else:
-            raise lines.error(f"{words[0][:20]!r} is not expected here; the file is damaged")
-    raise lines.error("ends before MOTION; the file is cut short, download it again")
+            raise lines.error(f"{words[0][:20]!r} is not expected here")
+    raise lines.error("ends before MOTION", "the file is cut short, download it again")
 
 
 def _channels(words: list[str], lines: NumberedLines) -> tuple[str, ...]:

@@ -50,9 +50,16 @@ class NumberedLines:
             if words:
                 yield words
 
-    def error(self, what: str, *, at: int | None = None) -> FormatError:
+    def error(
+        self,
+        what: str,
+        remedy: str = "correct the file, or export it again",
+        *,
+        at: int | None = None,
+    ) -> FormatError:
         """Return an error that names file and line (by default the last one returned)."""
-        return FormatError(f"{self.name}: line {self.line if at is None else at}: {what}")
+        line = self.line if at is None else at
+        return FormatError(f"{self.name}: line {line}: {what}; {remedy}")
 
     def numbers(
         self, words: Sequence[str], count: int, what: str, *, at: int | None = None
@@ -76,7 +83,7 @@ class NumberedLines:
             If there are fewer, or one is not a number or exceeds `MAX_NUMBER`.
         """
         if len(words) < count:
-            raise self.error(f"{what} has {len(words)} of {count} numbers; correct it", at=at)
+            raise self.error(f"{what} has {len(words)} of {count} numbers", "correct it", at=at)
         found = []
         for word in words[:count]:
             try:
@@ -86,7 +93,7 @@ class NumberedLines:
             if not abs(value) <= MAX_NUMBER:
                 shown = word[:_MAX_SHOWN]
                 raise self.error(
-                    f"{shown!r} is not a number or too large ({what}); correct it", at=at
+                    f"{shown!r} is not a number or too large ({what})", "correct it", at=at
                 )
             found.append(value)
         return tuple(found)
