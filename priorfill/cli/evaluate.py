@@ -1,4 +1,4 @@
-"""``priorfill evaluate``: artificial gaps in one's own recordings, filled by each method."""
+"""``priorfill evaluate``: artificial gaps in recordings, filled by each method."""
 
 from __future__ import annotations
 
@@ -15,20 +15,26 @@ from priorfill.cli.progress import progress
 from priorfill.cli.reading import excluding_options, read_clip, reading_options
 
 if TYPE_CHECKING:
+    from priorfill.clip import Clip
     from priorfill.evaluation.evaluation_results import Evaluation
     from priorfill.evaluation.metrics import ErrorSummary
+    from priorfill.evaluation.protocols import GapProtocol
+    from priorfill.markers.marker_set import MarkerSet
 
 __all__ = ["EXIT_REFUSED", "evaluate"]
 
 EXIT_REFUSED = 3
 """Exit status: done, but a method could not work on some of the clips."""
 
+_OF_PROTOCOL = ("copies", "seconds", "number", "share", "period", "markers", "groups")
+"""Parameters that are options of the protocol."""
+
 MAX_NAMES = 6
-"""Clips that have a column each in the table."""
+"""Maximum number of clips with a column of their own in the table."""
 
 
 def _as_range(number: type[int] | type[float]) -> Callable[[Any, Any, str | None], Any]:
-    """Return what reads ``LOW-HIGH``, or one number for both."""
+    """Return a callback that parses ``LOW-HIGH``, or one number for both."""
 
     def read(ctx: Any, param: Any, value: str | None) -> tuple[Any, Any] | None:
         if value is None:
@@ -43,7 +49,7 @@ def _as_range(number: type[int] | type[float]) -> Callable[[Any, Any, str | None
 
 
 def _as_names(ctx: Any, param: Any, value: str | None) -> tuple[str, ...] | None:
-    """Read names with commas between them."""
+    """Parse names separated by commas."""
     del ctx, param
     return None if value is None else tuple(n.strip() for n in value.split(",") if n.strip())
 
@@ -69,21 +75,25 @@ def _ranged(name: str, target: str, number: type[int] | type[float], text: str) 
     "--protocol",
     "-p",
     metavar="NAME",
-    help="What is removed (random by default): random markers at random times; markers, each in "
-    "turn; groups, arms and legs; periodic, again and again; frames, every marker at once; like, "
-    "as --like says.",
+    help="What to remove: random (default): random markers at random times; markers: each marker "
+    "in turn; groups: arms and legs; periodic: gaps at regular intervals; frames: every marker at "
+    "once; like: the gaps of the file of --like.",
 )
-@click.option("--copies", metavar="N", type=int, help="How often; of random 10.")
-@_ranged("--length", "seconds", float, "Lengths of gaps (s).")
-@_ranged("--number", "number", int, "Numbers of gaps; of periodic, of markers.")
-@_ranged("--share", "share", float, "Of random: shares of the samples to remove.")
-@click.option("--period", metavar="S", type=float, help="Of periodic: from gap to gap (s).")
-@click.option("--markers", metavar="A,B,...", callback=_as_names, help="Of markers: these only.")
+@click.option(
+    "--copies", metavar="N", type=int, help="Number of copies of each case; 10 for random."
+)
+@_ranged("--length", "seconds", float, "Length of the gaps (s).")
+@_ranged("--number", "number", int, "Number of gaps; for periodic, of markers.")
+@_ranged("--share", "share", float, "For random: share of the samples to remove.")
+@click.option(
+    "--period", metavar="S", type=float, help="For periodic: time between the starts of gaps (s)."
+)
+@click.option("--markers", metavar="A,B,...", callback=_as_names, help="For markers: these only.")
 @click.option(
     "--groups",
     metavar="A,B,...",
     callback=_as_names,
-    help="Of groups: of arms legs both left_arm right_arm left_leg ...",
+    help="For groups: some of arms legs both left_arm right_arm left_leg right_leg.",
 )
 @click.option(
     "--like",
@@ -96,7 +106,7 @@ def _ranged(name: str, target: str, number: type[int] | type[float], text: str) 
     "-d",
     metavar="DIR",
     type=click.Path(path_type=Path),
-    help="Prior database to learn from; never from the clip's own recording there.",
+    help="Prior database to learn from, except from the recording itself.",
 )
 @excluding_options
 @click.option(
@@ -104,13 +114,18 @@ def _ranged(name: str, target: str, number: type[int] | type[float], text: str) 
     "-o",
     metavar="DIR",
     type=click.Path(path_type=Path),
-    help="Folder for CSV and JSON files. What is finished is kept there at once: the same command "
-    "goes on where it was interrupted.",
+    help="Folder for CSV and JSON files. It keeps each finished fill, so that the same command "
+    "resumes an interrupted evaluation.",
 )
-@click.option("--plots", is_flag=True, help="Draw plots too, into the folder.")
-@click.option("--overwrite", is_flag=True, help="Begin anew in a folder that has an evaluation.")
+@click.option("--plots", is_flag=True, help="Also draw plots into the folder.")
+@click.option("--overwrite", is_flag=True, help="Start anew in a folder that holds an evaluation.")
 @click.option(
-    "--seed", metavar="N", type=int, default=0, show_default=True, help="Of what is drawn."
+    "--seed",
+    metavar="N",
+    type=int,
+    default=0,
+    show_default=True,
+    help="Seed of the random choices.",
 )
 @click.option(
     "--jobs",
@@ -118,7 +133,7 @@ def _ranged(name: str, target: str, number: type[int] | type[float], text: str) 
     metavar="N",
     type=click.IntRange(min=0),
     default=os.cpu_count() or 1,
-    help="Fills at the same time; as many as there are cores by default.",
+    help="Number of fills at the same time; by default the number of cores.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @reading_options
@@ -138,41 +153,87 @@ def evaluate(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Find out which method is right for recordings like FILE.
+    """Find the best method for recordings like FILE.
 
-    Removes measured samples, fills them by each method, and compares with what was removed.
+    Removes measured samples, fills them by each method, and compares the result with the removed
+    samples. A file that cannot be read is reported, and the others are evaluated.
 
-    A file that cannot be read is named, and the others go on.
-
-    Exit status 0: done; 3: done, but a method could not work on some of the files; 1: could not, or
-    not with all files.
+    Exit status 0: done; 3: done, but a method could not work on some cases; 1: failed, or a file
+    could not be read.
     """
     from priorfill.database import Selection
-    from priorfill.errors import ClipError, FormatError, OptionError
+    from priorfill.evaluation import EvaluationOptions
     from priorfill.evaluation import evaluate as run
     from priorfill.evaluation.evaluation_plan import choose_methods
     from priorfill.evaluation.plots import check_plots, draw_plots
-    from priorfill.evaluation.protocols import DEFAULT_PROTOCOL, PROTOCOLS, make_protocol
 
-    names = ("copies", "seconds", "number", "share", "period", "markers", "groups")
-    of_protocol = {name: options.pop(name) for name in names}
-    # whatever would make the work be in vain is found out before it is done
+    protocol_options = {name: options.pop(name) for name in _OF_PROTOCOL}
+    # refuse invalid options before any work is done
     choose_methods(methods)
-    if protocol is None:
-        protocol = DEFAULT_PROTOCOL if like is None else "like"
-    if protocol not in PROTOCOLS:
-        make_protocol(protocol)  # which says so
-    if like is not None and protocol != "like":
-        raise OptionError(f"--like goes with the protocol like, not with {protocol}")
     if plots and output is None:
-        raise click.UsageError("--plots are drawn into a folder; give one (--output)")
+        raise click.UsageError("--plots needs a folder; give one (--output)")
     if plots:
         check_plots()
     if (not_names or not_subjects) and database is None:
-        raise click.UsageError("--exclude-... says something of a database; give one (--database)")
-    if protocol == "like" and like is not None:
-        of_protocol["pattern"] = read_clip(like, **options)[0]
-    made = make_protocol(protocol, **of_protocol)
+        raise click.UsageError("--exclude-... needs a database; give one (--database)")
+    made = _make_protocol(protocol, like, protocol_options, options)
+    read, failures = _read_files(files, options)
+    with progress(None, "evaluating") as show:
+        evaluation = run(
+            [clip for clip, _ in read],
+            methods=methods,
+            protocol=made,
+            database=database,
+            seed=seed,
+            jobs=jobs,
+            output=output,
+            options=EvaluationOptions(
+                overwrite=overwrite,
+                marker_set=read[0][1],
+                selection=Selection(not_names=not_names, not_subjects=not_subjects),
+                progress=show,
+            ),
+        )
+    drawn = draw_plots(output, evaluation) if plots and output is not None else []
+    if as_json:
+        print_json(evaluation.to_dict())
+    else:
+        _print(evaluation)
+        if output is not None:
+            click.echo(f"\nresults of every gap: {output}")
+        for file in drawn:
+            click.echo(f"plot: {file}")
+    _print_notes(evaluation)
+    if failures:
+        click.get_current_context().exit(1)
+    if not evaluation.worked:
+        click.get_current_context().exit(EXIT_REFUSED)
+
+
+def _make_protocol(
+    name: str | None, like: Path | None, given: dict[str, Any], options: dict[str, Any]
+) -> GapProtocol:
+    """Return the protocol that the options describe; `options` are those of reading files."""
+    from priorfill.errors import OptionError
+    from priorfill.evaluation.protocols import DEFAULT_PROTOCOL, PROTOCOLS, make_protocol
+
+    if name is None:
+        name = DEFAULT_PROTOCOL if like is None else "like"
+    if name not in PROTOCOLS:
+        make_protocol(name)  # raises the error
+    if like is not None and name != "like":
+        raise OptionError(f"--like needs the protocol like, not {name}")
+    if like is not None:
+        given["pattern"] = read_clip(like, **options)[0]
+    return make_protocol(name, **given)
+
+
+def _read_files(
+    files: tuple[Path, ...], options: dict[str, Any]
+) -> tuple[list[tuple[Clip, MarkerSet | None]], int]:
+    """Read files; return clips with their marker sets, and the number of files that failed."""
+    from priorfill.errors import ClipError, FormatError
+
     read, failures = [], 0
     for file in files:
         try:
@@ -184,43 +245,21 @@ def evaluate(
             failures += 1
     if not read:
         raise FormatError(f"none of the {len(files)} files can be read; see above")
-    with progress(None, "evaluating") as show:
-        evaluation = run(
-            [clip for clip, _ in read],
-            methods=methods,
-            protocol=made,
-            database=database,
-            seed=seed,
-            jobs=jobs,
-            output=output,
-            overwrite=overwrite,
-            marker_set=read[0][1],
-            selection=Selection(not_names=not_names, not_subjects=not_subjects),
-            progress=show,
-        )
-    drawn = draw_plots(output, evaluation) if plots and output is not None else []
-    if as_json:
-        print_json(evaluation.to_dict())
-    else:
-        _print(evaluation)
-        if output is not None:
-            click.echo(f"\nevery gap, and what was done: {output}")
-        for file in drawn:
-            click.echo(f"plot: {file}")
+    return read, failures
+
+
+def _print_notes(evaluation: Evaluation) -> None:
+    """Print on stderr what was left out and where methods could not work."""
     for note in evaluation.notes:
         click.echo(f"note: {note}", err=True)
     for row in evaluation.methods.values():
         for reason, count in row.refused.items():
-            of = "" if count == row.cases else f" on {count} of {row.cases} cases"
-            click.echo(f"{row.method} could not work{of}: {reason}", err=True)
-    if failures:
-        click.get_current_context().exit(1)
-    if not evaluation.worked:
-        click.get_current_context().exit(EXIT_REFUSED)
+            cases = "" if count == row.cases else f" on {count} of {row.cases} cases"
+            click.echo(f"{row.method} could not work{cases}: {reason}", err=True)
 
 
 def _print(evaluation: Evaluation) -> None:
-    """Print what the methods made of it."""
+    """Print the tables of an evaluation."""
     cases, clips = evaluation.plan.cases, evaluation.clips
     gaps = sum(len(case.gaps) for case in cases)
     samples = sum(case.samples for case in cases)
@@ -238,7 +277,7 @@ def _print(evaluation: Evaluation) -> None:
             (method, *(_with_share(rows[method].errors) for rows in clips.values()))
             for method in evaluation.methods
         ]
-        print_table(columns, rows, "Mean error (mm) by clip; in brackets the share filled")
+        print_table(columns, rows, "Mean error (mm) by clip; share filled in parentheses")
     lengths = list(dict.fromkeys(length for length, _ in evaluation.lengths))
     if len(lengths) > 1:
         click.echo("")
@@ -248,11 +287,13 @@ def _print(evaluation: Evaluation) -> None:
             (method, *(_with_share(evaluation.lengths[n, method][1]) for n in lengths))
             for method in evaluation.methods
         ]
-        print_table(columns, rows, "Mean error (mm) by length of gap (gaps)")
+        print_table(
+            columns, rows, "Mean error (mm) by length of the gap; number of gaps in parentheses"
+        )
 
 
 def _print_methods(evaluation: Evaluation) -> None:
-    """Print a line for each method."""
+    """Print the table of methods."""
     columns = [
         *("method", "filled>", "mean mm>", "rmse>", "median>", "95 %>", "max>", "MAE>"),
         *("velocity mm/s>", "acceleration m/s²>", "joint °>", "expected>", "in bound>", "time>"),
@@ -267,22 +308,22 @@ def _print_methods(evaluation: Evaluation) -> None:
                 _percent(errors.share),
                 *(_number(value) for value in mm),
                 *(_number(v) for v in (errors.velocity, errors.acceleration, row.joint_angle)),
-                _number(errors.expected),
-                _percent(errors.cover),
+                _number(errors.expected_mean_error),
+                _percent(errors.error_bound_90_coverage),
                 duration(row.seconds),
             ]
         )
-    # what no method says anything of has no column
-    told = [i for i in range(len(columns)) if any(row[i] != "-" for row in rows)]
-    print_table([columns[i] for i in told], [[row[i] for i in told] for row in rows])
+    # columns without a value are left out
+    known = [i for i in range(len(columns)) if any(row[i] != "-" for row in rows)]
+    print_table([columns[i] for i in known], [[row[i] for i in known] for row in rows])
 
 
 def _print_comparison(evaluation: Evaluation) -> None:
-    """Say which method is the best, over which samples."""
+    """Print the ranking of the methods, and the samples that it is based on."""
     comparison = evaluation.comparison
-    left_out = f"; left out: {' '.join(comparison.left_out)}, which fill less than half"
+    left_out = f"; left out: {' '.join(comparison.left_out)}, which filled less than half"
     if comparison.best is None:
-        click.echo("\nNo samples that all methods filled: none is the best.")
+        click.echo("\nNo ranking: there is no sample that all methods filled.")
         return
     ranking = ", ".join(f"{name} {_number(one.mean)}" for name, one in comparison.methods.items())
     share = _percent(comparison.samples / comparison.of)
@@ -290,30 +331,33 @@ def _print_comparison(evaluation: Evaluation) -> None:
     if comparison.samples == comparison.of:
         over = "all samples"
     click.echo(
-        f"\nMean error (mm) over {over}, the best first: "
+        f"\nMean error (mm) over {over}, best first: "
         f"{ranking}{left_out if comparison.left_out else ''}"
     )
 
 
 def _count(number: int, word: str) -> str:
+    """Return a number with a noun in the singular or plural."""
     return f"{number} {word}{'' if number == 1 else 's'}"
 
 
 def _number(value: float) -> str:
+    """Return a number with about three digits."""
     if value != value:  # NaN
         return "-"
     return f"{value:.0f}" if value >= 100 else f"{value:.1f}" if value >= 10 else f"{value:.2f}"
 
 
 def _percent(share: float) -> str:
+    """Return a share in percent."""
     if share != share:  # NaN
         return "-"
-    # what is not all must not look like it
+    # a share below 1 must not be rounded to 100 %
     return "100 %" if share == 1 else f"{min(100 * share, 99.9):.3g} %"
 
 
 def _with_share(errors: ErrorSummary) -> str:
-    """Return a mean error, and where not all was filled the share that was."""
+    """Return a mean error, with the share filled if it is below 1."""
     if errors.filled == errors.samples:
         return _number(errors.mean)
     return f"{_number(errors.mean)} ({_percent(errors.share)})"

@@ -1,18 +1,22 @@
-"""Artificial gaps in one's own recordings, filled by each method, and compared with the truth.
+"""Test methods on one's own recordings: make artificial gaps, fill them, compare with the truth.
 
-Gløersen and Federolf 2016 recommend that fillers are tested so. docs/evaluation.md says what is
-computed.
+Gløersen and Federolf 2016 recommend testing gap fillers in this way. docs/evaluation.md defines the
+protocols and the measures.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from priorfill.clip import Clip
-from priorfill.database import PriorDatabase, Selection
+from priorfill.database import PriorDatabase
 from priorfill.errors import OptionError
-from priorfill.evaluation.evaluation_plan import ALL_METHODS, make_plan
+from priorfill.evaluation.evaluation_plan import (
+    ALL_METHODS,
+    EvaluationOptions,
+    make_plan,
+)
 from priorfill.evaluation.evaluation_results import Evaluation, write_results
 from priorfill.evaluation.metrics import ErrorSummary
 from priorfill.evaluation.outcome_store import OutcomeStore
@@ -23,9 +27,15 @@ from priorfill.evaluation.protocols import (
     make_protocol,
 )
 from priorfill.evaluation.runner import run_plan
-from priorfill.markers.marker_set import MarkerSet
 
-__all__ = ["PROTOCOLS", "ErrorSummary", "Evaluation", "evaluate", "make_protocol"]
+__all__ = [
+    "PROTOCOLS",
+    "ErrorSummary",
+    "Evaluation",
+    "EvaluationOptions",
+    "evaluate",
+    "make_protocol",
+]
 
 
 def evaluate(
@@ -34,92 +44,91 @@ def evaluate(
     methods: Sequence[str] | str = ALL_METHODS,
     protocol: GapProtocol | str = DEFAULT_PROTOCOL,
     database: PriorDatabase | str | Path | None = None,
+    output: str | Path | None = None,
     seed: int = 0,
     jobs: int = 0,
-    output: str | Path | None = None,
-    overwrite: bool = False,
-    marker_set: MarkerSet | None = None,
-    selection: Selection | None = None,
-    trust_filled: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    options: EvaluationOptions | None = None,
 ) -> Evaluation:
-    """Remove samples from clips, fill them by methods, and compare with what was removed.
+    """Remove samples from clips, fill them by several methods, and compare with the truth.
 
-    Only measured samples are removed and scored; the clips' own gaps stay gaps. A clip's own
-    recording in the database is not learnt from.
+    Only measured samples are removed and compared; the clips' own gaps stay gaps. Versions of a
+    clip in the database are never learnt from.
 
     Parameters
     ----------
     clips : Clip or sequence of Clip
-        The recordings, with gaps of their own or without.
+        The recordings, with or without gaps of their own.
     methods : sequence of str, or str
-        Names of `priorfill.methods.METHODS`, or ``all``; as one text with commas between them.
-    protocol : str or protocol
-        What is removed: a name of `PROTOCOLS`, or one with other options
-        (`make_protocol`).
+        Names in `priorfill.methods.METHODS`, or ``all``; a string may have several, separated by
+        commas.
+    protocol : GapProtocol or str
+        Which samples are removed: a name in `PROTOCOLS`, or a protocol with other options, from
+        `make_protocol`.
     database : PriorDatabase or path, optional
-        Recordings to learn from beside the clip itself.
-    seed : int
-        Of what is drawn. The same seed makes the same gaps, whatever else is evaluated.
-    jobs : int
-        Processes that fill at the same time; 0: none but this one. The result does not depend on
-        it. Processes are spawned, so a script that asks for some begins with
-        ``if __name__ == "__main__":``.
+        Recordings to learn from, in addition to the clip itself.
     output : path, optional
-        Folder for the results, in which what is finished is kept at once: the same call goes on
-        where it was interrupted.
-    overwrite : bool
-        Begin anew in a folder that holds an evaluation.
-    marker_set : MarkerSet, optional
-        Of all clips; recognised or found from the data if not given.
-    selection : Selection, optional
-        Which clips of the database to learn from.
-    trust_filled : bool
-        Learn from samples of the database that were themselves synthesised, too.
-    progress : callable, optional
-        Called with the fills done and all of them.
+        Folder for the results. Finished fills are kept there at once; the same call resumes an
+        interrupted evaluation.
+    seed : int
+        Seed of the random choices. The same seed makes the same gaps in a clip, whatever else is
+        evaluated.
+    jobs : int
+        Number of worker processes; 0: fill in this process. The errors do not depend on it. Worker
+        processes are spawned, so a script that uses them needs ``if __name__ == "__main__":``.
+    options : EvaluationOptions, optional
+        Marker set, selection of the database, and others that few evaluations need.
 
     Returns
     -------
     Evaluation
-        Errors by method, clip, marker and length of gap; see `Evaluation`.
+        Errors (mm) by method, clip, marker and length of gap.
 
     Raises
     ------
     OptionError
-        Where there is no such method or protocol, or the folder holds an evaluation of other
-        settings.
+        Where a method or the protocol is unknown, the seed or the number of jobs is negative, or
+        the folder has an evaluation with other settings.
+    OutputError
+        Where the folder has other contents, or cannot be written.
     ClipError
         Where no gap can be made in the clips.
     EvaluationError
-        Where a process was killed; what is finished is kept.
+        Where a worker process was killed; finished fills are kept.
     DatabaseError
         Where the database cannot be read.
+
+    See Also
+    --------
+    make_protocol : Protocols with other options.
+    priorfill.fill : Fill the gaps of a clip.
+
+    Examples
+    --------
+    >>> import priorfill as pf
+    >>> from priorfill.synthetic import synthesise
+    >>> clip = synthesise("walking", seconds=2.0)
+    >>> found = pf.evaluate(clip, methods="linear,spline", protocol="frames")
+    >>> found.best
+    'spline'
+    >>> found.methods["spline"].errors.filled
+    5699
     """
     if seed < 0 or jobs < 0:
         raise OptionError(f"seed {seed} and jobs {jobs}: give 0 or more")
-    name = protocol if isinstance(protocol, str) else _name_of(protocol)
-    made = make_protocol(protocol) if isinstance(protocol, str) else protocol
-    place = database.path if isinstance(database, PriorDatabase) else database
+    options = options or EvaluationOptions()
+    path = database.path if isinstance(database, PriorDatabase) else database
     plan = make_plan(
         [clips] if isinstance(clips, Clip) else clips,
         methods=methods,
-        protocol=made,
-        protocol_name=name,
-        database=None if place is None else Path(place),
+        protocol=protocol,
+        database=None if path is None else Path(path),
         seed=seed,
-        marker_set=marker_set,
-        selection=selection,
-        trust_filled=trust_filled,
+        options=options,
     )
     folder = None if output is None else Path(output)
-    store = None if folder is None else OutcomeStore(folder, plan, overwrite=overwrite)
-    evaluation = Evaluation(plan, run_plan(plan, jobs=jobs, store=store, progress=progress))
+    store = None if folder is None else OutcomeStore(folder, plan, overwrite=options.overwrite)
+    outcomes = run_plan(plan, jobs=jobs, store=store, progress=options.progress)
+    evaluation = Evaluation(plan, outcomes)
     if folder is not None:
         write_results(folder, evaluation)
     return evaluation
-
-
-def _name_of(protocol: GapProtocol) -> str:
-    """Return what a protocol is called."""
-    return next((n for n, kind in PROTOCOLS.items() if isinstance(protocol, kind)), "other")

@@ -1,4 +1,4 @@
-"""Which markers of a clip belong together: segments and limbs."""
+"""The markers of a clip by segment and by limb."""
 
 from __future__ import annotations
 
@@ -11,40 +11,40 @@ from priorfill.geometry.distances import pair_distances
 from priorfill.markers.describe import describe
 from priorfill.markers.marker_set import MarkerSet
 
-__all__ = ["FEET", "LIMBS", "LIMB_MARKERS", "SIDES", "BodyParts", "parts_of"]
+__all__ = ["FEET", "LIMBS", "MIN_LIMB_MARKERS", "SIDES", "BodyParts", "parts_of"]
 
 LIMBS = {
     "leg": ("thigh", "shank", "foot", "hindfoot", "forefoot", "hallux"),
     "arm": ("upper_arm", "forearm", "hand"),
 }
-"""Segments of a limb, without their side."""
+"""Segments of each limb, without the side."""
 
 SIDES = ("left", "right")
-"""What the names of a limb's segments begin with."""
+"""Prefixes of the names of a limb's segments."""
 
 FEET = ("foot", "hindfoot", "forefoot", "hallux")
 """Segments that touch the floor."""
 
-LIMB_MARKERS = 4
-"""A limb has so many markers at least, and where segments are found from data it is made of
-neighbouring segments until it has."""
+MIN_LIMB_MARKERS = 4
+"""Markers of a limb at least. Where segments are found from the data, a limb is extended by the
+nearest segments until it has as many."""
 
 
 @dataclass(frozen=True, eq=False)
 class BodyParts:
-    """Which markers of a clip belong together.
+    """The markers of a clip by segment and by limb.
 
     Attributes
     ----------
     segments, limbs : list of list of int
-        Markers of each segment of more than one, and of each limb.
+        Markers of each segment with more than one marker, and of each limb.
     segment_of : dict of str to str
         Each marker's segment.
     limb_names : list of str
-        What each limb is called: ``left_leg``, or where segments were found from the data the
-        segment that it was grown from.
+        Name of each limb, such as ``left_leg``; where segments were found from the data, that of
+        the segment that it was grown from.
     known : bool
-        Whether limbs are those of a marker set.
+        Whether the limbs are those of a marker set.
     """
 
     segments: list[list[int]]
@@ -55,14 +55,19 @@ class BodyParts:
 
 
 def parts_of(clip: Clip, marker_set: MarkerSet | None = None) -> BodyParts:
-    """Return the parts of a body: by its marker set, or found from the data.
+    """Return the segments and limbs of a clip, by its marker set or found from the data.
 
     Parameters
     ----------
     clip : Clip
         The clip.
     marker_set : MarkerSet, optional
-        The set that it belongs to; recognised by the labels if not given.
+        Its marker set; recognised by the labels if not given.
+
+    Returns
+    -------
+    BodyParts
+        Segments and limbs.
     """
     described = describe(clip, marker_set)
     segment_of = {label: described.segment.get(label, "") for label in clip.labels}
@@ -75,7 +80,7 @@ def parts_of(clip: Clip, marker_set: MarkerSet | None = None) -> BodyParts:
         for limb, names in LIMBS.items()
         for side in SIDES
     }
-    limbs = {name: limb for name, limb in limbs.items() if len(limb) >= LIMB_MARKERS}
+    limbs = {name: limb for name, limb in limbs.items() if len(limb) >= MIN_LIMB_MARKERS}
     known = bool(limbs)
     if not known:
         limbs = dict(zip(by_name, _grown(clip, list(by_name.values())), strict=True))
@@ -84,14 +89,14 @@ def parts_of(clip: Clip, marker_set: MarkerSet | None = None) -> BodyParts:
 
 
 def _grown(clip: Clip, segments: list[list[int]]) -> list[list[int]]:
-    """Return each segment with its nearest ones, until they have the markers of a limb."""
+    """Extend each segment by the nearest ones until it has the markers of a limb."""
     distance, _ = pair_distances(clip.positions)
     limbs = []
     for segment in segments:
         apart = [float(distance[np.ix_(segment, other)].mean()) for other in segments]
         limb = list(segment)
         for _, other in sorted(zip(apart, segments, strict=True), key=lambda pair: pair[0]):
-            if len(limb) >= LIMB_MARKERS:
+            if len(limb) >= MIN_LIMB_MARKERS:
                 break
             limb += [i for i in other if i not in limb]
         limbs.append(limb)

@@ -1,11 +1,11 @@
-"""What an evaluation is to do: clips, protocol, methods, and the cases that these make."""
+"""The plan of an evaluation: clips, cases, methods and settings."""
 
 from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,8 @@ from priorfill.evaluation.protocols import (
     GapMask,
     GapProtocol,
     draw_for,
+    make_protocol,
+    name_of,
     settings_of,
 )
 from priorfill.gaps import find_gaps
@@ -27,21 +29,65 @@ from priorfill.markers.describe import describe
 from priorfill.markers.marker_set import MarkerSet
 from priorfill.methods import METHODS, resolve
 
-__all__ = ["ALL_METHODS", "EvaluationPlan", "FillJob", "choose_methods", "make_plan"]
+__all__ = [
+    "ALL_METHODS",
+    "EvaluationOptions",
+    "EvaluationPlan",
+    "FillJob",
+    "choose_methods",
+    "make_plan",
+]
 
 ALL_METHODS = "all"
-"""Stands for every method that there is."""
+"""Name that selects every method."""
 
 VERSIONS = ("priorfill", "numpy", "scipy")
-"""Packages whose versions a result names."""
+"""Packages whose versions are part of the settings."""
 
 HASH_DIGITS = 16
-"""Digits of a checksum: enough to tell databases apart."""
+"""Digits of a database's checksum: enough to distinguish databases."""
+
+
+@dataclass(frozen=True)
+class EvaluationOptions:
+    """Options of `priorfill.evaluate` that few evaluations need.
+
+    Attributes
+    ----------
+    marker_set : MarkerSet, optional
+        Marker set of all clips; recognised by the labels or found from the data if not given.
+    selection : Selection
+        Clips of the database to learn from. No version of an evaluated clip is ever learnt from.
+    trust_filled : bool
+        Learn from samples of the database that were filled, too.
+    overwrite : bool
+        Start anew in a folder that has another evaluation.
+    progress : callable, optional
+        Called with the number of fills done and the number of all fills.
+
+    See Also
+    --------
+    priorfill.evaluate : Evaluate methods by artificial gaps.
+    """
+
+    marker_set: MarkerSet | None = None
+    selection: Selection = field(default_factory=Selection)
+    trust_filled: bool = False
+    overwrite: bool = False
+    progress: Callable[[int, int], None] | None = field(default=None, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
 class FillJob:
-    """A case to be filled by a method."""
+    """A case to be filled by a method.
+
+    Attributes
+    ----------
+    case : int
+        Index of the case in the plan.
+    method : str
+        Name of the method.
+    """
 
     case: int
     method: str
@@ -49,22 +95,22 @@ class FillJob:
 
 @dataclass(frozen=True, eq=False)
 class EvaluationPlan:
-    """What an evaluation is to do.
+    """The plan of an evaluation.
 
     Attributes
     ----------
     sources : tuple of EvaluatedClip
-        The clips, and what fills of them may learn from.
+        The clips, with what their fills may learn from.
     marker_sets : tuple of MarkerSet
-        Of each clip, under its own labels: for names of segments only.
+        The marker set of each clip, for the names of segments.
     cases : tuple of GapCase
-        What is removed from them.
+        The gaps to make.
     methods : tuple of str
-        What fills, in the order of all tables.
+        The methods, in the order of all tables.
     settings : dict
-        All that the errors depend on, as it goes into a JSON file.
+        Everything that the errors depend on, as written to JSON.
     notes : tuple of str
-        Cases that could not be made, and why.
+        Cases that were skipped, with reasons.
     """
 
     sources: tuple[EvaluatedClip, ...]
@@ -76,17 +122,22 @@ class EvaluationPlan:
 
     @property
     def jobs(self) -> list[FillJob]:
-        """Every case with every method."""
+        """All pairs of a case and a method."""
         return [FillJob(case, method) for case in range(len(self.cases)) for method in self.methods]
 
 
 def choose_methods(names: Sequence[str] | str) -> tuple[str, ...]:
-    """Return methods by their names, each once; ``all`` is every one.
+    """Return the names of methods, each once; ``all`` selects every method.
 
     Raises
     ------
     OptionError
         Where there is no such method, or none is named.
+
+    Examples
+    --------
+    >>> choose_methods("auto,linear")
+    ('gpr', 'linear')
     """
     given = names.split(",") if isinstance(names, str) else list(names)
     chosen: list[str] = []
@@ -101,64 +152,96 @@ def make_plan(
     clips: Sequence[Clip],
     *,
     methods: Sequence[str] | str,
-    protocol: GapProtocol,
-    protocol_name: str,
-    database: Path | None,
-    seed: int,
-    marker_set: MarkerSet | None = None,
-    selection: Selection | None = None,
-    trust_filled: bool = False,
+    protocol: GapProtocol | str,
+    database: Path | None = None,
+    seed: int = 0,
+    options: EvaluationOptions | None = None,
 ) -> EvaluationPlan:
     """Make the cases of some clips.
+
+    Parameters
+    ----------
+    clips : sequence of Clip
+        The recordings.
+    methods : sequence of str, or str
+        See `choose_methods`.
+    protocol : GapProtocol or str
+        A protocol, or its name.
+    database : Path, optional
+        The prior database.
+    seed : int
+        Seed of the random choices.
+    options : EvaluationOptions, optional
+        The defaults if not given.
+
+    Returns
+    -------
+    EvaluationPlan
+        All cases that can be made; notes name the others.
 
     Raises
     ------
     OptionError
-        Where a method is unknown.
+        Where a method or the protocol is unknown.
     ClipError
-        Where there is no clip, one is given twice, or no case can be made of any.
+        Where there is no clip, one is given twice, or no case can be made in any.
     DatabaseError
         Where the database cannot be read.
     """
+    options = options or EvaluationOptions()
+    protocol_name = protocol if isinstance(protocol, str) else name_of(protocol)
+    made = make_protocol(protocol) if isinstance(protocol, str) else protocol
     chosen = choose_methods(methods)
     named = _with_names(clips)
-    selection = selection or Selection()
-    sources, prior = _sources(named, database, marker_set, selection, trust_filled)
-    cases: list[GapCase] = []
-    notes: list[str] = []
-    for number, clip in enumerate(named):
-        parts = parts_of(clip, marker_set)
-        refused: dict[str, list[str]] = {}
-        for made in protocol.cases(clip, parts, draw_for(seed, protocol_name, clip.name)):
-            if isinstance(made, GapMask):
-                gaps = tuple(find_gaps(made.gone))
-                cases.append(GapCase(number, made.name, made.copy, gaps))
-            else:
-                refused.setdefault(made.reason, []).append(made.name)
-        for reason, names in refused.items():
-            notes.append(f"{clip.name}: no gap for {' '.join(dict.fromkeys(names))}: {reason}")
+    sources, prior = _sources(named, database, options)
+    cases, notes = _cases(named, made, protocol_name, seed, options.marker_set)
     if not cases:
         raise ClipError(f"no gap can be made: {notes[0] if notes else 'there is nothing measured'}")
+    marker_set = options.marker_set
     settings = {
         "versions": {name: version(name) for name in VERSIONS}
         | {"python": platform.python_version()},
         "methods": list(chosen),
-        "protocol": {"name": protocol_name} | settings_of(protocol),
+        "protocol": {"name": protocol_name} | settings_of(made),
         "seed": seed,
         "clips": [
             {"name": clip.name, "content": content_hash(clip), "up": clip.up} for clip in named
         ],
         "database": prior,
-        "selection": asdict(selection),
-        "trust_filled": trust_filled,
+        "selection": asdict(options.selection),
+        "trust_filled": options.trust_filled,
         "marker_set": marker_set.name if marker_set is not None else None,
     }
     described = tuple(describe(clip, marker_set) for clip in named)
-    return EvaluationPlan(sources, described, tuple(cases), chosen, settings, tuple(notes))
+    return EvaluationPlan(sources, described, cases, chosen, settings, notes)
+
+
+def _cases(
+    clips: Sequence[Clip],
+    protocol: GapProtocol,
+    protocol_name: str,
+    seed: int,
+    marker_set: MarkerSet | None,
+) -> tuple[tuple[GapCase, ...], tuple[str, ...]]:
+    """Return the cases of all clips, and a note for those that cannot be made."""
+    cases: list[GapCase] = []
+    notes: list[str] = []
+    for number, clip in enumerate(clips):
+        parts = parts_of(clip, marker_set)
+        skipped: dict[str, list[str]] = {}
+        for made in protocol.cases(clip, parts, draw_for(seed, protocol_name, clip.name)):
+            if isinstance(made, GapMask):
+                gaps = tuple(find_gaps(made.mask))
+                cases.append(GapCase(number, made.name, made.copy, gaps))
+            else:
+                skipped.setdefault(made.reason, []).append(made.name)
+        for reason, names in skipped.items():
+            notes.append(f"{clip.name}: no gap for {' '.join(dict.fromkeys(names))}: {reason}")
+    return tuple(cases), tuple(notes)
 
 
 def _with_names(clips: Sequence[Clip]) -> list[Clip]:
-    """Return clips whose names tell them apart: ``walk``, ``walk (2)``."""
+    """Return clips with unique names, such as ``walk`` and ``walk (2)``."""
     if not clips:
         raise ClipError("no clip is given; give one or more")
     seen: dict[str, str] = {}
@@ -167,7 +250,9 @@ def _with_names(clips: Sequence[Clip]) -> list[Clip]:
     for clip in clips:
         content = content_hash(clip)
         if content in seen:
-            raise ClipError(f"{clip.name}: is the same as {seen[content]}; give each clip once")
+            raise ClipError(
+                f"{clip.name}: has the same content as {seen[content]}; give each clip once"
+            )
         seen[content] = clip.name
         count[clip.name] = count.get(clip.name, 0) + 1
         again = count[clip.name]
@@ -176,24 +261,22 @@ def _with_names(clips: Sequence[Clip]) -> list[Clip]:
 
 
 def _sources(
-    clips: Sequence[Clip],
-    database: Path | None,
-    marker_set: MarkerSet | None,
-    selection: Selection,
-    trust_filled: bool,
+    clips: Sequence[Clip], database: Path | None, options: EvaluationOptions
 ) -> tuple[tuple[EvaluatedClip, ...], dict[str, Any] | None]:
-    """Return the clips with what may be learnt from, and what the database is."""
+    """Return the clips with what they may learn from, and a description of the database."""
+    marker_set = options.marker_set
     if database is None:
         return tuple(EvaluatedClip(clip, marker_set) for clip in clips), None
     sources = []
     with PriorDatabase.open(database) as prior:
         records = prior.clips()
         for clip in clips:
-            # told by the whole clip: of what is left of it too little may be there to tell
+            # compare the complete clip: too little may be left of it once samples are removed
             own = tuple(record.content for record in prior.versions(clip))
+            selection = options.selection
             without = replace(selection, not_names=selection.not_names + own)
             sources.append(
-                EvaluatedClip(clip, marker_set, database.resolve(), without, trust_filled)
+                EvaluatedClip(clip, marker_set, database.resolve(), without, options.trust_filled)
             )
     contents = "".join(sorted(record.content for record in records))
     digest = hashlib.sha256(contents.encode()).hexdigest()[:HASH_DIGITS]

@@ -1,4 +1,4 @@
-"""The result of an evaluation, and the files that are made of it."""
+"""The result of an evaluation, and its files."""
 
 from __future__ import annotations
 
@@ -26,22 +26,26 @@ from priorfill.runtime.atomic_file import replace_file
 __all__ = ["FILES", "Evaluation", "write_results"]
 
 FILES = ("gaps.csv", "methods.csv", "markers.csv", "lengths.csv", "results.json")
-"""What `write_results` writes."""
+"""Names of the files that `write_results` writes."""
 
 DIGITS = 6
-"""Significant digits of figures in files."""
+"""Significant digits of numbers in files."""
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What methods made of artificial gaps.
+    """The errors of methods in artificial gaps.
 
     Attributes
     ----------
     plan : EvaluationPlan
         Clips, cases, methods and settings.
     outcomes : dict of FillJob to FillOutcome
-        What each method made of each case.
+        The outcome of each method in each case.
+
+    See Also
+    --------
+    priorfill.evaluate : Makes an evaluation.
     """
 
     plan: EvaluationPlan
@@ -49,12 +53,12 @@ class Evaluation:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """All that the errors depend on: options, versions, seed, checksums of the clips."""
+        """Everything that the errors depend on: options, versions, seed, checksums of the clips."""
         return self.plan.settings
 
     @cached_property
     def methods(self) -> dict[str, MethodRow]:
-        """Each method over all cases, by name."""
+        """Errors of each method in all cases, by method."""
         return {
             method: summary_tables.method_row(self.outcomes, self.plan, method)
             for method in self.plan.methods
@@ -62,44 +66,44 @@ class Evaluation:
 
     @cached_property
     def clips(self) -> dict[str, dict[str, MethodRow]]:
-        """Each method on each clip that there are cases of, by the names of clip and method."""
-        there = dict.fromkeys(case.clip for case in self.plan.cases)
+        """Errors of each method in each clip with cases, by clip and method."""
+        with_cases = dict.fromkeys(case.clip for case in self.plan.cases)
         return {
             self.plan.sources[clip].clip.name: {
                 method: summary_tables.method_row(self.outcomes, self.plan, method, clip)
                 for method in self.plan.methods
             }
-            for clip in there
+            for clip in with_cases
         }
 
     @cached_property
     def gaps(self) -> list[GapRow]:
-        """Each gap filled by each method."""
+        """A row per gap and method."""
         return summary_tables.gap_rows(self.outcomes, self.plan)
 
     @cached_property
     def markers(self) -> dict[tuple[str, str, str], tuple[int, ErrorSummary]]:
-        """Gaps and errors by marker set, marker and method."""
+        """Number of gaps and errors by marker set, marker and method."""
         return summary_tables.marker_rows(self.outcomes, self.plan)
 
     @cached_property
     def lengths(self) -> dict[tuple[str, str], tuple[int, ErrorSummary]]:
-        """Gaps and errors by class of length and method."""
+        """Number of gaps and errors by class of length and method."""
         return summary_tables.length_rows(self.outcomes, self.plan)
 
     @cached_property
     def comparison(self) -> MethodComparison:
-        """The methods over the samples that all of them filled."""
+        """The methods compared over the samples that all of them filled."""
         return summary_tables.compare(self.outcomes, self.plan)
 
     @cached_property
     def pairs(self) -> list[MethodPair]:
-        """Every two methods over the samples that both filled."""
+        """All pairs of methods compared over the samples that both filled."""
         return summary_tables.pairs(self.outcomes, self.plan)
 
     @property
     def best(self) -> str | None:
-        """The method of the least mean error over the samples that all filled."""
+        """The method with the smallest mean error over the samples that all filled."""
         return self.comparison.best
 
     @property
@@ -109,12 +113,12 @@ class Evaluation:
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
-        """Cases that could not be made, and what of the database was not learnt from."""
-        told = (note for outcome in self.outcomes.values() for note in outcome.notes)
-        return (*self.plan.notes, *dict.fromkeys(told))
+        """Cases that were skipped, and notes of the fills."""
+        notes = (note for outcome in self.outcomes.values() for note in outcome.notes)
+        return (*self.plan.notes, *dict.fromkeys(notes))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return settings and summaries, as they go into a JSON file; unknown is None."""
+        """Return settings and summaries as written to ``results.json``; unknown values are None."""
         comparison = self.comparison
         facts = {
             "settings": self.settings,
@@ -150,7 +154,7 @@ class Evaluation:
 
 
 def errors_of(errors: ErrorSummary) -> dict[str, Any]:
-    """Return errors under the names that they have in files."""
+    """Return errors by the names of their columns in files."""
     return {
         "samples": errors.samples,
         "filled": errors.filled,
@@ -163,13 +167,13 @@ def errors_of(errors: ErrorSummary) -> dict[str, Any]:
         "mae_mm": errors.mae,
         "velocity_mm_s": errors.velocity,
         "acceleration_m_s2": errors.acceleration,
-        "expected_mm": errors.expected,
-        "bound_90_cover": errors.cover,
+        "expected_mean_error_mm": errors.expected_mean_error,
+        "error_bound_90_coverage": errors.error_bound_90_coverage,
     }
 
 
 def _method(row: MethodRow) -> dict[str, Any]:
-    """Return a method's figures under the names that they have in files."""
+    """Return the errors of a method by the names of their columns in files."""
     return {
         "cases": row.cases,
         "gaps": row.gaps,
@@ -183,7 +187,7 @@ def _method(row: MethodRow) -> dict[str, Any]:
 
 
 def _known(value: Any) -> Any:
-    """Return a value with None for every NaN, which JSON does not have, and rounded numbers."""
+    """Return a value with rounded numbers, and with None for NaN, which JSON lacks."""
     if isinstance(value, dict):
         return {key: _known(inner) for key, inner in value.items()}
     if isinstance(value, (list, tuple)):
@@ -194,7 +198,15 @@ def _known(value: Any) -> Any:
 
 
 def write_results(folder: Path, evaluation: Evaluation) -> None:
-    """Write `FILES` into a folder, each whole or not at all; older ones are replaced."""
+    """Write `FILES` to a folder, each atomically; existing ones are replaced.
+
+    Parameters
+    ----------
+    folder : Path
+        An existing folder.
+    evaluation : Evaluation
+        The result to write.
+    """
     gaps = [
         {
             "method": row.method,
@@ -207,7 +219,10 @@ def write_results(folder: Path, evaluation: Evaluation) -> None:
             "frames": row.frames,
             "seconds": row.seconds,
             **errors_of(row.errors),
-            "from": row.how,
+            "sources": "; ".join(row.sources),
+            "source_clips": "; ".join(row.source_clips),
+            "training_poses": row.training_poses,
+            "unfilled": "; ".join(row.unfilled),
         }
         for row in evaluation.gaps
     ]
@@ -215,7 +230,7 @@ def write_results(folder: Path, evaluation: Evaluation) -> None:
     methods = [
         {"method": row.method, "clip": row.clip}
         | {k: v for k, v in _method(row).items() if k not in ("joints_deg", "refused")}
-        | {"why_refused": "; ".join(row.refused)}
+        | {"refused": "; ".join(row.refused)}
         for row in [*evaluation.methods.values(), *by_clip]
     ]
     markers = [
@@ -234,7 +249,7 @@ def write_results(folder: Path, evaluation: Evaluation) -> None:
 
 
 def _write_csv(file: Path, rows: Sequence[dict[str, Any]]) -> None:
-    """Write rows, which have the same columns; what is unknown stays empty."""
+    """Write rows with the same columns; unknown values are empty cells."""
 
     def cells(row: dict[str, Any]) -> Iterable[Any]:
         for value in row.values():

@@ -1,4 +1,4 @@
-"""One case filled by one method, and compared with the truth."""
+"""One case, filled by one method and compared with the truth."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from priorfill.evaluation.joint_angles import joint_errors
 from priorfill.evaluation.metrics import MEASURES, SampleErrors, measure
 from priorfill.filling.fill_clip import fill
 from priorfill.filling.fill_options import FillOptions
-from priorfill.filling.result import Result
+from priorfill.filling.result import FilledGap, Result
 from priorfill.gaps import Gap
 from priorfill.markers.describe import describe
 from priorfill.markers.marker_set import MarkerSet
 
-__all__ = ["EvaluatedClip", "FillOutcome", "GapCase", "run_case"]
+__all__ = ["EvaluatedClip", "FillOutcome", "GapCase", "GapSource", "run_case"]
 
 
 @dataclass(frozen=True, eq=False)
 class EvaluatedClip:
-    """A clip to be evaluated on, and what fills of it may learn from.
+    """A clip to evaluate methods on, and what its fills may learn from.
 
     Attributes
     ----------
     clip : Clip
-        The truth, with gaps of its own or without.
+        The ground truth, with or without gaps of its own.
     marker_set : MarkerSet or None
-        The set that was asked for; None: recognised, or found from what is left of the clip.
+        The marker set; None: recognised, or found from the samples that are not removed.
     database : Path or None
         The prior database.
     selection : Selection
-        What of the database may be learnt from: nothing of the clip itself.
+        Clips of the database to learn from, without any version of the clip itself.
     trust_filled : bool
         Whether filled samples of the database are learnt from.
     """
@@ -53,16 +53,16 @@ class EvaluatedClip:
 
 @dataclass(frozen=True)
 class GapCase:
-    """What is removed from a clip.
+    """The gaps that are made in a clip at the same time.
 
     Attributes
     ----------
     clip : int
         Index of the clip.
     name : str
-        What is removed: ``random``, a marker, a group.
+        What is removed: ``random``, a marker, a group of markers.
     copy : int
-        Which of several alike, from 1.
+        Number of the copy, from 1.
     gaps : tuple of Gap
         The runs of samples that are removed.
     """
@@ -78,89 +78,127 @@ class GapCase:
         return sum(gap.frames for gap in self.gaps)
 
     def mask(self, clip: Clip) -> Mask:
-        """Return what is removed [shape=(frames, markers)]."""
-        gone = np.zeros_like(clip.missing)
+        """Return which samples are removed [shape=(frames, markers)]."""
+        removed = np.zeros_like(clip.missing)
         for gap in self.gaps:
-            gone[gap.start : gap.stop, gap.marker] = True
-        return gone
+            removed[gap.start : gap.stop, gap.marker] = True
+        return removed
+
+
+@dataclass(frozen=True)
+class GapSource:
+    """What a gap was filled from; the names are those of `priorfill.FilledGap`.
+
+    Attributes
+    ----------
+    sources : tuple of str
+        What its samples were filled from.
+    source_clips : tuple of str
+        Names of the recordings in the training data.
+    training_poses : int
+        Number of training poses or windows.
+    unfilled : tuple of str
+        Reasons why samples were not filled.
+    """
+
+    sources: tuple[str, ...] = ()
+    source_clips: tuple[str, ...] = ()
+    training_poses: int = 0
+    unfilled: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class FillOutcome:
-    """What a method made of a case.
+    """The errors of a method in a case.
 
     Attributes
     ----------
     seconds : float
-        Of computing: what else the machine does meanwhile is no concern of the method.
+        CPU time, so that other work of the machine does not count.
     samples : ndarray [shape=(6, samples)]
         `priorfill.evaluation.metrics.MEASURES` of the samples removed, gap by gap.
     joints : dict of str to ndarray [degrees]
-        Errors of joint angles.
-    how : tuple of str
-        For each gap, what it was filled from and why not.
+        Errors of joint angles, by joint.
+    gap_sources : tuple of GapSource
+        What each gap was filled from; empty where the method could not work.
     refused : str
         Why the method could not work; empty where it did.
     notes : tuple of str
-        What of the database was not learnt from.
+        Notes of the fill, such as clips of the database that were left out.
     """
 
     seconds: float
     samples: SampleErrors
     joints: dict[str, NDArray[np.float64]] = field(default_factory=dict)
-    how: tuple[str, ...] = ()
+    gap_sources: tuple[GapSource, ...] = ()
     refused: str = ""
     notes: tuple[str, ...] = ()
 
 
 def run_case(source: EvaluatedClip, case: GapCase, method: str) -> FillOutcome:
-    """Remove the samples of a case, fill it with a method, and compare.
+    """Remove the samples of a case, fill it by a method, and measure the errors.
 
-    A method that cannot work on the case, or fails by a fault of its own, leaves all samples
-    missing and says why.
+    If the method cannot work on the case, or fails unexpectedly, all samples stay missing, and the
+    outcome has the reason.
+
+    Parameters
+    ----------
+    source : EvaluatedClip
+        The clip of the case.
+    case : GapCase
+        The gaps.
+    method : str
+        A name in `priorfill.methods.METHODS`.
+
+    Returns
+    -------
+    FillOutcome
+        Errors, sources and CPU time.
 
     Raises
     ------
     PriorfillError
-        Where it is not the method that fails: the database cannot be read.
+        Where something other than the method fails, such as reading the database.
     """
     truth = source.clip
-    gone = case.mask(truth)
+    removed = case.mask(truth)
     positions = truth.positions.copy()
-    positions[gone] = np.nan
+    positions[removed] = np.nan
     begin = time.process_time()
+    options = FillOptions(
+        marker_set=source.marker_set,
+        selection=source.selection,
+        trust_filled=source.trust_filled,
+    )
     try:
         result = fill(
             truth.with_positions(positions),
             database=source.database,
             method=method,
-            options=FillOptions(
-                marker_set=source.marker_set,
-                selection=source.selection,
-                trust_filled=source.trust_filled,
-            ),
+            options=options,
         )
     except MethodError as error:
         return _refusal(case, begin, " ".join(str(error).split()))
     except PriorfillError:
         raise
-    except Exception as error:  # one method's fault is not that of the others
+    except Exception as error:  # a fault in one method must not end the evaluation of the others
         text = " ".join(f"{type(error).__name__}: {error}".split())
         return _refusal(case, begin, f"a fault of the method ({text})")
     seconds = time.process_time() - begin
     marker_set = describe(truth, source.marker_set)
+    filled = result.clip.positions
     return FillOutcome(
         seconds=seconds,
         samples=measure(
             truth.positions,
-            result.clip.positions,
+            filled,
             result.expected_rms,
             result.error_bound_90,
             case.gaps,
             truth.rate,
         ),
-        joints=joint_errors(marker_set, truth.labels, truth.positions, result.clip.positions, gone),
-        how=tuple(_how(result, case.gaps, truth.labels)),
+        joints=joint_errors(marker_set, truth.labels, truth.positions, filled, removed),
+        gap_sources=tuple(_source_of(result, gap, truth.labels[gap.marker]) for gap in case.gaps),
         notes=result.notes,
     )
 
@@ -170,20 +208,23 @@ def _refusal(case: GapCase, begin: float, reason: str) -> FillOutcome:
     return FillOutcome(time.process_time() - begin, samples, refused=reason)
 
 
-def _how(result: Result, gaps: Sequence[Gap], labels: Sequence[str]) -> list[str]:
-    """Return for each gap what it was filled from, and why a part of it was not."""
-    told = []
-    for gap in gaps:
-        # a gap that touches one of the clip's own is part of a longer one
-        whole = next(
-            g
-            for g in result.gaps
-            if g.label == labels[gap.marker] and g.start <= gap.start < g.stop
-        )
-        left = dict.fromkeys(
-            f"NOT: {part.reason}"
-            for part in whole.unfilled
-            if part.start < gap.stop and part.stop > gap.start
-        )
-        told.append("; ".join([*whole.sources, *left]))
-    return told
+def _source_of(result: Result, gap: Gap, label: str) -> GapSource:
+    """Return what an artificial gap was filled from."""
+    filled = _containing(result.gaps, gap, label)
+    reasons = [
+        span.reason for span in filled.unfilled if span.start < gap.stop and span.stop > gap.start
+    ]
+    return GapSource(
+        tuple(filled.sources),
+        tuple(filled.source_clips),
+        filled.training_poses,
+        tuple(dict.fromkeys(reasons)),
+    )
+
+
+def _containing(gaps: Sequence[FilledGap], gap: Gap, label: str) -> FilledGap:
+    """Return the filled gap that contains an artificial one.
+
+    It is longer where the artificial gap is adjacent to one of the clip's own.
+    """
+    return next(g for g in gaps if g.label == label and g.start <= gap.start < g.stop)

@@ -1,4 +1,4 @@
-"""Cut gaps into a clip: only where all samples are measured."""
+"""Remove samples from a clip at random, only where they are measured."""
 
 from __future__ import annotations
 
@@ -9,16 +9,23 @@ from numpy.typing import NDArray
 
 from priorfill.clip import Clip
 
-__all__ = ["EDGE", "MOST", "TRIES", "GapGenerator", "Mask", "measured_in"]
+__all__ = [
+    "MAX_CLIP_SHARE",
+    "MAX_TRIES",
+    "MIN_EDGE_SECONDS",
+    "GapGenerator",
+    "Mask",
+    "measured_in",
+]
 
-EDGE = 0.25
-"""s. Gaps inside a clip stay so far from its ends."""
+MIN_EDGE_SECONDS = 0.25
+"""s. Distance of gaps inside a clip from its ends."""
 
-MOST = 0.5
-"""Part of a clip that a gap takes at most: the rest is there to learn from."""
+MAX_CLIP_SHARE = 0.5
+"""Largest share of a clip's frames in one gap: the rest is needed to learn from."""
 
-TRIES = 200
-"""Placements tried before a clip is given up."""
+MAX_TRIES = 200
+"""Placements tried before a gap is skipped."""
 
 Mask = NDArray[np.bool_]
 
@@ -26,46 +33,48 @@ Mask = NDArray[np.bool_]
 def measured_in(clip: Clip) -> Mask:
     """Return which samples are measured [shape=(frames, markers)].
 
-    Neither missing, nor interpolated by what the file says: these are no truth to compare with.
+    Samples that are missing, or that the file marks as interpolated, are no ground truth.
     """
-    known: Mask = ~clip.missing
-    told = clip.source.interpolated if clip.source is not None else None
-    return known if told is None or told.shape != known.shape else known & ~told
+    measured: Mask = ~clip.missing
+    interpolated = clip.source.interpolated if clip.source is not None else None
+    if interpolated is None or interpolated.shape != measured.shape:
+        return measured
+    return measured & ~interpolated
 
 
 class GapGenerator:
-    """Cuts gaps into one clip.
+    """Generates gaps in one clip.
 
     Parameters
     ----------
     clip : Clip
-        The truth.
+        The ground truth.
     rng : Generator
-        What draws.
-    known : ndarray of bool [shape=(frames, markers)], optional
-        Samples that may be cut out; those that are not missing if not given.
+        Source of randomness.
+    measured : ndarray of bool [shape=(frames, markers)], optional
+        Samples that may be removed; those that are not missing if not given.
 
     Attributes
     ----------
-    gone : ndarray of bool [shape=(frames, markers)]
-        What was cut out so far.
+    mask : ndarray of bool [shape=(frames, markers)]
+        The samples removed so far.
     """
 
-    def __init__(self, clip: Clip, rng: np.random.Generator, known: Mask | None = None) -> None:
+    def __init__(self, clip: Clip, rng: np.random.Generator, measured: Mask | None = None) -> None:
         self.clip = clip
         self.rng = rng
-        self.known: Mask = ~clip.missing if known is None else known
-        self.gone: Mask = np.zeros_like(clip.missing)
+        self.measured: Mask = ~clip.missing if measured is None else measured
+        self.mask: Mask = np.zeros_like(clip.missing)
 
     def length(self, low: float, high: float) -> int | None:
-        """Draw a length in frames; None where the clip is too short for any (s)."""
-        high = min(high, MOST * self.clip.duration)
+        """Draw a length in frames, from a range in s; None where the clip is too short."""
+        high = min(high, MAX_CLIP_SHARE * self.clip.duration)
         if high < low:
             return None
         return max(round(self.rng.uniform(low, high) * self.clip.rate), 1)
 
     def pick(self, some: Sequence[list[int]]) -> list[int] | None:
-        """Draw one of several lists of markers."""
+        """Draw one of several lists of markers; None where there are none."""
         return some[int(self.rng.integers(len(some)))] if some else None
 
     def marker(self) -> list[int]:
@@ -73,55 +82,67 @@ class GapGenerator:
         return [int(self.rng.integers(len(self.clip.labels)))]
 
     def start(self, frames: int) -> int:
-        """Draw where a gap inside the clip begins."""
-        edge = min(round(EDGE * self.clip.rate), (self.clip.frames - frames) // 2)
+        """Draw the first frame of a gap inside the clip."""
+        edge = min(round(MIN_EDGE_SECONDS * self.clip.rate), (self.clip.frames - frames) // 2)
         return int(self.rng.integers(edge, self.clip.frames - frames - edge + 1))
 
-    def free(self, markers: Sequence[int], start: int, stop: int) -> bool:
-        """Return whether samples, and those beside them, are measured and not cut out yet."""
-        around = slice(max(start - 1, 0), stop + 1)
-        return bool((self.known & ~self.gone)[around, markers].all())
+    def is_free(self, markers: Sequence[int], start: int, stop: int) -> bool:
+        """Return whether samples and the adjacent ones are measured and not removed yet."""
+        frames = slice(max(start - 1, 0), stop + 1)
+        return bool((self.measured & ~self.mask)[frames, markers].all())
 
-    def cut(self, markers: Sequence[int] | None, frames: int | None) -> bool:
-        """Cut some markers out, somewhere; return whether there was a place."""
+    def remove(self, markers: Sequence[int] | None, frames: int | None) -> bool:
+        """Remove some markers for a number of frames at a random time.
+
+        Returns False where no place was found, or there is no marker or length.
+        """
         if not markers or frames is None:
             return False
-        for _ in range(TRIES):
+        for _ in range(MAX_TRIES):
             start = self.start(frames)
-            if self.free(markers, start, start + frames):
-                self.gone[start : start + frames, markers] = True
+            if self.is_free(markers, start, start + frames):
+                self.mask[start : start + frames, markers] = True
                 return True
         return False
 
     def scatter(
-        self, share: float, seconds: tuple[float, float], at_once: int, tries: int = TRIES
+        self,
+        share: float,
+        seconds: tuple[float, float],
+        max_missing: int,
+        max_tries: int = MAX_TRIES,
     ) -> bool:
-        """Cut gaps of single markers out until a share of all samples is missing.
+        """Remove single markers until a share of all samples is missing.
 
         Parameters
         ----------
         share : float
-            Of all samples.
+            Share of all samples.
         seconds : (float, float)
-            Least and greatest length (s).
-        at_once : int
-            Markers missing at the same time at most.
-        tries : int
-            Placements tried at most.
-        """
-        for _ in range(tries):
-            if self.gone.mean() >= share or self.scatter_one(seconds, at_once) is None:
-                break
-        return bool(self.gone.any())
+            Minimum and maximum length of a gap (s).
+        max_missing : int
+            Maximum number of markers missing in the same frame.
+        max_tries : int
+            Maximum number of placements tried.
 
-    def scatter_one(self, seconds: tuple[float, float], at_once: int) -> bool | None:
-        """Try once to cut a marker out; None where the clip is too short for any such gap."""
+        Returns
+        -------
+        bool
+            Whether any sample was removed.
+        """
+        for _ in range(max_tries):
+            if self.mask.mean() >= share or self.scatter_one(seconds, max_missing) is None:
+                break
+        return bool(self.mask.any())
+
+    def scatter_one(self, seconds: tuple[float, float], max_missing: int) -> bool | None:
+        """Try once to remove a random marker; None where the clip is too short for any gap."""
         frames, marker = self.length(*seconds), self.marker()
         if frames is None:
             return None
         start = self.start(frames)
-        crowded = self.gone[start : start + frames].sum(axis=1).max() >= at_once
-        if crowded or not self.free(marker, start, start + frames):
+        crowded = self.mask[start : start + frames].sum(axis=1).max() >= max_missing
+        if crowded or not self.is_free(marker, start, start + frames):
             return False
-        self.gone[start : start + frames, marker] = True
+        self.mask[start : start + frames, marker] = True
         return True

@@ -1,9 +1,9 @@
-"""Joint angles: of a filled clip against the true one.
+"""Errors of joint angles: the filled clip compared with the true one.
 
-An angle is that between the lines from a joint to the points above and below it, each the mean of
-markers that the marker set names (`priorfill.markers.marker_set.MarkerSet.joints`): hip, knee and
-ankle for
-a knee. It follows flexion, but it is no anatomical angle: markers sit on the skin.
+A joint angle is the angle at a joint between the points above and below it, such as hip and ankle
+for the knee. Each point is the mean of markers that the marker set names
+(`priorfill.markers.marker_set.MarkerSet.joints`). These angles follow flexion, but are not
+anatomical joint angles: the markers are on the skin.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ def angles(first: Array, joint: Array, last: Array) -> Array:
     Returns
     -------
     ndarray [shape=(frames,), degrees]
-        0 to 180; NaN where a point is unknown or lies on the joint.
+        0 to 180; NaN where a point is missing or coincides with the joint.
     """
     up, down = first - joint, last - joint
     across = np.linalg.norm(np.cross(up, down), axis=1)
     along = (up * down).sum(axis=1)
-    # the tangent is exact near 0 and 180 degrees too, where the cosine is not
+    # the tangent is accurate near 0 and 180 degrees, unlike the cosine
     found: Array = np.degrees(np.arctan2(across, along))
-    nowhere = ~up.any(axis=1) | ~down.any(axis=1)
-    return np.where(nowhere | np.isnan(along), np.nan, found)
+    coincident = ~up.any(axis=1) | ~down.any(axis=1)
+    return np.where(coincident | np.isnan(along), np.nan, found)
 
 
 def joint_errors(
@@ -46,38 +46,38 @@ def joint_errors(
     labels: tuple[str, ...],
     truth: Array,
     filled: Array,
-    gone: Mask,
+    removed: Mask,
 ) -> dict[str, Array]:
-    """Return how far off the angles of a filled clip are.
+    """Return the absolute errors of the joint angles of a filled clip.
 
     Parameters
     ----------
     marker_set : MarkerSet
-        Of the clip, with its own labels.
+        The clip's marker set, with the clip's own labels.
     labels : tuple of str
         The clip's markers.
     truth, filled : ndarray [shape=(frames, markers, 3), mm]
         The true and the filled clip.
-    gone : ndarray of bool [shape=(frames, markers)]
-        What was removed.
+    removed : ndarray of bool [shape=(frames, markers)]
+        Samples that were removed.
 
     Returns
     -------
     dict of str to ndarray [degrees]
-        For each joint its errors, in the frames in which one of its markers was removed and both
-        angles are known. Joints without such a frame are not there.
+        Errors by joint, in the frames in which one of its markers was removed and both angles are
+        known. Joints without such a frame are left out.
     """
     errors = {}
     for name, points in marker_set.joints.items():
         columns = [[labels.index(label) for label in point] for point in points]
-        touched = gone[:, [i for point in columns for i in point]].any(axis=1)
+        touched = removed[:, [i for point in columns for i in point]].any(axis=1)
         if not touched.any():
             continue
-        true, ours = (
+        true_angles, filled_angles = (
             angles(*(x[touched][:, point].mean(axis=1) for point in columns))
             for x in (truth, filled)
         )
-        off = np.abs(ours - true)
+        off = np.abs(filled_angles - true_angles)
         known = np.isfinite(off)
         if known.any():
             errors[name] = off[known]

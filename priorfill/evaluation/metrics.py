@@ -1,4 +1,4 @@
-"""How far off a fill is, sample by sample, and what many samples say together."""
+"""Errors of filled samples, one by one and summarised."""
 
 from __future__ import annotations
 
@@ -23,42 +23,54 @@ __all__ = [
 Array = NDArray[np.float64]
 
 SampleErrors = NDArray[np.float32]
-"""Measures of samples [shape=(len(MEASURES), samples)]; NaN where there is none."""
+"""Measures of samples [shape=(len(MEASURES), samples)]; NaN where unknown."""
 
-MEASURES = ("error", "absolute", "velocity", "acceleration", "expected", "bound")
+MEASURES = (
+    "error",
+    "absolute",
+    "velocity",
+    "acceleration",
+    "expected_mean_error",
+    "error_bound_90",
+)
 """Rows of `SampleErrors`: distance from the truth (mm), mean over the coordinates of the absolute
-error (mm), error of the velocity (mm/s), of the acceleration (m/s²), distance expected by the
-method (mm), distance below which it expects 90 % of the errors (mm)."""
+error (mm), error of the velocity (mm/s) and of the acceleration (m/s²), expected distance from the
+truth (mm), and distance below which 90 % of the errors are expected to lie (mm)."""
 
-ERROR, ABSOLUTE, VELOCITY, ACCELERATION, EXPECTED, BOUND = range(len(MEASURES))
+ERROR, ABSOLUTE, VELOCITY, ACCELERATION, EXPECTED_MEAN_ERROR, ERROR_BOUND_90 = range(len(MEASURES))
 
-HIGH = 95.0
-"""Percentile that says how bad the worse fills are."""
+HIGH_PERCENTILE = 95.0
+"""Percentile that describes the worse fills."""
 
 MM_PER_M = 1000.0
 
 
 @dataclass(frozen=True)
 class ErrorSummary:
-    """What some samples, filled by one method, say together; NaN where nothing is known.
+    """Errors of some samples that a method filled; NaN where unknown.
 
     Attributes
     ----------
     samples, filled : int
-        Samples removed, and how many of them were filled. All errors are over the filled ones.
+        Number of samples removed, and of those that were filled. All errors are over filled
+        samples.
     mean, rmse, median, p95, maximum : float
-        Of the distance from the truth (mm).
+        Of the Euclidean distance from the truth (mm).
     mae : float
         Mean absolute error over the coordinates (mm).
     velocity : float
         Mean error of the velocity (mm/s).
     acceleration : float
         Mean error of the acceleration (m/s²).
-    expected : float
-        Mean distance that the method expects (mm), of the samples that it says it of.
-    cover : float
-        Share of the samples that are nearer to the truth than their 90 % bound, of those that have
-        one.
+    expected_mean_error : float
+        Mean distance from the truth that the method expects (mm), over the samples with an
+        expected error.
+    error_bound_90_coverage : float
+        Share of the samples with an error below their 90 % bound, over the samples with a bound.
+
+    See Also
+    --------
+    priorfill.evaluate : Where summaries come from.
     """
 
     samples: int
@@ -71,8 +83,8 @@ class ErrorSummary:
     mae: float
     velocity: float
     acceleration: float
-    expected: float
-    cover: float
+    expected_mean_error: float
+    error_bound_90_coverage: float
 
     @property
     def share(self) -> float:
@@ -90,24 +102,25 @@ def measure(
     truth: Array,
     filled: Array,
     expected_rms: Array,
-    bound: Array,
+    error_bound_90: Array,
     gaps: Sequence[Gap],
     rate: float,
 ) -> SampleErrors:
     """Compare the samples of some gaps with the truth.
 
-    Velocities are central differences, (x[t+1] - x[t-1]) / 2 by the frame step, accelerations
-    second differences, x[t+1] - 2 x[t] + x[t-1] by its square; both are unknown where one of the
-    samples is. The error of a vector is the length of the difference from the true one.
+    Velocities are central differences, (x[t+1] - x[t-1]) / 2 divided by the frame step;
+    accelerations are second differences, x[t+1] - 2 x[t] + x[t-1] divided by its square. Both are
+    unknown where one of the samples is. The error of a vector is the length of the difference from
+    the true one.
 
     Parameters
     ----------
     truth, filled : ndarray [shape=(frames, markers, 3), mm]
         The true and the filled clip.
-    deviation, bound : ndarray [shape=(frames, markers), mm]
-        What the method expects of its errors: root mean square, 90 % bound.
+    expected_rms, error_bound_90 : ndarray [shape=(frames, markers), mm]
+        The errors that the method expects: root mean square, and 90 % bound.
     gaps : sequence of Gap
-        What was removed.
+        The gaps that were made.
     rate : float
         Hz.
 
@@ -115,19 +128,28 @@ def measure(
     -------
     ndarray [shape=(6, samples)]
         `MEASURES`, gap by gap; NaN where a sample was not filled.
+
+    Examples
+    --------
+    >>> truth = np.zeros((3, 1, 3))
+    >>> filled = truth.copy()
+    >>> filled[1, 0] = [3.0, 4.0, 0.0]
+    >>> unknown = np.full((3, 1), np.nan)
+    >>> float(measure(truth, filled, unknown, unknown, [Gap(1, 2, 0)], 100.0)[ERROR, 0])
+    5.0
     """
     off = filled - truth
-    speed, bend = np.full_like(off, np.nan), np.full_like(off, np.nan)
-    speed[1:-1] = (off[2:] - off[:-2]) * (rate / 2)
-    bend[1:-1] = (off[2:] - 2 * off[1:-1] + off[:-2]) * (rate**2 / MM_PER_M)
+    velocity, acceleration = np.full_like(off, np.nan), np.full_like(off, np.nan)
+    velocity[1:-1] = (off[2:] - off[:-2]) * (rate / 2)
+    acceleration[1:-1] = (off[2:] - 2 * off[1:-1] + off[:-2]) * (rate**2 / MM_PER_M)
     by_measure = (
         np.linalg.norm(off, axis=2),
         np.abs(off).mean(axis=2),
-        # the velocity of a sample that was not filled is no error of the method
-        np.linalg.norm(np.where(np.isnan(off), np.nan, speed), axis=2),
-        np.linalg.norm(bend, axis=2),
+        # the central difference exists where the sample itself was not filled, but does not count
+        np.linalg.norm(np.where(np.isnan(off), np.nan, velocity), axis=2),
+        np.linalg.norm(acceleration, axis=2),
         MEAN_FACTOR * expected_rms,
-        bound,
+        error_bound_90,
     )
     where = [(slice(gap.start, gap.stop), gap.marker) for gap in gaps]
     return np.array(
@@ -136,31 +158,32 @@ def measure(
 
 
 def summarise(samples: SampleErrors) -> ErrorSummary:
-    """Return what some samples [shape=(6, samples)] say together."""
-    nothing = float("nan")
-    there = np.isfinite(samples[ERROR])
-    some = samples[:, there].astype(np.float64)
+    """Return the summary of some samples [shape=(6, samples)]."""
+    unknown = float("nan")
+    filled = np.isfinite(samples[ERROR])
+    some = samples[:, filled].astype(np.float64)
     if not some.shape[1]:
-        return ErrorSummary(samples.shape[1], 0, *[nothing] * 10)
+        return ErrorSummary(samples.shape[1], 0, *[unknown] * 10)
     error = some[ERROR]
-    bounded = np.isfinite(some[BOUND])
+    bounded = np.isfinite(some[ERROR_BOUND_90])
+    within = (error < some[ERROR_BOUND_90])[bounded]
     return ErrorSummary(
         samples=samples.shape[1],
         filled=some.shape[1],
         mean=float(error.mean()),
         rmse=float(np.sqrt((error**2).mean())),
         median=float(np.median(error)),
-        p95=float(np.percentile(error, HIGH)),
+        p95=float(np.percentile(error, HIGH_PERCENTILE)),
         maximum=float(error.max()),
         mae=float(some[ABSOLUTE].mean()),
         velocity=mean_known(some[VELOCITY]),
         acceleration=mean_known(some[ACCELERATION]),
-        expected=mean_known(some[EXPECTED]),
-        cover=float((error < some[BOUND])[bounded].mean()) if bounded.any() else nothing,
+        expected_mean_error=mean_known(some[EXPECTED_MEAN_ERROR]),
+        error_bound_90_coverage=float(within.mean()) if bounded.any() else unknown,
     )
 
 
 def mean_known(values: Array) -> float:
-    """Return the mean of the values that are known; NaN where there is none."""
+    """Return the mean of the finite values; NaN where there is none."""
     known = values[np.isfinite(values)]
     return float(known.mean()) if len(known) else float("nan")

@@ -1,9 +1,9 @@
-"""The folder of an evaluation: what is finished is kept there, so that it can go on.
+"""The folder of an evaluation, which keeps finished outcomes so that an evaluation can be resumed.
 
 ::
 
-    DIR/evaluation.json    the settings; another set of them is refused
-    DIR/cases/*.npz        an outcome each, whole or not there
+    DIR/evaluation.json    the settings; an evaluation with other settings is refused
+    DIR/cases/*.npz        one outcome each, written atomically
     DIR/gaps.csv ...       the results, written at the end
 """
 
@@ -13,6 +13,7 @@ import json
 import zipfile
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ import numpy as np
 from priorfill.errors import OptionError, OutputError
 from priorfill.evaluation.evaluation_plan import EvaluationPlan, FillJob
 from priorfill.evaluation.evaluation_results import FILES
-from priorfill.evaluation.gap_case import FillOutcome
+from priorfill.evaluation.gap_case import FillOutcome, GapSource
 from priorfill.evaluation.metrics import MEASURES
 from priorfill.runtime.atomic_file import replace_file
 
@@ -32,10 +33,10 @@ CASES = "cases"
 PLOTS = "error*_by_*.png"
 
 JOINT = "joint "
-"""What the names of arrays of joint angles begin with."""
+"""Prefix of the names of arrays of joint angles."""
 
-SHOWN = 60
-"""Characters of a setting shown in a message."""
+MAX_SHOWN = 60
+"""Maximum number of characters of a setting in a message."""
 
 
 class OutcomeStore:
@@ -44,18 +45,18 @@ class OutcomeStore:
     Parameters
     ----------
     folder : Path
-        Made if it is not there.
+        Created if it does not exist.
     plan : EvaluationPlan
-        What is to be done.
+        The plan.
     overwrite : bool
-        Begin anew, whatever an earlier evaluation left there.
+        Start anew, and remove what an earlier evaluation left.
 
     Raises
     ------
     OptionError
-        Where the folder holds an evaluation of other settings; the message says which.
+        Where the folder has an evaluation with other settings; the message names one.
     OutputError
-        Where it holds something else, or cannot be written.
+        Where it has other contents, or cannot be written.
     """
 
     def __init__(self, folder: Path, plan: EvaluationPlan, *, overwrite: bool = False) -> None:
@@ -72,7 +73,7 @@ class OutcomeStore:
                 )
         try:
             (folder / CASES).mkdir(parents=True, exist_ok=True)
-            # of a process that was killed; or, to begin anew, all
+            # partial files of a killed process; to start anew, everything
             for file in (folder / CASES).glob("*" if overwrite else ".*.part.npz"):
                 file.unlink()
             if overwrite:  # no results of an evaluation that is no more
@@ -94,7 +95,7 @@ class OutcomeStore:
         """Write an outcome, whole or not at all."""
         facts = {
             "seconds": outcome.seconds,
-            "how": outcome.how,
+            "gap_sources": [asdict(source) for source in outcome.gap_sources],
             "refused": outcome.refused,
             "notes": outcome.notes,
         }
@@ -105,9 +106,9 @@ class OutcomeStore:
             )
 
     def kept(self) -> Iterator[tuple[FillJob, FillOutcome]]:
-        """Give the outcomes that are there; one that cannot be read is made again."""
+        """Yield the outcomes that are kept; unreadable ones are left out, and so made again."""
         for job in self.plan.jobs:
-            with suppress(OSError, ValueError, KeyError, zipfile.BadZipFile):
+            with suppress(OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
                 outcome = self._read(job)
                 if outcome.samples.shape == (len(MEASURES), self.plan.cases[job.case].samples):
                     yield job, outcome
@@ -123,19 +124,29 @@ class OutcomeStore:
                     for name in arrays.files
                     if name.startswith(JOINT)
                 },
-                how=tuple(facts["how"]),
+                gap_sources=tuple(_gap_source(source) for source in facts["gap_sources"]),
                 refused=facts["refused"],
                 notes=tuple(facts["notes"]),
             )
 
 
+def _gap_source(facts: dict[str, Any]) -> GapSource:
+    """Return a gap's source from its JSON form, whose tuples are lists."""
+    return GapSource(
+        sources=tuple(facts["sources"]),
+        source_clips=tuple(facts["source_clips"]),
+        training_poses=facts["training_poses"],
+        unfilled=tuple(facts["unfilled"]),
+    )
+
+
 def check_folder(folder: Path) -> dict[str, Any] | None:
-    """Return the settings of the evaluation that a folder holds; None where it is empty.
+    """Return the settings of the evaluation in a folder; None where it is empty.
 
     Raises
     ------
     OutputError
-        Where it is no folder, or holds something else.
+        Where it is not a folder, or has other contents.
     """
     if not folder.exists():
         return None
@@ -156,12 +167,12 @@ def check_folder(folder: Path) -> dict[str, Any] | None:
 
 
 def _difference(old: Any, new: Any, name: str = "") -> str:
-    """Return the first setting that differs, in words; empty where none does."""
+    """Return a text about the first setting that differs; empty where none does."""
     if isinstance(old, dict) and isinstance(new, dict):
         for key in [*new, *(key for key in old if key not in new)]:
-            said = _difference(old.get(key), new.get(key), f"{name} {key}".strip())
-            if said:
-                return said
+            difference = _difference(old.get(key), new.get(key), f"{name} {key}".strip())
+            if difference:
+                return difference
         return ""
     if old == new:
         return ""
@@ -172,4 +183,4 @@ def _shown(value: Any) -> str:
     if isinstance(value, list):
         value = ",".join(str(v["name"]) if isinstance(v, dict) else str(v) for v in value)
     text = str(value)
-    return text if len(text) <= SHOWN else f"{text[:SHOWN]}..."
+    return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."

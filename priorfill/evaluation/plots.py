@@ -1,7 +1,7 @@
 """Plots of an evaluation: errors by method, by length of gap, by marker.
 
-matplotlib is an extra, and is imported when something is drawn. Methods have the same order, colour
-and sign in every plot.
+matplotlib is an optional dependency and imported when a plot is drawn. A method has the same place,
+colour and symbol in every plot.
 """
 
 from __future__ import annotations
@@ -27,32 +27,32 @@ if TYPE_CHECKING:
 __all__ = ["check_plots", "draw_plots"]
 
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000", "#999999")
-"""Colours that people with any kind of colour vision tell apart (Okabe and Ito, without yellow,
-which is hard to see on white, and with grey)."""
+"""Colour-blind safe colours: those of Okabe and Ito, without yellow, which is hard to see on white,
+and with grey."""
 
-SIGNS = "osD^vP"
+SYMBOLS = "osD^vP"
 LINES = ("-", "--", ":", "-.")
-"""Where there are more methods than colours, signs and lines tell them apart."""
+"""Line styles. With more methods than colours, symbols and lines distinguish them."""
 
-WIDE = 10.0
-"""Ratio of the greatest to the least value from which an axis is logarithmic."""
+LOG_RATIO = 10.0
+"""Ratio of the largest to the smallest value above which an axis is logarithmic."""
 
-LEAST = 1e-3
-"""mm. A gap filled as well as this is drawn as so well: a logarithm knows no zero."""
+MIN_ERROR = 1e-3
+"""mm. Smaller errors are drawn as this one, because an axis may be logarithmic."""
 
 STEPS = (1.0, 2.0, 5.0)
 """Ticks in each decade of a logarithmic axis."""
 
 DPI = 150
-MOST_LABELS = 12
-"""Columns of a heat map up to which every cell has its number in it, with more it is too narrow."""
+MAX_WIDE_COLUMNS = 12
+"""Number of columns of a heat map up to which its cells have room for the larger font."""
 
 DARK = 0.55
-"""Place on the colour scale up to which numbers on it are white."""
+"""Position on the colour scale up to which numbers are white."""
 
 
 def check_plots() -> None:
-    """Make sure that plots can be drawn.
+    """Check that plots can be drawn.
 
     Raises
     ------
@@ -67,7 +67,20 @@ def check_plots() -> None:
 
 
 def draw_plots(folder: Path, evaluation: Evaluation) -> list[Path]:
-    """Draw all plots of an evaluation into a folder; return their files."""
+    """Draw all plots of an evaluation.
+
+    Parameters
+    ----------
+    folder : Path
+        An existing folder.
+    evaluation : Evaluation
+        What to draw.
+
+    Returns
+    -------
+    list of Path
+        The files; none where no gap was filled.
+    """
     rows = [row for row in evaluation.gaps if row.errors.filled]
     if not rows:
         return []
@@ -90,7 +103,7 @@ def draw_plots(folder: Path, evaluation: Evaluation) -> list[Path]:
 
 
 def _figure(width: float, height: float) -> tuple[Figure, Axes]:
-    """Return a figure that knows nothing of windows, and its axes."""
+    """Return a figure that is independent of a display, and its axes."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained")
@@ -98,18 +111,18 @@ def _figure(width: float, height: float) -> tuple[Figure, Axes]:
 
 
 def _what(evaluation: Evaluation) -> str:
-    """Return what was filled, for a title."""
+    """Return the clips and the protocol, for a title."""
     clips = list(evaluation.clips)
     named = clips[0] if len(clips) == 1 else f"{len(clips)} clips"
     return f"{named}, protocol {evaluation.settings['protocol']['name']}"
 
 
 def _scale(axes: Axes, values: Sequence[float], axis: str) -> None:
-    """Make an axis logarithmic where values span much, with plain numbers at its ticks."""
+    """Make an axis logarithmic if the values span a wide range, with plain numbers at its ticks."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     one = axes.xaxis if axis == "x" else axes.yaxis
-    if max(values) < WIDE * min(values):
+    if max(values) < LOG_RATIO * min(values):
         (axes.set_xlim if axis == "x" else axes.set_ylim)(0, None)
         return
     (axes.set_xscale if axis == "x" else axes.set_yscale)("log")
@@ -119,11 +132,11 @@ def _scale(axes: Axes, values: Sequence[float], axis: str) -> None:
 
 
 def _error(row: GapRow) -> float:
-    return max(row.errors.mean, LEAST)
+    return max(row.errors.mean, MIN_ERROR)
 
 
 def _by_method(evaluation: Evaluation, rows: Sequence[GapRow]) -> Figure:
-    """Draw a box for each method, of the mean errors of its gaps."""
+    """Draw a box plot of the mean errors of the gaps, by method."""
     methods = list(evaluation.methods)
     figure, axes = _figure(8.5, 1.6 + 0.42 * len(methods))
     for place, method in enumerate(methods):
@@ -158,7 +171,7 @@ def _by_method(evaluation: Evaluation, rows: Sequence[GapRow]) -> Figure:
 
 
 def _with_filled(evaluation: Evaluation, method: str) -> str:
-    """Return a method's name, with the share filled where that is not all."""
+    """Return the name of a method, with the share filled if that is not 100 %."""
     share = evaluation.methods[method].errors.share
     if share == 1:
         return method
@@ -166,7 +179,7 @@ def _with_filled(evaluation: Evaluation, method: str) -> str:
 
 
 def _by_length(evaluation: Evaluation, rows: Sequence[GapRow]) -> Figure:
-    """Draw a line for each method: the median of its gaps' errors, by class of length."""
+    """Draw the median error of the gaps by class of length, one line per method."""
     classes = [length_class(high) for high in LENGTHS[1:]] + [length_class(math.inf)]
     counts = {
         n: len({_key(row) for row in rows if length_class(row.seconds) == n}) for n in classes
@@ -174,7 +187,7 @@ def _by_length(evaluation: Evaluation, rows: Sequence[GapRow]) -> Figure:
     there = [name for name in classes if counts[name]]
     methods = list(evaluation.methods)
     figure, axes = _figure(9.5, 5.2 + 0.12 * max(len(methods) - 12, 0))
-    barred = len(methods) <= len(COLOURS)  # of more, bars would hide the lines
+    barred = len(methods) <= len(COLOURS)  # with more methods, bars would hide the lines
     medians: list[float] = []
     wide = 0.6 / max(len(methods), 1)
     for place, method in enumerate(methods):
@@ -204,7 +217,7 @@ def _by_length(evaluation: Evaluation, rows: Sequence[GapRow]) -> Figure:
     axes.set_xlabel("length of the gap")
     axes.set_ylabel("mean error of a gap (mm)")
     bars = ", bar: half of the gaps" if barred else ""
-    axes.set_title(f"{_what(evaluation)}\nsign: median gap{bars}", fontsize=10)
+    axes.set_title(f"{_what(evaluation)}\nsymbol: median gap{bars}", fontsize=10)
     figure.legend(loc="outside right upper", fontsize=9)
     return figure
 
@@ -218,11 +231,11 @@ def _key(row: GapRow) -> tuple[str, str, int, str, int]:
 
 
 def _style(place: int) -> dict[str, Any]:
-    """Return how the method of a place in the order is drawn."""
+    """Return the colour, symbol and line of a method, by its place in the order."""
     again = place // len(COLOURS)
     return {
         "color": COLOURS[place % len(COLOURS)],
-        "marker": SIGNS[(place + again) % len(SIGNS)],
+        "marker": SYMBOLS[(place + again) % len(SYMBOLS)],
         "linestyle": LINES[again % len(LINES)],
         "markersize": 6,
         "linewidth": 1.4,
@@ -230,7 +243,7 @@ def _style(place: int) -> dict[str, Any]:
 
 
 def _by_marker(evaluation: Evaluation, marker_set: str) -> Figure:
-    """Draw a heat map: the mean error of each marker of a set by each method."""
+    """Draw a heat map of the mean errors by marker and method."""
     from matplotlib.colors import LogNorm, Normalize
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
@@ -240,19 +253,19 @@ def _by_marker(evaluation: Evaluation, marker_set: str) -> Figure:
     for (name, marker, method), (_, errors) in evaluation.markers.items():
         if name == marker_set:
             table[markers.index(marker), methods.index(method)] = errors.mean
-    known = np.maximum(table[np.isfinite(table)], LEAST)
+    known = np.maximum(table[np.isfinite(table)], MIN_ERROR)
     figure, axes = _figure(2.6 + 0.62 * len(methods), 1.9 + 0.2 * len(markers))
-    low, high = (float(known.min()), float(known.max())) if known.size else (LEAST, 1.0)
-    norm = LogNorm(low, high) if high > WIDE * low else Normalize(0.0, high)
-    image = axes.imshow(np.maximum(table, LEAST), aspect="auto", cmap="cividis", norm=norm)
+    low, high = (float(known.min()), float(known.max())) if known.size else (MIN_ERROR, 1.0)
+    norm = LogNorm(low, high) if high > LOG_RATIO * low else Normalize(0.0, high)
+    image = axes.imshow(np.maximum(table, MIN_ERROR), aspect="auto", cmap="cividis", norm=norm)
     axes.set_facecolor("0.85")
     axes.set_yticks(range(len(markers)), markers, fontsize=8)
     axes.set_xticks(range(len(methods)), methods, rotation=45, ha="right", rotation_mode="anchor")
-    size = 7 if len(methods) <= MOST_LABELS else 6
+    size = 7 if len(methods) <= MAX_WIDE_COLUMNS else 6
     for i, j in np.argwhere(np.isfinite(table)):
         value = table[i, j]
         text = f"{value:.0f}" if value >= 9.95 else f"{value:.1f}"
-        colour = "white" if norm(max(value, LEAST)) < DARK else "black"
+        colour = "white" if norm(max(value, MIN_ERROR)) < DARK else "black"
         axes.text(j, i, text, ha="center", va="center", fontsize=size, color=colour)
     bar = figure.colorbar(image, ax=axes, shrink=0.6, pad=0.02, label="mean error (mm)")
     if isinstance(norm, LogNorm):

@@ -1,8 +1,8 @@
-"""Protocols: which samples are removed from a clip, to be filled again.
+"""Protocols: which samples are removed from a clip to be filled again.
 
-A protocol makes cases of a clip, each a mask of samples to be removed. All of them are measured;
-the clip's own gaps stay gaps. What a protocol draws depends on the seed, the clip's name and the
-case, and on nothing else.
+A protocol makes cases of a clip, each with a mask of the samples to remove. Only measured samples
+are removed; the clip's own gaps stay gaps. Random choices depend on the seed, the clip's name and
+the case only.
 
 References
 ----------
@@ -28,8 +28,8 @@ from priorfill.clip import Clip
 from priorfill.errors import OptionError
 from priorfill.evaluation.body_parts import LIMBS, SIDES, BodyParts
 from priorfill.evaluation.gap_generator import (
-    MOST,
-    TRIES,
+    MAX_CLIP_SHARE,
+    MAX_TRIES,
     GapGenerator,
     Mask,
     measured_in,
@@ -38,63 +38,64 @@ from priorfill.gaps import find_gaps
 
 __all__ = [
     "DEFAULT_PROTOCOL",
-    "MAX_MISSING_AT_ONCE",
     "PROTOCOLS",
     "RANDOM_GAP_SECONDS",
     "RANDOM_GAP_SHARE",
+    "RANDOM_MAX_MISSING",
     "GapMask",
     "GapProtocol",
     "SkippedCase",
     "make_protocol",
+    "name_of",
     "settings_of",
 ]
 
 Range = tuple[float, float]
 
 RANDOM_GAP_SHARE = (0.03, 0.09)
-"""Share of samples missing in the 50 patterns that [G16] published: 2.9 to 9.1 %."""
+"""Share of missing samples in the 50 patterns published with [G16]: 2.9 to 9.1 %."""
 
 RANDOM_GAP_SECONDS = (0.1, 2.0)
-"""s. Lengths of the gaps there: nine in ten lie between 0.17 and 1.95 s."""
+"""s. Length of the gaps in these patterns: nine in ten are between 0.17 and 1.95 s."""
 
-MAX_MISSING_AT_ONCE = 7
-"""Markers missing at once at most. There it is 3 to 9, by pattern."""
+RANDOM_MAX_MISSING = 7
+"""Maximum number of markers missing in a frame; 3 to 9 in these patterns."""
 
 MARKER_SECONDS = 1.0
-"""s. How long each marker is missing in its turn."""
+"""s. Length of the gap of each marker in turn."""
 
 GROUP_SECONDS = 3.0
-"""s. How long arms and legs are missing; half of the clip at most."""
+"""s. Length of gaps of arms and legs; half of the clip at most."""
 
-MEASURED = 0.5
-"""Share of the frames in which a marker must be measured to be removed with its group."""
+MIN_MEASURED_SHARE = 0.5
+"""Share of the frames in which a marker of a group must be measured to be removed with it."""
 
 TRIES_PER_GAP = 20
-"""Placements tried for each gap of a scatter."""
+"""Placements tried per random gap."""
 
 
 @dataclass(frozen=True, eq=False)
 class GapMask:
-    """A case: what is removed from a clip.
+    """The samples to remove in a case.
 
     Attributes
     ----------
     name : str
-        What is removed: ``scatter``, a marker, a group.
+        What is removed: ``random``, a marker, a group of markers.
     copy : int
-        Which of several alike, from 1.
-    gone : ndarray of bool [shape=(frames, markers)]
-        Samples to be removed.
+        Number of the copy, from 1.
+    mask : ndarray of bool [shape=(frames, markers)]
+        Samples to remove.
     """
 
     name: str
     copy: int
-    gone: Mask
+    mask: Mask
 
 
 @dataclass(frozen=True)
 class SkippedCase:
-    """A case that could not be made of a clip, and why."""
+    """A case that could not be made in a clip, with the reason."""
 
     name: str
     copy: int
@@ -102,19 +103,19 @@ class SkippedCase:
 
 
 Draw = Callable[[str, int], np.random.Generator]
-"""A generator for a case, by its name and copy."""
+"""Function of a case's name and copy that returns its random generator."""
 
 
 class GapProtocol(Protocol):
-    """A protocol: a function of a clip, with options."""
+    """A protocol: options and a function that makes the cases of a clip."""
 
     def cases(self, clip: Clip, parts: BodyParts, draw: Draw) -> Iterator[GapMask | SkippedCase]:
-        """Make the cases of a clip."""
+        """Yield the cases of a clip."""
         ...
 
 
 def draw_for(seed: int, protocol: str, clip: str) -> Draw:
-    """Return what gives each case of a clip a generator of its own."""
+    """Return a function that gives each case of a clip its own random generator."""
 
     def draw(name: str, copy: int) -> np.random.Generator:
         words = [zlib.crc32(word.encode()) for word in (protocol, clip, name)]
@@ -126,7 +127,7 @@ def draw_for(seed: int, protocol: str, clip: str) -> Draw:
 def _too_short(clip: Clip, seconds: Range) -> str:
     return (
         f"a clip of {clip.duration:.2f} s is too short for gaps of {seconds[0]:g} s, "
-        f"which may take {MOST:.0%} of it"
+        f"which may take {MAX_CLIP_SHARE:.0%} of it"
     )
 
 
@@ -142,71 +143,71 @@ def _cut_out(
     name: str,
     copy: int,
 ) -> GapMask | SkippedCase:
-    """Remove some markers for a while, somewhere inside the clip."""
-    cutter = GapGenerator(clip, rng, measured_in(clip))
-    frames = cutter.length(*seconds)
+    """Remove some markers for a random length at a random time inside the clip."""
+    generator = GapGenerator(clip, rng, measured_in(clip))
+    frames = generator.length(*seconds)
     if frames is None:
         return SkippedCase(name, copy, _too_short(clip, seconds))
-    if not cutter.cut(markers, frames):
+    if not generator.remove(markers, frames):
         return SkippedCase(name, copy, _nowhere(frames, clip))
-    return GapMask(name, copy, cutter.gone)
+    return GapMask(name, copy, generator.mask)
 
 
 @dataclass(frozen=True)
 class RandomGaps:
     """Gaps of random markers at random times ([G16], fig. 4).
 
-    The paper has 50 copies of a recording, each with gaps at random. The defaults are those of
-    the 50 patterns that it published, but for the number of copies.
+    The paper uses 50 copies of a recording. The defaults follow the 50 patterns published with it,
+    except for the number of copies.
 
     Attributes
     ----------
     copies : int
         Copies of each clip.
     number : (int, int) or None
-        Least and greatest number of gaps in a copy. None: as many as `share` says.
+        Minimum and maximum number of gaps per copy; None: until ``share`` is reached.
     share : (float, float)
-        Least and greatest share of the samples to be removed.
+        Minimum and maximum share of the samples to remove.
     seconds : (float, float)
-        Least and greatest length of a gap (s).
-    at_once : int
-        Markers missing at the same time at most.
+        Minimum and maximum length of a gap (s).
+    max_missing : int
+        Maximum number of markers missing in the same frame.
     """
 
     copies: int = 10
     number: tuple[int, int] | None = None
     share: Range = RANDOM_GAP_SHARE
     seconds: Range = RANDOM_GAP_SECONDS
-    at_once: int = MAX_MISSING_AT_ONCE
+    max_missing: int = RANDOM_MAX_MISSING
 
     def cases(self, clip: Clip, parts: BodyParts, draw: Draw) -> Iterator[GapMask | SkippedCase]:
-        """Make the cases of a clip."""
+        """Yield the cases of a clip."""
         del parts
         for copy in range(1, self.copies + 1):
             rng = draw("random", copy)
-            cutter = GapGenerator(clip, rng, measured_in(clip))
+            generator = GapGenerator(clip, rng, measured_in(clip))
             if self.number is None:
                 share = rng.uniform(*self.share)
-                samples = share * cutter.gone.size
-                likely = samples / (clip.rate * (self.seconds[0] + self.seconds[1]) / 2)
-                tries = max(TRIES, round(TRIES_PER_GAP * likely))
-                found = cutter.scatter(share, self.seconds, self.at_once, tries)
+                samples = share * generator.mask.size
+                expected_gaps = samples / (clip.rate * (self.seconds[0] + self.seconds[1]) / 2)
+                max_tries = max(MAX_TRIES, round(TRIES_PER_GAP * expected_gaps))
+                found = generator.scatter(share, self.seconds, self.max_missing, max_tries)
             else:
-                found = self._some(cutter, int(rng.integers(*self.number, endpoint=True)))
+                found = self._some(generator, int(rng.integers(*self.number, endpoint=True)))
             if found:
-                yield GapMask("random", copy, cutter.gone)
-            elif cutter.length(*self.seconds) is None:
+                yield GapMask("random", copy, generator.mask)
+            elif generator.length(*self.seconds) is None:
                 yield SkippedCase("random", copy, _too_short(clip, self.seconds))
             else:
                 yield SkippedCase(
                     "random", copy, "no place where a gap would be measured throughout"
                 )
 
-    def _some(self, cutter: GapGenerator, gaps: int) -> bool:
-        """Cut a number of gaps."""
+    def _some(self, generator: GapGenerator, gaps: int) -> bool:
+        """Make a number of gaps; return whether any was made."""
         left = gaps
         for _ in range(TRIES_PER_GAP * gaps):
-            left -= bool(cutter.scatter_one(self.seconds, self.at_once))
+            left -= bool(generator.scatter_one(self.seconds, self.max_missing))
             if not left:
                 break
         return left < gaps
@@ -214,16 +215,16 @@ class RandomGaps:
 
 @dataclass(frozen=True)
 class MarkerGaps:
-    """Each marker in turn is missing for a while, alone ([B11], fig. 3).
+    """One marker after another is missing alone ([B11], fig. 3).
 
     Attributes
     ----------
     copies : int
         Gaps of each marker, each a case of its own.
     seconds : (float, float)
-        Least and greatest length (s).
+        Minimum and maximum length (s).
     markers : tuple of str
-        The markers; all of them if empty.
+        Labels of the markers; all of them if empty.
     """
 
     copies: int = 1
@@ -231,7 +232,7 @@ class MarkerGaps:
     markers: tuple[str, ...] = ()
 
     def cases(self, clip: Clip, parts: BodyParts, draw: Draw) -> Iterator[GapMask | SkippedCase]:
-        """Make the cases of a clip."""
+        """Yield the cases of a clip."""
         del parts
         unknown = [label for label in self.markers if label not in clip.labels]
         for label in unknown:
@@ -244,25 +245,25 @@ class MarkerGaps:
 
 
 BOTH = "both"
-"""Name of the group of arms and legs."""
+"""Name of the group of all arms and legs."""
 
 
 @dataclass(frozen=True)
 class GroupGaps:
-    """Arms, legs, and both are missing for a while ([B11], table 2).
+    """Both arms, both legs, and all limbs are missing ([B11], table 2).
 
-    Where the marker set names no arms and legs, each segment found from the data, with its nearest
-    ones until there are four markers.
+    Where the marker set defines no arms and legs, a group is a segment found from the data,
+    extended by its nearest segments to at least four markers.
 
     Attributes
     ----------
     copies : int
         Gaps of each group, each a case of its own.
     seconds : (float, float)
-        Least and greatest length (s).
+        Minimum and maximum length (s).
     groups : tuple of str
-        ``arms``, ``legs``, ``both``, ``left_arm``, ``right_leg``, ...; those of the paper, or all
-        segments found from the data, if empty.
+        ``arms``, ``legs``, ``both``, ``left_arm``, ``right_leg``, ...; if empty, those of the
+        paper, or all segments found from the data.
     """
 
     copies: int = 1
@@ -270,8 +271,8 @@ class GroupGaps:
     groups: tuple[str, ...] = ()
 
     def cases(self, clip: Clip, parts: BodyParts, draw: Draw) -> Iterator[GapMask | SkippedCase]:
-        """Make the cases of a clip."""
-        measured = measured_in(clip).mean(axis=0) >= MEASURED
+        """Yield the cases of a clip."""
+        measured = measured_in(clip).mean(axis=0) >= MIN_MEASURED_SHARE
         known = groups_of(parts)
         usual = ("arms", "legs", BOTH) if parts.known else tuple(known)
         for name in self.groups or usual:
@@ -284,13 +285,13 @@ class GroupGaps:
                 yield _cut_out(clip, markers, self._length(clip), draw(name, copy), name, copy)
 
     def _length(self, clip: Clip) -> Range:
-        """Lengths, no longer than the clip has place for: limbs are missing in short clips too."""
-        most = MOST * clip.duration
+        """Return the range of lengths (s), limited so that short clips have gaps of limbs, too."""
+        most = MAX_CLIP_SHARE * clip.duration
         return min(self.seconds[0], most), min(self.seconds[1], most)
 
 
 def groups_of(parts: BodyParts) -> dict[str, list[int]]:
-    """Return the markers of each group that the parts of a body make."""
+    """Return the markers of each group that can be formed from the limbs of a clip."""
     groups = dict(zip(parts.limb_names, parts.limbs, strict=True))
     if parts.known:
         for limb in LIMBS:
@@ -303,18 +304,18 @@ def groups_of(parts: BodyParts) -> dict[str, list[int]]:
 
 @dataclass(frozen=True)
 class PeriodicGaps:
-    """Some markers are missing again and again, at regular times (the mask of [L20]).
+    """Some markers are missing periodically (the mask of [L20]).
 
     Attributes
     ----------
     copies : int
-        Copies of each clip, with other markers.
+        Copies of each clip, with different markers.
     number : (int, int)
-        Least and greatest number of markers, which are missing together.
+        Minimum and maximum number of markers, which are missing together.
     seconds : (float, float)
-        Least and greatest length of a gap (s); the same throughout a copy.
+        Minimum and maximum length of a gap (s); the same throughout a copy.
     period : float
-        From the beginning of a gap to that of the next (s).
+        Time from the start of a gap to the start of the next (s).
     """
 
     copies: int = 3
@@ -330,38 +331,38 @@ class PeriodicGaps:
             )
 
     def cases(self, clip: Clip, parts: BodyParts, draw: Draw) -> Iterator[GapMask | SkippedCase]:
-        """Make the cases of a clip."""
+        """Yield the cases of a clip."""
         del parts
         for copy in range(1, self.copies + 1):
             rng = draw("periodic", copy)
-            cutter = GapGenerator(clip, rng, measured_in(clip))
-            seen = np.flatnonzero(cutter.known.mean(axis=0) >= MEASURED)
+            generator = GapGenerator(clip, rng, measured_in(clip))
+            seen = np.flatnonzero(generator.measured.mean(axis=0) >= MIN_MEASURED_SHARE)
             number = min(int(rng.integers(*self.number, endpoint=True)), len(seen))
             markers = rng.permutation(seen)[:number]
             frames = max(round(rng.uniform(*self.seconds) * clip.rate), 1)
             period = max(round(self.period * clip.rate), frames + 1)
             for start in range(int(rng.integers(1, period - frames + 1)), clip.frames, period):
                 stop = start + frames
-                if stop < clip.frames and cutter.free(list(markers), start, stop):
-                    cutter.gone[start:stop, markers] = True
-            if cutter.gone.any():
-                yield GapMask("periodic", copy, cutter.gone)
+                if stop < clip.frames and generator.is_free(list(markers), start, stop):
+                    generator.mask[start:stop, markers] = True
+            if generator.mask.any():
+                yield GapMask("periodic", copy, generator.mask)
             else:
                 yield SkippedCase("periodic", copy, _nowhere(frames, clip))
 
 
 @dataclass(frozen=True)
 class FrameGaps:
-    """Whole frames are missing: every marker at once ([L20], fig. 8).
+    """Complete frames are missing: every marker at once ([L20], fig. 8).
 
     Attributes
     ----------
     copies : int
         Copies of each clip.
     number : (int, int)
-        Least and greatest number of gaps in a copy.
+        Minimum and maximum number of gaps per copy.
     seconds : (float, float)
-        Least and greatest length of a gap (s).
+        Minimum and maximum length of a gap (s).
     """
 
     copies: int = 5
@@ -369,36 +370,36 @@ class FrameGaps:
     seconds: Range = (0.1, 0.5)
 
     def cases(self, clip: Clip, parts: BodyParts, draw: Draw) -> Iterator[GapMask | SkippedCase]:
-        """Make the cases of a clip."""
+        """Yield the cases of a clip."""
         del parts
         known = measured_in(clip)
         markers = [int(i) for i in np.flatnonzero(known.any(axis=0))]
         for copy in range(1, self.copies + 1):
             rng = draw("frames", copy)
-            # a marker's own gap is no reason to find no place: what is measured goes
+            # frames in which some markers are missing already may be chosen, too
             shown: Mask = np.repeat(known.any(axis=1, keepdims=True), known.shape[1], axis=1)
-            cutter = GapGenerator(clip, rng, shown)
+            generator = GapGenerator(clip, rng, shown)
             for _ in range(int(rng.integers(*self.number, endpoint=True))):
-                cutter.cut(markers, cutter.length(*self.seconds))
-            gone: Mask = np.logical_and(cutter.gone, known)
-            if gone.any():
-                yield GapMask("frames", copy, gone)
+                generator.remove(markers, generator.length(*self.seconds))
+            removed: Mask = np.logical_and(generator.mask, known)
+            if removed.any():
+                yield GapMask("frames", copy, removed)
             else:
                 yield SkippedCase("frames", copy, _too_short(clip, self.seconds))
 
 
 @dataclass(frozen=True)
 class CopiedGaps:
-    """The gaps of another file, placed where the clip is whole.
+    """The gaps of another file, by label of the marker.
 
-    In the first copy they are where they are in the file, in others all are moved by the same time.
-    A gap that the clip has no whole place for there goes anywhere. Markers are the same by label.
-    What finds no place is left out.
+    In the first copy gaps are at the same times as in the file; in further copies all are shifted
+    by the same random time. A gap at a place where the clip is not measured is moved to a random
+    time. Gaps that fit nowhere are left out.
 
     Attributes
     ----------
     pattern : Clip
-        With gaps.
+        The clip with the gaps to copy.
     copies : int
         Copies of each clip.
     """
@@ -411,7 +412,7 @@ class CopiedGaps:
             raise OptionError(f"{self.pattern.name}: has no gaps to be copied; give another file")
 
     def cases(self, clip: Clip, parts: BodyParts, draw: Draw) -> Iterator[GapMask | SkippedCase]:
-        """Make the cases of a clip."""
+        """Yield the cases of a clip."""
         del parts
         mine = {label.upper(): i for i, label in enumerate(clip.labels)}
         pairs = [
@@ -419,42 +420,46 @@ class CopiedGaps:
             for i, label in enumerate(self.pattern.labels)
             if label.upper() in mine
         ]
-        asked = self._at_rate(clip.rate, [there for _, there in pairs])
+        pattern = self._at_rate(clip.rate, [there for _, there in pairs])
         here = np.array([i for i, _ in pairs], dtype=np.intp)
         for copy in range(1, self.copies + 1):
-            cutter = GapGenerator(clip, draw(self.pattern.name, copy), measured_in(clip))
-            if asked.any():
-                self._place(cutter, asked, here, copy)
-            if cutter.gone.any():
-                yield GapMask("like", copy, cutter.gone)
+            generator = GapGenerator(clip, draw(self.pattern.name, copy), measured_in(clip))
+            if pattern.any():
+                self._place(generator, pattern, here, copy)
+            if generator.mask.any():
+                yield GapMask("like", copy, generator.mask)
             else:
                 reason = f"no gap of {self.pattern.name} is of its markers and finds a place"
                 yield SkippedCase("like", copy, reason)
 
     def _at_rate(self, rate: float, markers: list[int]) -> Mask:
-        """Return the pattern of some markers at another frame rate."""
+        """Return the missing samples of some markers of the pattern at another frame rate."""
         frames = max(round(self.pattern.duration * rate), 1)
         nearest = np.round(np.arange(frames) * self.pattern.rate / rate).astype(np.intp)
         nearest = np.minimum(nearest, self.pattern.frames - 1)
         return self.pattern.missing[nearest][:, markers]
 
-    def _place(self, cutter: GapGenerator, asked: Mask, here: NDArray[np.intp], copy: int) -> None:
-        """Cut the pattern's gaps out of a clip, each where it is in the pattern if it can be."""
-        frames = cutter.clip.frames
-        never = asked.all(axis=0)
-        cutter.gone[:, here[never]] = cutter.known[:, here[never]]
-        # the first frames of both come together, or in further copies any
-        late = 0 if copy == 1 else int(cutter.rng.integers(abs(frames - len(asked)) + 1))
-        seen, moved = (asked[late : late + frames], 0) if len(asked) > frames else (asked, late)
-        for gap in find_gaps(seen & ~never):
+    def _place(
+        self, generator: GapGenerator, pattern: Mask, here: NDArray[np.intp], copy: int
+    ) -> None:
+        """Remove the gaps of the pattern from a clip, at the same times where possible."""
+        frames = generator.clip.frames
+        never = pattern.all(axis=0)
+        generator.mask[:, here[never]] = generator.measured[:, here[never]]
+        # the first frames of both coincide in the first copy; later copies have a random offset
+        offset = 0 if copy == 1 else int(generator.rng.integers(abs(frames - len(pattern)) + 1))
+        longer = len(pattern) > frames
+        window = pattern[offset : offset + frames] if longer else pattern
+        shift = 0 if longer else offset
+        for gap in find_gaps(window & ~never):
             marker, length = [int(here[gap.marker])], gap.frames
-            start = gap.start + moved
-            if length > MOST * frames:
+            start = gap.start + shift
+            if length > MAX_CLIP_SHARE * frames:
                 continue
-            if cutter.free(marker, start, start + length):
-                cutter.gone[start : start + length, marker] = True
+            if generator.is_free(marker, start, start + length):
+                generator.mask[start : start + length, marker] = True
             else:
-                cutter.cut(marker, length)
+                generator.remove(marker, length)
 
 
 PROTOCOLS: dict[str, type[Any]] = {
@@ -471,12 +476,33 @@ DEFAULT_PROTOCOL = "random"
 
 
 def make_protocol(name: str, **options: Any) -> GapProtocol:
-    """Return a protocol with some of its options; those that are None keep their default.
+    """Return a protocol with some of its options; those that are None keep their defaults.
+
+    Parameters
+    ----------
+    name : str
+        A name in `PROTOCOLS`.
+    **options
+        Fields of the protocol's class.
+
+    Returns
+    -------
+    GapProtocol
+        The protocol.
 
     Raises
     ------
     OptionError
-        Where there is no such protocol, it has no such option, or a value makes no sense.
+        Where there is no such protocol, it has no such option, or a value is out of range.
+
+    See Also
+    --------
+    priorfill.evaluate : Evaluate methods by a protocol.
+
+    Examples
+    --------
+    >>> make_protocol("frames", copies=2)
+    FrameGaps(copies=2, number=(1, 1), seconds=(0.1, 0.5))
     """
     if name not in PROTOCOLS:
         raise OptionError(f"there is no protocol {name!r}; use one of {' '.join(PROTOCOLS)}")
@@ -486,17 +512,17 @@ def make_protocol(name: str, **options: Any) -> GapProtocol:
         if key not in known:
             raise OptionError(f"protocol {name} has no option {key!r}; it has {' '.join(known)}")
     if name == "like" and "pattern" not in given:
-        raise OptionError("protocol like copies the gaps of a file; say of which (--like FILE)")
+        raise OptionError("protocol like copies the gaps of a file; give the file (--like FILE)")
     _check(given)
     return cast(GapProtocol, PROTOCOLS[name](**given))
 
 
-_LEAST = {"copies": 1, "at_once": 1, "number": 1, "seconds": 0, "share": 0, "period": 0}
+_MINIMA = {"copies": 1, "max_missing": 1, "number": 1, "seconds": 0, "share": 0, "period": 0}
 
 
 def _check(given: dict[str, Any]) -> None:
-    """Refuse numbers that make no sense."""
-    for key, least in _LEAST.items():
+    """Check that ranges are in order and within their limits."""
+    for key, least in _MINIMA.items():
         if key not in given:
             continue
         value = given[key]
@@ -506,12 +532,17 @@ def _check(given: dict[str, Any]) -> None:
                 f"{key} is {low:g} to {high:g}; give numbers of {least} and more, "
                 "the lower one first"
             )
-    if "share" in given and given["share"][1] > MOST:
-        raise OptionError(f"share is up to {given['share'][1]:g}; give {MOST:g} at most")
+    if "share" in given and given["share"][1] > MAX_CLIP_SHARE:
+        raise OptionError(f"share is up to {given['share'][1]:g}; give {MAX_CLIP_SHARE:g} at most")
+
+
+def name_of(protocol: GapProtocol) -> str:
+    """Return the name of a protocol; ``other`` for one that is not in `PROTOCOLS`."""
+    return next((n for n, kind in PROTOCOLS.items() if isinstance(protocol, kind)), "other")
 
 
 def settings_of(protocol: GapProtocol) -> dict[str, Any]:
-    """Return a protocol's options as they go into a JSON file, for a clip its gaps' checksum."""
+    """Return a protocol's options for a JSON file; a clip is given by the checksum of its gaps."""
     if isinstance(protocol, CopiedGaps):
         gaps = zlib.crc32(np.packbits(protocol.pattern.missing).tobytes())
         return {"pattern": f"{protocol.pattern.name} ({gaps:08x})", "copies": protocol.copies}

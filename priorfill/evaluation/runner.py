@@ -1,4 +1,4 @@
-"""Do the jobs of a plan: in parallel, in any order, and what is finished is kept."""
+"""Run the jobs of a plan, in parallel and in any order; finished outcomes are kept."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from priorfill.runtime.threads import limit_threads
 __all__ = ["run_plan"]
 
 AHEAD = 2
-"""Jobs handed out for each process, so that none waits for its next."""
+"""Jobs submitted per process, so that no process is idle."""
 
 Progress = Callable[[int, int], None]
 
@@ -42,28 +42,28 @@ def run_plan(
     store: OutcomeStore | None = None,
     progress: Progress | None = None,
 ) -> dict[FillJob, FillOutcome]:
-    """Do what is not done yet.
+    """Run the jobs that are not finished yet.
 
     Parameters
     ----------
     plan : EvaluationPlan
-        What is to be done.
+        The plan.
     jobs : int
-        Processes; 0: this one.
+        Number of worker processes; 0: run in this process.
     store : OutcomeStore, optional
-        Where finished jobs are, and are kept at once.
+        Keeps finished outcomes; those that it has are not computed again.
     progress : callable, optional
-        Called with the jobs done and all of them.
+        Called with the number of jobs done and the number of all jobs.
 
     Returns
     -------
     dict of FillJob to FillOutcome
-        Of all jobs. It does not depend on the number of processes, but for the seconds.
+        The outcome of each job. Only ``seconds`` depends on the number of processes.
 
     Raises
     ------
     EvaluationError
-        Where a process was ended from outside.
+        Where a worker process was killed.
     """
     done = dict(store.kept()) if store is not None else {}
     rest = [job for job in plan.jobs if job not in done]
@@ -71,53 +71,53 @@ def run_plan(
     report(len(done), len(plan.jobs))
     outcomes = _in_processes(plan, rest, jobs) if jobs else _here(plan, rest)
     try:
-        with closing(outcomes):  # an interrupt here ends the other processes too
+        with closing(outcomes):  # an interrupt here ends the worker processes, too
             for job, outcome in outcomes:
                 if store is not None:
                     store.keep(job, outcome)
                 done[job] = outcome
                 report(len(done), len(plan.jobs))
     except BrokenProcessPool as error:
-        kept = "" if store is None else f"; what is finished is kept in {store.folder}"
+        kept = "" if store is None else f"; finished fills are kept in {store.folder}"
         raise EvaluationError(
-            f"a process was killed with {len(done)} of {len(plan.jobs)} fills done, for want of "
-            f"memory perhaps{kept}; run it again, with fewer --jobs"
+            f"a process was killed with {len(done)} of {len(plan.jobs)} fills done, possibly for "
+            f"lack of memory{kept}; run it again with fewer --jobs"
         ) from error
     return {job: done[job] for job in plan.jobs}
 
 
 def _here(plan: EvaluationPlan, rest: Sequence[FillJob]) -> _FillOutcomes:
-    """Do jobs in this process."""
+    """Run jobs in this process."""
     for job in rest:
         case = plan.cases[job.case]
         yield job, run_case(plan.sources[case.clip], case, job.method)
 
 
 def _in_processes(plan: EvaluationPlan, rest: Sequence[FillJob], processes: int) -> _FillOutcomes:
-    """Do jobs in other processes; give them as they are finished."""
+    """Run jobs in worker processes; yield outcomes as they are finished."""
     waiting = iter(rest)
     with _pool(plan.sources, min(processes, max(len(rest), 1))) as pool:
         running: dict[Future[FillOutcome], FillJob] = {}
 
-        def hand_out() -> None:
+        def submit_some() -> None:
             for job in waiting:
                 case = plan.cases[job.case]
                 running[pool.submit(_work, case, job.method)] = job
                 if len(running) >= AHEAD * processes:
                     break
 
-        hand_out()
+        submit_some()
         while running:
             future = next(as_completed(running))
             yield running.pop(future), future.result()
-            hand_out()
+            submit_some()
 
 
 @contextmanager
 def _pool(sources: Sequence[EvaluatedClip], processes: int) -> Iterator[ProcessPoolExecutor]:
-    """Hand out a pool whose processes end at once when something goes wrong here."""
+    """Yield a pool whose processes are terminated if an exception occurs here."""
     others = set(mp.active_children())
-    # spawned, not forked: a fork would copy locks that threads of BLAS and numba hold
+    # spawned, not forked: a fork would copy locks held by threads of BLAS and numba
     pool = ProcessPoolExecutor(
         processes, mp.get_context("spawn"), initializer=_begin, initargs=(tuple(sources),)
     )
@@ -132,16 +132,16 @@ def _pool(sources: Sequence[EvaluatedClip], processes: int) -> Iterator[ProcessP
 
 
 _sources: tuple[EvaluatedClip, ...] = ()
-"""In a process of the pool: the clips, sent once."""
+"""In a worker process: the clips, sent once."""
 
 
 def _begin(sources: tuple[EvaluatedClip, ...]) -> None:
-    """Make a process of the pool ready: one thread, no interrupts, no life after its parent."""
+    """Prepare a worker process: one thread, no interrupts, and it ends with its parent."""
     global _sources
     _sources = sources
     limit_threads(1)
     threadpool_limits(1)
-    # Ctrl-C reaches every process of the terminal; the parent decides what comes of it
+    # Ctrl-C reaches all processes of the terminal; the parent handles it
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = mp.parent_process()
     if parent is not None:
@@ -149,7 +149,7 @@ def _begin(sources: tuple[EvaluatedClip, ...]) -> None:
 
 
 def _end_with(sentinel: int) -> None:
-    """End this process when its parent has ended, even if that was killed."""
+    """End this process when its parent ends, even if the parent was killed."""
     wait([sentinel])
     os._exit(1)
 

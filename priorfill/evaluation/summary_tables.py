@@ -1,7 +1,8 @@
-"""What outcomes say together: by method, clip, marker, length of gap, and method against method.
+"""Summaries of outcomes by method, clip, marker and length of gap, and comparisons of methods.
 
-Errors are over filled samples; the share filled stands beside them. Methods are compared with each
-other over samples that all of them filled: who leaves out what is hard must not look better.
+Errors are over filled samples, and the share filled is given with them. Methods are compared over
+the samples that all of them filled, so that a method gains nothing by leaving difficult samples
+out.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.evaluation.evaluation_plan import EvaluationPlan, FillJob
-from priorfill.evaluation.gap_case import FillOutcome, GapCase
+from priorfill.evaluation.gap_case import FillOutcome, GapCase, GapSource
 from priorfill.evaluation.metrics import (
     ERROR,
     ErrorSummary,
@@ -24,8 +25,8 @@ from priorfill.evaluation.metrics import (
 from priorfill.gaps import Gap
 
 __all__ = [
-    "COMPARED_SHARE",
     "LENGTHS",
+    "MIN_COMPARED_SHARE",
     "GapRow",
     "MethodComparison",
     "MethodPair",
@@ -39,36 +40,42 @@ __all__ = [
     "pairs",
 ]
 
-COMPARED_SHARE = 0.5
-"""Methods that fill less of the samples are not compared with the others: the samples that all
-filled would be few, and easy ones."""
+MIN_COMPARED_SHARE = 0.5
+"""Share of the samples that a method must fill to be compared with the others: with less, the
+samples filled by all methods would be few and easy."""
 
 LENGTHS = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
-"""s. Classes of length of gaps; the last is of longer ones."""
+"""s. Limits of the classes of gap length; a last class has all longer gaps."""
 
 FillOutcomes = Mapping[FillJob, FillOutcome]
 
 
 @dataclass(frozen=True)
 class GapRow:
-    """A gap filled by a method.
+    """The errors of a method in a gap, and what it filled the gap from.
 
     Attributes
     ----------
     method, clip, case : str
-        Which method, clip and case.
+        Names of the method, the clip and the case.
     copy : int
         Copy of the case.
     marker, segment, marker_set : str
-        The marker, the segment that it sits on, the set that it is of.
+        The marker, its segment, and its marker set.
     start, frames : int
-        First frame, by the file's own numbers, and length.
+        First frame, as numbered in the file, and length.
     seconds : float
         Length.
     errors : ErrorSummary
-        Of its samples.
-    how : str
-        What it was filled from, and why a part was not.
+        Errors of its samples.
+    sources : tuple of str
+        What it was filled from.
+    source_clips : tuple of str
+        Names of the recordings in the training data.
+    training_poses : int
+        Number of training poses or windows.
+    unfilled : tuple of str
+        Reasons why samples were not filled.
     """
 
     method: str
@@ -82,29 +89,32 @@ class GapRow:
     frames: int
     seconds: float
     errors: ErrorSummary
-    how: str
+    sources: tuple[str, ...]
+    source_clips: tuple[str, ...]
+    training_poses: int
+    unfilled: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class MethodRow:
-    """A method on some cases.
+    """The errors of a method in some cases.
 
     Attributes
     ----------
     method, clip : str
         The method; the clip, empty for all of them.
     cases, gaps : int
-        What there was to fill.
+        Number of cases and of gaps.
     errors : ErrorSummary
-        Over all samples.
+        Errors of all samples.
     joint_angle : float
         Mean error of the joint angles (degrees); NaN where none is defined.
     joints : dict of str to float
-        The same by joint.
+        Mean errors by joint (degrees).
     seconds : float
-        In all.
+        Total CPU time.
     refused : dict of str to int
-        Why it could not work, and on how many cases.
+        Reasons why the method could not work, with the number of cases.
     """
 
     method: str
@@ -120,16 +130,16 @@ class MethodRow:
 
 @dataclass(frozen=True)
 class MethodComparison:
-    """Methods over the samples that all of them filled.
+    """Methods compared over the samples that all of them filled.
 
     Attributes
     ----------
     methods : dict of str to ErrorSummary
-        The methods compared, the best (least mean error) first.
+        The methods compared, that with the smallest mean error first.
     samples, of : int
-        Samples that all of these filled, and all samples.
+        Number of samples that all of these filled, and of all samples.
     left_out : tuple of str
-        Methods that filled less than `COMPARED_SHARE` of the samples.
+        Methods that filled less than `MIN_COMPARED_SHARE` of the samples.
     """
 
     methods: dict[str, ErrorSummary]
@@ -139,26 +149,26 @@ class MethodComparison:
 
     @property
     def best(self) -> str | None:
-        """The method of the least mean error; None where nothing was filled."""
+        """The method with the smallest mean error; None where nothing was filled."""
         return next(iter(self.methods), None) if self.samples else None
 
 
 @dataclass(frozen=True)
 class MethodPair:
-    """Two methods over the samples that both filled.
+    """Two methods compared over the samples that both filled.
 
     Attributes
     ----------
     first, second : str
         The methods.
     samples : int
-        That both filled.
+        Number of samples that both filled.
     first_mean, second_mean : float
-        Mean errors over these (mm).
+        Mean errors of these samples (mm).
     gaps : int
-        Gaps with such samples.
+        Number of gaps with such samples.
     first_better : float
-        Share of these gaps in which the first one errs less; ties count half.
+        Share of these gaps in which the first method has the smaller error; ties count one half.
     """
 
     first: str
@@ -173,7 +183,7 @@ class MethodPair:
 def _of(
     outcomes: FillOutcomes, plan: EvaluationPlan, method: str, clip: int | None = None
 ) -> list[tuple[GapCase, FillOutcome]]:
-    """Return a method's outcomes, of one clip or of all."""
+    """Return the cases of a method with its outcomes, of one clip or of all."""
     return [
         (case, outcomes[FillJob(number, method)])
         for number, case in enumerate(plan.cases)
@@ -181,13 +191,13 @@ def _of(
     ]
 
 
-def _joined(several: Iterable[SampleErrors]) -> SampleErrors:
-    """Return the samples of several cases as one."""
-    return np.concatenate(list(several), axis=1)
+def _concatenated(parts: Iterable[SampleErrors]) -> SampleErrors:
+    """Return the samples of several cases, concatenated."""
+    return np.concatenate(list(parts), axis=1)
 
 
 def _by_gap(gaps: Sequence[Gap]) -> list[tuple[Gap, slice]]:
-    """Return gaps with the place of their samples."""
+    """Return gaps with the slices of their samples."""
     stops = np.cumsum([0, *(gap.frames for gap in gaps)])
     return [(gap, slice(int(a), int(b))) for gap, (a, b) in zip(gaps, pairwise(stops), strict=True)]
 
@@ -195,7 +205,7 @@ def _by_gap(gaps: Sequence[Gap]) -> list[tuple[Gap, slice]]:
 def method_row(
     outcomes: FillOutcomes, plan: EvaluationPlan, method: str, clip: int | None = None
 ) -> MethodRow:
-    """Return what a method made of all cases, or of those of one clip, which has some."""
+    """Return the errors of a method in all cases, or in those of one clip with cases."""
     some = _of(outcomes, plan, method, clip)
     joints: dict[str, list[NDArray[np.float64]]] = {}
     refused: dict[str, int] = {}
@@ -210,7 +220,7 @@ def method_row(
         clip="" if clip is None else plan.sources[clip].clip.name,
         cases=len(some),
         gaps=sum(len(case.gaps) for case, _ in some),
-        errors=summarise(_joined(outcome.samples for _, outcome in some)),
+        errors=summarise(_concatenated(outcome.samples for _, outcome in some)),
         joint_angle=float(np.concatenate(angles).mean()) if angles else float("nan"),
         joints={name: float(np.concatenate(off).mean()) for name, off in sorted(joints.items())},
         seconds=sum(outcome.seconds for _, outcome in some),
@@ -219,13 +229,18 @@ def method_row(
 
 
 def gap_rows(outcomes: FillOutcomes, plan: EvaluationPlan) -> list[GapRow]:
-    """Return a row for each gap and method."""
+    """Return a row per gap and method."""
     rows = []
     for method in plan.methods:
         for case, outcome in _of(outcomes, plan, method):
             clip, marker_set = plan.sources[case.clip].clip, plan.marker_sets[case.clip]
             for number, (gap, place) in enumerate(_by_gap(case.gaps)):
                 label = clip.labels[gap.marker]
+                source = (
+                    GapSource(unfilled=(outcome.refused,))
+                    if outcome.refused
+                    else outcome.gap_sources[number]
+                )
                 rows.append(
                     GapRow(
                         method=method,
@@ -239,7 +254,10 @@ def gap_rows(outcomes: FillOutcomes, plan: EvaluationPlan) -> list[GapRow]:
                         frames=gap.frames,
                         seconds=gap.frames / clip.rate,
                         errors=summarise(outcome.samples[:, place]),
-                        how=outcome.refused or outcome.how[number],
+                        sources=source.sources,
+                        source_clips=source.source_clips,
+                        training_poses=source.training_poses,
+                        unfilled=source.unfilled,
                     )
                 )
     return rows
@@ -248,7 +266,7 @@ def gap_rows(outcomes: FillOutcomes, plan: EvaluationPlan) -> list[GapRow]:
 def marker_rows(
     outcomes: FillOutcomes, plan: EvaluationPlan
 ) -> dict[tuple[str, str, str], tuple[int, ErrorSummary]]:
-    """Return gaps and errors by marker set, marker and method."""
+    """Return the number of gaps and the errors by marker set, marker and method."""
     found: dict[tuple[str, str, str], list[SampleErrors]] = {}
     for method in plan.methods:
         for case, outcome in _of(outcomes, plan, method):
@@ -257,7 +275,7 @@ def marker_rows(
             for gap, place in _by_gap(case.gaps):
                 key = (name, labels[gap.marker], method)
                 found.setdefault(key, []).append(outcome.samples[:, place])
-    # in the order of the clips' own markers
+    # in the order of the markers in the clips
     order = dict.fromkeys(
         (marker_set.name, label)
         for source, marker_set in zip(plan.sources, plan.marker_sets, strict=True)
@@ -266,7 +284,7 @@ def marker_rows(
     return {
         (*marker, method): (
             len(found[(*marker, method)]),
-            summarise(_joined(found[(*marker, method)])),
+            summarise(_concatenated(found[(*marker, method)])),
         )
         for marker in order
         for method in plan.methods
@@ -275,7 +293,13 @@ def marker_rows(
 
 
 def length_class(seconds: float) -> str:
-    """Return the class of length of a gap."""
+    """Return the class of gap length.
+
+    Examples
+    --------
+    >>> length_class(0.3)
+    '0.25-0.5 s'
+    """
     for low, high in pairwise(LENGTHS):
         if seconds <= high:
             return f"{low:g}-{high:g} s"
@@ -285,7 +309,7 @@ def length_class(seconds: float) -> str:
 def length_rows(
     outcomes: FillOutcomes, plan: EvaluationPlan
 ) -> dict[tuple[str, str], tuple[int, ErrorSummary]]:
-    """Return gaps and errors by class of length and method, the shortest first."""
+    """Return the number of gaps and the errors by class of length and method."""
     found: dict[tuple[str, str], list[SampleErrors]] = {}
     for method in plan.methods:
         for case, outcome in _of(outcomes, plan, method):
@@ -295,7 +319,7 @@ def length_rows(
                 found.setdefault(key, []).append(outcome.samples[:, place])
     order = [length_class(high) for high in LENGTHS[1:]] + [length_class(np.inf)]
     return {
-        (name, method): (len(found[name, method]), summarise(_joined(found[name, method])))
+        (name, method): (len(found[name, method]), summarise(_concatenated(found[name, method])))
         for name in order
         for method in plan.methods
         if (name, method) in found
@@ -304,13 +328,14 @@ def length_rows(
 
 def compare(outcomes: FillOutcomes, plan: EvaluationPlan) -> MethodComparison:
     """Compare methods over the samples that all of them filled."""
-    whole = {
-        m: _joined(outcome.samples for _, outcome in _of(outcomes, plan, m)) for m in plan.methods
+    samples_of = {
+        m: _concatenated(outcome.samples for _, outcome in _of(outcomes, plan, m))
+        for m in plan.methods
     }
-    filled = {method: np.isfinite(samples[ERROR]) for method, samples in whole.items()}
-    compared = [m for m in plan.methods if filled[m].mean() >= COMPARED_SHARE]
+    filled = {method: np.isfinite(samples[ERROR]) for method, samples in samples_of.items()}
+    compared = [m for m in plan.methods if filled[m].mean() >= MIN_COMPARED_SHARE]
     common = np.logical_and.reduce([filled[m] for m in compared]) if compared else np.zeros(0, bool)
-    found = {method: summarise(whole[method][:, common]) for method in compared}
+    found = {method: summarise(samples_of[method][:, common]) for method in compared}
     order = sorted(found, key=lambda method: found[method].mean)
     return MethodComparison(
         methods={method: found[method] for method in order},
@@ -321,32 +346,39 @@ def compare(outcomes: FillOutcomes, plan: EvaluationPlan) -> MethodComparison:
 
 
 def pairs(outcomes: FillOutcomes, plan: EvaluationPlan) -> list[MethodPair]:
-    """Compare every two methods over the samples that both filled."""
-    whole = {
-        method: _joined(outcome.samples for _, outcome in _of(outcomes, plan, method))[ERROR]
+    """Compare all pairs of methods over the samples that both filled."""
+    errors = {
+        method: _concatenated(outcome.samples for _, outcome in _of(outcomes, plan, method))[ERROR]
         for method in plan.methods
     }
     frames = np.array([gap.frames for case in plan.cases for gap in case.gaps])
     starts = np.concatenate([[0], np.cumsum(frames)[:-1]])
-    found = []
-    for i, first in enumerate(plan.methods):
-        for second in plan.methods[i + 1 :]:
-            both = np.isfinite(whole[first]) & np.isfinite(whole[second])
-            a, b = (
-                np.where(both, whole[m], np.float32(0)).astype(np.float64) for m in (first, second)
-            )
-            samples = int(both.sum())
-            touched = np.add.reduceat(both, starts) > 0
-            ahead = np.sign(np.add.reduceat(b - a, starts))[touched]
-            found.append(
-                MethodPair(
-                    first,
-                    second,
-                    samples,
-                    float(a.sum() / samples) if samples else float("nan"),
-                    float(b.sum() / samples) if samples else float("nan"),
-                    int(touched.sum()),
-                    float((1 + ahead).mean() / 2) if samples else float("nan"),
-                )
-            )
-    return found
+    return [
+        _pair(first, second, errors, starts)
+        for i, first in enumerate(plan.methods)
+        for second in plan.methods[i + 1 :]
+    ]
+
+
+def _pair(
+    first: str,
+    second: str,
+    errors: Mapping[str, NDArray[np.float32]],
+    starts: NDArray[np.intp],
+) -> MethodPair:
+    """Compare two methods; ``starts`` has the first sample of each gap."""
+    both = np.isfinite(errors[first]) & np.isfinite(errors[second])
+    a, b = (np.where(both, errors[m], np.float32(0)).astype(np.float64) for m in (first, second))
+    samples = int(both.sum())
+    compared = np.add.reduceat(both, starts) > 0
+    sign = np.sign(np.add.reduceat(b - a, starts))[compared]
+    unknown = float("nan")
+    return MethodPair(
+        first,
+        second,
+        samples,
+        float(a.sum() / samples) if samples else unknown,
+        float(b.sum() / samples) if samples else unknown,
+        int(compared.sum()),
+        float((1 + sign).mean() / 2) if samples else unknown,
+    )

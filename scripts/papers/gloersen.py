@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 import priorfill as pf
 from priorfill.errors import MethodError
 from priorfill.evaluation.gap_generator import GapGenerator, Mask, measured_in
-from priorfill.evaluation.protocols import MAX_MISSING_AT_ONCE, RANDOM_GAP_SECONDS, TRIES_PER_GAP
+from priorfill.evaluation.protocols import RANDOM_GAP_SECONDS, RANDOM_MAX_MISSING, TRIES_PER_GAP
 from priorfill.gaps import gap_groups
 from priorfill.geometry.axes import from_upright, to_upright
 from priorfill.markers.describe import describe
@@ -101,7 +101,7 @@ def one_run(clip: pf.Clip, marker: int, share: float, copy: int) -> Mask | None:
     """Remove a marker in one random run of frames; None if there is no room."""
     rng = np.random.default_rng([SEED, marker, round(100 * share), copy])
     cutter = GapGenerator(clip, rng, measured_in(clip))
-    return cutter.gone if cutter.cut([marker], round(share * clip.frames)) else None
+    return cutter.mask if cutter.remove([marker], round(share * clip.frames)) else None
 
 
 def runs_in_frames(clip: pf.Clip, share: float, copy: int) -> Mask:
@@ -112,11 +112,11 @@ def runs_in_frames(clip: pf.Clip, share: float, copy: int) -> Mask:
     """
     cutter = GapGenerator(clip, np.random.default_rng([SEED, copy]), measured_in(clip))
     for _ in range(TRIES_PER_GAP * clip.frames):
-        if cutter.gone.any(axis=1).mean() >= share:
+        if cutter.mask.any(axis=1).mean() >= share:
             break
-        if cutter.scatter_one(RANDOM_GAP_SECONDS, MAX_MISSING_AT_ONCE) is None:
+        if cutter.scatter_one(RANDOM_GAP_SECONDS, RANDOM_MAX_MISSING) is None:
             break
-    return cutter.gone
+    return cutter.mask
 
 
 def deviations(

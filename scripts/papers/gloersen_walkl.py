@@ -90,7 +90,7 @@ def protocol(file: Path, copies: int) -> list[Mask]:
     cases = RandomGaps(copies=copies).cases(
         clip, parts_of(clip), draw_for(EVALUATE_SEED, "random", clip.name)
     )
-    return [case.gone for case in cases if isinstance(case, GapMask)]
+    return [case.mask for case in cases if isinstance(case, GapMask)]
 
 
 def far(clip: pf.Clip, gone: NDArray[np.bool_]) -> NDArray[np.float64]:

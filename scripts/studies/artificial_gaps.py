@@ -13,12 +13,12 @@ import numpy as np
 import priorfill as pf
 from priorfill.evaluation.body_parts import BodyParts
 from priorfill.evaluation.gap_generator import (
-    EDGE,
-    TRIES,
+    MAX_TRIES,
+    MIN_EDGE_SECONDS,
     GapGenerator,
     Mask,
 )
-from priorfill.evaluation.protocols import MAX_MISSING_AT_ONCE, RANDOM_GAP_SECONDS, RANDOM_GAP_SHARE
+from priorfill.evaluation.protocols import RANDOM_GAP_SECONDS, RANDOM_GAP_SHARE, RANDOM_MAX_MISSING
 
 SHORT_SECONDS = 2.0
 """s. Length of the complete frames that remain in a clip of kind ``short``."""
@@ -33,22 +33,22 @@ class _Cutter(GapGenerator):
 
 
 def _single(cutter: _Cutter) -> bool:
-    return cutter.cut(cutter.marker(), cutter.length(0.5, 2.0))
+    return cutter.remove(cutter.marker(), cutter.length(0.5, 2.0))
 
 
 def _segment(cutter: _Cutter) -> bool:
-    return cutter.cut(cutter.pick(cutter.parts.segments), cutter.length(1.0, 2.0))
+    return cutter.remove(cutter.pick(cutter.parts.segments), cutter.length(1.0, 2.0))
 
 
 def _limb(cutter: _Cutter) -> bool:
-    return cutter.cut(cutter.pick(cutter.parts.limbs), cutter.length(1.0, 3.0))
+    return cutter.remove(cutter.pick(cutter.parts.limbs), cutter.length(1.0, 3.0))
 
 
 def _limbs(cutter: _Cutter) -> bool:
     limbs = cutter.parts.limbs
     first, second = cutter.rng.permutation(len(limbs))[:2] if len(limbs) > 1 else (0, 0)
     both = sorted({*limbs[first], *limbs[second]}) if limbs else []
-    return first != second and cutter.cut(both, cutter.length(1.0, 2.0))
+    return first != second and cutter.remove(both, cutter.length(1.0, 2.0))
 
 
 def _long(cutter: _Cutter) -> bool:
@@ -57,7 +57,7 @@ def _long(cutter: _Cutter) -> bool:
     several = [*cutter.parts.segments, *cutter.parts.limbs]
     if frames is None or len(several) < 3:
         return False
-    for _ in range(TRIES):
+    for _ in range(MAX_TRIES):
         start = cutter.start(frames)
         chosen = rng.permutation(len(several))[: rng.integers(3, 5)]
         pieces = []
@@ -65,9 +65,9 @@ def _long(cutter: _Cutter) -> bool:
             length = frames if n == 0 else round(rng.uniform(0.4, 1.0) * frames)
             first = start + int(rng.integers(frames - length + 1))
             pieces.append((several[i], first, first + length))
-        if all(cutter.free(*piece) for piece in pieces):
+        if all(cutter.is_free(*piece) for piece in pieces):
             for markers, first, last in pieces:
-                cutter.gone[first:last, markers] = True
+                cutter.mask[first:last, markers] = True
             return True
     return False
 
@@ -82,25 +82,25 @@ def _ends(cutter: _Cutter) -> bool:
     if frames is None:
         return False
     start, stop = (0, frames) if cutter.rng.integers(2) else (last - frames, last)
-    if not cutter.free(markers, start, stop):
+    if not cutter.is_free(markers, start, stop):
         return False
-    cutter.gone[start:stop, markers] = True
+    cutter.mask[start:stop, markers] = True
     return True
 
 
 def _scatter(cutter: _Cutter) -> bool:
     share = cutter.rng.uniform(*RANDOM_GAP_SHARE)
-    return cutter.scatter(share, RANDOM_GAP_SECONDS, MAX_MISSING_AT_ONCE)
+    return cutter.scatter(share, RANDOM_GAP_SECONDS, RANDOM_MAX_MISSING)
 
 
 def _blackout(cutter: _Cutter) -> bool:
-    return cutter.cut(list(range(len(cutter.clip.labels))), cutter.length(0.1, 0.5))
+    return cutter.remove(list(range(len(cutter.clip.labels))), cutter.length(0.1, 0.5))
 
 
 def _dropout(cutter: _Cutter) -> bool:
-    shown = np.flatnonzero(cutter.known.all(axis=0))
+    shown = np.flatnonzero(cutter.measured.all(axis=0))
     chosen = cutter.rng.permutation(shown)[: cutter.rng.integers(1, 3)]
-    cutter.gone[:, chosen] = True
+    cutter.mask[:, chosen] = True
     return len(chosen) > 0
 
 
@@ -145,7 +145,7 @@ def cut_gaps(
     if kind == "short":
         return _cut_short(clip, parts, rng)
     cutter = _Cutter(clip, parts, rng)
-    return (clip, cutter.gone) if KINDS[kind](cutter) else None
+    return (clip, cutter.mask) if KINDS[kind](cutter) else None
 
 
 def _cut_short(
@@ -153,7 +153,7 @@ def _cut_short(
 ) -> tuple[pf.Clip, Mask] | None:
     """Remove a limb, and shorten the clip until few other frames remain."""
     frames, rest = round(rng.uniform(1.0, 2.0) * clip.rate), round(SHORT_SECONDS * clip.rate)
-    edge = round(EDGE * clip.rate)
+    edge = round(MIN_EDGE_SECONDS * clip.rate)
     if clip.frames < frames + rest:
         return None
     first = int(rng.integers(clip.frames - frames - rest + 1))
@@ -165,7 +165,7 @@ def _cut_short(
     )
     cutter = _Cutter(short, parts, rng)
     limb, start = cutter.pick(parts.limbs), int(rng.integers(edge, rest - edge + 1))
-    if limb is None or not cutter.free(limb, start, start + frames):
+    if limb is None or not cutter.is_free(limb, start, start + frames):
         return None
-    cutter.gone[start : start + frames, limb] = True
-    return short, cutter.gone
+    cutter.mask[start : start + frames, limb] = True
+    return short, cutter.mask

@@ -34,7 +34,7 @@ def test_a_table(walk: Path) -> None:
     assert [line.split()[:3] for line in lines[3:5]] == [
         ["linear", "100", "%"], ["spline", "100", "%"]
     ]  # fmt: skip
-    assert "over all samples, the best first: " in done.stdout
+    assert "over all samples, best first: " in done.stdout
     assert done.stderr == ""
 
 
@@ -54,7 +54,7 @@ def test_a_folder_with_plots(walk: Path, here: Path) -> None:
     given = (walk, "-m", "linear", *few, "-o", here / "out", "--plots")
     done = run(*given)
     assert done.exit_code == 0, done.output
-    assert f"every gap, and what was done: {here / 'out'}" in done.stdout
+    assert f"results of every gap: {here / 'out'}" in done.stdout
     assert len(list((here / "out").glob("*.png"))) == 3
     refused = run(*given, "--seed", "1")
     assert refused.exit_code == 1
@@ -90,7 +90,7 @@ def test_a_method_that_cannot_work_makes_status_3(
     assert done.stderr == "pchip could not work: no complete frame; record one\n"
     line = next(line for line in done.stdout.splitlines() if line.startswith("pchip"))
     assert line.split()[:3] == ["pchip", "0", "%"]
-    assert "left out: pchip, which fill less than half" in done.stdout
+    assert "left out: pchip, which filled less than half" in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -100,10 +100,10 @@ def test_a_method_that_cannot_work_makes_status_3(
         (["-p", "magic"], 1, "there is no protocol 'magic'; use one of random markers"),
         (["-p", "magic", "--like", "no.c3d"], 1, "there is no protocol 'magic'"),
         (["-p", "frames", "--period", "2"], 1, "protocol frames has no option 'period'"),
-        (["-p", "frames", "--like", "no.c3d"], 1, "--like goes with the protocol like"),
-        (["-p", "like"], 1, "say of which (--like FILE)"),
+        (["-p", "frames", "--like", "no.c3d"], 1, "--like needs the protocol like"),
+        (["-p", "like"], 1, "give the file (--like FILE)"),
         (["--length", "long"], 2, "'long' is not like 3 or 1-5"),
-        (["--plots"], 2, "--plots are drawn into a folder; give one (--output)"),
+        (["--plots"], 2, "--plots needs a folder; give one (--output)"),
         (["--exclude-subject", "me"], 2, "give one (--database)"),
     ],
 )

@@ -28,14 +28,13 @@ from priorfill.errors import (
     OutputError,
 )
 from priorfill.evaluation import (
+    EvaluationOptions,
     evaluate,
     evaluation_results,
     gap_case,
     make_protocol,
     plots,
-)
-from priorfill.evaluation import (
-    runner as campaign,
+    runner,
 )
 from priorfill.evaluation.body_parts import parts_of
 from priorfill.evaluation.gap_generator import GapGenerator, measured_in
@@ -94,12 +93,12 @@ def test_only_measured_samples_are_removed(name: str, clip: Clip) -> None:
     found = [one for one in made if isinstance(one, GapMask)]
     assert found
     for one in found:
-        assert one.gone.any()
-        assert not (one.gone & clip.missing).any()
+        assert one.mask.any()
+        assert not (one.mask & clip.missing).any()
         if name != "frames":  # what is beside a gap is measured, so that it stays a gap
-            touched = np.zeros_like(one.gone)
-            touched[1:] |= one.gone[:-1]
-            touched[:-1] |= one.gone[1:]
+            touched = np.zeros_like(one.mask)
+            touched[1:] |= one.mask[:-1]
+            touched[:-1] |= one.mask[1:]
             assert not (touched & clip.missing).any()
 
 
@@ -107,26 +106,26 @@ def test_only_measured_samples_are_removed(name: str, clip: Clip) -> None:
 def test_same_seed_same_gaps(name: str) -> None:
     clip = person(seconds=8.0)
     first, again, other = (cuts(name, clip, seed) for seed in (1, 1, 2))
-    assert all((a.gone == b.gone).all() for a, b in zip(first, again, strict=True))
-    assert any((a.gone != b.gone).any() for a, b in zip(first, other, strict=True))
+    assert all((a.mask == b.mask).all() for a, b in zip(first, again, strict=True))
+    assert any((a.mask != b.mask).any() for a, b in zip(first, other, strict=True))
 
 
 def test_random_gaps_are_as_many_and_as_long_as_asked() -> None:
     clip = person(seconds=12.0)
     for one in cuts("random", clip, copies=4):
-        assert 0.03 <= one.gone.mean() < 0.09 + 2.0 * clip.rate / one.gone.size
-        assert one.gone.sum(axis=1).max() <= 7
-    one = cuts("random", clip, copies=1, number=(5, 5), seconds=(0.2, 0.3), at_once=2)[0]
-    gaps = find_gaps(one.gone)
+        assert 0.03 <= one.mask.mean() < 0.09 + 2.0 * clip.rate / one.mask.size
+        assert one.mask.sum(axis=1).max() <= 7
+    one = cuts("random", clip, copies=1, number=(5, 5), seconds=(0.2, 0.3), max_missing=2)[0]
+    gaps = find_gaps(one.mask)
     assert len(gaps) == 5
     assert all(0.18 <= gap.frames / clip.rate <= 0.32 for gap in gaps)
-    assert one.gone.sum(axis=1).max() <= 2
+    assert one.mask.sum(axis=1).max() <= 2
 
 
 def test_a_long_clip_gets_its_share_too() -> None:
     clip = person(seconds=60.0, rate=30.0)
     one = cuts("random", clip, copies=1, share=(0.09, 0.09), seconds=(0.1, 0.3))[0]
-    assert one.gone.mean() >= 0.09
+    assert one.mask.mean() >= 0.09
 
 
 def test_each_marker_in_its_turn() -> None:
@@ -134,7 +133,7 @@ def test_each_marker_in_its_turn() -> None:
     found = cuts("markers", clip)
     assert [one.name for one in found] == list(clip.labels)
     for i, one in enumerate(found):
-        assert [(gap.marker, gap.frames) for gap in find_gaps(one.gone)] == [(i, round(clip.rate))]
+        assert [(gap.marker, gap.frames) for gap in find_gaps(one.mask)] == [(i, round(clip.rate))]
     some = cuts("markers", clip, markers=("LELB", "LTOE"), copies=2)
     assert [(one.name, one.copy) for one in some] == [
         ("LELB", 1), ("LELB", 2), ("LTOE", 1), ("LTOE", 2)
@@ -148,7 +147,7 @@ def test_each_marker_in_its_turn() -> None:
 def test_groups_are_arms_and_legs() -> None:
     clip = person(seconds=8.0)
     named = {
-        one.name: {clip.labels[m] for m in np.flatnonzero(one.gone.any(axis=0))}
+        one.name: {clip.labels[m] for m in np.flatnonzero(one.mask.any(axis=0))}
         for one in cuts("groups", clip)
     }
     assert list(named) == ["arms", "legs", "both"]
@@ -157,13 +156,13 @@ def test_groups_are_arms_and_legs() -> None:
     assert named["both"] == named["arms"] | named["legs"]
     assert not named["arms"] & named["legs"]
     left = cuts("groups", clip, groups=("left_arm",))[0]
-    assert find_gaps(left.gone)[0].frames == round(3.0 * clip.rate)
+    assert find_gaps(left.mask)[0].frames == round(3.0 * clip.rate)
     assert refusals("groups", clip, groups=("wings",))[0].reason.startswith("the clip has no such")
 
 
 def test_a_short_clip_loses_its_limbs_for_half_of_it() -> None:
     clip = person(seconds=4.0)
-    assert find_gaps(cuts("groups", clip)[0].gone)[0].frames == clip.frames // 2
+    assert find_gaps(cuts("groups", clip)[0].mask)[0].frames == clip.frames // 2
 
 
 def test_groups_of_an_unknown_body_are_found() -> None:
@@ -177,7 +176,7 @@ def test_groups_of_an_unknown_body_are_found() -> None:
 def test_periodic_gaps_come_again() -> None:
     clip = person(seconds=10.0)
     one = cuts("periodic", clip, copies=1, number=(2, 2), seconds=(0.5, 0.5), period=2.0)[0]
-    gaps = find_gaps(one.gone)
+    gaps = find_gaps(one.mask)
     markers = {gap.marker for gap in gaps}
     assert len(markers) == 2
     for marker in markers:
@@ -190,8 +189,8 @@ def test_periodic_gaps_come_again() -> None:
 def test_whole_frames() -> None:
     clip = broken()
     for one in cuts("frames", clip):
-        rows = one.gone.any(axis=1)
-        assert (one.gone[rows] == ~clip.missing[rows]).all()
+        rows = one.mask.any(axis=1)
+        assert (one.mask[rows] == ~clip.missing[rows]).all()
         assert 6 <= rows.sum() <= 30
 
 
@@ -203,31 +202,31 @@ def test_the_gaps_of_another_file() -> None:
     clip = person(seconds=6.0, rate=60.0, seed=4)
     first, second = cuts("like", clip, pattern=pattern, copies=2)
     place = {name: clip.labels.index(name) for name in ("LKNE", "RKNE", "LTOE", "C7")}
-    assert first.gone[:, place["C7"]].all()
-    gaps = {gap.marker: (gap.start, gap.stop) for gap in find_gaps(first.gone)}
+    assert first.mask[:, place["C7"]].all()
+    gaps = {gap.marker: (gap.start, gap.stop) for gap in find_gaps(first.mask)}
     assert gaps[place["LKNE"]] == gaps[place["RKNE"]] == (50, 80)
     assert gaps[place["LTOE"]] == (150, 165)
-    moved = {gap.marker: gap for gap in find_gaps(second.gone)}
+    moved = {gap.marker: gap for gap in find_gaps(second.mask)}
     assert moved[place["LKNE"]].frames == 30
     assert moved[place["LKNE"]].frames == moved[place["RKNE"]].frames
     # where the clip has a gap of its own, the pattern goes elsewhere
     elsewhere = with_gaps(clip, (60, 61, ["LKNE"]))
     one = cuts("like", elsewhere, pattern=pattern)[0]
-    assert not (one.gone & elsewhere.missing).any()
-    assert one.gone[:, place["LKNE"]].sum() == 30
+    assert not (one.mask & elsewhere.missing).any()
+    assert one.mask[:, place["LKNE"]].sum() == 30
 
 
 def test_the_gaps_of_another_file_stay_together_when_moved() -> None:
     pattern = with_gaps(person(seconds=2.0), (40, 60, ["LKNE"]), (50, 70, ["RKNE"]))
     clip = person(seconds=8.0, seed=4)
-    found = [find_gaps(one.gone) for one in cuts("like", clip, pattern=pattern, copies=6)]
+    found = [find_gaps(one.mask) for one in cuts("like", clip, pattern=pattern, copies=6)]
     assert [gap.start for gap in found[0]] == [40, 50]
     assert all(right.start - left.start == 10 for left, right in found)
     assert len({left.start for left, _ in found}) > 3
     # of a longer file a part is taken
     longer = with_gaps(person(seconds=8.0), *((s, s + 10, ["LKNE"]) for s in range(10, 470, 40)))
     for one in cuts("like", person(seconds=2.0, seed=4), pattern=longer, copies=4):
-        assert 1 <= len(find_gaps(one.gone)) <= 4
+        assert 1 <= len(find_gaps(one.mask)) <= 4
 
 
 def test_like_needs_gaps_and_markers() -> None:
@@ -247,7 +246,7 @@ def test_what_the_file_calls_interpolated_is_no_truth() -> None:
                     interpolated=told)  # fmt: skip
     said = replace(clip, source=source)
     assert not (measured_in(said) & told).any()
-    assert not any((one.gone & told).any() for one in cuts("random", said))
+    assert not any((one.mask & told).any() for one in cuts("random", said))
 
 
 @pytest.mark.parametrize(
@@ -266,11 +265,11 @@ def test_options_that_make_no_sense(name: str, options: dict[str, object], messa
         make_protocol(name, **options)
 
 
-def test_a_cutter_gives_up_where_nothing_is_whole() -> None:
+def test_no_place_is_found_where_nothing_is_measured() -> None:
     clip = with_gaps(person(), (0, 240, person().labels))
-    cutter = GapGenerator(clip, np.random.default_rng(0))
-    assert not cutter.cut([0], 30)
-    assert not cutter.scatter(0.1, (0.1, 0.2), 3)
+    generator = GapGenerator(clip, np.random.default_rng(0))
+    assert not generator.remove([0], 30)
+    assert not generator.scatter(0.1, (0.1, 0.2), 3)
 
 
 # metrics
@@ -329,8 +328,8 @@ def test_a_summary_by_hand() -> None:
     assert told.p95 == pytest.approx(5.55)
     assert told.maximum == 6.0
     assert told.mae == 1.5
-    assert told.expected == 2.0
-    assert told.cover == 0.5
+    assert told.expected_mean_error == 2.0
+    assert told.error_bound_90_coverage == 0.5
     assert math.isnan(told.velocity)
     nothing = summarise(np.full((len(MEASURES), 3), np.nan, dtype=np.float32))
     assert (nothing.samples, nothing.filled) == (3, 0)
@@ -365,13 +364,13 @@ def test_an_angle_of_nothing() -> None:
 def test_joint_errors_are_of_the_frames_removed() -> None:
     """A knee's marker off sideways; independent: by the law of cosines."""
     clip = person()
-    gone = np.zeros_like(clip.missing)
+    removed = np.zeros_like(clip.missing)
     knee = clip.labels.index("LKNE")
-    gone[30:50, knee] = True
+    removed[30:50, knee] = True
     filled = clip.positions.copy()
     filled[30:45, knee, 1] += 40.0
     filled[45:50, knee] = np.nan
-    found = joint_errors(describe(clip), clip.labels, clip.positions, filled, gone)
+    found = joint_errors(describe(clip), clip.labels, clip.positions, filled, removed)
     assert set(found) == {"left_knee", "left_hip", "left_ankle"}
 
     def cosine_law(x: np.ndarray) -> np.ndarray:
@@ -383,7 +382,7 @@ def test_joint_errors_are_of_the_frames_removed() -> None:
 
     off = np.abs(cosine_law(filled[30:45]) - cosine_law(clip.positions[30:45]))
     np.testing.assert_allclose(found["left_knee"], off, atol=1e-4)
-    assert joint_errors(describe(unknown(clip)), clip.labels, filled, filled, gone) == {}
+    assert joint_errors(describe(unknown(clip)), clip.labels, filled, filled, removed) == {}
 
 
 # methods that a test can see through
@@ -467,8 +466,8 @@ def test_leaving_out_what_is_hard_is_no_way_to_win(tame: Clip) -> None:
     by_pair = {(pair.first, pair.second): pair for pair in found.pairs}
     assert by_pair["three", "one"].samples == comparison.of
     assert by_pair["half", "few"].samples == few.filled
-    reasons = {row.how for row in found.gaps if row.method == "few" and not row.errors.filled}
-    assert reasons == {"NOT: not of the first"}
+    reasons = {row.unfilled for row in found.gaps if row.method == "few" and not row.errors.filled}
+    assert reasons == {("not of the first",)}
 
 
 def test_a_method_that_cannot_work_does_not_stop_the_others(tame: Clip) -> None:
@@ -509,7 +508,7 @@ def test_truth_is_not_left_in_the_database(tmp_path: Path, monkeypatch: pytest.M
 
     monkeypatch.setattr("priorfill.filling.fill_clip.get_method", lambda name: spy)
     # nearly nothing is left that a sketch could know it by
-    heavy = make_protocol("random", copies=2, share=(0.5, 0.5), at_once=40)
+    heavy = make_protocol("random", copies=2, share=(0.5, 0.5), max_missing=40)
     found = evaluate(clip, methods="linear", protocol=heavy, database=tmp_path / "db")
     assert seen == [{"other"}] * 2
     assert own.content in found.plan.sources[0].selection.not_names
@@ -581,7 +580,7 @@ def _count_fills(monkeypatch: pytest.MonkeyPatch, last: int | None = None) -> li
         made.append(method)
         return real(source, one, method)
 
-    monkeypatch.setattr(campaign, "run_case", counted)
+    monkeypatch.setattr(runner, "run_case", counted)
     return made
 
 
@@ -603,16 +602,16 @@ def test_it_goes_on_where_it_was_interrupted(
     made = _count_fills(monkeypatch)
     found = evaluate(
         person(), methods="linear,spline", protocol="frames", output=tmp_path / "o",
-        progress=lambda done, total: steps.append((done, total)),
+        options=EvaluationOptions(progress=lambda done, total: steps.append((done, total))),
     )  # fmt: skip
     assert len(made) == 7
     assert steps[0] == (3, 10)
     assert steps[-1] == (10, 10)
     assert len(list((tmp_path / "o/cases").iterdir())) == 10
-    at_once = evaluate(person(), methods="linear,spline", protocol="frames")
-    assert _figures(found) == _figures(at_once)
+    uninterrupted = evaluate(person(), methods="linear,spline", protocol="frames")
+    assert _figures(found) == _figures(uninterrupted)
     made.clear()
-    assert _figures(run()) == _figures(at_once)
+    assert _figures(run()) == _figures(uninterrupted)
     assert made == []
 
 
@@ -642,7 +641,7 @@ def test_other_options_in_the_same_folder(
     with pytest.raises(OptionError, match=f"holds an evaluation with {differs}"):
         evaluate(**given_ | options)
     (tmp_path / "error_by_length.png").write_bytes(b"old")
-    again = evaluate(**given_ | options, overwrite=True)
+    again = evaluate(**given_ | options, options=EvaluationOptions(overwrite=True))
     assert not (tmp_path / "error_by_length.png").exists()
     assert len(list((tmp_path / "cases").iterdir())) == len(again.outcomes)
 
@@ -651,7 +650,8 @@ def test_a_folder_of_something_else_is_not_touched(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("mine", encoding="utf-8")
     for overwrite in (False, True):
         with pytest.raises(OutputError, match="holds something else"):
-            evaluate(person(), methods="linear", output=tmp_path, overwrite=overwrite)
+            options = EvaluationOptions(overwrite=overwrite)
+            evaluate(person(), methods="linear", output=tmp_path, options=options)
     with pytest.raises(OutputError, match="is a file"):
         evaluate(person(), methods="linear", output=tmp_path / "thesis.txt")
     assert [file.name for file in tmp_path.iterdir()] == ["thesis.txt"]
@@ -669,14 +669,14 @@ def test_processes_make_no_difference_and_a_killed_one_is_named(tmp_path: Path) 
     with pytest.raises(
         EvaluationError, match=r"a process was killed with . of 6 fills done.* kept"
     ):
-        campaign.run_plan(plan, jobs=2, store=store)
+        runner.run_plan(plan, jobs=2, store=store)
     kept = dict(store.kept())
     # four were handed out at first, and the last one only when two of them were finished
     assert 2 <= len(kept) <= 5
     for job, outcome in kept.items():
         np.testing.assert_array_equal(outcome.samples, alone.outcomes[job].samples)
         assert outcome.joints.keys() == alone.outcomes[job].joints.keys()
-        assert outcome.how == alone.outcomes[job].how
+        assert outcome.gap_sources == alone.outcomes[job].gap_sources
 
 
 class _Deadly(gap_case.GapCase):

@@ -13,8 +13,8 @@ from scripted import load_script
 
 import priorfill as pf
 from priorfill.clip import Clip
-from priorfill.evaluation.body_parts import LIMB_MARKERS, parts_of
-from priorfill.evaluation.gap_generator import EDGE
+from priorfill.evaluation.body_parts import MIN_LIMB_MARKERS, parts_of
+from priorfill.evaluation.gap_generator import MIN_EDGE_SECONDS
 from priorfill.formats import write
 from priorfill.gaps import find_gaps
 
@@ -83,7 +83,7 @@ def test_gaps_of_a_kind(kind: str, clip: Clip) -> None:
         elif kind == "segment":
             assert markers >= 2
         elif kind == "scatter":
-            assert gone.sum(axis=1).max() <= gaps.MAX_MISSING_AT_ONCE
+            assert gone.sum(axis=1).max() <= gaps.RANDOM_MAX_MISSING
             assert len(runs) > 3
             assert gone.mean() < gaps.RANDOM_GAP_SHARE[1] + 0.02
         elif kind == "long":
@@ -94,8 +94,8 @@ def test_gaps_of_a_kind(kind: str, clip: Clip) -> None:
         if kind == "short":
             assert (~gone.any(axis=1)).sum() == round(gaps.SHORT_SECONDS * truth.rate)
         elif kind not in ("ends", "dropout"):
-            assert not gone[: round(EDGE * truth.rate) - 1].any()
-            assert not gone[-round(EDGE * truth.rate) + 1 :].any()
+            assert not gone[: round(MIN_EDGE_SECONDS * truth.rate) - 1].any()
+            assert not gone[-round(MIN_EDGE_SECONDS * truth.rate) + 1 :].any()
     masks = {gone.tobytes() for _, gone in cut}
     assert len(masks) > 1 or kind == "dropout"
     again = gaps.cut_gaps(kind, clip, parts, np.random.default_rng(7))
@@ -129,7 +129,7 @@ def test_limbs_of_an_unknown_body_are_near_each_other() -> None:
     assert parts.limbs
     size = np.linalg.norm(np.ptp(clip.positions[0], axis=0))
     for limb in parts.limbs:
-        assert len(set(limb)) == len(limb) >= LIMB_MARKERS
+        assert len(set(limb)) == len(limb) >= MIN_LIMB_MARKERS
         assert np.linalg.norm(np.ptp(clip.positions[0, limb], axis=0)) < 0.6 * size
 
 

@@ -216,11 +216,11 @@ def test_markers_are_missing_to_the_end_and_more_of_them_in_turn() -> None:
     few, more = cases(li.Onward(numbers=(2, 5)), clip)
     for made, number in ((few, 2), (more, 5)):
         assert isinstance(made, GapMask)
-        gaps = find_gaps(made.gone)
+        gaps = find_gaps(made.mask)
         assert {(gap.start, gap.stop) for gap in gaps} == {(li.SEEN, clip.frames)}
         assert len(gaps) == number
-    assert (more.gone | ~few.gone).all()
-    markers = {gap.marker for c in cases(li.Onward(copies=9), clip) for gap in find_gaps(c.gone)}
+    assert (more.mask | ~few.mask).all()
+    markers = {gap.marker for c in cases(li.Onward(copies=9), clip) for gap in find_gaps(c.mask)}
     assert len(markers) > 1
 
 
@@ -235,7 +235,7 @@ def test_each_marker_is_missing_throughout() -> None:
     found = cases(li.Throughout(), clip)
     assert [case.name for case in found] == list(clip.labels)
     for marker, case in enumerate(found):
-        assert case.gone[:, marker].all() and case.gone.sum() == clip.frames
+        assert case.mask[:, marker].all() and case.mask.sum() == clip.frames
 
 
 def test_several_protocols_are_told_apart() -> None:
@@ -244,7 +244,7 @@ def test_several_protocols_are_told_apart() -> None:
     found = cases(li.Several({"few": few, "many": many}), clip)
     assert [case.name for case in found] == ["few", "few", "many", "many"]
     wanted = cases(few, clip) + cases(many, clip)
-    assert all((a.gone == b.gone).all() for a, b in zip(found, wanted, strict=True))
+    assert all((a.mask == b.mask).all() for a, b in zip(found, wanted, strict=True))
 
 
 # errors

@@ -1,8 +1,10 @@
 """Plan which visible markers a task's takes are searched by, for which missing ones.
 
-Baumann et al. 2011, section 4.1, calls the markers of a search *viable*: those that the marker set
-marks as reliable and that are measured. `neighbour_votes`, `weighted_votes` and `krueger2010` share
-these searches.
+The poses found are the k neighbours y_i over which Eqs. (2)-(4) of Baumann et al. 2011, and so the
+energy of Eq. (1), sum. Section 4.1 of the paper calls the markers of a search *viable*: those that
+the marker set marks as reliable and that are measured. It searches by all of them, with a kd-tree for
+each clip; here those that the takes lack are dropped, and the exact search needs no tree.
+`neighbour_votes`, `weighted_votes` and `krueger2010` share these searches.
 """
 
 from __future__ import annotations
