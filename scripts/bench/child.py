@@ -1,4 +1,4 @@
-"""A command in a process of its own: how long it computes, and how much memory it takes."""
+"""CPU time, wall time and peak memory of a command in a process of its own."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from typing import NamedTuple
 __all__ = ["CLI", "Cost", "run"]
 
 CLI = (sys.executable, "-c", "from priorfill.cli import main; main()")
-"""The command line of the priorfill that this Python imports."""
+"""Command line of the priorfill that this Python imports."""
 
 KILOBYTE = 1024 if sys.platform != "darwin" else 1
-"""Bytes in the unit in which the system counts the greatest memory."""
+"""Bytes in the unit of ``ru_maxrss``."""
 
 
 class Cost(NamedTuple):
-    """What a process took.
+    """Resources used by a process.
 
     Attributes
     ----------
     cpu : float
-        Seconds of computing, those of its own processes and threads included.
+        CPU seconds, threads and child processes included.
     wall : float
-        Seconds that passed.
+        Wall-clock seconds.
     memory : float
-        Greatest resident memory (MB, 10^6 bytes).
+        Peak resident memory (MB, 10^6 bytes).
     output : str
-        What it printed.
+        Standard output.
     """
 
     cpu: float
@@ -45,19 +45,18 @@ def run(
     environment: Mapping[str, str] | None = None,
     accepted: Sequence[int] = (0,),
 ) -> Cost:
-    """Run a command and say what it took.
+    """Run a command and measure it.
 
-    The caller should be small: what it has resident when the process is made counts as the
-    process's own memory.
+    The caller should be small: its resident memory at the fork counts as memory of the process.
 
     Parameters
     ----------
     command : sequence of str
         The program and its arguments.
     environment : mapping, optional
-        Environment variables to set beside those of this process.
+        Additional environment variables.
     accepted : sequence of int
-        Exit statuses that are no failure.
+        Exit statuses that count as success.
     """
     began = time.perf_counter()
     process = subprocess.Popen(

@@ -1,21 +1,21 @@
 #!/usr/bin/env python
-"""How a prior database scales: size on disk, adding, opening, reading, filling.
+"""Scaling of a prior database: size on disk, adding, opening, reading, filling.
 
     python scripts/bench/database.py [--poses 1e5,1e6,1e7] [--data DIR] [--folder DIR] [--keep]
 
-Fills a database with clips of a minute of 41 markers, made of recordings by cutting, turning,
-scaling, warping in time and adding noise, and stops at each number of poses to measure:
+Fills a database with clips of one minute and 41 markers, made from recordings by cutting, rotating,
+scaling, time warping and adding noise, and measures at each number of poses:
 
-bytes/pose   of the whole folder, all levels, against 492: 41 markers as float32 at 30 Hz alone
+bytes/pose   of the whole folder, all levels, compared with 492 (41 markers as float32 at 30 Hz)
 add s/h      seconds to add an hour of motion recorded at 120 Hz
-add one ms   to add one more minute of 120 Hz, the database being open; and opened and closed for it
-open, list   ms to open it, and to have all its records, in a fresh process
-gather ms    100,000 random poses through the database, against the same bytes straight from a
-             memory map, in the same run
-fill s, MB   of a clip from which a marker is missing throughout: wall time and peak memory of
-             ``priorfill fill``, and the same without a database
+add one ms   to add one more minute of 120 Hz to the open database; including opening and closing
+open, list   ms to open it, and to list its records, in a new process
+gather ms    100,000 random poses through the database, compared with the same bytes from a memory
+             map
+fill s, MB   ``priorfill fill`` of a clip with a marker missing throughout: wall time and peak
+             memory, with and without the database
 
-Making the clips is not counted. 10 million poses need 9 GB of disk and some 20 minutes.
+Making the clips is not included. 10 million poses need 9 GB of disk and some 20 minutes.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ MINUTE = 60.0
 RAW_BYTES = 41 * 12
 GATHERED = 100_000
 ONE_MORE = 5
-"""Clips of a minute at 120 Hz that are added at each size, to time it."""
+"""Number of clips of a minute at 120 Hz added at each size, for timing."""
 
 DROPPED = "LFIN"
 
 
 def recordings(data: Path, rate: float) -> list[NDArray[np.float64]]:
-    """Return the recordings of the 41 markers without gaps, upright, at a rate (Hz)."""
+    """Return the gap-free recordings of the 41 markers, upright, resampled to a rate (Hz)."""
     labels = load("baumann41").labels
     found = []
     for folder in SOURCES:
@@ -67,12 +67,12 @@ def recordings(data: Path, rate: float) -> list[NDArray[np.float64]]:
 def minutes(
     pieces: list[NDArray[np.float64]], rate: float, rng: np.random.Generator
 ) -> Iterator[NDArray[np.float64]]:
-    """Make clips of a minute without end [shape=(frames, 41, 3), mm]."""
+    """Yield clips of one minute indefinitely [shape=(frames, 41, 3), mm]."""
     frames = round(MINUTE * rate)
     while True:
         parts: list[NDArray[np.float64]] = []
         length = 0
-        scale = rng.uniform(0.9, 1.1)  # one body a clip
+        scale = rng.uniform(0.9, 1.1)  # one body size per clip
         while length < frames:
             piece = pieces[rng.integers(len(pieces))]
             piece = piece[rng.integers(max(1, len(piece) // 2)) :][: round(20 * rate)]
@@ -96,7 +96,7 @@ def as_clip(positions: NDArray[np.float64], rate: float, number: int) -> pf.Clip
 
 
 def in_fresh_process(code: str, *arguments: object) -> list[float]:
-    """Run code in another process and return the numbers that it prints."""
+    """Run code in a new process and return the numbers that it prints."""
     done = subprocess.run(
         [sys.executable, "-c", code, *map(str, arguments)],
         check=True,
@@ -127,7 +127,7 @@ print(time.perf_counter() - start, used.ru_maxrss / 1024, done.returncode)
 
 
 def gather(folder: Path, rng: np.random.Generator) -> tuple[float, float]:
-    """Return the seconds to read random poses through the database, and from the bare map."""
+    """Return the seconds to read random poses through the database, and from a memory map."""
     with pf.PriorDatabase.open(folder) as database:
         records = database.clips()
         ends = np.cumsum([record.frames[0] for record in records])
@@ -162,13 +162,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("PRIORFILL_DATA", beside)))
     parser.add_argument("--poses", default="1e5,1e6,1e7")
-    parser.add_argument("--folder", type=Path, help="Where to work; by default a temporary folder.")
-    parser.add_argument("--keep", action="store_true", help="Leave the database there.")
+    parser.add_argument("--folder", type=Path, help="working folder; by default a temporary one")
+    parser.add_argument("--keep", action="store_true", help="keep the database in --folder")
     arguments = parser.parse_args()
     rng = np.random.default_rng(0)
     coarse = recordings(arguments.data, 30.0)
     if not coarse:
-        print(f"{arguments.data}: no recordings of 41 markers; use --data", file=sys.stderr)
+        print(f"{arguments.data}: no recordings with the 41 markers; use --data", file=sys.stderr)
         return 1
     fine = recordings(arguments.data, 120.0)
     take = pf.read(sorted((arguments.data / "hdm05").glob("*.c3d"))[0])
@@ -226,9 +226,9 @@ def main() -> int:
                 flush=True,
             )
         print(
-            "\ncost of adding one clip, last size against first: "
+            "\ncost of adding one clip, last size relative to the first: "
             f"{median(added) / first_add[0]:.2f} "
-            f"(with opening and closing {median(opened) / first_add[1]:.2f})"
+            f"(including opening and closing {median(opened) / first_add[1]:.2f})"
         )
     return 0
 

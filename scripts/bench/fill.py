@@ -1,14 +1,13 @@
 #!/usr/bin/env python
-"""Seconds of computing per second of gap, on a real recording.
+"""CPU seconds per second of gap, on a recording.
 
     python scripts/bench/fill.py [--data DIR] [--seconds 0.5,2,8,20] [--takes 0,30,288]
 
-Takes a 49 s recording of the HDM05 library, removes a marker, an arm, or both arms and a leg for
-as many seconds, and fills it with each method from prior databases of so many other HDM05 motions
-(0: from the clip alone). Baumann et al. 2011 (fig. 2) report about 10 s of computing per second of
-gap. Compiling, reading and building the databases are not counted: they are done once, before the
-clock starts. The last column compares with the first method in the same run; the line below each
-block tells how far from linear in the gap's length it is.
+Removes a marker, an arm, or both arms and a leg from a 49 s recording of HDM05, and fills them by
+each method with databases of other HDM05 takes (0: from the clip alone). Baumann et al. 2011
+(fig. 2) report about 10 s of computing per second of gap. Compiling, reading and building the
+databases is not included. The last column is relative to the first method of the same run; the line
+below each block is a linear fit over gap lengths, with its largest residual.
 """
 
 from __future__ import annotations
@@ -36,10 +35,10 @@ PARTS = {
     "arms, leg": tuple(side + name for side in "LR" for name in ARM)
     + tuple("R" + name for name in LEG),
 }
-"""What is removed together: one marker, one limb, three limbs."""
+"""Markers removed together: one marker, one limb, three limbs."""
 
 START = 2400
-"""First frame of the gap: in the middle of the recording."""
+"""First frame of the gap, near the middle of the recording."""
 
 METHODS = ("baumann2011", "gpr")
 PUBLISHED = 10.0
@@ -47,7 +46,7 @@ PUBLISHED = 10.0
 
 
 def best_time(clip: pf.Clip, repeat: int, **options: object) -> tuple[float, float]:
-    """Return the least wall and CPU seconds of some fills."""
+    """Return the minimum wall and CPU seconds of several fills."""
     walls, cpus = [], []
     for _ in range(repeat):
         wall, cpu = time.perf_counter(), time.process_time()
@@ -59,7 +58,7 @@ def best_time(clip: pf.Clip, repeat: int, **options: object) -> tuple[float, flo
 
 
 def databases(folder: Path, files: list[Path], sizes: list[int]) -> dict[int, Path | None]:
-    """Make a database of the first takes for each size; None for that of nothing."""
+    """Build a database for each number of takes; None for 0."""
     made: dict[int, Path | None] = {}
     for size in sizes:
         made[size] = None
@@ -78,13 +77,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     add_data_option(parser)
     parser.add_argument("--seconds", default="0.5,2,8,20")
-    parser.add_argument("--takes", default="0,30,288", help="of each database")
+    parser.add_argument("--takes", default="0,30,288", help="takes of each database")
     parser.add_argument("--methods", default=",".join(METHODS))
     parser.add_argument("--repeat", type=int, default=1)
     arguments = parser.parse_args()
     take = arguments.data / TAKE
     if not take.exists():
-        print(f"{take}: no such recording; name the folder with --data", file=sys.stderr)
+        print(f"{take}: file not found; name the folder of recordings with --data", file=sys.stderr)
         return 1
     lengths = [float(s) for s in arguments.seconds.split(",")]
     whole = pf.read(take)
@@ -93,7 +92,9 @@ def main() -> int:
         print(f"{take.name}: {whole.duration:.0f} s at {whole.rate:.0f} Hz")
         sizes = [int(size) for size in arguments.takes.split(",")]
         priors = databases(Path(folder), files, sizes)
-        print(f"\n{'gone':10s} {'takes':>5s} {'method':12s} {'gap s':>6s} {'wall s':>7s}", end="")
+        print(
+            f"\n{'missing':10s} {'takes':>5s} {'method':12s} {'gap s':>6s} {'wall s':>7s}", end=""
+        )
         print(f" {'cpu s':>7s} {'cpu s/s':>8s} {'of paper':>9s} {'of first':>9s}")
         for part, labels in PARTS.items():
             gone = [whole.labels.index(label) for label in labels]
@@ -120,7 +121,7 @@ def main() -> int:
                     off = np.abs(np.polyval([slope, fixed], lengths) - cpus).max()
                     print(
                         f"  {fixed:.2f} s + {slope:.3f} s CPU per second of gap; "
-                        f"off that line by at most {off:.2f} s"
+                        f"largest residual {off:.2f} s"
                     )
     return 0
 

@@ -1,19 +1,19 @@
 #!/usr/bin/env python
-"""What a fill costs by the size of the database that it learns from.
+"""CPU time and memory of a fill by database size.
 
     python scripts/bench/fill_databases.py [--data DIR] [--poses 1e4,1e5,1e6] [--seconds 2]
                                            [--threads 1] [--folder DIR]
 
-Takes a marker, or an arm, out of a 49 s recording of the HDM05 library for so many seconds, and
-runs ``priorfill fill -m prior`` from databases of so many poses at 30 Hz. These are made of takes
-of 20 s: three for each of hundreds of bodies, strung together from stretches of all recordings that
-there are, scaled, turned, faster or slower, with noise (see `database.py`), and for every
-other body in a mirror. Making them is not counted: 10^6 poses take a minute or two and 0.9 GB of
-disk, 10^7 ten times that. With ``--folder`` they stay there and are used again.
+Removes a marker, or an arm, from a 49 s recording of HDM05 and runs ``priorfill fill -m gpr`` with
+databases of different numbers of poses at 30 Hz. The databases consist of takes of 20 s, three for
+each of hundreds of subjects: stretches of all recordings, scaled, rotated, slower or faster, with
+noise (see `database.py`), and mirrored for every other subject. Building them is not included:
+10^6 poses take a minute or two and 0.9 GB of disk, 10^7 ten times that. ``--folder`` keeps them
+for later runs.
 
-Each fill is a process of its own. Printed are CPU and wall seconds, with start, reading and
-writing, and the greatest resident memory; the database's pages that are in memory because it is
-mapped count there. A first fill, which compiles what there is to compile, is not counted.
+Each fill is a process of its own. Printed are CPU and wall seconds, including start, reading and
+writing, and peak resident memory, in which memory-mapped pages of the database count. A first run,
+which compiles, is not included.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ from priorfill.markers.definitions import load
 from priorfill.markers.left_right import contralateral_markers
 
 RATE = 30.0
-"""Hz of the database."""
+"""Rate of the database, Hz."""
 
 SECONDS = 20.0
-"""s of a take."""
+"""Length of a take, s."""
 
 GONE = {"marker": ("LFRM",), "arm": tuple("L" + name for name in ARM)}
-"""What is removed together."""
+"""Markers removed together."""
 
 
 def database(folder: Path, data: Path, poses: int) -> Path:
-    """Make a database of so many poses, or find it."""
+    """Build a database of a number of poses, unless it exists."""
     made = folder / f"database{poses}"
     if made.exists():
         return made
@@ -60,7 +60,7 @@ def database(folder: Path, data: Path, poses: int) -> Path:
     source = minutes(recordings(data, RATE), RATE, rng)
     frames = round(SECONDS * RATE)
     unfinished = folder / f"unfinished{poses}"
-    shutil.rmtree(unfinished, ignore_errors=True)  # of a run that was interrupted
+    shutil.rmtree(unfinished, ignore_errors=True)  # left by an interrupted run
     body = stored = 0
     with pf.PriorDatabase.create(unfinished) as writer:
         while stored < poses:
@@ -81,12 +81,12 @@ def main() -> int:
     parser.add_argument("--poses", default="1e4,1e5,1e6")
     parser.add_argument("--seconds", type=float, default=2.0)
     parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--repeat", type=int, default=2, help="the best counts")
-    parser.add_argument("--folder", type=Path, help="where databases are kept")
+    parser.add_argument("--repeat", type=int, default=2, help="runs, of which the fastest counts")
+    parser.add_argument("--folder", type=Path, help="folder that keeps the databases")
     arguments = parser.parse_args()
     take = arguments.data / TAKE
     if not take.exists():
-        print(f"{take}: no such recording; name the folder with --data", file=sys.stderr)
+        print(f"{take}: file not found; name the folder of recordings with --data", file=sys.stderr)
         return 1
     whole = pf.read(take)
     stop = START + round(arguments.seconds * whole.rate)
@@ -97,8 +97,8 @@ def main() -> int:
             positions[START:stop, [whole.labels.index(label) for label in labels]] = np.nan
             gappy = pf.Clip(positions, whole.labels, whole.rate, whole.up)
             create_c3d(work / f"{part}.c3d", gappy)
-        print(f"{arguments.seconds:g} s gone, {arguments.threads} threads\n")
-        print(f"{'gone':8s} {'poses':>9s} {'cpu s':>7s} {'wall s':>7s} {'MB':>6s}")
+        print(f"{arguments.seconds:g} s missing, {arguments.threads} threads\n")
+        print(f"{'missing':8s} {'poses':>9s} {'cpu s':>7s} {'wall s':>7s} {'MB':>6s}")
         for poses in [0, *(int(float(text)) for text in arguments.poses.split(","))]:
             options = ["-m", "gpr", "--threads", str(arguments.threads), "--overwrite"]
             if poses:
@@ -106,7 +106,7 @@ def main() -> int:
                 options += ["--database", str(kept)]
             for part in GONE:
                 line = [*CLI, "fill", str(work / f"{part}.c3d"), "-o", str(work / "out.c3d")]
-                run([*line, *options])  # compile, and have the files in memory
+                run([*line, *options])  # compile, and warm the file cache
                 costs = [run([*line, *options]) for _ in range(arguments.repeat)]
                 best = min(costs, key=lambda cost: cost.cpu)
                 print(

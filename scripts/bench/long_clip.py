@@ -1,9 +1,9 @@
-"""Make a long synthetic C3D file with gaps of several kinds, for the benchmark of memory.
+"""Write a long synthetic C3D file with several kinds of gaps, for the memory benchmark.
 
     python scripts/bench/long_clip.py OUT.c3d [--minutes 10] [--rate 240] [--markers 60]
 
-The generator's 41 markers walk, reach, turn and squat; the others sit between two of these on the
-same segment, so that they move as markers do.
+The 41 markers of the generator walk, reach, turn and squat. Further markers lie between two of them
+on the same segment, so that they move like markers.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 #!/usr/bin/env python
-"""Greatest memory, and seconds of computing, of filling a long recording.
+"""Peak memory and CPU seconds of filling a long recording.
 
     python scripts/bench/memory.py [--minutes 10] [--rate 240] [--markers 60] [--method gpr]
 
-Makes a synthetic clip with gaps of several kinds (`long_clip.py`), and fills it by the command line
-in a process of its own. The bound is for the default length: 1 GB.
+Makes a synthetic clip with several kinds of gaps (`long_clip.py`) and fills it through the command
+line in a process of its own. The bound, 1 GB, applies to the default length.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from child import CLI, run
 HERE = Path(__file__).resolve().parent
 
 BOUND = 1000.0
-"""MB that the fill may take at most."""
+"""MB. Maximum resident memory of the fill."""
 
 DONE = (0, 3)
-"""Exit statuses of a fill that was done, wholly or in part."""
+"""Exit statuses of a complete and of a partial fill."""
 
 
 def main() -> int:
@@ -50,7 +50,7 @@ def main() -> int:
     for name, cost in (("inspect", read), ("fill", fill)):
         print(f"{name:8s} {cost.memory:8.0f} MB {cost.cpu:8.1f} s CPU {cost.wall:8.1f} s wall")
     print(fill.output)
-    print(f"bound    {BOUND:8.0f} MB: {'held' if fill.memory <= BOUND else 'EXCEEDED'}")
+    print(f"bound    {BOUND:8.0f} MB: {'kept' if fill.memory <= BOUND else 'EXCEEDED'}")
     return 0 if fill.memory <= BOUND else 1
 
 

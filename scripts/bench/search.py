@@ -1,22 +1,22 @@
 #!/usr/bin/env python
-"""How fast poses are searched, beside SciPy's kd-tree and comparing all.
+"""Speed of the pose search, compared with SciPy's kd-tree and with brute force.
 
     python scripts/bench/search.py [--data DIR] [--poses 1e6] [--takes 135_02,02_01,...]
                                    [--threads 1] [--noise] [--check 0] [--no-tree]
 
-Makes a database of so many poses of 18 markers out of recordings, see `search_poses.py`, and looks
-for the 64 nearest poses of 300 consecutive frames of a take that the database has nothing of, with
+Builds a set of poses of 18 markers from recordings (`search_poses.py`) and searches the 64 nearest
+poses of 300 consecutive frames of a take that is not part of it, with
 
 index     priorfill's index
 compare   all squared distances by a matrix product in single precision, block by block, with the
           candidates measured in double precision
 kd-tree   scipy.spatial.cKDTree on the coordinates as they are
 
-Each has a process of its own, whose peak of resident memory is printed, the poses included. First
-is the search for one gap, with what is built for it; again is another one among the same poses; the
-best of some repetitions counts. Ratios are within one run. ``--noise`` searches among poses that
-have nothing to do with each other instead. ``--check`` also compares so many random queries with
-comparing all: rows and distances must be the same, bit by bit.
+Each runs in a process of its own, whose peak resident memory, poses included, is printed. *First*
+is the search for one gap, including building; *again* is another search in the same poses; the best
+of several repetitions counts. Ratios are within one run. ``--noise`` uses unrelated random poses.
+``--check`` compares that many random queries with brute force: rows and distances must be equal bit
+by bit.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ K, QUERIES = 64, 300
 REPEATS = 3
 
 FOLDER = {"135_02": "cmu", "85_02": "cmu", "02_01": "cmu", "HDM_bd_05-01_01_120": "hdm05"}
-"""Where the takes are that can be searched for: karate, acrobatics, a walk, and a medley."""
+"""Folders of the query takes: karate, acrobatics, a walk, and mixed motion."""
 
 BLOCK = 8192
-"""Poses compared at a time: the products of a block stay in the cache."""
+"""Poses compared at a time, so that products stay in the cache."""
 
 SPARE, CHECK_SPARE = 2, 16
-"""So many times k candidates are measured with double precision. Of random queries many more: some
-are poses of the database, whose neighbours single precision tells apart badly."""
+"""Candidates measured in double precision, as multiples of k. More for random queries: some are
+poses of the database, whose neighbours are hard to distinguish in single precision."""
 
 
-class Comparing:
+class BruteForce:
     """Compares all poses with each query."""
 
     def __init__(self, poses: NDArray[np.float32], spare: int = SPARE) -> None:
@@ -54,7 +54,7 @@ class Comparing:
         self._centre = poses[::1009].mean(axis=0)
 
     def nearest(self, queries: NDArray[np.float32], k: int) -> tuple[NDArray, NDArray]:
-        """Return distances and rows of the nearest poses, equally near ones by row."""
+        """Return distances and rows of the nearest poses; ties are ordered by row."""
         asked = queries - self._centre
         keep = min(self._spare * k, len(self._poses))
         best = [np.empty(0, np.float32)] * len(queries)
@@ -81,7 +81,7 @@ class Comparing:
         for query, row in enumerate(rows):
             square, order = self._measured(queries[query], np.sort(row), k)
             norm = float(asked[query] @ asked[query])
-            # what single precision may have lost: what was not measured must be farther still
+            # bound of the rounding error: poses that were not measured must be farther
             lost = 4.0 * queries.shape[1] * 2.0**-24 * (largest + norm)
             if limit[query] + norm - lost < square[-1]:
                 square, order = self._measured(queries[query], np.arange(len(self._poses)), k)
@@ -93,14 +93,14 @@ class Comparing:
     ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         """Return squared distances and rows of the nearest of some poses, in double precision."""
         square = np.zeros(len(rows))
-        for d in range(len(query)):  # the order of the sum that the index has, too
+        for d in range(len(query)):  # same order of summation as in the index
             square += (self._poses[rows, d].astype(np.float64) - np.float64(query[d])) ** 2
         order = np.argsort(square, kind="stable")[:k]
         return square[order], rows[order]
 
 
 def work(method: str, folder: Path, repeats: int, threads: int) -> None:
-    """Search with one method and print seconds: wall and CPU of first and again; and MB."""
+    """Search with one method and print wall and CPU seconds of both searches, and MB."""
     import resource
 
     poses, starts = np.load(folder / "poses.npy"), np.load(folder / "starts.npy")
@@ -117,10 +117,10 @@ def work(method: str, folder: Path, repeats: int, threads: int) -> None:
 
             tree = cKDTree(poses)
             return tree, tree.query(queries, K, workers=threads)
-        compare = Comparing(poses)
+        compare = BruteForce(poses)
         return compare, compare.nearest(queries, K)
 
-    if method == "index":  # compile, or read what was compiled
+    if method == "index":  # compile, or load from the cache
         from priorfill.search.index import PoseIndex
 
         PoseIndex(poses[:100], max_brute_force=0).nearest(queries[:1], 1)
@@ -141,7 +141,7 @@ def work(method: str, folder: Path, repeats: int, threads: int) -> None:
 
 
 def in_a_process(method: str, folder: Path, threads: int) -> list[float]:
-    """Search with one method in a process of its own; return what `work` prints."""
+    """Run `work` in a new process and return the numbers that it prints."""
     limits = dict.fromkeys(("PRIORFILL_THREADS", "OPENBLAS_NUM_THREADS"), str(threads))
     if method == "index":
         limits["OPENBLAS_NUM_THREADS"] = "1"  # as in a fill
@@ -156,23 +156,23 @@ def in_a_process(method: str, folder: Path, threads: int) -> list[float]:
 
 
 def check(folder: Path, count: int) -> None:
-    """Compare the index with comparing all, for random queries."""
+    """Compare the index with brute force for random queries."""
     from priorfill.search.index import PoseIndex
 
     poses, starts = np.load(folder / "poses.npy"), np.load(folder / "starts.npy")
     rng = np.random.default_rng(1)
     queries = poses[rng.integers(len(poses), size=count)]
-    # a third are poses of the database, a third beside them, a third between two of them
+    # a third are poses of the database, a third near them, a third between two of them
     queries[count // 3 :] += rng.normal(0, 20, queries[count // 3 :].shape).astype(np.float32)
     middle = 2 * count // 3
     queries[middle:] = (queries[middle:] + poses[rng.integers(len(poses), size=count - middle)]) / 2
-    index, compare = PoseIndex(poses, starts), Comparing(poses, CHECK_SPARE)
+    index, compare = PoseIndex(poses, starts), BruteForce(poses, CHECK_SPARE)
     same = 0
     for at in range(0, count, 1000):
         distance, rows = index.nearest(queries[at : at + 1000], K)
         expected, expected_rows = compare.nearest(queries[at : at + 1000], K)
         same += int(((distance == expected) & (rows == expected_rows)).all(axis=1).sum())
-    print(f"\n{same} of {count} random queries: the same as comparing all, bit by bit")
+    print(f"\n{same} of {count} random queries: equal to brute force bit by bit")
 
 
 def main() -> int:
@@ -187,8 +187,10 @@ def main() -> int:
     parser.add_argument("--check", type=int, default=0)
     parser.add_argument("--no-tree", action="store_true")
     parser.add_argument("--work", help=argparse.SUPPRESS)
-    parser.add_argument("--folder", type=Path, help="Where to put the poses.")
-    parser.add_argument("--repeats", type=int, default=REPEATS, help="of index and compare")
+    parser.add_argument("--folder", type=Path, help="folder of the poses")
+    parser.add_argument(
+        "--repeats", type=int, default=REPEATS, help="repetitions of index and compare"
+    )
     arguments = parser.parse_args()
     if arguments.work:
         repeats = 1 if arguments.work == "kd-tree" else arguments.repeats
@@ -217,7 +219,7 @@ def main() -> int:
                 file = arguments.data / FOLDER[take] / f"{take}.c3d"
                 recording = search_poses.read(file) if file.exists() else None
                 if recording is None:
-                    print(f"{file}: no such recording; name the folder with --data")
+                    print(f"{file}: file not found; name the folder of recordings with --data")
                     return 1
                 at = (len(recording[0]) - QUERIES) // 2
                 queries = recording[0][at : at + QUERIES]
@@ -241,12 +243,14 @@ def main() -> int:
             found, expected = (np.load(folder / f"{m}.npz") for m in ("index", "compare"))
             equal = np.array_equal(found["rows"], expected["rows"])
             if not equal or not np.array_equal(found["distance"], expected["distance"]):
-                print(f"{take}: the index found other poses than comparing all")
+                print(f"{take}: the results of index and brute force differ")
                 return 1
         if arguments.check:
             check(folder, arguments.check)
-    print("\nindex/it: the index's first gap against a method's first gap; again: its second gap")
-    print("against a method's first gap; wall, then CPU.")
+    print(
+        "\nindex/it: first search of the index relative to the first search of the method; again:"
+    )
+    print("second search of the index relative to that; wall, then CPU.")
     return 0
 
 

@@ -1,9 +1,9 @@
-"""Poses to measure a search with: variations of real recordings, in the root frames of one search.
+"""Poses for the search benchmark: variations of recordings, in the root frames of one search.
 
-A database of any size is made of few recordings. Each clip of a minute is of a body of its own: one
-size between 0.9 and 1.1, and each marker placed up to some 10 mm beside where it was. It strings
-together stretches of recordings, faster or slower by up to a quarter, with 0.3 mm of noise. The
-queries are consecutive frames, at their own rate, of a recording that the database has nothing of.
+A set of any size is made from few recordings. Each clip of a minute has its own body size (0.9 to
+1.1) and marker placement (up to some 10 mm off). It concatenates stretches of recordings, slower or
+faster by up to a quarter, with 0.3 mm of noise. Queries are consecutive frames, at their own rate,
+of a recording that is not part of the set.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from priorfill.markers.definitions import load
 from priorfill.signal.resample import resample
 
 FOLDERS = ("hdm05", "cmu", "hdm05_cut_markers")
-"""Folders of recordings with the 41 markers of the set `baumann41`."""
+"""Folders of recordings with the 41 markers of `baumann41`."""
 
 ROOT = ("LFWT", "RFWT", "LBWT", "RBWT")
-"""The markers of the pelvis, which give the root frames."""
+"""Markers of the pelvis, which define the root frames."""
 
 GONE = ("RFIN", "RWRA")
-"""Reliable markers that are missing: the other 18 are searched by, which makes 54 dimensions."""
+"""Missing reliable markers; the other 18 are the coordinates of the search (54 dimensions)."""
 
 RATE, MINUTE = 30.0, 60.0
-"""Hz of the database, s of a clip of it."""
+"""Rate (Hz) and clip length (s) of the database."""
 
 STRETCH = 20.0
-"""s of a recording at a time, at most."""
+"""s. Longest stretch of a recording."""
 
 SIZES, PACES = (0.9, 1.1), (0.8, 1.25)
 PLACING, NOISE = 10.0, 0.3
-"""Between which bodies and speeds differ; mm that markers are placed apart, and shake."""
+"""Ranges of body size and speed; standard deviations of placement and noise, mm."""
 
 
 def read(file: Path) -> tuple[NDArray[np.float32], float] | None:
@@ -55,7 +55,7 @@ def read(file: Path) -> tuple[NDArray[np.float32], float] | None:
     root = root_group(positions, range(len(ROOT)))
     if root is None or np.isnan(positions).any():
         return None
-    # heading 0 is to be the same in all recordings: from the right hip to the left along y
+    # same zero heading in all recordings: from the right hip to the left along y
     shape = root.template[:, :2]
     across = shape[0] + shape[2] - shape[1] - shape[3]
     angle = np.arctan2(-across[0], across[1])
@@ -81,7 +81,7 @@ def pieces(data: Path, left_out: str) -> list[NDArray[np.float32]]:
 def _minutes(
     recordings: list[NDArray[np.float32]], rng: np.random.Generator
 ) -> Iterator[NDArray[np.float32]]:
-    """Make clips of a minute without end, each of a body of its own."""
+    """Yield clips of one minute indefinitely, each with its own body size and placement."""
     frames = round(MINUTE * RATE)
     while True:
         size = np.float32(rng.uniform(*SIZES))
@@ -103,7 +103,7 @@ def _minutes(
 def database(
     recordings: list[NDArray[np.float32]], poses: int, seed: int
 ) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
-    """Make so many poses [shape=(poses, 54), mm], and say where each clip of them starts."""
+    """Return a number of poses [shape=(poses, 54), mm], and the first row of each clip."""
     made = np.empty((poses, recordings[0].shape[1]), dtype=np.float32)
     source = _minutes(recordings, np.random.default_rng(seed))
     starts, at = [], 0

@@ -1,14 +1,13 @@
 #!/usr/bin/env python
-"""Scheduled descent against plain descent and against the banded solve, by gap length.
+"""Scheduled descent compared with plain descent and the banded solve, by gap length.
 
     python scripts/bench/solver.py [--seconds 1,2,5,10,20,40,60] [--repeat 5]
 
-Fills six markers at 120 Hz, coarse to fine as a fill does. The prior is the movement itself, off by
-an error that wanders by centimetres within tenths of a second, with weights that fall towards the
-middle of the gap. Plain descent moves each frame by itself, all of them in each step. Times are of
-the solver alone, s CPU; updates are those of frames, as parts of plain descent's and of those of
-all blocks in each step; the last columns say how far (mm) a descent ends from the minimum. Exit
-status 1: a bound is exceeded.
+Fills six markers at 120 Hz, coarse to fine as a fill does. The prior is the true motion plus a
+smooth random error of centimetres, with weights that decrease towards the middle of the gap. Plain
+descent updates each frame by itself, all of them in each step. Times are CPU seconds of the solver
+alone. Updates are those of frames, relative to plain descent and to updating all blocks in each
+step. The last columns are distances (mm) from the minimum. Exit status 1: a bound is exceeded.
 """
 
 from __future__ import annotations
@@ -37,20 +36,20 @@ RATE = 120.0
 MARKERS = 6
 
 BESIDE = 2.0
-"""s of measured signal on either side."""
+"""Measured seconds on either side."""
 
 PLAIN = DescentOptions(min_gain_ratio=0.0, block_frames=1)
-"""All frames in each step, each by itself."""
+"""All frames in each step, one by one."""
 
 UNSCHEDULED = DescentOptions(min_gain_ratio=0.0)
 """All blocks in each step."""
 
 SLOWER, PART = 3.0, 0.5
-"""Bounds: scheduled descent's time of the banded solve's, and its updates of plain descent's."""
+"""Bounds: time relative to the banded solve, and updates relative to plain descent."""
 
 
 def wandering(rng: np.random.Generator, frames: int, size: float, hertz: float) -> np.ndarray:
-    """Return a smooth random course [shape=(frames, MARKERS, 3), mm]."""
+    """Return a smooth random signal [shape=(frames, MARKERS, 3), mm]."""
     knots = np.arange(0.0, frames + RATE / hertz, RATE / hertz)
     values = rng.normal(0.0, size, (len(knots), MARKERS * 3))
     course = [np.interp(np.arange(frames), knots, value) for value in values.T]
@@ -60,7 +59,7 @@ def wandering(rng: np.random.Generator, frames: int, size: float, hertz: float) 
 def prior_of(
     predicted: np.ndarray, expected_rms: np.ndarray
 ) -> Callable[[Resolution, np.ndarray], Prior]:
-    """Return the prior at any level, by what is predicted [frames, MARKERS, 3] of all frames."""
+    """Return the prior of any level, from predictions for all frames [frames, MARKERS, 3]."""
 
     def at(level: Resolution, window: np.ndarray) -> Prior:
         prior = Prior.empty(len(window), MARKERS)
@@ -144,7 +143,7 @@ def main() -> int:
             f"{off['scheduled']:8.3f} {off['plain']:8.3f}",
             flush=True,
         )
-    print(f"bounds {SLOWER}, {PART}: {'held' if held else 'EXCEEDED'}")
+    print(f"bounds {SLOWER}, {PART}: {'kept' if held else 'EXCEEDED'}")
     return 0 if held else 1
 
 

@@ -1,9 +1,10 @@
 #!/usr/bin/env python
-"""How long it takes until something is done: help, import, the first fill ever and the second.
+"""Start-up time: help, import, first and second fill.
 
     python scripts/bench/start.py [--repeat 5]
 
-Each line is the least of some runs, a process each. The first fill finds an empty cache of numba.
+Each line is the minimum of several runs, each in a process of its own. The first fill starts with
+an empty numba cache.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from pathlib import Path
 from child import CLI, Cost, run
 
 HELP, IMPORT, MORE = 0.15, 0.3, 8.0
-"""Bounds (s CPU): `--help`, `import priorfill`, and what the first fill may take more."""
+"""Bounds (CPU s): `--help`, `import priorfill`, and the extra time of the first fill."""
 
 MAKE = """
 import sys
@@ -62,9 +63,9 @@ def main() -> int:
     for name, cost in costs.items():
         print(f"{name:16s} {cost.cpu:7.2f} s CPU {cost.wall:7.2f} s wall {cost.memory:6.0f} MB")
     more = costs["first fill"].cpu - costs["second fill"].cpu
-    print(f"the first fill takes {more:.2f} s CPU more than the second")
+    print(f"extra time of the first fill: {more:.2f} s CPU")
     held = costs["--help"].cpu <= HELP and costs["import"].cpu <= IMPORT and more <= MORE
-    print(f"bounds {HELP}, {IMPORT}, {MORE}: {'held' if held else 'EXCEEDED'}")
+    print(f"bounds {HELP}, {IMPORT}, {MORE}: {'kept' if held else 'EXCEEDED'}")
     return 0 if held else 1
 
 

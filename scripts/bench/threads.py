@@ -1,9 +1,9 @@
 #!/usr/bin/env python
-"""What a second thread gains, and that it changes no bit.
+"""Speed-up by a second thread, and check that it changes no bit.
 
     python scripts/bench/threads.py FILE.c3d [--repeat 3]
 
-Fills a file with one thread and with two, a process each, and compares the files written.
+Fills a file with one thread and with two, in a process each, and compares the output files.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 from child import CLI, run
 
 DONE = (0, 3)
-"""Exit statuses of a fill that was done, wholly or in part."""
+"""Exit statuses of a complete and of a partial fill."""
 
 
 def main() -> int:

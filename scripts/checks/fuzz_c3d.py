@@ -1,17 +1,16 @@
 #!/usr/bin/env python
-"""Whether any damaged C3D file crashes, hangs or litters.
+"""Check that no damaged C3D file crashes or hangs priorfill, or leaves files behind.
 
     python scripts/checks/fuzz_c3d.py [--count 20000] [--seed 1] [--minutes 10] [--keep DIR]
     [--rewrite]
 
 Small C3D files of all kinds (processors, number formats, subjects, long lists, model outputs) are
-damaged at random: bits and bytes, counts and floats of the header, values of parameters, pieces
-cut out, doubled, cut off or added. Each is read, and where it can be read, filled and written, in
-a process that may compute 5 s and take 1 GB. Every file must end in one of two ways: it is
-filled, or refused with a `PriorfillError` of one line, and no file is left behind. Anything else is
-a fault, a warning included. Exit status 1 if there was one; the same seed makes the same files,
-`--keep` keeps those that made faults. `--rewrite` writes each anew through ezc3d, which a damaged
-file must not crash or hang either, instead of a copy.
+damaged at random: bits and bytes, counts and floats of the header, parameter values, sections
+removed, duplicated, truncated or inserted. Each is read and, if that succeeds, filled and written,
+in a process limited to 5 s of CPU time and 1 GB. A file must be filled, or rejected with a
+`PriorfillError` of one line, without leaving any file behind. Everything else, warnings included,
+is a failure. Exit status 1 if there was one. Equal seeds produce equal files, `--keep` keeps those
+that failed. `--rewrite` writes through ezc3d instead of patching a copy.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ from worker import DONE, Worker
 SECONDS = 5.0
 """Processor time that a file may take: wall time says more of what else the machine does."""
 
-PATIENCE = 60.0
+TIMEOUT = 60.0
 """Wall time after which a file is taken to hang for good."""
 
 MEMORY = 2**30
@@ -268,7 +267,7 @@ def fuzz(
     stop = time.monotonic() + 60 * minutes
     with (
         tempfile.TemporaryDirectory() as folder,
-        Worker(run_case, seconds=PATIENCE, memory=MEMORY, preload=PRELOADED) as worker,
+        Worker(run_case, seconds=TIMEOUT, memory=MEMORY, preload=PRELOADED) as worker,
     ):
         for number in range(count):
             if time.monotonic() > stop:
@@ -292,11 +291,11 @@ def fuzz(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Damage files and see."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--count", type=int, default=20_000, help="damaged files")
+    parser.add_argument("--count", type=int, default=20_000, help="number of damaged files")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after these")
-    parser.add_argument("--keep", type=Path, help="folder for the files that made faults")
-    parser.add_argument("--rewrite", action="store_true", help="write each anew, no copy")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after this time")
+    parser.add_argument("--keep", type=Path, help="folder for files that failed")
+    parser.add_argument("--rewrite", action="store_true", help="write through ezc3d")
     options = parser.parse_args(arguments)
     if options.keep is not None:
         options.keep.mkdir(parents=True, exist_ok=True)

@@ -1,15 +1,15 @@
 #!/usr/bin/env python
-"""Whether priorfill can read, fill and write back every C3D file below a folder.
+"""Check that every C3D file below a folder can be read, filled and written back.
 
-    python scripts/checks/survey.py FOLDER [--method linear] [--gap 0.25] [--seconds 60] [--memory
-    2]
+    python scripts/checks/survey.py FOLDER [--method linear] [--gap 0.25] [--seconds 60]
+    [--memory 2]
 
-Each file is read, a gap is cut into the marker that is seen longest, and this and the file's own
-gaps are filled. The result is written and compared with the file: outside the records of the
-filled samples no byte may differ; what is read back must be what was filled, and every other sample
-what it was. Then ezc3d reads the result too, where it can read the file. Each file has a
-process of its own, which may take so many seconds and so many GB: a file that hangs or crashes
-a reader is a line in the table, not the end of the survey. Exit status 1 if a file failed.
+For each file, a gap is placed in the marker that is visible longest; this gap and those of the
+file are filled and written. Outside the records of filled samples no byte may differ from the
+source. Filled samples must read back as filled, all others as in the source. Then ezc3d reads the
+output, if it can read the source. Each file is processed in a worker process with limits on time
+and memory: a file that hangs or crashes a reader becomes a line of the table. Exit status 1 if a
+file failed.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from worker import DONE, Worker
 
 STEPS = ("read", "filled", "byte-exact", "read back", "ezc3d agrees")
-"""What is done with a file, in this order; the last only where ezc3d can read the file."""
+"""Steps for each file, in order; the last only if ezc3d can read the source."""
 
 FLOAT_ERROR = 1e-6
 """Largest relative error of a coordinate stored in 32 bits, a few times over: units are turned."""
@@ -55,7 +55,7 @@ OFF_ORIGIN = 2e-6
 
 
 class Job(NamedTuple):
-    """A file to survey, and how."""
+    """A file and the settings of the survey."""
 
     path: Path
     output: Path
@@ -65,7 +65,7 @@ class Job(NamedTuple):
 
 @dataclass(frozen=True)
 class Row:
-    """How far a file came.
+    """Steps that a file passed.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ def survey_file(job: Job) -> Row:
 
 
 def ask_ezc3d(job: Job) -> str:
-    """Compare what ezc3d reads of a written file with what we read; return the fault."""
+    """Compare the output as read by ezc3d and by priorfill; return the difference."""
     data = job.output.read_bytes()
     positions, residual = read_points(data, parse_layout(data, job.output.name))
     positions[residual < 0] = np.nan
@@ -125,15 +125,15 @@ def ask_ezc3d(job: Job) -> str:
 
 
 def can_ezc3d(path: Path) -> bool:
-    """Tell if ezc3d can read a file; it may well crash over the question."""
+    """Return whether ezc3d can read a file; it may crash."""
     try:
         return bool(ezc3d.c3d(str(path))["data"]["points"].shape[2])
-    except Exception:  # its C++ side raises whatever it likes
+    except Exception:  # its C++ code raises any exception
         return False
 
 
 def _with_gap(clip: Clip, seconds: float) -> Clip:
-    """Take samples out of the middle of the longest run in which a marker is seen."""
+    """Remove samples in the middle of the longest run of frames with a visible marker."""
     longest, where, middle = 0, 0, 0
     for marker in range(len(clip.labels)):
         seen = np.flatnonzero(np.diff(np.r_[True, clip.missing[:, marker], True].astype(np.int8)))
@@ -150,7 +150,7 @@ def _with_gap(clip: Clip, seconds: float) -> Clip:
 
 
 def _same_outside(job: Job, clip: Clip, filled: np.ndarray) -> bool:
-    """Tell if a written file is its source in every byte but those of the filled samples."""
+    """Return whether an output equals its source outside the filled samples."""
     before, after = job.path.read_bytes(), job.output.read_bytes()
     if len(before) != len(after):
         return False
@@ -164,7 +164,7 @@ def _same_outside(job: Job, clip: Clip, filled: np.ndarray) -> bool:
 
 
 def _fault(clip: Clip, wanted: Clip, filled: np.ndarray, back: Clip, output: Path) -> str:
-    """Return in what the file that was read back differs from what was filled."""
+    """Return how the output, read back, differs from the filled clip."""
     if back.labels != clip.labels or back.first_frame != clip.first_frame:
         return "other markers or frames are read back"
     if not np.array_equal(back.positions[~filled], clip.positions[~filled], equal_nan=True):
@@ -181,7 +181,7 @@ def _fault(clip: Clip, wanted: Clip, filled: np.ndarray, back: Clip, output: Pat
 def survey(
     paths: Iterable[Path], *, method: str, gap: float, seconds: float, memory: int
 ) -> list[Row]:
-    """Survey files, each in a process of its own."""
+    """Survey files, each in a worker process."""
     rows = []
     limits = {"seconds": seconds, "memory": memory, "fresh": True, "preload": PRELOADED}
     with (
@@ -213,7 +213,7 @@ def survey(
 
 
 def kind_of(row: Row) -> str:
-    """Return what went wrong without the names and numbers of the one file."""
+    """Return a failure without the name and numbers of its file."""
     text = row.failure.replace(f"{row.path.name}: ", "").replace(f"{row.path.stem}: ", "")
     return re.sub(r"\d[\d.e+-]*", "N", text)
 
@@ -251,14 +251,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Survey a folder."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--method", default="linear", help="what to fill with")
-    parser.add_argument("--gap", type=float, default=0.25, help="seconds to cut out")
-    parser.add_argument("--seconds", type=float, default=60, help="a file may take")
-    parser.add_argument("--memory", type=float, default=2, help="GB that a file may take")
+    parser.add_argument("--method", default="linear", help="fill method")
+    parser.add_argument("--gap", type=float, default=0.25, help="length of the gap (s)")
+    parser.add_argument("--seconds", type=float, default=60, help="time limit per file (s)")
+    parser.add_argument("--memory", type=float, default=2, help="memory limit per file (GB)")
     options = parser.parse_args(arguments)
     paths = sorted(p for p in options.folder.rglob("*") if p.suffix.lower() == ".c3d")
     if not paths:
-        print(f"{options.folder}: no C3D file is below it", file=sys.stderr)
+        print(f"{options.folder}: contains no C3D file", file=sys.stderr)
         return 1
     rows = survey(
         paths,

@@ -1,26 +1,25 @@
 #!/usr/bin/env python
-"""Kill, starve and trip writers of a prior database, and see whether anything is lost.
+"""Check that a prior database loses nothing when writers are killed or the disk fails.
 
     python scripts/checks/torture_database.py [--rounds 200] [--kind kill|full|fsync|all] [--seed 0]
 
-Two hundred small C3D files are made. Then, round by round, a process works on a database and is
-disturbed:
+Two hundred small C3D files are made. In each round a process works on a database and is disturbed:
 
-kill    killed with SIGKILL: at a random moment from its start on, a little after some line of its
-        output, when an unfinished file (a journal, say) shows up in the database, or before,
-        within or after a random call that writes, flushes, commits, renames or removes
-full    no file may grow beyond a random size, or the database lies on a tmpfs that gets full
-fsync   one call that writes, flushes, commits, renames or removes fails (a write having written
-        half of its bytes), fails although it was done, or fails as every later one does
+kill    SIGKILL: at a random time, shortly after a line of output, when an unfinished file (such as
+        a journal) appears in the database, or before, during or after a random call that writes,
+        flushes, commits, renames or removes
+full    no file may grow beyond a random size, or the database is on a tmpfs that becomes full
+fsync   one call that writes, flushes, commits, renames or removes fails (a write after half of its
+        bytes), fails although it was carried out, or fails like every later one
 
 The process is ``priorfill db add`` with all files, or a driver that removes, accepts, compacts,
-merges and adds by a random plan and prints what it has begun and what is done.
+merges and adds by a random plan and prints what it has begun and finished.
 
-After each round a reader opens the database, verifies it, and compares every clip with what an
-independent computation says it must be, bit for bit: every clip that was reported is there, a
-change that was begun is there as a whole or not at all, and nothing else is. Then the next
-writer (``db add``, or the rest of the plan) must get through. The exit status is 1 if anything
-was lost, found that should not be there, or if a disturbed process ended without a clean message.
+After each round a reader opens the database, verifies it, and compares every clip bit for bit with
+an independent computation: every reported clip is present, a change that was begun is present
+completely or not at all, and nothing else is present. Then the next writer (``db add``, or the rest
+of the plan) must succeed. Exit status 1 if data was lost or unexpected, or if a disturbed process
+ended without a clean message.
 """
 
 from __future__ import annotations
@@ -55,19 +54,19 @@ import numpy as np
 from priorfill.database import PriorDatabase
 
 FILES = 200
-"""Clips that ``db add`` gets."""
+"""Number of clips for ``db add``."""
 
 KEPT_FOR = 3
-"""Rounds for which one database is used before a new one is begun."""
+"""Number of rounds with one database."""
 
 STEPS = 40
-"""Operations of a driver's plan."""
+"""Number of operations in the plan of a driver."""
 
 PLAN_CLIPS = 24
-"""Clips that the driver begins with; every other one has gaps that it can fill."""
+"""Number of clips a driver starts with; every other one has gaps to fill."""
 
 OTHER_CLIPS = 10
-"""Clips of the database that it merges; three of them are in its own too."""
+"""Number of clips in the database that is merged; three are in both."""
 
 RATE = 60.0
 LABELS = ("LASI", "RASI", "SACR", "C7", "LKNE", "RKNE")
@@ -75,21 +74,20 @@ DATABASE_RATE = 30.0
 LEVELS = 3
 
 SMALL_SEGMENT = 20_000
-"""Bytes of a segment in some rounds: so the catalogue grows larger than every segment, and is what
-meets the limit of a file's size."""
+"""Bytes per segment in some rounds, so that the catalogue is the largest file and reaches the limit
+of the file size."""
 
 RESTING = re.compile(r"priorfill-database\.json|catalogue(-\d+)?\.(sqlite|checksum)|segments|lock")
-"""What a database that nobody writes to consists of; anything else is unfinished."""
+"""Files of a database without a writer; anything else is unfinished."""
 
 AT_A_CALL = 0.3
-"""Share of the kills that come at a random call that writes, flushes, commits, ..., rather than at
-a random time."""
+"""Share of kills at a random call that writes, flushes, ... instead of at a random time."""
 
 COMMIT = 0.003
-"""Seconds that a commit takes, about."""
+"""Approximate duration of a commit, s."""
 
-PATIENCE = 120.0
-"""Seconds after which a disturbed process counts as hanging."""
+TIMEOUT = 120.0
+"""Seconds after which a disturbed process counts as hung."""
 
 ADD = ("-c", "from priorfill.cli import main; main()", "db", "add", "-d")
 
@@ -99,7 +97,7 @@ ADD = ("-c", "from priorfill.cli import main; main()", "db", "add", "-d")
 
 @dataclass(frozen=True)
 class Fault:
-    """What fails, and how.
+    """A failure to inject.
 
     Attributes
     ----------
@@ -128,15 +126,14 @@ class Fault:
 class Faults:
     """Counts the calls that change a disk, and makes one of them fail.
 
-    While it is entered, functions of `os`, `open` and connections of SQLite made meanwhile are
-    not what they were.
+    Inside its ``with`` block, functions of `os`, `open` and new SQLite connections are patched.
 
     Parameters
     ----------
     inside : Path
         Only calls on paths in this folder count, and all on open files.
     fault : Fault, optional
-        What fails; nothing by default.
+        The failure; none by default.
 
     Attributes
     ----------
@@ -162,7 +159,7 @@ class Faults:
         self.struck = ""
 
     def disarm(self) -> None:
-        """Let nothing fail any more; connections and files that were made live on."""
+        """Stop injecting failures; open connections and files stay usable."""
         self._fault = None
 
     def __enter__(self) -> Faults:
@@ -182,7 +179,7 @@ class Faults:
         self.disarm()
 
     def call(self, what: str, do: Callable[[], Any], half: Callable[[], Any] | None = None) -> Any:
-        """Do something that counts, or let it fail."""
+        """Carry out a counted call, or make it fail."""
         fault = self._fault
         if fault is None:
             return do()
@@ -295,14 +292,14 @@ class _File:
 
 @dataclass(frozen=True)
 class Stored:
-    """What a database must give back for a clip: bytes of all levels, and of the mask."""
+    """Expected contents of a database for a clip: bytes of all levels and of the mask."""
 
     positions: bytes
     filled: bytes
 
 
 def make_clip(seed: int, *, gappy: bool = False) -> Any:
-    """Return a small clip: six markers that swing, some with a gap."""
+    """Return a small clip of six oscillating markers, optionally with a gap."""
     from priorfill.clip import Clip
 
     rng = np.random.default_rng([4711, seed])
@@ -313,12 +310,12 @@ def make_clip(seed: int, *, gappy: bool = False) -> Any:
     positions = place + [0, 0, 1000] + 200 * np.sin(speed * t + rng.uniform(0, 6, place.shape))
     if gappy:
         positions[20:30, rng.integers(len(LABELS))] = np.nan
-    # as a file holds it: accepting a filled version must find the same samples
+    # float32 as in files: accepting a filled version must find equal samples
     return Clip(positions.astype(np.float32), LABELS, RATE, name=f"clip{seed:03d}")
 
 
 def fill_of(clip: Any) -> tuple[Any, np.ndarray]:
-    """Return a clip with its gaps filled by straight lines, and the mask."""
+    """Fill gaps linearly, and return the mask."""
     filled = clip.missing
     positions = clip.positions.copy()
     frames = np.arange(clip.frames)
@@ -330,7 +327,7 @@ def fill_of(clip: Any) -> tuple[Any, np.ndarray]:
 
 
 def must_be(clip: Any, filled: np.ndarray | None = None) -> Stored:
-    """Return what a database must hold of a clip, computed without the database's code."""
+    """Return the expected contents for a clip, computed independently of the database."""
     from priorfill.geometry.axes import to_upright
     from priorfill.signal.resample import pyramid, resample
 
@@ -345,23 +342,23 @@ def must_be(clip: Any, filled: np.ndarray | None = None) -> Stored:
 
 
 class WrongError(Exception):
-    """Something was lost, or is there that should not be."""
+    """Data was lost, or is unexpected."""
 
 
 def contents(folder: Path, known: dict[str, dict[str, Stored]]) -> dict[str, str]:
-    """Open and verify a database; return which version of each clip is there.
+    """Open and verify a database; return the version of each clip in it.
 
     Parameters
     ----------
     folder : Path
-        The database; nothing counts as an empty one.
+        The database; a missing folder counts as empty.
     known : dict
-        For each clip's name, what its versions must be.
+        Expected contents of each version, by clip name.
 
     Raises
     ------
     WrongError
-        Where it cannot be opened, does not verify, or holds anything that is not known.
+        If it cannot be opened, fails to verify, or has unexpected contents.
     """
     from priorfill.errors import PriorfillError
 
@@ -401,7 +398,7 @@ def contents(folder: Path, known: dict[str, dict[str, Stored]]) -> dict[str, str
 
 @dataclass(frozen=True)
 class Step:
-    """One operation, and what the database holds before and after."""
+    """One operation, and the contents before and after it."""
 
     kind: str
     names: tuple[str, ...]
@@ -409,7 +406,7 @@ class Step:
     after: dict[str, str] = field(repr=False)
 
     def admits(self, found: dict[str, str]) -> bool:
-        """Tell whether a database may look so when this step was begun and not reported."""
+        """Return whether contents are valid after this step was begun but not reported."""
         if self.kind == "merge":  # clip by clip
             return all(self.after.get(name) == version for name, version in found.items()) and (
                 set(self.before) <= set(found)
@@ -581,10 +578,10 @@ class Fork:
 
     def wait(self, timeout: float | None = None) -> int:
         """Wait until it has ended."""
-        end = time.monotonic() + (PATIENCE if timeout is None else timeout)
+        end = time.monotonic() + (TIMEOUT if timeout is None else timeout)
         while (status := self.poll()) is None:
             if time.monotonic() > end:
-                raise subprocess.TimeoutExpired("fork", PATIENCE)
+                raise subprocess.TimeoutExpired("fork", TIMEOUT)
             time.sleep(0.001)
         return status
 
@@ -664,12 +661,12 @@ class Run:
             return there >= count or not self.runs
 
         with self._changed:
-            while not self._changed.wait_for(enough, 1.0) and self.seconds < PATIENCE:
+            while not self._changed.wait_for(enough, 1.0) and self.seconds < TIMEOUT:
                 pass
 
     def wait_for_unfinished(self, folder: Path) -> None:
         """Return when there is a file that does not belong to a database at rest."""
-        end = self.began + PATIENCE
+        end = self.began + TIMEOUT
         while self.runs and time.monotonic() < end:
             if is_unfinished(folder):
                 return
@@ -679,7 +676,7 @@ class Run:
         if kill:
             self._process.kill()
         try:
-            status = self._process.wait(PATIENCE)
+            status = self._process.wait(TIMEOUT)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
@@ -1195,10 +1192,10 @@ def main() -> int:
         return 0
     assert __doc__ is not None
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rounds", type=int, default=200, help="of each line of the table")
+    parser.add_argument("--rounds", type=int, default=200, help="number per line of the table")
     parser.add_argument("--kind", choices=("kill", "full", "fsync", "all"), default="all")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--files", type=int, default=FILES, help="clips that db add gets")
+    parser.add_argument("--files", type=int, default=FILES, help="number of clips for db add")
     parser.add_argument("--quiet", action="store_true", help="only the table")
     arguments = parser.parse_args()
     work = Path(tempfile.mkdtemp(prefix="priorfill-torture-"))

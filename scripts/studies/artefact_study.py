@@ -1,11 +1,11 @@
-"""How much trouble is found: plant it into clean recordings, and count what is found of it.
+"""Detection of artefacts: plant artefacts in clean recordings and count those detected.
 
     python scripts/studies/artefact_study.py [--data FOLDER] [--seed N] [--count N] [--fill N]
 
-Prints, by kind and size, how often planted trouble was found (half of its samples or more), which
-share of the samples that were called trouble was planted, and the same for a fixed limit of speed,
-the common practice, at the limit that is best for these very plants. `--fill N` fills N plants of
-each kind with ``reject_artefacts`` and prints how far off the samples were before and after.
+Prints by kind and size the recall (planted artefacts with at least half of their samples detected)
+and the precision (detected samples that were planted), and the same for a fixed speed limit, the
+common practice, at the limit that is best for these artefacts. ``--fill N`` fills N artefacts of
+each kind with ``reject_artefacts`` and prints their errors before and after.
 """
 
 from __future__ import annotations
@@ -40,28 +40,26 @@ CLEAN = (
     "gait/HC21A06.c3d",
     "walkl/WalkL.c3d",
 )
-"""Recordings of fast and slow motion, by which detectors say nothing, or (walkl) next to
-nothing."""
+"""Recordings of fast and slow motion in which no artefacts are found, or (walkl) hardly any."""
 
 SPEEDS = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0)
-"""m/s. Fixed limits, of which the best is taken."""
+"""m/s. Fixed limits; the best one is used."""
 
-LONGEST_OFFENCE = 1.0
-"""s. What lies between two offences of a fixed limit is one, if they are not farther apart:
-the longest ghost marker that is planted."""
+MAX_ARTEFACT_SECONDS = 1.0
+"""s. Longest ghost marker that is planted."""
 
 TOLERANCE = 2
-"""Frames beside a plant that may be called trouble too: a break is between frames."""
+"""Frames next to a planted artefact that may be reported too: a break is between frames."""
 
-LONGEST = 2600
-"""Frames of a clip that are used: planting and finding are fast, but there are many plants."""
+MAX_FRAMES = 2600
+"""Frames of a clip that are used, to limit the time."""
 
 MIRROR = {"L": "R", "R": "L"}
 
 
 @dataclass(frozen=True)
 class Plant:
-    """A clip with trouble: its positions, and which samples are not their markers'."""
+    """A clip with an artefact: its positions, and the samples concerned."""
 
     kind: str
     positions: NDArray[np.float64]
@@ -98,7 +96,7 @@ def ghost_marker(size: float) -> Callable[[Clip, np.random.Generator], Plant | N
 
 
 def mislabelled(near: bool) -> Callable[[Clip, np.random.Generator], Plant | None]:
-    """Return a planter of labels that go to another marker, whose own goes missing, to the end."""
+    """Return a planter of labels that move to another marker until the end of the clip."""
 
     def plant(clip: Clip, rng: np.random.Generator) -> Plant | None:
         marker = int(rng.integers(len(clip.labels)))
@@ -115,7 +113,7 @@ def mislabelled(near: bool) -> Callable[[Clip, np.random.Generator], Plant | Non
 
 
 def swap(which: str) -> Callable[[Clip, np.random.Generator], Plant | None]:
-    """Return a planter of swaps with the nearest marker or the other side's, by the words."""
+    """Return a planter of label swaps with the nearest or the contralateral marker."""
 
     def plant(clip: Clip, rng: np.random.Generator) -> Plant | None:
         marker, part = _place(clip, rng, round(rng.uniform(0.05, 0.6) * clip.rate))
@@ -139,7 +137,7 @@ def swap(which: str) -> Callable[[Clip, np.random.Generator], Plant | None]:
 
 
 def stuck(shortest: int, longest: int) -> Callable[[Clip, np.random.Generator], Plant | None]:
-    """Return a planter of markers that stop while they should move on by 15 mm or more."""
+    """Return a planter of stuck markers whose true path moves by more than 15 mm."""
 
     def plant(clip: Clip, rng: np.random.Generator) -> Plant | None:
         for _ in range(50):
@@ -170,7 +168,7 @@ PLANTERS = (
 
 
 def _place(clip: Clip, rng: np.random.Generator, length: int) -> tuple[int, slice]:
-    """Choose a marker, and a part of the clip in which it is measured."""
+    """Draw a marker and an interval in which it is measured."""
     length = min(length, clip.frames // 3)
     for _ in range(100):
         marker = int(rng.integers(len(clip.labels)))
@@ -202,9 +200,9 @@ def _wrong(clip: Clip, part: slice, marker: int) -> NDArray[np.bool_]:
 
 
 def too_fast(clip: Clip, limit: float) -> NDArray[np.bool_]:
-    """Return what a fixed limit of speed (m/s) calls trouble: between an offence and the next.
+    """Return the samples reported by a fixed limit of speed (m/s).
 
-    Offences more than `LONGEST_OFFENCE` apart are taken by themselves.
+    Samples between two violations count too, up to `MAX_ARTEFACT_SECONDS` apart.
     """
     speed = np.linalg.norm(np.diff(clip.positions, axis=0), axis=2) * clip.rate / 1000.0
     fast = np.nan_to_num(speed) > limit
@@ -213,7 +211,7 @@ def too_fast(clip: Clip, limit: float) -> NDArray[np.bool_]:
         at = np.flatnonzero(fast[:, marker]) + 1
         found[at, marker] = True
         for start, stop in pairwise(at):
-            if stop - start <= LONGEST_OFFENCE * clip.rate:
+            if stop - start <= MAX_ARTEFACT_SECONDS * clip.rate:
                 found[start:stop, marker] = True
     return found
 
@@ -228,11 +226,11 @@ def widened(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def planted(data: Path, seed: int, count: int) -> Iterator[tuple[Clip, Clip, Plant]]:
-    """Yield clips, clips with trouble, and the plant."""
+    """Yield clips, clips with artefacts, and the planted artefact."""
     rng = np.random.default_rng(seed)
     for name in CLEAN:
         clip = read(data / name)
-        clip = Clip(clip.positions[:LONGEST], clip.labels, clip.rate, clip.up, clip.name)
+        clip = Clip(clip.positions[:MAX_FRAMES], clip.labels, clip.rate, clip.up, clip.name)
         for planter in PLANTERS:
             for _ in range(count):
                 plant = planter(clip, rng)
@@ -242,7 +240,7 @@ def planted(data: Path, seed: int, count: int) -> Iterator[tuple[Clip, Clip, Pla
 
 @dataclass
 class Tally:
-    """How often a kind was planted and found, and how many samples were called trouble."""
+    """How often a kind was planted and found, and how many samples were reported."""
 
     plants: int = 0
     found: int = 0
@@ -250,7 +248,7 @@ class Tally:
     right: int = 0
 
     def add(self, called: NDArray[np.bool_], before: NDArray[np.bool_], plant: Plant) -> None:
-        """Count a plant; what was called trouble before it was planted does not count."""
+        """Count a planted artefact; samples reported before it was planted do not count."""
         called = called & ~before
         self.plants += 1
         self.found += int(called[plant.wrong].mean() >= 0.5)
@@ -259,12 +257,12 @@ class Tally:
 
     @property
     def recall(self) -> float:
-        """Share of the plants that was found."""
+        """Share of planted artefacts that were detected."""
         return self.found / max(self.plants, 1)
 
     @property
     def precision(self) -> float:
-        """Share of what was called trouble that was planted."""
+        """Share of the reported samples that were planted."""
         return self.right / self.called if self.called else float("nan")
 
 
@@ -277,7 +275,7 @@ def score(tallies: dict[str, Tally]) -> float:
 
 
 def study(data: Path, seed: int, count: int) -> None:
-    """Plant, find, count and print."""
+    """Plant, detect, count and print."""
     ours: dict[str, Tally] = {}
     limits: dict[float, dict[str, Tally]] = {limit: {} for limit in SPEEDS}
     known: dict[str, NDArray[np.bool_]] = {}
@@ -288,12 +286,13 @@ def study(data: Path, seed: int, count: int) -> None:
         ours.setdefault(plant.kind, Tally()).add(called, known[clip.name], plant)
         for limit, tallies in limits.items():
             tally = tallies.setdefault(plant.kind, Tally())
-            # its false alarms count: without plants nobody would know them
+            # its false positives count: they are not known beforehand in practice
             tally.add(too_fast(bad, limit), np.zeros_like(plant.wrong), plant)
     best = max(SPEEDS, key=lambda limit: score(limits[limit]))
     naive = limits[best]
     print(
-        f"{'kind':32}{'plants':>7}{'found':>8}{'right':>8}   speed above {best:g} m/s: found, right"
+        f"{'kind':32}{'plants':>7}{'recall':>8}{'prec.':>8}   "
+        f"speed above {best:g} m/s: recall, precision"
     )
     for kind, tally in ours.items():
         other = naive[kind]
@@ -301,12 +300,12 @@ def study(data: Path, seed: int, count: int) -> None:
             f"{kind:32}{tally.plants:7}{tally.recall:8.0%}{tally.precision:8.0%}"
             f"{other.recall:20.0%}{other.precision:8.0%}"
         )
-    print(f"score {score(ours):.2f}, of a limit of speed {score(naive):.2f}: ", end="")
+    print(f"score {score(ours):.2f}, of a speed limit {score(naive):.2f}: ", end="")
     print(f"{score(ours) / max(score(naive), 1e-9):.2f} times")
 
 
 def filling(data: Path, seed: int, count: int) -> None:
-    """Fill plants with what was found rejected, and print errors before and after."""
+    """Fill with detected samples rejected, and print errors before and after."""
     errors: dict[str, list[tuple[float, float]]] = {}
     for clip, bad, plant in planted(data, seed, 1):
         if len(errors.get(plant.kind, [])) >= count or clip.frames > 1000:
@@ -317,7 +316,7 @@ def filling(data: Path, seed: int, count: int) -> None:
             for p in (bad.positions, result.clip.positions)
         )
         errors.setdefault(plant.kind, []).append((before, after))
-    print(f"\n{'kind':32}{'fills':>7}{'off mm':>9}{'filled mm':>11}{'worst mm':>10}")
+    print(f"\n{'kind':32}{'fills':>7}{'before':>9}{'filled mm':>11}{'worst mm':>10}")
     for kind, pairs in errors.items():
         before, after = np.array(pairs).T
         print(
@@ -330,8 +329,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     add_data_option(parser)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--count", type=int, default=4, help="plants of each kind in each clip")
-    parser.add_argument("--fill", type=int, default=0, help="plants of each kind that are filled")
+    parser.add_argument("--count", type=int, default=4, help="artefacts of each kind in each clip")
+    parser.add_argument(
+        "--fill", type=int, default=0, help="artefacts of each kind that are filled"
+    )
     options = parser.parse_args()
     study(options.data, options.seed, options.count)
     if options.fill:

@@ -1,15 +1,14 @@
 #!/usr/bin/env python
-"""Does a prior database pay? The error of fills as a database grows clip by clip.
+"""Value of a growing prior database: errors as clips are added one by one.
 
-    python scripts/studies/growth_study.py [--set gait|baumann41] [--orders 10] [--processes 2] [-o
-    FOLDER]
+    python scripts/studies/growth_study.py [--set gait|baumann41] [--orders 10] [--processes 2]
+    [-o FOLDER]
 
-Starts with an empty database and takes recordings in random order. Of each, a leg or an arm is
-removed for one second and filled from what the database holds by then; the filled clip is accepted
-into the database, with the mask of what was filled, and the next one comes. Once with measured
-samples only as prior, once with ``trust_filled``. Errors are means of the distance to what was
-removed, and are compared with the error of the same gap filled without any database: a table by
-number of clips in the database, a CSV file of every fill, and a plot (if matplotlib is there).
+Starts with an empty database and takes recordings in random order. A leg or an arm is removed from
+each for one second and filled with the database as it is; then the filled clip is accepted into the
+database, with its mask. This is done with measured samples only as training data, and with
+``trust_filled``. Mean errors are compared with those of the same gap without a database: a table by
+number of clips in the database, a CSV file of all fills, and a plot (with matplotlib).
 """
 
 from __future__ import annotations
@@ -40,15 +39,15 @@ SETS = {"gait": ("gait59", ("gait",)), "baumann41": ("baumann41", ("cmu", "hdm05
 
 GAP_SECONDS = 1.0
 LONGEST = 10.0
-"""s. Longer recordings are cut into parts: a clip should not know everything by itself."""
+"""s. Longer recordings are divided, so that a clip does not contain every pose."""
 
 BINS = (0, 1, 3, 6, 12, 24, 48, 96)
-"""Numbers of clips in the database at which a line of the table begins."""
+"""Lower limits of the classes of clips in the database."""
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A recording, and the samples to be removed from it."""
+    """A recording and the mask of samples to remove."""
 
     clip: pf.Clip
     gone: NDArray[np.bool_]  # (frames, markers)
@@ -66,7 +65,7 @@ class Row(NamedTuple):
 
 
 def read_cases(data: Path, name: str) -> list[Case]:
-    """Return the recordings of a set, each with a limb to be removed; the same ones every time."""
+    """Return the recordings of a set with a fixed random limb gap each."""
     set_name, folders = SETS[name]
     marker_set = load(set_name)
     cases: list[Case] = []
@@ -92,7 +91,7 @@ def read_cases(data: Path, name: str) -> list[Case]:
 def limb_gap(
     clip: pf.Clip, marker_set: pf.MarkerSet, rng: np.random.Generator
 ) -> NDArray[np.bool_] | None:
-    """Return the samples of a random limb over a second in which all of them are measured."""
+    """Return the mask of a random limb for a second in which it is measured completely."""
     segment = marker_set.segment
     known = marker_set.match(clip.labels)
     frames = round(GAP_SECONDS * clip.rate)
@@ -132,7 +131,7 @@ def alone(case: Case, method: str) -> float:
 def grow(
     cases: list[Case], alone: list[float], order: int, mode: str, method: str, temporary: str
 ) -> list[Row]:
-    """Take the recordings in one random order, filling and accepting each."""
+    """Fill and accept the recordings in one random order."""
     rows = []
     folder = Path(temporary) / f"{mode}-{order}"
     pf.PriorDatabase.create(folder).close()
@@ -147,8 +146,8 @@ def grow(
 
 
 def print_table(rows: list[Row]) -> None:
-    """Print the errors by number of clips in the database."""
-    print(f"\n{'mode':14s} {'clips':>7s} {'fills':>6s} {'mm':>7s} {'of alone':>9s} {'worse':>6s}")
+    """Print errors by number of clips in the database."""
+    print(f"\n{'mode':14s} {'clips':>7s} {'fills':>6s} {'mm':>7s} {'ratio':>9s} {'worse':>6s}")
     for mode in dict.fromkeys(row.mode for row in rows):
         for first, after in zip(BINS, (*BINS[1:], 10**9), strict=True):
             some = [row for row in rows if row.mode == mode and first <= row.clips < after]
@@ -166,7 +165,7 @@ def print_table(rows: list[Row]) -> None:
 
 
 def plot(rows: list[Row], file: Path, title: str) -> None:
-    """Plot error ratios against clips in the database: means of orders, and a running mean."""
+    """Plot error ratios over clips in the database: means over orders, and a moving average."""
     try:
         import matplotlib as mpl
     except ImportError:
@@ -200,12 +199,14 @@ def plot(rows: list[Row], file: Path, title: str) -> None:
 def run(
     cases: list[Case], orders: Iterable[int], method: str, processes: int, temporary: str
 ) -> list[Row]:
-    """Fill all cases alone, then in all orders and both modes."""
+    """Fill all cases without a database, then in all orders and both modes."""
     with ProcessPoolExecutor(processes) as pool:
         by_itself = list(pool.map(alone, cases, [method] * len(cases)))
         for case, error in zip(cases, by_itself, strict=True):
             if np.isnan(error):
-                print(f"left out: {case.clip.name}, which cannot be filled wholly by itself")
+                print(
+                    f"skipped {case.clip.name}: it cannot be filled completely without a database"
+                )
         cases = [case for case, error in zip(cases, by_itself, strict=True) if error > 0]
         by_itself = [error for error in by_itself if error > 0]
         print(f"without a database: mean {np.mean(by_itself):.2f} mm", flush=True)
@@ -230,7 +231,7 @@ def main() -> int:
     parser.add_argument("--orders", type=int, default=10)
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--method", default="auto")
-    parser.add_argument("--clips", type=int, help="Take only so many recordings.")
+    parser.add_argument("--clips", type=int, help="number of recordings")
     parser.add_argument("-o", "--output", type=Path, default=Path())
     arguments = parser.parse_args()
     cases = read_cases(arguments.data, arguments.set)[: arguments.clips]
@@ -238,7 +239,7 @@ def main() -> int:
         print(f"{arguments.data}: no recordings of this set; use --data", file=sys.stderr)
         return 1
     people = len({case.clip.subject for case in cases})
-    print(f"{arguments.set}: {len(cases)} clips of {people} people, {arguments.orders} orders")
+    print(f"{arguments.set}: {len(cases)} clips of {people} subjects, {arguments.orders} orders")
     arguments.output.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as temporary:
         rows = run(cases, range(arguments.orders), arguments.method, arguments.processes, temporary)
@@ -248,7 +249,9 @@ def main() -> int:
         writer = csv.writer(file)
         writer.writerow(Row._fields)
         writer.writerows(rows)
-    plot(rows, stem.with_suffix(".png"), f"{arguments.set}: {len(cases)} clips of {people} people")
+    plot(
+        rows, stem.with_suffix(".png"), f"{arguments.set}: {len(cases)} clips of {people} subjects"
+    )
     return 0
 
 

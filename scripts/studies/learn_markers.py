@@ -1,11 +1,11 @@
-"""Learn where markers sit on skeletons, from a take that exists as C3D and as ASF/AMC.
+"""Learn marker positions on skeletons from a take that exists as C3D and as ASF/AMC.
 
     python scripts/studies/learn_markers.py TAKE.c3d TAKE.amc [--skeleton X.asf] [-o OUT.toml]
 
-The take must have the axes of HDM05: (x, y, z) of the C3D file are (z, x, y) of the AMC file. This
-prints for each marker the parts of the body it sits on, the rms distance from its site, and the
-held-out distance (sites learnt from one half of the take, distance measured in the other).
-`database/skeletons/markers.toml` was written by this script for HDM05's HDM_dg_06-03_03_120.
+Axes are those of HDM05: (x, y, z) of the C3D file are (z, x, y) of the AMC file. Prints for each
+marker the body parts it is attached to, the rms residual, and the same for markers learnt from one
+half of the take and tested on the other. `database/skeletons/markers.toml` is the output for the
+take HDM_dg_06-03_03_120 of HDM05.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Recordings that the studies are made with: where they are, and whose."""
+"""Folder, marker sets and subjects of the recordings that studies and benchmarks use."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import argparse
 import os
 from pathlib import Path
 
-BESIDE = Path(__file__).resolve().parents[3] / "shared" / "data"
-"""Where recordings are looked for if nothing says otherwise: they are no part of the project."""
+DEFAULT_FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data"
+"""Folder of recordings, which are not part of the project, unless PRIORFILL_DATA names another."""
 
 SETS = {
     "gait59": ("gait",),
     "baumann41": ("cmu", "hdm05", "hdm05_cut_markers"),
 }
-"""Folders whose recordings have the same marker set; others have none that is known."""
+"""Folders of recordings by marker set; other folders have unknown marker sets."""
 
 SUBJECT = {
     "gait": slice(0, 5),
@@ -22,15 +22,15 @@ SUBJECT = {
     "hdm05_cut_markers": slice(4, 6),
     "walkl": slice(None),
 }
-"""Where a file's name has the person, by folder."""
+"""Part of a file name that identifies the subject, by folder."""
 
 
 def add_data_option(parser: argparse.ArgumentParser) -> None:
-    """Give a script the option that names the folder of recordings."""
-    named = Path(os.environ.get("PRIORFILL_DATA", BESIDE))
+    """Add the option ``--data``, the folder of recordings."""
+    named = Path(os.environ.get("PRIORFILL_DATA", DEFAULT_FOLDER))
     parser.add_argument("--data", type=Path, default=named, help="folder of recordings")
 
 
 def subject_of(file: Path) -> str:
-    """Return whose motion a recording is, by its name and folder."""
+    """Return the subject of a recording, from its name and folder."""
     return file.stem[SUBJECT.get(file.parent.name, slice(None))]

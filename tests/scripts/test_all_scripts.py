@@ -21,7 +21,7 @@ from skeleton_files import amc, asf
 import priorfill as pf
 from priorfill.formats.skeletons.asf_amc import read_amc, read_asf
 from priorfill.markers import definitions
-from priorfill.skeleton.place_markers import place
+from priorfill.skeleton.virtual_markers import compute_virtual_markers
 
 TESTED_ELSEWHERE = {
     "checks/fuzz_c3d.py": "scripts/test_fuzz_c3d.py",
@@ -105,7 +105,7 @@ SMOKE = {
         "90 frames, 45 markers",
         statuses=(None,),
     ),
-    "bench/memory.py": Smoke("--minutes 0.05 --rate 30 --markers 45 --method linear", "MB: held"),
+    "bench/memory.py": Smoke("--minutes 0.05 --rate 30 --markers 45 --method linear", "MB: kept"),
     "bench/search.py": Smoke(
         "--data {data} --poses 1000 --takes 02_01 --repeats 1 --check 9", "9 of 9 random queries"
     ),
@@ -130,7 +130,7 @@ SMOKE = {
     "papers/baumann_table2.py": Smoke("--data {data} --methods linear,baumann2011", "baumann2011"),
     "studies/artefact_study.py": Smoke(
         "--data {data} --count 1 --fill 1",
-        "of a limit of speed",
+        "of a speed limit",
         {"CLEAN": ("hdm05/HDM_bd_05-01_01_120.c3d",), "LONGEST": 480},
         statuses=(None,),
     ),
@@ -197,7 +197,9 @@ def write_skeleton(data: Path) -> None:
     (data / "skeleton.asf").write_text(asf(), encoding="utf-8")
     (data / "skeleton.amc").write_text(amc(60), encoding="utf-8")
     motion = read_amc(data / "skeleton.amc", read_asf(data / "skeleton.asf"))
-    clip = place(motion, definitions.load("baumann41"), name="skeleton", file="skeleton.amc")
+    clip = compute_virtual_markers(
+        motion, definitions.load("baumann41"), name="skeleton", file="skeleton.amc"
+    )
     x, y, z = np.moveaxis(clip.positions, 2, 0)
     turned = replace(clip, positions=np.stack([z, x, y], axis=2), up="+Z")
     pf.write(data / "skeleton.c3d", turned)

@@ -122,4 +122,4 @@ def test_table_of_good_and_bad_files(file, tmp_path, capsys):
 
 def test_no_file(tmp_path, capsys):
     assert survey.main([str(tmp_path)]) == 1
-    assert "no C3D file is below it" in capsys.readouterr().err
+    assert "contains no C3D file" in capsys.readouterr().err
