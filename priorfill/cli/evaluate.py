@@ -164,18 +164,10 @@ def evaluate(
     from priorfill.database import Selection
     from priorfill.evaluation import EvaluationOptions
     from priorfill.evaluation import evaluate as run
-    from priorfill.evaluation.evaluation_plan import choose_methods
-    from priorfill.evaluation.plots import check_plots, draw_plots
+    from priorfill.evaluation.plots import draw_plots
 
     protocol_options = {name: options.pop(name) for name in _OF_PROTOCOL}
-    # refuse invalid options before any work is done
-    choose_methods(methods)
-    if plots and output is None:
-        raise click.UsageError("--plots needs a folder; give one (--output)")
-    if plots:
-        check_plots()
-    if (not_names or not_subjects) and database is None:
-        raise click.UsageError("--exclude-... needs a database; give one (--database)")
+    _check_options(methods, output, plots, database, bool(not_names or not_subjects))
     made = _make_protocol(protocol, like, protocol_options, options)
     read, failures = _read_files(files, options)
     with progress(None, "evaluating") as show:
@@ -208,6 +200,22 @@ def evaluate(
         click.get_current_context().exit(1)
     if not evaluation.worked:
         click.get_current_context().exit(EXIT_REFUSED)
+
+
+def _check_options(
+    methods: str, output: Path | None, plots: bool, database: Path | None, excluding: bool
+) -> None:
+    """Refuse invalid options before any work is done."""
+    from priorfill.evaluation.evaluation_plan import choose_methods
+    from priorfill.evaluation.plots import check_plots
+
+    choose_methods(methods)
+    if plots and output is None:
+        raise click.UsageError("--plots needs a folder; give one (--output)")
+    if plots:
+        check_plots()
+    if excluding and database is None:
+        raise click.UsageError("--exclude-... needs a database; give one (--database)")
 
 
 def _make_protocol(
