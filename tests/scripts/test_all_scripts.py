@@ -131,7 +131,7 @@ SMOKE = {
     "studies/artefact_study.py": Smoke(
         "--data {data} --count 1 --fill 1",
         "of a speed limit",
-        {"CLEAN": ("hdm05/HDM_bd_05-01_01_120.c3d",), "LONGEST": 480},
+        {"CLEAN": ("hdm05/HDM_bd_05-01_01_120.c3d",), "MAX_FRAMES": 480},
         statuses=(None,),
     ),
     "studies/growth_study.py": Smoke(

@@ -26,7 +26,7 @@ __all__ = ["add"]
 @click.option(
     "--keep-outliers",
     is_flag=True,
-    help="Also add artefacts (swapped labels, spikes, phantoms, stuck markers).",
+    help="Also add artefacts (swapped labels, spikes, ghost markers, stuck markers).",
 )
 @click.option(
     "--as",
@@ -58,7 +58,7 @@ def add(
 ) -> None:
     """Add files, and the files in folders, to a database; create it if there is none.
 
-    Artefacts (swapped labels, spikes, phantoms, stuck markers) are left out. A file whose recording
+    Artefacts (swapped labels, spikes, ghost markers, stuck markers) are left out. A file whose recording
     is in the database already is skipped. A file that cannot be added is reported, the others are
     added, and the exit status is 1. In a file of several subjects, --subject selects one.
     """

@@ -2,8 +2,8 @@
 
 The poses found are the k neighbours y_i over which Eqs. (2)-(4) of Baumann et al. 2011, and so the
 energy of Eq. (1), sum. Section 4.1 of the paper calls the markers of a search *viable*: those that
-the marker set marks as reliable and that are measured. It searches by all of them, with a kd-tree for
-each clip; here those that the takes lack are dropped, and the exact search needs no tree.
+the marker set marks as reliable and that are measured. It searches by all of them, with a kd-tree
+per clip; here those that the takes lack are dropped, and the exact search needs no tree.
 `neighbour_votes`, `weighted_votes` and `krueger2010` share these searches.
 """
 
