@@ -26,6 +26,7 @@ from priorfill.formats.tables.text_table import (
     cells_of,
     find_rate,
     frame_numbers,
+    header_number,
     read_table,
     split_lines,
     texts_of,
@@ -96,7 +97,7 @@ def parse_motive(data: bytes, name: str) -> TableRecording:
     first, frame_notes = frame_numbers([cells[0] for cells in split], rows, name)
     times = [cells[1] for cells in split if len(cells) > 1]
     stated = header.get("Export Frame Rate") or header.get("Capture Frame Rate") or ""
-    rate, rate_notes = find_rate(_number(stated), times, name)
+    rate, rate_notes = find_rate(header_number(stated), times, name)
     return TableRecording(
         Recording(
             positions,
@@ -148,10 +149,3 @@ def _choose(
 
 def _at(cells: list[str], cell: int) -> str:
     return cells[cell] if cell < len(cells) else ""
-
-
-def _number(text: str) -> float | None:
-    try:
-        return float(text)
-    except ValueError:
-        return None

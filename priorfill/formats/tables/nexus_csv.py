@@ -23,6 +23,7 @@ from priorfill.formats.tables.text_table import (
     TableRecording,
     cells_of,
     frame_numbers,
+    header_number,
     read_table,
     split_lines,
     texts_of,
@@ -98,7 +99,7 @@ def parse_nexus(data: bytes, name: str) -> TableRecording:
         Recording(
             positions,
             tuple(labels),
-            _rate(texts_of(lines[start + 1], delimiter)),
+            header_number(next(iter(texts_of(lines[start + 1], delimiter)), None)),
             found_units[0] if found_units else "",
             first_frame=first,
             notes=tuple(notes),
@@ -115,10 +116,3 @@ def _section(lines: list[bytes], name: str) -> int:
     raise FormatError(
         f"{name}: has no section {_SECTION}; tick Trajectories when exporting from Nexus"
     )
-
-
-def _rate(cells: list[str]) -> float | None:
-    try:
-        return float(cells[0].replace(",", "."))
-    except (ValueError, IndexError):
-        return None

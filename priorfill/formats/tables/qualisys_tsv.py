@@ -26,8 +26,10 @@ from priorfill.formats.recording import Recording
 from priorfill.formats.tables.text_table import (
     TableRecording,
     cells_of,
+    count_notes,
     find_rate,
     frame_numbers,
+    header_number,
     read_table,
     split_lines,
     texts_of,
@@ -94,15 +96,13 @@ def parse_qualisys(data: bytes, name: str) -> TableRecording:
         first, notes = frame_numbers([cells[0] for cells in split], rows, name)
     timed = before > has_frames
     times = [cells[before - 1] for cells in split if timed and len(cells) >= before]
-    rate, rate_notes = find_rate(_number(header, "FREQUENCY"), times, name)
+    rate, rate_notes = find_rate(
+        header_number(_field(header, "FREQUENCY")), times, name
+    )  # may be EXT
     notes += rate_notes
-    for key, has, what in (
-        ("NO_OF_FRAMES", len(rows), "frames"),
-        ("NO_OF_MARKERS", len(labels), "markers"),
-    ):
-        stated = _number(header, key)
-        if stated is not None and stated != has:
-            notes.append(f"The header states {stated:g} {what}; there are {has}.")
+    notes += count_notes(
+        (_field(header, "NO_OF_FRAMES"), len(rows)), (_field(header, "NO_OF_MARKERS"), len(labels))
+    )
     types = header.get("TRAJECTORY_TYPES", [])
     return TableRecording(
         Recording(
@@ -146,9 +146,6 @@ def _columns_before(
     return before
 
 
-def _number(header: dict[str, list[str]], key: str) -> float | None:
-    """Return a number in the header; None if absent or not a number (FREQUENCY may be EXT)."""
-    try:
-        return float(next(iter(header.get(key, []))).replace(",", "."))
-    except (ValueError, StopIteration):
-        return None
+def _field(header: dict[str, list[str]], key: str) -> str | None:
+    """Return the first value of a header line; None if absent."""
+    return next(iter(header.get(key, [])), None)

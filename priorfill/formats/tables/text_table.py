@@ -26,8 +26,10 @@ __all__ = [
     "TableRecording",
     "TextTable",
     "cells_of",
+    "count_notes",
     "find_rate",
     "frame_numbers",
+    "header_number",
     "read_table",
     "split_lines",
     "texts_of",
@@ -275,6 +277,31 @@ def frame_numbers(
         f"After frame {numbers[jump]} comes {numbers[jump + 1]} (line {rows[jump + 1] + 1}); "
         "the rows are treated as evenly spaced."
     ]
+
+
+def header_number(text: str | None) -> float | None:
+    """Return the finite number in a header field; None if there is none."""
+    try:
+        value = float((text or "").replace(",", "."))
+    except ValueError:
+        return None
+    return value if np.isfinite(value) else None
+
+
+def count_notes(frames: tuple[str | None, int], markers: tuple[str | None, int]) -> list[str]:
+    """Return notes on counts in a header that differ from the table's.
+
+    Parameters
+    ----------
+    frames, markers : (str or None, int)
+        The header's field, and the number of frames or markers in the table.
+    """
+    notes = []
+    for (text, actual), what in ((frames, "frames"), (markers, "markers")):
+        stated = header_number(text)
+        if stated is not None and stated != actual:
+            notes.append(f"The header states {stated:g} {what}; there are {actual}.")
+    return notes
 
 
 def find_rate(

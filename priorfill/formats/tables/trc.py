@@ -28,8 +28,10 @@ from priorfill.formats.tables.text_table import (
     BLANKS,
     TableRecording,
     cells_of,
+    count_notes,
     find_rate,
     frame_numbers,
+    header_number,
     read_table,
     split_lines,
     texts_of,
@@ -82,15 +84,11 @@ def parse_trc(data: bytes, name: str) -> TableRecording:
     header = _header(lines, names_row)
     cells = [cells_of(lines[row], delimiter) for row in rows]
     first, notes = frame_numbers([row_cells[0] for row_cells in cells], rows, name)
-    for key, has, what in (
-        ("numframes", len(rows), "frames"),
-        ("nummarkers", len(labels), "markers"),
-    ):
-        stated = _float(header.get(key))
-        if stated is not None and stated != has:
-            notes.append(f"The header states {stated:g} {what}; there are {has}.")
+    notes += count_notes(
+        (header.get("numframes"), len(rows)), (header.get("nummarkers"), len(labels))
+    )
     times = [row_cells[1] for row_cells in cells if len(row_cells) > 1]
-    rate, rate_notes = find_rate(_float(header.get("datarate")), times, name)
+    rate, rate_notes = find_rate(header_number(header.get("datarate")), times, name)
     return TableRecording(
         Recording(
             positions,
@@ -220,12 +218,3 @@ def _markers(
             f"{len(labels)} markers, which take {starts[-1] + 3}; name all markers"
         )
     return labels, [[start, start + 1, start + 2] for start in starts]
-
-
-def _float(text: str | None) -> float | None:
-    """Return a finite number; None if the text is not one."""
-    try:
-        value = float((text or "").replace(",", "."))
-    except ValueError:
-        return None
-    return value if np.isfinite(value) else None
