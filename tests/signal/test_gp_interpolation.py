@@ -1,16 +1,21 @@
+"""Interpolation of short gaps over time."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from priorfill.signal.gp_interpolation import LONGEST, interpolate_gap
+from priorfill.gp.kernels import Matern52
+from priorfill.gp.process import GaussianProcess
+from priorfill.signal.gp_interpolation import InterpolationOptions, interpolate_gap
 
 RATE = 100.0
+MAX_SECONDS = InterpolationOptions().max_seconds
 
 
 def smooth(seed, frames=200):
-    """Everyday movement: a travelling sum of slow oscillations that get smaller with frequency."""
+    """Everyday movement: a constant velocity, and oscillations that get smaller with frequency."""
     rng = np.random.default_rng(seed)
     time = np.arange(frames)[:, None] / RATE
     positions = rng.normal(0, 800, 3) + rng.normal(0, 800, 3) * time
@@ -44,10 +49,10 @@ def test_a_known_curve():
 
 @given(st.integers(0, 2**31), st.integers(1, 50), st.floats(20, 500))
 @settings(deadline=None, max_examples=40)
-def test_straight_movement_is_bridged_exactly(seed, frames, rate):
+def test_straight_movement_is_interpolated_exactly(seed, frames, rate):
     rng = np.random.default_rng(seed)
-    if frames / rate > LONGEST:
-        frames = int(LONGEST * rate)
+    if frames / rate > MAX_SECONDS:
+        frames = int(MAX_SECONDS * rate)
     line = rng.normal(0, 3000, 3) + rng.normal(0, 10, 3) * np.arange(300)[:, None]
     found, _ = interpolate_gap(without(line, 100, 100 + frames), 100, 100 + frames, rate)
     np.testing.assert_allclose(found, line[100 : 100 + frames], atol=1e-4)
@@ -68,7 +73,7 @@ def test_better_than_a_cubic_spline(frames):
     assert np.mean(np.array(ours) < np.array(splines)) > 0.6
 
 
-def test_deviation_is_of_the_size_of_the_error():
+def test_expected_error_has_the_size_of_the_error():
     ratios = []
     for seed in range(60):
         curve = smooth(seed)
@@ -77,7 +82,7 @@ def test_deviation_is_of_the_size_of_the_error():
     assert 0.3 < np.median(ratios) < 3.0
 
 
-def test_noise_on_the_samples_is_not_blown_up():
+def test_noise_of_the_samples_is_not_amplified():
     rng = np.random.default_rng(0)
     for seed in range(20):
         curve = smooth(seed)
@@ -91,23 +96,23 @@ def test_moves_and_turns_with_the_movement():
     curve, turn = smooth(5), np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     found, expected_rms = interpolate_gap(without(curve, 80, 110), 80, 110, RATE)
     moved = curve @ turn + [4000, -2000, 100]
-    found_there, deviation_there = interpolate_gap(without(moved, 80, 110), 80, 110, RATE)
+    found_there, expected_there = interpolate_gap(without(moved, 80, 110), 80, 110, RATE)
     np.testing.assert_allclose(found_there, found @ turn + [4000, -2000, 100], atol=1e-5)
-    np.testing.assert_allclose(deviation_there, expected_rms, rtol=1e-3)
+    np.testing.assert_allclose(expected_there, expected_rms, rtol=1e-3)
 
 
-def test_refused_where_too_long():
+def test_too_long_gaps_are_refused():
     curve = smooth(0)
     assert interpolate_gap(without(curve, 70, 120), 70, 120, RATE) is not None
     assert interpolate_gap(without(curve, 70, 121), 70, 121, RATE) is None
 
 
 @pytest.mark.parametrize(("start", "stop"), [(0, 10), (1, 10), (190, 200), (189, 199)])
-def test_refused_at_the_ends(start, stop):
+def test_gaps_at_the_ends_are_refused(start, stop):
     assert interpolate_gap(without(smooth(0), start, stop), start, stop, RATE) is None
 
 
-def test_refused_where_too_little_is_seen_beside_it():
+def test_gaps_with_too_few_adjacent_samples_are_refused():
     gappy = without(smooth(0), 80, 100)
     gappy[:79] = np.nan
     assert interpolate_gap(gappy, 80, 100, RATE) is None
@@ -127,3 +132,13 @@ def test_a_marker_that_stands_still():
     np.testing.assert_allclose(found, still[20:40], atol=1e-6)
     assert np.isfinite(expected_rms).all()
     assert expected_rms.max() < 0.1
+
+
+def test_options_set_the_length_and_the_time_scale():
+    gappy = without(smooth(3), 80, 90)
+    assert interpolate_gap(gappy, 80, 90, RATE, InterpolationOptions(max_seconds=0.09)) is None
+    short = InterpolationOptions(process=GaussianProcess(Matern52(0.05), 1e-7))
+    found, expected_rms = interpolate_gap(gappy, 80, 90, RATE)
+    with_short_scale, less_certain = interpolate_gap(gappy, 80, 90, RATE, short)
+    assert np.abs(found - with_short_scale).max() > 0.01
+    assert less_certain.max() > 2.0 * expected_rms.max()

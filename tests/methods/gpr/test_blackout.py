@@ -15,12 +15,20 @@ from priorfill.database import PriorDatabase
 from priorfill.filling.fill_clip import fill
 from priorfill.filling.result import Result
 from priorfill.geometry.root_frames import RootGroup, root_group
-from priorfill.methods.gpr.blackout import Recording, fill_blackout
-from priorfill.signal.gp_interpolation import decaying_velocity, process_in_time
+from priorfill.methods.gpr.blackout import (
+    BlackoutOptions,
+    MirrorImage,
+    WindowSource,
+    predict_blackout,
+)
+from priorfill.methods.gpr.blackout.curves import (
+    decaying_velocity_curves,
+    gaussian_process_curves,
+)
 
 TRUTH = person(seconds=8.0)
 SLOW = person(seconds=8.0, rate=30.0)
-"""The same at half the rate, for long blackouts: they are led through in half the time."""
+"""The same at half the rate, which halves the time of long blackouts."""
 ALL = TRUTH.labels
 TWO = ((200, 236, ALL), (460, 481, ALL))
 """A blackout in the middle, and one at the end."""
@@ -70,7 +78,7 @@ def test_at_the_ends(start: int, stop: int) -> None:
     assert off(result).mean() < 0.5 * held
 
 
-def test_two_near_each_other() -> None:
+def test_several_near_each_other() -> None:
     clip = with_gaps(TRUTH, (200, 220, ALL), (223, 240, ALL), (243, 250, ALL))
     result = fill(clip)
     assert result.complete
@@ -88,7 +96,7 @@ def test_other_gaps_beside_it() -> None:
 
 def test_ragged_edges_are_joined() -> None:
     rng = np.random.default_rng(0)
-    # nine ways to be ragged: with each comes another piece of work
+    # gaps begin and end in three frames each
     gaps = [(200 - rng.integers(3), 220 + rng.integers(3), [label]) for label in ALL]
     result = fill(with_gaps(TRUTH, *gaps))
     assert result.complete
@@ -133,7 +141,7 @@ def test_a_clip_too_short_for_windows() -> None:
     clip = person(seconds=1.0)
     result = fill(with_gaps(clip, (20, 44, ALL)))
     assert result.complete
-    assert {how for gap in result.gaps for how in gap.sources} == {"interpolation over time"}
+    assert {source for gap in result.gaps for source in gap.sources} == {"interpolation over time"}
     middle = np.linalg.norm(result.clip.positions - clip.positions, axis=2)[20:44]
     assert middle.mean() < 2 * result.expected_rms[20:44].mean()
 
@@ -147,7 +155,7 @@ def test_other_people_who_walk(tmp_path: Path) -> None:
     alone, helped = fill(gappy), fill(gappy, database=tmp_path / "db")
     assert helped.complete
     truth = clip.positions
-    assert {how for gap in helped.gaps for how in gap.sources} == {
+    assert {source for gap in helped.gaps for source in gap.sources} == {
         "similar movements of the clip and the database"
     }
     assert all(gap.source_clips for gap in helped.gaps)
@@ -156,14 +164,14 @@ def test_other_people_who_walk(tmp_path: Path) -> None:
     )
 
 
-def test_nothing_known_is_left_missing() -> None:
+def test_a_clip_without_samples_is_left_missing() -> None:
     clip = with_gaps(person(seconds=2.0), (0, 121, ALL))
     result = fill(clip)
     assert not result.filled.any()
     assert all("fewer than three" in p.reason for gap in result.gaps for p in gap.unfilled)
 
 
-def test_what_is_hopeless_is_left_missing() -> None:
+def test_samples_with_a_very_large_expected_error_are_left_missing() -> None:
     clip = with_gaps(person(seconds=6.0, rate=30.0), (20, 180, ALL))
     result = fill(clip)
     assert result.filled[20:25].all()
@@ -190,22 +198,29 @@ def test_moves_and_turns_with_the_clip(two_filled: Result) -> None:
     np.testing.assert_allclose(moved.expected_rms, two_filled.expected_rms, rtol=0.02)
 
 
-def test_labels_that_nobody_knows() -> None:
+def test_unknown_labels() -> None:
     clip = replace(TRUTH, labels=tuple(f"M{i:02d}" for i in range(len(ALL))))
     result = fill(with_gaps(clip, (200, 236, clip.labels)))
     assert result.complete
     assert off(result).mean() < 60
 
 
-def lead(positions: np.ndarray, start: int, stop: int) -> np.ndarray:
+def predicted(positions: np.ndarray, start: int, stop: int) -> np.ndarray:
     markers = positions.shape[1]
 
     def root(among: np.ndarray) -> RootGroup | None:
         return root_group(positions, [int(m) for m in among])
 
-    nobody = np.full(markers, -1, dtype=np.intp)
-    found = fill_blackout(
-        [Recording(positions)], start, stop, 100.0, root, nobody, np.arange(markers)
+    image = MirrorImage(np.full(markers, -1, dtype=np.intp), 0.95)  # no marker has a counterpart
+    found = predict_blackout(
+        [WindowSource(positions)],
+        start,
+        stop,
+        100.0,
+        root,
+        image,
+        np.arange(markers),
+        BlackoutOptions(),
     )
     assert found is not None
     assert np.isfinite(found.expected_rms).all()
@@ -220,23 +235,27 @@ def test_simple_curves_are_followed_exactly(power: int, frames: int) -> None:
     truth = rng.normal(0, 500, (1, 6, 3)) + rng.normal(0, 300, (1, 6, 3)) * time**power
     gappy = truth.copy()
     gappy[150 : 150 + frames] = np.nan
-    np.testing.assert_allclose(lead(gappy, 150, 150 + frames), truth[150 : 150 + frames], atol=1.0)
+    np.testing.assert_allclose(
+        predicted(gappy, 150, 150 + frames), truth[150 : 150 + frames], atol=1.0
+    )
 
 
-def test_curves_go_through_what_is_seen() -> None:
+def test_curves_continue_lines_and_constants() -> None:
+    options = BlackoutOptions()
     known = np.array([-3, -2, -1, 10, 11, 12]) / 100.0
     line = 5.0 + 3.0 * known
-    asked = np.arange(10) / 100.0
-    for curve in process_in_time(known, asked):
-        np.testing.assert_allclose(curve.each @ line, 5.0 + 3.0 * asked, atol=1e-6)
+    requested = np.arange(10) / 100.0
+    for curve in gaussian_process_curves(options.curve_processes, known, requested):
+        np.testing.assert_allclose(curve.marker_weights @ line, 5.0 + 3.0 * requested, atol=1e-6)
     for sign in (1.0, -1.0):
-        for curve in decaying_velocity(*(np.sort(sign * t) for t in (known[:3], asked))):
-            np.testing.assert_allclose(curve.each @ np.ones(3), 1.0, atol=1e-9)
-            if curve.together is not None:
-                np.testing.assert_allclose(curve.together @ np.ones(3), 0.0, atol=1e-9)
+        times = (np.sort(sign * time) for time in (known[:3], requested))
+        for curve in decaying_velocity_curves(*times, options):
+            np.testing.assert_allclose(curve.marker_weights @ np.ones(3), 1.0, atol=1e-9)
+            if curve.mean_weights is not None:
+                np.testing.assert_allclose(curve.mean_weights @ np.ones(3), 0.0, atol=1e-9)
 
 
-def test_a_body_that_comes_in_piece_by_piece() -> None:
+def test_markers_that_appear_one_group_after_another() -> None:
     half, rest = ALL[:20], ALL[20:]
     gaps = [(0, 10, ALL), (10, 22, half), (22, 30, rest), (10, 22, rest[2:]), (22, 30, half[2:])]
     result = fill(with_gaps(TRUTH, *gaps))

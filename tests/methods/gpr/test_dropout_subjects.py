@@ -1,4 +1,4 @@
-"""What a clip learns from recordings at low rates, and from other clips of the same person."""
+"""Learning from recordings at low rates, and from other recordings of the same subject."""
 
 from __future__ import annotations
 
@@ -13,22 +13,24 @@ from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
 from priorfill.filling.fill_clip import fill
 from priorfill.gaps import gap_groups
-from priorfill.gp.data import Lesson
+from priorfill.gp.problem import RegressionProblem
 from priorfill.markers.describe import describe
-from priorfill.methods.gpr.blackout.database_windows import similar_movements
-from priorfill.methods.gpr.gap_segments import Piece
+from priorfill.methods.gpr.blackout import WindowSource
+from priorfill.methods.gpr.blackout.database_windows import similar_windows
+from priorfill.methods.gpr.gap_segments import GapSegment
 from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import PoseSearch
-from priorfill.methods.gpr.training.plan import Lessons
-from priorfill.methods.task import Task
+from priorfill.methods.gpr.training.plan import TrainingPlanner
+from priorfill.methods.gpr.training.subject_correlation import take_correlations
+from priorfill.methods.task import MIRROR_IMAGE, THIS_CLIP, Task
 from priorfill.search.takes import same_subject_take
 
 SLOW = 10.0
-"""Hz. Below what is asked for; people walk with two steps a second."""
+"""Hz. Below the rates at which a database is read; people walk with two steps a second."""
 
 
 def sampled(clip: Clip, rate: float) -> Clip:
-    """Every so many frames of a clip, which has a name of its own."""
+    """A clip at a lower rate, with a name of its own."""
     every = round(clip.rate / rate)
     return Clip(clip.positions[::every], clip.labels, clip.rate / every, clip.up, name="slow")
 
@@ -45,120 +47,125 @@ def task_of(clip: Clip, other: Clip) -> Task:
     )
 
 
-def limb_lesson(task: Task) -> Lesson:
-    """The lesson of an arm that the other recording has a part in."""
+def arm_problem(task: Task) -> RegressionProblem:
+    """The regression problem of an arm with training poses of the other recording."""
     markers = np.array([task.labels.index(label) for label in ARM])
     start, stop = (int(f) for f in np.flatnonzero(~task.valid[:, markers[0]])[[0, -1]])
     visible = np.setdiff1d(np.arange(len(task.labels)), markers)
     options = GPROptions()
-    lessons = Lessons(task, PoseSearch(task, options), 8, options)
-    course = lessons.of(Piece(markers, start, stop + 1, visible), None)
-    assert course is not None
-    _, shared = course.lessons
-    return shared
+    planner = TrainingPlanner(task, PoseSearch(task, options.search), 8, options)
+    plan = planner.plan(GapSegment(markers, start, stop + 1, visible), None)
+    assert plan is not None
+    _, with_other = plan.problems
+    return with_other
 
 
-def test_moments_of_a_slow_recording_are_as_long_as_asked_for() -> None:
+def test_lag_features_of_a_slow_recording_have_the_requested_lag() -> None:
     whole = person(seconds=8.0)
     fast, slow = (
-        limb_lesson(task_of(with_gaps(whole, (100, 190, ARM)), sampled(person(seconds=12.0), rate)))
+        arm_problem(task_of(with_gaps(whole, (100, 190, ARM)), sampled(person(seconds=12.0), rate)))
         for rate in (60.0, SLOW)
     )
-    for seconds, around in slow.rows.around.items():
-        ways = [np.diff(x, axis=0)[0] for x in (around, fast.rows.around[seconds])]
+    for seconds, lagged in slow.train.lagged.items():
+        ways = [np.diff(x, axis=0)[0] for x in (lagged, fast.train.lagged[seconds])]
         lengths = [
-            np.sqrt((way[lesson.rows.take > 1] ** 2).mean())
-            for way, lesson in zip(ways, (slow, fast), strict=True)
+            np.sqrt((way[problem.train.recording >= 0] ** 2).mean())
+            for way, problem in zip(ways, (slow, fast), strict=True)
         ]
-        # between frames some of it is lost
+        # interpolation between frames shortens it a little
         assert lengths[0] == pytest.approx(lengths[1], rel=0.2), seconds
-    time = slow.rows.time[slow.rows.take > 1]
+    time = slow.train.time[slow.train.recording >= 0]
     steps = (time - time.min()) * SLOW
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
 
 
-def test_velocities_are_those_of_clip_mirror_image_and_companion() -> None:
+def test_velocities_are_those_of_clip_mirror_image_and_other_recording() -> None:
     whole, other = person(seconds=8.0), person(seconds=8.0, seed=9)
-    lesson = limb_lesson(task_of(with_gaps(whole, (100, 190, ARM)), other))
-    rows = lesson.rows
-    assert rows.moving is not None and not np.isnan(rows.moving).any()
+    train = arm_problem(task_of(with_gaps(whole, (100, 190, ARM)), other)).train
+    assert train.velocity is not None and not np.isnan(train.velocity).any()
     markers = [whole.labels.index(label) for label in ARM]
     opposite = [describe(whole).mirror[label] for label in ARM]
-    partners = [whole.labels.index(label) for label in opposite]
+    contralateral = [whole.labels.index(label) for label in opposite]
     step = 2  # of 60 Hz: 1/30 s
     away = []
-    for row in range(len(rows.time)):
-        source, wanted = (other if rows.take[row] > 1 else whole), rows.missing[row].copy()
-        columns, sign = (markers, 1.0) if rows.take[row] != 1 else (partners, [-1.0, 1.0, 1.0])
+    for pose, recording in enumerate(train.recording):
+        source, wanted = (other if recording >= 0 else whole), train.missing[pose].copy()
+        columns, sign = markers, np.ones(3)
+        if recording == MIRROR_IMAGE:
+            columns, sign = contralateral, np.array([-1.0, 1.0, 1.0])
         shown = source.positions[:, columns] * sign
         frame = int(np.argmin(np.abs(shown - wanted).max(axis=(1, 2))))
         if not step <= frame < len(shown) - step:
             continue
         moved = shown[frame + step] - shown[frame - step]
-        if rows.take[row] == 0 and np.isin([frame - step, frame + step], range(100, 190)).any():
-            continue  # right beside the gap they are those of one side
-        away.append(np.linalg.norm(rows.moving[row] - moved * 60 / (2 * step), axis=1).max())
-        if rows.take[row] <= 1:
+        in_gap = np.isin([frame - step, frame + step], range(100, 190)).any()
+        if recording == THIS_CLIP and in_gap:
+            continue  # at the edges of the gap they are one-sided differences
+        away.append(np.linalg.norm(train.velocity[pose] - moved * 60 / (2 * step), axis=1).max())
+        if recording < 0:
             assert away[-1] < 1e-6
-    speed = np.linalg.norm(rows.moving, axis=2).max(axis=1)
-    # at 15 Hz the other one's are those of straight lines
+    speed = np.linalg.norm(train.velocity, axis=2).max(axis=1)
+    # the other recording is interpolated linearly at 15 Hz
     assert np.mean(away) < 0.2 * speed.mean()
 
 
-def test_movements_of_a_slow_recording_are_as_fast_as_they_were() -> None:
-    whole, start, stop = person(seconds=8.0), 199, 234  # edges that the other shows too
+def windows_for(task: Task, start: int, stop: int) -> tuple[list[WindowSource], tuple[str, ...]]:
+    options = GPROptions()
+    search = PoseSearch(task, options.search)
+    correlation = take_correlations(task.takes, search.subjects, options.correlation)
+    return similar_windows(task, search, options.blackout, correlation, task.positions, start, stop)
+
+
+def test_windows_of_a_slow_recording_have_the_clips_rate() -> None:
+    whole, start, stop = person(seconds=8.0), 199, 234  # at frames of the other recording
     clip = with_gaps(whole, (start, stop, whole.labels))
     task = task_of(clip, sampled(whole, SLOW))
-    options = GPROptions()
-    found, takes = similar_movements(
-        task, PoseSearch(task, options), options, clip.positions, start, stop
-    )
+    found, takes = windows_for(task, start, stop)
     assert takes == ("slow",)
     best = found[0]
     assert best.starts is not None
     inside = best.positions[best.starts[0] : best.starts[0] + stop - start]
     truth = whole.positions[start:stop]
-    # the other recording is the clip itself, and nothing is more like it
+    # the other recording is the clip itself, so the most similar window is the blackout
     away = np.linalg.norm(inside - truth, axis=2)
     assert away.mean() < 0.2 * np.linalg.norm(truth - truth[0], axis=2).mean()
 
 
-def test_a_companion_is_of_the_clips_own_body_but_another_take() -> None:
+def test_another_recording_of_the_subject_is_a_recording_of_its_own() -> None:
     clip = with_gaps(person(seconds=8.0), (100, 190, ARM))
     task = task_of(clip, person(seconds=8.0, seed=9))
-    lesson = limb_lesson(task)
-    rows = lesson.rows
-    assert rows.body is not None and rows.kinship is not None
-    same_subject = rows.take > 1
+    problem = arm_problem(task)
+    train = problem.train
+    assert train.subject is not None and train.correlation is not None
+    same_subject = train.recording >= 0
     assert same_subject.any()
-    assert set(rows.body[same_subject]) == set(lesson.query.take)
-    assert set(rows.kinship[same_subject]) == {1.0}
-    # it is never left out with the clip's blocks, nor judged as if it were the clip
-    blocks = np.concatenate(rows.blocks(1.5, lesson.query))
-    assert set(rows.take[blocks]) == set(lesson.query.take)
-    # its poses are as recorded: no marker sits elsewhere on the same body
+    assert set(train.subject[same_subject]) == {THIS_CLIP}
+    assert set(train.correlation[same_subject]) == {1.0}
+    # only blocks of the clip are held out
+    blocks = np.concatenate(train.blocks(1.5, problem.query))
+    assert set(train.recording[blocks]) == {THIS_CLIP}
+    # its poses are as recorded, without offsets of the markers
     take = task.takes[0]
     recorded = take.positions(take.nearest_level(15.0))
-    for pose in rows.visible[same_subject][:5]:
+    for pose in train.visible[same_subject][:5]:
         assert np.abs(recorded - pose[0]).max(axis=2).min() < 1e-2
 
 
-def test_movements_of_a_companion_are_of_the_clips_own_body() -> None:
+def test_windows_of_another_recording_of_the_subject_are_fully_correlated() -> None:
     clip = with_gaps(person(seconds=8.0), (200, 236, person().labels))
     task = task_of(clip, person(seconds=8.0, seed=9))
-    options = GPROptions()
-    found, _ = similar_movements(task, PoseSearch(task, options), options, clip.positions, 200, 236)
+    found, _ = windows_for(task, 200, 236)
     assert found
-    assert {recording.kinship for recording in found} == {1.0}
+    assert {window.correlation for window in found} == {1.0}
 
 
 @pytest.mark.parametrize("labels", [ARM, person().labels])
-def test_what_is_told_by_companions_is_said(labels: tuple[str, ...], tmp_path: Path) -> None:
+def test_other_recordings_are_named_as_sources(labels: tuple[str, ...], tmp_path: Path) -> None:
     other = replace(person(seconds=6.0, rate=30.0, seed=9), name="other")
     clip = with_gaps(person(seconds=2.5, rate=30.0), (25, 47, labels))
     with PriorDatabase.create(tmp_path / "db") as made:
         made.add(person(seconds=6.0, seed=11, body=11))
-    for given, said in (
+    for given, expected in (
         ({"same_subject": [other]}, " and other clips of the same person"),
         ({"database": tmp_path / "db"}, " and the database"),
         (
@@ -167,5 +174,5 @@ def test_what_is_told_by_companions_is_said(labels: tuple[str, ...], tmp_path: P
         ),
     ):
         gap = fill(clip, **given).gaps[0]
-        assert gap.sources[0].removesuffix("'s").endswith(said), gap
+        assert gap.sources[0].removesuffix("'s").endswith(expected), gap
         assert ("other" in gap.source_clips) == ("same_subject" in given)

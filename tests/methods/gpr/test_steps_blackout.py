@@ -1,4 +1,4 @@
-"""Blackouts: how curves are mixed, corrected by the edges, and weighed by similar windows."""
+"""Blackouts: stacking of curves, correction by the edges, and weights of similar windows."""
 
 from __future__ import annotations
 
@@ -9,26 +9,21 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from priorfill.geometry.root_frames import root_group
-from priorfill.methods.gpr.blackout.correction import (
-    CONSTANT,
-    LINEAR,
-    NOISES,
-    POWERS,
-    SCALES,
-    correct,
-)
-from priorfill.methods.gpr.blackout.predict_blackout import _learn
-from priorfill.methods.gpr.blackout.stacking import RIDGE, SHARPNESS, mix
-from priorfill.methods.gpr.blackout.window_layout import Stencil
-from priorfill.methods.gpr.blackout.windows import Recording, Windows, gather
+from priorfill.methods.gpr.blackout import BlackoutOptions, MirrorImage, WindowSource
+from priorfill.methods.gpr.blackout.correction import correct_from_edges
+from priorfill.methods.gpr.blackout.predict_blackout import _from_windows
+from priorfill.methods.gpr.blackout.stacking import stack_curves
+from priorfill.methods.gpr.blackout.window_layout import WindowLayout
+from priorfill.methods.gpr.blackout.windows import BlackoutWindows, collect_windows
 
+OPTIONS = BlackoutOptions()
 INSIDE = 3
 MARKERS = 4
 
 
-def stencil() -> Stencil:
+def layout() -> WindowLayout:
     before, after = np.arange(-6, 0), np.arange(12, 18)
-    return Stencil(12, before, after, np.array([2, 6, 9]), 3)
+    return WindowLayout(frames=12, before=before, after=after, inside=np.array([2, 6, 9]), step=3)
 
 
 def about_vertical(angles: np.ndarray) -> np.ndarray:
@@ -39,17 +34,19 @@ def about_vertical(angles: np.ndarray) -> np.ndarray:
     return turns
 
 
-def windows_of(edges: np.ndarray, inside: np.ndarray, rotation: np.ndarray) -> Windows:
-    """Windows of the clip, far enough from each other to share no frame."""
+def windows_of(edges: np.ndarray, inside: np.ndarray, rotation: np.ndarray) -> BlackoutWindows:
+    """Windows of the clip that have no frame in common."""
     count = len(edges)
-    return Windows(
-        np.zeros((count, 12, MARKERS, 3)),
-        inside,
-        edges,
-        rotation,
-        100 * np.arange(count),
-        np.zeros(count, dtype=np.intp),
-        np.ones(count),
+    return BlackoutWindows(
+        context=np.zeros((count, 12, MARKERS, 3)),
+        inside=inside,
+        edges=edges,
+        rotation=rotation,
+        start=100 * np.arange(count),
+        source=np.zeros(count, dtype=np.intp),
+        correlation=np.ones(count),
+        own=np.ones(count, dtype=bool),
+        own_image=np.zeros(count, dtype=bool),
     )
 
 
@@ -57,20 +54,20 @@ def windows_of(edges: np.ndarray, inside: np.ndarray, rotation: np.ndarray) -> W
 
 
 def test_stacking_matches_ridge_regression() -> None:
-    """Shares by error to the power of -8 for each marker, then ridge regression by frame.
+    """Weights by error to the power of -8 for each marker, then ridge regression by frame.
 
-    The ridge regression is solved as least squares with one more row for each weight.
+    The ridge regression is solved as least squares with an additional row for each weight.
     """
     rng = np.random.default_rng(0)
     curves = rng.normal(0.0, 10.0, (3, 1 + 7, INSIDE, 2, 3))
     curves[0] *= 0.5
     truth, weight = rng.normal(0.0, 5.0, (7, INSIDE, 2, 3)), rng.uniform(0.1, 1.0, 7)
-    found = mix(curves, truth, weight)
+    found = stack_curves(curves, truth, weight, OPTIONS)
     expected = np.zeros_like(found)
     for marker in range(2):
         wrong = ((curves[:, 1:, :, marker] - truth[:, :, marker]) ** 2).sum(axis=3).mean(axis=2)
         error = np.sqrt(wrong @ weight**2 / (weight**2).sum())
-        share = error**-SHARPNESS / (error**-SHARPNESS).sum()
+        share = error**-8.0 / (error**-8.0).sum()
         expected[:, :, marker] = np.tensordot(share, curves[:, :, :, marker], 1)
     mixed = expected.copy()
     for axes in ([0, 1], [2]):
@@ -78,13 +75,13 @@ def test_stacking_matches_ridge_regression() -> None:
             away = (curves - mixed)[:, :, frame][..., axes]
             matrix = (away[:, 1:] * weight[:, None, None]).reshape(3, -1).T
             side = ((truth - mixed[1:])[:, frame][..., axes] * weight[:, None, None]).ravel()
-            ridge = np.diag(np.sqrt(RIDGE * (matrix**2).sum(axis=0)))
+            ridge = np.diag(np.sqrt(OPTIONS.stacking_ridge * (matrix**2).sum(axis=0)))
             step = np.linalg.lstsq(
                 np.concatenate([matrix, ridge]), np.concatenate([side, np.zeros(3)]), rcond=None
             )[0]
             expected[:, frame][..., axes] += np.tensordot(step, away, 1)
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-8)
-    assert np.abs(found - mixed).max() > 0.5  # the regression is no small matter here
+    assert np.abs(found - mixed).max() > 0.5  # the regression changes the result
 
 
 def test_windows_of_little_weight_do_not_choose_the_curve() -> None:
@@ -97,15 +94,18 @@ def test_windows_of_little_weight_do_not_choose_the_curve() -> None:
     blackout = rng.normal(0.0, 10.0, (2, 1, INSIDE, MARKERS, 3))
     curves = np.concatenate([blackout, truth + np.where(right, 0.0, noise)], axis=1)
     for favoured, weight in ((0, np.where(first, 1.0, 0.05)), (1, np.where(first, 0.05, 1.0))):
-        away = np.linalg.norm(mix(curves, truth, weight)[0] - blackout[:, 0], axis=-1).mean((1, 2))
+        stacked = stack_curves(curves, truth, weight, OPTIONS)[0]
+        away = np.linalg.norm(stacked - blackout[:, 0], axis=-1).mean((1, 2))
         assert away[favoured] < 0.2 * away[1 - favoured]
 
 
 # --- correction ---
 
 
-def problem(seed: int, explained: float) -> tuple[Windows, np.ndarray, np.ndarray, np.ndarray]:
-    """Windows and errors of the curves there, of which the edges explain a part."""
+def problem(
+    seed: int, explained: float
+) -> tuple[BlackoutWindows, np.ndarray, np.ndarray, np.ndarray]:
+    """Windows, and errors of their curves, which the edges explain in part."""
     rng = np.random.default_rng(seed)
     count = 1 + 14
     edges = rng.normal(0.0, 50.0, (count, 6))
@@ -118,27 +118,27 @@ def problem(seed: int, explained: float) -> tuple[Windows, np.ndarray, np.ndarra
 
 
 def refitted(
-    windows: Windows, wrong: np.ndarray, scale: np.ndarray, weight: np.ndarray
+    windows: BlackoutWindows, wrong: np.ndarray, scale: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The correction and what it leaves wrong, each window being left out and all solved again."""
+    """The correction and its residuals, solved again without each window."""
     count = len(wrong)
     features = windows.edges - windows.edges[1:].mean(axis=0)
     features = features / np.sqrt((features[1:] ** 2).sum(axis=1).mean())
     away = ((features[:, None] - features) ** 2).sum(axis=2)
     part = weight / np.sqrt((weight**2).sum())
     predictions, errors = [], []
-    for length in SCALES:
-        kernel = LINEAR * features @ features.T + np.exp(-away / (2 * length**2)) + CONSTANT
-        for noise in NOISES:
-            for power in POWERS:
+    for length in (0.4, 0.7):
+        kernel = 0.1 * features @ features.T + np.exp(-away / (2 * length**2)) + 1.0
+        for noise in (0.1, 0.5):
+            for power in OPTIONS.correction_exponents:
                 by = scale**power
 
                 def predict(
-                    asked: Any, rows: np.ndarray, k: Any = kernel, noise: Any = noise, by: Any = by
+                    window: Any, rows: np.ndarray, k: Any = kernel, noise: Any = noise, by: Any = by
                 ) -> np.ndarray:
                     matrix = k[np.ix_(rows, rows)] + noise * np.eye(len(rows))
                     values = wrong[rows - 1] / by[rows, None]
-                    return by[asked] * (k[asked, rows] @ np.linalg.solve(matrix, values))
+                    return by[window] * (k[window, rows] @ np.linalg.solve(matrix, values))
 
                 everyone = np.arange(1, 1 + count)
                 out = [predict(w, everyone[everyone != w]) for w in everyone]
@@ -147,7 +147,7 @@ def refitted(
                 errors.append(np.sqrt(((part[:, None] * left) ** 2).sum()))
     predictions.append((np.zeros(wrong.shape[1]), np.zeros_like(wrong)))
     errors.append(np.sqrt(((part[:, None] * wrong) ** 2).sum()))
-    share = np.array(errors) ** -SHARPNESS
+    share = np.array(errors) ** -8.0
     share /= share.sum()
     correction, fitted = (
         sum(s * p[i] for s, p in zip(share, predictions, strict=True)) for i in (0, 1)
@@ -163,7 +163,7 @@ def refitted(
 @pytest.mark.parametrize("explained", [0.0, 0.15, 1.0])
 def test_the_correction_matches_refitting_without_each_window(explained: float) -> None:
     windows, wrong, scale, weight = problem(0, explained)
-    correction, left = correct(windows, wrong, scale, weight, 10)
+    correction, left = correct_from_edges(windows, wrong, scale, weight, 10, OPTIONS)
     expected, expected_left = refitted(windows, wrong, scale, weight)
     np.testing.assert_allclose(correction, expected, atol=1e-3)
     np.testing.assert_allclose(left, expected_left, atol=1e-3)
@@ -176,9 +176,9 @@ def test_the_correction_is_scaled_by_its_cross_validated_gain() -> None:
         found = []
         for seed in range(5):
             windows, wrong, scale, weight = problem(seed, explained)
-            correction, left = correct(windows, wrong, scale, weight, 10)
+            correction, left = correct_from_edges(windows, wrong, scale, weight, 10, OPTIONS)
             square = weight[:, None] ** 2
-            # on the windows that it was chosen on, never worse than no correction
+            # on the windows that determine the gain, never worse than no correction
             assert (square * left**2).sum() <= (square * wrong**2).sum() * (1 + 1e-9)
             found.append(np.sqrt((correction**2).mean()) / np.sqrt((wrong**2).mean()))
         return float(np.median(found))
@@ -187,7 +187,7 @@ def test_the_correction_is_scaled_by_its_cross_validated_gain() -> None:
     assert kept(0.0) < 0.1
 
 
-def turned_problem() -> tuple[Windows, np.ndarray, np.ndarray]:
+def turned_problem() -> tuple[BlackoutWindows, np.ndarray, np.ndarray]:
     """Curves that err by 5 mm along the body's x axis for each unit of an edge feature."""
     rng = np.random.default_rng(3)
     count = 1 + 30
@@ -205,7 +205,7 @@ def turned_problem() -> tuple[Windows, np.ndarray, np.ndarray]:
 
 def test_errors_of_the_curves_are_predicted_from_the_edges_at_any_heading() -> None:
     windows, curves, truth = turned_problem()
-    found, expected_rms = _learn(windows, curves, stencil())
+    found, expected_rms = _from_windows(windows, curves, layout(), OPTIONS)
     # of 30 mm
     away = np.linalg.norm(found - truth, axis=-1).mean()
     assert away < 8.0
@@ -215,7 +215,7 @@ def test_errors_of_the_curves_are_predicted_from_the_edges_at_any_heading() -> N
 # --- similar windows ---
 
 
-def two_kinds() -> tuple[Windows, np.ndarray]:
+def two_kinds() -> tuple[BlackoutWindows, np.ndarray]:
     """Quiet windows, in which the first curve is right, and lively ones, where the second is.
 
     The two curves are 20 mm apart in the blackout and in the quiet windows, 200 mm in the lively
@@ -238,7 +238,7 @@ def two_kinds() -> tuple[Windows, np.ndarray]:
 
 def test_windows_whose_curves_disagree_as_the_blackouts_do_count_most() -> None:
     windows, curves = two_kinds()
-    found, expected_rms = _learn(windows, curves, stencil())
+    found, expected_rms = _from_windows(windows, curves, layout(), OPTIONS)
     away = [np.linalg.norm(found - curve[0], axis=-1).mean() for curve in curves]
     # with equal weights both would be 10 mm
     assert away[0] < 5.0 < 15.0 < away[1]
@@ -259,13 +259,23 @@ def test_the_mirror_image_is_correlated_with_the_clip_but_not_the_same() -> None
     group = root_group(positions, list(range(MARKERS)))
     assert group is not None
     contralateral = np.array([1, 0, 3, 2])
-    windows = gather(
-        [Recording(positions)], np.arange(MARKERS), contralateral, 90, stencil(), group
+    windows = collect_windows(
+        [WindowSource(positions)],
+        np.arange(MARKERS),
+        MirrorImage(contralateral, 0.95),
+        90,
+        layout(),
+        group,
+        OPTIONS,
     )
-    own, image = windows.source == 0, windows.source == 1
+    own, image = windows.own, windows.own_image
     assert image.sum() == own.sum() - 1 > 10
-    assert set(windows.kinship[own]) == {1.0}
-    assert ((windows.kinship[image] > 0.5) & (windows.kinship[image] < 0.99)).all()
+    np.testing.assert_array_equal(own, ~image)
+    assert set(windows.correlation[own]) == {1.0}
+    assert set(windows.correlation[image]) == {0.95}
+    between = windows.source_correlation()
+    assert set(between[np.ix_(own, own)].ravel()) == {1.0}
+    assert set(between[np.ix_(own, image)].ravel()) == {0.95}
     np.testing.assert_allclose(
         windows.inside[image], windows.inside[own][1:, :, contralateral] * [-1.0, 1.0, 1.0]
     )

@@ -15,7 +15,7 @@ import priorfill as pf
 from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
 from priorfill.geometry.root_frames import heading_frames, rigid_frames
-from priorfill.gp.features import ALIGNMENT_FLOOR
+from priorfill.gp.features import MIN_ALIGNMENT_WEIGHT
 from priorfill.markers.describe import describe
 from priorfill.methods.gpr.dropout import DropoutOptions, DropoutPredictor, MultiSubjectKernel
 from priorfill.methods.gpr.dropout.donors import Donor
@@ -24,8 +24,7 @@ from priorfill.methods.gpr.dropout.predict_from_donors import (
     predict_from_donors,
     predict_with_each_model,
 )
-from priorfill.methods.gpr.dropout.subjects import THIS_CLIP
-from priorfill.methods.task import Task
+from priorfill.methods.task import THIS_CLIP, Task
 from priorfill.search.takes import same_subject_take
 
 OPTIONS = DropoutOptions()
@@ -157,20 +156,20 @@ def test_each_model_matches_the_textbook_formulas(own: bool) -> None:
         for group in sorted(groups)
     ]
     number = 0
-    for view in OPTIONS.alignments:
-        nearness = np.exp(-(coupling.distance**2) / (2.0 * view.reach**2))
-        firmness = np.ones(VISIBLE)
-        if view.slack is not None:
-            firmness = 1.0 / (1.0 + (coupling.spread / view.slack) ** 2)
-        align = rigid_frames if view.frame == "rigid" else heading_frames
-        template, alignment = query[len(query) // 2], nearness * firmness + ALIGNMENT_FLOOR
-        weight = (nearness * np.sqrt(firmness) + view.floor)[:, None]
-        row_frames, query_frames = (align(p, template, alignment) for p in (visible, query))
+    for alignment in OPTIONS.alignments:
+        near = np.exp(-(coupling.distance**2) / (2.0 * alignment.length_scale**2))
+        rigidity = np.ones(VISIBLE)
+        if alignment.rigidity_scale is not None:
+            rigidity = 1.0 / (1.0 + (coupling.spread / alignment.rigidity_scale) ** 2)
+        align = rigid_frames if alignment.frame == "rigid" else heading_frames
+        template, in_alignment = query[len(query) // 2], near * rigidity + MIN_ALIGNMENT_WEIGHT
+        weight = (near * np.sqrt(rigidity) + alignment.min_weight)[:, None]
+        row_frames, query_frames = (align(p, template, in_alignment) for p in (visible, query))
         known = (row_frames.to_local(visible) * weight).reshape(len(visible), -1)
-        asked = (query_frames.to_local(query) * weight).reshape(len(query), -1)
+        queries = (query_frames.to_local(query) * weight).reshape(len(query), -1)
         middle = known.mean(axis=0)
         scale = np.sqrt(((known - middle) ** 2).sum(axis=1).mean())
-        known, asked = (known - middle) / scale, (asked - middle) / scale
+        known, queries = (known - middle) / scale, (queries - middle) / scale
         targets = row_frames.to_local(missing)[:, 0]
         centre = (targets[mine] if own else targets).mean(axis=0)
         for process in OPTIONS.processes:
@@ -195,7 +194,7 @@ def test_each_model_matches_the_textbook_formulas(own: bool) -> None:
             noise = np.where(mine, 0.1, 1.0) * process.noise_variance
             matrix = np.array([[covariance(a, b, i, j) for b, j in rows] for a, i in rows])
             matrix += np.diag(noise)
-            cross = np.array([[covariance(q, b, len(donors), j) for b, j in rows] for q in asked])
+            cross = np.array([[covariance(q, b, len(donors), j) for b, j in rows] for q in queries])
             expected = cross @ np.linalg.solve(matrix, targets - centre) + centre
             local = query_frames.to_local(found.positions[number])[:, 0]
             np.testing.assert_allclose(local, expected, atol=1e-6)
@@ -210,7 +209,7 @@ def test_each_model_matches_the_textbook_formulas(own: bool) -> None:
             square = (np.concatenate(residuals) ** 2).sum(axis=1)
             assert found.errors[number] == pytest.approx(np.sqrt(square.mean()))
             unit = (square / np.concatenate(variances)).mean()
-            itself = np.array([covariance(q, q, len(donors), len(donors)) for q in asked])
+            itself = np.array([covariance(q, q, len(donors), len(donors)) for q in queries])
             left = itself - np.einsum("qr,rq->q", cross, np.linalg.solve(matrix, cross.T))
             np.testing.assert_allclose(
                 found.variance[number, :, 0], unit * (left + noise.min()), rtol=1e-6

@@ -1,101 +1,123 @@
-"""Correct a mixture of curves by what it gets wrong in windows with edges like the blackout's."""
+"""Correct the curve through a blackout by its errors in windows with similar edges."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.gp.linalg import shares, squared_distances
-from priorfill.methods.gpr.blackout.stacking import SHARPNESS
-from priorfill.methods.gpr.blackout.windows import FEWEST_WINDOWS, Windows
+from priorfill.gp.kernels import Pairs
+from priorfill.gp.linalg import power_weights
+from priorfill.methods.gpr.blackout.options import BlackoutOptions
+from priorfill.methods.gpr.blackout.windows import BlackoutWindows
 
-__all__ = ["correct"]
+__all__ = ["correct_from_edges"]
 
 _Floats = NDArray[np.float64]
 
-LINEAR, CONSTANT = 0.1, 1.0
-"""Parts of the kernel beside the radial one, which has 1."""
 
-SCALES = (0.4, 0.7)
-"""Length scales of the radial kernel, in units of the windows' rms distance from their mean."""
-
-NOISES = (0.1, 0.5)
-"""Variance of what the edges do not tell, in units of the kernel."""
-
-POWERS = (0.5, 1.0)
-"""What the curves get wrong grows with how far they disagree to about this power."""
-
-
-def correct(
-    windows: Windows, wrong: _Floats, scale: _Floats, weight: _Floats, apart: int
+def correct_from_edges(
+    windows: BlackoutWindows,
+    errors: _Floats,
+    scale: _Floats,
+    weight: _Floats,
+    min_distance: int,
+    options: BlackoutOptions,
 ) -> tuple[_Floats, _Floats]:
-    """Predict from the edges what the mixture gets wrong.
+    """Predict the error of the blackout's curve from the edges, by Gaussian processes.
+
+    Models, one for each process and exponent of the scale, are weighted by their error on held-out
+    windows, with no correction among them. Their mean is multiplied by its cross-validated gain:
+    the slope of the regression of the errors on their held-out predictions, within [0, 1].
 
     Parameters
     ----------
-    windows : Windows
+    windows : BlackoutWindows
         The blackout and the windows.
-    wrong : ndarray [shape=(windows, values), mm]
-        What is wrong in the windows, in root frames.
+    errors : ndarray [shape=(windows, values), mm]
+        Errors of the curves in the windows, in root frames.
     scale : ndarray [shape=(1 + windows,)]
-        How much is to be expected to be wrong.
+        Relative size of the errors to be expected, of the blackout first.
     weight : ndarray [shape=(windows,)]
-        How much each counts when it is judged.
-    apart : int
-        Windows of the clip and its mirror image that start nearer than this share frames.
+        Factor of each window's residuals in the cross-validation.
+    min_distance : int
+        Windows of one recording that start at a smaller distance (frames) have frames in common.
+    options : BlackoutOptions
+        Processes, exponents, and ``weight_power``.
 
     Returns
     -------
     correction : ndarray [shape=(values,), mm]
         For the blackout, in its root frame.
-    left : ndarray [shape=(judged windows, values), mm]
-        What would be left wrong in the clip's own windows, or in all if it has too few.
+    residuals : ndarray [shape=(scored windows, values), mm]
+        What the correction would leave of the errors, cross-validated on the clip's own windows, or
+        on all where it has fewer than ``options.min_windows``.
     """
-    own = windows.source[1:] == 0
-    judged = np.flatnonzero(own) if own.sum() >= FEWEST_WINDOWS else np.arange(len(own))
-    blocks = _blocks(windows, judged, apart)
+    scored = np.flatnonzero(windows.scored(options.min_windows))
+    neighbours = _overlapping(windows, scored, min_distance)
     features = windows.edges - windows.edges[1:].mean(axis=0)
     features /= np.sqrt((features[1:] ** 2).sum(axis=1).mean()) + np.finfo(float).eps
+    predictions, residuals = [np.zeros(errors.shape[1])], [errors[scored]]
+    for prediction, left in _models(windows, features, errors, scale, scored, neighbours, options):
+        predictions.append(prediction)
+        residuals.append(left)
+    share = weight[scored, None] / np.sqrt((weight[scored] ** 2).sum())
+    rms = np.sqrt([((share * r) ** 2).sum() for r in residuals]) + np.finfo(float).eps
+    by_model = power_weights(rms, options.weight_power)
+    predicted = errors[scored] - np.tensordot(by_model, np.array(residuals), 1)
+    slope = float((share**2 * predicted * errors[scored]).sum())
+    slope /= float(((share * predicted) ** 2).sum() + np.finfo(float).eps)
+    gain = min(max(slope, 0.0), 1.0)
+    correction: _Floats = gain * (by_model @ np.array(predictions))
+    return correction, errors[scored] - gain * predicted
+
+
+def _models(
+    windows: BlackoutWindows,
+    features: _Floats,
+    errors: _Floats,
+    scale: _Floats,
+    scored: NDArray[np.intp],
+    neighbours: Sequence[NDArray[np.intp]],
+    options: BlackoutOptions,
+) -> list[tuple[_Floats, _Floats]]:
+    """Return each model's prediction for the blackout, and its held-out residuals."""
     product = features @ features.T
     square = np.diag(product)
-    away = squared_distances(product, square, square)
-    kin = windows.kinship[:, None] * windows.kinship
-    kin = np.where(windows.source[:, None] == windows.source, 1.0, kin)
-    predictions, residuals = [], []
-    for length in SCALES:
-        kernel = (LINEAR * product + np.exp(-away / (2.0 * length**2)) + CONSTANT) * kin
-        for noise in NOISES:
-            inverse = np.linalg.inv(kernel[1:, 1:] + noise * np.eye(len(own)))
-            for power in POWERS:
-                by = scale**power
-                scaled = inverse @ (wrong / by[1:, None])
-                predictions.append(by[0] * (kernel[0, 1:] @ scaled))
-                left = np.empty((len(judged), wrong.shape[1]))
-                for row, (window, block) in enumerate(zip(judged, blocks, strict=True)):
-                    rest = np.linalg.solve(inverse[np.ix_(block, block)], scaled[block])
-                    left[row] = by[1 + window] * rest[np.searchsorted(block, window)]
-                residuals.append(left)
-    predictions.append(np.zeros(wrong.shape[1]))
-    residuals.append(wrong[judged])
-    part = weight[judged, None] / np.sqrt((weight[judged] ** 2).sum())
-    error = np.sqrt([((part * r) ** 2).sum() for r in residuals]) + np.finfo(float).eps
-    share = shares(error, SHARPNESS)
-    correction = share @ np.array(predictions)
-    left = np.tensordot(share, np.array(residuals), 1)
-    # as much of it as helps in the windows
-    said = wrong[judged] - left
-    explained = float((part**2 * said * wrong[judged]).sum())
-    gain = explained / float(((part * said) ** 2).sum() + np.finfo(float).eps)
-    gain = min(max(gain, 0.0), 1.0)
-    return gain * correction, wrong[judged] - gain * said
+    correlation = windows.source_correlation()
+    count = len(errors)
+    train = Pairs((count, count), correlation=correlation[1:, 1:])
+    train = train.with_features(product[1:, 1:], square[1:], square[1:])
+    cross = Pairs((1, count), correlation=correlation[:1, 1:])
+    cross = cross.with_features(product[:1, 1:], square[:1], square[1:])
+    sizes = [scale**exponent for exponent in options.correction_exponents]
+    # one matrix serves all exponents, which only change the targets
+    targets = np.concatenate([errors / size[1:, None] for size in sizes], axis=1)
+    models = []
+    for process in options.correction_processes:
+        fitted = process.fit(train, targets)
+        mean = np.split(fitted.predict(cross)[0][0], len(sizes))
+        left = np.split(fitted.leave_neighbours_out(scored, neighbours)[0], len(sizes), axis=1)
+        models += [
+            (size[0] * m, size[1 + scored, None] * r)
+            for size, m, r in zip(sizes, mean, left, strict=True)
+        ]
+    return models
 
 
-def _blocks(windows: Windows, judged: NDArray[np.intp], apart: int) -> list[NDArray[np.intp]]:
-    """Return for each judged window those that are left out with it, which share its frames."""
-    here = windows.source[1:] <= 1
-    time = windows.start[1:]
-    blocks = []
-    for window in judged:
-        same = here if here[window] else windows.source[1:] == windows.source[1 + window]
-        blocks.append(np.flatnonzero(same & (np.abs(time - time[window]) < apart)))
-    return blocks
+def _overlapping(
+    windows: BlackoutWindows, scored: NDArray[np.intp], min_distance: int
+) -> list[NDArray[np.intp]]:
+    """Return for each scored window those that have frames in common with it, and itself.
+
+    The clip and its mirror image have the same frames.
+    """
+    own = (windows.own | windows.own_image)[1:]
+    source, start = windows.source[1:], windows.start[1:]
+    overlapping = []
+    for window in scored:
+        same = own if own[window] else source == source[window]
+        near = np.abs(start - start[window]) < min_distance
+        overlapping.append(np.flatnonzero(same & near))
+    return overlapping

@@ -14,7 +14,7 @@ from priorfill.geometry.root_frames import RootGroup
 from priorfill.methods.gpr.blackout.options import BlackoutOptions
 from priorfill.methods.gpr.blackout.windows import WindowSource
 from priorfill.methods.gpr.gap_segments import MIN_VISIBLE
-from priorfill.methods.gpr.pose_search import DATABASE_RATE, PoseSearch
+from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.task import Task, take_names
 from priorfill.search.bank import PoseBank
 
@@ -108,14 +108,14 @@ def similar_windows(
     edges = [frame for frame in (start - 1, stop) if 0 <= frame < len(clip)]
     markers = np.flatnonzero(np.logical_and.reduce(~np.isnan(clip[edges, :, 0])))
     root = task.root_among(markers) if len(markers) >= MIN_VISIBLE else None
-    if root is None or not task.takes or not search.shown_with(markers)[markers].all():
+    if root is None or not task.takes or not search.common_markers(markers)[markers].all():
         return [], ()
     by = markers[evenly_spaced(len(markers), options.search_markers)]
-    bank = search.bank(root, by, markers, DATABASE_RATE)
+    bank = search.bank(root, by, markers, search.options.rate)
     if not len(bank):
         return [], ()
     matches: list[_Match] = []
-    for rate in np.unique(bank.rates(bank.rows)):  # some recordings are slower than DATABASE_RATE
+    for rate in np.unique(bank.rates(bank.rows)):
         span = _Span.of(start, stop, len(clip), task.rate, float(rate), options.edge_seconds)
         rows = _candidates(bank, root, span, clip, options.edge_neighbours)
         distance = _edge_distances(bank, root, span, clip, markers, rows)
@@ -158,9 +158,9 @@ def _candidates(
     begin = begin[begin + span.first >= 0]
     first = begin + span.first
     # moved() returns the row itself where the recording ends earlier
-    complete = bank.moved(first, span.last - span.first) != first
+    complete = bank.shifted(first, span.last - span.first) != first
     if span.first < 0:
-        complete &= bank.moved(first, -span.first) == begin
+        complete &= bank.shifted(first, -span.first) == begin
     chosen: NDArray[np.intp] = begin[complete]
     return chosen
 

@@ -1,4 +1,4 @@
-"""Lead the pieces of a task through blackouts."""
+"""Predict the gap segments of a task that are blackouts."""
 
 from __future__ import annotations
 
@@ -8,102 +8,139 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.methods.gpr.blackout.database_windows import similar_movements
-from priorfill.methods.gpr.blackout.predict_blackout import fill_blackout
-from priorfill.methods.gpr.blackout.windows import Recording
-from priorfill.methods.gpr.gap_segments import Piece
-from priorfill.methods.gpr.options import GPROptions
+from priorfill.methods.gpr.blackout.database_windows import similar_windows
+from priorfill.methods.gpr.blackout.options import BlackoutOptions
+from priorfill.methods.gpr.blackout.predict_blackout import predict_blackout
+from priorfill.methods.gpr.blackout.windows import MirrorImage, WindowSource
+from priorfill.methods.gpr.gap_segments import GapSegment
 from priorfill.methods.gpr.pose_search import PoseSearch
-from priorfill.methods.gpr.prediction import Prediction
+from priorfill.methods.gpr.prediction import SegmentPrediction
+from priorfill.methods.gpr.training.subject_correlation import (
+    SubjectCorrelationOptions,
+    take_correlations,
+)
 from priorfill.methods.task import Task
 
-__all__ = ["Blackouts"]
+__all__ = ["BlackoutPredictor"]
 
 
-class Blackouts:
-    """Fills the blackouts of one task.
+class BlackoutPredictor:
+    """Predicts the blackouts of one task.
 
     Parameters
     ----------
     task : Task
-        The clip and the takes to learn from.
+        The clip and the takes.
     search : PoseSearch
         Of these takes.
-    options : GPROptions
-        How many stretches of them.
+    options : BlackoutOptions
+        Windows and models.
+    correlations : SubjectCorrelationOptions
+        Of other subjects and of the mirror image with the clip's subject.
+
+    See Also
+    --------
+    priorfill.methods.gpr.dropout.DropoutPredictor : Where other markers are visible.
     """
 
-    def __init__(self, task: Task, search: PoseSearch, options: GPROptions) -> None:
+    def __init__(
+        self,
+        task: Task,
+        search: PoseSearch,
+        options: BlackoutOptions,
+        correlations: SubjectCorrelationOptions,
+    ) -> None:
         self.task = task
+        self._image = MirrorImage(task.contralateral, correlations.mirror_image)
+        self._take_correlations = take_correlations(task.takes, search.subjects, correlations)
         self._search = search
         self._options = options
 
-    def lead_through(
-        self, pieces: Sequence[Piece], completed: NDArray[np.float64]
-    ) -> list[Prediction]:
-        """Lead pieces through a blackout together.
+    def predict(
+        self, segments: Sequence[GapSegment], completed: NDArray[np.float64]
+    ) -> list[SegmentPrediction]:
+        """Predict the gap segments of one blackout together.
 
         Parameters
         ----------
-        pieces : sequence of Piece
-            Their frames overlap, and no three markers are visible in them.
+        segments : sequence of GapSegment
+            Segments with overlapping frames, in which fewer than three markers are visible.
         completed : ndarray [shape=(frames, markers, 3), mm]
-            The clip, filled but for blackouts.
+            The clip, filled except in blackouts.
 
         Returns
         -------
-        list of Prediction
-            One for each piece, or for some of its markers; for what is seen on neither side, none.
+        list of SegmentPrediction
+            One for each segment, or for some of its markers; none for markers that are visible on
+            neither side.
         """
-        start, stop = min(p.start for p in pieces), max(p.stop for p in pieces)
+        start, stop = min(s.start for s in segments), max(s.stop for s in segments)
         clip = completed
-        if any(p.start > start or p.stop < stop for p in pieces):
+        if any(s.start > start or s.stop < stop for s in segments):
             clip = completed.copy()
             clip[start:stop] = np.nan
-        others, takes = similar_movements(self.task, self._search, self._options, clip, start, stop)
-        wanted = np.unique(np.concatenate([p.markers for p in pieces]))
-        positions, expected_rms, windows = self._lead(
-            [Recording(clip), *others], start, stop, wanted
+        others, takes = similar_windows(
+            self.task, self._search, self._options, self._take_correlations, clip, start, stop
         )
-        how = "similar movements of the clip" if windows else "interpolation over time"
-        how += self.task.and_sources(takes, "the database") if windows else ""
+        wanted = np.unique(np.concatenate([s.markers for s in segments]))
+        positions, expected_rms, windows = self._predict_markers(
+            [WindowSource(clip), *others], start, stop, wanted
+        )
+        source, clips = "interpolation over time", [self.task.name]
+        if windows:
+            source = "similar movements of the clip"
+            source += self.task.and_sources(takes, "the database")
+            clips += takes
         predictions = []
-        for piece in pieces:
-            inside = slice(piece.start - start, piece.stop - start)
-            markers = piece.markers[~np.isnan(positions[inside, piece.markers, 0]).any(axis=0)]
-            if len(markers):
-                predictions.append(
-                    Prediction(
-                        replace(piece, markers=markers),
-                        piece.start,
-                        positions[inside, markers]
-                        + _steps(positions[:, markers], completed, piece, start, markers),
-                        expected_rms[inside, markers],
-                        complete=True,
-                        how=how,
-                        takes=(self.task.name, *(takes if windows else ())),
-                        poses=windows,
-                    )
+        for segment in segments:
+            inside = slice(segment.start - start, segment.stop - start)
+            known = ~np.isnan(positions[inside, segment.markers, 0]).any(axis=0)
+            markers = segment.markers[known]
+            if not len(markers):
+                continue
+            offset = _edge_offsets(positions[:, markers], completed, segment, start, markers)
+            predictions.append(
+                SegmentPrediction(
+                    replace(segment, markers=markers),
+                    segment.start,
+                    positions[inside, markers] + offset,
+                    expected_rms[inside, markers],
+                    complete=True,
+                    source=source,
+                    source_clips=tuple(clips),
+                    training_poses=windows,
                 )
+            )
         return predictions
 
-    def _lead(
-        self, recordings: Sequence[Recording], start: int, stop: int, wanted: NDArray[np.intp]
+    def _predict_markers(
+        self, sources: Sequence[WindowSource], start: int, stop: int, wanted: NDArray[np.intp]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
-        """Return positions and deviations of all markers, NaN where unknown, and windows used."""
+        """Predict all markers of a blackout.
+
+        Those visible on both sides come first, then those visible on one side only.
+
+        Returns
+        -------
+        positions : ndarray [shape=(frames, markers, 3), mm]
+            NaN for markers that are visible on neither side.
+        expected_rms : ndarray [shape=(frames, markers), mm]
+        windows : int
+            Greatest number of windows used.
+        """
         shape = (stop - start, len(self.task.labels))
         positions, expected_rms = np.full((*shape, 3), np.nan), np.full(shape, np.nan)
         windows = 0
-        # markers that are seen on one side only are led on when those seen on both are done
         while len(wanted):
-            found = fill_blackout(
-                recordings,
+            found = predict_blackout(
+                sources,
                 start,
                 stop,
                 self.task.rate,
                 self.task.root_among,
-                self.task.contralateral,
+                self._image,
                 wanted,
+                self._options,
             )
             if found is None:
                 break
@@ -117,21 +154,41 @@ class Blackouts:
         return positions, expected_rms, windows
 
 
-def _steps(
-    found: NDArray[np.float64],
+def _edge_offsets(
+    positions: NDArray[np.float64],
     completed: NDArray[np.float64],
-    piece: Piece,
+    segment: GapSegment,
     start: int,
     markers: NDArray[np.intp],
 ) -> NDArray[np.float64]:
-    """Return what joins what was found from ``start`` on to a shorter piece's own edges."""
-    frames = np.arange(piece.start, piece.stop)
-    away = []
-    for frame in (piece.start - 1, piece.stop):
-        step = np.full((len(markers), 3), np.nan)
-        if start <= frame < start + len(found):
-            step = completed[frame, markers] - found[frame - start]
-        away.append(np.where(np.isnan(step), 0.0, step))
-    share = (frames - (piece.start - 1)) / (len(frames) + 1)
-    joined: NDArray[np.float64] = away[0] + share[:, None, None] * (away[1] - away[0])
-    return joined
+    """Return what joins a segment shorter than its blackout to the samples at its own edges.
+
+    Parameters
+    ----------
+    positions : ndarray [shape=(frames of the blackout, markers, 3), mm]
+        Predicted.
+    completed : ndarray [shape=(frames, all markers, 3), mm]
+        The clip, filled except in blackouts.
+    segment : GapSegment
+        The segment.
+    start : int
+        First frame of the blackout.
+    markers : ndarray of int
+        Markers of the segment that are predicted.
+
+    Returns
+    -------
+    ndarray [shape=(frames of the segment, markers, 3), mm]
+        The differences at its two edges, interpolated linearly; 0 at an edge of the blackout.
+    """
+    frames = np.arange(segment.start, segment.stop)
+    differences = []
+    for frame in (segment.start - 1, segment.stop):
+        difference = np.full((len(markers), 3), np.nan)
+        if start <= frame < start + len(positions):
+            difference = completed[frame, markers] - positions[frame - start]
+        differences.append(np.where(np.isnan(difference), 0.0, difference))
+    share = (frames - (segment.start - 1)) / (len(frames) + 1)
+    before, after = differences
+    offset: NDArray[np.float64] = before + share[:, None, None] * (after - before)
+    return offset

@@ -4,38 +4,36 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["BlackoutOptions", "CurveProcess"]
+from priorfill.gp.kernels import (
+    RBF,
+    Constant,
+    Linear,
+    Matern32,
+    Matern52,
+    Matern72,
+    SubjectCorrelation,
+)
+from priorfill.gp.process import GaussianProcess
+from priorfill.methods.options import check_at_least, check_between
 
+__all__ = ["BlackoutOptions"]
 
-@dataclass(frozen=True)
-class CurveProcess:
-    """Gaussian process in time that gives a curve through a blackout.
+_CURVE_PROCESSES = (
+    GaussianProcess(Matern52(time_scale=0.3), noise_variance=1e-7),
+    GaussianProcess(Matern52(time_scale=0.5), noise_variance=1e-7),
+    GaussianProcess(Matern52(time_scale=1.0), noise_variance=1e-7),
+    GaussianProcess(Matern52(time_scale=0.3), noise_variance=1e-5),
+    GaussianProcess(Matern52(time_scale=0.2), noise_variance=1e-5),
+    GaussianProcess(Matern52(time_scale=0.3), noise_variance=1e-4),
+    GaussianProcess(Matern72(time_scale=0.2), noise_variance=1e-7),
+    GaussianProcess(Matern72(time_scale=0.2), noise_variance=1e-6),
+    GaussianProcess(Matern32(time_scale=0.3), noise_variance=1e-7),
+)
 
-    Attributes
-    ----------
-    smoothness : {1.5, 2.5, 3.5}
-        Of its Matérn covariance.
-    time_scale : float
-        s.
-    noise_variance : float
-        In units of the variance of the process.
-    """
-
-    smoothness: float
-    time_scale: float
-    noise_variance: float
-
-
-_PROCESSES = (
-    CurveProcess(smoothness=2.5, time_scale=0.3, noise_variance=1e-7),
-    CurveProcess(smoothness=2.5, time_scale=0.5, noise_variance=1e-7),
-    CurveProcess(smoothness=2.5, time_scale=1.0, noise_variance=1e-7),
-    CurveProcess(smoothness=2.5, time_scale=0.3, noise_variance=1e-5),
-    CurveProcess(smoothness=2.5, time_scale=0.2, noise_variance=1e-5),
-    CurveProcess(smoothness=2.5, time_scale=0.3, noise_variance=1e-4),
-    CurveProcess(smoothness=3.5, time_scale=0.2, noise_variance=1e-7),
-    CurveProcess(smoothness=3.5, time_scale=0.2, noise_variance=1e-6),
-    CurveProcess(smoothness=1.5, time_scale=0.3, noise_variance=1e-7),
+_CORRECTION_PROCESSES = tuple(
+    GaussianProcess((0.1 * Linear() + RBF(length_scale) + Constant()) * SubjectCorrelation(), noise)
+    for length_scale in (0.4, 0.7)
+    for noise in (0.1, 0.5)
 )
 
 
@@ -61,13 +59,13 @@ class BlackoutOptions:
     min_inside_frames, max_inside_frames : int
         Limits of the number of frames at which it is learnt. A second away from either edge only
         the coarse shape is predictable.
-    processes : tuple of CurveProcess
-        Processes whose predictions are the curves through a blackout with two edges; the first is
-        the curve where no windows are available. Noisy and smooth recordings, and long and short
-        blackouts, need different ones.
+    curve_processes : tuple of GaussianProcess
+        Processes in time (s) whose predictions are the curves through a blackout with two edges;
+        the first gives the base curve, to which everything else is a correction. Noisy and smooth
+        recordings, and long and short blackouts, need different ones.
     marker_decay_seconds : tuple of float
         s. Decay times of a marker's velocity, one curve each, for a blackout with one edge; the
-        first is the curve where no windows are available.
+        first gives the base curve.
     common_decay_seconds : tuple of float
         s. Decay times of the mean velocity of all markers, one further curve each.
     velocity_fit_seconds : float
@@ -104,17 +102,12 @@ class BlackoutOptions:
         Curves, and corrections, are weighted by their error to the power of minus this.
     stacking_ridge : float
         Ridge penalty of the stacking weights, in units of each curve's own sum of squares.
-    correction_linear_variance, correction_constant_variance : float
-        Variances of the linear and constant parts of the correction's covariance; that of its
-        squared-exponential part is 1.
-    correction_length_scales : tuple of float
-        Length scales of the squared-exponential part, in units of the rms distance of the windows'
-        edge features from their mean.
-    correction_noise_variances : tuple of float
-        Variances of what the edges do not explain.
-    correction_scale_exponents : tuple of float
-        The errors of the curves are proportional to about this power of their disagreement.
-        Corrections are made for each length scale, noise variance and exponent.
+    correction_processes : tuple of GaussianProcess
+        Processes that predict the errors of the curves from the edge features, whose unit is their
+        rms distance from the mean of all windows.
+    correction_exponents : tuple of float
+        The errors of the curves are proportional to about this power of their disagreement. Each
+        process is used with each exponent.
     scale_log_std : float
         Windows are weighted by a normal density of the logarithm of their disagreement relative
         to the blackout's; this is its standard deviation.
@@ -141,7 +134,7 @@ class BlackoutOptions:
     inside_rate: float = 20.0
     min_inside_frames: int = 3
     max_inside_frames: int = 60
-    processes: tuple[CurveProcess, ...] = _PROCESSES
+    curve_processes: tuple[GaussianProcess, ...] = _CURVE_PROCESSES
     marker_decay_seconds: tuple[float, ...] = (0.2, 0.05, 0.1, 0.4, 1.0)
     common_decay_seconds: tuple[float, ...] = (0.3, 1.0, 4.0)
     velocity_fit_seconds: float = 0.05
@@ -159,11 +152,8 @@ class BlackoutOptions:
     max_edge_distance: float = 130.0
     weight_power: float = 8.0
     stacking_ridge: float = 0.02
-    correction_linear_variance: float = 0.1
-    correction_constant_variance: float = 1.0
-    correction_length_scales: tuple[float, ...] = (0.4, 0.7)
-    correction_noise_variances: tuple[float, ...] = (0.1, 0.5)
-    correction_scale_exponents: tuple[float, ...] = (0.5, 1.0)
+    correction_processes: tuple[GaussianProcess, ...] = _CORRECTION_PROCESSES
+    correction_exponents: tuple[float, ...] = (0.5, 1.0)
     scale_log_std: float = 0.4
     min_similarity: float = 0.05
     min_relative_scale: float = 0.2
@@ -171,3 +161,44 @@ class BlackoutOptions:
     untrained_error_ratio: float = 1.5
     predictable_seconds: float = 0.25
     min_speed: float = 100.0
+
+    def __post_init__(self) -> None:
+        check_at_least(
+            self,
+            1e-3,
+            "edge_seconds",
+            "difference_seconds",
+            "inside_rate",
+            "velocity_fit_seconds",
+            "window_spacing",
+            "scale_log_std",
+        )
+        check_at_least(
+            self,
+            1,
+            "min_inside_frames",
+            "max_inside_frames",
+            "max_windows",
+            "max_candidates",
+            "min_windows",
+            "edge_neighbours",
+        )
+        check_at_least(self, 2, "max_edge_samples")  # two give a velocity
+        check_at_least(self, 3, "search_markers")  # three points define a frame of reference
+        check_at_least(
+            self,
+            0,
+            "velocity_seconds",
+            "acceleration_seconds",
+            "max_database_windows",
+            "max_edge_distance",
+            "weight_power",
+            "stacking_ridge",
+            "min_similarity",
+            "min_relative_scale",
+            "error_scale_exponent",
+            "untrained_error_ratio",
+            "predictable_seconds",
+            "min_speed",
+        )
+        check_between(self, 0, 1, "nearest_share", "min_paired_share")

@@ -1,4 +1,4 @@
-"""Predict a blackout: curves, their mixture, and what windows say of it."""
+"""Predict a blackout: combine curves, correct them, and estimate the error, all from windows."""
 
 from __future__ import annotations
 
@@ -9,64 +9,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.geometry.root_frames import RootGroup
-from priorfill.methods.gpr.blackout.correction import correct
+from priorfill.methods.gpr.blackout.correction import correct_from_edges
 from priorfill.methods.gpr.blackout.curves import (
-    curves_of,
-    draw,
-    profile,
-    through,
+    blackout_curves,
+    evaluate_curves,
+    interpolate_correction,
+    interpolate_expected_rms,
 )
-from priorfill.methods.gpr.blackout.stacking import mix
-from priorfill.methods.gpr.blackout.window_layout import Stencil, stencil_of
+from priorfill.methods.gpr.blackout.options import BlackoutOptions
+from priorfill.methods.gpr.blackout.stacking import stack_curves
+from priorfill.methods.gpr.blackout.window_layout import WindowLayout, lay_out_window
 from priorfill.methods.gpr.blackout.windows import (
-    FEWEST_WINDOWS,
-    Recording,
-    Windows,
-    contralateral_among,
-    gather,
+    BlackoutWindows,
+    MirrorImage,
+    WindowSource,
+    collect_windows,
 )
 
-__all__ = ["Blackout", "fill_blackout"]
+__all__ = ["BlackoutPrediction", "predict_blackout"]
 
 _Floats = NDArray[np.float64]
 
-ALIKE = 0.4
-"""Windows count less in the mixture the more the logarithm of their scale differs from the
-blackout's; this is the standard deviation."""
-
-ANYHOW = 0.05
-"""How much they count however much it differs."""
-
-PROFILE_POWER = 0.7
-"""The same for the expected error; there it leaves a third of the logarithms' variation."""
-
-LEAST_SCALE = 0.2
-"""A window's scale is not far below this part of the median: at rest all that is left is noise."""
-
-UNLEARNT = 1.5
-"""Expected error where there are too few windows, in units of how far the curves disagree."""
-
-PREDICTABLE = 0.25
-"""s. So long a movement goes on as it began; where no window tells better, all its way from then on
-is expected to be wrong."""
-
-LEAST_SPEED = 100.0
-"""mm/s. Someone who stands still is expected to go on at this speed."""
-
 
 @dataclass(frozen=True, eq=False)
-class Blackout:
-    """What is found for a blackout.
+class BlackoutPrediction:
+    """Prediction of a blackout.
 
     Attributes
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
-        NaN for markers that are not known at the edges, which they are not if seen on one side
-        while others are seen on both.
-    deviation : ndarray [shape=(frames, markers), mm]
+        NaN for markers that are not visible at the edges that are used: if some markers are visible
+        on both sides, those visible on one side only are not predicted.
+    expected_rms : ndarray [shape=(frames, markers), mm]
         Expected rms Euclidean error.
     windows : int
-        How many windows taught something; 0 where it is bridged over time alone.
+        Number of windows learnt from; 0 where it is interpolated over time alone.
     """
 
     positions: _Floats
@@ -74,136 +51,172 @@ class Blackout:
     windows: int
 
 
-def fill_blackout(
-    recordings: Sequence[Recording],
+def predict_blackout(
+    sources: Sequence[WindowSource],
     start: int,
     stop: int,
     rate: float,
     root: Callable[[NDArray[np.intp]], RootGroup | None],
-    contralateral: NDArray[np.intp],
+    image: MirrorImage,
     wanted: NDArray[np.intp],
-) -> Blackout | None:
-    """Fill a blackout.
+    options: BlackoutOptions,
+) -> BlackoutPrediction | None:
+    """Predict a blackout.
 
     Parameters
     ----------
-    recordings : sequence of Recording
-        The clip, in which nothing is known of the blackout, and others.
+    sources : sequence of WindowSource
+        The clip, which is missing in the blackout, and other recordings.
     start, stop : int
-        Frames to find.
+        First frame of the blackout, and the frame after its last one.
     rate : float
         Hz.
     root : callable
-        Gives the root group among some markers.
-    partner : ndarray of int [shape=(markers,)]
-        Each marker's partner on the other side of the body; -1 where it has none.
+        Returns the root group among some markers.
+    image : MirrorImage
+        The clip's mirror image.
     wanted : ndarray of int
-        The markers to be found.
+        The markers to be predicted.
+    options : BlackoutOptions
+        Windows and models.
 
     Returns
     -------
-    Blackout or None
+    BlackoutPrediction or None
         None where neither side shows two frames.
     """
-    clip = recordings[0].positions
+    clip = sources[0].positions
     known = ~np.isnan(clip[..., 0])
-    stencil = stencil_of(known[:, wanted], start, stop, rate)
-    if stencil is None:
+    layout = lay_out_window(known[:, wanted], start, stop, rate, options)
+    if layout is None:
         return None
-    whole = known[start + stencil.first : start].all(axis=0)
-    whole &= known[stop : start + stencil.last].all(axis=0)
-    markers = np.flatnonzero(whole)
-    group = root(markers)
+    complete = known[start + layout.first : start].all(axis=0)
+    complete &= known[stop : start + layout.last].all(axis=0)
+    markers = np.flatnonzero(complete)
     windows = None
+    group = root(markers)
     if group is not None:
-        among = contralateral_among(contralateral, markers)
-        windows = gather(recordings, markers, among, start, stencil, group.among(markers))
-    asked = np.arange(stencil.frames)
-    inside = curves_of(stencil, rate, stencil.inside)
-    beside = clip[np.ix_(start + stencil.beside, markers)][None]
-    plain = draw(curves_of(stencil, rate, asked)[:1], beside)[0, 0]
-    count = 0 if windows is None else len(windows.start) - 1
-    if windows is None or count < FEWEST_WINDOWS:
-        count = 0
-        curves = draw(inside, beside)
-        found = curves.mean(axis=0)[0]
-        expected_rms = _unlearnt(curves, beside[0], stencil, rate)
+        among = image.among(markers, options.min_paired_share)
+        windows = collect_windows(
+            sources, markers, among, start, layout, group.among(markers), options
+        )
+    frames = np.arange(layout.frames)
+    curves = blackout_curves(layout, rate, layout.inside, options)
+    context = clip[np.ix_(start + layout.context, markers)][None]
+    base = evaluate_curves(blackout_curves(layout, rate, frames, options)[:1], context)[0, 0]
+    count = 0
+    if windows is not None and len(windows) >= options.min_windows:
+        count = len(windows)
+        inside, expected_rms = _from_windows(
+            windows, evaluate_curves(curves, windows.context), layout, options
+        )
     else:
-        found, expected_rms = _learn(windows, draw(inside, windows.beside), stencil)
-    correction = found - plain[stencil.inside]
-    positions = np.full((stencil.frames, clip.shape[1], 3), np.nan)
-    positions[:, markers] = plain + through(stencil, correction, asked)
-    spread = np.full((stencil.frames, clip.shape[1]), np.nan)
-    spread[:, markers] = profile(stencil, expected_rms, asked)
-    return Blackout(positions, spread, count)
+        values = evaluate_curves(curves, context)
+        inside = values.mean(axis=0)[0]
+        expected_rms = _error_without_windows(values, context[0], layout, rate, options)
+    positions = np.full((layout.frames, clip.shape[1], 3), np.nan)
+    correction = inside - base[layout.inside]
+    positions[:, markers] = base + interpolate_correction(layout, correction, frames)
+    expected = np.full((layout.frames, clip.shape[1]), np.nan)
+    expected[:, markers] = interpolate_expected_rms(layout, expected_rms, frames)
+    return BlackoutPrediction(positions, expected, count)
 
 
-def _unlearnt(curves: _Floats, beside: _Floats, stencil: Stencil, rate: float) -> _Floats:
-    """Return an expected error [shape=(frames, markers), mm] where no window tells it.
+def _error_without_windows(
+    curves: _Floats, context: _Floats, layout: WindowLayout, rate: float, options: BlackoutOptions
+) -> _Floats:
+    """Estimate the error from the disagreement of the curves and the distance covered.
 
     Parameters
     ----------
-    curves : ndarray [shape=(curves, 1, frames, markers, 3), mm]
+    curves : ndarray [shape=(curves, 1, frames inside, markers, 3), mm]
         Through the blackout.
-    beside : ndarray [shape=(frames beside, markers, 3), mm]
-        What is seen.
-    stencil : Stencil
+    context : ndarray [shape=(context frames, markers, 3), mm]
+        Samples on either side.
+    layout : WindowLayout
         Of the blackout.
     rate : float
         Hz.
+    options : BlackoutOptions
+        `untrained_error_ratio`, `predictable_seconds` and `min_speed`.
+
+    Returns
+    -------
+    ndarray [shape=(frames inside, markers), mm]
+        Expected rms error.
     """
-    disagree = np.sqrt(curves.var(axis=0).sum(axis=-1))[0]
-    away = np.full(len(stencil.inside), np.inf)
-    steps = np.diff(beside, axis=0) * rate / np.diff(stencil.beside)[:, None, None]
-    if len(stencil.before):
-        away = np.minimum(away, stencil.inside + 1)
-    if len(stencil.after):
-        away = np.minimum(away, stencil.frames - stencil.inside)
-    speed = np.hypot(np.sqrt((steps**2).sum(axis=-1).mean()), LEAST_SPEED)
-    lost = speed * np.maximum(away / rate - PREDICTABLE, 0.0)
-    expected: _Floats = np.hypot(UNLEARNT * disagree, lost[:, None])
+    disagreement = np.sqrt(curves.var(axis=0).sum(axis=-1))[0]
+    steps = np.diff(context, axis=0) * rate / np.diff(layout.context)[:, None, None]
+    speed = np.hypot(np.sqrt((steps**2).sum(axis=-1).mean()), options.min_speed)
+    elapsed = np.full(len(layout.inside), np.inf)  # frames from the nearest visible edge
+    if len(layout.before):
+        elapsed = np.minimum(elapsed, layout.inside + 1)
+    if len(layout.after):
+        elapsed = np.minimum(elapsed, layout.frames - layout.inside)
+    covered = speed * np.maximum(elapsed / rate - options.predictable_seconds, 0.0)
+    expected: _Floats = np.hypot(options.untrained_error_ratio * disagreement, covered[:, None])
     return expected
 
 
-def _learn(windows: Windows, curves: _Floats, stencil: Stencil) -> tuple[_Floats, _Floats]:
-    """Return what is found at the frames inside a blackout, and its expected error.
+def _from_windows(
+    windows: BlackoutWindows, curves: _Floats, layout: WindowLayout, options: BlackoutOptions
+) -> tuple[_Floats, _Floats]:
+    """Combine and correct the curves of the blackout by those of the windows.
 
     Parameters
     ----------
-    windows : Windows
+    windows : BlackoutWindows
         The blackout and the windows.
-    curves : ndarray [shape=(curves, 1 + windows, frames, markers, 3), mm]
-        Theirs.
-    stencil : Stencil
+    curves : ndarray [shape=(curves, 1 + windows, frames inside, markers, 3), mm]
+        Their curves.
+    layout : WindowLayout
         Of the blackout.
+    options : BlackoutOptions
+        Models and weights of the windows.
+
+    Returns
+    -------
+    positions : ndarray [shape=(frames inside, markers, 3), mm]
+    expected_rms : ndarray [shape=(frames inside, markers), mm]
     """
     truth = windows.inside[1:]
-    disagree = np.sqrt(curves.var(axis=0).sum(axis=-1).mean(axis=(1, 2)))
-    usual = float(np.median(disagree)) + np.finfo(float).eps
-    scale = np.hypot(disagree, LEAST_SCALE * usual) / usual
-    # a person who stands still is told by stretches of standing still
-    alike = np.exp(-0.5 * (np.log(scale[1:] / scale[0]) / ALIKE) ** 2) + ANYHOW
-    own = windows.source[1:] == 0
-    enough = own.sum() >= FEWEST_WINDOWS
-    judged = own if enough else np.ones_like(own)
-    # a database's poses are smoothed: how smooth the clip is is for its own windows to say
-    taught = windows.source[1:] <= 1 if enough else judged
-    weight = taught * alike / scale[1:]
-    mixed = mix(curves, truth, weight)
-    shape = truth.shape[1:]
-    wrong = np.einsum("wqmi,wij->wqmj", truth - mixed[1:], windows.rotation[1:])
-    correction, left = correct(
-        windows, wrong.reshape(len(wrong), -1), scale, weight, stencil.last - stencil.first
+    scale = _relative_scale(curves, options)
+    # windows are informative if their curves disagree as much as the blackout's
+    difference = np.log(scale[1:] / scale[0]) / options.scale_log_std
+    similarity = np.exp(-0.5 * difference**2) + options.min_similarity
+    own_windows = windows.own[1:].sum() >= options.min_windows
+    scored = windows.scored(options.min_windows)
+    # the clip's own windows determine how smooth it is: poses of a database are smoothed
+    trained = (windows.own | windows.own_image)[1:] if own_windows else scored
+    weight = trained * similarity / scale[1:]
+    combined = stack_curves(curves, truth, weight, options)
+    errors = np.einsum("wqmi,wij->wqmj", truth - combined[1:], windows.rotation[1:])
+    correction, residuals = correct_from_edges(
+        windows, errors.reshape(len(errors), -1), scale, weight, layout.length, options
     )
-    found: _Floats = mixed[0] + correction.reshape(shape) @ windows.rotation[0].T
-    by = scale**PROFILE_POWER
-    relative = left.reshape(-1, *shape) / by[1:][judged][:, None, None, None]
-    part = alike[judged] / alike[judged].sum()
-    square = np.tensordot(part, (relative**2).sum(axis=-1), 1)
-    expected_rms: _Floats = by[0] * np.sqrt(square)
-    if not enough:
-        # nothing of the clip itself says how far other recordings can be trusted
-        drawn = curves[:, 0].mean(axis=0)
-        apart = np.sqrt(((found - drawn) ** 2).sum(axis=-1))
-        found, expected_rms = (found + drawn) / 2.0, np.hypot(expected_rms, apart / 2.0)
-    return found, expected_rms
+    positions: _Floats = combined[0] + correction.reshape(truth.shape[1:]) @ windows.rotation[0].T
+    size = scale**options.error_scale_exponent
+    relative = residuals.reshape(-1, *truth.shape[1:]) / size[1:][scored][:, None, None, None]
+    share = similarity[scored] / similarity[scored].sum()
+    expected_rms: _Floats = size[0] * np.sqrt(np.tensordot(share, (relative**2).sum(axis=-1), 1))
+    if not own_windows:
+        # without own windows the error of other recordings on this clip cannot be validated
+        mean = curves[:, 0].mean(axis=0)
+        distance = np.sqrt(((positions - mean) ** 2).sum(axis=-1))
+        positions = (positions + mean) / 2.0
+        expected_rms = np.hypot(expected_rms, distance / 2.0)
+    return positions, expected_rms
+
+
+def _relative_scale(curves: _Floats, options: BlackoutOptions) -> _Floats:
+    """Return how much the curves disagree in each window, relative to the median window.
+
+    Returns
+    -------
+    ndarray [shape=(1 + windows,)]
+        At least `BlackoutOptions.min_relative_scale`.
+    """
+    disagreement = np.sqrt(curves.var(axis=0).sum(axis=-1).mean(axis=(1, 2)))
+    usual = float(np.median(disagreement)) + np.finfo(float).eps
+    scale: _Floats = np.hypot(disagreement, options.min_relative_scale * usual) / usual
+    return scale

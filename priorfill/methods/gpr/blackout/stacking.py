@@ -1,56 +1,73 @@
-"""Mix the curves of a blackout by what they get wrong in windows."""
+"""Combine the curves of a blackout by their errors in windows (stacking)."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.gp.linalg import shares
+from priorfill.gp.linalg import power_weights
+from priorfill.methods.gpr.blackout.options import BlackoutOptions
 
-__all__ = ["SHARPNESS", "mix"]
+__all__ = ["stack_curves"]
 
 _Floats = NDArray[np.float64]
 
-SHARPNESS = 8.0
-"""A curve or a regression counts as its error to the power of minus this."""
-
-RIDGE = 0.02
-"""Ridge of the least squares, in units of each unknown's own square sum."""
+_HORIZONTAL_VERTICAL = ([0, 1], [2])
+"""Axes that share stacking weights: the heading is arbitrary, so the horizontal axes are alike."""
 
 
-def mix(curves: _Floats, truth: _Floats, weight: _Floats) -> _Floats:
-    """Mix curves by what they get wrong in windows.
+def stack_curves(
+    curves: _Floats, truth: _Floats, weight: _Floats, options: BlackoutOptions
+) -> _Floats:
+    """Combine curves linearly by their errors in windows.
+
+    For each marker the curves are averaged with weights by their error. Ridge regression then
+    refines the weights for each frame, with all markers together, from those of the average. The
+    result is stacked generalisation [W92]_ that falls back on the average.
 
     Parameters
     ----------
     curves : ndarray [shape=(curves, 1 + windows, frames, markers, 3), mm]
-        Of the blackout and the windows.
+        Of the blackout, which is the first, and of the windows.
     truth : ndarray [shape=(windows, frames, markers, 3), mm]
-        What the windows show.
+        Positions in the windows.
     weight : ndarray [shape=(windows,)]
-        How much each counts in the least squares.
+        Factor of each window's residuals in the least squares.
+    options : BlackoutOptions
+        ``weight_power`` and ``stacking_ridge``.
 
     Returns
     -------
     ndarray [shape=(1 + windows, frames, markers, 3), mm]
-        The mixture.
+        The combined curves.
+
+    References
+    ----------
+    .. [W92] Wolpert, Stacked generalization, Neural Networks 5(2), 1992.
+       https://doi.org/10.1016/S0893-6080(05)80023-1
     """
-    wrong = curves[:, 1:] - truth
-    part = weight**2 / (weight**2).sum()
-    error = np.sqrt(np.einsum("w,cwqm->cm", part, (wrong**2).sum(axis=-1)) / wrong.shape[2])
-    error += np.finfo(float).eps
-    mixed: _Floats = np.einsum("cm,cwqmi->wqmi", shares(error, SHARPNESS), curves)
-    away = curves - mixed
-    left = (truth - mixed[1:]) * weight[:, None, None, None]
-    result = mixed.copy()
-    # the vertical is another matter than the horizontal, whose two axes are alike
-    for axes in ([0, 1], [2]):
+    average = _average(curves, truth, weight, options.weight_power)
+    deviation = curves - average
+    weighted = deviation[:, 1:] * weight[:, None, None, None]
+    residual = (truth - average[1:]) * weight[:, None, None, None]
+    result = average.copy()
+    for axes in _HORIZONTAL_VERTICAL:
         for frame in range(truth.shape[1]):
-            directions = away[:, 1:, frame][..., axes] * weight[:, None, None]
-            directions = directions.reshape(len(curves), -1)
-            square = directions @ directions.T
-            ridge = RIDGE * np.diag(square) + np.finfo(float).eps * (1.0 + np.trace(square))
-            square[np.diag_indices_from(square)] += ridge
-            step = np.linalg.solve(square, directions @ left[:, frame][..., axes].ravel())
-            result[:, frame][..., axes] += np.tensordot(step, away[:, :, frame][..., axes], 1)
+            directions = weighted[:, :, frame][..., axes].reshape(len(curves), -1)
+            normal = directions @ directions.T
+            ridge = options.stacking_ridge * np.diag(normal)
+            ridge += np.finfo(float).eps * (1.0 + np.trace(normal))
+            normal[np.diag_indices_from(normal)] += ridge
+            step = np.linalg.solve(normal, directions @ residual[:, frame][..., axes].ravel())
+            result[:, frame][..., axes] += np.tensordot(step, deviation[:, :, frame][..., axes], 1)
     return result
+
+
+def _average(curves: _Floats, truth: _Floats, weight: _Floats, power: float) -> _Floats:
+    """Average curves by their rms error, marker by marker; see `stack_curves`."""
+    square = ((curves[:, 1:] - truth) ** 2).sum(axis=-1)
+    share = weight**2 / (weight**2).sum()
+    error = np.sqrt(np.einsum("w,cwqm->cm", share, square) / square.shape[2])
+    error += np.finfo(float).eps
+    average: _Floats = np.einsum("cm,cwqmi->wqmi", power_weights(error, power), curves)
+    return average

@@ -1,4 +1,4 @@
-"""The stencil of a blackout: which frames of a window are looked at."""
+"""Layout of the windows of a blackout: which of their frames are used."""
 
 from __future__ import annotations
 
@@ -7,41 +7,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["EDGE_STEP", "REACH", "Stencil", "stencil_of"]
+from priorfill.methods.gpr.blackout.options import BlackoutOptions
 
-REACH = 0.15
-"""s. How far beside the blackout its edges reach: 0.1 to 0.3 s do as well."""
+__all__ = ["WindowLayout", "lay_out_window"]
 
-EDGE_SAMPLES = 9
-"""Samples of an edge that are looked at, at most."""
-
-EDGE_STEP = 0.05
-"""s. Velocities and accelerations at an edge are differences over this."""
-
-INSIDE_RATE = 20.0
-"""Hz. Resolution in which what came between is learnt: what the curves get wrong is slow."""
-
-FEWEST_INSIDE = 3
-"""Frames inside at which it is learnt at least."""
-
-MOST_INSIDE = 60
-"""The same at most: of what a body did a second from either edge the coarse shape can be told."""
+MIN_EDGE_FRAMES = 2
+"""Frames of at least one side that must be seen: two give a velocity."""
 
 
 @dataclass(frozen=True, eq=False)
-class Stencil:
-    """Frames of a window, counted from the first frame that is missing.
+class WindowLayout:
+    """Frames of a window, counted from the first missing one.
 
     Attributes
     ----------
     frames : int
         Length of the blackout.
     before, after : ndarray of int
-        Frames beside it that the curves go by, in order of time; one of them may be empty.
+        Frames on either side that the curves are computed from, in order of time; one of them may
+        be empty.
     inside : ndarray of int
-        Frames at which what came between is learnt.
+        Frames of the blackout at which the movement is learnt.
     step : int
-        Frames over which velocities are taken.
+        Step of the finite differences at the edges, in frames.
     """
 
     frames: int
@@ -51,63 +39,106 @@ class Stencil:
     step: int
 
     @property
-    def beside(self) -> NDArray[np.intp]:
-        """All frames beside it."""
+    def context(self) -> NDArray[np.intp]:
+        """The frames on both sides."""
         return np.concatenate([self.before, self.after])
 
     @property
     def first(self) -> int:
-        """The first frame that a window needs."""
+        """The first frame of a window."""
         return int(self.before[0]) if len(self.before) else 0
 
     @property
     def last(self) -> int:
-        """The frame after the last one that a window needs."""
+        """The frame after the last one of a window."""
         return int(self.after[-1]) + 1 if len(self.after) else self.frames
 
-    def edges(self) -> list[list[int]]:
-        """Frames of each edge that tell its pose, velocity and acceleration, nearest first."""
-        found = []
+    @property
+    def length(self) -> int:
+        """Frames of a window."""
+        return self.last - self.first
+
+    def edge_frames(self) -> list[list[int]]:
+        """Return the frames of each edge that give its pose, velocity and acceleration.
+
+        Returns
+        -------
+        list of list of int
+            For each visible side up to three frames, the one adjacent to the blackout first.
+        """
+        edges = []
         if len(self.before):
             near = [-1, -1 - self.step, -1 - 2 * self.step]
-            found.append([f for f in near if f >= self.before[0]])
+            edges.append([f for f in near if f >= self.before[0]])
         if len(self.after):
             near = [self.frames, self.frames + self.step, self.frames + 2 * self.step]
-            found.append([f for f in near if f <= self.after[-1]])
-        return found
+            edges.append([f for f in near if f <= self.after[-1]])
+        return edges
 
 
-def stencil_of(known: NDArray[np.bool_], start: int, stop: int, rate: float) -> Stencil | None:
-    """Lay out the window of a blackout; None where neither side shows anything."""
-    reach = max(2, round(REACH * rate))
-    before = _side(known, np.arange(start - 1, max(start - 1 - reach, -1), -1))[::-1]
-    after = _side(known, np.arange(stop, min(stop + reach, len(known))))
-    if len(before) < 2 and len(after) < 2:
+def lay_out_window(
+    known: NDArray[np.bool_], start: int, stop: int, rate: float, options: BlackoutOptions
+) -> WindowLayout | None:
+    """Choose the frames of a window of a blackout.
+
+    Parameters
+    ----------
+    known : ndarray of bool [shape=(frames, markers)]
+        Which samples of the clip are known, of the markers to be predicted.
+    start, stop : int
+        First frame of the blackout, and the frame after its last one.
+    rate : float
+        Hz.
+    options : BlackoutOptions
+        Extent and sampling of the window.
+
+    Returns
+    -------
+    WindowLayout or None
+        None where neither side shows two frames.
+
+    Examples
+    --------
+    >>> known = np.ones((100, 5), dtype=bool)
+    >>> known[40:60] = False
+    >>> layout = lay_out_window(known, 40, 60, rate=50.0, options=BlackoutOptions())
+    >>> layout.before, layout.frames, layout.length
+    (array([-8, -7, -6, -5, -4, -3, -2, -1]), 20, 36)
+    >>> layout.inside
+    array([ 1,  4,  6,  8, 11, 13, 15, 18])
+    """
+    reach = max(MIN_EDGE_FRAMES, round(options.edge_seconds * rate))
+    before = _visible_side(known, np.arange(start - 1, max(start - 1 - reach, -1), -1))
+    after = _visible_side(known, np.arange(stop, min(stop + reach, len(known))))
+    if max(len(before), len(after)) < MIN_EDGE_FRAMES:
         return None
     frames = stop - start
-    inside_count = int(np.clip(np.ceil(frames / rate * INSIDE_RATE), FEWEST_INSIDE, MOST_INSIDE))
-    spread = np.linspace(-1, frames, inside_count + 2)[1:-1]
-    inside = np.unique(np.clip(np.round(spread), 0, frames - 1).astype(np.intp))
-    return Stencil(
+    count = np.ceil(frames / rate * options.inside_rate)
+    count = int(np.clip(count, options.min_inside_frames, options.max_inside_frames))
+    spaced = np.round(np.linspace(-1, frames, count + 2)[1:-1])
+    return WindowLayout(
         frames,
-        _thinned(before[::-1])[::-1] - start,
-        _thinned(after) - start,
-        inside,
-        max(1, round(EDGE_STEP * rate)),
+        _thinned(before, options.max_edge_samples)[::-1] - start,
+        _thinned(after, options.max_edge_samples) - start,
+        np.unique(np.clip(spaced, 0, frames - 1).astype(np.intp)),
+        max(1, round(options.difference_seconds * rate)),
     )
 
 
-def _side(known: NDArray[np.bool_], order: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the frames of one side, nearest first, up to the first one that shows too little."""
-    shows = known[order].mean(axis=1) if len(order) else np.empty(0)
-    # what is shown right beside the blackout must be shown throughout
-    enough = (shows >= shows[0]) & (shows > 0.0) if len(order) else np.empty(0, dtype=bool)
-    count = len(order) if enough.all() else int(np.argmin(enough))
-    return np.asarray(order[:count])
+def _visible_side(known: NDArray[np.bool_], order: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the frames of one side, nearest first, as far as no marker disappears.
+
+    The markers known in the frame adjacent to the blackout must be known in all of them.
+    """
+    if not len(order):
+        return order
+    share = known[order].mean(axis=1)
+    enough = (share >= share[0]) & (share > 0.0)
+    return np.asarray(order[: len(order) if enough.all() else int(np.argmin(enough))])
 
 
-def _thinned(frames: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return up to `EDGE_SAMPLES` of some frames, the first ones among them."""
-    if len(frames) <= EDGE_SAMPLES:
+def _thinned(frames: NDArray[np.intp], most: int) -> NDArray[np.intp]:
+    """Return up to ``most`` of some frames, evenly spaced, the first and the last among them."""
+    if len(frames) <= most:
         return frames
-    return frames[np.round(np.linspace(0, len(frames) - 1, EDGE_SAMPLES)).astype(np.intp)]
+    return frames[np.round(np.linspace(0, len(frames) - 1, most)).astype(np.intp)]

@@ -1,4 +1,4 @@
-"""Windows: stretches of recordings as long as a blackout, and what their edges tell."""
+"""Windows of a blackout: spans of recordings of the same length that show all markers."""
 
 from __future__ import annotations
 
@@ -11,197 +11,285 @@ from numpy.typing import NDArray
 from priorfill.geometry.mirror import reflected
 from priorfill.geometry.poses import evenly_spaced
 from priorfill.geometry.root_frames import RootGroup, about_vertical
-from priorfill.methods.gpr.blackout.window_layout import EDGE_STEP, Stencil
-from priorfill.methods.gpr.training.subject_correlation import MIRROR_KINSHIP
+from priorfill.methods.gpr.blackout.options import BlackoutOptions
+from priorfill.methods.gpr.blackout.window_layout import WindowLayout
 
-__all__ = ["FEWEST_WINDOWS", "OVERLAP", "Recording", "Windows", "contralateral_among", "gather"]
+__all__ = ["BlackoutWindows", "MirrorImage", "WindowSource", "collect_windows"]
 
 _Floats = NDArray[np.float64]
-
-MOST_WINDOWS = 100
-"""Windows of the clip, and of its mirror image, that are learnt from; more gain little."""
-
-NEAREST = 0.5
-"""Part of them whose edges are the most like the blackout's; the others are spread evenly."""
-
-CANDIDATES = 600
-"""Windows of the clip that they are chosen from."""
-
-OVERLAP = 0.25
-"""Windows follow each other by this part of their length."""
-
-FEWEST_WINDOWS = 3
-"""With fewer windows nothing is learnt from them."""
-
-PAIRED = 0.5
-"""Part of the markers that must have a partner for the mirror image to be of use."""
-
-SECONDS_OF_SPEED = 0.15
-"""s. A velocity counts in the regression as the distance covered in this time."""
-
-SECONDS_OF_ACCELERATION = 0.1
-"""s. An acceleration counts as the distance covered in half the square of this, times two."""
+_Ints = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
-    """A recording whose stretches tell what came between.
+class WindowSource:
+    """A recording that windows are taken from.
 
     Attributes
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
-        Upright, at the clip's rate; NaN where not seen.
-    kinship : float
-        How far it agrees with the clip's body; 1 for its own.
+        Upright, at the clip's rate; NaN where missing.
+    correlation : float
+        Correlation of its subject's movements with those of the clip's; 1 for the clip's own.
     starts : ndarray of int, optional
-        Where windows may start; everywhere by default.
+        Frames in which a blackout of the window may begin; any by default.
     """
 
     positions: _Floats
-    kinship: float = 1.0
-    starts: NDArray[np.intp] | None = None
+    correlation: float = 1.0
+    starts: _Ints | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class Windows:
-    """Stretches of recordings as long as the blackout; the first is the blackout itself.
+class MirrorImage:
+    """The mirror image of the clip.
 
     Attributes
     ----------
-    beside : ndarray [shape=(windows, frames beside, markers, 3), mm]
+    contralateral : ndarray of int [shape=(markers,)]
+        Each marker's counterpart on the other side of the body; -1 where it has none.
+    correlation : float
+        Correlation of its movements with those of the clip's own subject.
+    """
+
+    contralateral: _Ints
+    correlation: float
+
+    def among(self, markers: _Ints, min_share: float) -> MirrorImage | None:
+        """Return the mirror image of some markers, with indices into these.
+
+        A marker without a counterpart is its own: the image shows how it moves, though not where it
+        is.
+
+        Parameters
+        ----------
+        markers : ndarray of int
+            The markers, ascending.
+        min_share : float
+            Share of them that must have a counterpart among them; else the result is None.
+        """
+        counterpart = self.contralateral[markers]
+        paired = np.isin(counterpart, markers)
+        if paired.mean() < min_share:
+            return None
+        among = np.searchsorted(markers, np.where(paired, counterpart, markers))
+        return MirrorImage(among.astype(np.intp), self.correlation)
+
+
+@dataclass(frozen=True, eq=False)
+class BlackoutWindows:
+    """The blackout, which comes first, and windows of recordings.
+
+    Attributes
+    ----------
+    context : ndarray [shape=(windows, context frames, markers, 3), mm]
+        Samples on either side.
     inside : ndarray [shape=(windows, frames inside, markers, 3), mm]
         NaN for the blackout.
     edges : ndarray [shape=(windows, features), mm]
         Poses, velocities and accelerations at the edges, in the window's root frame.
     rotation : ndarray [shape=(windows, 3, 3)]
         Of the root frames: ``local = world @ rotation``.
-    start : ndarray of int
-        First frame of each.
-    source : ndarray of int
-        Which recording each is of; 0 is the clip, 1 its mirror image.
-    kinship : ndarray
-        Of the recordings.
+    start : ndarray of int [shape=(windows,)]
+        Frame of its recording that corresponds to the first missing one.
+    source : ndarray of int [shape=(windows,)]
+        Number of the recording; the clip's mirror image has a number of its own.
+    correlation : ndarray [shape=(windows,)]
+        Of the recording, see `WindowSource`.
+    own, own_image : ndarray of bool [shape=(windows,)]
+        Whether it is of the clip, or of the clip's mirror image.
     """
 
-    beside: _Floats
+    context: _Floats
     inside: _Floats
     edges: _Floats
     rotation: _Floats
-    start: NDArray[np.intp]
-    source: NDArray[np.intp]
-    kinship: _Floats
+    start: _Ints
+    source: _Ints
+    correlation: _Floats
+    own: NDArray[np.bool_]
+    own_image: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        """Return the number of windows, without the blackout."""
+        return len(self.start) - 1
+
+    def scored(self, min_windows: int) -> NDArray[np.bool_]:
+        """Return which windows errors are estimated on [shape=(windows,)], without the blackout.
+
+        Those of the clip, or all if these are fewer than ``min_windows``.
+        """
+        own = self.own[1:]
+        return own if own.sum() >= min_windows else np.ones_like(own)
+
+    def source_correlation(self) -> _Floats:
+        """Return the correlation of each pair of windows by their recordings.
+
+        Two recordings share what either has in common with the clip.
+        """
+        same = self.source[:, None] == self.source
+        correlation: _Floats = np.where(same, 1.0, self.correlation[:, None] * self.correlation)
+        return correlation
 
 
-def gather(
-    recordings: Sequence[Recording],
-    markers: NDArray[np.intp],
-    contralateral: NDArray[np.intp] | None,
+@dataclass(frozen=True, eq=False)
+class _WindowBlock:
+    """The windows of one recording."""
+
+    context: _Floats
+    inside: _Floats
+    edge_poses: _Floats
+    start: _Ints
+    correlation: float
+
+    @classmethod
+    def of(
+        cls, source: WindowSource, start: _Ints, markers: _Ints, layout: WindowLayout
+    ) -> _WindowBlock:
+        """Read the windows that begin in some frames."""
+
+        def positions(frames: _Ints) -> _Floats:
+            found: _Floats = source.positions[start[:, None] + frames][:, :, markers]
+            return found
+
+        return cls(
+            positions(layout.context),
+            positions(layout.inside),
+            positions(_edge_frames(layout)),
+            start,
+            source.correlation,
+        )
+
+    def mirrored(self, image: MirrorImage) -> _WindowBlock:
+        """Return the mirror image of all windows but the first, which is the blackout."""
+        context, inside, poses = (
+            reflected(part[1:, :, image.contralateral])
+            for part in (self.context, self.inside, self.edge_poses)
+        )
+        return _WindowBlock(context, inside, poses, self.start[1:], image.correlation)
+
+
+def collect_windows(
+    sources: Sequence[WindowSource],
+    markers: _Ints,
+    image: MirrorImage | None,
     start: int,
-    stencil: Stencil,
+    layout: WindowLayout,
     root: RootGroup,
-) -> Windows:
-    """Gather the windows of recordings, the clip first, and of the blackout itself.
+    options: BlackoutOptions,
+) -> BlackoutWindows:
+    """Collect the windows of recordings, of the clip's mirror image, and of the blackout itself.
 
     Parameters
     ----------
-    recordings : sequence of Recording
-        The clip and others.
+    sources : sequence of WindowSource
+        The clip, and other recordings.
     markers : ndarray of int
-        The columns that are looked at.
-    partner : ndarray of int or None
-        Each of these markers' partner on the other side of the body, among these.
+        Columns of the positions that are used.
+    image : MirrorImage or None
+        The clip's mirror image, with indices into ``markers``; None to leave it out.
     start : int
-        First frame of the blackout in the first recording.
-    stencil : Stencil
+        First frame of the blackout in the clip.
+    layout : WindowLayout
         Of the blackout.
     root : RootGroup
-        Its markers count among these columns.
+        Indices into ``markers``.
+    options : BlackoutOptions
+        Numbers of windows.
     """
-    edges = stencil.edges()
-    flat = np.array([frame for edge in edges for frame in edge], dtype=np.intp)
-    counts = [len(edge) for edge in edges]
-    layers = [stencil.beside, stencil.inside, flat]
-    parts: list[list[_Floats]] = [[], [], []]
-    starts, source, kinship = [], [], []
-
-    def add(found: Sequence[_Floats], at: NDArray[np.intp], number: int, kin: float) -> None:
-        for part, more in zip(parts, found, strict=True):
-            part.append(more)
-        starts.append(at)
-        source.append(np.full(len(at), number, dtype=np.intp))
-        kinship.append(np.full(len(at), kin))
-
-    for number, recording in enumerate(recordings):
-        at = _starts(recording, markers, stencil)
-        if number == 0:
-            at = np.concatenate([[start], at])
-            pose = recording.positions[at[:, None] + flat][:, :, markers]
-            at = at[_nearest_and_even(_features(pose, counts, root)[0])]
-        found = [recording.positions[at[:, None] + layer][:, :, markers] for layer in layers]
-        add(found, at, number if number == 0 else number + 1, recording.kinship)
-        if number == 0 and contralateral is not None:
-            image = [reflected(windows[1:, :, contralateral]) for windows in found]
-            add(image, at[1:], 1, MIRROR_KINSHIP)
-    beside, inside, poses = (np.concatenate(part) for part in parts)
-    features, rotation = _features(poses, counts, root)
-    return Windows(
-        beside,
-        inside,
-        features,
+    clip = sources[0]
+    at = np.concatenate([[start], _window_starts(clip, markers, layout, options)])
+    poses = clip.positions[at[:, None] + _edge_frames(layout)][:, :, markers]
+    chosen = _nearest_and_spaced(_edge_features(poses, layout, root, options)[0], options)
+    blocks = [_WindowBlock.of(clip, at[chosen], markers, layout)]
+    if image is not None:
+        blocks.append(blocks[0].mirrored(image))
+    for source in sources[1:]:
+        starts = _window_starts(source, markers, layout, options)
+        blocks.append(_WindowBlock.of(source, starts, markers, layout))
+    edges, rotation = _edge_features(
+        np.concatenate([block.edge_poses for block in blocks]), layout, root, options
+    )
+    counts = [len(block.start) for block in blocks]
+    number = np.repeat(np.arange(len(blocks)), counts)
+    return BlackoutWindows(
+        np.concatenate([block.context for block in blocks]),
+        np.concatenate([block.inside for block in blocks]),
+        edges,
         rotation,
-        np.concatenate(starts),
-        np.concatenate(source),
-        np.concatenate(kinship),
+        np.concatenate([block.start for block in blocks]),
+        number,
+        np.repeat([block.correlation for block in blocks], counts),
+        number == 0,
+        (number == 1) & (image is not None),
     )
 
 
-def _nearest_and_even(features: _Floats) -> NDArray[np.intp]:
-    """Choose windows whose edges are like the first one's, and others evenly; the first first."""
-    count = len(features) - 1
-    if count <= MOST_WINDOWS:
+def _edge_frames(layout: WindowLayout) -> _Ints:
+    """Return the frames of all edges, see `WindowLayout.edge_frames`."""
+    return np.array([frame for edge in layout.edge_frames() for frame in edge], dtype=np.intp)
+
+
+def _nearest_and_spaced(features: _Floats, options: BlackoutOptions) -> _Ints:
+    """Choose windows by their edge features: the most similar, and others evenly spaced.
+
+    The first one is the blackout, which stays the first.
+    """
+    count, most = len(features) - 1, options.max_windows
+    if count <= most:
         return np.arange(count + 1)
-    near = int(NEAREST * MOST_WINDOWS)
-    away = ((features[1:] - features[0]) ** 2).sum(axis=1)
-    chosen = 1 + np.argsort(away, kind="stable")[:near]
-    rest = np.setdiff1d(np.arange(1, count + 1), chosen)
-    even = rest[evenly_spaced(len(rest), MOST_WINDOWS - near)]
-    return np.concatenate([[0], np.sort(np.concatenate([chosen, even]))])
+    near = int(options.nearest_share * most)
+    square = ((features[1:] - features[0]) ** 2).sum(axis=1)
+    nearest = 1 + np.argsort(square, kind="stable")[:near]
+    rest = np.setdiff1d(np.arange(1, count + 1), nearest)
+    spaced = rest[evenly_spaced(len(rest), most - near)]
+    return np.concatenate([[0], np.sort(np.concatenate([nearest, spaced]))])
 
 
-def _starts(recording: Recording, markers: NDArray[np.intp], stencil: Stencil) -> NDArray[np.intp]:
-    """Return where windows start of which all is seen, evenly spread over a recording."""
-    positions = recording.positions
-    first, last = -stencil.first, len(positions) - stencil.last
-    if recording.starts is not None:
-        given = recording.starts
-        possible = given[(given >= first) & (given <= last)]
+def _window_starts(
+    source: WindowSource, markers: _Ints, layout: WindowLayout, options: BlackoutOptions
+) -> _Ints:
+    """Return where windows begin in a recording: complete ones, evenly spaced."""
+    positions = source.positions
+    first, last = -layout.first, len(positions) - layout.last
+    if source.starts is not None:
+        possible = source.starts[(source.starts >= first) & (source.starts <= last)]
     else:
         possible = np.arange(first, last + 1, dtype=np.intp)
     if not len(possible):
         return np.empty(0, dtype=np.intp)
-    # a window is of use if every frame from its first to its last is seen
-    unseen = np.isnan(positions[:, markers, 0]).any(axis=1)
-    total = np.concatenate([[0], np.cumsum(unseen)])
-    possible = possible[total[possible + stencil.last] == total[possible + stencil.first]]
-    if recording.starts is not None or not len(possible):
+    incomplete = np.isnan(positions[:, markers, 0]).any(axis=1)
+    total = np.concatenate([[0], np.cumsum(incomplete)])
+    possible = possible[total[possible + layout.last] == total[possible + layout.first]]
+    if source.starts is not None or not len(possible):
         return np.asarray(possible)
-    apart = max(1, int(OVERLAP * stencil.frames))
-    count = min(CANDIDATES, -(-len(possible) // apart))
+    spacing = max(1, int(options.window_spacing * layout.frames))
+    count = min(options.max_candidates, -(-len(possible) // spacing))
     return np.asarray(possible[evenly_spaced(len(possible), count)])
 
 
-def _features(poses: _Floats, counts: Sequence[int], root: RootGroup) -> tuple[_Floats, _Floats]:
-    """Return what the edges of windows tell, and the rotations of their root frames.
+def _edge_features(
+    poses: _Floats, layout: WindowLayout, root: RootGroup, options: BlackoutOptions
+) -> tuple[_Floats, _Floats]:
+    """Return the edge features of windows and the rotations of their root frames.
 
     Parameters
     ----------
     poses : ndarray [shape=(windows, frames, markers, 3), mm]
-        One edge after the other, the frame nearest to the blackout first.
-    counts : sequence of int
-        How many frames each edge has: 3 tell an acceleration, 2 a velocity.
+        In the frames of `WindowLayout.edge_frames`: of three the acceleration is computed, of two
+        the velocity.
+    layout : WindowLayout
+        Of the windows.
     root : RootGroup
         Gives position and heading at each edge; the window's are between them.
+    options : BlackoutOptions
+        Weights of velocities and accelerations.
+
+    Returns
+    -------
+    features : ndarray [shape=(windows, features), mm]
+    rotation : ndarray [shape=(windows, 3, 3)]
     """
+    counts = [len(edge) for edge in layout.edge_frames()]
     at = np.cumsum([0, *counts[:-1]])
     nearest = poses[:, at]
     windows, edges, markers, _ = nearest.shape
@@ -210,27 +298,14 @@ def _features(poses: _Floats, counts: Sequence[int], root: RootGroup) -> tuple[_
     turn = frames.rotation.reshape(windows, edges, 3, 3).sum(axis=1)
     rotation = about_vertical(np.arctan2(turn[:, 1, 0], turn[:, 0, 0]))
     local = np.einsum("wfmi,wij->wfmj", poses - origin[:, None, None], rotation)
+    velocity_steps = options.velocity_seconds / options.difference_seconds
+    acceleration_steps = (options.acceleration_seconds / options.difference_seconds) ** 2
     parts = []
-    per_step = SECONDS_OF_SPEED / EDGE_STEP, (SECONDS_OF_ACCELERATION / EDGE_STEP) ** 2
     for first, count in zip(at, counts, strict=True):
         edge = local[:, first : first + count]
         parts.append(edge[:, 0])
         if count > 1:
-            parts.append(per_step[0] * (edge[:, 0] - edge[:, 1]))
+            parts.append(velocity_steps * (edge[:, 0] - edge[:, 1]))
         if count > 2:
-            parts.append(per_step[1] * (edge[:, 0] - 2.0 * edge[:, 1] + edge[:, 2]))
+            parts.append(acceleration_steps * (edge[:, 0] - 2.0 * edge[:, 1] + edge[:, 2]))
     return np.concatenate([p.reshape(windows, -1) for p in parts], axis=1), rotation
-
-
-def contralateral_among(
-    contralateral: NDArray[np.intp], markers: NDArray[np.intp]
-) -> NDArray[np.intp] | None:
-    """Return the partners of some markers, counted among these; None where most have none.
-
-    One without a partner is its own: what is learnt is how it moves, not where it is.
-    """
-    partners = contralateral[markers]
-    paired = np.isin(partners, markers)
-    if paired.mean() < PAIRED:
-        return None
-    return np.searchsorted(markers, np.where(paired, partners, markers)).astype(np.intp)

@@ -12,8 +12,8 @@ from priorfill.geometry.mirror import mirrored, reflected
 from priorfill.geometry.poses import complete_poses, evenly_spaced, sample_complete_poses
 from priorfill.methods.gpr.dropout.marker_coupling import MarkerCoupling
 from priorfill.methods.gpr.dropout.options import DropoutOptions
-from priorfill.methods.gpr.dropout.subjects import THIS_CLIP, Subjects, SubjectSample
-from priorfill.methods.task import Task
+from priorfill.methods.gpr.dropout.subjects import Subjects, SubjectSample
+from priorfill.methods.task import THIS_CLIP, Task
 
 __all__ = ["Donor", "Donors", "describe_donors"]
 
@@ -302,6 +302,15 @@ class Donors:
 
 
 def describe_donors(donors: Sequence[Donor]) -> str:
-    """Return the kinds of some donors, for reports."""
+    """Return the kinds of some donors, for reports.
+
+    Examples
+    --------
+    >>> poses = np.zeros((1, 3, 3))
+    >>> image = Donor(1, True, poses, poses, sources=(OTHER_SUBJECTS,))
+    >>> own = Donor(THIS_CLIP, False, poses, poses, sources=(OWN_FRAMES,))
+    >>> describe_donors([image, own])
+    "the clip's own few frames, other subjects of the database"
+    """
     found = {source for donor in donors for source in donor.sources}
     return ", ".join(source for source in _SOURCES if source in found)

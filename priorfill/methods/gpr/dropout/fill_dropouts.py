@@ -14,9 +14,8 @@ from priorfill.methods.gpr.dropout.predict_from_donors import (
     predict_from_donors,
     predict_with_each_model,
 )
-from priorfill.methods.gpr.dropout.subjects import THIS_CLIP
-from priorfill.methods.gpr.gap_segments import FEWEST_VISIBLE
-from priorfill.methods.task import Task
+from priorfill.methods.gpr.gap_segments import MIN_VISIBLE
+from priorfill.methods.task import THIS_CLIP, Task
 
 __all__ = ["DropoutPrediction", "DropoutPredictor"]
 
@@ -94,7 +93,7 @@ class DropoutPredictor:
         DropoutPrediction or None
             None where there is no donor, or too few markers to predict from.
         """
-        if len(visible) < FEWEST_VISIBLE:
+        if len(visible) < MIN_VISIBLE:
             return None
         donors, coupling = self._donors.donors_of(markers, visible)
         if not donors:
@@ -137,7 +136,7 @@ class DropoutPredictor:
         squares = []
         for marker in visible[: options.max_proxy_markers]:
             proxy, others = np.array([marker]), visible[visible != marker]
-            if len(others) < FEWEST_VISIBLE:
+            if len(others) < MIN_VISIBLE:
                 continue
             donors = self._proxy_donors(proxy, others, frames, from_clip)
             if all(donor.mirrored for donor in donors) and self._on_midline(int(marker)):

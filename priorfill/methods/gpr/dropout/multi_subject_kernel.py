@@ -54,6 +54,25 @@ class MultiSubjectKernel(Kernel):
     shape_scale : float
         mm; length scale of the difference of shapes.
 
+    Examples
+    --------
+    >>> import numpy as np
+    >>> kernel = MultiSubjectKernel(
+    ...     linear_variance=1.0,
+    ...     rbf_variance=0.0,
+    ...     length_scale=1.0,
+    ...     offset_variance=0.5,
+    ...     movement_ratio=0.0,
+    ...     shape_share=0.6,
+    ...     image_share=0.1,
+    ...     shape_scale=30.0,
+    ... )
+    >>> donors = np.array([0, 1])  # of the same shape, but different subjects
+    >>> pairs = subject_pairs(np.zeros((2, 1)), donors, donors < 0, donors, donors)
+    >>> kernel(pairs.with_features(np.zeros((2, 2)), np.zeros(2), np.zeros(2)))
+    array([[1.5, 1.3],
+           [1.3, 1.5]])
+
     See Also
     --------
     subject_pairs : The pairs of poses that it is evaluated on.

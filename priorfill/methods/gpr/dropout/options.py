@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from priorfill.gp.features import View
+from priorfill.gp.features import Alignment
 from priorfill.gp.process import GaussianProcess
 from priorfill.methods.gpr.dropout.multi_subject_kernel import MultiSubjectKernel
 from priorfill.methods.options import check_at_least, check_between
@@ -12,9 +12,9 @@ from priorfill.methods.options import check_at_least, check_between
 __all__ = ["DropoutOptions"]
 
 _ALIGNMENTS = (
-    View("rigid", reach=160.0, floor=0.002),
-    View("rigid", reach=220.0, floor=0.005, slack=10.0),
-    View("heading", reach=220.0, floor=0.005, slack=10.0),
+    Alignment("rigid", length_scale=160.0, min_weight=0.002),
+    Alignment("rigid", length_scale=220.0, min_weight=0.005, rigidity_scale=10.0),
+    Alignment("heading", length_scale=220.0, min_weight=0.005, rigidity_scale=10.0),
 )
 
 _LINEAR_KERNEL = MultiSubjectKernel(
@@ -95,7 +95,7 @@ class DropoutOptions:
     shape_length_scale : float
         mm. Distance D from the missing marker at which a visible one has the weight exp(-1/2) in
         a body's shape.
-    alignments : tuple of View
+    alignments : tuple of Alignment
         How poses are aligned, and how visible markers are weighted, in the models.
     processes : tuple of GaussianProcess
         Covariances and noise of the models; each is used with each alignment. Chosen on 92 markers
@@ -130,7 +130,7 @@ class DropoutOptions:
     neighbour_length_scale: float = 120.0
     shape_rigidity_scale: float = 5.0
     shape_length_scale: float = 300.0
-    alignments: tuple[View, ...] = _ALIGNMENTS
+    alignments: tuple[Alignment, ...] = _ALIGNMENTS
     processes: tuple[GaussianProcess, ...] = (
         GaussianProcess(_LINEAR_KERNEL, noise_variance=0.1),
         GaussianProcess(_LOCAL_KERNEL, noise_variance=0.1),

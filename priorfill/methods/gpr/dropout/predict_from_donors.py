@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.geometry.root_frames import RootFrames, heading_frames, rigid_frames
-from priorfill.gp.calibration import LEAST_DEVIATION
-from priorfill.gp.features import ALIGNMENT_FLOOR, View
+from priorfill.geometry.root_frames import RootFrames
+from priorfill.gp.calibration import MIN_EXPECTED_RMS
+from priorfill.gp.features import Alignment
 from priorfill.gp.kernels import Pairs
 from priorfill.gp.linalg import power_weights
 from priorfill.gp.process import FittedGP
@@ -85,7 +85,7 @@ def predict_from_donors(
     mean = np.einsum("k,kqmi->qmi", weights, found.positions)
     variance = found.variance + ((found.positions - mean) ** 2).sum(axis=3)
     expected_rms = np.sqrt(np.einsum("k,kqm->qm", weights, variance))
-    return mean, np.maximum(expected_rms, LEAST_DEVIATION)
+    return mean, np.maximum(expected_rms, MIN_EXPECTED_RMS)
 
 
 def predict_with_each_model(
@@ -127,6 +127,7 @@ class _TrainingPoses:
     subject: NDArray[np.intp]  # (donors + 1,)
     mirrored: NDArray[np.bool_]  # (donors + 1,)
     shapes: _Floats  # (donors + 1, pairs of visible markers)
+    _pairs: dict[int | None, Pairs] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -154,10 +155,17 @@ class _TrainingPoses:
         return own[self.donor]
 
     def pairs(self, queries: int | None = None) -> Pairs:
-        """Return pairs of the training poses, or of some query poses with them."""
-        clip = len(self.subject) - 1
-        one = self.donor if queries is None else np.full(queries, clip, dtype=np.intp)
-        return subject_pairs(self.shapes, self.subject, self.mirrored, one, self.donor)
+        """Return pairs of the training poses, or of a number of query poses with them.
+
+        Query poses differ in their features only, so the pairs serve every batch and alignment.
+        """
+        if queries not in self._pairs:
+            clip = len(self.subject) - 1
+            one = self.donor if queries is None else np.full(queries, clip, dtype=np.intp)
+            self._pairs[queries] = subject_pairs(
+                self.shapes, self.subject, self.mirrored, one, self.donor
+            )
+        return self._pairs[queries]
 
     def held_out_blocks(self) -> list[NDArray[np.intp]]:
         """Return the poses that are held out together, for each subject of the database.
@@ -190,22 +198,20 @@ class _AlignedPoses:
 
     @classmethod
     def of(
-        cls, alignment: View, training: _TrainingPoses, query: _Floats, coupling: MarkerCoupling
+        cls,
+        alignment: Alignment,
+        training: _TrainingPoses,
+        query: _Floats,
+        coupling: MarkerCoupling,
     ) -> _AlignedPoses:
         """Align poses with the middle query pose, and weight the visible markers."""
-        near = np.exp(-0.5 * (coupling.distance / alignment.reach) ** 2)
-        rigidity = np.ones_like(near)
-        if alignment.slack is not None:
-            rigidity = 1.0 / (1.0 + (coupling.spread / alignment.slack) ** 2)
-        marker_weight = near * rigidity + ALIGNMENT_FLOOR
-        feature_weight = near * np.sqrt(rigidity) + alignment.floor
-        align = rigid_frames if alignment.frame == "rigid" else heading_frames
+        weights = alignment.marker_weights(coupling.distance, coupling.spread)
         template = query[len(query) // 2]
-        train_frames = align(training.visible, template, marker_weight)
-        query_frames = align(query, template, marker_weight)
+        train_frames = alignment.root_frames(training.visible, template, weights)
+        query_frames = alignment.root_frames(query, template, weights)
 
         def features(frames: RootFrames, poses: _Floats) -> _Floats:
-            return (frames.to_local(poses) * feature_weight[:, None]).reshape(len(poses), -1)
+            return (frames.to_local(poses) * weights.features[:, None]).reshape(len(poses), -1)
 
         train, queries = features(train_frames, training.visible), features(query_frames, query)
         mean = train.mean(axis=0)
@@ -218,7 +224,7 @@ class _AlignedPoses:
 
 
 def _predict_aligned(
-    alignment: View,
+    alignment: Alignment,
     training: _TrainingPoses,
     query: _Floats,
     coupling: MarkerCoupling,

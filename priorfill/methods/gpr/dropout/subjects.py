@@ -13,12 +13,9 @@ from priorfill.geometry.distances import median_distances, pooled_distances
 from priorfill.geometry.mirror import mirrored
 from priorfill.geometry.poses import complete_poses, evenly_spaced
 from priorfill.methods.gpr.dropout.options import DropoutOptions
-from priorfill.methods.task import Task
+from priorfill.methods.task import THIS_CLIP, Task
 
-__all__ = ["THIS_CLIP", "SubjectSample", "Subjects"]
-
-THIS_CLIP = -1
-"""Number of the clip among the takes, and of its subject among the subjects."""
+__all__ = ["THIS_CLIP", "SubjectSample", "Subjects"]  # the number is shared by all of dropout/
 
 
 @dataclass(frozen=True, eq=False)
