@@ -1,14 +1,14 @@
-"""Golden accuracies: what fills of fixed gaps err by, next to what is stored of them.
+"""Golden accuracies: errors of fixed gaps, compared with stored results.
 
     python scripts/golden.py [--only NAME,...] [--write] [--data FOLDER]
 
-Each row of `CASES` removes known samples from a clip, fills the gaps, and compares the result with
-the truth. `tests/golden/accuracy.json` stores the results, and `tests/test_golden.py` compares new
-ones with them. Run with ``--write`` after a change that is meant to alter results: rows that still
-reproduce keep their stored numbers, and old and new are printed for all others.
+Each row of `CASES` removes samples from a clip, fills the gaps, and compares the result with the
+truth. `tests/golden/accuracy.json` stores the results, and `tests/test_golden.py` compares new ones
+with them. Use ``--write`` after a change that is meant to alter results: rows that still reproduce
+keep their stored numbers, and old and new numbers of all others are printed.
 
-Clips are synthetic and seeded, or recordings of the folder that PRIORFILL_DATA or ``--data`` names.
-Recordings are no part of the project: of their rows only errors are stored, no coordinates.
+Clips are synthetic and seeded, or recordings from the folder that PRIORFILL_DATA or ``--data``
+names. Recordings are not part of the project: their rows store errors only, no coordinates.
 """
 
 from __future__ import annotations
@@ -38,25 +38,25 @@ STORED = Path(__file__).resolve().parent.parent / "tests" / "golden" / "accuracy
 """Where results are stored."""
 
 WRITE = "python scripts/golden.py --write --only"
-"""The command that stores results anew; names of rows follow."""
+"""Command that stores new results; names of rows follow."""
 
 SAMPLES = 40
-"""Coordinates (or errors, of recordings) stored for each row."""
+"""Number of coordinates stored per row; errors for recordings."""
 
-RISE = 1.02
-"""A mean error above the stored one times this counts as risen."""
+MAX_RATIO = 1.02
+"""A mean error above this multiple of the stored one counts as worse."""
 
 RELATIVE = 1e-3
-"""Relative difference of expected errors, bounds and mean errors that counts as reproduced."""
+"""Relative tolerance of expected errors, bounds and mean errors."""
 
 MILLIMETRES = 0.002
-"""mm. Difference of a coordinate that counts as reproduced, unless the row has another."""
+"""mm. Tolerance of a coordinate, unless the row has its own."""
 
 COVERAGE = 0.005
-"""Difference of a coverage that counts as reproduced."""
+"""Tolerance of a coverage."""
 
 Gaps = tuple[tuple[int, int, tuple[str, ...]], ...]
-"""First frame, frame after the last, and labels of each gap; no labels for all markers."""
+"""First frame, frame after the last, and labels of each gap; no labels means all markers."""
 
 
 @dataclass(frozen=True)
@@ -72,16 +72,16 @@ class Synthetic:
 
 @dataclass(frozen=True)
 class Recorded:
-    """Some frames of a recording.
+    """Part of a recording.
 
     Attributes
     ----------
     file : str
-        Below the folder of recordings.
+        Path below the folder of recordings.
     start, stop : int
         First frame, and the frame after the last; None for the end.
     step : int
-        Every frame of so many is used, which lowers the rate.
+        Every `step`-th frame is used, which lowers the rate.
     """
 
     file: str
@@ -100,27 +100,27 @@ class Case:
     Attributes
     ----------
     name : str
-        Of the row.
+        Name of the row.
     source : Synthetic or Recorded
         The clip whose samples are removed.
     gaps : tuple
-        What is removed.
+        Removed samples.
     database : tuple of Synthetic or Recorded
-        Clips of a database made for this row; without any there is no database.
+        Clips of a database built for this row; no database if empty.
     same_subject : tuple of Synthetic or Recorded
-        Other clips of the same subject that are given along.
+        Other clips of the same subject.
     method : str
-        The method.
+        Fill method.
     change : callable or None
-        Makes the clip that is filled out of the one from the source, the truth included.
-    placed : bool
-        Whether the database's clips count as markers placed on skeletons.
+        Modification of the source clip, including the truth.
+    virtual_markers : bool
+        Whether the clips of the database count as virtual markers.
     anonymous : bool
-        Whether the database does not know whose its clips are.
+        Whether the clips of the database have no subject.
     reject : bool
-        Whether measured samples that cannot be right are rejected.
+        Whether artefacts are rejected.
     tolerance : float
-        mm. Difference of a coordinate that counts as reproduced.
+        mm. Tolerance of a coordinate.
     """
 
     name: str
@@ -130,7 +130,7 @@ class Case:
     same_subject: tuple[Source, ...] = ()
     method: str = "auto"
     change: Callable[[pf.Clip], pf.Clip] | None = None
-    placed: bool = False
+    virtual_markers: bool = False
     anonymous: bool = False
     reject: bool = False
     tolerance: float = MILLIMETRES
@@ -150,8 +150,8 @@ def _renamed(clip: pf.Clip) -> pf.Clip:
     return replace(clip, labels=tuple(f"M{i:02d}" for i in range(1, len(clip.labels) + 1)))
 
 
-def _shaken(clip: pf.Clip) -> pf.Clip:
-    """Return a clip in which the markers of the left shoulder, the trunk and a knee shake."""
+def _with_jitter(clip: pf.Clip) -> pf.Clip:
+    """Return a clip with jitter in the markers of the left shoulder, the trunk and a knee."""
     rng = np.random.default_rng(5)
     positions = clip.positions.copy()
     for label in ("LSHO", "CLAV", "STRN", "T10", "C7", "RBAC", "LSHN", "LTHI"):
@@ -160,7 +160,7 @@ def _shaken(clip: pf.Clip) -> pf.Clip:
 
 
 def _stepped_down(clip: pf.Clip) -> pf.Clip:
-    """Return a clip of somebody who stands 250 mm lower in the middle than before and after."""
+    """Return a clip in which the subject stands 250 mm lower in the middle."""
     frames = np.arange(clip.frames)
     depth = 1.0 / (1.0 + np.exp(-(frames - 80) / 3.0)) - 1.0 / (1.0 + np.exp(-(frames - 160) / 3.0))
     return clip.with_positions(clip.positions - 250.0 * depth[:, None, None] * [0.0, 0.0, 1.0])
@@ -198,7 +198,7 @@ LEG = ("RKNE", "RSHN", *FOOT)
 
 
 def _scattered(labels: Sequence[str], frames: int, count: int, longest: int, seed: int) -> Gaps:
-    """Return seeded gaps of single markers, evenly many on all of them."""
+    """Return seeded gaps of single markers, the same number for each marker."""
     rng = np.random.default_rng(seed)
     gaps = []
     for number in range(count):
@@ -209,7 +209,7 @@ def _scattered(labels: Sequence[str], frames: int, count: int, longest: int, see
 
 
 def _flickering(start: int, stop: int) -> Gaps:
-    """Return gaps of the markers near an arm that begin and end within some frames."""
+    """Return frequent short gaps of the markers near an arm."""
     gaps: list[tuple[int, int, tuple[str, ...]]] = []
     for number, label in enumerate(("LSHO", "CLAV", "STRN", "C7", "T10")):
         first = start + 7 * number
@@ -237,9 +237,9 @@ _SYNTHETIC = (
     Case("single", _WALK, ((100, 130, ("LKNE",)),)),
     Case("single_short", _WALK, ((100, 106, ("RWRA",)), (180, 186, ("LTHI",)))),
     Case("single_tight", Synthetic("reaching"), ((70, 130, ("RFIN",)), (150, 200, ("LFHD",)))),
-    Case("bridge", _WALK, ((0, 100, ("C7",)), (105, 110, ("C7",)), (115, 240, ("C7",)))),
-    Case("bridge_brief", Synthetic(seconds=0.25), ((5, 10, ("LKNE",)),)),
-    Case("bridge_short_clip", Synthetic(seconds=0.4), ((5, 19, ("LKNE",)),)),
+    Case("interpolated", _WALK, ((0, 100, ("C7",)), (105, 110, ("C7",)), (115, 240, ("C7",)))),
+    Case("interpolated_brief", Synthetic(seconds=0.25), ((5, 10, ("LKNE",)),)),
+    Case("interpolated_short_clip", Synthetic(seconds=0.4), ((5, 19, ("LKNE",)),)),
     Case("scattered", _WALK, _scattered(_LABELS, 240, 41, 12, seed=1)),
     # limbs
     Case("limb", _WALK, ((80, 140, ARM),)),
@@ -248,7 +248,13 @@ _SYNTHETIC = (
     Case("limb_database", _WALK, ((80, 140, ARM),), database=_OTHERS),
     Case("limb_database_few_own", _WALK, ((40, 240, ARM),), database=_OTHERS),
     Case("limb_database_short_clip", Synthetic(seconds=2.0), ((50, 90, ARM),), database=_OTHERS),
-    Case("limb_placed_database", _WALK, ((60, 150, ARM),), database=_OTHERS, placed=True),
+    Case(
+        "limb_virtual_markers_database",
+        _WALK,
+        ((60, 150, ARM),),
+        database=_OTHERS,
+        virtual_markers=True,
+    ),
     Case(
         "limb_same_subject_database",
         _WALK,
@@ -261,7 +267,7 @@ _SYNTHETIC = (
     Case("two_limbs_together", _WALK, ((80, 120, ARM), (80, 120, FOOT))),
     Case("clip_ends", _WALK, ((0, 40, ("RWRA", "RFIN")), (200, 240, ("LANK", "LHEE")))),
     Case("flickering", _WALK, ((60, 160, ARM), *_flickering(60, 160))),
-    Case("shaking", _WALK, ((70, 130, ARM), (150, 200, ("LKNE",))), change=_shaken),
+    Case("jitter", _WALK, ((70, 130, ARM), (150, 200, ("LKNE",))), change=_with_jitter),
     Case("limb_into_blackout", _WALK, ((70, 140, ARM), (100, 112, ()))),
     Case("rejected", _WALK, ((90, 120, ("LKNE",)),), change=_spiked, reject=True),
     # feet and floors
@@ -380,22 +386,22 @@ CASES: Mapping[str, Case] = {case.name: case for case in (*_SYNTHETIC, *_METHODS
 
 @dataclass(frozen=True)
 class Row:
-    """What is stored of a case. Means are over the filled samples whose truth is known.
+    """Stored results of a case. Means are over filled samples with known truth.
 
     Attributes
     ----------
     filled : int
-        Samples that were filled.
+        Number of filled samples.
     error : float
         Mean distance from the truth (mm).
     expected_rms : float or None
-        Mean expected rms error (mm); None for methods that expect none.
+        Mean expected rms error (mm); None for methods without one.
     bound : float or None
-        Mean bound (mm) below which 90 % of the errors are expected.
+        Mean 90 % bound (mm).
     coverage : float or None
-        Part of the samples whose error is within the bound.
+        Share of samples with an error within the bound.
     samples : tuple of float
-        Coordinates (mm) of filled samples, evenly spread; of recordings errors (mm) instead.
+        Evenly spaced coordinates (mm) of filled samples; errors (mm) for recordings.
     """
 
     filled: int
@@ -407,7 +413,7 @@ class Row:
 
     @classmethod
     def of(cls, stored: Mapping[str, Any]) -> Row:
-        """Return the row that a mapping of a JSON file holds."""
+        """Return the row of a JSON object."""
         return cls(**{**stored, "samples": tuple(stored["samples"])})
 
 
@@ -427,7 +433,7 @@ def _clip(source: Source, folder: Path | None) -> pf.Clip:
 
 
 def _with_gaps(clip: pf.Clip, gaps: Gaps) -> pf.Clip:
-    """Return a clip without some of its samples."""
+    """Remove samples from a clip."""
     positions = clip.positions.copy()
     for start, stop, labels in gaps:
         columns = [clip.labels.index(label) for label in labels or clip.labels]
@@ -436,18 +442,20 @@ def _with_gaps(clip: pf.Clip, gaps: Gaps) -> pf.Clip:
 
 
 def _fill(case: Case, clip: pf.Clip, folder: Path | None) -> pf.Result:
-    """Fill a clip as a case asks."""
+    """Fill a clip with the settings of a case."""
     with ExitStack() as stack:
         database = None
         if case.database:
-            memory = Path("/dev/shm")  # where it is quicker, as nothing waits for a disk
+            memory = Path("/dev/shm")  # faster, without waiting for a disk
             made = tempfile.TemporaryDirectory(dir=memory if memory.is_dir() else None)
             database = Path(stack.enter_context(made)) / "database"
             with pf.PriorDatabase.create(database) as new:
                 for source in case.database:
                     known = _clip(source, folder)
                     subject = "" if case.anonymous else known.subject
-                    new.add(known, pf.ClipOrigin(subject=subject, virtual_markers=case.placed))
+                    new.add(
+                        known, pf.ClipOrigin(subject=subject, virtual_markers=case.virtual_markers)
+                    )
         return pf.fill(
             clip,
             database=database,
@@ -469,7 +477,7 @@ def run(case: Case, folder: Path | None = None) -> Row:
     """
     truth = _clip(case.source, folder)
     if case.reject:
-        # what is rejected is wrong: the truth is the clip without it
+        # the truth is the clip without the artefacts
         assert case.change is not None
         gappy = _with_gaps(case.change(truth), case.gaps)
     else:
@@ -480,7 +488,7 @@ def run(case: Case, folder: Path | None = None) -> Row:
     off = np.linalg.norm(result.clip.positions - truth.positions, axis=2)[scored]
     bound = result.error_bound_90[scored]
     values = off if case.recorded else result.clip.positions[scored].ravel()
-    # about evenly, and in turn of all three coordinates
+    # evenly spaced, cycling through the coordinates
     some = np.unique(np.linspace(0, len(values) - 1, SAMPLES).round().astype(np.intp))
     known = bool(len(bound)) and bool(np.isfinite(bound).any())
     return Row(
@@ -505,10 +513,10 @@ def _mean(values: np.ndarray) -> float | None:
 # comparing and storing
 
 
-def risen(stored: Row, found: Row) -> list[str]:
-    """Return in what a result is worse than a stored one, a sentence each."""
+def regressions(stored: Row, found: Row) -> list[str]:
+    """Return how a result is worse than a stored one."""
     worse = []
-    if not found.error <= RISE * stored.error:
+    if not found.error <= MAX_RATIO * stored.error:
         worse.append(
             f"mean error {found.error:.4f} mm, stored {stored.error:.4f} mm "
             f"({_ratio(found.error, stored.error)})"
@@ -519,14 +527,14 @@ def risen(stored: Row, found: Row) -> list[str]:
 
 
 def differing(stored: Row, found: Row, tolerance: float = MILLIMETRES) -> list[str]:
-    """Return in what a result differs from a stored one, a sentence each.
+    """Return how a result differs from a stored one.
 
     Parameters
     ----------
     stored, found : Row
         The results.
     tolerance : float
-        mm. Difference of a sampled coordinate that counts as reproduced.
+        mm. Tolerance of a sampled coordinate.
     """
     differences = []
     if found.filled != stored.filled:
@@ -553,22 +561,21 @@ def differing(stored: Row, found: Row, tolerance: float = MILLIMETRES) -> list[s
 
 
 def message(name: str, differences: Sequence[str]) -> str:
-    """Return what a failing test prints."""
+    """Return the message of a failing test."""
     return (
-        f"row {name}: {'; '.join(differences)}\n"
-        f"if that is meant, store the new result: {WRITE} {name}"
+        f"row {name}: {'; '.join(differences)}\nif intended, store the new result: {WRITE} {name}"
     )
 
 
 def stored_rows(path: Path = STORED) -> dict[str, Row]:
-    """Return the stored rows by name; none where there is no file."""
+    """Return the stored rows by name; empty without a file."""
     if not path.exists():
         return {}
     return {name: Row.of(row) for name, row in json.loads(path.read_text("utf-8")).items()}
 
 
 def write_rows(rows: Mapping[str, Row], path: Path = STORED) -> None:
-    """Store rows in the order of the table, the sampled values of each on one line."""
+    """Store rows in the order of `CASES`, the sampled values of each on one line."""
     parts = []
     for name in (name for name in CASES if name in rows):
         values = {**vars(rows[name]), "samples": list(rows[name].samples)}
@@ -579,7 +586,7 @@ def write_rows(rows: Mapping[str, Row], path: Path = STORED) -> None:
 
 
 def _ratio(new: float | None, old: float | None) -> str:
-    """Return how many times an old value a new one is."""
+    """Return the ratio of a new and an old value as text."""
     return "-" if new is None or not old else f"{new / old:.4f} x"
 
 
@@ -589,7 +596,7 @@ def _number(value: float | None) -> str:
 
 
 def _print_row(case: Case, found: Row, old: Row | None, seconds: float) -> None:
-    """Print a line of the table: each value, and after it the stored one."""
+    """Print a line of the table: each value, followed by the stored one."""
     cells = [f"{case.name:28}", f"{found.filled:6}{old.filled if old else '-':>6}"]
     for name in ("error", "expected_rms", "bound", "coverage"):
         stored = getattr(old, name) if old else None
@@ -604,16 +611,16 @@ def _print_row(case: Case, found: Row, old: Row | None, seconds: float) -> None:
 
 
 def _chosen(only: str | None, parser: argparse.ArgumentParser) -> list[Case]:
-    """Return the cases that are asked for."""
+    """Return the selected cases."""
     names = only.split(",") if only else list(CASES)
     unknown = [name for name in names if name not in CASES]
     if unknown:
-        parser.error(f"no row is called {', '.join(unknown)}; the rows are {', '.join(CASES)}")
+        parser.error(f"there is no row {', '.join(unknown)}; the rows are {', '.join(CASES)}")
     return [CASES[name] for name in names]
 
 
 def main() -> int:
-    """Print the table, and store it where it is asked for."""
+    """Print the table, and store it with ``--write``."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", metavar="NAME,...", help="rows, all by default")
     parser.add_argument("--write", action="store_true", help=f"store results in {STORED.name}")
@@ -639,15 +646,15 @@ def main() -> int:
         if old is None or differing(old, found, case.tolerance):
             changed.append((case.name, found, old))
     if skipped:
-        print(f"skipped, as there is no folder {options.data}: {', '.join(skipped)}")
+        print(f"skipped, because there is no folder {options.data}: {', '.join(skipped)}")
     if options.write:
         for name, found, old in changed:
-            why = differing(old, found, CASES[name].tolerance) if old else ["not stored so far"]
+            why = differing(old, found, CASES[name].tolerance) if old else ["new row"]
             print(f"stored {name}: {'; '.join(why)}")
         kept = {**stored, **{name: found for name, found, _ in changed}}
         gone = [name for name in kept if name not in CASES]
         if gone:
-            print(f"removed, as the table has no such row: {', '.join(gone)}")
+            print(f"removed, because the table has no such row: {', '.join(gone)}")
         if changed or gone:
             write_rows(kept)
     return 0

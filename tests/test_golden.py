@@ -1,4 +1,4 @@
-"""Fills of fixed gaps reproduce the stored results of `scripts/golden.py`, and err no more."""
+"""Fills of fixed gaps reproduce the stored results of `scripts/golden.py`."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def stored_and_found(name: str, request: pytest.FixtureRequest) -> tuple[Any, An
 
 @ROWS
 def test_error_has_not_risen(name: str, request: pytest.FixtureRequest) -> None:
-    worse = golden.risen(*stored_and_found(name, request))
+    worse = golden.regressions(*stored_and_found(name, request))
     assert not worse, golden.message(name, worse)
 
 
@@ -67,7 +67,7 @@ STORED_ROW = golden.Row(100, 10.0, 12.0, 20.0, 0.9, tuple(float(i) for i in rang
 
 
 def test_equal_rows_do_not_differ() -> None:
-    assert golden.risen(STORED_ROW, STORED_ROW) == []
+    assert golden.regressions(STORED_ROW, STORED_ROW) == []
     assert golden.differing(STORED_ROW, STORED_ROW) == []
     without = replace(STORED_ROW, expected_rms=None, bound=None, coverage=None)
     assert golden.differing(without, without) == []
@@ -78,13 +78,13 @@ def test_equal_rows_do_not_differ() -> None:
     [{"error": 10.21}, {"error": float("nan")}, {"filled": 99}],
     ids=["error", "no number", "filled"],
 )
-def test_a_worse_row_has_risen(change: dict[str, Any]) -> None:
-    assert golden.risen(STORED_ROW, replace(STORED_ROW, **change))
+def test_a_worse_row_is_a_regression(change: dict[str, Any]) -> None:
+    assert golden.regressions(STORED_ROW, replace(STORED_ROW, **change))
 
 
-def test_a_better_row_has_not_risen() -> None:
-    assert golden.risen(STORED_ROW, replace(STORED_ROW, error=9.0, filled=101)) == []
-    assert golden.risen(STORED_ROW, replace(STORED_ROW, error=10.19)) == []
+def test_a_better_row_is_no_regression() -> None:
+    assert golden.regressions(STORED_ROW, replace(STORED_ROW, error=9.0, filled=101)) == []
+    assert golden.regressions(STORED_ROW, replace(STORED_ROW, error=10.19)) == []
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_an_altered_stored_row_fails(request: pytest.FixtureRequest) -> None:
     name = "dropout_database"
     stored, found = stored_and_found(name, request)
     lower = replace(stored, error=stored.error / 1.03)
-    worse = golden.risen(lower, found)
+    worse = golden.regressions(lower, found)
     assert len(worse) == 1
     assert name in golden.message(name, worse)
     assert f"golden.py --write --only {name}" in golden.message(name, worse)
@@ -155,11 +155,11 @@ def test_the_script_prints_a_row() -> None:
 def test_the_script_skips_recordings_that_are_absent(tmp_path: Path) -> None:
     done = run_script("--only", "cmu_single", "--data", str(tmp_path / "absent"))
     assert done.returncode == 0, done.stderr
-    assert "skipped, as there is no folder" in done.stdout
+    assert "skipped, because there is no folder" in done.stdout
     assert "cmu_single" in done.stdout.splitlines()[-1]
 
 
 def test_the_script_names_the_rows_it_does_not_have() -> None:
     done = run_script("--only", "nonsense")
     assert done.returncode == 2
-    assert "no row is called nonsense" in done.stderr
+    assert "there is no row nonsense" in done.stderr

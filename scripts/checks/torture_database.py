@@ -92,7 +92,7 @@ TIMEOUT = 120.0
 ADD = ("-c", "from priorfill.cli import main; main()", "db", "add", "-d")
 
 
-# --- what may fail -----------------------------------------------------------------------------
+# --- faults ---
 
 
 @dataclass(frozen=True)
@@ -102,17 +102,17 @@ class Fault:
     Attributes
     ----------
     at : int
-        Number of the call that fails, from 1; 0: none.
+        Number of the failing call, from 1; 0: none.
     late : bool
-        It fails after it was done. Otherwise it fails before, a write after half of its bytes.
+        Whether it fails after it was executed; otherwise before, a write after half of its bytes.
     for_ever : bool
-        Every later call fails too, before anything is done.
+        Whether all later calls fail too, without being executed.
     only : str
         Count only calls that have this in their name: ``fsync``, ``sqlite commit``, ...
     strike : callable, optional
-        Called at the call that fails, before the error is raised.
+        Called at the failing call, before the error is raised.
     error : callable, optional
-        Makes the error; by default an OSError, from SQLite an OperationalError.
+        Returns the error; by default an OSError, for SQLite an OperationalError.
     """
 
     at: int = 0
@@ -131,16 +131,16 @@ class Faults:
     Parameters
     ----------
     inside : Path
-        Only calls on paths in this folder count, and all on open files.
+        Calls on paths count in this folder only; calls on open files always count.
     fault : Fault, optional
         The failure; none by default.
 
     Attributes
     ----------
     calls : int
-        Calls that were counted since `arm`.
+        Number of calls since `arm`.
     struck : str
-        The call that failed; empty as long as none has.
+        The call that failed; empty if none has.
     """
 
     PATHS = ("unlink", "remove", "rename", "replace", "mkdir", "rmdir", "truncate", "link")
@@ -153,7 +153,7 @@ class Faults:
         self.arm(fault or Fault())
 
     def arm(self, fault: Fault) -> None:
-        """Count from 0 again, and let this fail."""
+        """Restart the count, with another fault."""
         self._fault: Fault | None = fault
         self.calls = 0
         self.struck = ""
@@ -242,7 +242,7 @@ class Faults:
         faults = self
 
         class Connection(sqlite3.Connection):
-            """A connection whose changes count."""
+            """A connection whose changing statements count."""
 
             def execute(self, sql: str, *more: Any) -> sqlite3.Cursor:
                 do = super().execute
@@ -287,7 +287,7 @@ class _File:
         return getattr(self._file, name)
 
 
-# --- clips, and what must become of them ---------------------------------------------------------
+# --- clips, and their expected content ---
 
 
 @dataclass(frozen=True)
@@ -366,7 +366,7 @@ def contents(folder: Path, known: dict[str, dict[str, Stored]]) -> dict[str, str
         left = [path.name for path in folder.iterdir()] if folder.exists() else []
         if set(left) <= {"priorfill-database.json.new"}:
             return {}
-        raise WrongError(f"no database, but {left}")
+        raise WrongError(f"there is no database, but {left}")
     found: dict[str, str] = {}
     try:
         with PriorDatabase.open(folder) as database:
@@ -382,7 +382,7 @@ def contents(folder: Path, known: dict[str, dict[str, Stored]]) -> dict[str, str
                 )
                 stored = Stored(data, mask.tobytes())
                 if record.name in found:
-                    raise WrongError(f"{record.name} is there twice")
+                    raise WrongError(f"{record.name} exists twice")
                 for version, expected in known.get(record.name, {}).items():
                     if stored == expected:
                         found[record.name] = version
@@ -393,7 +393,7 @@ def contents(folder: Path, known: dict[str, dict[str, Stored]]) -> dict[str, str
     return found
 
 
-# --- plans of the driver -----------------------------------------------------------------------
+# --- plans of the driver ---
 
 
 @dataclass(frozen=True)
@@ -445,7 +445,7 @@ def make_plan(rng: random.Random, own: dict[str, str], other: dict[str, str]) ->
 
 
 def drive(folder: Path, plan: Path, files: Path, other: Path) -> None:
-    """Carry out a plan and print what is begun and done (runs in a process of its own)."""
+    """Execute a plan; print when each step begins and is done (in another process)."""
     from priorfill import formats
 
     with PriorDatabase.open(folder, write=True) as database:
@@ -467,12 +467,12 @@ def drive(folder: Path, plan: Path, files: Path, other: Path) -> None:
 
 
 def kill_myself() -> None:
-    """End at once."""
+    """End this process immediately."""
     os.kill(os.getpid(), signal.SIGKILL)
 
 
 def child(options: dict[str, Any], arguments: list[str]) -> None:
-    """Run the command line or a plan with faults (runs in a process of its own)."""
+    """Run the command line or a plan with faults (in another process)."""
     from priorfill.cli import main
     from priorfill.database import segments
     from priorfill.errors import PriorfillError
@@ -500,7 +500,7 @@ def child(options: dict[str, Any], arguments: list[str]) -> None:
 
 
 def is_unfinished(folder: Path) -> bool:
-    """Tell if there is anything that a database at rest has not, or two catalogues."""
+    """Return whether a database has unfinished files or two catalogues."""
     try:
         names = [path.name for path in folder.iterdir()]
     except FileNotFoundError:
@@ -509,16 +509,16 @@ def is_unfinished(folder: Path) -> bool:
     return catalogues > 1 or not all(RESTING.fullmatch(name) for name in names)
 
 
-# --- a process, and how it is disturbed ----------------------------------------------------------
+# --- processes, and how they are disturbed ---
 
 
 class Fork:
-    """A copy of this process that runs something else: there in a moment, all being imported.
+    """A copy of this process that runs something else; it starts fast, with everything imported.
 
     Parameters
     ----------
     arguments : sequence of str
-        Of Python, of one of the two forms that are used here.
+        Python's arguments, in one of the two forms used in this script.
     prepare : callable
         Called in the new process.
     """
@@ -526,17 +526,17 @@ class Fork:
     def __init__(self, arguments: Sequence[str], prepare: Callable[[], None]) -> None:
         pipes = [os.pipe(), os.pipe()]
         with warnings.catch_warnings():
-            # forking with threads about can hang a child that takes their locks; none does here
+            # forking a threaded process can hang a child that takes their locks; none does here
             warnings.simplefilter("ignore", DeprecationWarning)
             self._pid = os.fork()
         if self._pid == 0:
-            self._be_another(arguments, prepare, [write for _, write in pipes])
+            self._run_child(arguments, prepare, [write for _, write in pipes])
         for _, write in pipes:
             os.close(write)
         self.stdout, self.stderr = (os.fdopen(read, "rb", 0) for read, _ in pipes)
         self._status: int | None = None
 
-    def _be_another(
+    def _run_child(
         self, arguments: Sequence[str], prepare: Callable[[], None], outputs: list[int]
     ) -> None:
         status: object = 1
@@ -564,7 +564,7 @@ class Fork:
         os._exit(status if isinstance(status, int) else 1)
 
     def poll(self) -> int | None:
-        """Return its status if it has ended."""
+        """Return its exit status if it has ended."""
         if self._status is None:
             pid, status = os.waitpid(self._pid, os.WNOHANG)
             if pid:
@@ -587,16 +587,16 @@ class Fork:
 
 
 class Run:
-    """A process whose lines of output are collected while it runs.
+    """A process whose output is collected while it runs.
 
     Parameters
     ----------
     arguments : sequence of str
-        Of Python.
+        Python's arguments.
     file_limit : int, optional
-        No file that it writes may be larger, bytes.
+        Maximum bytes of the files it writes.
     fork : bool
-        Whether it may be a copy of this process.
+        Whether it is a copy of this process.
     """
 
     def __init__(
@@ -645,16 +645,16 @@ class Run:
 
     @property
     def errors(self) -> str:
-        """What it said on stderr."""
+        """Its output on stderr."""
         return self._errors.decode().strip()
 
     @property
     def runs(self) -> bool:
-        """Whether it has not ended."""
+        """Whether it is still running."""
         return self._process.poll() is None
 
     def wait_for_lines(self, count: int, word: str = "") -> None:
-        """Return when so many lines that begin with a word are there, or it has ended."""
+        """Wait for a number of lines that begin with a word, or for its end."""
 
         def enough() -> bool:
             there = sum(line.startswith(word) for line in self.lines)
@@ -665,14 +665,14 @@ class Run:
                 pass
 
     def wait_for_unfinished(self, folder: Path) -> None:
-        """Return when there is a file that does not belong to a database at rest."""
+        """Wait until the database has an unfinished file, or for its end."""
         end = self.began + TIMEOUT
         while self.runs and time.monotonic() < end:
             if is_unfinished(folder):
                 return
 
     def end(self, *, kill: bool = False) -> int:
-        """Wait until it has ended, and return its status."""
+        """Wait until it has ended, and return its exit status."""
         if kill:
             self._process.kill()
         try:
@@ -691,23 +691,23 @@ class Run:
 
     @property
     def seconds(self) -> float:
-        """How long it has been there."""
+        """Time since its start (s)."""
         return time.monotonic() - self.began
 
 
 def kill_some_time(run: Run, job: Job, rng: random.Random, share: float) -> bool:
-    """Kill a process at a random moment; return whether it was still at work.
+    """Kill a process at a random moment; return whether it was still running.
 
     Parameters
     ----------
     run : Run
         The process.
     job : Job
-        What it is about, and how long that takes if left alone.
+        Its job, with the undisturbed duration.
     rng : random.Random
         Chooses the moment.
     share : float
-        How much of the work is still to be done.
+        Share of the work that remains.
     """
     how = rng.choice(("time", "line", "file", "file"))
     working = (job.seconds - job.starting) * share
@@ -715,7 +715,7 @@ def kill_some_time(run: Run, job: Job, rng: random.Random, share: float) -> bool
         time.sleep(rng.uniform(0, job.starting + working))
     else:
         run.wait_for_lines(rng.randint(0, max(0, int(job.lines * share) - 2)), job.counts)
-        if how == "line":  # and then at any stage of the next piece of work
+        if how == "line":  # then at any stage of the following step
             time.sleep(rng.uniform(0, 1.5 * (job.seconds - job.starting) / job.lines))
         else:
             run.wait_for_unfinished(job.folder)
@@ -725,7 +725,7 @@ def kill_some_time(run: Run, job: Job, rng: random.Random, share: float) -> bool
 
 @dataclass
 class Row:
-    """A line of the table."""
+    """A row of the table."""
 
     title: str
     rounds: int = 0
@@ -739,23 +739,23 @@ class Row:
 
 
 class Torture:
-    """Everything that the rounds share.
+    """All rounds, and what they share.
 
     Parameters
     ----------
     work : Path
         An empty folder.
     seed : int
-        Of the moments; the clips are always the same.
+        Seed of the disturbances; the clips are always the same.
     files : int
-        How many clips ``db add`` gets.
+        Number of clips for ``db add``.
     progress : callable, optional
-        Called with a line on what is going on.
+        Called with a line about the progress.
     mounts : bool
         Whether to mount a tmpfs.
     forks : bool
-        Whether the processes that are killed at a random time may be copies of this one, too.
-        Such start in a moment, but nothing disturbs that. All others are copies anyway.
+        Whether processes killed at a random time may be copies of this one, as all others are.
+        These start so fast that their start is not disturbed.
     """
 
     def __init__(
@@ -801,7 +801,7 @@ class Torture:
                     database.add(formats.read(self._files / f"{name}.c3d"))
 
     def run(self, kind: str, rounds: int) -> None:
-        """Do the rounds of ``kill``, ``full`` or ``fsync``; ``none`` disturbs nothing."""
+        """Run the rounds of ``kill``, ``full`` or ``fsync``; ``none`` disturbs nothing."""
         if kind == "kill":
             self._adding("SIGKILL in db add", rounds, self._killed)
             self._planned("SIGKILL in remove, accept, compact, merge", rounds, self._killed)
@@ -809,14 +809,14 @@ class Torture:
             self._adding("file-size limit in db add", rounds, self._limited)
             self._planned("file-size limit in remove, ...", rounds, self._limited)
             if self._mounts:
-                self._adding("full tmpfs in db add", rounds, self._left_alone, on_tmpfs=True)
+                self._adding("full tmpfs in db add", rounds, self._undisturbed, on_tmpfs=True)
         elif kind == "fsync":
             self._adding("failing calls in db add", rounds, self._tripped)
             self._planned("failing calls in remove, ...", rounds, self._tripped)
         elif kind == "none":
-            self._planned("left alone", rounds, self._left_alone)
+            self._planned("undisturbed", rounds, self._undisturbed)
 
-    # --- how a process is disturbed: start it, return what it said and whether it was disturbed
+    # --- disturbances: each starts a process and returns it, and whether it was disturbed
 
     def _killed(self, job: Job, rng: random.Random) -> tuple[Run, bool]:
         if rng.random() < AT_A_CALL:
@@ -829,7 +829,7 @@ class Torture:
     def _limited(self, job: Job, rng: random.Random) -> tuple[Run, bool]:
         small = rng.random() < 0.5
         largest = job.catalogue if small else max(job.bytes, job.catalogue)
-        # an empty catalogue is of some size already, and what a plan begins with
+        # even an empty catalogue has a size, as has the database that a plan starts with
         least = job.floor or largest // 2
         largest = max(largest, 2 * job.floor)
         size = rng.randint(least, largest) if rng.random() < 0.7 else rng.randint(0, largest)
@@ -837,7 +837,7 @@ class Torture:
         run = Run(arguments, size, fork=True)
         return run, run.end() != 0
 
-    def _left_alone(self, job: Job, rng: random.Random) -> tuple[Run, bool]:
+    def _undisturbed(self, job: Job, rng: random.Random) -> tuple[Run, bool]:
         run = Run(job.plain(), fork=True)
         return run, run.end() != 0
 
@@ -901,7 +901,7 @@ class Torture:
         must: set[str],
         mount: Mount,
     ) -> set[str]:
-        """Do a round; return the names of what the database must hold afterwards."""
+        """Run a round; return the names of the clips that the database must have afterwards."""
         run, was_disturbed = disturb(job, rng)
         self._check_end(run, killed=disturb == self._killed)
         row.disturbed += was_disturbed
@@ -913,8 +913,8 @@ class Torture:
         row.reported += len(reported)
         row.found += len(found)
         if missing := (must | reported) - set(found):
-            raise WrongError(f"reported as added but not there: {', '.join(sorted(missing))}")
-        # the next one goes on: some that are there, some that are not
+            raise WrongError(f"reported as added but missing: {', '.join(sorted(missing))}")
+        # the next process adds some clips that exist and some that do not
         mount.grow()
         there = [file for file in files if Path(file).stem in found][:2]
         new = [file for file in files if Path(file).stem not in found][:2]
@@ -926,10 +926,10 @@ class Torture:
             raise WrongError(f"the next db add ended with {status}: {after.errors[-400:]}")
         wanted = [f"added {file}" for file in new]
         if [line for line in after.lines if line in names] != wanted:
-            raise WrongError(f"the next db add said {after.lines} instead of {wanted}")
+            raise WrongError(f"the next db add printed {after.lines} instead of {wanted}")
         now = set(contents(job.folder, self.known))
         if now != set(found) | {Path(file).stem for file in new}:
-            raise WrongError("after the next db add other clips are there than should be")
+            raise WrongError("after the next db add the database has the wrong clips")
         return now
 
     def _planned(
@@ -982,14 +982,14 @@ class Torture:
         row.found += len(found)
         step = plan[min(done, len(plan) - 1)]
         fits = found == (step.before if done < len(plan) else step.after)
-        # a line may have been on its way when the process was killed
+        # the process may have been killed between a commit and its line
         if not fits and not (done < len(plan) and step.admits(found)):
             raise WrongError(
                 f"after {done} steps and in {step.kind} {step.names} ({begun} begun) there is "
                 f"{_difference(found, step.before)} against before and "
                 f"{_difference(found, step.after)} against after"
             )
-        # the next one goes on, with what is left to do
+        # the next process executes the remaining steps
         rest = plan[done:]
         if found == step.after and found != step.before:
             rest = rest[1:]
@@ -1003,7 +1003,7 @@ class Torture:
             raise WrongError(f"the next writer left {_difference(now, plan[-1].after)}")
 
     def _check_end(self, run: Run, *, killed: bool) -> None:
-        """Raise if a process that was not killed ended in disorder."""
+        """Raise an error if a process that was not killed ended without a clean message."""
         status = run.end()
         if killed:
             return
@@ -1021,25 +1021,25 @@ class Torture:
 
     @property
     def failed(self) -> bool:
-        """Whether there was a fault."""
+        """Whether a round failed."""
         return any(row.faults for row in self.rows)
 
 
 class Job:
-    """A process to be disturbed: how it is started, and what it does if left alone.
+    """A process to be disturbed: how it is started, and figures of an undisturbed run.
 
     Parameters
     ----------
     folder : Path
         The database.
     arguments : tuple of str
-        Of Python, for the command line as users run it.
+        Python's arguments for the command line as users run it.
     options : dict
-        Of `child`, for a plan.
+        Options of `child`, for a plan.
     start : Path, optional
-        Database that the folder is a copy of at the beginning.
+        Database that is copied to the folder at the beginning.
     forks : bool
-        Whether it may run in a copy of this process where it is killed at a random time.
+        Whether it may run in a copy of this process if it is killed at a random time.
     """
 
     def __init__(
@@ -1056,34 +1056,34 @@ class Job:
         self.arguments = arguments
         self._options = options or {}
         self._start = start
-        self.counts = "added" if arguments else "done"  # how lines that count begin
-        self.share = 1.0  # how much of the work is still to be done
-        self.seconds = 0.0  # that it takes, and of them until the first line
+        self.counts = "added" if arguments else "done"  # first word of the counted lines
+        self.share = 1.0  # share of the work that remains
+        self.seconds = 0.0  # duration, and time until the first line
         self.starting = 0.0
         self.lines = 0
         self.calls = 0
-        self.bytes = 0  # of its largest segment, and of the catalogue
+        self.bytes = 0  # bytes of the largest segment, and of the catalogue
         self.catalogue = 0
-        self.floor = 0  # of the catalogue at the beginning
+        self.floor = 0  # bytes of the catalogue at the beginning
 
     def plain(self) -> list[str]:
-        """Return Python's arguments for the process as it is."""
+        """Return Python's arguments for the process without faults."""
         return list(self.arguments) if self.arguments else self.with_faults()
 
     def with_faults(self, **more: Any) -> list[str]:
-        """Return Python's arguments for the process with some options of `child`."""
+        """Return Python's arguments for the process with options of `child`."""
         options = self._options | {"folder": self.folder} | more
         command = list(self.arguments[2:]) if self.arguments else []
         return [__file__, "--child", json.dumps(options, default=str), *command]
 
     def reset(self) -> None:
-        """Put the database at the beginning."""
+        """Restore the database of the beginning."""
         shutil.rmtree(self.folder, ignore_errors=True)
         if self._start is not None:
             shutil.copytree(self._start, self.folder)
 
     def measure(self) -> None:
-        """Let the process run undisturbed: how long it takes, and what it writes."""
+        """Measure the duration and the output of an undisturbed run."""
         self.reset()
         plain = Run(self.plain(), fork=self.forks)
         plain.wait_for_lines(1)
@@ -1103,14 +1103,14 @@ class Job:
         self.calls = int(counting.errors.split("calls ")[-1].split()[0])
 
     def take_over(self, other: Job) -> None:
-        """Take another job's figures for this one's."""
+        """Copy the figures of another job."""
         self.seconds, self.starting = other.seconds, other.starting
         self.lines, self.calls, self.floor = other.lines, other.calls, other.floor
         self.bytes, self.catalogue = other.bytes, other.catalogue
 
 
 class Mount:
-    """A small tmpfs, where mounting is allowed."""
+    """A small tmpfs, if mounting is allowed."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -1118,7 +1118,7 @@ class Mount:
         self._mounted = False
 
     def why_not(self) -> str:
-        """Return why there can be none; empty where there can."""
+        """Return why it cannot be mounted; empty if it can."""
         self.folder.mkdir(exist_ok=True)
         try:
             with self:
@@ -1137,7 +1137,7 @@ class Mount:
         self._mounted = False
 
     def grow(self) -> None:
-        """Make room."""
+        """Enlarge it."""
         if self._mounted:
             self._mount("remount,size=1g")
 
@@ -1151,7 +1151,7 @@ class Mount:
 
 
 def _difference(found: dict[str, str], wanted: dict[str, str]) -> str:
-    """Return how two states differ, in words."""
+    """Describe the difference between two contents."""
     parts = [
         f"{name} {found.get(name, 'missing')} instead of {wanted.get(name, 'nothing')}"
         for name in sorted(set(found) | set(wanted))
@@ -1161,7 +1161,7 @@ def _difference(found: dict[str, str], wanted: dict[str, str]) -> str:
 
 
 def print_table(rows: Sequence[Row]) -> None:
-    """Print what became of the rounds."""
+    """Print the results of the rounds."""
     print(
         f"{'what':43s} {'rounds':>6s} {'disturbed':>9s} {'unfinished':>10s} {'reported':>8s} "
         f"{'checked':>8s} {'good':>10s} {'min':>5s}"
@@ -1176,9 +1176,9 @@ def print_table(rows: Sequence[Row]) -> None:
             f"{row.reported:8d} {row.found:8d} {good:>10s} {row.seconds / 60:5.1f}"
         )
     print(
-        "disturbed: killed at work, or ended with an error; unfinished: a journal or the like was "
-        "left behind;\nreported: clips or steps that the process had said were done; checked: "
-        "clips compared bit for bit"
+        "disturbed: killed while running, or ended with an error; unfinished: a journal or similar "
+        "was left;\nreported: clips or steps that the process reported as done; checked: clips "
+        "compared bit for bit"
     )
     for row in rows:
         for fault in row.faults:
@@ -1192,7 +1192,7 @@ def main() -> int:
         return 0
     assert __doc__ is not None
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rounds", type=int, default=200, help="number per line of the table")
+    parser.add_argument("--rounds", type=int, default=200, help="number per row of the table")
     parser.add_argument("--kind", choices=("kill", "full", "fsync", "all"), default="all")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--files", type=int, default=FILES, help="number of clips for db add")
@@ -1212,7 +1212,7 @@ def main() -> int:
     finally:
         print_table(torture.rows)
         if torture.failed:
-            print(f"what was found wrong is kept in {work}")
+            print(f"the databases of failed rounds are kept in {work}")
         else:
             shutil.rmtree(work)
     return int(torture.failed)
