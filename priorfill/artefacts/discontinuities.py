@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.artefacts.reference_markers import ReferenceMarkers
+from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["BreakOptions", "PathBreaks", "find_breaks", "path_steps", "relative_step_sizes"]
 
@@ -60,6 +61,11 @@ class BreakOptions:
     noise_frames: int = 500
     gap_edge_factor: float = 3.0
     echo_ratio: float = 1.5
+
+    def __post_init__(self) -> None:
+        check_at_least(self, 0.0, "min_size", "max_acceleration", "noise_factor")
+        check_between(self, 0.0, 1.0, "noise_quantile")
+        check_at_least(self, 1, "noise_frames", "gap_edge_factor", "echo_ratio")
 
 
 @dataclass(frozen=True)

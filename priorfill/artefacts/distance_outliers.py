@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.artefacts.reference_markers import ReferenceMarkers, distances, sample_poses
+from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["DistanceOutlierOptions", "distance_outliers"]
 
@@ -42,6 +43,11 @@ class DistanceOutlierOptions:
     max_ratio: float = 1.3
     margin: float = 60.0
     single_reference_factor: float = 3.0
+
+    def __post_init__(self) -> None:
+        check_between(self, 0.0, 1.0, "quantile")
+        check_at_least(self, 1.0, "max_ratio", "single_reference_factor")
+        check_at_least(self, 0.0, "margin")
 
 
 def distance_outliers(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from priorfill.artefacts.reference_markers import distances
 from priorfill.gaps import runs
+from priorfill.runtime.option_checks import check_at_least
 
 __all__ = [
     "MarkerPath",
@@ -87,6 +88,11 @@ class OutlierRunOptions:
     max_rigid_spread: float = 2.0
     main_candidates: int = 4
     min_evidence_deviation: float = 2.0
+
+    def __post_init__(self) -> None:
+        check_at_least(self, 1e-3, "min_spread")
+        check_at_least(self, 1, "min_references", "main_candidates")
+        check_at_least(self, 0.0, "max_spike_seconds", "min_long_break", "wrong_side_ratio")
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.runtime.option_checks import check_at_least, check_between
+
 __all__ = [
     "ReferenceMarkerOptions",
     "ReferenceMarkers",
@@ -50,6 +52,11 @@ class ReferenceMarkerOptions:
     min_poses: int = 5
     block_quantile: float = 0.5
     distance_penalty: float = 0.03
+
+    def __post_init__(self) -> None:
+        check_at_least(self, 1, "count", "min_poses")
+        check_between(self, 0.0, 1.0, "block_quantile")
+        check_at_least(self, 0.0, "distance_penalty")
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from priorfill.artefacts.reference_markers import ReferenceMarkers, distances
 from priorfill.gaps import runs
+from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["StuckOptions", "StuckRun", "find_stuck"]
 
@@ -33,6 +34,10 @@ class StuckOptions:
     min_frames: int = 4
     min_reference_shift: float = 5.0
     min_distance_change: float = 2.0
+
+    def __post_init__(self) -> None:
+        check_at_least(self, 2, "min_frames")
+        check_at_least(self, 0.0, "min_reference_shift", "min_distance_change")
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ from priorfill.constraints.distance_terms import (
     normal_equations,
 )
 from priorfill.geometry.distances import norms
+from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["FloorOptions", "enforce_floor"]
 
@@ -76,6 +77,12 @@ class FloorOptions:
     ramp_seconds: float = 0.025
     max_penetration_std: float = 3.0
     max_penetration: float = 20.0
+
+    def __post_init__(self) -> None:
+        check_at_least(self, 1e-6, "floor_std", "min_spread")
+        check_at_least(
+            self, 0.0, "max_spread", "ramp_seconds", "max_penetration_std", "max_penetration"
+        )
 
 
 def enforce_floor(

@@ -28,6 +28,7 @@ from priorfill.constraints.distance_terms import (
     gauss_newton_step,
     normal_equations,
 )
+from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["LengthEdges", "SegmentLengthOptions", "choose_length_edges", "hold_lengths"]
 
@@ -69,6 +70,10 @@ class SegmentLengthOptions:
     max_spread: float = MAX_CONSTRAINED_SPREAD
     spread_factor: float = 2.0
     relative_tolerance: float = 0.5
+
+    def __post_init__(self) -> None:
+        check_at_least(self, 0.0, "max_spread", "spread_factor")
+        check_at_least(self, 1e-6, "relative_tolerance")
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from priorfill.gp.velocities import VelocityPrediction
+from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["VelocityFusionOptions", "fuse_velocity"]
 
@@ -53,6 +54,11 @@ class VelocityFusionOptions:
     error_time: float = 0.2
     half_weight_ratio: float = 2.0
     measured_std: float = 0.01
+
+    def __post_init__(self) -> None:
+        check_at_least(self, 1e-4, "error_time")
+        check_at_least(self, 1e-3, "half_weight_ratio")
+        check_at_least(self, 1e-6, "measured_std")
 
 
 def fuse_velocity(

@@ -13,6 +13,7 @@ from difflib import get_close_matches
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from priorfill.errors import OptionError
+from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["check_at_least", "check_between", "differing", "flattened", "with_values"]
 
@@ -93,26 +94,6 @@ def with_values(options: T, values: Mapping[str, Any]) -> T:
             raise OptionError(f"there is no option {name!r}{_alternatives(name, list(known))}")
         options = _with_value(options, name.split("."), value, name)
     return options
-
-
-def check_at_least(options: object, minimum: float, *names: str) -> None:
-    """Raise an `OptionError` unless the named fields of some options are at least a minimum."""
-    for name in names:
-        value = getattr(options, name)
-        if not value >= minimum:
-            raise OptionError(
-                f"{type(options).__name__}.{name} is {value}; it must be at least {minimum:g}"
-            )
-
-
-def check_between(options: object, low: float, high: float, *names: str) -> None:
-    """Raise an `OptionError` unless the named fields of some options are in [low, high]."""
-    for name in names:
-        value = getattr(options, name)
-        if not low <= value <= high:
-            raise OptionError(
-                f"{type(options).__name__}.{name} is {value}; it must be from {low:g} to {high:g}"
-            )
 
 
 def _walk(options: object, prefix: str) -> Iterator[tuple[str, Any]]:

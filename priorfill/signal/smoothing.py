@@ -21,7 +21,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.errors import OptionError
 from priorfill.gaps import runs
+from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["SmoothingOptions", "jitter_power", "low_pass", "smooth_jitter"]
 
@@ -60,6 +62,14 @@ class SmoothingOptions:
     max_jitter_ratio: float = 0.8
     max_shift: float = 0.5
     min_frames: int = 12
+
+    def __post_init__(self) -> None:
+        check_at_least(self, 1e-3, "body_frequency")
+        check_between(self, 0.01, 0.49, "max_cutoff_per_rate")
+        check_at_least(self, 0.0, "max_jitter_ratio", "max_shift")
+        check_at_least(self, DIFFERENCE_ORDER + 1, "min_frames")
+        if any(not cutoff > 0 for cutoff in self.cutoffs):
+            raise OptionError(f"SmoothingOptions.cutoffs are {self.cutoffs}; give positive numbers")
 
 
 def low_pass(path: NDArray[np.float64], rate: float, cutoff: float) -> NDArray[np.float64]:

@@ -45,6 +45,7 @@ from priorfill.artefacts.reference_markers import (
 )
 from priorfill.artefacts.stuck import StuckOptions, find_stuck
 from priorfill.clip import Clip
+from priorfill.errors import OptionError
 
 RATE = 120.0
 CLEAN = person(rate=RATE, seconds=2.5)
@@ -436,6 +437,8 @@ def test_options_reach_their_detectors() -> None:
     assert kinds("spike", ArtefactOptions(outlier_runs=brief)) == ["jump"]
     assert kinds("stuck", ArtefactOptions(stuck=StuckOptions(min_frames=30))) == []
     assert "label swap" not in kinds("label swap", ArtefactOptions(max_miss_ratio=0.0))
+    with pytest.raises(OptionError, match=r"StuckOptions\.min_frames is 1"):
+        StuckOptions(min_frames=1)
 
 
 # ---- rejection and evidence ----------------------------------------------------------------------

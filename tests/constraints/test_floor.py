@@ -13,6 +13,7 @@ from priorfill.constraints.floor import (
     FloorOptions,
     enforce_floor,
 )
+from priorfill.errors import OptionError
 from priorfill.geometry.floor_heights import (
     FloorHeightOptions,
     floor_heights,
@@ -271,3 +272,27 @@ def test_the_correction_is_smooth_in_time():
         wanted = np.average(greatest[t - reach : t + reach + 1], weights=window)
         assert wanted >= below[t]
         assert found[t, 0, 2] == pytest.approx(heights[t] + wanted, abs=1e-5)
+
+
+@pytest.mark.parametrize("wrong", [{"floor_std": 0.0}, {"max_penetration": -1.0}])
+def test_floor_options_out_of_range_are_rejected(wrong):
+    (name,) = wrong
+    with pytest.raises(OptionError, match=f"FloorOptions.{name} is"):
+        FloorOptions(**wrong)
+
+
+def test_floor_options_are_used():
+    clip = leg()
+    sunk = clip[:, 1:].copy()
+    sunk[30, 3, 2] = 5.0
+    rms = np.full((60, 4), 40.0)
+
+    def raised(**options):
+        options = FloorOptions(**options)
+        return enforce_floor(sunk, rms, clip[:, :1], SPREAD, FLOOR, RATE, options)
+
+    assert raised(max_penetration_std=0.0, max_penetration=14.0) is sunk
+    assert raised()[30, 3, 2] > raised(floor_std=50.0)[30, 3, 2] + 1.0
+    changed = [(raised(ramp_seconds=s) != sunk).any(axis=(1, 2)).sum() for s in (0.0, 0.1)]
+    assert changed[0] == 1
+    assert changed[1] > 20

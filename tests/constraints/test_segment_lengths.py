@@ -23,6 +23,7 @@ from priorfill.constraints.segment_lengths import (
     choose_length_edges,
     hold_lengths,
 )
+from priorfill.errors import OptionError
 from priorfill.geometry.distances import pair_distances
 
 OPTIONS = SegmentLengthOptions()
@@ -231,3 +232,24 @@ def test_edges_to_the_visible_markers_that_they_need():
     assert fewer.first.tolist() == [0, 1, 0, 1]
     assert fewer.second.tolist() == [3, 2, 1, 3]
     np.testing.assert_array_equal([fewer.length, fewer.spread], [length, 0.1 * length])
+
+
+def test_options_are_used_and_checked():
+    clip = arm()
+    distance, spread = pair_distances(clip)
+    none = SegmentLengthOptions(max_spread=0.0)
+    assert len(choose_length_edges(distance, spread, MISSING, VISIBLE, none).first) == 0
+    edges = chosen(clip)
+    predicted = clip[:, 3:] + np.random.default_rng(4).normal(0, 20.0, (40, 4, 3))
+    rms = np.full((40, 4), 30.0)
+
+    def off(**options):
+        options = SegmentLengthOptions(**options)
+        held = hold_lengths(predicted, rms, clip[:, :3], edges, options)
+        points = np.concatenate([held, clip[:, :3]], axis=1)
+        length = np.linalg.norm(points[:, edges.first] - points[:, edges.second], axis=2)
+        return np.abs(length - edges.length).mean()
+
+    assert off(relative_tolerance=0.05) < off() < off(relative_tolerance=5.0)
+    with pytest.raises(OptionError, match="relative_tolerance is 0"):
+        SegmentLengthOptions(relative_tolerance=0.0)

@@ -171,3 +171,23 @@ def test_own_take() -> None:
 def test_nearest_level_is_by_ratio(rate, nearest) -> None:
     take = own_take(pyramid(moving(1), RATE, 3), "mine", "")
     assert take.rates[take.nearest_level(rate)] == nearest
+
+
+def test_damage_after_use_without_a_callback_of_its_own(tmp_path: Path) -> None:
+    with PriorDatabase.create(tmp_path / "db") as database:
+        record = database.add(Clip(moving(2), ("A", "B"), RATE, name="one"))
+    segment = tmp_path / "db" / "segments" / "000001.f32"
+    data = bytearray(segment.read_bytes())
+    data[record.frames[0] * 2 * 3 * 4 + 8] ^= 4  # in the second resolution
+    segment.write_bytes(data)
+    with PriorDatabase.open(tmp_path / "db") as database:
+        damaged = []
+        (take,) = takes_from(database, database.clips(), ("A",), on_damaged=damaged.append)
+        take.positions(0)
+        assert damaged == []
+        assert np.isnan(take.positions(1)).all()
+        assert "positions of clip one are damaged" in str(damaged[0])
+        (take,) = takes_from(database, database.clips(), ("A",))
+        take.positions(0)
+        with pytest.raises(DatabaseCorruptError, match="positions of clip one are damaged"):
+            take.positions(1)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from priorfill.errors import OptionError
 from priorfill.signal.smoothing import (
     DIFFERENCE_ORDER,
     SmoothingOptions,
@@ -165,3 +166,20 @@ def test_the_shortest_run_and_the_lowest_rate():
     assert (
         smooth_jitter(jittery, LARGE_RMS[: OPTIONS.min_frames], np.array([1e-6]), RATE) != jittery
     ).any()
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"max_cutoff_per_rate": 0.5}, {"min_frames": 3}, {"cutoffs": (10.0, 0.0)}]
+)
+def test_options_out_of_range_are_rejected(wrong):
+    (name,) = wrong
+    with pytest.raises(OptionError, match=f"SmoothingOptions.{name} "):
+        SmoothingOptions(**wrong)
+
+
+def test_without_cutoffs_nothing_is_smoothed():
+    jittery = (movement() + np.random.default_rng(7).normal(0.0, 2.0, (200, 3)))[:, None]
+    none = SmoothingOptions(cutoffs=())
+    measured = np.array([1e-6])
+    found = smooth_jitter(jittery, LARGE_RMS, measured, RATE, none)
+    np.testing.assert_array_equal(found, jittery)

@@ -1,0 +1,47 @@
+"""Range checks for the fields of option classes."""
+
+from __future__ import annotations
+
+from priorfill.errors import OptionError
+
+__all__ = ["check_at_least", "check_between"]
+
+
+def check_at_least(options: object, minimum: float, *names: str) -> None:
+    """Raise an `OptionError` unless the named fields of some options are at least a minimum.
+
+    Parameters
+    ----------
+    options : object
+        The options.
+    minimum : float
+        The least value allowed.
+    *names : str
+        The fields.
+    """
+    for name in names:
+        value = getattr(options, name)
+        if not value >= minimum:
+            raise OptionError(
+                f"{type(options).__name__}.{name} is {value}; it must be at least {minimum:g}"
+            )
+
+
+def check_between(options: object, low: float, high: float, *names: str) -> None:
+    """Raise an `OptionError` unless the named fields of some options are in [low, high].
+
+    Parameters
+    ----------
+    options : object
+        The options.
+    low, high : float
+        The range allowed.
+    *names : str
+        The fields.
+    """
+    for name in names:
+        value = getattr(options, name)
+        if not low <= value <= high:
+            raise OptionError(
+                f"{type(options).__name__}.{name} is {value}; it must be from {low:g} to {high:g}"
+            )
