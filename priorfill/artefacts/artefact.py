@@ -43,6 +43,10 @@ class Artefact:
         mm. Distance from the reference marker during the artefact; its median in the rest of the
         clip; and the standard deviation of the latter. NaN where the distance is no evidence.
 
+    See Also
+    --------
+    find_artefacts : Finds the artefacts of a clip.
+
     Examples
     --------
     >>> Artefact("spike", ("LWRA",), 10, 12, 61.0, "LWRB", 102.0, 58.0, 2.5).evidence

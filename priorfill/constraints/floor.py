@@ -116,6 +116,11 @@ def enforce_floor(
     -------
     ndarray [shape=(frames, missing markers, 3), mm]
         ``predicted`` itself where nothing is below the floor.
+
+    See Also
+    --------
+    priorfill.geometry.floor_heights.floor_heights : Finds the floor.
+    priorfill.constraints.segment_lengths.hold_lengths : Holds the distances within segments.
     """
     penetration = np.maximum(floor - predicted[..., 2], 0.0)  # mm
     limit = options.max_penetration_std * expected_rms + options.max_penetration

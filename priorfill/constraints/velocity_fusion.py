@@ -85,6 +85,10 @@ def fuse_velocity(
     Returns
     -------
     ndarray [shape=(frames, markers, 3), mm]
+
+    See Also
+    --------
+    priorfill.gp.velocities : Predicts velocities and their errors.
     """
     frames, markers = positions.shape[:2]
     if frames < 2:

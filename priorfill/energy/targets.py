@@ -79,6 +79,10 @@ def fold(
     constant : ndarray [shape=(frames, markers), mm²]
         Weighted sum of their squared distances from the mean.
 
+    See Also
+    --------
+    to_world : Transforms the folded targets.
+
     Examples
     --------
     >>> values = np.array([[[[0.0, 0.0, 0.0]], [[4.0, 0.0, 0.0]]]])  # one frame, k = 2

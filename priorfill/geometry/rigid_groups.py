@@ -52,6 +52,10 @@ def rigid_groups(spread: NDArray[np.float64]) -> list[list[int]]:
     list of list of int
         Every marker in exactly one group; groups in the order of their first markers.
 
+    See Also
+    --------
+    priorfill.markers.discover.discover : Makes a marker set of the groups.
+
     Examples
     --------
     >>> spread = np.full((3, 3), 40.0)

@@ -52,6 +52,10 @@ def choose_root(
         The first of the marker set's root segments, then of its other segments by size, with
         three valid markers that determine a heading. If there is none, all valid markers together,
         which determine it less exactly; None if fewer than two are valid.
+
+    See Also
+    --------
+    priorfill.geometry.root_frames.root_group : Computes the template.
     """
     segments: dict[str, list[int]] = {}
     for marker, label in enumerate(labels):

@@ -203,10 +203,14 @@ def takes_from(
     tuple of Take
         In the order of the records. Positions are float32.
 
+    See Also
+    --------
+    own_take, same_subject_take : Takes of the clip itself, and of others of its subject.
+
     Raises
     ------
     DatabaseCorruptError
-        If a clip is damaged and ``on_damaged`` is not given; here or when positions are read.
+        If a clip is damaged and ``on_damaged`` is not given, here or when positions are read.
     """
     takes = []
     columns_of: dict[tuple[str, ...], NDArray[np.intp]] = {}  # many clips share a few label lists

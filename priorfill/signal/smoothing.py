@@ -169,6 +169,10 @@ def smooth_jitter(
     -------
     ndarray [shape=(frames, markers, 3), mm]
         Markers with little enough jitter are returned bit by bit as given.
+
+    See Also
+    --------
+    jitter_power : The jitter of one trajectory.
     """
     if len(predicted) < options.min_frames:
         return predicted
