@@ -10,12 +10,12 @@ __all__ = ["AcceptResult", "ClipOrigin", "ClipRecord", "DatabaseInfo", "MergeRes
 
 @dataclass(frozen=True)
 class ClipOrigin:
-    """Where a clip comes from, as the user who adds it states it.
+    """Where a clip comes from, as stated by the user who adds it.
 
     Attributes
     ----------
     subject : str or None
-        The person recorded; None: as the clip says.
+        The person recorded; None: the clip's own subject.
     session : str
         Recording session.
     licence : str
@@ -23,7 +23,7 @@ class ClipOrigin:
     credit : str
         Whom to name.
     source : str or None
-        Name of the source file; None: as the clip says.
+        Name of the source file; None: the clip's own source.
     synthetic : bool
         Whether the motion was computed, not recorded.
     virtual_markers : bool

@@ -193,7 +193,7 @@ class SegmentReader:
 
     def _too_short(self, segment: int) -> DatabaseCorruptError:
         return DatabaseCorruptError(
-            f"{segment_path(self._folder, segment)}: ends before the catalogue says; "
+            f"{segment_path(self._folder, segment)}: is shorter than the catalogue states; "
             "restore the database from a copy"
         )
 

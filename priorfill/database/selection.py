@@ -27,7 +27,7 @@ class Selection:
     subjects : tuple of str
         Shell patterns of the subject.
     markers : tuple of str
-        Markers, all of which a clip must have.
+        Markers that a clip must have.
     not_names, not_subjects : tuple of str
         Patterns, as above, of clips to exclude.
 

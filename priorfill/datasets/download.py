@@ -79,7 +79,7 @@ class _RetryError(Exception):
     reason : str
         What happened.
     wait : float or None
-        Wait before the next attempt (s); None: as the policy says.
+        Wait before the next attempt (s); None: given by the policy.
     """
 
     def __init__(self, reason: str, wait: float | None = None) -> None:
@@ -319,7 +319,7 @@ class _Transfer:
             return
         if self._size is not None and total != self._size:
             raise FileFetchError(
-                f"{url}: has {total} bytes, not {self._size} as the definition says; the file has "
+                f"{url}: has {total} bytes, not {self._size} as in the definition; the file has "
                 "changed, or the address leads to something else"
             )
         if total > MAX_FILE_BYTES:

@@ -39,7 +39,7 @@ def acquire_lock(path: Path) -> BaseFileLock:
     Parameters
     ----------
     path : Path
-        The lock file; created if it does not exist. It names the holder.
+        The lock file; created, with its folder, if it does not exist. It names the holder.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""``priorfill db list``, ``info``, ``verify``, and the group of all commands itself."""
+"""``priorfill db list``, ``info`` and ``verify``, and the group of all commands."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from priorfill.database import ClipOrigin, PriorDatabase
 
 
 def make_database(place: Path) -> None:
-    """A database of jump (nobody's), run and walk (anna's), and a filled walk (ben's)."""
+    """A database of jump (no subject), run and walk (anna), and a filled walk (ben)."""
     with PriorDatabase.create(place) as database:
         database.add(small_clip("walk", 1, subject="anna"), ClipOrigin(licence="CC0"))
         database.add(small_clip("run", 2, frames=240, subject="anna"), ClipOrigin(session="2"))

@@ -1,4 +1,4 @@
-"""``priorfill db accept``: what tells which samples were filled, and what it replaces."""
+"""``priorfill db accept``: how filled samples are found, and what is replaced."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def clips(place: str = "db") -> tuple[ClipRecord, ...]:
 
 
 def stored_mask(place: str = "db") -> np.ndarray:
-    """Samples of level 0 that count as filled, of the one clip that is there."""
+    """Samples of level 0 that count as filled, of the only clip in the database."""
     with PriorDatabase.open(place) as database:
         (record,) = database.clips()
         filled = database.filled(record)
@@ -30,7 +30,7 @@ def stored_mask(place: str = "db") -> np.ndarray:
 
 @pytest.fixture
 def pair(here: Path) -> tuple[Clip, Clip, np.ndarray]:
-    """`gappy.c3d`, `filled.c3d`, and their clips; a frame of level 0 is 4 of theirs."""
+    """`gappy.c3d`, `filled.c3d`, and their clips; four frames give one of level 0."""
     gappy, filled, mask = gappy_and_filled(small_clip(), 40, 80)
     write("gappy.c3d", gappy)
     write("filled.c3d", filled)
@@ -84,7 +84,7 @@ def test_by_the_version_with_gaps(here: Path, pair: object) -> None:
 
 
 @pytest.mark.parametrize("rate", [30.0, 50.0, 60.0, 100.0, 240.0])
-def test_the_version_with_gaps_says_it_for_any_rate(rate: float, here: Path) -> None:
+def test_by_the_version_with_gaps_at_any_rate(rate: float, here: Path) -> None:
     clip = small_clip(frames=int(2 * rate), rate=rate)
     gappy, filled, _ = gappy_and_filled(clip, int(0.5 * rate), int(0.9 * rate))
     write("gappy.c3d", gappy)
@@ -100,7 +100,7 @@ def test_the_version_with_gaps_says_it_for_any_rate(rate: float, here: Path) -> 
     np.testing.assert_array_equal(stored_mask("two"), gone)
 
 
-def test_an_earlier_fill_says_it_too(here: Path, pair: tuple[Clip, Clip, np.ndarray]) -> None:
+def test_by_an_earlier_fill(here: Path, pair: tuple[Clip, Clip, np.ndarray]) -> None:
     run("db", "accept", "-d", "db", "filled.c3d", "--original", "gappy.c3d")
     _, filled, mask = pair
     write("better.c3d", filled.with_positions(filled.positions + 5 * mask[..., None]))
@@ -111,7 +111,7 @@ def test_an_earlier_fill_says_it_too(here: Path, pair: tuple[Clip, Clip, np.ndar
     assert [record.name for record in clips()] == ["better"]
 
 
-def test_none_of_them(here: Path, pair: object) -> None:
+def test_unknown_filled_samples(here: Path, pair: object) -> None:
     text = (
         "priorfill: filled.c3d: neither its residuals nor the database show which samples were "
         "filled; give the file it was filled from (--original IN.c3d)\n"
@@ -120,7 +120,7 @@ def test_none_of_them(here: Path, pair: object) -> None:
     assert (result.exit_code, result.stderr) == (1, text)
     assert result.stdout == "accepted 0 clips (0.00 s), could not accept 1\n"
     assert not (here / "db").exists()
-    # nor where the database has something else, or only a part of the recording
+    # nor if the database has another recording, or only a part of this one
     run("db", "add", "-d", "db", write_clip(here / "other.c3d", 5))
     clip = small_clip()
     write("part.c3d", Clip(clip.positions[:60], clip.labels, clip.rate))
@@ -130,8 +130,8 @@ def test_none_of_them(here: Path, pair: object) -> None:
     assert sorted(record.name for record in clips()) == ["other", "part"]
 
 
-def test_the_original_says_more_than_residuals(here: Path) -> None:
-    """Samples interpolated before count too, but what was filled need not have residual 0."""
+def test_the_original_takes_precedence_over_residuals(here: Path) -> None:
+    """Previously interpolated samples count too; filled samples need not have residual 0."""
     clip = small_clip()
     gappy, filled, mask = gappy_and_filled(clip, 40, 60)
     before = np.zeros_like(mask)
@@ -219,7 +219,9 @@ def test_another_recording_as_original(what: str, here: Path, pair: object) -> N
     assert not (here / "db").exists()
 
 
-def test_a_filled_clip_that_misses_more(here: Path, pair: tuple[Clip, Clip, np.ndarray]) -> None:
+def test_a_filled_clip_that_lacks_measured_samples(
+    here: Path, pair: tuple[Clip, Clip, np.ndarray]
+) -> None:
     _, filled, _ = pair
     positions = filled.positions.copy()
     positions[5:9, 0] = np.nan
@@ -261,7 +263,7 @@ def test_wrong_originals_and_methods(here: Path, pair: object) -> None:
     )
 
 
-def test_how_files_are_to_be_understood(here: Path) -> None:
+def test_options_for_reading(here: Path) -> None:
     records = standing(120)
     records[:, :, :3] /= 1000
     (here / "filled.c3d").write_bytes(C3DFile(records, LABELS).bytes())
@@ -274,7 +276,7 @@ def test_how_files_are_to_be_understood(here: Path) -> None:
 
 
 def test_a_file_that_fill_wrote(here: Path) -> None:
-    """Into a file with residuals; nothing but the file tells which samples were filled."""
+    """A file with residuals, which alone show the filled samples."""
     gappy, filled, mask = gappy_and_filled(small_clip())
     with_residuals(here / "gappy.c3d", gappy)
     source = read("gappy.c3d")
@@ -283,7 +285,7 @@ def test_a_file_that_fill_wrote(here: Path) -> None:
     assert_mask()
 
 
-def test_what_is_measured_there_is_not_replaced(here: Path, pair: object) -> None:
+def test_measured_samples_are_not_replaced(here: Path, pair: object) -> None:
     write("whole.c3d", small_clip())
     run("db", "add", "-d", "db", "whole.c3d")
     result = run("db", "accept", "-d", "db", "filled.c3d", "--original", "gappy.c3d")

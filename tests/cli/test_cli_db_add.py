@@ -1,4 +1,4 @@
-"""``priorfill db add``: what is added, what is said of it, and where it stops."""
+"""``priorfill db add``: what is added and reported, and what stops it."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_files_and_folders(here: Path) -> None:
     ]
 
 
-def test_patterns_that_the_shell_left(here: Path) -> None:
+def test_patterns_that_the_shell_did_not_expand(here: Path) -> None:
     for seed, name in enumerate(["a/walk1.c3d", "a/walk2.c3d", "a/run1.c3d", "b/c/walk3.c3d"]):
         write_clip(here / name, seed)
     write_clip(here / "walk[1].c3d", 9)
@@ -72,7 +72,7 @@ def test_patterns_that_the_shell_left(here: Path) -> None:
     assert result.exit_code == 0
     assert names() == ["walk1", "walk2", "walk3", "walk[1]"]
     result = run("db", "add", "-d", "all", str(here / "*"))
-    assert result.exit_code == 1  # the pattern fits the database db, too
+    assert result.exit_code == 1  # the pattern also matches the database
     assert result.stderr == f"priorfill: {here / 'db'}: has no files that can be read ({READ})\n"
     assert len(names("all")) == 5
     result = run("db", "add", "-d", "db", "jump*.c3d")
@@ -82,7 +82,7 @@ def test_patterns_that_the_shell_left(here: Path) -> None:
     )
 
 
-def test_what_cannot_be_added_is_reported_and_the_others_go_on(here: Path) -> None:
+def test_files_that_cannot_be_added_are_reported(here: Path) -> None:
     write_clip(here / "good.c3d")
     write_clip(here / "still.c3d", amplitude=1.0)
     (here / "bad.c3d").write_bytes(b"rubbish")
@@ -102,14 +102,14 @@ def test_what_cannot_be_added_is_reported_and_the_others_go_on(here: Path) -> No
     assert len(errors) == 4
 
 
-def test_nothing_to_add_makes_nothing(here: Path) -> None:
+def test_nothing_is_created_without_clips(here: Path) -> None:
     (here / "bad.c3d").write_bytes(b"rubbish")
     result = run("db", "add", "-d", "db", "no.c3d", "bad.c3d")
     assert result.exit_code == 1
     assert not (here / "db").exists()
 
 
-def test_a_folder_with_other_files_stays_as_it_is(here: Path) -> None:
+def test_a_folder_with_other_files_is_not_changed(here: Path) -> None:
     write_clip(here / "clips" / "good.c3d")
     result = run("db", "add", "-d", "clips", "clips/good.c3d")
     assert result.exit_code == 1
@@ -120,7 +120,7 @@ def test_a_folder_with_other_files_stays_as_it_is(here: Path) -> None:
     assert [path.name for path in (here / "clips").iterdir()] == ["good.c3d"]
 
 
-def test_a_file_of_two_people(here: Path) -> None:
+def test_a_file_of_two_subjects(here: Path) -> None:
     records = np.concatenate([standing(120, seed=1), standing(120, seed=2)], axis=1)
     labels = [f"{who}:{label}" for who in ("Ben", "Anna") for label in LABELS]
     (here / "two.c3d").write_bytes(C3DFile(records, labels).bytes())
@@ -136,21 +136,21 @@ def test_a_file_of_two_people(here: Path) -> None:
     assert [clip["subject"] for clip in clips] == ["Anna", "Ben"]
 
 
-def test_how_a_file_is_to_be_understood(here: Path) -> None:
+def test_options_for_reading(here: Path) -> None:
     records = standing(120)
     records[:, :, :3] /= 1000
     records[0, 0, :3] = 0
     (here / "odd.c3d").write_bytes(C3DFile(records, LABELS, rate=0.0).bytes())
     assert "(--unit m)" in run("db", "add", "-d", "db", "odd.c3d").stderr
     assert "(--rate)" in run("db", "add", "-d", "db", "--unit", "m", "odd.c3d").stderr
-    # a marker at the origin for a moment is a spike
+    # one frame at the origin is a spike
     options = ["--unit", "m", "--rate", "60", "--up", "+Z", "--keep-zeros", "--keep-outliers"]
     assert run("db", "add", "-d", "db", *options, "odd.c3d").exit_code == 0
     (clip,) = json.loads(run("db", "list", "-d", "db", "--json").output)
     assert clip["original_rate"] == 60
     assert clip["present"][0] == clip["frames"][0]
     shutil.copy("odd.c3d", "odd2.c3d")
-    # an option that is wrong is wrong for all files, and said once
+    # an invalid option concerns all files, and is reported once
     for option, value in (("--up", "sideways"), ("--unit", "parsec"), ("--rate", "-5")):
         rest = options if option == "--up" else []
         result = run("db", "add", "-d", "new", *rest, option, value, "odd.c3d", "odd2.c3d")
@@ -160,7 +160,7 @@ def test_how_a_file_is_to_be_understood(here: Path) -> None:
     assert not (here / "new").exists()
 
 
-def test_interpolated_samples_are_no_measured_ones(here: Path) -> None:
+def test_interpolated_samples_are_not_measured(here: Path) -> None:
     _, filled, mask = gappy_and_filled(small_clip())
     with_residuals(here / "walk.c3d", filled, mask)
     assert run("db", "add", "-d", "db", "walk.c3d").exit_code == 0
@@ -169,7 +169,7 @@ def test_interpolated_samples_are_no_measured_ones(here: Path) -> None:
     assert clip["measured"] == [30, 30, 30, 20]
 
 
-def test_gappy_and_filled_do_not_count_twice(here: Path) -> None:
+def test_versions_of_a_recording_are_added_once(here: Path) -> None:
     gappy, filled, _ = gappy_and_filled(small_clip())
     write("gappy.c3d", gappy)
     write("filled.c3d", filled)
@@ -182,7 +182,7 @@ def test_gappy_and_filled_do_not_count_twice(here: Path) -> None:
 
 
 def add_until(error: BaseException, monkeypatch: pytest.MonkeyPatch, times: int = 2) -> Result:
-    """Add 4 clips to a database that takes some and then fails."""
+    """Add 4 clips to a database that fails after some."""
     for number in range(4):
         write_clip(Path(f"{number}.c3d"), number)
     add, left = PriorDatabase.add, iter(range(times))
@@ -225,7 +225,7 @@ def test_a_database_that_fails_stops_it(
     assert names() == ["0", "1", "2", "3"]
 
 
-def test_a_locked_database_is_not_tried_again(here: Path) -> None:
+def test_a_locked_database_stops_it(here: Path) -> None:
     write_clip(here / "a.c3d", 1)
     write_clip(here / "b.c3d", 2)
     with PriorDatabase.create("db"):
@@ -262,19 +262,19 @@ def test_a_file_that_may_not_be_read(here: Path, monkeypatch: pytest.MonkeyPatch
 
 PROGRAM = (
     "import signal\n"
-    # shells start what runs in the background deaf to it
+    # shells start background processes with this signal ignored
     "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
     "from priorfill.cli import main; main()"
 )
 
 
 CLIPS = 100
-"""Many more than are added until a signal arrives."""
+"""More clips than are added before the signal arrives."""
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
-def test_what_was_said_to_be_added_is_there(how: signal.Signals, here: Path) -> None:
-    """However it ends: a line that is out, even through a pipe, is a clip that is on the disk."""
+def test_every_reported_clip_is_in_the_database(how: signal.Signals, here: Path) -> None:
+    """However the process ends: once its line is out, a clip is on the disk."""
     for number in range(CLIPS):
         write_clip(here / "clips" / f"{number:03}.c3d", number)
     process = subprocess.Popen(
@@ -288,19 +288,19 @@ def test_what_was_said_to_be_added_is_there(how: signal.Signals, here: Path) -> 
     process.send_signal(how)
     rest, errors = process.communicate()
     lines += rest.splitlines(keepends=True)
-    said = [line.split()[1] for line in lines if line.endswith(".c3d\n")]
+    reported = [line.split()[1] for line in lines if line.endswith(".c3d\n")]
     assert lines[0] == "added clips/000.c3d\n"
-    assert len(said) >= 5
-    assert set(names()) >= {Path(name).stem for name in said}
-    if how == signal.SIGINT and len(said) < CLIPS:  # else it was done before it was stopped
+    assert len(reported) >= 5
+    assert set(names()) >= {Path(name).stem for name in reported}
+    if how == signal.SIGINT and len(reported) < CLIPS:  # otherwise it finished before the signal
         assert (process.returncode, errors) == (130, "priorfill: interrupted\n")
     assert run("db", "verify", "-d", "db").exit_code == 0
 
 
-def test_what_is_added_goes_to_stdout_beside_a_progress_bar(
+def test_results_go_to_stdout_despite_a_progress_bar(
     here: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """A bar on the terminal must not take the lines that a file or a pipe asks for."""
+    """A bar on the terminal must not divert the lines meant for a file or a pipe."""
     from priorfill.cli import main
 
     write_clip(here / "a.c3d", 1)

@@ -1,4 +1,4 @@
-"""``priorfill db export``: files that are read again, their names, and what is refused."""
+"""``priorfill db export``: content and names of the files, and refusals."""
 
 from __future__ import annotations
 
@@ -60,8 +60,8 @@ def test_c3d(ids: dict[tuple[str, str], str]) -> None:
     assert clip.missing.sum() == 10
 
 
-def test_what_is_exported_can_be_added(ids: object) -> None:
-    """To another database, bit for bit: it has the same rate, so nothing is filtered again."""
+def test_exported_files_can_be_added(ids: object) -> None:
+    """To another database of the same rate, which filters nothing: bit for bit."""
     run("db", "export", "-d", "db", "-o", "out", "--measured-only")
     assert run("db", "add", "-d", "again", "out").exit_code == 0
     with PriorDatabase.open("again") as database:
@@ -232,7 +232,7 @@ def test_a_clip_too_long_for_c3d(ids: object, here: Path, monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize("suffix", ["c3d", "npz"])
 def test_a_full_disk_stops_it(suffix: str, ids: object) -> None:
-    """Really: no file may become longer than 2 kB; ezc3d alone would not notice."""
+    """With a limit of 2 kB per file, which ezc3d alone would not notice."""
     program = (
         "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (2048, 2048))\n"
         "from priorfill.cli import main; main()"
@@ -264,7 +264,7 @@ def test_npz_is_the_same_each_time(here: Path) -> None:
 
 
 def test_a_reader_of_the_same_clip(ids: object) -> None:
-    """The exported clip is what `Clip` takes: NaN where missing."""
+    """The exported arrays are valid arguments of `Clip`: NaN where missing."""
     run("db", "export", "-d", "db", "-o", "out", "--format", "npz", "run")
     with np.load("out/run.npz") as archive:
         clip = Clip(archive["positions"], tuple(archive["labels"].tolist()), archive["rate"].item())

@@ -38,7 +38,7 @@ def test_merge(here: Path) -> None:
 
 @pytest.mark.parametrize("is_empty_folder", [False, True])
 def test_into_a_new_one(is_empty_folder: bool, here: Path) -> None:
-    """It gets rate and levels of the first."""
+    """It gets the rate and the levels of the first."""
     make("b", 1, rate=40.0, levels=2)
     if is_empty_folder:
         (here / "a").mkdir()
@@ -66,7 +66,7 @@ def test_other_levels(here: Path) -> None:
     assert result.stderr.count("\n") == 1
 
 
-def test_nothing_is_done_where_one_is_wrong(here: Path) -> None:
+def test_nothing_is_merged_if_one_is_wrong(here: Path) -> None:
     make("a", 1)
     make("b", 2)
     for line, text in (

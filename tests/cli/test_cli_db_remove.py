@@ -68,7 +68,7 @@ def test_dry_run(ids: dict[tuple[str, str], str]) -> None:
         (["0123456789"], "db: no clip is called 0123456789"),
     ],
 )
-def test_a_name_that_fits_nothing_removes_nothing(
+def test_a_name_without_a_match_removes_nothing(
     arguments: list[str], text: str, ids: object
 ) -> None:
     result = run("db", "remove", "-d", "db", *arguments)

@@ -1,4 +1,4 @@
-"""Bytes that change on the disk: found, named by clip, and never learnt from."""
+"""Bits that change on the disk: found, named by clip, and never learnt from."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def small_clip(seed: int) -> Clip:
 
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A database of small clips: one with filled samples, one removed, two segments' worth."""
+    """A database of small clips, one with filled samples, and one removed."""
     folder = tmp_path_factory.mktemp("sound") / "db"
     with PriorDatabase.create(folder) as database:
         for seed in range(CLIPS):
@@ -58,7 +58,7 @@ def copy(sound: Path, tmp_path: Path) -> Iterator[Path]:
 
 
 def everything(folder: Path) -> dict[str, tuple[Any, ...]]:
-    """What a reader gets of each clip: all that the record says, positions, mask."""
+    """What a reader gets of each clip: record, positions, mask."""
     with PriorDatabase.open(folder) as database:
         return {record.content: of(database, record) for record in database.clips()}
 
@@ -79,7 +79,7 @@ def flip(file: Path, position: int, bit: int) -> None:
 
 
 def findings(folder: Path) -> list[str]:
-    """What opening and verifying say is wrong."""
+    """The damage that opening and verifying report."""
     try:
         with PriorDatabase.open(folder) as database:
             return database.verify()
@@ -95,7 +95,7 @@ several = settings(
 @several
 @given(where=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
 def test_a_bit_of_a_segment(where: float, bit: int, sound: Path, copy: Path) -> None:
-    """Found and named by clip; the others stay what they are."""
+    """Found and named by clip; the others are unchanged."""
     file = copy / "segments" / "000001.f32"
     shutil.copyfile(sound / "segments" / "000001.f32", file)
     position = int(where * file.stat().st_size)
@@ -121,12 +121,12 @@ def test_a_bit_of_a_segment(where: float, bit: int, sound: Path, copy: Path) -> 
 def test_a_bit_of_the_catalogue(
     where: float, bit: int, has_checksum: bool, sound: Path, copy: Path
 ) -> None:
-    """Found, or of no consequence: what is not said to be wrong reads as it was written."""
+    """Found, or without effect: what is not reported as damaged reads as written."""
     (file,) = copy.glob("*.sqlite")
     (checksum,) = sound.glob("*.checksum")
     shutil.copyfile(sound / file.name, file)
     shutil.copyfile(checksum, copy / checksum.name)
-    if not has_checksum:  # as after a writer that was killed
+    if not has_checksum:  # as after a killed writer
         (copy / checksum.name).unlink()
     flip(file, int(where * file.stat().st_size), bit)
     found = findings(copy)
@@ -142,12 +142,12 @@ def test_a_bit_of_the_catalogue(
             for record in database.clips():
                 with suppress(DatabaseCorruptError):
                     database.check(record)
-                    # what passes the check is what was added
+                    # clips that pass the check are unchanged
                     assert of(database, record) == was[record.content]
     except DatabaseError:
-        pass  # cannot be opened at all, and says so
+        pass  # cannot be opened, with an error
     with pytest.raises(DatabaseError) if has_checksum else suppress(DatabaseError):
-        PriorDatabase.open(copy, write=True).close()  # writers keep off
+        PriorDatabase.open(copy, write=True).close()  # writers refuse it
 
 
 @several
@@ -155,7 +155,7 @@ def test_a_bit_of_the_catalogue(
 def test_a_bit_of_the_small_files(
     where: float, bit: int, name: int, sound: Path, copy: Path
 ) -> None:
-    """The checksum file and the manifest: found, or of no consequence."""
+    """The checksum file and the manifest: found, or without effect."""
     (checksum,) = sound.glob("*.checksum")
     names = (checksum.name, "priorfill-database.json")
     for each in names:
@@ -169,7 +169,7 @@ def test_a_bit_of_the_small_files(
 
 
 def test_a_row_is_named(copy: Path) -> None:
-    """A byte within a clip's row: the clip is named, the others can be read."""
+    """A byte in a clip's row: the clip is named, the others can be read."""
     (file,) = copy.glob("*.sqlite")
     position = file.read_bytes().rindex(b"subject4")
     flip(file, position, 0)
@@ -180,12 +180,12 @@ def test_a_row_is_named(copy: Path) -> None:
         assert {record.name for record in database.clips()} == {"clip0", "clip1", "clip2"}
 
 
-def test_nothing_at_all_is_found_in_a_sound_one(sound: Path) -> None:
+def test_an_undamaged_database(sound: Path) -> None:
     assert findings(sound) == []
     assert len(everything(sound)) == CLIPS - 1
 
 
-# --- filling -----------------------------------------------------------------------------------
+# --- filling ---
 
 
 @pytest.fixture(scope="module")
@@ -200,13 +200,13 @@ def prior(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def gappy() -> Clip:
-    """A clip whose arm is never seen, so that all that is known of it is the database's."""
+    """A clip whose arm is never seen, so that it is filled from the database alone."""
     clip = person("walking", 2.0, seed=9, body=9)
     return with_gaps(clip, (0, clip.frames, ARM[:3]))
 
 
 def without(folder: Path, content: str, place: Path) -> Path:
-    """A database that never had a clip."""
+    """The database without a clip."""
     shutil.copytree(folder, place)
     with PriorDatabase.open(place, write=True) as database:
         database.remove([record for record in database.clips() if record.content == content])
@@ -225,13 +225,13 @@ def assert_same(one: Result, other: Result) -> None:
 def test_a_damaged_clip_is_not_learnt_from(
     prior: Path, gappy: Clip, tmp_path: Path, level: int, method: str
 ) -> None:
-    """The fill is that without the clip, and the clip is named where it was asked for."""
+    """The fill is the one without the clip, and the clip is named if it was needed."""
     folder = tmp_path / "db"
     shutil.copytree(prior, folder)
     with PriorDatabase.open(folder) as database:
         record = database.clips()[1]
     before = sum(record.frames[:level]) * len(record.labels) * 12
-    # the middle of the level: a coordinate that becomes another, not NaN
+    # in the middle of the level, where a coordinate changes but does not become NaN
     middle = before + record.frames[level] // 2 * len(record.labels) * 12
     flip(folder / "segments" / "000001.f32", record.offset + middle, 3)
     result = fill(gappy, database=folder, method=method)
@@ -241,9 +241,9 @@ def test_a_damaged_clip_is_not_learnt_from(
     if named:
         left_out = without(prior, record.content, tmp_path / "without")
         assert_same(result, fill(gappy, database=left_out, method=method))
-    else:  # a level that the method did not ask for
+    else:  # a level that the method did not read
         assert_same(result, sound)
-    if level == {"gpr": 1, "baumann2011": 0}[method]:  # that which it asks for first
+    if level == {"gpr": 1, "baumann2011": 0}[method]:  # the level it reads first
         assert named
 
 
@@ -268,7 +268,7 @@ def test_a_clip_with_a_damaged_row_is_not_learnt_from(
 def test_a_fill_never_uses_what_is_damaged(
     data: st.DataObject, prior: Path, gappy: Clip, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    """Whatever byte of whatever file: refused, or filled as from some of the clips as they were."""
+    """Any bit of any file: refused, or filled as from the undamaged clips."""
     root = tmp_path_factory.mktemp("any")
     folder = root / "db"
     shutil.copytree(prior, folder)

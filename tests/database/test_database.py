@@ -1,4 +1,4 @@
-"""The prior database: what goes in comes out, whatever happens in between."""
+"""The prior database: what is added can be read, whatever happens in between."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from priorfill.signal.resample import pyramid, resample
 def make_clip(
     seed: int = 0, frames: int = 130, rate: float = 120.0, up: str = "+Z", **more: str
 ) -> Clip:
-    """A clip of four markers that swing, with a gap."""
+    """A clip of four swinging markers, with a gap."""
     rng = np.random.default_rng(seed)
     t = np.arange(frames)[:, None, None] / rate
     place = rng.uniform(-500, 500, (1, 4, 3))
@@ -66,13 +66,13 @@ def snapshot(folder: Path) -> dict[str, bytes]:
         }
 
 
-# --- in and out ------------------------------------------------------------------------------
+# --- adding and reading ---
 
 
-def test_a_segment_that_several_threads_read_is_opened_once(
+def test_a_segment_read_by_several_threads_is_opened_once(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Opened twice, the file of one thread would be closed while it is read."""
+    """If it were opened twice, the file of one thread would be closed while it is read."""
     with PriorDatabase.create(folder) as database:
         record = database.add(make_clip())
     opened = []
@@ -84,7 +84,7 @@ def test_a_segment_that_several_threads_read_is_opened_once(
             time.sleep(0.05)
         return really(path, *given, **more)
 
-    with PriorDatabase.open(folder, write=True) as database:  # else all are opened at once
+    with PriorDatabase.open(folder, write=True) as database:  # readers open all segments at once
         monkeypatch.setattr(Path, "open", slowly)
         with ThreadPoolExecutor(max_workers=4) as pool:
             found = list(pool.map(lambda level: database.checked_positions(record, level), [0] * 4))
@@ -185,7 +185,7 @@ def test_filled_mask(folder: Path) -> None:
 def test_order_of_insertion_does_not_matter(
     order: list[int], cut: int, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    """Grown in any order, in one go or in two, equals built at once."""
+    """Adding in any order, in one session or two, gives the same database."""
     root = tmp_path_factory.mktemp("order")
     with PriorDatabase.create(root / "once") as database:
         for seed in range(5):
@@ -226,7 +226,7 @@ def test_segments_roll_over(folder: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert {content: after[content] for content in before} == before
 
 
-# --- what is refused -------------------------------------------------------------------------
+# --- refusals ---
 
 
 def test_duplicates(folder: Path) -> None:
@@ -239,7 +239,7 @@ def test_duplicates(folder: Path) -> None:
         database.add(make_clip())
 
 
-def test_clips_without_use(folder: Path) -> None:
+def test_useless_clips_are_refused(folder: Path) -> None:
     def clip(positions: np.ndarray) -> Clip:
         return Clip(positions, ("A", "B"), 120.0, name="x")
 
@@ -277,7 +277,7 @@ def test_no_database(tmp_path: Path) -> None:
         PriorDatabase.create(tmp_path / "no" / "db")
 
 
-def test_a_folder_with_other_files_is_never_made_a_database(tmp_path: Path) -> None:
+def test_a_folder_with_other_files_does_not_become_a_database(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("x")
     for make in (PriorDatabase.create, PriorDatabase.open_or_create):
         with pytest.raises(DatabaseFormatError, match=r"contains other files \(thesis.tex\)"):
@@ -286,7 +286,7 @@ def test_a_folder_with_other_files_is_never_made_a_database(tmp_path: Path) -> N
 
 
 def test_create_and_open_or_create(folder: Path) -> None:
-    folder.mkdir()  # an empty folder will do
+    folder.mkdir()  # an empty folder is accepted
     with PriorDatabase.open_or_create(folder, rate=25) as database:
         database.add(make_clip())
     with PriorDatabase.open_or_create(folder, rate=50) as database:
@@ -332,10 +332,10 @@ def test_level_out_of_range(folder: Path) -> None:
                 database.positions(record, level)
 
 
-# --- one writer, many readers ----------------------------------------------------------------
+# --- one writer, many readers ---
 
 
-def test_one_writer_and_readers_who_see_what_they_opened(folder: Path) -> None:
+def test_one_writer_and_readers_with_their_own_state(folder: Path) -> None:
     with PriorDatabase.create(folder) as writer:
         writer.add(make_clip(0))
         with PriorDatabase.open(folder) as reader:
@@ -367,7 +367,7 @@ def test_read_only_folder(folder: Path) -> None:
             path.chmod(modes[path])
 
 
-def test_reading_leaves_no_trace(folder: Path) -> None:
+def test_reading_changes_nothing(folder: Path) -> None:
     with PriorDatabase.create(folder) as database:
         database.add(make_clip())
     before = {path: path.stat().st_mtime_ns for path in [folder, *folder.rglob("*")]}
@@ -375,7 +375,7 @@ def test_reading_leaves_no_trace(folder: Path) -> None:
     assert {path: path.stat().st_mtime_ns for path in [folder, *folder.rglob("*")]} == before
 
 
-# --- crashes ---------------------------------------------------------------------------------
+# --- crashes ---
 
 
 def run_and_die(action: Callable[[], None]) -> None:
@@ -388,7 +388,7 @@ def run_and_die(action: Callable[[], None]) -> None:
 
     process = context.Process(target=body)
     with warnings.catch_warnings():
-        # forking with threads about can hang a child that takes their locks; this one does not
+        # forking a threaded process can hang a child that takes their locks; this one does not
         warnings.simplefilter("ignore", DeprecationWarning)
         process.start()
     process.join()
@@ -401,7 +401,7 @@ def run_and_die(action: Callable[[], None]) -> None:
     ids=["before the row", "within the transaction", "before the segment is on disk"],
 )
 def test_killed_before_the_commit(folder: Path, where: tuple[object, str]) -> None:
-    """The clip whose row is not committed is not there; the one before is; both can go on."""
+    """The clip whose row is not committed does not exist, the previous one does."""
     with PriorDatabase.create(folder) as database:
         database.add(make_clip(0))
 
@@ -416,7 +416,7 @@ def test_killed_before_the_commit(folder: Path, where: tuple[object, str]) -> No
     segment = folder / "segments" / "000001.f32"
     committed = sum(len(data) for data in left.values())
     assert len(left) == 2
-    assert segment.stat().st_size > committed  # what the dead writer left behind
+    assert segment.stat().st_size > committed  # left by the killed writer
     with PriorDatabase.open(folder, write=True) as database:
         assert segment.stat().st_size == committed
         database.add(make_clip(2))
@@ -424,9 +424,7 @@ def test_killed_before_the_commit(folder: Path, where: tuple[object, str]) -> No
     assert {content: snapshot(folder)[content] for content in left} == left
 
 
-def test_an_error_in_the_middle_leaves_the_former_state(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_error_leaves_the_previous_state(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with PriorDatabase.create(folder) as database:
         database.add(make_clip(0))
         before = snapshot(folder)
@@ -440,12 +438,12 @@ def test_an_error_in_the_middle_leaves_the_former_state(
                 with pytest.raises(OSError, match="No space left"):
                     database.add(make_clip(1))
             assert snapshot(folder) == before
-        database.add(make_clip(1))  # and the same writer can go on
+        database.add(make_clip(1))  # the same writer can go on
         assert database.verify() == []
     assert len(snapshot(folder)) == 2
 
 
-def test_killed_within_create(folder: Path) -> None:
+def test_killed_in_create(folder: Path) -> None:
     folder.mkdir()
     (folder / "priorfill-database.json.new").write_text('{"form')
     with PriorDatabase.open_or_create(folder) as database:
@@ -470,7 +468,7 @@ def test_a_lock_does_not_outlive_its_holder(folder: Path) -> None:
 
 
 def test_hot_journal_is_rolled_back_by_a_reader(folder: Path) -> None:
-    """A writer that dies within SQLite's own commit leaves a journal; readers cope with it."""
+    """A writer killed during SQLite's commit leaves a journal, which readers roll back."""
     with PriorDatabase.create(folder) as database:
         database.add(make_clip(0))
     before = snapshot(folder)
@@ -479,7 +477,7 @@ def test_hot_journal_is_rolled_back_by_a_reader(folder: Path) -> None:
     assert snapshot(folder) == before
 
 
-def test_a_reader_that_is_open_when_a_writer_dies(folder: Path) -> None:
+def test_a_reader_that_is_open_when_a_writer_is_killed(folder: Path) -> None:
     with PriorDatabase.create(folder) as database:
         expected = database.add(make_clip(0))
     with PriorDatabase.open(folder) as reader:
@@ -528,7 +526,7 @@ def test_readers_while_a_writer_adds_removes_and_compacts(folder: Path) -> None:
 
 
 def _spoil(path: Path) -> None:
-    """Change the catalogue without committing, and end."""
+    """Change the catalogue without committing, and end the process."""
     connection = sqlite3.connect(path, isolation_level=None)
     connection.execute("PRAGMA cache_size = 1")  # spill changed pages to the file early
     connection.execute("BEGIN IMMEDIATE")
@@ -539,7 +537,7 @@ def _spoil(path: Path) -> None:
     os._exit(9)
 
 
-# --- damage ----------------------------------------------------------------------------------
+# --- damage ---
 
 
 def flip(path: Path, position: int) -> None:
@@ -603,13 +601,13 @@ def test_a_damaged_catalogue(folder: Path) -> None:
         PriorDatabase.open(folder, write=True)
 
 
-def test_a_segment_that_is_short_or_gone(folder: Path) -> None:
+def test_a_segment_that_is_short_or_missing(folder: Path) -> None:
     with PriorDatabase.create(folder) as database:
         database.add(make_clip(0))
     segment = folder / "segments" / "000001.f32"
     os.truncate(segment, 100)
     with PriorDatabase.open(folder) as database:
-        assert "ends before the catalogue says" in database.verify()[0]
+        assert "is shorter than the catalogue states" in database.verify()[0]
     with pytest.raises(DatabaseCorruptError, match="has 100 bytes, but the catalogue counts"):
         PriorDatabase.open(folder, write=True)
     segment.unlink()

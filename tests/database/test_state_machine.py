@@ -1,7 +1,7 @@
-"""A state machine drives the database against a model: a dict of what was put in.
+"""A state machine compares the database with a model: a dict of its clips.
 
-Add, accept, remove, compact, merge, reopen, readers that stay open, errors in the middle and
-crashes, in every order that hypothesis thinks of.
+It adds, accepts, removes, compacts, merges, reopens, keeps readers open, lets calls fail and
+simulates crashes, in the orders that hypothesis generates.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ LABELS = ("LASI", "RASI", "SACR", "C7", "LKNE")
 RECORDINGS = 3
 GAP = slice(40, 48)
 CROPPED = 129
-"""Frames of a clip of which one is cut off: still the same recording."""
+"""Frames of a clip that lacks the last frame: still the same recording."""
 PART = slice(30, 80)
-"""Frames of a clip that is only a part of the recording, and so a clip of its own."""
+"""Frames of a clip that is a part of the recording, and therefore another clip."""
 
 KINDS = ("whole", "gappy", "filled", "refilled", "cropped", "part")
 CALLS = ("", "", "sqlite commit", "fsync", "open", "replace", "unlink")
-"""Where something fails: at any call, or at one of these."""
+"""Where a fault occurs: at any call, or at one of these."""
 
 IN_MEMORY = Path("/dev/shm")
-"""Where flushing costs nothing, so that there is time for more steps."""
+"""A folder in memory, where flushing is fast and more steps are possible."""
 
 
 @lru_cache
@@ -73,7 +73,7 @@ def version(recording: int, kind: str) -> tuple[Clip, np.ndarray | None]:
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """What the model knows of a clip."""
+    """A clip of the model."""
 
     recording: int
     kind: str
@@ -90,7 +90,7 @@ class Kept:
         return list((there if self.mask is None else there & ~self.mask).sum(axis=0))
 
     def equals(self, database: PriorDatabase, record: ClipRecord) -> bool:
-        """Tell whether the database holds just this."""
+        """Return whether the database holds exactly this."""
         mask = database.filled(record)
         none = np.zeros(self.levels[0].shape[:2], dtype=bool)
         own = none if self.mask is None else self.mask
@@ -125,7 +125,7 @@ Model = dict[str, Kept]  # by content hash
 
 
 def put(model: Model, content: str, new: Kept, *, accepted: bool) -> Model | None:
-    """The model with another clip; None where it must be refused."""
+    """The model with another clip; None if the clip must be refused."""
     result = dict(model)
     for key, old in model.items():
         same = (old.kind == "part") == (new.kind == "part")
@@ -135,9 +135,9 @@ def put(model: Model, content: str, new: Kept, *, accepted: bool) -> Model | Non
             if not (accepted and new.measured != old.measured):
                 return None
         elif new.mask is None:
-            return None  # no news, or to be sorted out by the user
+            return None  # nothing new, or for the user to decide
         elif any(o > n for o, n in zip(old.measured, new.measured, strict=True)):
-            return None  # measured samples are worth more
+            return None  # measured samples are preferred
         elif old.mask is not None and not accepted:
             return None
         if accepted:
@@ -152,7 +152,7 @@ def put(model: Model, content: str, new: Kept, *, accepted: bool) -> Model | Non
 
 
 class Crash(BaseException):
-    """The process is gone."""
+    """The process has ended."""
 
 
 recordings = st.integers(0, RECORDINGS - 1)
@@ -173,7 +173,7 @@ class Machine(RuleBasedStateMachine):
         self.model: Model = {}
         self.readers: list[tuple[PriorDatabase, Model]] = []
         self.images = 0
-        # for good, because it is in every connection that is made meanwhile
+        # permanently, because every new connection is patched
         self.faults = self.script.Faults(self.root)
         self.faults.__enter__()
         self.faults.disarm()
@@ -195,7 +195,7 @@ class Machine(RuleBasedStateMachine):
         shutil.rmtree(self.root)
 
     def _build_at_once(self) -> None:
-        """A database that got the same clips in another order is the same."""
+        """A database with the same clips added in another order is the same."""
         with PriorDatabase.create(self.root / "once") as once:
             for new in sorted(self.model.values(), key=lambda k: (k.kind, k.recording)):
                 clip, mask = version(new.recording, new.kind)
@@ -207,7 +207,7 @@ class Machine(RuleBasedStateMachine):
                 )
             check(once, self.model)
 
-    # --- what users do
+    # --- operations of users
 
     @rule(recording=recordings, kind=kinds, subject=words, session=words, masked=st.booleans())
     def add(self, recording: int, kind: str, subject: str, session: str, masked: bool) -> None:
@@ -249,7 +249,7 @@ class Machine(RuleBasedStateMachine):
     @rule(looks=st.booleans())
     def open_reader(self, looks: bool) -> None:
         reader = PriorDatabase.open(self.folder)
-        if looks:  # before others change things, or only after
+        if looks:  # before later changes, or only after them
             check(reader, self.model)
         self.readers.append((reader, self.model))
 
@@ -262,7 +262,7 @@ class Machine(RuleBasedStateMachine):
             reader.close()
             self.readers.remove((reader, model))
 
-    # --- what goes wrong
+    # --- faults
 
     @rule(
         at=st.integers(1, 25),
@@ -275,7 +275,7 @@ class Machine(RuleBasedStateMachine):
     def fault(
         self, at: int, only: str, late: bool, for_ever: bool, data: st.DataObject, crashes: bool
     ) -> None:
-        """Something fails in the middle, or the process ends there."""
+        """A call fails, or the process ends at it."""
         ways = [self._compacting]
         ways.append(lambda: self._merging(data.draw(st.integers(0, 2))))
         ways.append(lambda: self._adding(data.draw(recordings), data.draw(kinds), "", "torn", True))
@@ -335,7 +335,7 @@ class Machine(RuleBasedStateMachine):
             self.writer = PriorDatabase.open(self.folder, write=True)
             self.is_sound = True
 
-    # --- always
+    # --- invariants
 
     @invariant()
     def a_new_reader_sees_what_the_model_says(self) -> None:
@@ -345,13 +345,13 @@ class Machine(RuleBasedStateMachine):
             if self.is_sound:
                 check(self.writer, self.model)
 
-    # --- operations: what is done, and what the model is then (None: refused)
+    # --- operations: what is done, and the model afterwards (None: refused)
 
     def _do(self, act: Callable[[], object], after: Model | None) -> None:
         try:
             refused = not self._tried(act)
         except DatabaseError:
-            # a writer in which something failed may refuse to go on, but not silently go wrong
+            # after a failure a writer may refuse to go on, but must not do damage
             if self.is_sound:
                 raise
             self.reopen()
@@ -444,7 +444,7 @@ class Machine(RuleBasedStateMachine):
 
 
 def check(database: PriorDatabase, model: Model) -> None:
-    """Compare all that a database says with the model."""
+    """Compare a database with the model."""
     records = database.clips()
     assert [record.content for record in records] == sorted(model)
     for record in records:
@@ -454,7 +454,7 @@ def check(database: PriorDatabase, model: Model) -> None:
 
 @lru_cache
 def content_of(recording: int, kind: str) -> str:
-    """The identity of a version, from a database of its own."""
+    """The content hash of a version, from a separate database."""
     folder = Path(tempfile.mkdtemp(prefix="priorfill-machine-"))
     try:
         with PriorDatabase.create(folder / "db") as database:
@@ -498,7 +498,7 @@ def test_the_database_is_what_the_model_says(tmp_path: Path) -> None:
 def test_a_writer_goes_on_after_any_failed_call(
     in_memory: Path, operation: str, late: bool
 ) -> None:
-    """Call by call: what was added next is there, and so is all that was committed."""
+    """For each call: the clip added next exists, as do all that were committed."""
     script = load_script("torture_database")
     for at in range(1, 60):
         folder = in_memory / f"{operation}-{late}-{at}"
@@ -524,7 +524,7 @@ def test_a_writer_goes_on_after_any_failed_call(
             new = version(2, "part")[0]
             try:
                 writer.add(new)
-            except DatabaseError:  # it may refuse, but then the next one must not
+            except DatabaseError:  # it may refuse, but the next one must not
                 writer.close()
                 writer = PriorDatabase.open(folder, write=True)
                 writer.add(new)
@@ -539,4 +539,4 @@ def test_a_writer_goes_on_after_any_failed_call(
                 assert expected.equals(reader, record), f"call {at}: {struck}"
         if not struck:
             return
-    raise AssertionError("there is no end of calls")
+    raise AssertionError("the operation makes more calls than expected")

@@ -1,4 +1,4 @@
-"""A few rounds of scripts/checks/torture_database.py: nothing is ever lost."""
+"""A few rounds of scripts/checks/torture_database.py: nothing is lost."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scripted import load_script
 
 FILES = 24
 ROUNDS = 2
-"""Of each kind; the script alone does hundreds."""
+"""Rounds of each kind; the script itself runs hundreds."""
 
 
 @pytest.fixture(scope="module")
@@ -33,8 +33,8 @@ def test_nothing_is_lost(torture: Any, kind: str) -> None:
     assert sum(row.found for row in torture.rows) > 0
 
 
-def test_it_would_be_noticed(script: ModuleType, tmp_path: Path) -> None:
-    """A database from which a clip is gone, or in which a byte is wrong, is not as it should be."""
+def test_losses_and_damage_are_noticed(script: ModuleType, tmp_path: Path) -> None:
+    """A removed clip and a changed byte make the comparison fail."""
     torture = script.Torture(tmp_path, files=FILES, mounts=False, forks=True)
     known, start = torture.known, tmp_path / "start"
     assert script.contents(start, known) == torture.own
@@ -44,7 +44,7 @@ def test_it_would_be_noticed(script: ModuleType, tmp_path: Path) -> None:
     assert set(torture.own) - set(script.contents(start, known)) == {gone.name}
     segment = start / "segments" / "000001.f32"
     data = bytearray(segment.read_bytes())
-    data[gone.offset] ^= 1  # nobody's any more
+    data[gone.offset] ^= 1  # of no clip any more
     segment.write_bytes(data)
     script.contents(start, known)
     data[(gone.offset + gone.nbytes) % len(data)] ^= 1
@@ -53,8 +53,8 @@ def test_it_would_be_noticed(script: ModuleType, tmp_path: Path) -> None:
         script.contents(start, known)
 
 
-def test_plans_make_sense(torture: Any) -> None:
-    """What a plan says must be there is there when nobody disturbs it."""
+def test_an_undisturbed_plan(torture: Any) -> None:
+    """An undisturbed plan gives the content it predicts."""
     torture.rows.clear()
     torture.run("none", 1)
     (row,) = torture.rows

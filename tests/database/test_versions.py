@@ -1,4 +1,4 @@
-"""Versions of one recording count once, and what leaves a database leaves no trace."""
+"""A database keeps one version of a recording, and removed clips have no effect."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def gappy_and_filled(seed: int = 0) -> tuple[Clip, Clip, np.ndarray]:
 
 
 def state(folder: Path) -> list[tuple[object, ...]]:
-    """All that a fill can see of a database."""
+    """Everything that a fill reads from a database."""
     with PriorDatabase.open(folder) as database:
         assert database.verify() == []
         return [
@@ -57,12 +57,12 @@ def state(folder: Path) -> list[tuple[object, ...]]:
         ]
 
 
-# --- sketches --------------------------------------------------------------------------------
+# --- sketches ---
 
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10**6), st.floats(0.1, 0.6), st.booleans())
-def test_sketches_tell_versions_of_a_recording(seed: int, gone: float, mirrored: bool) -> None:
+def test_sketches_identify_versions_of_a_recording(seed: int, gone: float, mirrored: bool) -> None:
     rng = np.random.default_rng(seed)
     whole = np.cumsum(rng.normal(0, 3, (500, 30, 3)), axis=0)
     gappy = whole.copy()
@@ -78,7 +78,7 @@ def test_sketches_tell_versions_of_a_recording(seed: int, gone: float, mirrored:
     assert len(np.intersect1d(one, stranger)) == 0
 
 
-def test_sketches_are_a_set_of_what_is_there() -> None:
+def test_sketches_are_sets_of_present_samples() -> None:
     positions = np.random.default_rng(0).normal(0, 300, (4, 2, 3))
     assert len(sketch(positions)) == 8
     assert len(sketch(np.concatenate([positions, positions]))) == 8
@@ -87,7 +87,7 @@ def test_sketches_are_a_set_of_what_is_there() -> None:
     assert sketch(zero).tolist() == sketch(-zero).tolist()
 
 
-def test_longer_recordings_hold_their_parts() -> None:
+def test_a_part_is_not_a_version_of_a_longer_recording() -> None:
     positions = np.cumsum(np.random.default_rng(1).normal(0, 3, (3000, 41, 3)), axis=0)
     whole, part = sketch(positions), sketch(positions[1000:1500])
     assert len(np.intersect1d(whole, part)) >= 3
@@ -109,16 +109,16 @@ def test_longer_recordings_hold_their_parts() -> None:
         (100, 100, 1000, False, False),  # a part of a longer recording
     ],
 )
-def test_how_much_versions_have_in_common(
+def test_the_share_that_versions_have_in_common(
     shared: int, one: int, other: int, same_length: bool, expected: bool
 ) -> None:
     assert is_version(shared, one, other, same_length=same_length) == expected
 
 
-# --- which version is kept -------------------------------------------------------------------
+# --- which version is kept ---
 
 
-def test_a_filled_clip_takes_the_place_of_the_gappy_one(folder: Path) -> None:
+def test_a_filled_clip_replaces_the_one_with_gaps(folder: Path) -> None:
     gappy, filled, mask = gappy_and_filled()
     with PriorDatabase.create(folder) as database:
         first = database.add(
@@ -137,7 +137,7 @@ def test_a_filled_clip_takes_the_place_of_the_gappy_one(folder: Path) -> None:
         assert new.filled_by == "gpr" and new.has_filled
         assert new.measured == first.measured and new.present != new.measured
         assert database.verify() == []
-        # and the gappy one does not come back
+        # the one with gaps is now refused
         with pytest.raises(DuplicateClipError, match="is in the database already, filled"):
             database.add(gappy)
         with pytest.raises(DuplicateClipError, match="nothing to do"):
@@ -156,7 +156,7 @@ def test_either_order_gives_the_same(folder: Path, tmp_path: Path) -> None:
     assert state(folder) == state(tmp_path / "other")
 
 
-def test_a_better_fill_takes_the_place_of_a_fill(folder: Path) -> None:
+def test_an_accepted_fill_replaces_another_one(folder: Path) -> None:
     _, filled, mask = gappy_and_filled()
     better = filled.with_positions(filled.positions + mask[..., None] * 1.0)
     with PriorDatabase.create(folder) as database:
@@ -167,7 +167,7 @@ def test_a_better_fill_takes_the_place_of_a_fill(folder: Path) -> None:
         assert [record.filled_by for record in database.clips()] == ["gpr"]
 
 
-def test_what_was_measured_is_not_lost_for_what_was_filled(folder: Path) -> None:
+def test_measured_samples_are_not_replaced_by_filled_ones(folder: Path) -> None:
     _, filled, mask = gappy_and_filled()
     with PriorDatabase.create(folder) as database:
         database.add(person(seed=0))
@@ -176,7 +176,7 @@ def test_what_was_measured_is_not_lost_for_what_was_filled(folder: Path) -> None
         assert not database.clips()[0].has_filled
 
 
-def test_a_fill_that_was_taken_for_measured_can_be_put_right(folder: Path) -> None:
+def test_a_fill_added_as_measured_can_be_corrected(folder: Path) -> None:
     gappy, filled, mask = gappy_and_filled()
     with PriorDatabase.create(folder) as database:
         wrong = database.add(filled)
@@ -186,7 +186,7 @@ def test_a_fill_that_was_taken_for_measured_can_be_put_right(folder: Path) -> No
         assert database.clips()[0].measured != wrong.measured
 
 
-def test_a_whole_clip_does_not_slip_in_beside_its_gappy_version(folder: Path) -> None:
+def test_a_complete_version_must_be_accepted(folder: Path) -> None:
     gappy, filled, _ = gappy_and_filled()
     with PriorDatabase.create(folder) as database:
         database.add(gappy)
@@ -203,7 +203,7 @@ def test_a_part_of_a_clip_is_another_clip(folder: Path) -> None:
         assert len(database.clips()) == 2
 
 
-def test_what_the_file_says_is_filled(folder: Path) -> None:
+def test_interpolated_samples_of_a_file(folder: Path) -> None:
     """A clip whose file marks interpolated samples is added with the mask."""
     from dataclasses import replace
 
@@ -219,7 +219,7 @@ def test_what_the_file_says_is_filled(folder: Path) -> None:
         assert database.clips() == (record,)
 
 
-def test_the_clip_itself_is_no_prior_of_itself(folder: Path) -> None:
+def test_a_clip_is_not_filled_from_its_own_recording(folder: Path) -> None:
     clip = with_gaps(person(), (60, 90, ("LKNE", "LANK")))
     whole = person()
     with PriorDatabase.create(folder) as database:
@@ -234,7 +234,7 @@ def test_the_clip_itself_is_no_prior_of_itself(folder: Path) -> None:
         assert "cut" not in used
 
 
-# --- removing, compacting, merging -----------------------------------------------------------
+# --- removing, compacting, merging ---
 
 
 def test_remove_and_compact(folder: Path) -> None:
@@ -251,7 +251,7 @@ def test_remove_and_compact(folder: Path) -> None:
         assert calls == [(1, 2), (2, 2)]
         assert database.info().removed_bytes == 0
         assert database.compact() == 0
-        assert reader.verify() == []  # of what it has open, which is gone for others
+        assert reader.verify() == []  # of the state it has open
         with pytest.raises(DatabaseError, match="is not in the database"):
             database.remove(records[1:2])
         again = database.add(person(seed=1))
@@ -259,7 +259,7 @@ def test_remove_and_compact(folder: Path) -> None:
     assert state(folder) == before
 
 
-def test_readers_see_what_they_opened(folder: Path) -> None:
+def test_readers_keep_the_state_they_opened(folder: Path) -> None:
     with PriorDatabase.create(folder) as database:
         records = [database.add(person(seed=seed)) for seed in range(3)]
     with PriorDatabase.open(folder) as reader:
@@ -306,12 +306,12 @@ def test_merge(folder: Path, tmp_path: Path) -> None:
         database.remove(database.clips())
 
 
-# --- growth ----------------------------------------------------------------------------------
+# --- growth ---
 
 
 @pytest.mark.parametrize("method", ["gpr", "baumann2011"])
-def test_growth_changes_nothing_but_what_it_adds(tmp_path: Path, method: str) -> None:
-    """Any order, with removals and compactions in between, gives the same fill, bit for bit."""
+def test_the_order_of_changes_has_no_effect(tmp_path: Path, method: str) -> None:
+    """Any order, with removals and compactions in between, gives the same fill bit for bit."""
     clips = [person(seed=seed, body=seed) for seed in range(10, 14)]
     gappy, filled, mask = gappy_and_filled(20)
     clip = with_gaps(person(seconds=1.5), (30, 60, ("LKNE", "LANK", "LTOE")), (0, 90, ("RTOE",)))
@@ -336,7 +336,7 @@ def test_growth_changes_nothing_but_what_it_adds(tmp_path: Path, method: str) ->
         assert result.expected_rms.tobytes() == results[0].expected_rms.tobytes()
 
 
-# --- selection -------------------------------------------------------------------------------
+# --- selection ---
 
 
 def test_selection(folder: Path) -> None:
@@ -367,7 +367,7 @@ def test_selection(folder: Path) -> None:
     assert names(subjects=("anna",), not_names=("walk_0",)) == ["walk_1"]
 
 
-# --- format on disk --------------------------------------------------------------------------
+# --- format on disk ---
 
 
 def test_a_database_of_format_version_1_is_read(tmp_path: Path) -> None:
@@ -396,7 +396,7 @@ def test_a_database_of_format_version_1_is_read(tmp_path: Path) -> None:
 
 
 def test_the_same_recording_in_another_format(tmp_path: Path) -> None:
-    """Rounded, turned, in other units, with a gap: still no prior of itself; other takes are."""
+    """Rounded, rotated and with a gap, it is recognised; other takes are not."""
     one = small_clip("walk", 1, frames=480)
     turned = one.positions[..., [1, 2, 0]]  # +Y up
     turned[100:200, 2] = np.nan

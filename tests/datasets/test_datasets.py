@@ -428,7 +428,7 @@ def test_one_download_at_a_time(tmp_path):
 
 @pytest.fixture
 def hdm05(here: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], bytes]:
-    """Makes an archive of recordings as HDM05 has them."""
+    """Make an archive of recordings with names as in HDM05."""
     monkeypatch.setattr("time.sleep", lambda seconds: None)
 
     def make(*names: str) -> bytes:
@@ -489,7 +489,7 @@ def test_the_list_and_missing_arguments(here):
 
 
 def test_only_fetch_uses_the_network(monkeypatch):
-    """Neither imports nor the list of data sets do."""
+    """Imports and the list of data sets do not."""
     monkeypatch.setattr("socket.socket.connect", lambda *a: pytest.fail("the network is used"))
     assert known_datasets()
     assert import_module("priorfill.datasets.download")

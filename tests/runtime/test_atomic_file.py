@@ -8,7 +8,7 @@ from priorfill.errors import OutputError
 from priorfill.runtime.atomic_file import replace_file
 
 
-def test_the_file_appears_whole(tmp_path):
+def test_the_file_appears_complete(tmp_path):
     target = tmp_path / "out.C3D"
     with replace_file(target) as temporary:
         assert temporary.parent == tmp_path
@@ -20,7 +20,7 @@ def test_the_file_appears_whole(tmp_path):
 
 
 @pytest.mark.parametrize("fault", [ValueError, KeyboardInterrupt])
-def test_after_an_exception_all_is_as_before(tmp_path, fault):
+def test_an_exception_changes_nothing(tmp_path, fault):
     target = tmp_path / "out.c3d"
     target.write_bytes(b"old")
     with pytest.raises(fault), replace_file(target, overwrite=True) as temporary:
@@ -30,7 +30,7 @@ def test_after_an_exception_all_is_as_before(tmp_path, fault):
     assert [p.name for p in tmp_path.iterdir()] == ["out.c3d"]
 
 
-def test_missing_folder_is_named(tmp_path):
+def test_a_missing_folder_is_reported(tmp_path):
     with (
         pytest.raises(OutputError, match=r"nowhere does not exist; create it"),
         replace_file(tmp_path / "nowhere" / "out.c3d"),
@@ -43,7 +43,7 @@ def test_a_folder_is_no_target(tmp_path):
         pass
 
 
-def test_existing_file_is_kept_unless_told(tmp_path):
+def test_an_existing_file_is_kept_unless_overwriting(tmp_path):
     target = tmp_path / "out.c3d"
     target.write_bytes(b"old")
     with pytest.raises(OutputError, match="exists already"), replace_file(target):
@@ -53,11 +53,11 @@ def test_existing_file_is_kept_unless_told(tmp_path):
     assert target.read_bytes() == b"new"
 
 
-def test_a_file_that_appears_meanwhile_is_kept(tmp_path):
+def test_a_file_that_appears_while_writing_is_kept(tmp_path):
     target = tmp_path / "out.c3d"
     with pytest.raises(OutputError, match="appeared"), replace_file(target):
-        target.write_bytes(b"somebody else's")
-    assert target.read_bytes() == b"somebody else's"
+        target.write_bytes(b"other")
+    assert target.read_bytes() == b"other"
 
 
 def test_permissions_follow_the_umask(tmp_path):

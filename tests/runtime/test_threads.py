@@ -16,16 +16,16 @@ from priorfill.synthetic.demo import make_demo_clip
 
 
 @pytest.mark.parametrize(
-    ("said", "threads"), [("1", 1), ("0", 1), ("3", 3), ("400", 8), ("many", 8), ("", 8)]
+    ("value", "threads"), [("1", 1), ("0", 1), ("3", 3), ("400", 8), ("many", 8), ("", 8)]
 )
-def test_count(said: str, threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_count(value: str, threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "cpu_count", lambda: 8)
-    monkeypatch.setenv(VARIABLE, said)
+    monkeypatch.setenv(VARIABLE, value)
     assert thread_count() == threads
 
 
 def test_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(VARIABLE, "5")  # put back after the test
+    monkeypatch.setenv(VARIABLE, "5")  # restored after the test
     monkeypatch.setattr(os, "cpu_count", lambda: 8)
     limit_threads(2)
     assert thread_count() == 2

@@ -78,7 +78,7 @@ def test_bvh_agrees_with_homogeneous_matrices() -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "line", "says"),
+    ("old", "new", "line", "message"),
     [
         ("length 42.0", "length four", 54, "'four' is not a number"),
         ("    dof rx ry rz", "    dof rx ry q", 18, "'q' is not a degree of freedom"),
@@ -86,17 +86,17 @@ def test_bvh_agrees_with_homogeneous_matrices() -> None:
     ],
 )
 def test_errors_in_an_asf_file_are_reported_with_the_line(
-    old: str, new: str, line: int | None, says: str
+    old: str, new: str, line: int | None, message: str
 ) -> None:
     text = asf().replace(old, new, 1)
     assert text != asf()
     number = line or next(i for i, row in enumerate(text.splitlines(), 1) if "lowerbck" in row)
-    with pytest.raises(FormatError, match=re.escape(f"a.asf: line {number}: ") + f".*{says}"):
+    with pytest.raises(FormatError, match=re.escape(f"a.asf: line {number}: ") + f".*{message}"):
         parse_asf(text.encode(), "a.asf")
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("old", "new", "message"),
     [
         ("\n2\n", "\n2\nltoes 1\n", "line 26: bone ltoes cannot move"),
         ("\nltibia ", "\nltibia 3 ", r"line \d+: bone ltibia has 2 values, but 1 in the skeleton"),
@@ -104,19 +104,19 @@ def test_errors_in_an_asf_file_are_reported_with_the_line(
         ("\nltibia ", "\n# ", r"line \d+: bone ltibia has no values in frame 3"),
     ],
 )
-def test_errors_in_an_amc_file_are_reported_with_the_line(old: str, new: str, says: str) -> None:
+def test_errors_in_an_amc_file_are_reported_with_the_line(old: str, new: str, message: str) -> None:
     text = amc(3)
     assert old in text
     if new == "\n# ":
         text = text[: text.rindex(old)] + "\n# " + text[text.rindex(old) + 1 :]
     else:
         text = text.replace(old, new, 1)
-    with pytest.raises(FormatError, match="a.amc: " + says):
+    with pytest.raises(FormatError, match="a.amc: " + message):
         parse_amc(text.encode(), parse_asf(asf().encode(), "a.asf"), "a.amc")
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("old", "new", "message"),
     [
         ("HIERARCHY", "hello", "line 1: does not begin with HIERARCHY"),
         ("CHANNELS 3", "CHANNELS 4", r"line \d+: states 4 channels but names 3"),
@@ -127,8 +127,8 @@ def test_errors_in_an_amc_file_are_reported_with_the_line(old: str, new: str, sa
         ("Xrotation", "Wrotation", r"line \d+: 'wrotation' is not a channel"),
     ],
 )
-def test_errors_in_a_bvh_file_are_reported(old: str, new: str, says: str) -> None:
-    with pytest.raises(FormatError, match="a.bvh: " + says):
+def test_errors_in_a_bvh_file_are_reported(old: str, new: str, message: str) -> None:
+    with pytest.raises(FormatError, match="a.bvh: " + message):
         parse_bvh(bvh(3).replace(old, new, 1).encode(), "a.bvh")
 
 

@@ -1,4 +1,4 @@
-"""What the tests of ``priorfill db`` share: small clips as files, and a way to run a command."""
+"""Shared by the tests of ``priorfill db``: small clips as files, and a command runner."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from priorfill.formats import write
 
 LABELS = ("LASI", "RASI", "SACR", "C7")
 HEIGHTS = {"LASI": 950, "RASI": 960, "SACR": 990, "C7": 1480, "T10": 1250, "HEAD": 1700}
-MEASURED = 0x0303  # residual and cameras of a measured sample
+MEASURED = 0x0303  # residual and camera bits of a measured sample
 
 
 def run(*arguments: str | Path) -> Result:
@@ -35,7 +35,7 @@ def small_clip(
     place = rng.uniform(200, 900, (1, len(labels), 3))
     place[..., 2] = [HEIGHTS[label] for label in labels]
     swing = amplitude * np.sin(2 * np.pi * rng.uniform(0.5, 2, (1, len(labels), 3)) * t)
-    positions = (place + swing).astype(np.float32).astype(np.float64)  # as a file holds it
+    positions = (place + swing).astype(np.float32).astype(np.float64)  # rounded as in a file
     return Clip(positions, labels, rate, name=name, subject=subject)
 
 
@@ -50,7 +50,7 @@ def write_clip(
 def gappy_and_filled(
     clip: Clip, start: int = 40, stop: int = 80, label: str = "C7"
 ) -> tuple[Clip, Clip, np.ndarray]:
-    """The clip with a gap, the clip with the gap filled (10 mm off), and where that is."""
+    """The clip with a gap, the clip with the gap filled (10 mm off), and the mask."""
     mask = np.zeros(clip.missing.shape, dtype=bool)
     mask[start:stop, clip.labels.index(label)] = True
     gappy = clip.with_positions(np.where(mask[..., None], np.nan, clip.positions))
@@ -59,7 +59,7 @@ def gappy_and_filled(
 
 
 def with_residuals(path: Path, clip: Clip, filled: np.ndarray | None = None) -> Path:
-    """Write a clip as a program that keeps residuals does: 0 where filled."""
+    """Write a clip with residuals: 0 for filled samples."""
     words = np.full((*clip.missing.shape, 1), float(MEASURED))
     if filled is not None:
         words[filled] = 0

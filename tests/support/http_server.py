@@ -1,4 +1,4 @@
-"""A server on this machine that serves a folder, and misbehaves as it is told."""
+"""A local HTTP server with programmable faults."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from typing import Any
 
 @dataclass
 class Site:
-    """What a server has, and how it behaves.
+    """The files of a server, and its behaviour.
 
-    `behave` holds for one request each, in their order: ``("status", code, headers)``,
-    ``("cut", bytes)`` breaks the connection after some bytes, ``("stall", bytes)`` says nothing
-    more after them, ``("call", function)`` does something first.
+    Each item of `behave` applies to one request, in their order: ``("status", code, headers)``
+    answers with a status, ``("cut", bytes)`` closes the connection after a number of bytes,
+    ``("stall", bytes)`` sends nothing after them, ``("call", function)`` calls a function first.
     """
 
     files: dict[str, bytes]
@@ -77,7 +77,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_header("Content-Length", str(len(content) - start))
         self.end_headers()
         end = start + what[1] if what[0] in ("cut", "stall") else len(content)
-        with suppress(OSError):  # who asked has hung up
+        with suppress(OSError):  # the client has closed the connection
             self.wfile.write(content[start:end])
             self.wfile.flush()
         if what[0] == "stall":
@@ -92,7 +92,7 @@ def serve(files: dict[str, bytes], **how: Any) -> Iterator[Site]:
     """Serve files while the block runs."""
     site = Site(dict(files), **how)
     server = ThreadingHTTPServer(("127.0.0.1", 0), type("Handler", (_Handler,), {"site": site}))
-    server.daemon_threads = False  # closing waits for what is still answered
+    server.daemon_threads = False  # closing waits for open requests
     site.url = f"http://127.0.0.1:{server.server_address[1]}"
     thread = threading.Thread(target=server.serve_forever, args=(0.01,))
     thread.start()

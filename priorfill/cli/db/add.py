@@ -58,9 +58,9 @@ def add(
 ) -> None:
     """Add files, and the files in folders, to a database; create it if there is none.
 
-    Artefacts (swapped labels, spikes, ghost markers, stuck markers) are left out. A file whose recording
-    is in the database already is skipped. A file that cannot be added is reported, the others are
-    added, and the exit status is 1. In a file of several subjects, --subject selects one.
+    Artefacts (swapped labels, spikes, ghost markers, stuck markers) are left out. A file is skipped
+    if the database has its recording already. A file that cannot be added is reported, the others
+    are added, and the exit status is 1. In a file of several subjects, --subject selects one.
     """
     from priorfill.cli.db import skeletons
     from priorfill.cli.db.adding import ADD, put_files, read_file, without_artefacts

@@ -165,8 +165,8 @@ def read_file(path: Path, subject: str | None, **reading: Any) -> Clip:
     path : Path
         The file.
     subject : str or None
-        The subject, under a name of the user's choice, whatever the file says; in a file of several
-        subjects it selects one of them.
+        The subject under a name of the user's choice; in a file of several subjects it selects one
+        of them.
     **reading
         The options of `priorfill.cli.reading.file_options`.
 

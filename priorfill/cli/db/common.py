@@ -63,7 +63,7 @@ marker_labels = click.option(
 )
 
 _ORIGIN = (
-    click.option("--subject", metavar="NAME", help="Subject; by default as the file says."),
+    click.option("--subject", metavar="NAME", help="Subject; by default that of the file."),
     click.option("--session", metavar="NAME", help="Recording session."),
     click.option("--licence", metavar="TEXT", help="Terms of use."),
     click.option("--credit", metavar="TEXT", help="Whom to name."),

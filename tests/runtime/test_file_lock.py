@@ -1,0 +1,56 @@
+"""Locks that name their holder and end with its process."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from priorfill.runtime.file_lock import LockHeldError, acquire_lock
+
+HOLD = (
+    "import sys, time\n"
+    "from pathlib import Path\n"
+    "from priorfill.runtime.file_lock import acquire_lock\n"
+    "lock = acquire_lock(Path(sys.argv[1]))\n"
+    "print('held', flush=True)\n"
+    "time.sleep(600)\n"
+)
+
+
+def test_a_held_lock_names_its_holder(tmp_path: Path) -> None:
+    path = tmp_path / "lock"
+    lock = acquire_lock(path)
+    with pytest.raises(LockHeldError, match=f"^process {os.getpid()} on {socket.gethostname()}$"):
+        acquire_lock(path)
+    path.write_text("")  # the holder could not write its name
+    with pytest.raises(LockHeldError, match=r"^another process$"):
+        acquire_lock(path)
+    lock.release()
+    acquire_lock(path).release()
+    assert path.exists()
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_a_lock_ends_with_its_process(tmp_path: Path, how: signal.Signals) -> None:
+    path = tmp_path / "lock"
+    holder = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    with holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "held\n"
+        with pytest.raises(LockHeldError) as caught:
+            acquire_lock(path)
+        assert caught.value.holder.startswith(f"process {holder.pid} on ")
+        holder.send_signal(how)
+        holder.wait(60)
+        acquire_lock(path).release()
