@@ -42,6 +42,7 @@ from priorfill.gp.fitted_models import FittedModel, FittedModels, Predictions, S
 from priorfill.gp.linalg import power_weights
 from priorfill.gp.problem import GPModel, RegressionProblem
 from priorfill.gp.velocities import VelocityErrorOptions, VelocityPrediction, error_by_speed
+from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["EnsembleOptions", "Regression", "regress"]
 
@@ -93,6 +94,12 @@ class EnsembleOptions:
     min_expected_rms: float = 1e-3
     min_common_poses: int = 20
     velocity_errors: VelocityErrorOptions = field(default_factory=VelocityErrorOptions)
+
+    def __post_init__(self) -> None:
+        check_at_least(self, 0.0, "weight_power", "relative_std_power", "prior_blocks")
+        check_at_least(self, 0.1, "selection_inflation")
+        check_at_least(self, 1e-9, "min_expected_rms")
+        check_at_least(self, 1, "min_common_poses")
 
 
 @dataclass(frozen=True, eq=False)

@@ -65,6 +65,14 @@ class Alignment:
         ----------
         distance, spread : ndarray [shape=(visible markers,), mm]
             Rms distance of each marker to the nearest missing one, and its standard deviation.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> alignment = Alignment("rigid", length_scale=200.0, min_weight=0.0, rigidity_scale=10.0)
+        >>> distance, spread = np.array([0.0, 200.0, 200.0]), np.array([0.0, 0.0, 10.0])
+        >>> alignment.marker_weights(distance, spread).features.round(3)
+        array([1.   , 0.607, 0.429])
         """
         near = np.exp(-(distance**2) / (2.0 * self.length_scale**2))
         rigidity = np.ones_like(near)

@@ -38,6 +38,15 @@ def squared_distances(
         Inner products of the points' features.
     one, other : ndarray [shapes=(a,), (b,)]
         Their squared norms.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.array([[0.0, 0.0], [3.0, 4.0]])
+    >>> norms = (x**2).sum(axis=1)
+    >>> squared_distances(x @ x.T, norms, norms)
+    array([[ 0., 25.],
+           [25.,  0.]])
     """
     square: NDArray[np.float64] = np.maximum(one[:, None] + other - 2.0 * product, 0.0)
     return square
@@ -58,6 +67,12 @@ def power_weights(error: NDArray[np.float64], power: float) -> NDArray[np.float6
     -------
     ndarray [shape as given]
         Weights that sum to 1 over the models.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> power_weights(np.array([1.0, 2.0]), power=2.0)
+    array([0.8, 0.2])
     """
     weight: NDArray[np.float64] = (error.min(axis=0) / error) ** power
     weight /= weight.sum(axis=0)
@@ -84,6 +99,14 @@ def inverse_root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     ------
     numpy.linalg.LinAlgError
         Where the matrix is not positive definite even with the largest jitter.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> root = inverse_root(np.diag([4.0, 25.0]))
+    >>> root.T @ root
+    array([[0.25, 0.  ],
+           [0.  , 0.04]])
     """
     from scipy.linalg.lapack import dpotrf, dtrtri  # slow to import
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.geometry.distances import norms
+from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["VelocityErrorOptions", "VelocityPrediction", "error_by_speed"]
 
@@ -32,6 +33,10 @@ class VelocityErrorOptions:
 
     relative_bandwidth: float = 0.3
     min_bandwidth: float = 20.0
+
+    def __post_init__(self) -> None:
+        check_at_least(self, 0.0, "relative_bandwidth")
+        check_at_least(self, 1e-6, "min_bandwidth")
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +82,15 @@ def error_by_speed(
     -------
     ndarray [shape=(poses, markers), mm/s]
         Expected rms error.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> held_out = np.array([[[0.0, 0.0, 0.0]], [[900.0, 0.0, 0.0]]])
+    >>> residuals = np.array([[[2.0, 0.0, 0.0]], [[50.0, 0.0, 0.0]]])
+    >>> error_by_speed(held_out, held_out, residuals).round()
+    array([[ 2.],
+           [50.]])
     """
     speed, others = norms(velocity), norms(held_out)
     square = (residuals**2).sum(axis=2)

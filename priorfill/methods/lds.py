@@ -34,8 +34,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gaps import Gap
-from priorfill.methods.options import check_at_least
 from priorfill.methods.task import Estimate, Task
+from priorfill.runtime.option_checks import check_at_least
 
 __all__ = [
     "LdsModel",

@@ -13,9 +13,8 @@ from difflib import get_close_matches
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from priorfill.errors import OptionError
-from priorfill.runtime.option_checks import check_at_least, check_between
 
-__all__ = ["check_at_least", "check_between", "differing", "flattened", "with_values"]
+__all__ = ["differing", "flattened", "with_values"]
 
 T = TypeVar("T")
 

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from priorfill.gaps import constant_spans
 from priorfill.geometry.root_frames import rigid_frames
-from priorfill.methods.options import check_at_least
 from priorfill.methods.task import Estimate, Task
+from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["RigidBodyOptions", "fill"]
 

@@ -10,13 +10,8 @@ import pytest
 
 from priorfill.errors import OptionError
 from priorfill.methods import METHODS, get_method, get_options
-from priorfill.methods.options import (
-    check_at_least,
-    check_between,
-    differing,
-    flattened,
-    with_values,
-)
+from priorfill.methods.options import differing, flattened, with_values
+from priorfill.runtime.option_checks import check_at_least, check_between
 
 
 @dataclass(frozen=True)

@@ -58,13 +58,13 @@ from priorfill.methods.baumann2011.pose_searches import (
     MarkerSearch,
     SearchPlanner,
 )
-from priorfill.methods.options import check_at_least
 from priorfill.methods.task import (
     Estimate,
     Note,
     Task,
     take_names,
 )
+from priorfill.runtime.option_checks import check_at_least
 from priorfill.search.bank import PoseBank
 from priorfill.search.takes import own_take
 from priorfill.signal.resample import Level, pyramid

@@ -17,7 +17,7 @@ from priorfill.methods.gloersen2016.weighted_pca import (
     mean_distances,
     regression,
 )
-from priorfill.methods.options import check_at_least, check_between
+from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["Gloersen2016Options", "MissingMarkers", "PcaFrames", "consecutive", "simultaneous"]
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from priorfill.gaps import GapGroup, constant_spans
 from priorfill.geometry.clustering import single_linkage
-from priorfill.methods.options import check_at_least, check_between
+from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["GapSegment", "SegmentOptions", "split_into_segments"]
 

@@ -16,7 +16,7 @@ from priorfill.methods.gpr.pose_search import SearchOptions
 from priorfill.methods.gpr.spline_nodes import SplineNodeOptions
 from priorfill.methods.gpr.training.options import TrainingOptions
 from priorfill.methods.gpr.training.subject_correlation import SubjectCorrelationOptions
-from priorfill.methods.options import check_at_least, check_between
+from priorfill.runtime.option_checks import check_at_least, check_between
 from priorfill.signal.gp_interpolation import InterpolationOptions
 from priorfill.signal.smoothing import SmoothingOptions
 

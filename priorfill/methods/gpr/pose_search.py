@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from priorfill.geometry.poses import evenly_spaced
 from priorfill.geometry.root_frames import RootGroup
-from priorfill.methods.options import check_at_least
 from priorfill.methods.task import THIS_CLIP, Task
+from priorfill.runtime.option_checks import check_at_least
 from priorfill.search.bank import PoseBank, PoseBankCache
 
 __all__ = ["PoseSearch", "SearchOptions"]

@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 
 from priorfill.gp.ensemble import Regression
 from priorfill.methods.gpr.gap_segments import GapSegment
-from priorfill.methods.options import check_at_least
+from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["SplineNodeOptions", "interpolate_nodes", "spline_nodes"]
 
@@ -70,6 +70,14 @@ def spline_nodes(
         The first and the last of the frames are among them.
     inside : ndarray of bool [shape=(nodes,)]
         Which of them are in the segment, evenly spaced.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> arm = GapSegment(np.array([4, 5]), 10, 20, np.array([0, 1, 2, 3]))
+    >>> nodes, inside = spline_nodes(np.arange(9, 21), arm, 200.0, SplineNodeOptions(40.0, 0.0))
+    >>> nodes
+    array([ 9, 10, 15, 20])
     """
     step = max(1, int(rate / options.rate)) if len(segment.markers) > 1 else 1
     edge = int(np.ceil(options.edge_seconds * rate))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.methods.gloersen2016.strategies import Gloersen2016Options
-from priorfill.methods.options import check_at_least, check_between
+from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["Tits2018Options", "spread_evenly", "thinned"]
 

@@ -27,6 +27,13 @@ def complete_lagged(
     -------
     ndarray [shape=(2, poses, markers, 3), mm]
         Before and after, complete.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> now, missing = np.array([[[5.0, 5.0, 5.0]]]), np.full((1, 1, 3), np.nan)
+    >>> complete_lagged(now, now - 2.0, missing).ravel()
+    array([3., 3., 3., 7., 7., 7.])
     """
     before = np.where(np.isnan(before), 2.0 * now - after, before)
     after = np.where(np.isnan(after), 2.0 * now - before, after)

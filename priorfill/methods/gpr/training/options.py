@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from priorfill.methods.options import check_at_least, check_between
+from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["DatabaseTrainingOptions", "TrainingOptions"]
 

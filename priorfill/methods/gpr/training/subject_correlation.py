@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.methods.options import check_between
 from priorfill.methods.task import THIS_CLIP
+from priorfill.runtime.option_checks import check_between
 from priorfill.search.takes import Take
 
 __all__ = ["SubjectCorrelationOptions", "take_correlations"]

@@ -38,6 +38,13 @@ def subject_offsets(
     -------
     ndarray [shape=(poses, markers, 3), mm]
         In the root frames; the same for all poses of a subject.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> own, others = np.zeros((4, 1, 3)), np.full((3, 1, 3), 10.0)
+    >>> subject_offsets(own, others, np.array([0, 0, 0]))[0]
+    array([[-5., -5., -5.]])
     """
     targets = own.reshape(len(own), -1)
     poses = others.reshape(len(others), -1)
