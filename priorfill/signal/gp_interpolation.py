@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from priorfill.gp.kernels import Matern52, Pairs
 from priorfill.gp.process import FittedGP, GaussianProcess
+from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["InterpolationOptions", "interpolate_gap", "interpolation_weights"]
 
@@ -51,6 +52,9 @@ class InterpolationOptions:
     max_seconds: float = 0.5
     context_seconds: float = 0.3
     process: GaussianProcess = _PROCESS
+
+    def __post_init__(self) -> None:
+        check_at_least(self, 0.0, "max_seconds", "context_seconds")
 
 
 def interpolate_gap(

@@ -275,7 +275,7 @@ def hold_out(kernel, inputs, targets, noise, blocks):
     return residuals, variance
 
 
-def kriging(covariance_matrix, cross, basis, basis_asked):
+def kriging(covariance_matrix, cross, basis, basis_requested):
     """Weights and variance of the best linear unbiased prediction, unit variance of the process.
 
     By Lagrange multipliers: the weights of each prediction reproduce every function of the basis.
@@ -284,7 +284,7 @@ def kriging(covariance_matrix, cross, basis, basis_asked):
     system = np.zeros((known + functions, known + functions))
     system[:known, :known] = covariance_matrix
     system[:known, known:], system[known:, :known] = basis, basis.T
-    right = np.concatenate([cross, basis_asked], axis=1)
+    right = np.concatenate([cross, basis_requested], axis=1)
     solved = np.linalg.solve(system, right.T).T
     return solved[:, :known], 1.0 - (solved * right).sum(axis=1)
 
@@ -383,15 +383,15 @@ def reference(train, test, distance, spread, alignment, settings, block_seconds)
     """What `fit_and_predict` should return."""
     in_alignment, weight = marker_weights(distance, spread, alignment)
     template = train.visible[len(train.visible) // 2]
-    frames, frames_asked = (
+    frames, frames_requested = (
         root_frames(p.visible, template, in_alignment, alignment.kind) for p in (train, test)
     )
     known = features(train, frames, weight, settings.lag)
-    asked = features(test, frames_asked, weight, settings.lag)
+    requested = features(test, frames_requested, weight, settings.lag)
     middle = known.mean(axis=0)
     scale = np.sqrt(((known - middle) ** 2).sum(axis=1).mean())
     inputs = inputs_of(train, (known - middle) / scale)
-    inputs_asked = inputs_of(test, (asked - middle) / scale)
+    inputs_requested = inputs_of(test, (requested - middle) / scale)
     targets = local(frames, train.missing)
     if train.velocity is not None:
         turned = [t.apply(v) for t, v in zip(frames[0], train.velocity, strict=True)]
@@ -402,12 +402,14 @@ def reference(train, test, distance, spread, alignment, settings, block_seconds)
 
     subjects = train.subject is not None
     kernel = kernel_of(inputs, settings, subjects) + WhiteKernel(settings.noise, "fixed")
-    mean, variance = predict(fit(kernel, inputs.matrix, targets - centre, 0.0), inputs_asked.matrix)
+    mean, variance = predict(
+        fit(kernel, inputs.matrix, targets - centre, 0.0), inputs_requested.matrix
+    )
     mean = (mean + centre).reshape(len(mean), count, 3)
     markers = train.missing.shape[1]
     world = [
-        upright(frames_asked, mean[:, :markers]),
-        turned_back(frames_asked[0], mean[:, markers:]),
+        upright(frames_requested, mean[:, :markers]),
+        turned_back(frames_requested[0], mean[:, markers:]),
     ][: 1 + (train.velocity is not None)]
 
     blocks = blocks_of(train, test.recording[0] if subjects else None, block_seconds)
@@ -590,11 +592,11 @@ def test_interpolation_is_universal_kriging(holes):
     path = gappy_path(7, holes)
     found, expected_rms = interpolate_gap(path, 60, 90, 100.0)
     known = [t for t in range(30, 120) if not np.isnan(path[t, 0])]  # 0.3 s on either side
-    time, asked = (np.array(x)[:, None] / 100.0 - 0.75 for x in (known, range(60, 90)))
+    time, requested = (np.array(x)[:, None] / 100.0 - 0.75 for x in (known, range(60, 90)))
     kernel = matern(0.3, 2.5)
     noisy = kernel(time) + 1e-7 * np.eye(len(time))
-    basis, basis_asked = (np.hstack([np.ones_like(t), t]) for t in (time, asked))
-    weights, variance = kriging(noisy, kernel(asked, time), basis, basis_asked)
+    basis, basis_requested = (np.hstack([np.ones_like(t), t]) for t in (time, requested))
+    weights, variance = kriging(noisy, kernel(requested, time), basis, basis_requested)
     np.testing.assert_allclose(found, weights @ path[known], atol=1e-5)
     # restricted maximum likelihood, from contrasts that annihilate any line
     free = null_space(basis.T)
@@ -607,16 +609,18 @@ def test_interpolation_has_a_line_of_unlimited_variance():
     path = gappy_path(8, TWO_ON_EITHER_SIDE)
     found, expected_rms = interpolate_gap(path, 60, 90, 100.0)
     known = np.array([58, 59, 90, 91])
-    time, asked = (np.asarray(x)[:, None] / 100.0 - 0.75 for x in (known, np.arange(60, 90)))
+    time, requested = (np.asarray(x)[:, None] / 100.0 - 0.75 for x in (known, np.arange(60, 90)))
     middle = path[known].mean(axis=0)
     line = constant(1e4) * (constant(1.0) + dot())
-    mean, variance = predict(fit(line + matern(0.3, 2.5), time, path[known] - middle, 1e-7), asked)
+    mean, variance = predict(
+        fit(line + matern(0.3, 2.5), time, path[known] - middle, 1e-7), requested
+    )
     np.testing.assert_allclose(mean + middle, found, atol=0.02)
     inner = slice(3, -3)
     ratio = expected_rms[inner] ** 2 / variance[inner]
     np.testing.assert_allclose(ratio, ratio.mean(), rtol=1e-3)
     # the line's uncertainty adds to the variance
-    without = predict(fit(matern(0.3, 2.5), time, path[known] - middle, 1e-7), asked)[1]
+    without = predict(fit(matern(0.3, 2.5), time, path[known] - middle, 1e-7), requested)[1]
     assert variance[15] > 1.02 * without[15]
 
 
@@ -625,16 +629,16 @@ def test_curves_through_a_blackout_are_universal_kriging(process):
     smoothness, seconds = SMOOTHNESS[type(process.kernel)], process.kernel.time_scale
     noise = process.noise_variance
     known = np.concatenate([np.arange(-8, 0), np.arange(15, 24)]) / 40.0
-    asked = np.arange(0, 15) / 40.0
+    requested = np.arange(0, 15) / 40.0
     kernel = matern(seconds, smoothness)
-    time, when = known[:, None], asked[:, None]
+    time, when = known[:, None], requested[:, None]
     expected, _ = kriging(
         kernel(time) + noise * np.eye(len(time)),
         kernel(when, time),
         np.hstack([np.ones_like(time), time]),
         np.hstack([np.ones_like(when), when]),
     )
-    found = interpolation_weights(process, known, asked)
+    found = interpolation_weights(process, known, requested)
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-6 * np.abs(expected).max())
 
 
@@ -694,12 +698,12 @@ def test_donors_of_several_subjects(kind, own_poses, own_image, calibrated):
         ]
     )
     template = query[len(query) // 2]
-    frames, frames_asked = (
+    frames, frames_requested = (
         root_frames(points, template, in_alignment, kind) for points in (visible, query)
     )
-    known, asked = (
+    known, requested = (
         (local(f, p) * weight[:, None]).reshape(len(p), -1)
-        for f, p in ((frames, visible), (frames_asked, query))
+        for f, p in ((frames, visible), (frames_requested, query))
     )
     middle = known.mean(axis=0)
     scale = np.sqrt(((known - middle) ** 2).sum(axis=1).mean())
@@ -710,8 +714,8 @@ def test_donors_of_several_subjects(kind, own_poses, own_image, calibrated):
         side=mirrored.astype(float),
     )
     here = np.ones(len(query))
-    inputs_asked = Inputs(
-        features=(asked - middle) / scale,
+    inputs_requested = Inputs(
+        features=(requested - middle) / scale,
         shape=np.outer(here, shape_of(query, DISTANCE, inner)),
         subject=THIS_CLIP * here,
         side=0.0 * here,
@@ -748,7 +752,7 @@ def test_donors_of_several_subjects(kind, own_poses, own_image, calibrated):
         )
         noise = model.noise_variance * np.where(own, OWN_NOISE, 1.0)
         process = fit(kernel, inputs.matrix, targets - centre, noise)
-        mean, expected = predict(process, inputs_asked.matrix)
+        mean, expected = predict(process, inputs_requested.matrix)
         expected = expected + noise.min()
         unit = np.ones(2)
         if calibrated:
@@ -759,7 +763,7 @@ def test_donors_of_several_subjects(kind, own_poses, own_image, calibrated):
             assert error == pytest.approx(np.sqrt(square.mean()), rel=1e-8)
         else:
             assert np.isnan(error)
-        mean = upright(frames_asked, (mean + centre).reshape(len(mean), 2, 3))
+        mean = upright(frames_requested, (mean + centre).reshape(len(mean), 2, 3))
         np.testing.assert_allclose(positions, mean, rtol=1e-9, atol=1e-7)
         np.testing.assert_allclose(variance, expected[:, None] * unit, rtol=1e-7)
 

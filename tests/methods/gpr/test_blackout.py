@@ -12,7 +12,9 @@ from scipy.interpolate import CubicSpline
 
 from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
+from priorfill.errors import OptionError
 from priorfill.filling.fill_clip import fill
+from priorfill.filling.fill_options import FillOptions
 from priorfill.filling.result import Result
 from priorfill.geometry.root_frames import RootGroup, root_group
 from priorfill.methods.gpr.blackout import (
@@ -260,3 +262,20 @@ def test_markers_that_appear_one_group_after_another() -> None:
     gaps = [(0, 10, ALL), (10, 22, half), (22, 30, rest), (10, 22, rest[2:]), (22, 30, half[2:])]
     result = fill(with_gaps(TRUTH, *gaps))
     assert result.complete
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("edge_seconds", 0.0), ("nearest_share", 1.5), ("search_markers", 2), ("min_speed", -1.0)],
+)
+def test_options_out_of_range_are_refused(name: str, value: float) -> None:
+    with pytest.raises(OptionError, match=f"BlackoutOptions.{name} is"):
+        BlackoutOptions(**{name: value})  # type: ignore[arg-type]
+
+
+def test_no_more_windows_are_used_than_the_options_allow() -> None:
+    clip = with_gaps(SLOW, (100, 112, ALL))
+    options = FillOptions(method_options={"blackout.max_windows": 10})
+    few, many = fill(clip, options=options), fill(clip)
+    # of the clip and of its mirror image
+    assert few.gaps[0].training_poses == 20 < many.gaps[0].training_poses

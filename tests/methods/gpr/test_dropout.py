@@ -216,3 +216,12 @@ def test_expected_error_of_a_single_donor_subject(tmp_path, body):
     assert result.gaps[0].sources == ("other subjects of the database",)
     actual = error(result.clip.positions, person().positions, clip.missing)
     assert 0.2 < actual / result.gaps[0].expected_mean_error < 1.5
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("max_visible", 2), ("min_visible_share", 1.5), ("database_rate", 0.0), ("weight_power", -1)],
+)
+def test_options_out_of_range_are_refused(name, value):
+    with pytest.raises(OptionError, match=f"DropoutOptions.{name} is"):
+        DropoutOptions(**{name: value})

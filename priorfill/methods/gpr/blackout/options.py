@@ -14,7 +14,7 @@ from priorfill.gp.kernels import (
     SubjectCorrelation,
 )
 from priorfill.gp.process import GaussianProcess
-from priorfill.methods.options import check_at_least, check_between
+from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["BlackoutOptions"]
 

@@ -15,7 +15,7 @@ from priorfill.geometry.poses import complete_poses, evenly_spaced
 from priorfill.methods.gpr.dropout.options import DropoutOptions
 from priorfill.methods.task import THIS_CLIP, Task
 
-__all__ = ["THIS_CLIP", "SubjectSample", "Subjects"]  # the number is shared by all of dropout/
+__all__ = ["THIS_CLIP", "SubjectSample", "Subjects"]
 
 
 @dataclass(frozen=True, eq=False)
