@@ -56,11 +56,11 @@ def demo(folder: Path, method: str) -> None:
             f"{folder}: cannot be created ({error.strerror}); choose another folder with -o"
         ) from error
     truth, gappy = make_demo_clip()
-    whole, broken, filled = (folder / f"demo_{name}.c3d" for name in ("truth", "gaps", "filled"))
-    formats.write(whole, truth, overwrite=True)
-    formats.write(broken, gappy, overwrite=True)
+    complete, gaps, filled = (folder / f"demo_{name}.c3d" for name in ("truth", "gaps", "filled"))
+    formats.write(complete, truth, overwrite=True)
+    formats.write(gaps, gappy, overwrite=True)
     # from here on as `priorfill fill` does, from the file
-    clip = formats.read(broken)
+    clip = formats.read(gaps)
     starter = resource_path("starter")
     with progress(None, "filling the demo") as show:
         options = FillOptions(progress=show)
@@ -69,11 +69,11 @@ def demo(folder: Path, method: str) -> None:
 
     click.echo("Demo with synthetic motion (computed from a model of the body, not recorded)\n")
     _print_errors(truth, result)
-    click.echo(f"\nwithout gaps   {whole}")
-    click.echo(f"with gaps      {broken}")
+    click.echo(f"\nwithout gaps   {complete}")
+    click.echo(f"with gaps      {gaps}")
     click.echo(f"filled         {filled}   with {result.method} from itself and {starter}")
-    click.echo(f"\nTry it:        priorfill inspect {broken}")
-    click.echo(f"               priorfill fill {broken} -o filled.c3d --database {starter}")
+    click.echo(f"\nTry it:        priorfill inspect {gaps}")
+    click.echo(f"               priorfill fill {gaps} -o filled.c3d --database {starter}")
     print_unfilled(result)
     if not result.complete:
         click.get_current_context().exit(EXIT_INCOMPLETE)
@@ -110,6 +110,6 @@ def _print_errors(truth: Clip, result: Result) -> None:
                 f"{rms(straight_error[inside]):.1f}",
             )
         )
-    whole, line = rms(error[result.filled]), rms(straight_error[result.filled])
-    rows.append(("all", "", f"{whole:.1f}", "", f"{line:.1f}"))
+    fill, line = rms(error[result.filled]), rms(straight_error[result.filled])
+    rows.append(("all", "", f"{fill:.1f}", "", f"{line:.1f}"))
     print_table(("marker", "s>", "rms error mm>", "expected rms mm>", "linear mm>"), rows)

@@ -1,1 +1,1 @@
-"""Fill a clip: choose a method, call it, assemble the result, and record what was done."""
+"""Fill clips and files: divide gaps among methods, assemble results, and record provenance."""

@@ -82,8 +82,8 @@ def fill(
     Returns
     -------
     Result
-        Measured samples keep their bits. Samples that could not be filled stay missing; each gap
-        names them with the reason. Of several clips, one result whose markers are called
+        Measured samples keep their bits. Samples that could not be filled stay missing; their gap
+        has the reason. For several clips, the merged result, with markers called
         ``subject:label``.
 
     Raises

@@ -261,7 +261,7 @@ def _read_same_subject(
 
 
 def _with_reading(result: Result, reading: dict[str, Any]) -> Result:
-    """Return a result whose provenance says how the file was read."""
+    """Return a result with the reading options in its provenance."""
     return replace(
         result,
         provenance=replace(result.provenance, reading=reading),

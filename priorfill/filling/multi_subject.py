@@ -33,7 +33,7 @@ def read_subjects(
     Parameters
     ----------
     path : Path or str
-        The file; its suffix tells the format.
+        The file; its suffix selects the format.
     zeros_missing : bool
         Treat samples at exactly (0, 0, 0) as missing.
     up : str or None

@@ -35,7 +35,7 @@ def run(*arguments: str | Path) -> Result:
 
 @pytest.fixture(scope="module")
 def database(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A database of one other person's walk."""
+    """A database of one walk of another subject."""
     place = tmp_path_factory.mktemp("cli") / "db"
     with PriorDatabase.create(place) as made:
         made.add(person(seconds=6.0, seed=11, body=11))
@@ -44,7 +44,7 @@ def database(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The working folder, with `walk.c3d` (limb gaps) and `drop.c3d` (C7 never seen too).
+    """The working folder, with `walk.c3d` (limb gaps) and `drop.c3d` (C7 never visible too).
 
     `spot.c3d` lacks single markers only and is filled in a quarter of the time.
     """
@@ -277,7 +277,7 @@ def test_integers_are_rounded_and_it_says_so(folder: Path) -> None:
 
 
 def test_metres(folder: Path) -> None:
-    """A file that says m and is in m comes out in m."""
+    """A file in m is written in m."""
     records = standing(60)
     records[:, :, :3] /= 1000
     records = records.astype(np.float32).astype(np.float64)
@@ -673,7 +673,7 @@ def bad_files() -> dict[str, tuple[bytes, str]]:
     metres = standing(40)
     metres[:, :, :3] /= 1000
     return {
-        "not C3D": (b"this is no C3D file, whatever its name says\n" * 40, "C3D"),
+        "not C3D": (b"text in a file with the wrong suffix\n" * 40, "C3D"),
         "a picture": (b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 8, ""),
         "cut in the data": (whole.bytes()[:-1500], "cut short"),
         "cut in the parameters": (whole.bytes()[:700], "cut short"),

@@ -31,7 +31,7 @@ GAPS = ((60, 130, ARM), (90, 170, FOOT), (200, 240, ("LKNE",)), (0, 240, ("C7",)
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A database of one other person's walk."""
+    """A database of one walk of another subject."""
     place = tmp_path_factory.mktemp("filling") / "db"
     with PriorDatabase.create(place) as made:
         made.add(person(seconds=6.0, seed=11, body=11))
@@ -231,7 +231,7 @@ def test_the_error_across_subjects_is_estimated_from_whole_subjects(tmp_path):
             found.append((result.gaps[0].expected_rms, np.sqrt((off[clip.missing] ** 2).mean())))
         return np.transpose(found)
 
-    expected, real = errors("strangers", ["ben", "ben", "cleo", "cleo", "dan", "dan"])
+    expected, real = errors("others", ["ben", "ben", "cleo", "cleo", "dan", "dan"])
     assert (real < 1.5 * expected).all()
     assert (expected > 1.2 * errors("unknown", [""] * 6)[0]).all()  # any two may be of one subject
     # a subject of the clip's name but of another shape counts as another subject

@@ -44,13 +44,13 @@ def test_a_fill_is_made_again_from_its_json(database):
     ]
     done = CliRunner().invoke(main, line)
     assert done.exit_code == 0, done.output
-    told = json.loads(done.stdout)["provenance"]
+    recorded = json.loads(done.stdout)["provenance"]
     with np.load("how.npz") as archive:
-        assert json.loads(str(archive["provenance"])) == told
+        assert json.loads(str(archive["provenance"])) == recorded
     Path("gaps.toml").unlink()  # the overrides themselves are in the provenance
 
-    provenance = pf.Provenance.from_dict(told)
-    assert provenance.to_dict() == told
+    provenance = pf.Provenance.from_dict(recorded)
+    assert provenance.to_dict() == recorded
     assert provenance.options == {"neighbours": 20}
     clip = read("walk.c3d", **provenance.reading)
     assert identify(clip) == provenance.clips[0]
