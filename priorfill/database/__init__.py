@@ -13,6 +13,7 @@ commit; the next writer overwrites them.
 """
 
 from priorfill.database.manifest import FORMAT_VERSION
+from priorfill.database.prior_database import DEFAULT_LEVELS, DEFAULT_RATE, PriorDatabase
 from priorfill.database.record import (
     AcceptResult,
     ClipOrigin,
@@ -21,7 +22,6 @@ from priorfill.database.record import (
     MergeResult,
 )
 from priorfill.database.selection import Selection
-from priorfill.database.store import DEFAULT_LEVELS, DEFAULT_RATE, PriorDatabase
 
 __all__ = [
     "DEFAULT_LEVELS",

@@ -11,8 +11,8 @@ from priorfill.errors import OptionError
 
 if TYPE_CHECKING:
     from priorfill.clip import Clip
+    from priorfill.database.prior_database import PriorDatabase
     from priorfill.database.record import ClipRecord
-    from priorfill.database.store import PriorDatabase
 
 __all__ = ["mask_by_database", "mask_by_original"]
 

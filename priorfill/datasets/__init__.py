@@ -5,13 +5,13 @@ Only `fetch` uses the network, and only when called.
 
 from __future__ import annotations
 
-from priorfill.datasets.catalogue import (
+from priorfill.datasets.dataset_definitions import (
     Dataset,
     DatasetFile,
     find_dataset,
     known_datasets,
 )
-from priorfill.datasets.fetch import FetchOptions, FetchResult, fetch
+from priorfill.datasets.fetch_dataset import FetchOptions, FetchResult, fetch
 from priorfill.datasets.retry_policy import RetryPolicy
 
 __all__ = [

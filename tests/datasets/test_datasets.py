@@ -29,7 +29,7 @@ from priorfill.datasets import (
     known_datasets,
 )
 from priorfill.datasets.download import Downloader
-from priorfill.datasets.fetch import RECORD
+from priorfill.datasets.fetch_dataset import RECORD
 from priorfill.datasets.retry_policy import FileFetchError
 from priorfill.datasets.unpack import unpack
 from priorfill.errors import FetchError

@@ -104,7 +104,7 @@ def fetch(
     are downloaded, and the exit status is 1.
     """
     from priorfill.datasets import FetchOptions, RetryPolicy, find_dataset
-    from priorfill.datasets.fetch import choose_files
+    from priorfill.datasets.fetch_dataset import choose_files
 
     if database is None and not download_only:
         raise click.UsageError("give the database to add to (--database DIR), or --download-only")

@@ -11,7 +11,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from priorfill.datasets.catalogue import Dataset, DatasetFile, check_address
+from priorfill.datasets.dataset_definitions import Dataset, DatasetFile, check_address
 from priorfill.datasets.retry_policy import FileFetchError, RetryPolicy
 from priorfill.datasets.unpack import unpack
 from priorfill.errors import FetchError
