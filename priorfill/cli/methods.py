@@ -66,4 +66,4 @@ def _text(value: Any) -> str:
         return ",".join(_text(inner) for inner in value)
     if value is None or isinstance(value, bool):
         return str(value).lower()
-    return f"{value:.12g}" if isinstance(value, float) else str(value)
+    return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)

@@ -7,7 +7,8 @@ import json
 from click.testing import CliRunner
 
 from priorfill.cli import main
-from priorfill.methods import METHODS
+from priorfill.methods import METHODS, get_options
+from priorfill.methods.options import differing, with_values
 
 
 def test_methods() -> None:
@@ -23,3 +24,27 @@ def test_methods_as_json() -> None:
     listed = json.loads(CliRunner().invoke(main, ["methods", "--json"]).stdout)
     assert listed["linear"] == {"summary": "straight lines over time", "source": "SciPy"}
     assert list(listed) == list(METHODS)
+
+
+def test_options_of_a_method() -> None:
+    result = CliRunner().invoke(main, ["methods", "r1"])
+    assert result.exit_code == 0, result.output
+    lines = [line.split() for line in result.stdout.splitlines()]
+    assert lines[0] == ["option", "default"]
+    assert ["sigma", "200"] in lines
+    assert json.loads(CliRunner().invoke(main, ["methods", "r1", "--json"]).stdout)["sigma"] == 200
+    assert CliRunner().invoke(main, ["methods", "linear"]).stdout == "linear has no options.\n"
+    refused = CliRunner().invoke(main, ["methods", "splien"])
+    assert refused.exit_code == 1
+    assert "there is no method 'splien'" in refused.stderr
+
+
+def test_listed_defaults_can_be_set() -> None:
+    """Every option is printed in the form in which it is read, without loss."""
+    for method, entry in METHODS.items():
+        if entry.options_class is None:
+            continue
+        listed = CliRunner().invoke(main, ["methods", method]).stdout.splitlines()[1:]
+        values = dict(line.split(maxsplit=1) for line in listed if len(line.split()) > 1)
+        default = get_options(method)
+        assert differing(with_values(default, values)) == {}, method
