@@ -114,7 +114,7 @@ def test_low_rank_is_recovered_exactly(seed):
     rng = np.random.default_rng(seed)
     full, masked, shown = masked_pieces(rng)
     one = eigenspaces.train(np.concatenate(full), np.concatenate(masked), rank=3)
-    two = eigenspaces.train_pieces(full, masked, rank=3)
+    two = eigenspaces.train_windows(full, masked, rank=3)
     for truth, clip in zip(full, masked, strict=True):
         np.testing.assert_allclose(one.complete(clip), truth, atol=1e-6)
         np.testing.assert_allclose(two.complete(clip), truth, atol=1e-6)
@@ -130,7 +130,7 @@ def test_trajectories_of_low_rank_are_recovered_exactly(seed):
     shown = np.ones(60, dtype=bool)
     shown[25:40] = False
     space = eigenspaces.trajectory_space(truth[:, 9:].T, rank=4)
-    found = eigenspaces.whole_frames(truth[shown, :9], space, shown)
+    found = eigenspaces.complete_frames(truth[shown, :9], space, shown)
     np.testing.assert_allclose(found, truth[~shown, :9], atol=1e-6)
 
 
@@ -234,8 +234,8 @@ def test_whole_frames():
 def test_errors_are_not_multiplied_at_the_ends(bounded, monkeypatch):
     """Sums of slow waves, of which the first half is measured with a small error."""
     if not bounded:
-        monkeypatch.setattr(li2020_fill, "MOST_GAIN", np.inf)
-        monkeypatch.setattr(li2020_fill, "CAUTIONS", (1e-6,))
+        monkeypatch.setattr(li2020_fill, "MAX_AMPLIFICATION", np.inf)
+        monkeypatch.setattr(li2020_fill, "SHRINKAGES", (1e-6,))
     rng = np.random.default_rng(3)
     waves = np.cos(np.pi * np.outer(np.arange(80) + 0.5, np.arange(1, 13)) / 80)
     rows = rng.normal(size=(200, 12)) @ waves.T
@@ -243,7 +243,7 @@ def test_errors_are_not_multiplied_at_the_ends(bounded, monkeypatch):
     window = 100.0 * rows[:2].T[:, :, None] * np.ones(3)
     noise = rng.normal(size=window.shape) * shown[:, None, None]
     rows += 1e-3 * rng.normal(size=rows.shape)
-    options = Li2020Options(trajectory_share=0.9999)
+    options = Li2020Options(trajectory_singular_share=0.9999)
     halves = [rows[:100], rows[100:]]
     change = li2020_fill._completed(
         window + noise, shown, halves, options

@@ -1,14 +1,18 @@
 """Gap filling in eigenspaces: Li, Yu, Kieu, Vuong and Zhang, IEEE Access 8, 2020 [L20]_.
 
-Three methods. `pca_train`, Eqs. (1)-(4): the eigenvectors of training pieces and of the same pieces
-masked as the clip is, and the matrix T that leads from the coordinates in the one to those in the
-other. `pca_pieces`, Eqs. (5)-(8): the same with eigenvectors of its own for each masked piece, and
-those of the clip. `pca_frames`, Eqs. (9)-(16): whole frames are missing, and the eigenvectors are
-those of trajectories, one number a frame.
+There are three methods:
+
+* `pca_train` (``pca-train``), Eqs. (1)-(4): the eigenvectors of training windows, those of the same
+  windows masked like the clip, and the matrix T that maps coordinates in the masked eigenspace to
+  coordinates in the complete one.
+* `pca_pieces` (``pca-pieces``), Eqs. (5)-(8): the same, where each masked window, and the clip, has
+  eigenvectors of its own.
+* `pca_frames` (``pca-frames``), Eqs. (9)-(16): complete frames are missing, and the eigenvectors
+  are those of trajectories, with one coordinate per frame.
 
 `eigenspaces` has the equations on arrays, `training_windows` the choice of training data,
-`li2020_options` every constant, and `li2020_fill` joins
-them. Where all of it departs from the paper is in `li2020_fill`.
+`li2020_options` all constants. `li2020_fill` applies them to a task, and lists the departures from
+the paper.
 
 References
 ----------

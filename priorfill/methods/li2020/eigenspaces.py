@@ -1,8 +1,8 @@
 """The equations of Li et al. 2020, on arrays.
 
-A is a piece: a row a frame, a column a coordinate, centred. A0 is the same piece masked: what the
-clip does not show is zero, which is the mean. The paper writes the pieces of the training set A_i,
-all of them one upon the other A_N, and the clip that is to be filled A_1.
+A is a centred window with a row per frame and a column per coordinate. A0 is the same window
+masked: coordinates that are missing in the clip are zero, which is the mean. As in the paper, A_i
+are the training windows, A_N is all of them stacked, and A_1 is the clip to fill.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ __all__ = [
     "TrainingSpaces",
     "TrajectorySpace",
     "WindowSpaces",
+    "complete_frames",
     "components",
     "eigenspace",
     "nearest_basis",
     "train",
-    "train_pieces",
+    "train_windows",
     "trajectory_space",
     "transformation",
     "triangular",
-    "whole_frames",
 ]
 
 Array = NDArray[np.float64]
 
-SMALLEST = 1e-10
-"""Singular values below this share of the largest are rounding errors: the least squares leave
-them out, where the published program divides by them."""
+MIN_SINGULAR_RATIO = 1e-10
+"""Singular values below this share of the largest are rounding errors. They are left out of least
+squares; the published program divides by them."""
 
 
 def triangular(rows: Array) -> Array:
-    """Return rows with the same products of columns, as few as there are columns."""
+    """Return at most as many rows as columns, with the same inner products of columns."""
     return np.asarray(np.linalg.qr(rows).R) if len(rows) > rows.shape[1] else rows
 
 
@@ -54,15 +54,21 @@ def eigenspace(rows: Array) -> tuple[Array, Array]:
     values : ndarray [shape=(min(n, columns),)]
         Descending.
     vectors : ndarray [shape=(columns, min(n, columns))]
-        The eigenvectors of ``rows.T @ rows``, a column each.
+        The eigenvectors of ``rows.T @ rows`` as columns.
     """
-    # the orthogonal factor of a tall matrix changes neither
+    # the orthogonal factor of a tall matrix affects neither
     _, values, vectors = np.linalg.svd(triangular(rows), full_matrices=False)
     return values, vectors.T
 
 
 def components(values: Array, share: float) -> int:
-    """Return how many singular values it takes to sum up to a share of all; at least one."""
+    """Return how many singular values are needed to sum to a share of the total; at least one.
+
+    Examples
+    --------
+    >>> components(np.array([98.0, 1.0, 1.0]), 0.99)
+    2
+    """
     total = values.sum()
     if not total > 0:
         return 1
@@ -70,7 +76,7 @@ def components(values: Array, share: float) -> int:
 
 
 def _rank(share: float, rank: int | None, *values: Array) -> int:
-    """Return the number of eigenvectors: the one given, or what the share asks for."""
+    """Return the number of eigenvectors: the rank, or what the share requires."""
     return rank or max(components(each, share) for each in values)
 
 
@@ -80,28 +86,28 @@ def transformation(masked: Array, full: Array) -> Array:
     Parameters
     ----------
     masked : ndarray [shape=(n, r)]
-        A_i0 U_N0 of all pieces, one upon the other: coordinates in the masked space.
+        A_i0 U_N0 of all windows, stacked: coordinates in the masked eigenspace.
     full : ndarray [shape=(n, r)]
-        A_i U_N of all pieces.
+        A_i U_N of all windows.
 
     Returns
     -------
     ndarray [shape=(r, r)]
         T = (sum U_N0' A_i0' A_i0 U_N0)^-1 (sum U_N0' A_i0' A_i U_N), by a decomposition that does
-        not square the condition; of the smallest norm where the masked pieces span fewer than r
-        directions.
+        not square the condition number; with the smallest norm where the masked windows span fewer
+        than r dimensions.
 
     Notes
     -----
-    Eq. (3) as printed, and the published program, have these two factors the other way round:
-    not the solution of Eq. (2), and without bounds where the inverse hardly exists.
+    Eq. (3) as printed, and the published program, have these factors in the opposite order. That is
+    not the solution of Eq. (2), and unbounded where the matrix is nearly singular.
     """
-    return np.asarray(np.linalg.lstsq(masked, full, rcond=SMALLEST)[0], dtype=np.float64)
+    return np.asarray(np.linalg.lstsq(masked, full, rcond=MIN_SINGULAR_RATIO)[0], dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
 class TrainingSpaces:
-    """What `train` learns.
+    """Eigenspaces of complete and masked training data, and the map between them.
 
     Attributes
     ----------
@@ -130,14 +136,14 @@ class TrainingSpaces:
 def train(
     full: Array, masked: Array, *, share: float = 0.99, rank: int | None = None
 ) -> TrainingSpaces:
-    """Learn from pieces and the same pieces masked: Eqs. (1)-(3).
+    """Fit the eigenspaces and T to windows and the same windows masked: Eqs. (1)-(3).
 
     Parameters
     ----------
     full, masked : ndarray [shape=(n, columns)]
-        A_N and A_N0: all pieces, one upon the other.
+        A_N and A_N0: all windows, stacked.
     share, rank
-        See `Li2020Options`; the larger number of both spaces.
+        See `Li2020Options.min_singular_share`; the larger number of the two spaces.
 
     Returns
     -------
@@ -152,7 +158,7 @@ def train(
 
 
 def nearest_basis(vectors: Array, wanted: Array) -> Array:
-    """Turn a basis inside the space that it spans so that it comes nearest to another basis.
+    """Return the basis of the same space that is nearest to another basis.
 
     Parameters
     ----------
@@ -164,7 +170,7 @@ def nearest_basis(vectors: Array, wanted: Array) -> Array:
     Returns
     -------
     ndarray [shape=(columns, r)]
-        ``vectors @ R`` with the R of the orthogonal Procrustes problem.
+        ``vectors @ R``, where R solves the orthogonal Procrustes problem.
     """
     left, _, right = np.linalg.svd(vectors.T @ wanted, full_matrices=False)
     nearest: Array = vectors @ (left @ right)
@@ -173,7 +179,7 @@ def nearest_basis(vectors: Array, wanted: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class WindowSpaces:
-    """What `train_pieces` learns.
+    """As `TrainingSpaces`, where each masked window has eigenvectors of its own.
 
     Attributes
     ----------
@@ -201,58 +207,56 @@ class WindowSpaces:
 
 
 def _own_basis(masked: Array, reference: Array) -> Array:
-    """Return a masked piece's own eigenvectors, in the order and with the signs of a reference."""
+    """Return the eigenvectors of a masked window, with the order and signs of a reference."""
     _, vectors = eigenspace(masked)
     return nearest_basis(vectors[:, : reference.shape[1]], reference)
 
 
-def train_pieces(
+def train_windows(
     full: Sequence[Array], masked: Sequence[Array], *, share: float = 0.99, rank: int | None = None
 ) -> WindowSpaces:
-    """Learn from pieces, each masked one with eigenvectors of its own: Eqs. (5)-(7).
+    """Fit the eigenspaces and T, with eigenvectors of each masked window: Eqs. (5)-(7).
 
     Parameters
     ----------
     full, masked : sequence of ndarray [shape=(n_i, columns)]
         A_i and A_i0.
     share, rank
-        See `Li2020Options`; the larger number of both spaces of all pieces.
+        See `Li2020Options.min_singular_share`; the larger number of the two spaces of all windows.
 
     Returns
     -------
     WindowSpaces
-        U_N, U_N0, and T, the least squares of A_i0 U_i0 T = A_i U_N over all pieces.
+        U_N, U_N0, and T, the least-squares solution of A_i0 U_i0 T = A_i U_N over all windows.
 
     Notes
     -----
-    Signs and order of the eigenvectors U_i0, Eq. (5), are arbitrary, and T is shared by all pieces:
-    left as they come, it would mean something else for each. Every basis of the space is as good,
-    so the one nearest to U_N0 is taken.
+    Signs and order of the eigenvectors U_i0, Eq. (5), are arbitrary, but T is shared by all
+    windows. Any basis of the space is equivalent, so the one nearest to U_N0 is used.
     """
     values, vectors = eigenspace(np.concatenate(full))
     masked_values, masked_vectors = eigenspace(np.concatenate(masked))
     r = _rank(share, rank, values, masked_values)
     u, u0 = vectors[:, :r], masked_vectors[:, :r]
-    coordinates = np.concatenate([piece @ _own_basis(piece, u0) for piece in masked])
-    target = np.concatenate([piece @ u for piece in full])
+    coordinates = np.concatenate([window @ _own_basis(window, u0) for window in masked])
+    target = np.concatenate([window @ u for window in full])
     return WindowSpaces(u, u0, transformation(coordinates, target))
 
 
 @dataclass(frozen=True, eq=False)
 class TrajectorySpace:
-    """What trajectories have in common.
+    """The eigenspace of trajectories.
 
     Attributes
     ----------
     vectors : ndarray [shape=(frames, r)]
-        U, the eigenvectors, a column each.
-    doubt : ndarray [shape=(r,)]
-        How large what the eigenvectors leave over is, in one frame, beside each coordinate: both
-        root mean squares over the trajectories.
+        U, the eigenvectors as columns.
+    relative_std : ndarray [shape=(r,)]
+        Rms residual of the trajectories per frame, relative to the rms of each coordinate.
     """
 
     vectors: Array
-    doubt: Array
+    relative_std: Array
 
 
 def trajectory_space(
@@ -263,49 +267,51 @@ def trajectory_space(
     Parameters
     ----------
     trajectories : ndarray [shape=(n, frames)]
-        Each a coordinate of a marker in a piece, centred.
+        Each a coordinate of a marker in a window, centred.
     share, rank
-        See `Li2020Options`.
+        See `Li2020Options.trajectory_singular_share`.
     """
     values, vectors = eigenspace(trajectories)
     r = _rank(share, rank, values)
     left_over = np.sqrt((values[r:] ** 2).sum() / len(vectors))
-    least = max(SMALLEST * values.max(initial=0.0), np.finfo(np.float64).tiny)
+    least = max(MIN_SINGULAR_RATIO * values.max(initial=0.0), np.finfo(np.float64).tiny)
     return TrajectorySpace(vectors[:, :r], left_over / np.maximum(values[:r], least))
 
 
-def whole_frames(
-    visible: Array, space: TrajectorySpace, shown: NDArray[np.bool_], caution: float = 1.0
+def complete_frames(
+    visible: Array, space: TrajectorySpace, shown: NDArray[np.bool_], shrinkage: float = 1.0
 ) -> Array:
-    """Complete trajectories of which some frames are missing, Eqs. (12)-(16).
+    """Complete trajectories with missing frames, Eqs. (12)-(16).
 
     Parameters
     ----------
     visible : ndarray [shape=(shown frames, n)]
-        What is measured of n trajectories, centred.
+        The measured frames of n trajectories, centred.
     space : TrajectorySpace
-        U_1 is the rows of its U in the shown frames, U_2 the others.
+        U_1 has the rows of its U in the measured frames, U_2 the others.
     shown : ndarray of bool [shape=(frames,)]
         Which frames are measured.
-    caution : float
-        What doubts are multiplied by.
+    shrinkage : float
+        Factor of ``space.relative_std``.
 
     Returns
     -------
     ndarray [shape=(missing frames, n)]
-        U_2 a, with the least squares a of U_1 a = A_1 in the measured frames and of D a = 0, D the
-        diagonal matrix of doubts: a = (U_1' U_1 + D²)^-1 U_1' A_1.
+        U_2 a, where a is the least-squares solution of U_1 a = A_1 and D a = 0, with D the diagonal
+        matrix of shrinkage times relative standard deviation: a = (U_1' U_1 + D²)^-1 U_1' A_1.
 
     Notes
     -----
-    The paper has no D: what the measured frames do not tell apart, as where all are on one side,
-    is then without bounds. With it, a is what is most likely, if coordinates and what is left over
-    are Gaussian and as large as they are in the trajectories that were learnt from.
+    The paper has no D, so coordinates that the measured frames hardly determine are unbounded, as
+    where all measured frames are on one side. With D, a is the most probable solution if
+    coordinates and residuals are Gaussian with the variances of the training trajectories.
     """
     r = space.vectors.shape[1]
-    rows = np.concatenate([space.vectors[shown], np.diag(caution * space.doubt)])
-    asked = np.concatenate([visible, np.zeros((r, visible.shape[1]))])
-    # by QR with pivots, five times as fast as by singular values
-    coordinates = lstsq(rows, asked, cond=SMALLEST, lapack_driver="gelsy", check_finite=False)[0]
+    rows = np.concatenate([space.vectors[shown], np.diag(shrinkage * space.relative_std)])
+    target = np.concatenate([visible, np.zeros((r, visible.shape[1]))])
+    # QR with pivoting is five times as fast as singular values
+    coordinates = lstsq(
+        rows, target, cond=MIN_SINGULAR_RATIO, lapack_driver="gelsy", check_finite=False
+    )[0]
     completed: Array = space.vectors[~shown] @ coordinates
     return completed

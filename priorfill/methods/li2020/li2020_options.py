@@ -4,50 +4,72 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from priorfill.errors import OptionError
+from priorfill.runtime.option_checks import check_at_least, check_between
+
 __all__ = ["Li2020Options"]
 
 
 @dataclass(frozen=True)
 class Li2020Options:
-    """Options of `pca_train`, `pca_pieces` and `pca_frames`.
+    """Options of ``pca-train``, ``pca-pieces`` and ``pca-frames``.
 
     Attributes
     ----------
-    share : float
-        As many eigenvectors are kept as it takes for their singular values (not squared) to sum
-        up to this share: 0.99 in the authors' program, after Gløersen and Federolf 2016.
+    min_singular_share : float
+        As many eigenvectors are kept as are needed for their singular values (not squared) to sum
+        to this share of the total: 0.99 in the authors' program, after Gløersen and Federolf 2016.
     rank : int, optional
-        How many eigenvectors are kept, instead of `share`.
+        Number of eigenvectors, in place of `min_singular_share`.
     sigma : float
-        Width (mm) of the weights exp(-d² / 2 sigma²) of visible markers at a mean distance d from
-        the nearest marker with a gap: 200 in the authors' program.
+        mm. σ of the weights exp(-d² / 2σ²) of visible markers at a mean distance d from the nearest
+        marker with a gap: 200 in the authors' program.
     gap_weight : float
-        Weight of markers with gaps: 0.02 there.
-    pieces : int
-        How many pieces of the database are learnt from, beside the clip. The paper has 16 to 36,
-        chosen by hand among the same dancer's dances; the fewer, the more alike they are.
-    body : float
-        How many mm between poses a difference of 1 mm between two bodies' distances counts as
-        where pieces are chosen.
+        Weight of markers with gaps: 0.02 in the authors' program.
+    max_windows : int
+        Number of windows of the database in the training data, in addition to the clip. The paper
+        uses 16 to 36, chosen by hand among dances of the same dancer; with fewer, they are more
+        similar to the clip.
+    body_shape_weight : float
+        Distance of poses (mm) that is equivalent to a difference of 1 mm between the rigid
+        distances of two subjects, where windows are chosen.
     context : float
-        How many frames of a trajectory are looked at before and after missing frames, as a
-        multiple of their number. The paper's pieces have 100 frames of which up to 40 are missing.
-    fewest_context : int
-        That many frames at least, before and after.
+        Number of frames of a trajectory used before and after missing frames, as a multiple of
+        their number. The paper uses windows of 100 frames with up to 40 missing ones.
+    min_context_frames : int
+        Minimum number of these frames.
     stride : float
-        Own pieces of trajectories start this share of their length apart.
-    trajectory_share : float
-        As `share`, for trajectories. With 0.99, whole frames of karate and of synthetic walking
-        were filled 1.2 to 1.6 times worse, and with 0.9 twice to three times.
+        Distance between the starts of windows of the clip, relative to their length, from which
+        trajectories are taken.
+    trajectory_singular_share : float
+        As `min_singular_share`, for trajectories. With 0.99 the errors of complete frames of karate
+        and of synthetic walking were 1.2 to 1.6 times as large, with 0.9 twice to three times.
+
+    Raises
+    ------
+    OptionError
+        Where a value is outside its range.
     """
 
-    share: float = 0.99
+    min_singular_share: float = 0.99
     rank: int | None = None
     sigma: float = 200.0
     gap_weight: float = 0.02
-    pieces: int = 8
-    body: float = 10.0
+    max_windows: int = 8
+    body_shape_weight: float = 10.0
     context: float = 1.0
-    fewest_context: int = 30
+    min_context_frames: int = 30
     stride: float = 0.25
-    trajectory_share: float = 0.999
+    trajectory_singular_share: float = 0.999
+
+    def __post_init__(self) -> None:
+        check_between(self, 0.0, 1.0, "min_singular_share", "trajectory_singular_share")
+        check_at_least(self, MIN_POSITIVE, "sigma", "gap_weight")
+        check_at_least(self, 0, "max_windows", "body_shape_weight", "context", "stride")
+        check_at_least(self, 1, "min_context_frames")
+        if self.rank is not None and self.rank < 1:
+            raise OptionError(f"Li2020Options.rank is {self.rank}; it must be at least 1, or none")
+
+
+MIN_POSITIVE = 1e-6
+"""Smallest σ (mm) and weight; both are divisors."""

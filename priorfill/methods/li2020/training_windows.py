@@ -1,8 +1,8 @@
-"""The training set of Li et al. 2020: pieces of the database that are like the clip.
+"""The training data of Li et al. 2020: windows of the database that are similar to the clip.
 
-The paper takes pieces of the clip's length from recordings of the same kind of motion of the same
-person. Which these are is found here: those whose poses are nearest to the clip's, on a body whose
-constant distances are nearest to those of the clip's body.
+The paper uses windows of the clip's length from recordings of the same kind of motion by the same
+person, chosen by hand. Here the windows are chosen whose poses are nearest to the clip's, of
+subjects whose rigid distances are nearest to those of the clip's subject.
 """
 
 from __future__ import annotations
@@ -22,27 +22,28 @@ __all__ = ["TrainingWindow", "choose_windows", "is_learnable"]
 
 Array = NDArray[np.float64]
 
-SAMPLE = 200
-"""So many of the clip's poses are compared with; more lie so close that they say the same."""
+MAX_SAMPLE_POSES = 200
+"""Poses of the clip that windows are compared with; more are nearly the same."""
 
-FEWEST_FRAMES = 8
-"""Pieces of fewer frames, at the coarsest resolution, are passed over: 1 s at 7.5 Hz."""
+MIN_FRAMES = 8
+"""Complete frames of a window at the coarsest resolution: 1 s at 7.5 Hz."""
 
-STEADY = 0.9
-"""Markers are compared that are visible this share as often as the marker seen most."""
+MIN_VISIBLE_RATIO = 0.9
+"""Markers are compared if they are visible this often, relative to the marker visible most
+often."""
 
-STIFFEST = 2
-"""The body is told by this many pairs of markers per marker: those whose distances vary least."""
+PAIRS_PER_MARKER = 2
+"""Pairs of markers, per marker, whose distances describe a body: those that vary least."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrainingWindow:
-    """A stretch of a take with frames that show every marker.
+    """A window of a take with frames that show every marker.
 
     Attributes
     ----------
     name : str
-        Of the take.
+        Name of the take.
     positions : ndarray [shape=(frames, markers, 3), mm]
         NaN where the take does not show a marker.
     rate : float
@@ -55,12 +56,12 @@ class TrainingWindow:
 
 
 def is_learnable(take: Take, markers: NDArray[np.intp]) -> bool:
-    """Whether a take shows all of some markers somewhere."""
+    """Return whether a take shows each of some markers in some frame."""
     return bool((take.shown[markers] > 0).all())
 
 
 def _shape(poses: Array) -> Array:
-    """Return poses without their means, a row each [shape=(n, 3 markers)]."""
+    """Return centred poses as rows [shape=(n, 3 markers)]."""
     shape: Array = (poses - poses.mean(axis=1, keepdims=True)).reshape(len(poses), -1)
     return shape
 
@@ -70,44 +71,46 @@ def _distances(poses: Array, pairs: tuple[NDArray[np.intp], NDArray[np.intp]]) -
     return np.asarray(np.linalg.norm(poses[:, pairs[0]] - poses[:, pairs[1]], axis=2))
 
 
-class _Likeness:
-    """How far pieces are from a clip: in their poses, and in the body that moves."""
+class _ClipDistance:
+    """Distance of windows from a clip, in poses and in body shape."""
 
     def __init__(self, positions: Array, options: Li2020Options) -> None:
         valid = ~np.isnan(positions[..., 0])
         seen = valid.mean(axis=0)
-        self.markers = np.flatnonzero(seen >= STEADY * seen.max())
+        self.markers = np.flatnonzero(seen >= MIN_VISIBLE_RATIO * seen.max())
         frames = np.flatnonzero(valid[:, self.markers].all(axis=1))
-        if len(frames) == 0:  # no frame shows all of them: those of one frame then
+        if len(frames) == 0:  # no frame shows all of them: use those of one frame
             richest = int(valid.sum(axis=1).argmax())
             self.markers, frames = np.flatnonzero(valid[richest]), np.array([richest])
-        poses = positions[frames[evenly_spaced(len(frames), SAMPLE)]][:, self.markers]
+        poses = positions[frames[evenly_spaced(len(frames), MAX_SAMPLE_POSES)]][:, self.markers]
         self._poses = _shape(poses)
         self._norms = (self._poses**2).sum(axis=1)
-        self._body = options.body
+        self._body_weight = options.body_shape_weight
         pairs = np.triu_indices(len(self.markers), 1)
         lengths = _distances(poses, pairs)
-        stiff = np.argsort(lengths.std(axis=0), kind="stable")[: STIFFEST * len(self.markers)]
-        self._pairs = (pairs[0][stiff], pairs[1][stiff])
-        self._lengths = lengths.mean(axis=0)[stiff]
+        rigid = np.argsort(lengths.std(axis=0), kind="stable")[
+            : PAIRS_PER_MARKER * len(self.markers)
+        ]
+        self._pairs = (pairs[0][rigid], pairs[1][rigid])
+        self._lengths = lengths.mean(axis=0)[rigid]
 
     def body(self, poses: Array) -> float:
-        """Return how far the constant distances of a body are from the clip's (mm)."""
+        """Return the median difference of rigid distances from the clip's (mm)."""
         if len(self._lengths) == 0:
             return 0.0
-        sample = poses[evenly_spaced(len(poses), SAMPLE)]
+        sample = poses[evenly_spaced(len(poses), MAX_SAMPLE_POSES)]
         return float(np.median(abs(_distances(sample, self._pairs).mean(axis=0) - self._lengths)))
 
     def poses(self, poses: Array) -> Array:
-        """Return how far each pose is from the clip's nearest one (mm, rms over markers)."""
+        """Return the distance of each pose from the clip's nearest one (mm, rms over markers)."""
         rows = _shape(poses)
         squares = (rows**2).sum(axis=1)[:, None] + self._norms - 2.0 * rows @ self._poses.T
         nearest: Array = np.sqrt(np.maximum(squares.min(axis=1), 0.0) / len(self.markers))
         return nearest
 
     def distance(self, body: float, poses: Array) -> float:
-        """Return how far a piece is from the clip (mm)."""
-        return math.hypot(float(poses.mean()), self._body * body)
+        """Return the distance of a window from the clip (mm)."""
+        return math.hypot(float(poses.mean()), self._body_weight * body)
 
 
 def choose_windows(
@@ -117,29 +120,29 @@ def choose_windows(
     markers: NDArray[np.intp],
     options: Li2020Options,
 ) -> list[TrainingWindow]:
-    """Choose the pieces of takes that are most like a clip.
+    """Choose the windows of takes that are most similar to a clip.
 
     Parameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
         The clip's ``markers``; NaN where missing.
     rate : float
-        Of the clip (Hz).
+        Rate of the clip (Hz).
     takes : sequence of Take
         The database.
     markers : ndarray of int
-        Which of the clip's markers a piece must show.
+        The clip's markers that a window must show.
     options : Li2020Options
-        How many, and what is alike.
+        Number of windows, and weight of the body shape.
 
     Returns
     -------
     list of TrainingWindow
-        At their finest resolution, the most alike first; none longer than the clip.
+        At their finest resolution, the most similar first; none is longer than the clip.
     """
     if not takes or np.isnan(positions[..., 0]).all():
         return []
-    likeness = _Likeness(positions, options)
+    distance_from_clip = _ClipDistance(positions, options)
     seconds = len(positions) / rate
     ranked: list[tuple[float, int, int, float, float]] = []
     for number, take in enumerate(takes):
@@ -147,25 +150,27 @@ def choose_windows(
             continue
         coarsest = len(take.rates) - 1
         poses = np.asarray(take.positions(coarsest, markers), dtype=np.float64)
-        whole = ~np.isnan(poses[..., 0]).any(axis=1)
-        compared = poses[:, likeness.markers]
-        if whole.sum() < min(FEWEST_FRAMES, len(poses)) or not whole.any():
+        complete = ~np.isnan(poses[..., 0]).any(axis=1)
+        compared = poses[:, distance_from_clip.markers]
+        if complete.sum() < min(MIN_FRAMES, len(poses)) or not complete.any():
             continue
-        body = likeness.body(compared[whole])
+        body = distance_from_clip.body(compared[complete])
         apart = np.full(len(poses), np.nan)
-        apart[whole] = likeness.poses(compared[whole])
-        length = max(round(seconds * take.rates[coarsest]), FEWEST_FRAMES)
-        for piece, start in enumerate(range(0, len(poses), length)):
+        apart[complete] = distance_from_clip.poses(compared[complete])
+        length = max(round(seconds * take.rates[coarsest]), MIN_FRAMES)
+        for index, start in enumerate(range(0, len(poses), length)):
             inside = apart[start : start + length]
             inside = inside[~np.isnan(inside)]
-            if len(inside) >= FEWEST_FRAMES or (piece == 0 and len(inside)):
+            if len(inside) >= MIN_FRAMES or (index == 0 and len(inside)):
                 begin = start / take.rates[coarsest]
                 end = begin + length / take.rates[coarsest]
-                ranked.append((likeness.distance(body, inside), number, piece, begin, end))
-    pieces = []
-    for _, number, _, begin, end in sorted(ranked)[: options.pieces]:
+                ranked.append(
+                    (distance_from_clip.distance(body, inside), number, index, begin, end)
+                )
+    windows = []
+    for _, number, _, begin, end in sorted(ranked)[: options.max_windows]:
         take = takes[number]
         first, last = round(begin * take.rates[0]), round(end * take.rates[0])
         found = np.asarray(take.positions(0, markers), dtype=np.float64)[first:last]
-        pieces.append(TrainingWindow(take.name, found, take.rates[0]))
-    return pieces
+        windows.append(TrainingWindow(take.name, found, take.rates[0]))
+    return windows
