@@ -179,7 +179,7 @@ def test_a_marker_that_leaves_smoothly_is_found_where_it_is_too_far() -> None:
 def test_standing_still_is_no_artefact() -> None:
     still = CLEAN.with_positions(np.repeat(CLEAN.positions[:1], FRAMES, axis=0))
     assert find_artefacts(still) == ()
-    # a whole clip that halts, as in a replay, and goes on
+    # all markers stop at once, as in a replay
     halted = CLEAN.positions.copy()
     halted[100:130] = halted[100]
     halted[130:] = halted[100:-30]
@@ -300,8 +300,8 @@ def test_breaks_are_where_steps_are() -> None:
 
 def test_reference_markers_are_on_the_same_segment() -> None:
     references = choose_reference_markers(CLEAN.positions)
-    for label, beside in (("LFHD", "RFHD"), ("RTOE", "RMT5"), ("LFWT", "LBWT")):
-        own, other = column(label, beside)
+    for label, neighbour in (("LFHD", "RFHD"), ("RTOE", "RMT5"), ("LFWT", "LBWT")):
+        own, other = column(label, neighbour)
         assert other in references.of(own)
         assert own not in references.of(own)
     wrong = choose_reference_markers(mislabel("RTOE", "LFHD", FRAMES // 2 + 20).positions)

@@ -49,16 +49,18 @@ def test_the_result_minimises_the_least_squares(seed):
             slope = np.gradient(positions[:, m, i]) * 100.0
             expected = motion.expected_rms[:, m]
             ratio = expected / (motion.position_rms[m] / OPTIONS.error_time)
-            told = 1 / (expected**2 * (1 + (ratio / OPTIONS.half_weight_ratio) ** 2))
-            derived = (OPTIONS.error_time / motion.position_rms[m]) ** 2
-            u = (told * motion.velocity[:, m, i] + derived * slope) / (told + derived)
+            of_velocity = 1 / (expected**2 * (1 + (ratio / OPTIONS.half_weight_ratio) ** 2))
+            of_derivative = (OPTIONS.error_time / motion.position_rms[m]) ** 2
+            u = (of_velocity * motion.velocity[:, m, i] + of_derivative * slope) / (
+                of_velocity + of_derivative
+            )
             for t in range(frames):
                 known = not np.isnan(measured[t, m, i])
                 error = OPTIONS.measured_std if known else motion.position_rms[m]
                 equations.append(np.eye(frames)[t] / error)
                 side.append((measured if known else positions)[t, m, i] / error)
                 if t + 1 < frames:
-                    weight = np.sqrt((told[t] + told[t + 1]) / 2 + derived)
+                    weight = np.sqrt((of_velocity[t] + of_velocity[t + 1]) / 2 + of_derivative)
                     equations.append((np.eye(frames)[t + 1] - np.eye(frames)[t]) * 100 * weight)
                     side.append((u[t] + u[t + 1]) / 2 * weight)
             expected = np.linalg.lstsq(np.array(equations), np.array(side), rcond=None)[0]
@@ -107,24 +109,24 @@ def test_a_clip_that_stands_still_has_no_errors():
     np.testing.assert_array_equal(fuse_velocity(positions[:1], one, nothing[:1], 100.0), 1.0)
 
 
-def test_what_stands_is_surer_to_stand():
+def test_slow_markers_have_smaller_errors():
     rng = np.random.default_rng(0)
     fast = np.repeat([False, True], 200)
     predicted = np.where(fast, 1000.0, 0.0)[:, None, None] * np.array([1.0, 0, 0])
     wrong = rng.normal(0, 1, (400, 1, 3)) * np.where(fast, 200.0, 10.0)[:, None, None]
-    asked = np.array([[[0.0, 0, 0]], [[0, 1000.0, 0]], [[50000.0, 0, 0]]])
-    slow, quick, unheard = error_by_speed(asked, predicted, wrong)[:, 0]
+    velocity = np.array([[[0.0, 0, 0]], [[0, 1000.0, 0]], [[50000.0, 0, 0]]])
+    slow, quick, unseen = error_by_speed(velocity, predicted, wrong)[:, 0]
     assert slow == pytest.approx(10.0 * np.sqrt(3), rel=0.2)
     assert quick == pytest.approx(200.0 * np.sqrt(3), rel=0.2)
-    assert unheard == pytest.approx(np.sqrt((wrong**2).sum(axis=2).mean()))
+    assert unseen == pytest.approx(np.sqrt((wrong**2).sum(axis=2).mean()))
 
 
 @given(st.integers(0, 2**31))
 @settings(deadline=None, max_examples=25)
 def test_errors_by_speed_are_a_weighted_mean(seed):
     rng = np.random.default_rng(seed)
-    asked, predicted, wrong = (rng.normal(0, 300, (n, 2, 3)) for n in (4, 9, 9))
-    found = error_by_speed(asked, predicted, wrong)
+    velocity, predicted, wrong = (rng.normal(0, 300, (n, 2, 3)) for n in (4, 9, 9))
+    found = error_by_speed(velocity, predicted, wrong)
     for m in range(2):
         speeds = [np.linalg.norm(v) for v in predicted[:, m]]
         width = max(
@@ -133,7 +135,7 @@ def test_errors_by_speed_are_a_weighted_mean(seed):
         )
         for q in range(4):
             weights = [
-                np.exp(-(((np.linalg.norm(asked[q, m]) - s) / width) ** 2) / 2) + 1e-6
+                np.exp(-(((np.linalg.norm(velocity[q, m]) - s) / width) ** 2) / 2) + 1e-6
                 for s in speeds
             ]
             square = np.average([x @ x for x in wrong[:, m]], weights=weights)
@@ -142,7 +144,7 @@ def test_errors_by_speed_are_a_weighted_mean(seed):
 
 def test_poses_are_compared_in_parts():
     rng = np.random.default_rng(2)
-    asked, predicted, wrong = (rng.normal(0, 300, (n, 2, 3)) for n in (11, 9, 9))
-    whole = error_by_speed(asked, predicted, wrong)
+    velocity, predicted, wrong = (rng.normal(0, 300, (n, 2, 3)) for n in (11, 9, 9))
+    complete = error_by_speed(velocity, predicted, wrong)
     with mock.patch("priorfill.gp.velocities.BATCH_SIZE", 4):
-        np.testing.assert_array_equal(error_by_speed(asked, predicted, wrong), whole)
+        np.testing.assert_array_equal(error_by_speed(velocity, predicted, wrong), complete)

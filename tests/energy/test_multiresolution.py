@@ -119,10 +119,10 @@ def test_frames_without_a_prior_stay_missing_and_do_not_affect_others():
     count = levels_for(rate)
     levels = pyramid(np.where(missing[..., None], np.nan, truth), rate, count)
     (group,) = gap_groups(missing)
-    whole = truth_prior(truth, rate, count, group.markers)
+    true_prior = truth_prior(truth, rate, count, group.markers)
 
     def prior_at(level, window):
-        prior = whole(level, window)
+        prior = true_prior(level, window)
         unknown = (window * level.step >= 70) & (window * level.step < 90)
         prior.pose_weight[unknown] = 0.0
         prior.pose[unknown] = 1e9
@@ -169,10 +169,10 @@ def test_the_fill_joins_the_measured_signal():
     count = levels_for(rate)
     levels = pyramid(np.where(missing[..., None], np.nan, truth), rate, count)
     (group,) = gap_groups(missing)
-    whole = truth_prior(truth, rate, count, group.markers)
+    true_prior = truth_prior(truth, rate, count, group.markers)
 
     def prior_at(level, window):
-        prior = whole(level, window)
+        prior = true_prior(level, window)
         prior.pose[:] += 30.0
         prior.velocity_weight[:] *= 1000.0
         prior.acceleration_weight[:] *= 1000.0

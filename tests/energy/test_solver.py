@@ -117,8 +117,10 @@ def test_blocks_solve_stiff_priors():
     blocks = minimise(positions, free, prior)
     frames = minimise(positions, free, prior, DescentOptions(block_frames=1))
     assert blocks.updates < 0.2 * frames.updates
-    off, beside = (np.linalg.norm(f.positions - exact, axis=2).max() for f in (blocks, frames))
-    assert off < 0.1 * beside
+    block_error, frame_error = (
+        np.linalg.norm(f.positions - exact, axis=2).max() for f in (blocks, frames)
+    )
+    assert block_error < 0.1 * frame_error
 
 
 def test_a_smooth_offset_is_removed_though_single_frames_hardly_move():

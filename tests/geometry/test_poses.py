@@ -1,4 +1,4 @@
-"""Which poses are whole, and some of them, evenly spread."""
+"""Complete poses, and evenly spaced ones."""
 
 from __future__ import annotations
 

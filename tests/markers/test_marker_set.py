@@ -110,8 +110,8 @@ def pair_agreement(truth: list[str], found: list[str]) -> tuple[float, float]:
     """Precision and recall of "these two markers are on one segment"."""
     pairs = list(combinations(range(len(truth)), 2))
     same = {(i, j) for i, j in pairs if truth[i] == truth[j]}
-    said = {(i, j) for i, j in pairs if found[i] == found[j]}
-    return len(same & said) / len(said), len(same & said) / len(same)
+    together = {(i, j) for i, j in pairs if found[i] == found[j]}
+    return len(same & together) / len(together), len(same & together) / len(same)
 
 
 # --- definitions -----------------------------------------------------------------------------

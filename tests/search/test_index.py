@@ -257,13 +257,13 @@ def test_a_large_bank_is_searched_in_part():
     recordings[0][12, 1] = np.nan
     root = root_group(recordings[1], (0, 1, 2))
     viable = np.array([0, 1, 2, 3])
-    whole = PoseBank(as_takes(recordings), root, viable, np.array([4]), 30.0)
+    complete = PoseBank(as_takes(recordings), root, viable, np.array([4]), 30.0)
     part = PoseBank(as_takes(recordings), root, viable, np.array([4]), 30.0, max_poses=20)
-    assert len(part) == 20 < len(whole)
-    assert set(part.rows) < set(whole.rows)
+    assert len(part) == 20 < len(complete)
+    assert set(part.rows) < set(complete.rows)
     assert part.nearest(recordings[0][:3], root.frames(recordings[0][:3]), 50).row.shape == (3, 20)
     # poses before and after are found all the same, within the take and where it is complete
-    for bank in (whole, part):
+    for bank in (complete, part):
         rows = np.array([5, 20, 9, 38, 42])
         assert bank.shifted(rows, 2).tolist() == [7, 22, 9, 38, 44]
         assert bank.shifted(rows, -2).tolist() == [3, 18, 7, 36, 42]

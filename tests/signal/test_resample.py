@@ -144,7 +144,7 @@ def test_measured_samples_next_to_a_gap_stay_close() -> None:
     seen = ~np.isnan(out)
     error = np.abs(out - full)[seen]
     speed = np.abs(np.diff(data, axis=0)).max()
-    assert error.max() < 0.2 * speed  # a straight bridge gives more than 1
+    assert error.max() < 0.2 * speed  # linear interpolation gives more than 1
     np.testing.assert_array_equal(out[:, 4], full[:, 4])
 
 
@@ -198,11 +198,11 @@ def test_shifting_the_clip_shifts_the_result(seed: int, shift: int, rate_to: flo
     data = wander(seed, 700)
     data[300:333, 0] = np.nan
     step = int(120 / rate_to)
-    whole = resample(data, 120, rate_to)
+    complete = resample(data, 120, rate_to)
     cut = resample(data[shift * step :], 120, rate_to)
-    assert len(cut) == len(whole) - shift
+    assert len(cut) == len(complete) - shift
     reach = math.ceil(100 / step)
-    np.testing.assert_allclose(cut[reach:], whole[shift + reach :], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(cut[reach:], complete[shift + reach :], rtol=0, atol=1e-6)
 
 
 @settings(max_examples=30, deadline=None)

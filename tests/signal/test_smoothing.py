@@ -34,8 +34,8 @@ def movement(frames=200, seed=0):
 def test_the_low_pass_is_the_minimum(frames, cut, seed):
     path = np.random.default_rng(seed).normal(0.0, 10.0, (frames, 3))
     difference = np.diff(np.eye(frames), DIFFERENCE_ORDER, axis=0)
-    stiffness = (2.0 * np.sin(np.pi * cut / RATE)) ** (-2.0 * DIFFERENCE_ORDER)
-    naive = np.linalg.solve(np.eye(frames) + stiffness * difference.T @ difference, path)
+    penalty = (2.0 * np.sin(np.pi * cut / RATE)) ** (-2.0 * DIFFERENCE_ORDER)
+    naive = np.linalg.solve(np.eye(frames) + penalty * difference.T @ difference, path)
     np.testing.assert_allclose(low_pass(path, RATE, cut), naive, atol=1e-5)
 
 
