@@ -73,6 +73,16 @@ def test_filled_samples_are_distinguished_from_measured_ones(path, tmp_path):
         formats.write(path, full, clip.missing, overwrite=True)
 
 
+def test_missing_samples_are_not_declared_as_filled(path):
+    positions = standing()
+    positions[4:7, 2] = np.nan
+    filled = np.zeros((12, 6), dtype=bool)
+    filled[6:9, 2] = True
+    save(path, positions=positions, labels=list(LABELS), rate=100.0, filled=filled)
+    interpolated = formats.read(path).source.interpolated
+    assert np.argwhere(interpolated).tolist() == [[7, 2], [8, 2]]
+
+
 def test_layouts_of_other_programs(path):
     positions = standing() / 1000
     positions[2, 3] = np.nan

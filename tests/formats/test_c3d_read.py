@@ -106,6 +106,14 @@ def test_three_codings_of_a_missing_sample(save):
     assert clip.source.zero_samples == 0
 
 
+def test_zeros_of_points_left_out_are_not_counted(save):
+    records = standing()
+    records[3:6, 4, :3] = 0
+    records[:, 5, :3] = 0
+    labels = ["LHipAngles" if point == 5 else label for point, label in enumerate(LABELS)]
+    assert read_c3d(save(C3DFile(records, labels))).source.zero_samples == 3
+
+
 def test_a_labelled_marker_without_samples_is_kept(save):
     records = standing()
     records[:, 4, 3] = -1
@@ -157,6 +165,17 @@ def test_missing_samples_are_not_interpolated(save):
     path = save(C3DFile(records, LABELS))
     assert not read_c3d(path).source.interpolated.any()
     assert np.argwhere(read_c3d(path, zeros_missing=False).source.interpolated).tolist() == [[3, 1]]
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_samples_without_one_coordinate_are_missing_and_not_interpolated(save, axis):
+    records = standing()
+    records[:, :, 3] = MEASURED
+    records[4, 1, axis] = np.nan
+    records[4:6, 1, 3] = 0
+    clip = read_c3d(save(C3DFile(records, LABELS)))
+    assert np.argwhere(clip.missing).tolist() == [[4, 1]]
+    assert np.argwhere(clip.source.interpolated).tolist() == [[5, 1]]
 
 
 @pytest.mark.parametrize("word", [0x0300, 0x0003, 0.4])
@@ -652,6 +671,17 @@ def test_families_without_samples(suffixes):
     names = [f"LTI{s}" for s in suffixes]
     left = reasons(names, np.full((20, 4, 3), np.nan))
     assert bool(left) == (suffixes == "OALP")
+
+
+def test_type_groups_of_measured_points_are_no_model_outputs():
+    names = ["LTOE", "MYPOINT", "RTOE"]
+    parameters = {
+        ("POINT", "TYPE_GROUPS"): ["MARKERS", "POINTS", "EXTRA"],
+        ("POINT", "MARKERS"): ["LTOE"],
+        ("POINT", "POINTS"): ["RTOE"],
+        ("POINT", "EXTRA"): ["MYPOINT"],
+    }
+    assert reasons(names, parameters=parameters) == {1: "model output (POINT:EXTRA)"}
 
 
 def test_declared_model_outputs_are_left_out():
