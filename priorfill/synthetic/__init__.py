@@ -1,10 +1,10 @@
-"""Synthetic motion capture: computed full-body recordings for tests, demos and a start.
+"""Synthetic motion capture: simulated recordings for tests, demos and the starter database.
 
-**Nothing here was measured.** A kinematic body of published proportions (`Body`) moves its
-joints along published mean curves (`priorfill.synthetic.gait_curves`), stands on its feet, and
-carries 41 markers that wobble as on skin. It looks like a person and has no surprises, so
-gaps in it are easier to fill than those of recordings: use it to see that something works,
-not how well. Clips are called ``synthetic_...``, their subjects ``synthetic-...``.
+**Nothing here was measured.** A kinematic body with published proportions (`Body`) moves its joints
+along published mean curves (`priorfill.synthetic.gait_curves`), with its feet on the floor, and
+carries 41 markers with simulated soft-tissue artefacts. Its movements are more regular than real
+ones, so gaps are easier to fill than those of recordings: use it to test that something works, not
+how well. Names of clips start with ``synthetic_``, those of subjects with ``synthetic-``.
 
 >>> from priorfill.synthetic import Body, synthesise
 >>> clip = synthesise("walking", seconds=2.0, body=Body(height=1680), seed=3)

@@ -1,4 +1,4 @@
-"""The demo's recording: synthetic, with gaps whose contents are known."""
+"""The demo recording: synthetic, with gaps of known content."""
 
 from __future__ import annotations
 
@@ -26,19 +26,18 @@ DEMO_GAPS: tuple[tuple[float, float, tuple[str, ...]], ...] = (
     (10.00, 10.40, ("LBHD",)),
     (11.00, 12.00, ("LANK", "LHEE", "LTOE")),
 )
-"""The demo's gaps: from second, to second, markers."""
+"""The gaps of the demo: start (s), end (s), markers."""
 
 
 def make_demo_clip(seed: int = 2011) -> tuple[Clip, Clip]:
-    """Return the demo's recording, complete and with gaps.
+    """Return the demo recording, complete and with gaps.
 
-    It is **synthetic**: computed by `priorfill.synthetic`, nobody's motion. The person (body
-    and manner) is not in the starter database, the kinds of motion are: 12 s at 120 Hz of
-    walking, reaching, walking along a curve and squatting (`priorfill.synthetic.MOTIONS`,
-    ``mixed``).
+    It is **synthetic**: simulated by `priorfill.synthetic`. The subject (body and style) is not in
+    the starter database, but the kinds of motion are: 12 s at 120 Hz of walking, reaching, walking
+    along a curve and squatting (``mixed`` of `priorfill.synthetic.MOTIONS`).
 
     =============  ==================================  ======================================
-    seconds        missing                             what it shows
+    seconds        missing                             kind of gap
     =============  ==================================  ======================================
     1.00 - 1.25    LKNE                                a single short gap
     1.50 - 4.50    LUPA LELB LFRM LWRA LWRB LFIN       the left arm, for 3 s
@@ -55,14 +54,20 @@ def make_demo_clip(seed: int = 2011) -> tuple[Clip, Clip]:
     Parameters
     ----------
     seed : int
-        Of the motion.
+        Seed of the motion.
 
     Returns
     -------
     truth : Clip
-        Without gaps.
+        The recording without gaps.
     gappy : Clip
         The same with the gaps of the table.
+
+    Examples
+    --------
+    >>> truth, gappy = make_demo_clip()
+    >>> int(gappy.missing.sum())
+    6594
     """
     truth = synthesise(
         "mixed",

@@ -1,4 +1,4 @@
-"""Walking, running, walking along a curve, and turning on the spot, as scores."""
+"""Joint trajectories of walking, running, walking along a curve, and turning on the spot."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ __all__ = ["pivoting", "running", "turning", "walking"]
 Array = NDArray[np.float64]
 
 WALK_RATIO = 0.0065
-"""Step length over cadence (m per step/min) in natural walking: Sekiya and Nagasaki, Gait
-and Posture 7 (1998), for a height of 1.75 m."""
+"""Walk ratio: step length divided by cadence (m per step/min), for a height of 1.75 m; Sekiya and
+Nagasaki, Gait and Posture 7 (1998)."""
 
 WALKING_SPEEDS = 0.6, 1.25, 2.1
 """Slowest, natural and fastest (m/s)."""
@@ -41,14 +41,14 @@ PIVOT_RATE = 75.0
 """Greatest rate of turning on the spot (degrees/s)."""
 
 CONTACT_EDGE = 0.008
-"""Part of the cycle in which a foot takes and gives up weight (scale of a sigmoid)."""
+"""Share of the cycle in which the load is transferred to a foot (scale of a sigmoid)."""
 
 CADENCE_SD = 0.015
 """Variation of the cadence from cycle to cycle: 1 to 3 % in healthy walking (Hausdorff,
 J. NeuroEngineering and Rehabilitation 2, 2005)."""
 
 KNEE_SHARE, PELVIS_SHARE = 0.35, 0.8
-"""How far knee flexion and pelvis rotation grow with the hips' range when speed does."""
+"""Increase of knee flexion and pelvis rotation relative to that of the range of the hips."""
 
 
 def _window(phase: Array, start: float, end: float, edge: float) -> Array:
@@ -61,39 +61,39 @@ def _window(phase: Array, start: float, end: float, edge: float) -> Array:
 def cycle(
     curves: GaitCurves, phase: Array, style: Style, skeleton: SyntheticSkeleton, extent: float
 ) -> JointTrajectories:
-    """Return the score of a gait.
+    """Return the joint trajectories of a gait.
 
     Parameters
     ----------
     curves : GaitCurves
         The gait.
     phase : ndarray [shape=(frames,), cycles]
-        Of the left leg.
+        Phase of the left leg.
     style : Style
         Arm swing, step width, toe-out, lean.
     skeleton : SyntheticSkeleton
-        For the angles that the step width takes.
+        For the hip angles of the step width.
     extent : float
-        Factor on the range of the hips: the length of the steps.
+        Factor on the range of the hips, which determines the step length.
     """
-    score = stand(len(phase), style)
+    joints = stand(len(phase), style)
     turn = 2.0 * np.pi * phase
     share = 1.0 + PELVIS_SHARE * (extent - 1.0)
     rotation = -curves.pelvis_rotation * share * np.cos(turn)
-    # the pelvis drops on the side that swings
+    # the pelvis drops on the swing side
     drop = curves.pelvis_list * np.cos(turn - 2.0 * np.pi * 0.24)
     thorax = curves.thorax_rotation * np.cos(turn)
     nod = 1.0 * np.cos(2.0 * turn - 0.6)
-    score["pelvis_tilt"][:] = curves.pelvis_tilt
-    score["pelvis_list"][:] = drop
-    score["pelvis_rotation"][:] = rotation
-    score["lumbar_flexion"][:] = curves.trunk_lean + style.lean + nod
-    score["lumbar_side"][:] = -0.8 * drop
-    score["lumbar_rotation"][:] = thorax - rotation
+    joints["pelvis_tilt"][:] = curves.pelvis_tilt
+    joints["pelvis_list"][:] = drop
+    joints["pelvis_rotation"][:] = rotation
+    joints["lumbar_flexion"][:] = curves.trunk_lean + style.lean + nod
+    joints["lumbar_side"][:] = -0.8 * drop
+    joints["lumbar_rotation"][:] = thorax - rotation
     # the head keeps looking ahead
-    score["neck_flexion"][:] = -0.7 * (nod + curves.trunk_lean + style.lean) - curves.pelvis_tilt
-    score["neck_side"][:] = -0.15 * drop
-    score["neck_rotation"][:] = -0.85 * thorax
+    joints["neck_flexion"][:] = -0.7 * (nod + curves.trunk_lean + style.lean) - curves.pelvis_tilt
+    joints["neck_side"][:] = -0.15 * drop
+    joints["neck_rotation"][:] = -0.85 * thorax
 
     hip_half = float(abs(skeleton.offsets["lthigh"][1]))
     inwards = np.arcsin((hip_half - 0.5 * style.step_width) / (skeleton.thigh + skeleton.shank))
@@ -103,37 +103,39 @@ def cycle(
     swing = style.arm_swing
     for side, (name, sign) in enumerate(zip(SIDES, (1.0, -1.0), strict=True)):
         own = phase + 0.5 * side
-        score[f"{name}hip_flexion"][:] = middle + extent * (curves.hip(own) - middle)
-        score[f"{name}hip_adduction"][:] = (
+        joints[f"{name}hip_flexion"][:] = middle + extent * (curves.hip(own) - middle)
+        joints[f"{name}hip_adduction"][:] = (
             np.rad2deg(inwards) + sign * drop + curves.sway * np.cos(2.0 * np.pi * (own - 0.31))
         )
-        score[f"{name}hip_rotation"][:] = 0.9 * sign * rotation
-        score[f"{name}knee_flexion"][:] = curves.knee(own) * (1.0 + KNEE_SHARE * (extent - 1.0))
-        score[f"{name}ankle_dorsiflexion"][:] = curves.ankle(own)
-        # the arm goes back as the leg of its side goes forwards
+        joints[f"{name}hip_rotation"][:] = 0.9 * sign * rotation
+        joints[f"{name}knee_flexion"][:] = curves.knee(own) * (1.0 + KNEE_SHARE * (extent - 1.0))
+        joints[f"{name}ankle_dorsiflexion"][:] = curves.ankle(own)
+        # the arm swings back while the leg of the same side swings forwards
         back = np.cos(2.0 * np.pi * (own - 0.02))
-        score[f"{name}shoulder_flexion"][:] = curves.shoulder[0] - swing * curves.shoulder[1] * back
-        score[f"{name}elbow_flexion"][:] = curves.elbow[0] - swing * curves.elbow[1] * np.cos(
+        joints[f"{name}shoulder_flexion"][:] = (
+            curves.shoulder[0] - swing * curves.shoulder[1] * back
+        )
+        joints[f"{name}elbow_flexion"][:] = curves.elbow[0] - swing * curves.elbow[1] * np.cos(
             2.0 * np.pi * (own - 0.06)
         )
-        score[f"{name}shoulder_abduction"][:] = curves.shoulder_abduction + 2.0 * swing * back
-        score[f"{name}shoulder_rotation"][:] = curves.shoulder_rotation - 6.0 * swing * back
-        score[f"{name}clavicle_protraction"][:] = -2.5 * swing * back
-        score[f"{name}wrist_flexion"][:] = 6.0 + 4.0 * swing * np.cos(2.0 * np.pi * (own - 0.15))
-        score.contact[:, side] = _window(own, 0.0, curves.toe_off, CONTACT_EDGE)
-        score.flat[:, side] = _window(own, *curves.flat, 0.015)
-    return score
+        joints[f"{name}shoulder_abduction"][:] = curves.shoulder_abduction + 2.0 * swing * back
+        joints[f"{name}shoulder_rotation"][:] = curves.shoulder_rotation - 6.0 * swing * back
+        joints[f"{name}clavicle_protraction"][:] = -2.5 * swing * back
+        joints[f"{name}wrist_flexion"][:] = 6.0 + 4.0 * swing * np.cos(2.0 * np.pi * (own - 0.15))
+        joints.contact[:, side] = _window(own, 0.0, curves.toe_off, CONTACT_EDGE)
+        joints.flat[:, side] = _window(own, *curves.flat, 0.015)
+    return joints
 
 
 def _extent(curves: GaitCurves, style: Style, skeleton: SyntheticSkeleton, step: float) -> float:
-    """Return the extent that makes steps of a given length (mm)."""
+    """Return the extent that produces steps of a given length (mm)."""
     samples = 100
     phase = np.arange(3 * samples) / samples
 
     def length(extent: float) -> float:
-        score = cycle(curves, phase, style, skeleton, extent)
-        # a frame of this score is 1/samples of a cycle, taken as a second
-        velocity = root_velocity(score, skeleton, rate=float(samples))
+        joints = cycle(curves, phase, style, skeleton, extent)
+        # a frame is 1/samples of a cycle, which counts as one second
+        velocity = root_velocity(joints, skeleton, rate=float(samples))
         return float(velocity[samples : 2 * samples, 0].mean()) / 2.0
 
     low, high = 0.35, 1.9
@@ -143,7 +145,7 @@ def _extent(curves: GaitCurves, style: Style, skeleton: SyntheticSkeleton, step:
             f"steps of {step:.0f} mm are out of reach for this body ({at_low:.0f} to "
             f"{at_high:.0f} mm); change the speed or the cadence"
         )
-    for _ in range(6):  # false position: the length is all but linear in the extent
+    for _ in range(6):  # false position: the length is nearly linear in the extent
         guess = low + (high - low) * (step - at_low) / (at_high - at_low)
         found = length(guess)
         if found < step:
@@ -171,7 +173,7 @@ def _checked_speed(
         return natural
     if not range_[0] <= speed <= range_[1]:
         raise OptionError(
-            f"a speed of {speed:g} m/s is not for {motion}; give a value from "
+            f"the speed of {motion} is {speed:g} m/s; give a value from "
             f"{range_[0]:g} to {range_[1]:g}"
         )
     return speed
@@ -183,8 +185,8 @@ def _walk(
 ) -> JointTrajectories:  # fmt: skip
     slowest, _, fastest = WALKING_SPEEDS
     speed = _checked_speed(motion, style.speed, natural, (slowest, fastest))
-    # step length = ratio * cadence and speed = step length * cadence / 60; both lengths grow
-    # with the leg
+    # step length = ratio * cadence and speed = step length * cadence / 60; both lengths scale
+    # with the length of the leg
     size = (skeleton.thigh + skeleton.shank) / 859.0
     cadence = style.cadence or float(np.sqrt(60.0 * speed / (WALK_RATIO * size)))
     extent = _extent(WALKING, style, skeleton, 60e3 * speed / cadence)
@@ -194,30 +196,30 @@ def _walk(
 def walking(
     time: Array, rate: float, skeleton: SyntheticSkeleton, style: Style, rng: np.random.Generator
 ) -> JointTrajectories:
-    """Walk straight on."""
+    """Return walking straight ahead."""
     return _walk("walking", WALKING_SPEEDS[1], time, rate, skeleton, style, rng)
 
 
 def turning(
     time: Array, rate: float, skeleton: SyntheticSkeleton, style: Style, rng: np.random.Generator
 ) -> JointTrajectories:
-    """Walk along a serpentine: curves to one side and to the other, some 4 s each."""
-    score = _walk("turning", TURNING_SPEED, time, rate, skeleton, style, rng)
+    """Return walking along a winding path, with alternating curves of about 4 s."""
+    joints = _walk("turning", TURNING_SPEED, time, rate, skeleton, style, rng)
     wave = np.sin(2.0 * np.pi * (time / 8.0 + rng.uniform(0.0, 0.5)))
     bend = np.tanh(2.5 * wave)
-    score.turn[:] = style.turn_rate * bend
-    # head first, then the trunk, and the body leans into the curve
+    joints.turn[:] = style.turn_rate * bend
+    # the head turns first, then the trunk, and the body leans into the curve
     ahead = bend * style.turn_rate / 35.0
-    score["neck_rotation"][:] += 9.0 * ahead
-    score["lumbar_rotation"][:] += 4.0 * ahead
-    score["lumbar_side"][:] -= 2.0 * ahead
-    return score
+    joints["neck_rotation"][:] += 9.0 * ahead
+    joints["lumbar_rotation"][:] += 4.0 * ahead
+    joints["lumbar_side"][:] -= 2.0 * ahead
+    return joints
 
 
 def pivoting(
     time: Array, rate: float, skeleton: SyntheticSkeleton, style: Style, rng: np.random.Generator
 ) -> JointTrajectories:
-    """Turn about on the spot, stepping; to one side, a pause, and back."""
+    """Return turning on the spot by stepping, to one side and, after a pause, back."""
     cadence = style.cadence or 105.0
     stepping = cycle(STEPPING, _phase(cadence, time, rate, style, rng), style, skeleton, 1.0)
     standing = stand(len(time), style)
@@ -225,24 +227,24 @@ def pivoting(
     turn = PIVOT_RATE * np.tanh(3.0 * wave) * np.abs(wave) ** 0.5
     busy = gaussian_filter1d((np.abs(wave) > 0.25).astype(np.float64), 0.12 * rate, mode="nearest")
     share = busy[:, None]
-    score = JointTrajectories(
+    joints = JointTrajectories(
         share * stepping.angles + (1.0 - share) * standing.angles,
         share * stepping.contact + (1.0 - share),
         share * stepping.flat + (1.0 - share),
         gaussian_filter1d(turn, 0.15 * rate, mode="nearest") * busy,
     )
-    score["neck_rotation"][:] += 14.0 * score.turn / PIVOT_RATE
-    score["lumbar_rotation"][:] += 7.0 * score.turn / PIVOT_RATE
-    return score
+    joints["neck_rotation"][:] += 14.0 * joints.turn / PIVOT_RATE
+    joints["lumbar_rotation"][:] += 7.0 * joints.turn / PIVOT_RATE
+    return joints
 
 
 def running(
     time: Array, rate: float, skeleton: SyntheticSkeleton, style: Style, rng: np.random.Generator
 ) -> JointTrajectories:
-    """Run straight on, with a flight between the steps."""
+    """Return running straight ahead, with flight phases."""
     slowest, natural, fastest = RUNNING_SPEEDS
     speed = _checked_speed("running", style.speed, natural, (slowest, fastest))
-    # runners lengthen their steps more than they quicken them; approximate
+    # approximate: with speed, runners increase step length more than cadence
     cadence = style.cadence or 140.0 + 9.0 * speed
     extent = _extent(RUNNING, style, skeleton, 60e3 * speed / cadence)
     return cycle(RUNNING, _phase(cadence, time, rate, style, rng), style, skeleton, extent)

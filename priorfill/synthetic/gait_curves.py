@@ -1,11 +1,10 @@
 """Published joint angles of walking and running over the gait cycle.
 
-0 % is the foot's first contact with the floor. Between the knots runs a periodic cubic
-spline. **The knots are no published table: they follow the published mean curves
-approximately, by eye**, and were then adjusted by a least-squares fit, by 5.4 degrees at most,
-until the bearing foot of the mean body stood nearly still by itself and the pelvis rose and
-fell as it does in people. The peaks are the values that the sources print in tables or text
-(`WALKING_PEAKS`, `RUNNING_PEAKS`); the fit kept them, and the tests hold the motion to them.
+0 % is the initial contact of the foot. The curves are periodic cubic splines. **Their nodes are not
+from a published table: they follow the published mean curves approximately, by eye.** They were
+then adjusted by a least-squares fit, by at most 5.4 degrees, so that the stance foot of the mean
+body hardly moves and the pelvis moves vertically as in people. The peaks are the values given in
+the sources (`WALKING_PEAKS`, `RUNNING_PEAKS`); the fit preserves them, and the tests check them.
 
 Hip flexion is that of the thigh against the vertical (the pelvis counts as upright), knee
 flexion and ankle dorsiflexion are positive; all in degrees.
@@ -76,12 +75,12 @@ SQUAT_KNEE = 105.0
 """Knee flexion of a squat to about horizontal thighs: between half and deep [S10]."""
 
 
-def cyclic(*knots: tuple[float, float]) -> Curve:
-    """Return the periodic cubic spline through (percent of the cycle, value) knots.
+def cyclic(*nodes: tuple[float, float]) -> Curve:
+    """Return the periodic cubic spline through nodes (percent of the cycle, value).
 
     The curve is a function of the phase in cycles, any real number.
     """
-    percent, value = np.array(knots).T
+    percent, value = np.array(nodes).T
     spline = CubicSpline(
         np.append(percent, percent[0] + 100.0) / 100.0,
         np.append(value, value[0]),
@@ -96,16 +95,16 @@ def cyclic(*knots: tuple[float, float]) -> Curve:
 
 @dataclass(frozen=True)
 class GaitCurves:
-    """One gait: sagittal curves of a leg, its timing, and the sizes of the other movements.
+    """A gait: sagittal curves of a leg, its timing, and amplitudes of the other movements.
 
     Attributes
     ----------
     hip, knee, ankle : callable
-        Angle (degrees) by phase (cycles) of that leg.
+        Angle (degrees) as a function of the phase (cycles) of the leg.
     toe_off : float
         Phase at which the foot leaves the floor.
     flat : tuple of float
-        Phases between which the foot lies flat on the floor.
+        Phases between which the foot is flat on the floor.
     pelvis_list, pelvis_rotation, thorax_rotation : float
         Amplitudes to each side (degrees).
     pelvis_tilt, trunk_lean : float
@@ -192,7 +191,7 @@ RUNNING = GaitCurves(
     shoulder_abduction=14.0,
     shoulder_rotation=28.0,
 )  # fmt: skip
-"""Running at about 3 m/s. Legs [N98]; trunk and arms are plausible sizes, not published."""
+"""Running at about 3 m/s. Legs [N98]; amplitudes of trunk and arms are plausible, not published."""
 
 STEPPING = GaitCurves(
     hip=cyclic((0, 4), (8, 2), (58, 2), (66, 6), (80, 27), (92, 12)),
@@ -211,4 +210,4 @@ STEPPING = GaitCurves(
     shoulder_abduction=11.0,
     shoulder_rotation=12.0,
 )
-"""Stepping on the spot, as in turning about. Plausible sizes, not published."""
+"""Stepping on the spot while turning. Plausible amplitudes, not published."""

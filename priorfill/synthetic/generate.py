@@ -1,4 +1,4 @@
-"""Synthetic recordings: a motion, a body, and noise, put together."""
+"""Synthetic recordings from a motion, a body, and noise."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from priorfill.synthetic.synthetic_options import Noise, Style
 __all__ = ["simulate", "synthesise"]
 
 INNER_RATE = 240.0
-"""Rate (Hz) at which motions are made; clips of other rates are sampled from it, so that a
-seed gives the same motion at every rate."""
+"""Hz. Rate of the simulation, from which clips are sampled, so that a seed gives the same motion at
+every rate."""
 
 MARGIN = 1.0
-"""Time (s) made before and after the clip, so that no filter's edge is in it."""
+"""s. Time simulated before and after the clip, so that it has no edge effects of filters."""
 
 
 def simulate(
@@ -37,26 +37,28 @@ def simulate(
         One of `MOTIONS`.
     seconds : float
         Length of the clip (s).
-    body, style
-        Who, and how.
+    body : Body
+        The subject.
+    style : Style
+        How the subject moves.
     seed : int
-        Of all that is random.
+        Seed of the random variation.
 
     Returns
     -------
     segments : dict
-        With `MARGIN` before and after the clip.
+        The segments, with `MARGIN` before and after the clip.
     inside : slice
         The frames of the clip itself.
     """
     margin = round(MARGIN * INNER_RATE)
-    # two frames more, so that sampling at any rate stays inside
+    # two extra frames, so that samples at any rate are inside
     frames = math.ceil(seconds * INNER_RATE) + 2 * margin + 2
     time = np.arange(frames) / INNER_RATE
     skeleton = body.skeleton()
     rng = np.random.default_rng([seed, 1])
-    score = compose(motion, time, INNER_RATE, skeleton, style, rng)
-    return ground(score, skeleton, INNER_RATE), slice(margin, frames - margin)
+    joints = compose(motion, time, INNER_RATE, skeleton, style, rng)
+    return ground(joints, skeleton, INNER_RATE), slice(margin, frames - margin)
 
 
 def synthesise(
@@ -69,7 +71,7 @@ def synthesise(
     noise: Noise | None = None,
     seed: int = 0,
 ) -> Clip:
-    """Return a synthetic recording of 41 markers: computed, not recorded.
+    """Return a synthetic recording of 41 markers.
 
     Parameters
     ----------
@@ -80,25 +82,34 @@ def synthesise(
     rate : float
         Frames per second (Hz).
     body : Body or None
-        Who moves; None for the body of the published mean proportions.
+        The subject; None for the published mean proportions.
     style : Style or None
-        How; None for the published mean movements.
+        How the subject moves; None for the published mean movements.
     noise : Noise or None
-        Soft tissue and measurement; None for typical sizes.
+        Soft-tissue artefacts and measurement noise; None for typical amplitudes.
     seed : int
-        Of all that is random; the same arguments and seed give the same clip.
+        Seed of the random variation; the same arguments and seed give the same clip.
 
     Returns
     -------
     clip : Clip
-        Up is +Z, in mm, the floor at z = 0, without gaps. The name begins with
-        ``synthetic_`` and the subject with ``synthetic-``, as a reminder.
+        Without gaps, in mm, with +Z up and the floor at z = 0. Its name starts with ``synthetic_``,
+        that of its subject with ``synthetic-``.
 
     Raises
     ------
     OptionError
         For an unknown motion, a length or rate that is not positive, a negative seed, or a
-        speed that is not for the motion.
+        speed outside the range of the motion.
+
+    See Also
+    --------
+    priorfill.synthetic.demo.make_demo_clip : A synthetic recording with gaps.
+
+    Examples
+    --------
+    >>> synthesise("walking", seconds=1.0, rate=60.0).positions.shape
+    (60, 41, 3)
     """
     if not (math.isfinite(seconds) and seconds > 0):
         raise OptionError(f"the length is {seconds:g} s; give a positive number of seconds")
@@ -114,7 +125,7 @@ def synthesise(
         segments, INNER_RATE, np.random.default_rng([body.seed, 43]), rng
     )
     inner = marker_positions(segments, body.skeleton(), displacement)[inside]
-    # recordings begin anywhere in the room, with any heading
+    # a random position in the room, and a random heading
     centre = segments["pelvis"][0][inside].mean(axis=0) * [1.0, 1.0, 0.0]
     away = rot_z(np.array([rng.uniform(0.0, 360.0)]))[0]
     inner = (inner - centre) @ away.T

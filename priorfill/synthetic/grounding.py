@@ -1,10 +1,10 @@
-"""From joint angles to a body on the floor: the feet that bear weight stand still.
+"""From joint angles to a body on the floor, with stance feet that do not move.
 
-The published curves say how the joints move, not where the body goes. It follows from the
-feet: the point of a bearing foot that is lowest does not move, so the pelvis moves by the
-opposite of what that point does seen from the pelvis. The mean curves of a group do not
-close exactly for one body, so what is left of sliding and of penetrating the floor is taken
-out by moving each foot a little and solving its leg again (`kinematics.solve_leg`).
+The published curves describe the joints, not the path of the body. It follows from the feet: the
+lowest point of a stance foot does not move, so the velocity of the pelvis is the negative of the
+velocity of that point relative to the pelvis. Mean curves are not exactly consistent for one body,
+so remaining sliding and penetration of the floor are removed by moving each foot slightly and
+solving its leg again (`kinematics.solve_leg`).
 """
 
 from __future__ import annotations
@@ -31,123 +31,124 @@ __all__ = ["ground", "root_velocity"]
 Array = NDArray[np.float64]
 
 ROLL_SOFTNESS = 5.0
-"""Height (mm) over which the floor contact passes from heel to ball."""
+"""mm. Height over which the floor contact moves from heel to ball."""
 
 ROOT_SMOOTHING = 0.025
-"""Standard deviation (s) of the Gaussian that smooths the pelvis' velocity and height."""
+"""s. Standard deviation of the Gaussian that smooths velocity and height of the pelvis."""
 
 OFFSET_SMOOTHING = 0.02
-"""Standard deviation (s) of the Gaussian that smooths the correction of a foot."""
+"""s. Standard deviation of the Gaussian that smooths the correction of a foot."""
 
-BEARING = 0.5
-"""Contact above which a foot stands still."""
+MIN_STANCE_CONTACT = 0.5
+"""Contact above which a foot is in stance."""
 
-SHORTEST = 0.18
-"""Shortest duration (s) of a swing or a stance; in fast running a stance takes 0.2."""
+MIN_PHASE_SECONDS = 0.18
+"""s. Shortest duration of a swing or a stance; in fast running a stance takes 0.2 s."""
 
-EXIT_SPEED = 150.0
-"""Speed (mm/s) with which the correction of a stance may go on into the swing."""
+MAX_EXIT_SPEED = 150.0
+"""mm/s. Largest speed of the correction of a foot at the start and the end of a stance."""
 
 CLEARANCE = 12.0
-"""Height (mm) of the sole that a swinging foot keeps: the least toe clearance in walking is
-10 to 20 mm (Winter 1991)."""
+"""mm. Smallest height of the sole of a swing foot: the minimum toe clearance in walking is 10 to 20
+mm (Winter 1991)."""
 
 SWING_EDGE = 0.12
-"""Time (s) in all in which the clearance comes and goes at the ends of a swing."""
+"""s. Total duration of the ramps of the clearance at both ends of a swing."""
 
 REACH = 0.9985
-"""Part of the leg's length that is used: a knee always stays bent by some 4 degrees."""
+"""Largest distance between hip and ankle, relative to the leg's length: the knee stays flexed by
+about 4 degrees."""
 
-SWING_SHORT = 6.0
-"""By how much (mm) a leg in swing may be too short before the pelvis makes way."""
+MAX_SWING_OVERREACH = 6.0
+"""mm. How far the target of a swing foot may be out of reach before the pelvis is lowered."""
 
 REACH_WINDOW = 0.12
-"""Time (s) in which the pelvis makes way for a leg that would be too short."""
+"""s. Duration in which the pelvis is lowered for a leg that would be too short."""
 
 GRAVITY = 9810.0
-"""mm/s²."""
+"""mm/s². Gravitational acceleration."""
 
 
-def _feet(score: JointTrajectories, skeleton: SyntheticSkeleton, pelvis: Array) -> list[Segments]:
+def _feet(joints: JointTrajectories, skeleton: SyntheticSkeleton, pelvis: Array) -> list[Segments]:
     origin = np.zeros((len(pelvis), 3))
-    legs = [leg(score, side, skeleton, origin, pelvis) for side in (0, 1)]
+    legs = [leg(joints, side, skeleton, origin, pelvis) for side in (0, 1)]
     up = np.broadcast_to([0.0, 0.0, 1.0], origin.shape)
     for side, name in enumerate(SIDES):
         ankle, foot = legs[side][f"{name}foot"]
-        level = align(foot[:, :, 2], up, score.flat[:, side])
+        level = align(foot[:, :, 2], up, joints.flat[:, side])
         legs[side][f"{name}foot"] = ankle, level @ foot
     return legs
 
 
 def _sole(ankle: Array, foot: Array, skeleton: SyntheticSkeleton) -> tuple[Array, Array]:
-    """Return heel and ball [shape=(frames, 2, 3)], and how far each is the lower one."""
+    """Return heel and ball [shape=(frames, 2, 3)], and the weight of each as the lower one."""
     points = ankle[:, None] + np.einsum("fij,kj->fki", foot, skeleton.sole)
     lower = 1.0 / (1.0 + np.exp(np.clip(np.diff(points[..., 2]) / ROLL_SOFTNESS, -50, 50)))
     return points, np.concatenate([1.0 - lower, lower], axis=1)
 
 
-def _bearing(score: JointTrajectories) -> tuple[Array, NDArray[np.bool_]]:
-    total = score.contact.sum(axis=1)
-    return score.contact / np.maximum(total, 1e-6)[:, None], total >= BEARING
+def _load(joints: JointTrajectories) -> tuple[Array, NDArray[np.bool_]]:
+    total = joints.contact.sum(axis=1)
+    return joints.contact / np.maximum(total, 1e-6)[:, None], total >= MIN_STANCE_CONTACT
 
 
 def _velocity(
-    score: JointTrajectories,
+    joints: JointTrajectories,
     feet: list[tuple[Array, Array]],
     skeleton: SyntheticSkeleton,
     rate: float,
 ) -> Array:
     """Return the pelvis' horizontal velocity [shape=(frames, 2), mm/s] from the feet's."""
-    weight, bears = _bearing(score)
+    weight, in_stance = _load(joints)
     velocity = np.zeros((len(weight), 2))
     for side, (ankle, foot) in enumerate(feet):
         points, lowest = _sole(ankle, foot, skeleton)
         moving = np.gradient(points[..., :2], 1.0 / rate, axis=0)
         velocity -= weight[:, side, None] * np.einsum("fk,fkc->fc", lowest, moving)
-    if not bears.all():  # in flight the velocity goes on
+    if not in_stance.all():  # in flight the velocity is interpolated
         frames = np.arange(len(weight))
         for axis in (0, 1):
-            velocity[:, axis] = np.interp(frames, frames[bears], velocity[bears, axis])
+            velocity[:, axis] = np.interp(frames, frames[in_stance], velocity[in_stance, axis])
     return np.asarray(gaussian_filter1d(velocity, ROOT_SMOOTHING * rate, axis=0, mode="nearest"))
 
 
-def root_velocity(score: JointTrajectories, skeleton: SyntheticSkeleton, rate: float) -> Array:
-    """Return the velocity [shape=(frames, 2), mm/s] with which a score moves the pelvis.
+def root_velocity(joints: JointTrajectories, skeleton: SyntheticSkeleton, rate: float) -> Array:
+    """Return the velocity [shape=(frames, 2), mm/s] of the pelvis for some joint trajectories.
 
-    The heading is taken as constant, x forwards.
+    The heading is constant, with x forwards.
     """
-    pelvis = pelvis_rotation(score, np.zeros(len(score.angles)))
-    legs = _feet(score, skeleton, pelvis)
+    pelvis = pelvis_rotation(joints, np.zeros(len(joints.angles)))
+    legs = _feet(joints, skeleton, pelvis)
     feet = [legs[side][f"{name}foot"] for side, name in enumerate(SIDES)]
-    return _velocity(score, feet, skeleton, rate)
+    return _velocity(joints, feet, skeleton, rate)
 
 
 def _height(
-    score: JointTrajectories,
+    joints: JointTrajectories,
     feet: list[tuple[Array, Array]],
     skeleton: SyntheticSkeleton,
     rate: float,
 ) -> Array:
     """Return the pelvis' height [shape=(frames,), mm] above the floor."""
-    weight, bears = _bearing(score)
+    weight, in_stance = _load(joints)
     height = np.zeros(len(weight))
     for side, (ankle, foot) in enumerate(feet):
         points, lowest = _sole(ankle, foot, skeleton)
         height -= weight[:, side] * np.einsum("fk,fk->f", lowest, points[..., 2])
-    if not bears.all():
+    if not in_stance.all():
         frames = np.arange(len(weight))
-        last = np.maximum.accumulate(np.where(bears, frames, 0))
-        following = np.minimum.accumulate(np.where(bears, frames, frames[-1])[::-1])[::-1]
-        height = np.interp(frames, frames[bears], height[bears])
-        # between take-off and landing the body is thrown
+        last = np.maximum.accumulate(np.where(in_stance, frames, 0))
+        following = np.minimum.accumulate(np.where(in_stance, frames, frames[-1])[::-1])[::-1]
+        height = np.interp(frames, frames[in_stance], height[in_stance])
+        # between take-off and landing the body is in free fall
         height += 0.5 * GRAVITY * (frames - last) * (following - frames) / rate**2
     return np.asarray(gaussian_filter1d(height, ROOT_SMOOTHING * rate, mode="nearest"))
 
 
-def _bridge(values: Array, slopes: Array, held: NDArray[np.bool_]) -> Array:
-    """Carry values [shape=(frames, n)] smoothly across the frames in which they do not hold.
+def _interpolate_held(values: Array, slopes: Array, held: NDArray[np.bool_]) -> Array:
+    """Interpolate values [shape=(frames, n)] smoothly between the frames in which they are held.
 
-    Before the first and after the last held frame they stay as they are there.
+    Before the first and after the last held frame they are constant.
     """
     frames = np.flatnonzero(held)
     if not len(frames):
@@ -162,13 +163,13 @@ def _stances(held: NDArray[np.bool_]) -> list[slice]:
     return [slice(a, b) for a, b in edges.reshape(-1, 2)]
 
 
-def _steady(held: NDArray[np.bool_], rate: float) -> NDArray[np.bool_]:
-    """Give every swing and stance the time of a step: where motions are blended some have less.
+def _with_minimum_duration(held: NDArray[np.bool_], rate: float) -> NDArray[np.bool_]:
+    """Return stances and swings with a minimum duration, which some lack where motions are blended.
 
-    Short swings are lengthened, because a foot that was left behind holds the body back; what
-    is then left of short stances is dropped.
+    Short swings are extended, because the foot would otherwise lag behind the body; then short
+    stances are removed.
     """
-    shortest = round(SHORTEST * rate)
+    shortest = round(MIN_PHASE_SECONDS * rate)
     steady = held.copy()
     for swing in _stances(~held):
         lacking = max(0, shortest - (swing.stop - swing.start))
@@ -181,23 +182,24 @@ def _steady(held: NDArray[np.bool_], rate: float) -> NDArray[np.bool_]:
 
 
 def _held_offset(values: Array, held: NDArray[np.bool_], limit: float = np.inf) -> Array:
-    """Return what makes values [shape=(frames, n)] constant in every stance, bridged between.
+    """Return offsets that make values [shape=(frames, n)] constant in every stance.
 
-    A limit (change a frame) on how steeply a bridge begins and ends keeps it from swinging out.
+    They are interpolated between stances; a limit on their slope at the edges (change per frame)
+    prevents overshoot.
     """
     offset, slope = np.zeros_like(values), np.zeros_like(values)
     for stance in _stances(held):
         offset[stance] = values[stance].mean(axis=0) - values[stance]
         if stance.stop - stance.start > 1:
             slope[stance] = np.clip(np.gradient(offset[stance], axis=0), -limit, limit)
-    return _bridge(offset, slope, held)
+    return _interpolate_held(offset, slope, held)
 
 
-def _plant(
+def _fix_stance(
     ankle: Array, foot: Array, skeleton: SyntheticSkeleton, held: NDArray[np.bool_], rate: float
 ) -> tuple[Array, Array, Array]:
-    """Return ankle and foot that neither slide, turn nor sink, and the angle that was turned."""
-    lateral = foot[:, :, 1]  # the foot's heading is ill-defined where the toes point down
+    """Return the corrected ankle and foot of a stance foot, and its rotation (degrees)."""
+    lateral = foot[:, :, 1]  # the heading of the foot is undefined where the toes point down
     yaw = np.zeros(len(held))
     for stance in _stances(held):
         yaw[stance] = np.unwrap(np.arctan2(-lateral[stance, 0], lateral[stance, 1]))
@@ -208,32 +210,32 @@ def _plant(
     moving = np.gradient(points[..., :2], axis=0)
     slid = np.cumsum(np.einsum("fk,fkc->fc", lowest, moving), axis=0)
     offset = np.zeros_like(ankle)
-    offset[:, :2] = _held_offset(slid, held, limit=EXIT_SPEED / rate)
+    offset[:, :2] = _held_offset(slid, held, limit=MAX_EXIT_SPEED / rate)
 
     sole = np.einsum("fk,fk->f", lowest, points[..., 2])[:, None]
     lift = np.where(held[:, None], -sole, 0.0)
     slope = np.gradient(lift, axis=0)
-    # at the ends of a stance the gradient would reach into the swing
+    # at the ends of a stance the gradient would include the swing
     edge = held & ~(np.roll(held, 1) & np.roll(held, -1))
     slope[edge] = 0.0
-    lift = _bridge(lift, slope, held)
+    lift = _interpolate_held(lift, slope, held)
     low = (sole + lift)[:, 0]
-    # a smooth maximum: the clearance grows from 0 at the ends of the swing
+    # a smooth maximum; the clearance increases from 0 at the ends of the swing
     swings = minimum_filter1d(np.where(held, 0.0, CLEARANCE), max(1, round(SWING_EDGE * rate)))
     short = gaussian_filter1d(swings, SWING_EDGE * rate / 6.0, mode="nearest") - low
     offset[:, 2] = lift[:, 0] + np.where(held, 0.0, 0.5 * (short + np.hypot(short, 4.0)) - 2.0)
-    # where a stance begins and ends, a millimetre of sliding is better than a jerk of the knee
+    # at the ends of a stance, a millimetre of sliding is better than a jerk of the knee
     offset = gaussian_filter1d(offset, OFFSET_SMOOTHING * rate, axis=0, mode="nearest")
     return ankle + offset, foot, turned
 
 
-def ground(score: JointTrajectories, skeleton: SyntheticSkeleton, rate: float) -> Segments:
-    """Put a motion on the floor.
+def ground(joints: JointTrajectories, skeleton: SyntheticSkeleton, rate: float) -> Segments:
+    """Place a motion on the floor.
 
     Parameters
     ----------
-    score : JointTrajectories
-        The joints' angles and which foot bears.
+    joints : JointTrajectories
+        Joint angles and foot contacts.
     skeleton : SyntheticSkeleton
         The body.
     rate : float
@@ -242,42 +244,43 @@ def ground(score: JointTrajectories, skeleton: SyntheticSkeleton, rate: float) -
     Returns
     -------
     segments : dict
-        Every segment, in a world with z = 0 at the floor, beginning at the origin with
-        heading +x. In stance the soles keep their place; the legs' angles differ from the
-        score's as far as that needs.
+        All segments, with z = 0 at the floor, starting at the origin with heading +x. The soles of
+        stance feet do not move; the angles of the legs differ from the given ones accordingly.
     """
-    heading = np.concatenate([[0.0], np.cumsum(score.turn[1:] + score.turn[:-1]) / (2.0 * rate)])
-    pelvis = pelvis_rotation(score, heading)
-    legs = _feet(score, skeleton, pelvis)
+    heading = np.concatenate([[0.0], np.cumsum(joints.turn[1:] + joints.turn[:-1]) / (2.0 * rate)])
+    pelvis = pelvis_rotation(joints, heading)
+    legs = _feet(joints, skeleton, pelvis)
     feet = [legs[side][f"{name}foot"] for side, name in enumerate(SIDES)]
-    held = np.stack([_steady(c > BEARING, rate) for c in score.contact.T], axis=1)
+    held = np.stack(
+        [_with_minimum_duration(c > MIN_STANCE_CONTACT, rate) for c in joints.contact.T], axis=1
+    )
 
-    velocity = _velocity(score, feet, skeleton, rate)
+    velocity = _velocity(joints, feet, skeleton, rate)
     origin = np.empty((len(pelvis), 3))
     origin[:, :2] = np.cumsum(velocity, axis=0) / rate
     origin[:, :2] -= origin[0, :2].copy()
-    origin[:, 2] = _height(score, feet, skeleton, rate)
+    origin[:, 2] = _height(joints, feet, skeleton, rate)
 
-    planted = [
-        _plant(origin + ankle, foot, skeleton, held[:, side], rate)
+    fixed = [
+        _fix_stance(origin + ankle, foot, skeleton, held[:, side], rate)
         for side, (ankle, foot) in enumerate(feet)
     ]
     hips = [legs[side][f"{name}thigh"][0] for side, name in enumerate(SIDES)]
-    ankles = [ankle for ankle, _, _ in planted]
-    origin[:, 2] -= _make_way(origin, hips, ankles, held, skeleton, rate)
+    ankles = [ankle for ankle, _, _ in fixed]
+    origin[:, 2] -= _lowering(origin, hips, ankles, held, skeleton, rate)
 
-    segments = upper_body(score, skeleton, origin, pelvis)
+    segments = upper_body(joints, skeleton, origin, pelvis)
     for side, name in enumerate(SIDES):
-        ankle, foot, turned = planted[side]
+        ankle, foot, turned = fixed[side]
         hip, thigh = legs[side][f"{name}thigh"]
         hip = origin + hip
-        # the turn of the planted foot is shared between hip and ankle
+        # the rotation of the stance foot is shared between hip and ankle
         thigh = rot_z(0.5 * turned) @ thigh
         thigh, knee, shank = solve_leg(hip, thigh, ankle, skeleton)
         segments |= {
             f"{name}thigh": (hip, thigh),
             f"{name}shank": (knee, shank),
-            # from the shank down, so that segment lengths hold where the target was too far
+            # from the shank, so that segment lengths are exact where the target is out of reach
             f"{name}foot": (
                 knee + np.einsum("fij,j->fi", shank, skeleton.offsets[f"{name}foot"]),
                 foot,
@@ -286,7 +289,7 @@ def ground(score: JointTrajectories, skeleton: SyntheticSkeleton, rate: float) -
     return segments
 
 
-def _make_way(
+def _lowering(
     origin: Array,
     hips: list[Array],
     ankles: list[Array],
@@ -294,14 +297,14 @@ def _make_way(
     skeleton: SyntheticSkeleton,
     rate: float,
 ) -> Array:
-    """Return by how much [shape=(frames,), mm] the pelvis goes down for bearing legs to reach."""
+    """Return the lowering of the pelvis [shape=(frames,), mm] for stance legs to reach."""
     length = REACH * (skeleton.thigh + skeleton.shank)
     down = np.zeros(len(origin))
     for side, (hip, ankle) in enumerate(zip(hips, ankles, strict=True)):
         towards = origin + hip - ankle
         level = np.minimum(np.linalg.norm(towards[:, :2], axis=1), length)
         short = towards[:, 2] - np.sqrt(length**2 - level**2)
-        down = np.maximum(down, short - np.where(held[:, side], 0.0, SWING_SHORT))
+        down = np.maximum(down, short - np.where(held[:, side], 0.0, MAX_SWING_OVERREACH))
     window = max(1, round(REACH_WINDOW * rate))
     widest = maximum_filter1d(down, window, mode="nearest")
     return np.asarray(gaussian_filter1d(widest, window / 4.0, mode="nearest"))

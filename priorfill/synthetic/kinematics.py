@@ -1,7 +1,6 @@
-"""Joint angles to segments: rotations, forward kinematics, and the legs' inverse.
+"""Rotations, forward kinematics of the body, and inverse kinematics of the legs.
 
-Axes are x forwards, y left, z up, in the upright pose. Every function works on all frames
-at once.
+Axes are x forwards, y left, z up, in the upright pose. All functions are vectorised over frames.
 """
 
 from __future__ import annotations
@@ -33,10 +32,10 @@ Segments = dict[str, tuple[Array, Array]]
 """Segment to its proximal joint [shape=(frames, 3), mm] and axes [shape=(frames, 3, 3)]."""
 
 STRAIGHTEST = 0.003
-"""Part of the leg's length over which a target out of reach is rounded off."""
+"""Share of the leg's length over which the limit of its reach is smoothed."""
 
 FOLDED = 0.3
-"""Distance of hip and ankle, in parts of the leg's length, of the most bent leg."""
+"""Smallest distance between hip and ankle, relative to the leg's length."""
 
 _AXIAL = (
     "pelvis_tilt", "pelvis_list", "pelvis_rotation", "lumbar_flexion", "lumbar_side",
@@ -59,16 +58,16 @@ _COLUMN = {name: i for i, name in enumerate(CHANNELS)}
 
 @dataclass(frozen=True)
 class JointTrajectories:
-    """A motion before it meets the floor, as a musician's score: what each joint does when.
+    """Joint angles and foot contacts over time, before the body is placed on the floor.
 
     Attributes
     ----------
     angles : ndarray [shape=(frames, channels), degrees]
         By `CHANNELS`.
     contact : ndarray [shape=(frames, 2)]
-        How far the left and the right foot bear weight, 0 to 1.
+        Load of the left and the right foot, 0 to 1.
     flat : ndarray [shape=(frames, 2)]
-        How far the sole is to lie flat on the floor, 0 to 1.
+        How flat the sole is on the floor, 0 to 1.
     turn : ndarray [shape=(frames,), degrees/s]
         Change of heading, positive to the left.
     """
@@ -80,7 +79,7 @@ class JointTrajectories:
 
     @classmethod
     def standing(cls, frames: int) -> JointTrajectories:
-        """Return a score of all angles 0, standing on both feet, to be written into."""
+        """Return a joints of all angles 0, standing on both feet, to be written into."""
         return cls(
             np.zeros((frames, len(CHANNELS))),
             np.ones((frames, 2)),
@@ -89,7 +88,7 @@ class JointTrajectories:
         )
 
     def __getitem__(self, channel: str) -> Array:
-        """Return one angle [shape=(frames,), degrees], a view that can be written to."""
+        """Return an angle [shape=(frames,), degrees] as a writable view."""
         view: Array = self.angles[:, _COLUMN[channel]]
         return view
 
@@ -107,17 +106,17 @@ def _rotation(degrees: Array, axis: int) -> Array:
 
 
 def rot_x(degrees: Array) -> Array:
-    """Return rotations [shape=(frames, 3, 3)] about x: the left side goes up."""
+    """Return rotations [shape=(frames, 3, 3)] about x; positive angles raise the left side."""
     return _rotation(degrees, 0)
 
 
 def rot_y(degrees: Array) -> Array:
-    """Return rotations [shape=(frames, 3, 3)] about y: up goes forwards."""
+    """Return rotations [shape=(frames, 3, 3)] about y; positive angles lean forwards."""
     return _rotation(degrees, 1)
 
 
 def rot_z(degrees: Array) -> Array:
-    """Return rotations [shape=(frames, 3, 3)] about z: forwards goes left."""
+    """Return rotations [shape=(frames, 3, 3)] about z; positive angles turn to the left."""
     return _rotation(degrees, 2)
 
 
@@ -128,19 +127,20 @@ def _apply(rotation: Array, vector: Array) -> Array:
 
 
 def align(start: Array, end: Array, fraction: Array | float = 1.0) -> Array:
-    """Return the smallest rotations that take one direction to another, or a part of them.
+    """Return the smallest rotations from one direction to another, or a fraction of them.
 
     Parameters
     ----------
     start, end : ndarray [shape=(frames, 3)]
         Directions, of any length above 0.
     fraction : ndarray [shape=(frames,)] or float
-        Part of the rotation to make, 0 to 1.
+        Fraction of the rotation, 0 to 1.
 
     Returns
     -------
     rotations : ndarray [shape=(frames, 3, 3)]
-        By Rodrigues' formula. Opposite directions have no smallest rotation: none is made.
+        By Rodrigues' formula; the identity for opposite directions, whose smallest rotation is not
+        unique.
     """
     axis = np.cross(
         start / np.linalg.norm(start, axis=1, keepdims=True),
@@ -159,29 +159,29 @@ def align(start: Array, end: Array, fraction: Array | float = 1.0) -> Array:
     return np.asarray(np.eye(3) + sine * cross + versine * (cross @ cross))
 
 
-def pelvis_rotation(score: JointTrajectories, heading: Array) -> Array:
+def pelvis_rotation(joints: JointTrajectories, heading: Array) -> Array:
     """Return the pelvis' axes [shape=(frames, 3, 3)] for a heading [shape=(frames,), degrees]."""
-    yaw = rot_z(heading + score["pelvis_rotation"])
-    return yaw @ rot_x(score["pelvis_list"]) @ rot_y(score["pelvis_tilt"])
+    yaw = rot_z(heading + joints["pelvis_rotation"])
+    return yaw @ rot_x(joints["pelvis_list"]) @ rot_y(joints["pelvis_tilt"])
 
 
 def leg(
-    score: JointTrajectories, side: int, skeleton: SyntheticSkeleton, origin: Array, pelvis: Array
+    joints: JointTrajectories, side: int, skeleton: SyntheticSkeleton, origin: Array, pelvis: Array
 ) -> Segments:
     """Return thigh, shank and foot of one side, from the joint angles."""
     name, sign = SIDES[side], (1.0, -1.0)[side]
     thigh = (
         pelvis
-        # hip flexion is that of the thigh against the vertical (curves): not of the pelvis
-        @ rot_y(-score[f"{name}hip_flexion"] - score["pelvis_tilt"])
-        @ rot_x(-sign * score[f"{name}hip_adduction"])
-        @ rot_z(-sign * score[f"{name}hip_rotation"])
+        # hip flexion is relative to the vertical (see gait_curves), not to the pelvis
+        @ rot_y(-joints[f"{name}hip_flexion"] - joints["pelvis_tilt"])
+        @ rot_x(-sign * joints[f"{name}hip_adduction"])
+        @ rot_z(-sign * joints[f"{name}hip_rotation"])
     )
-    shank = thigh @ rot_y(score[f"{name}knee_flexion"])
+    shank = thigh @ rot_y(joints[f"{name}knee_flexion"])
     foot = (
         shank
-        @ rot_y(-score[f"{name}ankle_dorsiflexion"])
-        @ rot_z(-sign * score[f"{name}foot_rotation"])
+        @ rot_y(-joints[f"{name}ankle_dorsiflexion"])
+        @ rot_z(-sign * joints[f"{name}foot_rotation"])
     )
     hip = origin + _apply(pelvis, skeleton.offsets[f"{name}thigh"])
     knee = hip + _apply(thigh, skeleton.offsets[f"{name}shank"])
@@ -196,14 +196,14 @@ def leg(
 def solve_leg(
     hip: Array, thigh: Array, target: Array, skeleton: SyntheticSkeleton
 ) -> tuple[Array, Array, Array]:
-    """Bring an ankle to a target with the smallest change of the leg.
+    """Move an ankle to a target with the smallest change of the leg.
 
     Parameters
     ----------
     hip, target : ndarray [shape=(frames, 3), mm]
-        Hip joint, and where the ankle is to be.
+        Hip joint, and target of the ankle.
     thigh : ndarray [shape=(frames, 3, 3)]
-        Axes of the thigh before; they settle which way the knee points.
+        Axes of the thigh before, which determine the direction of the knee.
     skeleton : SyntheticSkeleton
         Lengths.
 
@@ -212,11 +212,11 @@ def solve_leg(
     thigh : ndarray [shape=(frames, 3, 3)]
     knee : ndarray [shape=(frames, 3), mm]
     shank : ndarray [shape=(frames, 3, 3)]
-        A target out of reach is approached with a straight leg.
+        For a target out of reach the leg is straight.
     """
     upper, lower = skeleton.thigh, skeleton.shank
     towards = target - hip
-    # a smooth minimum: near the straight leg the knee's angle is infinitely steep in distance
+    # a smooth minimum, since the derivative of the knee angle is unbounded at the straight leg
     spare = upper + lower - np.linalg.norm(towards, axis=1)
     spare = 0.5 * (spare + np.hypot(spare, STRAIGHTEST * (upper + lower)))
     distance = np.maximum(upper + lower - spare, FOLDED * (upper + lower))
@@ -230,21 +230,21 @@ def solve_leg(
 
 
 def upper_body(
-    score: JointTrajectories, skeleton: SyntheticSkeleton, origin: Array, pelvis: Array
+    joints: JointTrajectories, skeleton: SyntheticSkeleton, origin: Array, pelvis: Array
 ) -> Segments:
     """Return pelvis, trunk, head and arms, from the joint angles."""
     segments: Segments = {"pelvis": (origin, pelvis)}
     base = origin + _apply(pelvis, skeleton.offsets["thorax"])
     thorax = (
         pelvis
-        @ rot_z(score["lumbar_rotation"])
-        @ rot_x(score["lumbar_side"])
-        @ rot_y(score["lumbar_flexion"])
+        @ rot_z(joints["lumbar_rotation"])
+        @ rot_x(joints["lumbar_side"])
+        @ rot_y(joints["lumbar_flexion"])
     )
     segments["thorax"] = (base, thorax)
     head = (
-        thorax @ rot_z(score["neck_rotation"]) @ rot_x(score["neck_side"])
-        @ rot_y(score["neck_flexion"])
+        thorax @ rot_z(joints["neck_rotation"]) @ rot_x(joints["neck_side"])
+        @ rot_y(joints["neck_flexion"])
     )  # fmt: skip
     segments["head"] = (base + _apply(thorax, skeleton.offsets["head"]), head)
     for side, sign in zip(SIDES, (1.0, -1.0), strict=True):
@@ -252,22 +252,22 @@ def upper_body(
         for segment, axes in (
             (
                 "clavicle",
-                rot_z(-sign * score[f"{side}clavicle_protraction"])
-                @ rot_x(sign * score[f"{side}clavicle_elevation"]),
+                rot_z(-sign * joints[f"{side}clavicle_protraction"])
+                @ rot_x(sign * joints[f"{side}clavicle_elevation"]),
             ),
             (
                 "upperarm",
-                rot_y(-score[f"{side}shoulder_flexion"])
-                @ rot_x(sign * score[f"{side}shoulder_abduction"])
-                @ rot_z(-sign * score[f"{side}shoulder_rotation"]),
+                rot_y(-joints[f"{side}shoulder_flexion"])
+                @ rot_x(sign * joints[f"{side}shoulder_abduction"])
+                @ rot_z(-sign * joints[f"{side}shoulder_rotation"]),
             ),
             (
                 "forearm",
-                rot_y(-score[f"{side}elbow_flexion"])
-                @ rot_z(-sign * score[f"{side}forearm_pronation"]),
+                rot_y(-joints[f"{side}elbow_flexion"])
+                @ rot_z(-sign * joints[f"{side}forearm_pronation"]),
             ),
-            # the palm faces inwards: the wrist flexes towards the body
-            ("hand", rot_x(-sign * score[f"{side}wrist_flexion"])),
+            # the palm faces inwards, so the wrist flexes towards the body
+            ("hand", rot_x(-sign * joints[f"{side}wrist_flexion"])),
         ):
             joint = parent[0] + _apply(parent[1], skeleton.offsets[side + segment])
             parent = joint, parent[1] @ axes
@@ -285,9 +285,9 @@ def marker_positions(
     segments : dict
         All segments.
     skeleton : SyntheticSkeleton
-        Where the markers sit.
+        Positions of the markers on the segments.
     displacement : ndarray [shape=(frames, 41, 3), mm] or None
-        Added in the frame of each marker's segment: soft tissue.
+        Soft-tissue displacement in the frame of each marker's segment.
     """
     frames = len(segments["pelvis"][0])
     out = np.empty((frames, len(MARKER_SEGMENTS), 3))

@@ -1,4 +1,4 @@
-"""The motions by name, what varies in all of them, and sequences of several."""
+"""The motions by name, their random variation, and sequences of several motions."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _MAKERS: MappingProxyType[str, Maker] = MappingProxyType(
 )
 
 SEQUENCE = ("walking", "reaching", "turning", "squatting", "pivoting", "reaching")
-"""What follows what in the motion ``mixed``, over and over."""
+"""The sequence of the motion ``mixed``, which is repeated."""
 
 MOTIONS: tuple[str, ...] = (*_MAKERS, "mixed")
 """The motions that can be synthesised: walking and running straight on, turning (walking
@@ -41,47 +41,47 @@ along a curve), pivoting (turning on the spot), reaching and squatting on the sp
 mixed (`SEQUENCE`)."""
 
 PART = 3.0
-"""Length (s) of a part of a sequence."""
+"""s. Duration of each part of a sequence."""
 
 BLEND = 0.3
-"""Scale (s) of the Gaussian with which one part passes into the next."""
+"""s. Standard deviation scale of the Gaussian that blends consecutive parts."""
 
-HEARD = 0.2
-"""Share in a blend from which on a gait lifts its feet."""
+MIN_SWING_SHARE = 0.2
+"""Share of a gait in a blend at which its swing feet are off the floor."""
 
 ANGLE_SD = MappingProxyType({"hip": 0.5, "knee": 0.8, "ankle": 0.6, "foot": 0.5, "pelvis": 0.5})
-"""Standard deviation (degrees) of what is never twice the same, by the joint; else below."""
+"""Standard deviation (degrees) of the random variation, by joint."""
 
 OTHER_SD = 1.4
-"""The same for trunk, head and arms."""
+"""The same for the trunk, the head and the arms."""
 
 _LIMB_JOINTS = (
     "hip", "knee", "ankle", "foot", "clavicle", "shoulder", "elbow", "forearm", "wrist",
 )  # fmt: skip
 
 VARIATION_HZ, DRIFT_HZ = 0.5, 0.06
-"""Bandwidths (Hz) of the variation from cycle to cycle, and of the slow drift."""
+"""Hz. Bandwidths of the variation between cycles, and of the slow drift."""
 
 
 def _vary(
-    score: JointTrajectories, rate: float, style: Style, rng: np.random.Generator
+    joints: JointTrajectories, rate: float, style: Style, rng: np.random.Generator
 ) -> JointTrajectories:
-    """Return a score with asymmetry, drift and variability."""
-    frames = len(score.angles)
+    """Return joint trajectories with asymmetry, drift and variability."""
+    frames = len(joints.angles)
     size = np.array(
         [ANGLE_SD.get(c.removeprefix(_side(c)).split("_")[0], OTHER_SD) for c in CHANNELS]
     )
     side = np.array([{"l": 1.0, "r": -1.0}.get(_side(c), 0.0) for c in CHANNELS])
-    noise = smooth_noise(score.angles.shape, VARIATION_HZ, rate, rng)
+    noise = smooth_noise(joints.angles.shape, VARIATION_HZ, rate, rng)
     drift = style.drift * smooth_noise((frames, 1), DRIFT_HZ, rate, rng)
-    middle = score.angles.mean(axis=0)
+    middle = joints.angles.mean(axis=0)
     factor = (1.0 + 0.5 * style.asymmetry * side) * (1.0 + np.clip(drift, -0.2, 0.2))
-    angles = middle + factor * (score.angles - middle) + style.variability * size * noise
-    return JointTrajectories(angles, score.contact, score.flat, score.turn)
+    angles = middle + factor * (joints.angles - middle) + style.variability * size * noise
+    return JointTrajectories(angles, joints.contact, joints.flat, joints.turn)
 
 
 def _side(channel: str) -> str:
-    """Return the side of a joint angle: l, r, or nothing."""
+    """Return the side of a joint angle: ``l``, ``r``, or an empty string."""
     return channel[0] if channel[1:].startswith(_LIMB_JOINTS) else ""
 
 
@@ -93,7 +93,7 @@ def compose(
     style: Style,
     rng: np.random.Generator,
 ) -> JointTrajectories:
-    """Return the score of a motion.
+    """Return the joint trajectories of a motion.
 
     Parameters
     ----------
@@ -106,32 +106,34 @@ def compose(
     skeleton : SyntheticSkeleton
         The body.
     style : Style
-        The manner.
+        How the subject moves.
     rng : Generator
-        Source of all that is random.
+        Source of the random variation.
 
     Raises
     ------
     OptionError
-        For an unknown motion, or a speed that is not for it.
+        For an unknown motion, or a speed outside its range.
     """
     if motion not in MOTIONS:
         raise OptionError(f"motion {motion!r} is unknown; use one of {', '.join(MOTIONS)}")
     if motion != "mixed":
         return _vary(_MAKERS[motion](time, rate, skeleton, style, rng), rate, style, rng)
     part = ((time - time[0]) // PART).astype(np.intp)
-    scores = {
+    by_motion = {
         name: _MAKERS[name](time, rate, skeleton, style, rng) for name in dict.fromkeys(SEQUENCE)
     }
     mixed = JointTrajectories.standing(len(time))
     mixed.flat[:] = 0.0
-    for name, score in scores.items():
-        playing = np.isin(part % len(SEQUENCE), [i for i, n in enumerate(SEQUENCE) if n == name])
-        share = gaussian_filter1d(playing.astype(np.float64), BLEND * rate / 2.0, mode="nearest")
-        mixed.angles[:] += share[:, None] * score.angles
-        # steps are made in full or not: a foot swings as soon as its gait is heard at all
-        mixed.contact[:] -= np.minimum(share / HEARD, 1.0)[:, None] * (1.0 - score.contact)
-        mixed.flat[:] += share[:, None] * score.flat
-        mixed.turn[:] += share * score.turn
+    for name, joints in by_motion.items():
+        active = np.isin(part % len(SEQUENCE), [i for i, n in enumerate(SEQUENCE) if n == name])
+        share = gaussian_filter1d(active.astype(np.float64), BLEND * rate / 2.0, mode="nearest")
+        mixed.angles[:] += share[:, None] * joints.angles
+        # a foot is either off the floor or not: it swings above a small share of its gait
+        mixed.contact[:] -= np.minimum(share / MIN_SWING_SHARE, 1.0)[:, None] * (
+            1.0 - joints.contact
+        )
+        mixed.flat[:] += share[:, None] * joints.flat
+        mixed.turn[:] += share * joints.turn
     np.clip(mixed.contact, 0.0, 1.0, out=mixed.contact)
     return _vary(mixed, rate, style, rng)

@@ -1,11 +1,11 @@
-"""What moves markers against bones: soft tissue, and the cameras' error.
+"""Movements of markers relative to bones: soft-tissue artefacts and measurement noise.
 
 Skin moves against the bone by some 10 to 30 mm on the thigh and up to 15 mm on the shank,
 reproducibly with the joint's angle and more after impacts; less elsewhere (review: Leardini,
 Chiari, Della Croce, Cappozzo, Gait and Posture 21, 2005). Three parts are added up in the
-segment's frame: a slow wander, a slide with the angle of the joint that stretches the skin,
-and a lag behind the acceleration of the segment. `TISSUE` has the sizes, chosen to stay
-within that review: they are plausible, not fitted.
+segment's frame: slow random drift, sliding with the angle of the joint that stretches the skin, and
+a lag proportional to the acceleration of the segment. The amplitudes in `TISSUE` are within the
+range of that review: they are plausible, not fitted.
 """
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ __all__ = ["TISSUE", "Tissue", "smooth_noise", "soft_tissue"]
 Array = NDArray[np.float64]
 
 WANDER_HZ = 1.2
-"""Bandwidth of the slow wander (Hz)."""
+"""Hz. Bandwidth of the slow drift."""
 
 LAG_SMOOTHING = 0.02
-"""Standard deviation (s) of the Gaussian through which tissue feels an acceleration."""
+"""s. Standard deviation of the Gaussian that smooths accelerations."""
 
 LAG_LIMIT = 60.0
-"""Acceleration (m/s²) beyond which tissue gives way no further."""
+"""m/s². Acceleration at which the lag saturates."""
 
 
 class Tissue(NamedTuple):
-    """How softly the markers of a segment sit.
+    """Amplitudes of the soft-tissue artefacts of a segment.
 
     Attributes
     ----------
     wander : float
-        Standard deviation (mm, each axis) of the slow wander.
+        Standard deviation (mm, each axis) of the slow drift.
     slide : float
-        Standard deviation over markers and axes of the slide (mm a radian).
+        Standard deviation over markers and axes of the sliding (mm per radian).
     lag : float
         Displacement per acceleration (mm per m/s²).
     joint : tuple of str
-        The segments between which the angle is measured; ``*`` stands for the side.
+        The segments between which the angle is measured; ``*`` is replaced by the side.
     """
 
     wander: float
@@ -71,18 +71,18 @@ TISSUE = MappingProxyType(
         "foot": Tissue(0.5, 0.8, 0.03, ("*shank", "*foot")),
     }
 )
-"""Softness by segment."""
+"""Soft-tissue artefacts by segment."""
 
 
 def smooth_noise(
     shape: tuple[int, ...], bandwidth: float, rate: float, rng: np.random.Generator
 ) -> Array:
-    """Return Gaussian noise that is smooth along its first axis, with variance 1.
+    """Return low-pass Gaussian noise along the first axis, with variance 1.
 
     Parameters
     ----------
     shape : tuple of int
-        Frames, then anything.
+        Number of frames, and any further axes.
     bandwidth : float
         Frequency (Hz) at which the amplitude has fallen to 61 % (one standard deviation of
         the Gaussian transfer function).
@@ -91,12 +91,12 @@ def smooth_noise(
     rng : Generator
         Source of the noise.
     """
-    # as long as eight standard deviations more, so that the ends are not alike
+    # longer by eight standard deviations, so that both ends are independent
     margin = math.ceil(8.0 * rate / (2.0 * np.pi * bandwidth))
     length = next_fast_len(shape[0] + margin, real=True)
     spectrum = rfft(rng.standard_normal((length, *shape[1:])), axis=0)
     transfer = np.exp(-0.5 * (rfftfreq(length, 1.0 / rate) / bandwidth) ** 2)
-    # every line but the constant one stands for two
+    # every frequency but zero represents two
     transfer /= np.sqrt((2.0 * (transfer**2).sum() - transfer[0] ** 2) / length)
     spectrum *= transfer.reshape(-1, *[1] * (len(shape) - 1))
     return np.asarray(irfft(spectrum, n=length, axis=0)[: shape[0]])
@@ -105,18 +105,18 @@ def smooth_noise(
 def soft_tissue(
     segments: Segments, rate: float, body_rng: np.random.Generator, rng: np.random.Generator
 ) -> Array:
-    """Return the markers' displacement against their segments.
+    """Return the displacements of the markers relative to their segments.
 
     Parameters
     ----------
     segments : dict
-        The moving body.
+        The segments of the moving body.
     rate : float
         Frames per second (Hz).
     body_rng : Generator
-        Draws in which direction each marker slides: the same in all clips of a body.
+        Source of the directions of sliding, which are the same in all clips of a body.
     rng : Generator
-        Draws the wander.
+        Source of the drift.
 
     Returns
     -------
@@ -135,14 +135,19 @@ def soft_tissue(
         first, second = (segments[name.replace("*", side)][1] for name in tissue.joint)
         angle = np.arccos(np.clip(np.einsum("fi,fi->f", first[:, :, 2], second[:, :, 2]), -1, 1))
         origin, axes = segments[segment]
-        shaken = np.gradient(np.gradient(origin, 1.0 / rate, axis=0), 1.0 / rate, axis=0) / 1000.0
-        felt = gaussian_filter1d(
-            np.einsum("fji,fj->fi", axes, shaken), LAG_SMOOTHING * rate, axis=0, mode="nearest"
+        acceleration = (
+            np.gradient(np.gradient(origin, 1.0 / rate, axis=0), 1.0 / rate, axis=0) / 1000.0
         )
-        felt = LAG_LIMIT * np.tanh(felt / LAG_LIMIT)
+        smoothed = gaussian_filter1d(
+            np.einsum("fji,fj->fi", axes, acceleration),
+            LAG_SMOOTHING * rate,
+            axis=0,
+            mode="nearest",
+        )
+        smoothed = LAG_LIMIT * np.tanh(smoothed / LAG_LIMIT)
         out[:, on] = (
             tissue.wander * wander[:, on]
             + tissue.slide * angle[:, None, None] * slide[on]
-            - tissue.lag * softness[on, None] * felt[:, None]
+            - tissue.lag * softness[on, None] * smoothed[:, None]
         )
     return out

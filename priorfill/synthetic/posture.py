@@ -14,43 +14,48 @@ __all__ = ["bend_legs", "minimum_jerk", "stand"]
 Array = NDArray[np.float64]
 
 STANDING_KNEE = 6.0
-"""Knee flexion (degrees) in standing; not locked."""
+"""Knee flexion (degrees) in standing; the knees are not locked."""
 
 THIGH_SHARE = 0.72
-"""Of the knee's flexion, how much the thigh inclines; the rest is the shank, 29 degrees at
-a knee flexion of 105: with the heels on the floor the ankle allows some 38 degrees
+"""Inclination of the thigh relative to the knee flexion. The rest is the shank: 29 degrees at a
+knee flexion of 105 degrees; with the heels on the floor the ankle allows about 38 degrees
 (Hemmerich et al., J. Orthop. Res. 24, 2006)."""
 
 
 def minimum_jerk(progress: Array) -> Array:
-    """Return the smooth course from 0 to 1 of a movement between two rests.
+    """Return the minimum-jerk course from 0 to 1 of a movement between two rests.
 
-    Flash and Hogan, J. Neurosci. 5 (1985): 10 s³ − 15 s⁴ + 6 s⁵, held outside 0 to 1.
+    Flash and Hogan, J. Neurosci. 5 (1985): 10 s³ − 15 s⁴ + 6 s⁵, constant outside 0 to 1.
+
+    Examples
+    --------
+    >>> minimum_jerk(np.array([0.0, 0.5, 2.0]))
+    array([0. , 0.5, 1. ])
     """
     s = np.clip(progress, 0.0, 1.0)
     return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
 
 
-def bend_legs(score: JointTrajectories, knee: Array) -> None:
-    """Bend both legs by a knee angle [shape=(frames,), degrees] with the soles flat."""
+def bend_legs(joints: JointTrajectories, knee: Array) -> None:
+    """Set both legs to a knee angle [shape=(frames,), degrees] with the soles flat."""
     for name in SIDES:
-        score[f"{name}knee_flexion"][:] = knee
-        score[f"{name}hip_flexion"][:] = THIGH_SHARE * knee
-        score[f"{name}ankle_dorsiflexion"][:] = (1.0 - THIGH_SHARE) * knee
+        joints[f"{name}knee_flexion"][:] = knee
+        joints[f"{name}hip_flexion"][:] = THIGH_SHARE * knee
+        joints[f"{name}ankle_dorsiflexion"][:] = (1.0 - THIGH_SHARE) * knee
 
 
 def stand(frames: int, style: Style) -> JointTrajectories:
-    """Return the score of standing at ease with the arms hanging."""
-    score = JointTrajectories.standing(frames)
-    bend_legs(score, np.full(frames, STANDING_KNEE))
-    score["lumbar_flexion"][:] = 1.0 + style.lean
-    score["neck_flexion"][:] = -0.7 * style.lean
+    """Return standing at ease with the arms hanging."""
+    joints = JointTrajectories.standing(frames)
+    bend_legs(joints, np.full(frames, STANDING_KNEE))
+    joints["lumbar_flexion"][:] = 1.0 + style.lean
+    joints["neck_flexion"][:] = -0.7 * style.lean
     for name in SIDES:
-        score[f"{name}foot_rotation"][:] = -style.toe_out
-        score[f"{name}shoulder_flexion"][:] = -2.0
-        score[f"{name}shoulder_abduction"][:] = 10.0
-        score[f"{name}shoulder_rotation"][:] = 12.0
-        score[f"{name}elbow_flexion"][:] = 18.0
-        score[f"{name}forearm_pronation"][:] = 12.0
-        score[f"{name}wrist_flexion"][:] = 6.0
-    return score
+        joints[f"{name}foot_rotation"][:] = -style.toe_out
+        joints[f"{name}shoulder_flexion"][:] = -2.0
+        joints[f"{name}shoulder_abduction"][:] = 10.0
+        joints[f"{name}shoulder_rotation"][:] = 12.0
+        joints[f"{name}elbow_flexion"][:] = 18.0
+        joints[f"{name}forearm_pronation"][:] = 12.0
+        joints[f"{name}wrist_flexion"][:] = 6.0
+    return joints

@@ -1,7 +1,7 @@
-"""The synthetic body: lengths of the segments, and where the 41 markers sit on them.
+"""The synthetic body: lengths of its segments, and positions of the 41 markers on them.
 
 Lengths are fractions of the body height by Drillis and Contini (*Body segment parameters*,
-New York University, 1966) as drawn in Winter, *Biomechanics and Motor Control of Human
+New York University, 1966) as shown in Winter, *Biomechanics and Motor Control of Human
 Movement*, 4th ed. 2009, figure 4.1. Hip joint centres are placed from the anterior iliac
 spines by Bell, Brand and Pedersen (Human Movement Science 8, 1989: 30 % of their distance
 below, 14 % medial, 22 % behind). Markers are placed by their anatomical description (front
@@ -24,7 +24,7 @@ SIDES = ("l", "r")
 """Prefixes of the segments and joint angles of the left and the right limbs."""
 
 REFERENCE_HEIGHT = 1750.0
-"""Body height (mm) for which the offsets below are written down."""
+"""Body height (mm) of the offsets below."""
 
 # Fractions of the body height, Winter 2009 figure 4.1.
 HIP_HEIGHT = 0.530
@@ -38,20 +38,20 @@ HIP_HALF_WIDTH = 0.0505
 """Half the distance of the hip joint centres: 0.36 of an iliac spine distance of 0.14 H."""
 
 SHOULDER_HALF_WIDTH = 0.105
-"""Of the joint centres. The figure's 0.129 H reaches to the outside of the deltoid."""
+"""Half the distance of the shoulder joint centres. The figure's 0.129 H extends to the deltoid."""
 
 LUMBAR_HEIGHT = 0.615
-"""Where the trunk bends on the pelvis: the third lumbar vertebra, seen as one joint."""
+"""Height of the joint between trunk and pelvis: the third lumbar vertebra."""
 
 LUMBAR_BACK = 0.014
-"""How far the spine runs behind the hip joints."""
+"""Distance of the spine behind the hip joints."""
 
 NECK_HEIGHT = 0.861
-"""Where the head turns on the trunk: just above the seventh cervical vertebra."""
+"""Height of the joint between head and trunk: just above the seventh cervical vertebra."""
 
 # (segment, label, x forwards, y left, z up) in mm at REFERENCE_HEIGHT, from the segment's
 # proximal joint, in the upright pose. Tracking markers of upper arms, thighs and shanks sit
-# at different heights left and right, as is usual to tell the sides apart.
+# at different heights left and right, as is common practice to distinguish the sides.
 _PLACEMENT: tuple[tuple[str, str, float, float, float], ...] = (
     ("head", "LFHD", 97.0, 76.0, 160.0),
     ("head", "RFHD", 97.0, -76.0, 160.0),
@@ -100,7 +100,7 @@ LABELS: tuple[str, ...] = tuple(row[1] for row in _PLACEMENT)
 """The 41 markers, in the order of a synthetic clip."""
 
 MARKER_SEGMENTS: tuple[str, ...] = tuple(row[0] for row in _PLACEMENT)
-"""The segment that each of `LABELS` sits on."""
+"""The segment of each marker in `LABELS`."""
 
 _CLAVICLE = np.array([20.0, 22.0, -12.0])
 """The sternoclavicular joint from the level of the shoulders in the midline (mm)."""
@@ -113,7 +113,7 @@ _BALL = np.array([145.0, 0.0])
 
 @dataclass(frozen=True)
 class SyntheticSkeleton:
-    """The joints and markers of one body, in mm, in the frames of the segments.
+    """Joints and markers of a body, in the frames of its segments.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ class SyntheticSkeleton:
 
 @dataclass(frozen=True)
 class Body:
-    """A synthetic person, of no particular sex.
+    """A synthetic subject.
 
     Attributes
     ----------
@@ -145,15 +145,19 @@ class Body:
     leg, trunk, arm, breadth : float
         Factors on the published proportions of legs, trunk, arms, and of all widths.
     placement_sd : float
-        Standard deviation (mm, each axis) of where the markers were stuck on, from where
-        the description puts them.
+        Standard deviation (mm, each axis) of the marker placement about the described positions.
     seed : int
-        Of the placement: a body keeps its markers through all of its clips.
+        Seed of the placement, which is the same in all clips of a body.
 
     Raises
     ------
     OptionError
-        Where a value is outside the range of grown people.
+        Where a value is outside the range of adults.
+
+    Examples
+    --------
+    >>> Body(height=1680.0).skeleton().markers.shape
+    (41, 3)
     """
 
     height: float = REFERENCE_HEIGHT
@@ -172,7 +176,7 @@ class Body:
 
     @classmethod
     def random(cls, seed: int) -> Body:
-        """Draw a body: height 1715 mm, sd 90 mm; proportions with an sd of 3 to 5 %."""
+        """Return a random body: height 1715 mm (sd 90 mm), proportions with an sd of 3 to 5 %."""
         rng = np.random.default_rng([seed, 41])
         factors = np.clip(rng.normal(0.0, 1.0, 5), -2.0, 2.0)
         return cls(

@@ -1,4 +1,4 @@
-"""What can be chosen about a synthetic recording: the manner of moving and the noise."""
+"""Options of a synthetic recording: style of movement, and noise."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ __all__ = ["Noise", "Style", "check_range"]
 
 
 def check_range(what: str, value: float, low: float, high: float) -> None:
-    """Refuse a value outside [low, high] with one line that says what to do.
+    """Check that a value is in [low, high].
 
     Raises
     ------
     OptionError
-        Where it is outside, or not a number.
+        Where it is not.
     """
     if not (math.isfinite(value) and low <= value <= high):
         raise OptionError(f"{what} is {value:g}; give a value from {low:g} to {high:g}")
@@ -24,7 +24,7 @@ def check_range(what: str, value: float, low: float, high: float) -> None:
 
 @dataclass(frozen=True)
 class Style:
-    """How a synthetic person moves.
+    """How a synthetic subject moves.
 
     The defaults are the published mean movements (`priorfill.synthetic.gait_curves`).
 
@@ -32,32 +32,32 @@ class Style:
     ----------
     speed : float or None
         Mean speed over the ground (m/s) of walking, turning (0.6 to 2.1) and running (2.2
-        to 4.5); None for the natural one. The length of the step follows from it.
+        to 4.5); None for the natural one. It determines the step length.
     cadence : float or None
-        Steps per minute; None for the one that goes with the speed.
+        Steps per minute; None for the natural one at the speed.
     amplitude : float
         Factor on the depth of a squat and the extent of a reach.
     arm_swing : float
         Factor on the swing of shoulders and elbows in walking and running.
     step_width : float
-        Distance of the feet from the line of progression to each other (mm).
+        Distance between the feet, perpendicular to the direction of walking (mm).
     toe_out : float
         Angle of each foot outwards (degrees).
     lean : float
-        Inclination of the trunk forwards that is added throughout (degrees).
+        Additional forward inclination of the trunk (degrees).
     asymmetry : float
-        By which fraction the left side moves more than the right.
+        Fraction by which the movements of the left side exceed those of the right.
     variability : float
-        Factor on the differences from cycle to cycle; 0 makes every cycle alike.
+        Factor on the variation between cycles; with 0 all cycles are equal.
     drift : float
-        Standard deviation of the slow change of all amplitudes, as a fraction.
+        Relative standard deviation of slow changes of all amplitudes.
     turn_rate : float
         Change of heading while turning (degrees/s); positive is to the left.
 
     Raises
     ------
     OptionError
-        Where a value is outside the range for which the movement stays human.
+        Where a value is outside the range of human movement.
     """
 
     speed: float | None = None
@@ -90,20 +90,20 @@ class Style:
 
 @dataclass(frozen=True)
 class Noise:
-    """What keeps the markers from following the bones exactly.
+    """Noise of the marker positions.
 
     Attributes
     ----------
     soft_tissue : float
-        Factor on the displacement of skin against bone (`priorfill.synthetic.noise` has
-        the sizes); 0 makes the segments rigid.
+        Factor on the soft-tissue artefacts of `priorfill.synthetic.noise`; with 0 segments are
+        rigid.
     measurement : float
-        Standard deviation of the cameras' error (mm), independent in every sample.
+        Standard deviation of the measurement noise (mm), independent in each sample.
 
     Raises
     ------
     OptionError
-        Where a value is negative or beyond any camera system.
+        Where a value is negative or unrealistically large.
     """
 
     soft_tissue: float = 1.0
