@@ -22,7 +22,7 @@ def test_methods() -> None:
 
 def test_methods_as_json() -> None:
     listed = json.loads(CliRunner().invoke(main, ["methods", "--json"]).stdout)
-    assert listed["linear"] == {"summary": "straight lines over time", "source": "SciPy"}
+    assert listed["linear"] == {"summary": "linear interpolation over time", "source": "SciPy"}
     assert list(listed) == list(METHODS)
 
 
