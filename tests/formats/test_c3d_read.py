@@ -481,8 +481,8 @@ def test_wrong_frame_count_in_one_place(save):
         np.testing.assert_allclose(clip.positions, records[:, :, :3])
 
 
-@pytest.mark.parametrize("says", ["TRIAL", "LONG_FRAMES", "nothing"])
-def test_more_than_65535_frames(save, says):
+@pytest.mark.parametrize("counter", ["TRIAL", "LONG_FRAMES", "none"])
+def test_more_than_65535_frames(save, counter):
     frames = 70_000
     records = np.zeros((frames, 2, 4))
     records[:, 0, 2], records[:, 1, 2] = 100 + np.arange(frames) % 7, 1700
@@ -495,8 +495,8 @@ def test_more_than_65535_frames(save, says):
             "POINT": {"FRAMES": frames & 0xFFFF},
         },
         "LONG_FRAMES": {"POINT": {"FRAMES": 65535, "LONG_FRAMES": float(frames)}},
-        "nothing": {"POINT": {"FRAMES": 65535}},
-    }[says]
+        "none": {"POINT": {"FRAMES": 65535}},
+    }[counter]
     file = C3DFile(
         records,
         ["LANK", "LFHD"],
