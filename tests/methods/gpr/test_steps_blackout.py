@@ -6,15 +6,29 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gappy import person, with_gaps
 from scipy.optimize import minimize_scalar
 
 from priorfill.geometry.root_frames import root_group
-from priorfill.methods.gpr.blackout import BlackoutOptions, MirrorImage, WindowSource
+from priorfill.markers.describe import describe
+from priorfill.methods.gpr.blackout import (
+    BlackoutOptions,
+    BlackoutPredictor,
+    MirrorImage,
+    WindowSource,
+)
 from priorfill.methods.gpr.blackout.correction import correct_from_edges
-from priorfill.methods.gpr.blackout.predict_blackout import _from_windows
+from priorfill.methods.gpr.blackout.predict_blackout import (
+    _error_without_windows,
+    _from_windows,
+)
 from priorfill.methods.gpr.blackout.stacking import stack_curves
 from priorfill.methods.gpr.blackout.window_layout import WindowLayout
 from priorfill.methods.gpr.blackout.windows import BlackoutWindows, collect_windows
+from priorfill.methods.gpr.gap_segments import GapSegment
+from priorfill.methods.gpr.pose_search import PoseSearch, SearchOptions
+from priorfill.methods.gpr.training.subject_correlation import SubjectCorrelationOptions
+from priorfill.methods.task import Task
 
 OPTIONS = BlackoutOptions()
 INSIDE = 3
@@ -279,3 +293,49 @@ def test_the_mirror_image_is_correlated_with_the_clip_but_not_the_same() -> None
     np.testing.assert_allclose(
         windows.inside[image], windows.inside[own][1:, :, contralateral] * [-1.0, 1.0, 1.0]
     )
+
+
+# --- without windows ---
+
+
+def test_the_expected_error_without_windows_grows_with_the_distance_covered() -> None:
+    """At 240 mm/s; the first 0.25 s are predictable, and the curves agree."""
+    rate = 20.0
+    frames = WindowLayout(
+        frames=20,
+        before=np.arange(-3, 0),
+        after=np.arange(20, 23),
+        inside=np.array([2, 9, 10, 17]),
+        step=1,
+    )
+    context = frames.context[:, None, None] * np.array([12.0, 0.0, 0.0])
+    curves = np.zeros((3, 1, 4, 1, 3))
+    found = _error_without_windows(curves, context, frames, rate, OPTIONS)[:, 0]
+    beyond = np.array([0.0, 0.25, 0.25, 0.0])  # s from the nearer edge, without 0.25 s
+    np.testing.assert_allclose(found, np.hypot(240.0, 100.0) * beyond, atol=1e-9)
+
+
+# --- segments ---
+
+
+def test_segments_shorter_than_the_blackout_are_joined_to_their_own_edges() -> None:
+    """Samples at both edges of a segment that are 70 mm off move its prediction as much."""
+    truth = person(rate=30.0)
+    labels = truth.labels
+    clip = with_gaps(truth, (50, 60, labels[1:]), (53, 57, labels[:1]))
+    task = Task(clip.positions, labels, clip.rate, describe(clip), (), ())
+    predictor = BlackoutPredictor(
+        task, PoseSearch(task, SearchOptions()), OPTIONS, SubjectCorrelationOptions()
+    )
+    nothing = np.array([], dtype=np.intp)
+    first, rest = np.array([0]), np.arange(1, len(labels))
+    segments = [GapSegment(rest, 50, 60, nothing), GapSegment(first, 53, 57, nothing)]
+    moved = clip.positions.copy()
+    moved[[52, 57], 0] += [70.0, 0.0, 0.0]
+    before, after = (predictor.predict(segments, given) for given in (clip.positions, moved))
+    for one, other, offset in zip(before, after, (0.0, 70.0), strict=True):
+        expected = one.positions + np.array([offset, 0.0, 0.0])
+        np.testing.assert_allclose(other.positions, expected, atol=1e-9)
+    # continuous at the edges: less than a marker moves in two frames
+    step = np.linalg.norm(np.diff(truth.positions[50:60, 0], axis=0), axis=1).max()
+    assert np.linalg.norm(before[1].positions[0, 0] - clip.positions[52, 0]) < 2.0 * step

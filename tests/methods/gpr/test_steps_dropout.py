@@ -18,14 +18,14 @@ from priorfill.geometry.root_frames import heading_frames, rigid_frames
 from priorfill.gp.features import MIN_ALIGNMENT_WEIGHT
 from priorfill.markers.describe import describe
 from priorfill.methods.gpr.dropout import DropoutOptions, DropoutPredictor, MultiSubjectKernel
-from priorfill.methods.gpr.dropout.donors import Donor
+from priorfill.methods.gpr.dropout.donors import Donor, Donors
 from priorfill.methods.gpr.dropout.marker_coupling import MarkerCoupling
 from priorfill.methods.gpr.dropout.predict_from_donors import (
     predict_from_donors,
     predict_with_each_model,
 )
 from priorfill.methods.task import THIS_CLIP, Task
-from priorfill.search.takes import same_subject_take
+from priorfill.search.takes import Take, same_subject_take
 
 OPTIONS = DropoutOptions()
 MODELS = len(OPTIONS.alignments) * len(OPTIONS.processes)
@@ -267,6 +267,42 @@ def test_donors_of_the_most_similar_shape_are_chosen() -> None:
     found = predictor.predict(missing, visible, np.arange(3))
     assert found is not None
     assert found.source_clips == ("size 0.96",)
+
+
+def task_without(clip: Clip, label: str, *takes: Take) -> Task:
+    """The task of filling a clip from which a marker was removed."""
+    gappy = without(clip, label)
+    return Task(gappy.positions, gappy.labels, gappy.rate, describe(gappy), (), takes)
+
+
+def test_rigidity_is_that_of_adjacent_markers_where_donors_stand_still() -> None:
+    clip, other = person(), person(seed=9)
+    static = replace(other, positions=other.positions[50:52], name="static")
+    task = task_without(clip, "RELB", same_subject_take(static, clip.labels))
+    # without the mirror image, which moves
+    task = replace(task, marker_set=replace(task.marker_set, mirror={}))
+    visible = np.flatnonzero(task.valid.all(axis=0))
+    spread = Donors(task, OPTIONS).coupling(np.array([clip.labels.index("RELB")]), visible).spread
+    # from the static pose alone it would be the noise
+    assert spread.min() > 3.0
+    upper_arm, toe = (list(visible).index(clip.labels.index(m)) for m in ("RUPA", "LTOE"))
+    assert spread[upper_arm] < 0.7 * spread[toe]
+
+
+def test_a_marker_on_the_midline_is_no_proxy_for_the_mirror_image() -> None:
+    clip = person()
+    task = task_without(clip, "RFHD")
+    markers = np.array([clip.labels.index("RFHD")])
+    midline, side, *others = (
+        clip.labels.index(label) for label in ("C7", "RSHO", "LSHO", "LBHD", "RBHD")
+    )
+    errors = []
+    for order, proxies in (([midline, side], 2), ([side, midline], 1)):
+        predictor = DropoutPredictor(task, replace(OPTIONS, max_proxy_markers=proxies))
+        visible = np.array([*order, *others])
+        errors.append(predictor._proxy_errors(markers, visible, from_clip=True))
+    assert errors[0].max() < OPTIONS.default_error
+    np.testing.assert_allclose(errors[0], errors[1], rtol=1e-6)
 
 
 def test_a_donor_that_shows_the_other_side_only_is_mirrored(tmp_path: Path) -> None:
