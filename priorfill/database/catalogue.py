@@ -274,7 +274,8 @@ class Catalogue:
             return set()
         with self._reporting_damage():
             rows = self._query("SELECT DISTINCT segment FROM clips")
-        return {int(row[0]) for row in rows}
+        # other types are damage, which `records` reports; the other clips stay readable
+        return {row[0] for row in rows if isinstance(row[0], int)}
 
     def end(self) -> tuple[int, int]:
         """Return the number of the last segment in use, and the number of its bytes in use."""

@@ -585,6 +585,21 @@ def test_a_changed_row_is_found(folder: Path) -> None:
         PriorDatabase.open(folder, write=True)
 
 
+def test_a_row_with_an_impossible_segment_leaves_the_others_readable(folder: Path) -> None:
+    with PriorDatabase.create(folder) as database:
+        database.add(make_clip(0))
+        kept = database.add(make_clip(1))
+    connection = sqlite3.connect(folder / "catalogue.sqlite")
+    connection.execute("UPDATE clips SET segment = 'x' WHERE name = 'clip0'")
+    connection.commit()
+    connection.close()
+    with PriorDatabase.open(folder) as database:
+        assert (database.clips(), database.damaged) == ((kept,), ("clip0",))
+        database.check(kept)
+    with pytest.raises(DatabaseCorruptError, match="rows of clip0 changed"):
+        PriorDatabase.open(folder, write=True)
+
+
 def test_a_damaged_catalogue(folder: Path) -> None:
     with PriorDatabase.create(folder) as database:
         database.add(make_clip(0))
