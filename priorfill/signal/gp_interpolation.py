@@ -34,8 +34,7 @@ _PROCESS = GaussianProcess(Matern52(time_scale=0.3), noise_variance=1e-7)
 class InterpolationOptions:
     """Options of `interpolate_gap`.
 
-    The defaults were chosen by the mean error on gaps of 0.1 to 0.5 s cut into takes of walking,
-    exercises and sports.
+    The defaults were chosen on gaps of 0.25 to 0.5 s in recordings of everyday movement.
 
     Attributes
     ----------

@@ -24,7 +24,11 @@ from priorfill.methods.gpr.blackout.predict_blackout import (
 )
 from priorfill.methods.gpr.blackout.stacking import stack_curves
 from priorfill.methods.gpr.blackout.window_layout import WindowLayout
-from priorfill.methods.gpr.blackout.windows import BlackoutWindows, collect_windows
+from priorfill.methods.gpr.blackout.windows import (
+    BlackoutWindows,
+    _edge_features,
+    collect_windows,
+)
 from priorfill.methods.gpr.gap_segments import GapSegment
 from priorfill.methods.gpr.pose_search import PoseSearch, SearchOptions
 from priorfill.methods.gpr.training.subject_correlation import SubjectCorrelationOptions
@@ -293,6 +297,27 @@ def test_the_mirror_image_is_correlated_with_the_clip_but_not_the_same() -> None
     np.testing.assert_allclose(
         windows.inside[image], windows.inside[own][1:, :, contralateral] * [-1.0, 1.0, 1.0]
     )
+
+
+def test_edge_features_are_distances_covered_by_velocity_and_acceleration() -> None:
+    """A marker group before the blackout: at rest, at 200 mm/s, and accelerating by 2 m/s²."""
+    rng = np.random.default_rng(0)
+    pose = rng.normal(0.0, 200.0, (MARKERS, 3))
+    group = root_group(pose[None], list(range(MARKERS)))
+    assert group is not None
+    one_sided = WindowLayout(
+        frames=12, before=np.arange(-6, 0), after=np.arange(0), inside=np.array([2, 6]), step=2
+    )
+    time = -OPTIONS.difference_seconds * np.arange(3)  # the nearest frame first
+    motion = np.stack([0.0 * time, 200.0 * time, 0.5 * 2000.0 * time**2])
+    poses = pose + motion[:, :, None, None] * np.array([0.0, 0.0, 1.0])
+    features = _edge_features(poses, one_sided, group, OPTIONS)[0].reshape(3, 3, MARKERS, 3)
+    np.testing.assert_allclose(features[1:, 0], features[:1, 0].repeat(2, axis=0), atol=1e-9)
+    np.testing.assert_allclose(features[0, 1:], 0.0, atol=1e-9)
+    # 0.15 s at 200 mm/s; 0.1² s² at 2 m/s²
+    np.testing.assert_allclose(features[1, 1], np.tile([0.0, 0.0, 30.0], (MARKERS, 1)), atol=1e-9)
+    np.testing.assert_allclose(features[1, 2], 0.0, atol=1e-9)
+    np.testing.assert_allclose(features[2, 2], np.tile([0.0, 0.0, 20.0], (MARKERS, 1)), atol=1e-9)
 
 
 # --- without windows ---

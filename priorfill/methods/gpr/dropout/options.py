@@ -43,8 +43,8 @@ _LOCAL_KERNEL = MultiSubjectKernel(
 class DropoutOptions:
     """Options of the prediction of dropouts (`priorfill.methods.gpr.dropout`).
 
-    Unless stated otherwise, the defaults were chosen by the mean error on markers removed from
-    recordings of CMU, HDM05 and of gait laboratories, and nearby values fill about as well.
+    The defaults were chosen on markers removed from recordings of CMU, HDM05 and gait laboratories.
+    Where a value was compared with others, or has another reason, its description says so.
 
     Attributes
     ----------
