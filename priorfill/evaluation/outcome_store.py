@@ -92,7 +92,7 @@ class OutcomeStore:
         return self.folder / CASES / f"{job.case:05d}-{job.method}.npz"
 
     def keep(self, job: FillJob, outcome: FillOutcome) -> None:
-        """Write an outcome, whole or not at all."""
+        """Write an outcome atomically."""
         facts = {
             "seconds": outcome.seconds,
             "gap_sources": [asdict(source) for source in outcome.gap_sources],

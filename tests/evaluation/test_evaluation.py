@@ -1,4 +1,4 @@
-"""Evaluation: its gaps, its measures, that it counts, compares and resumes right."""
+"""Evaluation: protocols, measures, comparisons, files, and resuming."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def broken() -> Clip:
 
 
 def unknown(clip: Clip) -> Clip:
-    """The clip with labels that no set knows."""
+    """The clip with labels of no known marker set."""
     return replace(clip, labels=tuple(f"M{i:02d}" for i in range(len(clip.labels))))
 
 
@@ -95,7 +95,7 @@ def test_only_measured_samples_are_removed(name: str, clip: Clip) -> None:
     for one in found:
         assert one.mask.any()
         assert not (one.mask & clip.missing).any()
-        if name != "frames":  # what is beside a gap is measured, so that it stays a gap
+        if name != "frames":  # adjacent samples are measured, so the gap is not extended
             touched = np.zeros_like(one.mask)
             touched[1:] |= one.mask[:-1]
             touched[:-1] |= one.mask[1:]
@@ -229,7 +229,7 @@ def test_the_gaps_of_another_file_stay_together_when_moved() -> None:
         assert 1 <= len(find_gaps(one.mask)) <= 4
 
 
-def test_like_needs_gaps_and_markers() -> None:
+def test_copied_gaps_need_gaps_and_common_markers() -> None:
     with pytest.raises(OptionError, match="has no gaps to be copied"):
         make_protocol("like", pattern=person())
     with pytest.raises(OptionError, match="--like FILE"):
@@ -238,15 +238,15 @@ def test_like_needs_gaps_and_markers() -> None:
     assert "is of its markers" in refusals("like", unknown(person()), pattern=pattern)[0].reason
 
 
-def test_what_the_file_calls_interpolated_is_no_truth() -> None:
+def test_samples_that_the_file_marks_as_interpolated_are_not_removed() -> None:
     clip = person()
-    told = np.zeros_like(clip.missing)
-    told[:, :20] = True
+    interpolated = np.zeros_like(clip.missing)
+    interpolated[:, :20] = True
     source = Source(Path("a.c3d"), "", tuple(range(len(clip.labels))), clip.labels,
-                    interpolated=told)  # fmt: skip
-    said = replace(clip, source=source)
-    assert not (measured_in(said) & told).any()
-    assert not any((one.mask & told).any() for one in cuts("random", said))
+                    interpolated=interpolated)  # fmt: skip
+    marked = replace(clip, source=source)
+    assert not (measured_in(marked) & interpolated).any()
+    assert not any((one.mask & interpolated).any() for one in cuts("random", marked))
 
 
 @pytest.mark.parametrize(
@@ -277,7 +277,7 @@ def test_no_place_is_found_where_nothing_is_measured() -> None:
 
 @given(st.integers(0, 10**6))
 def test_measures_against_their_formulas(seed: int) -> None:
-    """Sample by sample, from differences of the two clips, each by itself."""
+    """Measures computed sample by sample from the differences of each clip."""
     rng = np.random.default_rng(seed)
     truth = rng.normal(size=(12, 3, 3)) * 100
     filled = truth + 0.0
@@ -320,17 +320,17 @@ def test_a_summary_by_hand() -> None:
     samples[1] = [0.5, 1.0, 1.5, 3.0, np.nan]
     samples[4] = [2.0, 2.0, np.nan, np.nan, 9.0]
     samples[5] = [1.5, 1.5, np.nan, np.nan, 9.0]
-    told = summarise(samples)
-    assert (told.samples, told.filled, told.share) == (5, 4, 0.8)
-    assert told.mean == 3.0
-    assert told.rmse == pytest.approx(math.sqrt(50 / 4))
-    assert told.median == 2.5
-    assert told.p95 == pytest.approx(5.55)
-    assert told.maximum == 6.0
-    assert told.mae == 1.5
-    assert told.expected_mean_error == 2.0
-    assert told.error_bound_90_coverage == 0.5
-    assert math.isnan(told.velocity)
+    summary = summarise(samples)
+    assert (summary.samples, summary.filled, summary.share) == (5, 4, 0.8)
+    assert summary.mean == 3.0
+    assert summary.rmse == pytest.approx(math.sqrt(50 / 4))
+    assert summary.median == 2.5
+    assert summary.p95 == pytest.approx(5.55)
+    assert summary.maximum == 6.0
+    assert summary.mae == 1.5
+    assert summary.expected_mean_error == 2.0
+    assert summary.error_bound_90_coverage == 0.5
+    assert math.isnan(summary.velocity)
     nothing = summarise(np.full((len(MEASURES), 3), np.nan, dtype=np.float32))
     assert (nothing.samples, nothing.filled) == (3, 0)
     assert math.isnan(nothing.mean)
@@ -345,7 +345,7 @@ def test_classes_of_length(seconds: float, name: str) -> None:
 
 
 @given(st.floats(0.0, 180.0), st.integers(0, 10**6))
-def test_an_angle_is_what_it_was_made_of(degrees: float, seed: int) -> None:
+def test_angle_between_constructed_lines(degrees: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     joint = rng.normal(size=3) * 1000
@@ -362,7 +362,7 @@ def test_an_angle_of_nothing() -> None:
 
 
 def test_joint_errors_are_of_the_frames_removed() -> None:
-    """A knee's marker off sideways; independent: by the law of cosines."""
+    """A knee marker with a lateral error, compared with the law of cosines."""
     clip = person()
     removed = np.zeros_like(clip.missing)
     knee = clip.labels.index("LKNE")
@@ -385,11 +385,11 @@ def test_joint_errors_are_of_the_frames_removed() -> None:
     assert joint_errors(describe(unknown(clip)), clip.labels, filled, filled, removed) == {}
 
 
-# methods that a test can see through
+# methods with known errors
 
 
 def _off(millimetres: float, share: float = 1.0):
-    """Make a method that is off by so much upwards, and fills the first markers only."""
+    """Return a method with a constant vertical error that fills the first markers only."""
 
     def run(task: Task, progress: object) -> Estimate:
         assert np.isnan(task.positions).any()
@@ -429,7 +429,7 @@ def tame(monkeypatch: pytest.MonkeyPatch) -> Clip:
     return clip
 
 
-def test_errors_are_what_they_are(tame: Clip) -> None:
+def test_errors_of_methods_with_known_errors(tame: Clip) -> None:
     found = evaluate(tame, methods=["three", "one"], protocol=make_protocol("random", copies=3))
     for name, size in (("one", 1.0), ("three", 3.0)):
         errors = found.methods[name].errors
@@ -450,7 +450,7 @@ def test_errors_are_what_they_are(tame: Clip) -> None:
     assert sum(count for count, _ in found.lengths.values()) == 2 * gaps
 
 
-def test_leaving_out_what_is_hard_is_no_way_to_win(tame: Clip) -> None:
+def test_unfilled_samples_do_not_count_in_the_comparison(tame: Clip) -> None:
     each_fourth = make_protocol("markers", markers=tame.labels[::4])
     found = evaluate(tame, methods="three,half,few,one", protocol=each_fourth)
     half, few = found.methods["half"].errors, found.methods["few"].errors
@@ -507,7 +507,7 @@ def test_truth_is_not_left_in_the_database(tmp_path: Path, monkeypatch: pytest.M
         return Estimate.of(task)
 
     monkeypatch.setattr("priorfill.filling.fill_clip.get_method", lambda name: spy)
-    # nearly nothing is left that a sketch could know it by
+    # too little is left for a sketch to recognise the clip
     heavy = make_protocol("random", copies=2, share=(0.5, 0.5), max_missing=40)
     found = evaluate(clip, methods="linear", protocol=heavy, database=tmp_path / "db")
     assert seen == [{"other"}] * 2
@@ -515,7 +515,7 @@ def test_truth_is_not_left_in_the_database(tmp_path: Path, monkeypatch: pytest.M
     assert found.settings["database"]["clips"] == 2
 
 
-# what goes wrong before any work
+# errors before any fill
 
 
 @pytest.mark.parametrize(
@@ -548,13 +548,19 @@ def test_clips_of_one_name_are_told_apart() -> None:
 # the folder
 
 
-def test_files_say_what_was_found(tmp_path: Path) -> None:
+def test_files_have_the_results(tmp_path: Path) -> None:
     made = make_protocol("markers", markers=person().labels[::5])
     found = evaluate(person(), methods="linear,spline", output=tmp_path / "out", protocol=made)
     with (tmp_path / "out/gaps.csv").open(newline="", encoding="utf-8") as lines:
         rows = list(csv.DictReader(lines))
     assert len(rows) == 2 * len(person().labels[::5])
     assert {row["method"] for row in rows} == {"linear", "spline"}
+    assert {row["sources"] for row in rows if row["method"] == "linear"} == {
+        "straight lines over time"
+    }
+    assert all(row["unfilled"] == row["source_clips"] == "" for row in rows)
+    assert {row["training_poses"] for row in rows} == {"0"}
+    assert {"expected_mean_error_mm", "error_bound_90_coverage"} <= set(rows[0])
     mean = np.average(
         [float(row["mean_mm"]) for row in rows if row["method"] == "spline"],
         weights=[int(row["filled"]) for row in rows if row["method"] == "spline"],
@@ -570,7 +576,7 @@ def test_files_say_what_was_found(tmp_path: Path) -> None:
 
 
 def _count_fills(monkeypatch: pytest.MonkeyPatch, last: int | None = None) -> list[str]:
-    """Count fills; after the last one an interrupt comes."""
+    """Count fills; raise an interrupt after the last one."""
     made: list[str] = []
     real = gap_case.run_case
 
@@ -616,7 +622,7 @@ def test_it_goes_on_where_it_was_interrupted(
 
 
 def _figures(found: pf.Evaluation) -> object:
-    """All figures but the seconds."""
+    """All results except times."""
     facts = found.to_dict()
     for rows in (facts["methods"], *facts["clips"].values()):
         for row in rows.values():
@@ -646,7 +652,7 @@ def test_other_options_in_the_same_folder(
     assert len(list((tmp_path / "cases").iterdir())) == len(again.outcomes)
 
 
-def test_a_folder_of_something_else_is_not_touched(tmp_path: Path) -> None:
+def test_folders_with_other_contents_are_not_changed(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("mine", encoding="utf-8")
     for overwrite in (False, True):
         with pytest.raises(OutputError, match="holds something else"):
@@ -661,7 +667,7 @@ def test_a_folder_of_something_else_is_not_touched(tmp_path: Path) -> None:
 
 
 def test_processes_make_no_difference_and_a_killed_one_is_named(tmp_path: Path) -> None:
-    """One pool for both: its last case ends the process that it is sent to."""
+    """The last case of the pool ends the worker process that receives it."""
     clip = person(seconds=2.0)
     alone = evaluate(clip, methods="linear", protocol="frames")
     plan = replace(alone.plan, cases=(*alone.plan.cases, _Deadly(0, "deadly", 1, ())))
@@ -680,7 +686,7 @@ def test_processes_make_no_difference_and_a_killed_one_is_named(tmp_path: Path) 
 
 
 class _Deadly(gap_case.GapCase):
-    """A case that ends the process that it is sent to."""
+    """A case that ends the worker process that receives it."""
 
     def __reduce__(self) -> tuple[object, ...]:
         return os._exit, (9,)

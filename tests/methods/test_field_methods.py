@@ -1,4 +1,4 @@
-"""What all methods of the field keep to, whatever they do."""
+"""Properties of all methods from the literature, on difficult clips."""
 
 from dataclasses import replace
 
@@ -43,7 +43,7 @@ HARD = {
 
 
 def check(clip: Clip, result: Result) -> None:
-    """What holds whatever is filled."""
+    """Properties of any result."""
     measured = ~clip.missing
     assert result.clip.positions[measured].tobytes() == clip.positions[measured].tobytes()
     np.testing.assert_array_equal(result.clip.missing, clip.missing & ~result.filled)
@@ -67,7 +67,7 @@ def test_hard_clips(method, name):
 
 
 NEEDS_MORE = {"li", "lpr", "lgrnn", "glr", "wpca", "pma"}
-"""Need four markers: with fewer they cannot work on a clip as a whole."""
+"""Methods that need four markers."""
 
 
 @FIELD

@@ -1,4 +1,4 @@
-"""Weighted PCA: the publication's equations step by step, and what they must and cannot do."""
+"""Weighted PCA, compared with the published equations step by step; limits of the method."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def enough(singular: np.ndarray) -> int:
 
 
 def reconstruct(rows: np.ndarray, lost: list[int], distances: list[float], signs) -> np.ndarray:
-    """Rows, the lost markers' NaN where missing, by the publication's steps, with full matrices.
+    """Fill rows (NaN where missing) by the published steps, with full matrices.
 
     `signs` is called with the number of components and tells how often to flip which of V0; the
     mean over what comes of each is returned.
@@ -86,8 +86,8 @@ def simultaneous(clip: Clip, signs) -> np.ndarray:
     distances = [
         min(apart(clip.positions, lost, m) for lost in gappy) for m in range(len(clip.labels))
     ]
-    told = reconstruct(rows.reshape(len(rows), -1), gappy, distances, signs)
-    return np.where(clip.missing[..., None], told.reshape(rows.shape) + origin, clip.positions)
+    predicted = reconstruct(rows.reshape(len(rows), -1), gappy, distances, signs)
+    return np.where(clip.missing[..., None], predicted.reshape(rows.shape) + origin, clip.positions)
 
 
 def consecutive(clip: Clip, signs) -> np.ndarray:
@@ -107,9 +107,9 @@ def consecutive(clip: Clip, signs) -> np.ndarray:
                 rows[:, other] = 0.0
         learnt = ~np.isnan(rows).any(axis=(1, 2))
         both = np.concatenate([rows[learnt], rows[gap]])
-        told = reconstruct(both.reshape(len(both), -1), [lost], distances, signs)
-        told = told.reshape(both.shape)[learnt.sum() :, lost]
-        filled[gap, lost] = told + origin[gap, 0]
+        predicted = reconstruct(both.reshape(len(both), -1), [lost], distances, signs)
+        predicted = predicted.reshape(both.shape)[learnt.sum() :, lost]
+        filled[gap, lost] = predicted + origin[gap, 0]
     return filled
 
 
@@ -154,7 +154,7 @@ def test_it_is_the_mean_of_the_published_steps_over_all_signs(method, seed):
 
 @METHOD
 def test_the_published_product_depends_on_arbitrary_signs(method):
-    # why the diagonal is kept: both are what an SVD may return
+    # why only the diagonal is used: an SVD may return either of these
     clip = gappy_body(2)
     one = TWIN[method](clip, lambda count: [[1.0] * count])
     other = TWIN[method](clip, lambda count: [[(-1.0) ** i for i in range(count)]])
@@ -192,8 +192,8 @@ def test_moments_over_any_frames():
 
 
 def test_a_copy_is_told_from_its_original():
-    # two columns that are one, with a weight of 1 and of w: of the variance 1 + w^2 of their
-    # component the lost column has w, and the visible one answers for it with 1 / (1 + w^2)
+    # two equal columns with weights 1 and w: the component has the variance 1 + w^2; the missing
+    # column has the loading w, and the slope on the visible one is 1 / (1 + w^2)
     covariance = np.full((2, 2), 9.0)
     lost = np.array([False, True])
     found = regression(covariance, np.array([1.0, LOST]), lost, EXPLAINED)
@@ -258,7 +258,7 @@ def test_single_markers_are_filled_far_better_than_by_lines(method):
 
 
 def test_marker_by_marker_uses_what_all_at_once_cannot():
-    # frames that show all are few, since the gaps follow one another
+    # few frames are complete, since the gaps follow one another
     labels = ("LELB", "RKNE", "RANK", "LFHD", "T10", "RTOE", "LWRA")
     gaps = [(30 * i, 30 * i + 33, (label,)) for i, label in enumerate(labels)]
     clip, truth = with_gaps(person(), *gaps), person().positions
@@ -284,7 +284,7 @@ def test_dropouts_and_blackouts_are_left_and_the_rest_is_filled(method):
         )
         for part in gap.unfilled:
             assert part.reason.startswith("never seen" if whole else "no marker is seen")
-    # as if marker and frames had never been
+    # as if the marker and the frames did not exist
     frames = np.r_[:100, 110:240]
     others = [i for i, label in enumerate(everything) if label != "C7"]
     less = Clip(kept.positions[frames][:, others], tuple(everything[i] for i in others), 60.0)
@@ -335,7 +335,7 @@ def test_too_few_frames_to_learn_from():
     with pytest.raises(MethodError, match="no two frames show all markers; use r2 or auto"):
         fill(clip, method="r1")
     assert fill(clip, method="r2").complete
-    # one that is seen in one frame only cannot be learnt, the other can
+    # a marker seen in one frame only cannot be predicted, the other can
     clip = with_gaps(person(), (0, 239, ("LFHD",)), (50, 60, ("RTOE",)))
     left = {
         gap.label: [part.reason for part in gap.unfilled] for gap in fill(clip, method="r2").gaps
@@ -346,8 +346,8 @@ def test_too_few_frames_to_learn_from():
 
 
 def test_neighbours_within_reach_and_seen_in_the_gaps_are_used():
-    # LWRB has gaps of its own: near LWRA, so it stays in unless both are missing at once
-    def told(start: int, extra: float) -> np.ndarray:
+    # LWRB has gaps of its own, but is near LWRA: it is used unless both are missing at once
+    def predicted(start: int, extra: float) -> np.ndarray:
         positions = person().positions.copy()
         positions[130:150, person().labels.index("LWRB")] += extra
         clip = with_gaps(
@@ -357,10 +357,10 @@ def test_neighbours_within_reach_and_seen_in_the_gaps_are_used():
         )
         return fill(clip, method="r2").clip.positions[130:150, clip.labels.index("LWRA")]
 
-    assert np.abs(told(60, 30.0) - told(60, 0.0)).max() > 1.0
-    # a marker missing in one of the frames is out in all of them
-    positions = told(140, 0.0)
-    np.testing.assert_allclose(told(140, 30.0)[:10], positions[:10], rtol=0, atol=1e-6)
+    assert np.abs(predicted(60, 30.0) - predicted(60, 0.0)).max() > 1.0
+    # a marker missing in one of the frames is not used in any
+    positions = predicted(140, 0.0)
+    np.testing.assert_allclose(predicted(140, 30.0)[:10], positions[:10], rtol=0, atol=1e-6)
 
 
 @METHOD
@@ -372,6 +372,6 @@ def test_walking_as_published(method, data):
     gappy = clip.with_positions(np.where(missing[..., None], np.nan, clip.positions))
     result = fill(gappy, method=method)
     assert result.complete
-    # the program's own figures on this mask: 4.3 and 1.7 mm
+    # the authors' program has 4.3 and 1.7 mm with this mask
     found = error(result.clip.positions, clip.positions, missing)
     assert found < {"r1": 4.4, "r2": 1.75}[method]

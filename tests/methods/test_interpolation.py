@@ -1,4 +1,4 @@
-"""Curves over time: against closed forms, and what they do where nothing is known."""
+"""Interpolation over time: closed forms, and gaps at the ends of the clip."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ CURVE = pytest.mark.parametrize("method", CURVES)
 
 
 def course(frames: int, function) -> Clip:
-    """A clip of one marker that moves as a function of time says."""
+    """A clip of one marker whose position is a function of time."""
     time = np.arange(frames, dtype=np.float64)
     return Clip(np.stack([function(time)] * 3, axis=1)[:, None], ("M",), 100.0)
 
@@ -54,10 +54,10 @@ def test_the_ends_are_held(method):
     result = fill(hidden(whole, (0, 10), (50, 60), (30, 35)), method=method)
     np.testing.assert_array_equal(result.clip.positions[:10], np.full((10, 1, 3), 1000.0))
     np.testing.assert_array_equal(result.clip.positions[50:], np.full((10, 1, 3), 49.0**3))
-    told = [gap.sources for gap in result.gaps]
-    assert told[0] == ("first position held",)
-    assert told[2] == ("last position held",)
-    assert "over time" in told[1][0]
+    sources = [gap.sources for gap in result.gaps]
+    assert sources[0] == ("first position held",)
+    assert sources[2] == ("last position held",)
+    assert "over time" in sources[1][0]
 
 
 def test_pchip_does_not_overshoot():

@@ -1,4 +1,4 @@
-"""The frame-by-frame method: the mean of the nearest poses, and nothing over time."""
+"""The frame-by-frame method: the mean of the nearest poses, independent of time."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ HIDDEN = (6, 8)
 
 
 def body(seed: int, frames: int) -> np.ndarray:
-    """Nine markers about a wandering, turning root; the first four keep their shape."""
+    """Nine markers relative to a moving root; the first four are rigid."""
     rng = np.random.default_rng(seed)
     shape = np.random.default_rng(99).uniform(-300.0, 300.0, (9, 3))
     local = np.repeat(shape[None], frames, axis=0)
@@ -61,7 +61,7 @@ def task_of(positions: np.ndarray, others: list[np.ndarray], reliable: set[int])
 
 
 def heading(points: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Origin and rotation of one pose, the rotation by trying all angles and refining."""
+    """Origin and rotation of one pose, by a search over all angles with refinement."""
     origin = points.mean(axis=0)
     shape = shape - shape.mean(axis=0)
 
@@ -80,19 +80,19 @@ def heading(points: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def twin(gappy, others, root, template, viable, k):
-    """The method of one frame after the other, from its definition."""
+    """The method frame by frame, from its definition."""
     filled = gappy.copy()
     poses = np.concatenate([other[1:-1] for other in others])  # as a bank has them
     frames = [heading(pose[root], template) for pose in poses]
     local = np.array([(p - o) @ r for p, (o, r) in zip(poses, frames, strict=True)])
     for t in np.flatnonzero(np.isnan(gappy[..., 0]).any(axis=1)):
-        gone = np.flatnonzero(np.isnan(gappy[t, :, 0]))
+        missing = np.flatnonzero(np.isnan(gappy[t, :, 0]))
         origin, rotation = heading(gappy[t, root], template)
-        seen = [m for m in viable if m not in gone]
+        seen = [m for m in viable if m not in missing]
         query = ((gappy[t] - origin) @ rotation)[seen]
         distance = np.sqrt(((local[:, seen] - query) ** 2).sum(axis=(1, 2)))
         nearest = np.argsort(distance, kind="stable")[:k]
-        filled[t, gone] = local[nearest][:, gone].mean(axis=0) @ rotation.T + origin
+        filled[t, missing] = local[nearest][:, missing].mean(axis=0) @ rotation.T + origin
     return filled
 
 
@@ -142,7 +142,7 @@ def test_the_deviation_is_the_spread_of_the_neighbours():
 @settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 10**6))
 def test_no_frame_knows_of_another(seed):
-    """A gap filled frame by frame is the gap filled at once, whatever the frames beside it."""
+    """A gap filled frame by frame equals the gap filled at once."""
     rng = np.random.default_rng(seed)
     truth, others = body(seed, 30), [body(seed + 1, 50)]
     gappy = np.where((rng.random((30, 9, 1)) < 0.2) & (np.arange(9) > 3)[:, None], np.nan, truth)
@@ -172,7 +172,7 @@ def test_filling_turns_and_moves_with_the_clip(seed, angle, east):
 
 @pytest.fixture(scope="module")
 def database(tmp_path_factory: pytest.TempPathFactory):
-    """Two other people walking."""
+    """Two other subjects walking."""
     place = tmp_path_factory.mktemp("priors") / "db"
     with PriorDatabase.create(place) as made:
         for number in (11, 12):
@@ -181,7 +181,7 @@ def database(tmp_path_factory: pytest.TempPathFactory):
 
 
 def check(clip, result):
-    """What holds whatever is filled."""
+    """Properties of any result."""
     np.testing.assert_array_equal(
         result.clip.positions[~clip.missing], clip.positions[~clip.missing]
     )
@@ -288,7 +288,7 @@ def test_filling_does_not_depend_on_the_axes(database):
 
 @pytest.mark.realdata
 def test_an_arm_of_a_recording(data):
-    """Where the clip itself holds the like, poses say more than a line, and as much as energies."""
+    """With similar poses in the clip, errors are below linear ones and near baumann2011's."""
     from priorfill.formats import read
 
     clip = read(data / "hdm05" / "HDM_bd_01-02_01_120.c3d")

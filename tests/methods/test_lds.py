@@ -1,4 +1,4 @@
-"""The linear dynamical system: exact inference, likelihood that only grows, motion recovered."""
+"""The linear dynamical system: exact inference, increasing likelihood, recovered motion."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from priorfill.methods.task import Task
 
 
 def model(rng, k, d, decay=0.9):
-    """A stable system of random numbers."""
+    """A stable random system."""
     turn, _ = np.linalg.qr(rng.normal(size=(k, k)))
     root = rng.normal(size=(k, k))
     return lds.LdsModel(
@@ -33,7 +33,7 @@ def model(rng, k, d, decay=0.9):
 
 
 def draw(rng, system, frames):
-    """What the system shows, and without noise."""
+    """Observations of the system, with and without noise."""
     k, d = len(system.start), len(system.noise)
     hidden = np.empty((frames, k))
     hidden[0] = rng.multivariate_normal(system.start, system.start_covariance)
@@ -44,7 +44,7 @@ def draw(rng, system, frames):
 
 
 def dense(system, observed):
-    """Posterior mean and covariance of all hidden numbers, and the likelihood, in one Gaussian."""
+    """Posterior mean and covariance of all states, and the likelihood, from one joint Gaussian."""
     frames = len(observed)
     k = len(system.start)
     mean, covariance = np.zeros((frames, k)), np.zeros((frames, frames, k, k))
@@ -142,13 +142,13 @@ def test_a_motion_of_the_system_is_recovered():
         blocks, rng.normal(size=(18, 4)), np.eye(4), np.full(18, 0.25), start, np.eye(4)
     )
     observed, clean = draw(rng, system, 400)
-    gone = np.zeros(observed.shape, dtype=bool)
-    gone[100:170, :6] = gone[250:270] = gone[380:, 6:9] = True
-    observed[gone] = np.nan
+    removed = np.zeros(observed.shape, dtype=bool)
+    removed[100:170, :6] = removed[250:270] = removed[380:, 6:9] = True
+    observed[removed] = np.nan
     found, smoothed = lds.fit(observed, lds.LdsOptions(hidden_dimensions=4, max_iterations=30))
     off = smoothed.means @ found.emission.T - clean
     assert np.sqrt((off[100:170, :6] ** 2).mean()) < 0.6  # beside visible markers: the noise
-    assert np.sqrt((off[gone] ** 2).mean()) < 20.0  # a blackout of 20 frames, moving by 600 mm
+    assert np.sqrt((off[removed] ** 2).mean()) < 20.0  # a blackout of 20 frames, moving by 600 mm
     np.testing.assert_allclose(
         np.sort(abs(np.angle(np.linalg.eigvals(found.transition))))[::2], np.sort(turn), rtol=0.02
     )
@@ -198,13 +198,13 @@ def test_it_turns_and_moves_with_the_clip():
         groups = tuple(gap_groups(each.missing))
         task = Task(each.positions, each.labels, each.rate, describe(each), groups)
         found.append(lds.fill(task, options=options).positions)
-    # R is diagonal along the axes, so turning the clip is felt a little
+    # R is diagonal along the axes, so a rotation of the clip has a small effect
     off = np.linalg.norm(found[1] - (found[0] @ turn + [500.0, -200.0, 0.0]), axis=2)
     assert off.max() < 10.0
 
 
-def test_what_the_system_leads_away_stays_missing(monkeypatch):
-    """A swing that grows goes on to grow."""
+def test_diverging_samples_stay_missing(monkeypatch):
+    """A growing oscillation continues to grow."""
     monkeypatch.setattr(lds, "MAX_EXCURSION", 100.0)
     frames = 400
     time = np.arange(frames)[:, None]

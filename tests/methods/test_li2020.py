@@ -1,4 +1,4 @@
-"""The methods of Li et al. 2020: their equations, and what they do with clips of all kinds."""
+"""The methods of Li et al. 2020: their equations, and clips of many kinds."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 @pytest.fixture(scope="module")
 def database(tmp_path_factory: pytest.TempPathFactory) -> PriorDatabase:
-    """Two other people walking."""
+    """Two other subjects walking."""
     place = tmp_path_factory.mktemp("priors") / "db"
     with PriorDatabase.create(place) as made:
         for body in (11, 12):
@@ -50,7 +50,7 @@ def low_rank(rng, frames, columns, rank):
 
 
 def masked_pieces(rng, columns=12, rank=3, pieces=4, hidden=5):
-    """Pieces of low rank, the same with their first columns masked, and those columns."""
+    """Windows of low rank, the same with their first columns masked, and these columns."""
     space = rng.normal(size=(rank, columns))
     full = [
         100.0 * rng.normal(size=(int(rng.integers(5, 30)), rank)) @ space for _ in range(pieces)
@@ -62,7 +62,7 @@ def masked_pieces(rng, columns=12, rank=3, pieces=4, hidden=5):
 @settings(max_examples=30, deadline=None)
 @given(SEEDS, st.integers(1, 6))
 def test_transformation_is_the_least_squares_of_equation_2(seed, r):
-    """The normal equations piece by piece, in the order that solves Eq. (2), and lstsq itself."""
+    """The normal equations window by window, in the order that solves Eq. (2), and lstsq."""
     rng = np.random.default_rng(seed)
     masked = [rng.normal(size=(20, r)) for _ in range(3)]
     full = [rng.normal(size=(20, r)) for _ in range(3)]
@@ -110,7 +110,7 @@ def test_components():
 @settings(max_examples=20, deadline=None)
 @given(SEEDS)
 def test_low_rank_is_recovered_exactly(seed):
-    """Eqs. (1)-(4) and (5)-(8): pieces and clip in one space, of which enough is visible."""
+    """Eqs. (1)-(4) and (5)-(8): windows and clip in one space that visible columns determine."""
     rng = np.random.default_rng(seed)
     full, masked, shown = masked_pieces(rng)
     one = eigenspaces.train(np.concatenate(full), np.concatenate(masked), rank=3)
@@ -144,14 +144,14 @@ def test_nearest_basis_spans_the_same_and_is_nearest(seed):
     np.testing.assert_allclose(found @ found.T, basis @ basis.T, atol=1e-9)
     turn, _ = np.linalg.qr(rng.normal(size=(4, 4)))
     assert np.linalg.norm(found - wanted) <= np.linalg.norm(basis @ turn - wanted) + 1e-9
-    # signs and order of the eigenvectors make no difference
+    # signs and order of the eigenvectors have no effect
     np.testing.assert_allclose(
         eigenspaces.nearest_basis(basis[:, ::-1] * -1, wanted), found, atol=1e-7
     )
 
 
 def low_rank_clip(rng, frames=120, markers=8, rank=5):
-    """A clip that moves in few directions."""
+    """A clip of low rank."""
     positions = low_rank(rng, frames, 3 * markers, rank).reshape(frames, markers, 3)
     positions += 1000.0 * rng.normal(size=(markers, 3))
     return Clip(positions, tuple(f"M{i}" for i in range(markers)), 60.0)
@@ -172,7 +172,7 @@ def test_a_clip_of_low_rank_is_filled_exactly(method):
 
 
 def test_missing_frames_of_a_periodic_clip_are_filled_exactly():
-    """Two sines a marker: trajectories of four dimensions, wherever a piece begins."""
+    """Two sines per marker: trajectories of four dimensions, wherever a window starts."""
     rng = np.random.default_rng(8)
     t = np.arange(400)
     waves = np.stack([f(2 * np.pi * t / p) for p in (40.0, 64.0) for f in (np.sin, np.cos)], axis=1)
@@ -232,7 +232,7 @@ def test_whole_frames():
 
 @pytest.mark.parametrize("bounded", [True, False])
 def test_errors_are_not_multiplied_at_the_ends(bounded, monkeypatch):
-    """Sums of slow waves, of which the first half is measured with a small error."""
+    """Sums of slow waves whose first half is measured with a small error."""
     if not bounded:
         monkeypatch.setattr(li2020_fill, "MAX_AMPLIFICATION", np.inf)
         monkeypatch.setattr(li2020_fill, "SHRINKAGES", (1e-6,))
@@ -266,7 +266,7 @@ def test_dropouts_need_a_database(method, database):
 
 @MARKERS
 def test_no_marker_is_visible_throughout(method):
-    """Each set of missing markers has a template then."""
+    """Then each set of missing markers has its own template."""
     truth = person()
     clip = with_gaps(truth, *[(5 * i, 5 * i + 5, (label,)) for i, label in enumerate(truth.labels)])
     result = fill(clip, method=method)
@@ -296,8 +296,8 @@ def test_small_clips(method, frames, markers, database):
     for priors in (None, database):
         try:
             result = fill(clip, method=method, database=priors)
-        except MethodError as said:
-            assert "\n" not in str(said)
+        except MethodError as error:
+            assert "\n" not in str(error)
             continue
         np.testing.assert_array_equal(
             result.clip.positions[~clip.missing], clip.positions[~clip.missing]

@@ -1,4 +1,4 @@
-"""The methods on synthetic clips: they fill what can be filled, and say what cannot."""
+"""The energy methods on synthetic clips: what is filled, and reasons for what is not."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ GAPS = {
 
 @pytest.fixture(scope="module")
 def database(tmp_path_factory: pytest.TempPathFactory) -> PriorDatabase:
-    """Two other people walking."""
+    """Two other subjects walking."""
     place = tmp_path_factory.mktemp("priors") / "db"
     with PriorDatabase.create(place) as made:
         for body in (11, 12):
@@ -43,7 +43,7 @@ def database(tmp_path_factory: pytest.TempPathFactory) -> PriorDatabase:
 
 
 def check(clip: Clip, result: Result) -> None:
-    """What holds whatever is filled."""
+    """Properties of any result."""
     missing = clip.missing
     np.testing.assert_array_equal(result.clip.positions[~missing], clip.positions[~missing])
     assert not (result.filled & ~missing).any()
@@ -71,7 +71,7 @@ def test_gaps_of_all_kinds(method, name):
     line = error(straight(clip), truth, result.filled)
     if method == "gpr":
         assert found < (1.0 if name == "moments" else 0.5 * line)
-    # nothing flies away, wherever the gap is
+    # no fill diverges, wherever the gap is
     off = np.linalg.norm(result.clip.positions - truth, axis=2)
     assert off.max() < (100 if method == "gpr" else 600)
 
@@ -85,7 +85,7 @@ def test_the_seam_has_no_jump():
 
 @METHOD
 def test_dropout(method, database):
-    # C7 is its own image, so the mirror does not show it either
+    # C7 is its own mirror image, which does not show it either
     clip = with_gaps(person(), (0, 240, ("C7",)), (60, 100, ("LELB",)))
     alone = fill(clip, method=method)
     check(clip, alone)
@@ -254,7 +254,7 @@ def test_filling_does_not_depend_on_the_axes(method, up, database):
 
 
 def test_expected_error_of_the_published_method_is_the_spread_of_positions(database):
-    """Whatever the rate: displacements a frame are not positions."""
+    """It does not depend on the rate: displacements per frame are not included."""
     clip = with_gaps(person(), *GAPS["limb"])
     one = fill(clip, method="baumann2011", database=database)
     slow = fill(replace(clip, rate=1.0), method="baumann2011", database=database)
@@ -282,8 +282,8 @@ def check_descent(found):
     for positions, free, prior in found:
         exact = solve_exactly(positions, free, prior)
         descent = minimise(positions, free, prior, DescentOptions(tolerance=1e-12))
-        # a prediction that joins what is measured has hardly any energy; that it is found to the
-        # last millionth does not matter, but where the markers are
+        # a prediction that fits the measured samples has almost no energy, so a relative tolerance
+        # of the energy is too strict; the positions are compared instead
         assert descent.energy <= exact.energy * (1 + 1e-5) + 1e-8
         off = np.linalg.norm(descent.positions - exact.positions, axis=2)[free]
         assert off.max() < 0.1
@@ -307,7 +307,7 @@ def test_descent_reaches_the_exact_minimum_on_a_recording(method, monkeypatch, d
 
 
 def test_flickering_markers_are_bridged_whatever_the_database(database):
-    """Half of all samples gone at random: hardly a frame shows any four markers together."""
+    """Half of all samples are missing at random: few frames show any four markers together."""
     rng = np.random.default_rng(0)
     markers = 24  # a piece of work for each gap: all 41 would take thrice as long
     whole = person(seconds=0.6)
@@ -317,7 +317,7 @@ def test_flickering_markers_are_bridged_whatever_the_database(database):
     for priors in (None, database):
         result = fill(clip, database=priors)
         check(clip, result)
-        # beside the clip's ends there is nothing to bridge to
+        # at the clip's ends nothing can be interpolated
         assert result.filled[10:-10].sum() > 0.95 * hidden[10:-10].sum()
         inside = result.filled.copy()
         inside[:10] = inside[-10:] = False
@@ -327,7 +327,7 @@ def test_flickering_markers_are_bridged_whatever_the_database(database):
 
 
 def test_a_limb_is_told_by_the_movement():
-    """The visible pose is the same on the way there and back, the hidden limb is not."""
+    """The visible pose is the same in both directions, but the missing limb is not."""
     rng = np.random.default_rng(5)
     frames = 600
     phase = np.cumsum(0.12 + 0.04 * np.sin(np.arange(frames) / 37.0))
@@ -362,7 +362,7 @@ def test_a_database_with_some_of_the_markers_helps_with_those(tmp_path):
 
 
 def test_other_walkers_help_a_short_clip(tmp_path):
-    """Two seconds of walking, a leg gone for half of it; four others walk."""
+    """Two seconds of walking with a leg missing for one; four other subjects walk."""
     leg = ("LTHI", "LKNE", "LSHN", "LANK", "LHEE", "LTOE", "LMT5")
     whole = person(seconds=2.0)
     clip = with_gaps(whole, (40, 95, leg))
@@ -378,7 +378,7 @@ def test_other_walkers_help_a_short_clip(tmp_path):
 
 
 def test_other_movements_do_no_harm(tmp_path):
-    """People who squat say nothing of an arm in walking."""
+    """Squats do not predict an arm in walking."""
     clip = with_gaps(person(seconds=6.0), (100, 190, ARM))
     with PriorDatabase.create(tmp_path / "db") as made:
         for body in (11, 12):

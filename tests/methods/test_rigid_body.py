@@ -1,4 +1,4 @@
-"""The rigid-body fill: exact on rigid bodies, silent where there is none."""
+"""The rigid-body fill: exact on rigid bodies, no fill without one."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ LABELS = tuple(f"M{i}" for i in range(6))
 
 
 def tumbling(seed: int, frames: int = 60, labels: tuple[str, ...] = LABELS) -> Clip:
-    """A rigid body of some markers that turns and moves."""
+    """A moving and rotating rigid body of some markers."""
     rng = np.random.default_rng(seed)
     body = rng.uniform(-150.0, 150.0, (len(labels), 3))
     time = np.linspace(0.0, 1.0, frames)
@@ -29,17 +29,17 @@ def test_a_rigid_body_is_filled_exactly(seed, marker, start, frames):
     whole = tumbling(seed)
     clip = with_gaps(whole, (start, start + frames, (LABELS[marker],)))
     result = fill(clip, method="rigid")
-    # four neighbours may happen to lie near one line
+    # four neighbours may be nearly collinear
     assume(result.filled.any())
     assert result.complete
     np.testing.assert_allclose(result.clip.positions, whole.positions, atol=1e-6)
 
 
 def test_where_the_marker_lies_is_led_from_one_side_to_the_other():
-    """A marker that has slipped by 10 mm within the gap joins both sides without a step."""
+    """The fill of a marker that slips by 10 mm in the gap is continuous at both edges."""
     whole = tumbling(1)
     slipped = whole.positions.copy()
-    # along the line from another marker, seen from the body
+    # along the line from another marker, in the frame of the body
     outward = slipped[:, 0] - slipped[:, 1]
     outward /= np.linalg.norm(outward, axis=1)[:, None]
     slip = np.interp(np.arange(60), [20, 40], [0.0, 10.0])

@@ -37,7 +37,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def wander(rng, *shape):
-    """Columns that wander."""
+    """Random walks."""
     return rng.normal(size=shape).cumsum(axis=0)
 
 
@@ -52,7 +52,7 @@ def holed(rng, values, share=0.2):
 
 
 def naive_smooth(column, window):
-    """A sample, and what lies around it, one after the other."""
+    """Smooth sample by sample, from the definition."""
     back, ahead = window // 2, window - 1 - window // 2
     for middle in (np.median, np.mean):
         out = column.copy()
@@ -170,7 +170,7 @@ def test_constrain_against_twin(seed, missing):
         expected = naive_constrain(points[f], some, shortest, longest, 5)
         np.testing.assert_allclose(got[f], expected, atol=1e-9)
     assert np.isfinite(got).all()
-    # the first reference comes last in each round: its distance is kept
+    # the first reference is last in each round: its bounds hold
     length = np.linalg.norm(got - references[:, 0], axis=1)
     assert (length > shortest[0] - 1e-9).all()
     assert (length < longest[0] + 1e-9).all()
@@ -190,7 +190,7 @@ def test_constrain_leaves_alone_what_is_within_bounds():
 def test_bounds():
     distances = np.array([[1.0, np.nan], [2.0, np.nan], [3.0, np.nan], [4.0, np.nan]])
     shortest, longest = distance_bounds.bounds(distances, 0.25, 0.99)
-    # samples stand at 1/8, 3/8, 5/8, 7/8
+    # samples are the quantiles 1/8, 3/8, 5/8, 7/8
     np.testing.assert_allclose([shortest[0], longest[0]], [1.5, 4.0])
     assert (shortest[1], longest[1]) == (0.0, np.inf)
 
@@ -233,8 +233,8 @@ def test_choose_against_twin(seed, share):
 
     def fits(three, gap):
         three = list(three)
-        beside = [f for f in (gap.start - 1, gap.stop) if 0 <= f < 12]
-        return seen[beside][:, three].all() and any(
+        adjacent = [f for f in (gap.start - 1, gap.stop) if 0 <= f < 12]
+        return seen[adjacent][:, three].all() and any(
             seen[f, three].all() for f in range(gap.start, gap.stop)
         )
 
@@ -288,7 +288,7 @@ def test_polynomial_recovers_a_polynomial(seed):
     local = local_polynomial.products(shape) @ rng.normal(size=(9, 3)) / 300.0 + 50.0
     got = local_polynomial.predict(shape[:40], local[:40], shape[40:], shape)
     np.testing.assert_allclose(got, local[40:], rtol=1e-6, atol=1e-3)
-    # a triad that is stiff tells nothing: the mean
+    # the shape of a rigid triad is constant, so the prediction is the mean
     still = np.full((60, 3), 300.0)
     got = local_polynomial.predict(still[:40], local[:40], still[40:], still)
     np.testing.assert_allclose(got, [local[:40].mean(axis=0)] * 20, atol=1e-6)
@@ -329,7 +329,7 @@ def test_regression_recovers_a_linear_relation(seed, start):
     got = global_regression.predict(positions, 0, gaps, stiff, Tits2018Options())
     first = slice(start, start + 8)
     np.testing.assert_allclose(got[first], mixed[first], atol=1e-6)
-    # the second gap must do without marker 5, but is joined to what is measured
+    # marker 5 is missing in the second gap, whose fill is continuous all the same
     expected = np.column_stack([np.ones(80), positions[:, 1:5].reshape(80, -1)])
     rows = ~np.isnan(positions[:, 0, 0])
     plain = expected @ np.linalg.lstsq(expected[rows], positions[rows, 0], rcond=None)[0]
@@ -399,7 +399,7 @@ def test_average_believes_who_keeps_the_distances():
     got = model_averaging.average(curves, references, samples, 3)
     assert np.flatnonzero(np.isnan(got[:, 0])).tolist() == [4, 5, 6, 12]
     references[12, 1] = references[11, 1]
-    # models that are all as unlikely count the same
+    # models with equally small densities have equal weights
     far = np.stack([right + 4e4, right + 2e4])
     got = model_averaging.average(far, references, samples, 3)
     np.testing.assert_allclose(got, right + 3e4, atol=0.1)
@@ -445,14 +445,14 @@ def test_rigid_bodies_are_filled_exactly():
     truth = np.einsum("fij,mj->fmi", turns, body) + 500.0
     gappy = truth.copy()
     gappy[50:120, 2] = np.nan
-    # less what the smoothing takes off a curve: one frame turns by 0.01
+    # up to the effect of smoothing on a curve that turns by 0.01 per frame
     got = recover(gappy, 60.0, ("li",), Tits2018Options()).positions
     np.testing.assert_allclose(got, truth, atol=0.1)
 
 
 @pytest.mark.parametrize("method", ALL)
 def test_somebody_who_walks_in(method):
-    """Nobody is seen at first, and then one marker after the other."""
+    """No marker is visible at first, then one after another."""
     clip = person()
     gaps = [(0, 20 + 2 * (i % 15), (label,)) for i, label in enumerate(clip.labels[:40])]
     gappy = with_gaps(clip, (0, 20, clip.labels), *gaps)
@@ -463,7 +463,7 @@ def test_somebody_who_walks_in(method):
         return
     assert not result.filled[:20].any()
     late = gappy.missing & (np.arange(240) >= 26)[:, None]
-    if method == "glr":  # nobody is seen throughout any of the gaps
+    if method == "glr":  # no marker is visible throughout a gap
         assert not result.filled.any()
         return
     assert result.filled[late].mean() > 0.9
@@ -471,7 +471,7 @@ def test_somebody_who_walks_in(method):
 
 
 def test_measured_samples_stay_and_help():
-    """Where the published program changes the samples beside a gap, they stay."""
+    """Measured samples adjacent to a gap do not change, unlike in the published program."""
     for models in [(name,) for name in MODELS] + [MODELS]:
         got = recover(GAPS.positions, GAPS.rate, models, Tits2018Options()).positions
         measured = ~GAPS.missing
@@ -524,7 +524,7 @@ def test_as_the_published_program(data, method, published):
     """Mean error (mm) of the authors' program with both arms missing for a second."""
     clip = read(data / "cmu" / "02_01.c3d")
     names = [label.split(":")[-1] for label in clip.labels]
-    # markers with gaps as long are filled in their order, and that order is part of the result
+    # markers with equally long gaps are filled in their order, which affects the result
     order = [names.index(label) for label in person().labels]
     clip = Clip(clip.positions[:, order], person().labels, clip.rate)
     gappy = with_gaps(clip, (120, 240, ARMS))

@@ -1,4 +1,4 @@
-"""Clips with gaps whose contents are known, and what they are compared with."""
+"""Synthetic clips with gaps of known content, and linear interpolation as a reference."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def person(
 
 
 def with_gaps(clip: Clip, *gaps: tuple[int, int, Iterable[str]]) -> Clip:
-    """The clip without frames `start` to `stop` of some labels, for each gap."""
+    """The clip without the frames `start` to `stop` of some markers, for each gap."""
     positions = clip.positions.copy()
     for start, stop, labels in gaps:
         positions[start:stop, [clip.labels.index(label) for label in labels]] = np.nan
@@ -31,7 +31,7 @@ def with_gaps(clip: Clip, *gaps: tuple[int, int, Iterable[str]]) -> Clip:
 
 
 def straight(clip: Clip) -> np.ndarray:
-    """Positions with each gap bridged by a straight line, or its edge's position repeated."""
+    """Positions with gaps interpolated linearly; at the clip's ends the position is repeated."""
     positions = clip.positions.copy()
     frames = np.arange(clip.frames)
     for marker in range(len(clip.labels)):

@@ -1,4 +1,4 @@
-"""The synthetic generator: deterministic, human in its measures, honest about itself."""
+"""The synthetic generator: reproducible, with human proportions and joint angles."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def turning_points(values, lowest, highest):
     return found[(found > lowest) & (found < highest)]
 
 
-# --- what a clip is
+# --- clips
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
@@ -153,7 +153,7 @@ def test_import_needs_no_numba():
 @pytest.mark.parametrize(
     ("first", "second", "low", "high"),
     [
-        # ranges (mm) for grown people; recordings with this marker set lie inside
+        # ranges (mm) for adults; recordings with this marker set are inside
         ("LFWT", "RFWT", 215, 300),
         ("LBWT", "RBWT", 80, 180),
         ("LFWT", "LBWT", 170, 230),
@@ -262,7 +262,7 @@ def test_arms_swing_against_the_legs():
     assert np.corrcoef(hands, feet)[0, 1] < -0.8
 
 
-# --- on the floor, at the speed asked for
+# --- floor contact and speed
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
@@ -325,7 +325,7 @@ def test_turning_turns_both_ways():
 
 
 def test_a_symmetric_style_is_symmetric():
-    # at 120 steps a minute the right side does what the left did half a second before
+    # at 120 steps per minute the right side follows the left by half a second
     style = Style(variability=0.0, drift=0.0, cadence=120.0)
     segments, _ = moving("walking", 3.0, Body(), style, 0)
     half = round(0.5 * INNER_RATE)
@@ -371,7 +371,7 @@ def test_anything_asked_for_is_finite_and_smooth(motion, seconds, rate, body, st
     )
     assert clip.positions.shape == (max(1, round(seconds * rate)), 41, 3)
     assert np.isfinite(clip.positions).all()
-    # no marker goes faster than a sprinter's foot
+    # no marker is faster than a sprinter's foot
     steps = np.linalg.norm(np.diff(clip.positions, axis=0), axis=2) * rate
     assert steps.max(initial=0.0) < 15_000.0
     assert clip.positions[:, FEET, 2].min() > -30.0
@@ -384,7 +384,7 @@ def test_any_walking_speed_suits_any_body(speed, body):
     synthesise("walking", seconds=0.1, style=Style(speed=speed), body=body)
 
 
-# --- the small parts
+# --- helper functions
 
 
 def test_rotations_turn_the_way_they_say():
@@ -441,11 +441,11 @@ def test_smooth_noise_has_variance_one():
     assert np.abs(np.diff(noise, axis=0)).max() < 0.5
 
 
-# --- what is refused
+# --- invalid arguments
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         ({"motion": "flying"}, "flying"),
         ({"seconds": 0.0}, "length"),
@@ -458,8 +458,8 @@ def test_smooth_noise_has_variance_one():
         ({"style": Style(speed=2.0, cadence=70.0)}, "cadence"),
     ],
 )
-def test_nonsense_is_refused_in_one_line(arguments, says):
-    with pytest.raises(OptionError, match=re.escape(says)) as caught:
+def test_invalid_arguments_are_refused_in_one_line(arguments, message):
+    with pytest.raises(OptionError, match=re.escape(message)) as caught:
         synthesise(**({"motion": "walking", "seconds": 1.0} | arguments))
     assert "\n" not in str(caught.value)
 
@@ -483,7 +483,7 @@ def test_parameters_out_of_range_are_refused(make):
         make()
 
 
-# --- the demo's recording
+# --- the demo recording
 
 
 def test_demo_clip_has_the_gaps_of_its_table():
