@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from priorfill.clip import Clip
     from priorfill.database import ClipOrigin, PriorDatabase, Selection
     from priorfill.errors import PriorfillError
-    from priorfill.evaluation import Evaluation, evaluate
+    from priorfill.evaluation import Evaluation, EvaluationOptions, evaluate
     from priorfill.filling.add_result import AddedClip, add_result
     from priorfill.filling.fill_clip import fill
     from priorfill.filling.fill_file import FileOptions, FileResult, fill_file
@@ -65,6 +65,7 @@ _PLACES = {
     "Clip": "priorfill.clip",
     "ClipOrigin": "priorfill.database",
     "Evaluation": "priorfill.evaluation",
+    "EvaluationOptions": "priorfill.evaluation",
     "FileOptions": "priorfill.filling.fill_file",
     "FileResult": "priorfill.filling.fill_file",
     "FillOptions": "priorfill.filling.fill_options",
@@ -102,6 +103,7 @@ __all__ = [
     "Clip",
     "ClipOrigin",
     "Evaluation",
+    "EvaluationOptions",
     "FileOptions",
     "FileResult",
     "FillOptions",

@@ -68,6 +68,12 @@ class EvaluationOptions:
     See Also
     --------
     priorfill.evaluate : Evaluate methods by artificial gaps.
+
+    Examples
+    --------
+    >>> import priorfill as pf
+    >>> pf.EvaluationOptions(trust_filled=True).overwrite
+    False
     """
 
     marker_set: MarkerSet | None = None

@@ -46,6 +46,15 @@ class Evaluation:
     See Also
     --------
     priorfill.evaluate : Makes an evaluation.
+
+    Examples
+    --------
+    >>> import priorfill as pf
+    >>> from priorfill.synthetic import synthesise
+    >>> clip = synthesise("walking", seconds=2.0)
+    >>> found = pf.evaluate(clip, methods="linear", protocol="frames")
+    >>> found.gaps[0].sources
+    ('straight lines over time',)
     """
 
     plan: EvaluationPlan

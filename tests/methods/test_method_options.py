@@ -17,6 +17,7 @@ from priorfill.runtime.option_checks import check_at_least, check_between
 @dataclass(frozen=True)
 class Training:
     max_poses: int = 250
+    min_poses: int = 90
     share: float = 0.5
     limit: float | None = None
     parts: tuple[int, int] = (60, 30)
@@ -25,6 +26,7 @@ class Training:
     def __post_init__(self) -> None:
         check_at_least(self, 1, "max_poses")
         check_between(self, 0.0, 1.0, "share")
+        check_between(self, 0, self.max_poses, "min_poses")
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,7 @@ def test_flattened_and_differing() -> None:
     changed = Everything(Training(share=0.6), smooth=False)
     assert flattened(changed) == {
         "training.max_poses": 250,
+        "training.min_poses": 90,
         "training.share": 0.6,
         "training.limit": None,
         "training.parts": (60, 30),
@@ -80,6 +83,13 @@ def test_values_by_name(name: str, given: object, stored: object) -> None:
     }
 
 
+def test_values_that_depend_on_each_other_are_set_at_once() -> None:
+    for order in (1, -1):
+        given = list({"training.max_poses": 50, "training.min_poses": 20}.items())[::order]
+        changed = with_values(Everything(), dict(given))
+        assert (changed.training.max_poses, changed.training.min_poses) == (50, 20)
+
+
 @pytest.mark.parametrize(
     ("name", "given", "message"),
     [
@@ -88,6 +98,7 @@ def test_values_by_name(name: str, given: object, stored: object) -> None:
         ("training.max_poses", True, "must be an integer"),
         ("training.share", "1.5", "Training.share is 1.5; it must be from 0 to 1"),
         ("training.max_poses", 0, "Training.max_poses is 0; it must be at least 1"),
+        ("training.min_poses", 300, "it must be from 0 to 250"),
         ("training.share", float("nan"), "must be"),
         ("training.limit", "x", "must be a number or none"),
         ("training.parts", "1,2,3", "must be 2 values, each an integer"),
