@@ -13,6 +13,7 @@ from db_cli import LABELS, run, small_clip
 
 from priorfill import formats
 from priorfill.clip import Clip
+from priorfill.database import PriorDatabase
 
 WRITERS = {
     "walk.trc": (files.trc, (1, 2, 0), 1.0, {"missing": "", "decimals": 5}),
@@ -69,6 +70,8 @@ def test_a_new_file_of_another_format_joins_the_database(here):
     result = run(*line, "-o", "out.c3d")
     assert result.exit_code == 0, result.stderr
     assert "added to db" in result.stdout
+    with PriorDatabase.open("db") as database:  # read again in the unit of the new file
+        assert np.nanmax(np.abs(database.positions(*database.clips()))) < 5000
     assert np.allclose(
         formats.read("out.c3d").positions, formats.read("out.c3d", unit="mm").positions
     )

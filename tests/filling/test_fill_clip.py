@@ -16,7 +16,8 @@ from gappy import ARM, FOOT, error, person, straight, with_gaps
 import priorfill as pf
 from priorfill.clip import Clip
 from priorfill.database import ClipOrigin, PriorDatabase
-from priorfill.errors import DatabaseNotFoundError, OptionError
+from priorfill.errors import DatabaseCorruptError, DatabaseNotFoundError, OptionError
+from priorfill.filling.database_takes import DatabaseTakes
 from priorfill.filling.fill_clip import fill
 from priorfill.filling.result import FilledGap, Result, UnfilledSpan
 from priorfill.gp.calibration import BOUND_FACTOR, MEAN_FACTOR
@@ -301,6 +302,20 @@ def test_progress_counts_the_gap_groups():
     assert calls == [(1, 2), (2, 2)]
 
 
+def test_progress_starts_again_when_a_clip_is_found_damaged(monkeypatch):
+    class DamagedOnce(DatabaseTakes):
+        def __init__(self, *arguments):
+            super().__init__(*arguments)
+            if not arguments[-1]:  # no clip is known to be damaged
+                self.withdrawn["a clip"] = DatabaseCorruptError("damaged")
+
+    monkeypatch.setattr("priorfill.filling.fill_clip.DatabaseTakes", DamagedOnce)
+    calls = []
+    options = pf.FillOptions(progress=lambda done, total: calls.append((done, total)))
+    fill(with_gaps(person(), (20, 30, ("LKNE",))), method="rigid", options=options)
+    assert calls == [(1, 1), (1, 1)]
+
+
 def test_estimates_of_measured_samples_are_ignored(monkeypatch):
     """A method that changes everything, and gives no note on part of a gap."""
 
@@ -309,17 +324,19 @@ def test_estimates_of_measured_samples_are_ignored(monkeypatch):
             np.full_like(task.positions, 7.0), np.full(task.positions.shape[:2], 1.0)
         )
         estimate.positions[60:65, 0, 1] = np.inf
-        estimate.positions[65:70, 0] = np.nan
+        estimate.positions[65:70, :2] = np.nan
         estimate.notes.append(Note(0, 60, 65, "too wild", filled=False))
         estimate.notes.append(Note(0, 70, 90, "out of thin air"))
+        estimate.notes.append(Note(1, 65, 70, "nothing", training_poses=9))
         return estimate
 
     monkeypatch.setattr("priorfill.filling.fill_clip.get_method", lambda name: wild)
-    clip = with_gaps(person(), (60, 90, person().labels[:1]))
+    clip = with_gaps(person(), (60, 90, person().labels[:1]), (65, 70, person().labels[1:2]))
     result = fill(clip, method="gpr")
     measured = ~clip.missing
     assert result.clip.positions[measured].tobytes() == clip.positions[measured].tobytes()
-    (gap,) = result.gaps
+    gap, other = result.gaps
+    assert (other.filled, other.sources, other.training_poses) == (0, (), 0)  # despite the note
     assert gap.filled == 20
     assert gap.sources == ("out of thin air",)
     assert [left.reason for left in gap.unfilled] == ["too wild"]

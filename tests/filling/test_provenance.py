@@ -84,6 +84,17 @@ def test_what_it_records(database):
     assert pf.fill(clip, method="linear").provenance.database is None
 
 
+def test_source_clips_of_all_methods_and_subjects(database):
+    clip = replace(with_gaps(person(), GAPS[1], (100, 110, ("RKNE",))), subject="anna")
+    overrides = pf.Overrides((pf.GapOverride(("RKNE",), "baumann2011"),))
+    result = pf.fill(clip, method="linear", database=database, overrides=overrides)
+    assert [one.name for one in result.provenance.source_clips] == ["synthetic_walking_011"]
+    other = replace(person(), subject="carl")  # without gaps, so without source clips
+    merged = pf.fill([other, clip], method="linear", database=database, overrides=overrides)
+    assert merged.subjects[0].provenance.source_clips == ()
+    assert merged.provenance.source_clips == result.provenance.source_clips
+
+
 def test_the_state_of_a_database_is_that_of_its_clips(database):
     def state(path: str) -> DatabaseState:
         with PriorDatabase.open(path) as opened:
