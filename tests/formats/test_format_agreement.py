@@ -249,6 +249,22 @@ def test_the_gap_of_a_twin_is_filled_in_its_own_column(tmp_path, name, marker):
     assert (tmp_path / f"out{suffix}").read_bytes() == write(full * scale, TWINS, **more)
 
 
+@pytest.mark.parametrize("name", TEXT_WRITERS)
+def test_a_gap_after_columns_left_out_is_filled_in_its_own_column(tmp_path, name):
+    write, suffix, scale, more = TEXT_WRITERS[name]
+    labels = ("*1", "LHipAngles", *LABELS[2:])
+    positions = standing()
+    positions[4:7, 4] = np.nan
+    path = tmp_path / f"walk{suffix}"
+    path.write_bytes(write(positions * scale, labels, **more))
+    clip = formats.read(path)
+    assert clip.labels == LABELS[2:]
+    full = np.where(np.isnan(positions), 7.25, positions)
+    filled = np.where(np.isnan(clip.positions), 7.25, clip.positions)
+    formats.write(tmp_path / f"out{suffix}", clip.with_positions(filled), clip.missing)
+    assert (tmp_path / f"out{suffix}").read_bytes() == write(full * scale, labels, **more)
+
+
 def test_the_gap_of_a_twin_is_filled_in_its_own_record(tmp_path):
     content = with_values((np.s_[4:7, 3], np.nan), labels=TWINS)
     write_c3d(tmp_path / "walk.c3d", content)
