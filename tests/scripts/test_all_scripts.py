@@ -93,12 +93,12 @@ SMOKE = {
     "bench/fill.py": Smoke(
         "--data {data} --seconds 0.2,0.4 --takes 0,1 --methods linear,baumann2011",
         "s CPU per second of gap",
-        {"START": 480, "PARTS": {"marker": ("LFRM",)}},
+        {"START": 240, "PARTS": {"marker": ("LFRM",)}},
     ),
     "bench/fill_databases.py": Smoke(
         "--data {data} --poses 100 --seconds 0.1 --repeat 1",
         "marker         100",
-        {"START": 480, "GONE": {"marker": ("LFRM",)}},
+        {"START": 240, "GONE": {"marker": ("LFRM",)}},
     ),
     "bench/long_clip.py": Smoke(
         "{tmp}/long.c3d --minutes 0.05 --rate 30 --markers 45",
@@ -119,7 +119,9 @@ SMOKE = {
     ),
     "bench/threads.py": Smoke("{data}/gaps.c3d --repeat 1", "files are the same"),
     "build_starter_database": Smoke("{tmp}/starter", "MB", {"SECONDS": 0.5}),
-    "papers/baumann_fig2.py": Smoke(RECORDING, "Seconds to read a database", ONE_METHOD),
+    "papers/baumann_fig2.py": Smoke(
+        RECORDING, "Seconds to read a database", {**ONE_METHOD, "EDGE": 1.0}
+    ),
     "papers/baumann_fig3.py": Smoke(
         "--data {data} --recording {data}/hdm05_cut_markers/HDM_bd_walk_001_120.c3d",
         "Mean error in mm of a marker",
@@ -131,7 +133,7 @@ SMOKE = {
     "studies/artefact_study.py": Smoke(
         "--data {data} --count 1 --fill 1",
         "of a speed limit",
-        {"CLEAN": ("hdm05/HDM_bd_05-01_01_120.c3d",), "MAX_FRAMES": 480},
+        {"CLEAN": ("hdm05/HDM_bd_05-01_01_120.c3d",), "MAX_FRAMES": 240},
         statuses=(None,),
     ),
     "studies/growth_study.py": Smoke(
@@ -178,7 +180,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     data = tmp_path_factory.mktemp("data")
     for folder in ("hdm05", "hdm05_cut_markers", "cmu", "gait"):
         (data / folder).mkdir()
-    long = person(seconds=8.0, rate=120.0)
+    long = person(seconds=4.0, rate=120.0)
     pf.write(data / "hdm05" / "HDM_bd_05-01_01_120.c3d", long)
     pf.write(data / "cmu" / "02_01.c3d", person(seconds=6.0, rate=60.0, seed=4))
     pf.write(data / "gait" / "HC002D06.c3d", person())
