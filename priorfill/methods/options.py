@@ -88,11 +88,17 @@ def with_values(options: T, values: Mapping[str, Any]) -> T:
     Options(window=0.07, rounds=3)
     """
     known = flattened(options)
+    changes: dict[str, Any] = {}
     for name, value in values.items():
         if name not in known:
             raise OptionError(f"there is no option {name!r}{_alternatives(name, list(known))}")
-        options = _with_value(options, name.split("."), value, name)
-    return options
+        *groups, last = name.split(".")
+        group = changes
+        for part in groups:
+            group = group.setdefault(part, {})
+        group[last] = value
+    changed: T = _changed(options, changes, "")
+    return changed
 
 
 def _walk(options: object, prefix: str) -> Iterator[tuple[str, Any]]:
@@ -107,14 +113,20 @@ def _walk(options: object, prefix: str) -> Iterator[tuple[str, Any]]:
             yield prefix + one.name, value
 
 
-def _with_value(options: Any, path: list[str], value: Any, name: str) -> Any:
-    """Return options with the value at the end of a path changed."""
-    first, rest = path[0], path[1:]
-    if rest:
-        changed = _with_value(getattr(options, first), rest, value, name)
-    else:
-        changed = _converted(value, get_type_hints(type(options))[first], name)
-    return replace(options, **{first: changed})
+def _changed(options: Any, changes: Mapping[str, Any], prefix: str) -> Any:
+    """Return options with values, and those of groups, changed all at once.
+
+    Options may be checked against each other, so no intermediate state is made.
+    """
+    kinds = get_type_hints(type(options))
+    values = {}
+    for name, value in changes.items():
+        old = getattr(options, name)
+        if is_dataclass(old):
+            values[name] = _changed(old, value, f"{prefix}{name}.")
+        else:
+            values[name] = _converted(value, kinds[name], prefix + name)
+    return replace(options, **values)
 
 
 def _alternatives(name: str, known: list[str]) -> str:
