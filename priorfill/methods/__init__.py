@@ -1,6 +1,6 @@
 """Methods: functions that turn a task into an estimate of the missing markers.
 
-`METHODS` names them. A method's module is imported when the method is asked for.
+`METHODS` lists them by name. A method's module is imported when the method is used.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a deviation says of errors."""
+"""Bounds of errors."""
 
 from __future__ import annotations
 

@@ -135,7 +135,7 @@ def test_subjects_have_offsets_and_correlations():
 
 
 def test_constant_offsets_of_another_subject_do_not_matter():
-    """A body with longer limbs shows a movement that the clip does not."""
+    """A subject with longer limbs shows a movement that the clip does not."""
     poses, time = rigid_clip(0, frames=200)
     gap = np.arange(100, 200)
     rows, query = split(poses, time, gap)
@@ -221,15 +221,15 @@ def test_a_model_predicts_as_in_the_textbook(seed, velocity, fading):
             turn, origin = frames.rotation[i], frames.origin[i]
             here = (part.visible[i] - origin) @ turn
             before, after = ((part.lagged[0.03][j][i] - origin) @ turn for j in (0, 1))
-            beside = [after - before] if velocity else [before, after]
-            features.append(np.concatenate([here, *(0.7 * x for x in beside)]).reshape(-1, 4, 3))
+            lagged = [after - before] if velocity else [before, after]
+            features.append(np.concatenate([here, *(0.7 * x for x in lagged)]).reshape(-1, 4, 3))
         return frames, (np.array(features) * weight[:, None]).reshape(len(features), -1)
 
     row_frames, known = aligned(rows)
-    query_frames, asked = aligned(query)
+    query_frames, queried = aligned(query)
     mean = known.mean(axis=0)
     scale = np.sqrt(((known - mean) ** 2).sum(axis=1).mean())
-    known, asked = (known - mean) / scale, (asked - mean) / scale
+    known, queried = (known - mean) / scale, (queried - mean) / scale
 
     def covariance(a, b, lag):
         value = 1 + a @ b + 0.1 * np.exp(-0.5 * np.sum((a - b) ** 2))
@@ -248,7 +248,7 @@ def test_a_model_predicts_as_in_the_textbook(seed, velocity, fading):
     solved = np.linalg.solve(matrix, targets - targets.mean(axis=0))
     for i in range(len(gap)):
         cross = [
-            covariance(asked[i], b, abs(query.time[i] - t))
+            covariance(queried[i], b, abs(query.time[i] - t))
             for b, t in zip(known, rows.time, strict=True)
         ]
         expected = cross @ solved + targets.mean(axis=0)
@@ -280,9 +280,9 @@ def test_velocities_are_predicted_only_if_all_problems_have_them():
     assert regress([problem], MODELS, 0.2).velocity is None
     velocity = np.gradient(poses[:, :1], time, axis=0)
     seen = np.setdiff1d(np.arange(len(poses)), np.arange(40, 60))
-    told = replace(problem, train=replace(rows, velocity=velocity[seen]))
-    assert regress([told, problem], MODELS, 0.2).velocity is None
-    found = regress([told], MODELS, 0.2)
+    with_velocity = replace(problem, train=replace(rows, velocity=velocity[seen]))
+    assert regress([with_velocity, problem], MODELS, 0.2).velocity is None
+    found = regress([with_velocity], MODELS, 0.2)
     alone = regress([problem], MODELS, 0.2)
     np.testing.assert_allclose(found.positions, alone.positions, atol=1e-9)
     speed = np.linalg.norm(velocity[40:60], axis=2)

@@ -371,7 +371,7 @@ def kernel_of(inputs, settings, subjects):
 
 
 def blocks_of(poses, recording, seconds):
-    """Poses of a recording, or of any, by blocks of so many seconds."""
+    """Poses of a recording, or of any, by blocks of some length (s)."""
     found = {}
     for i, (of, time) in enumerate(zip(poses.recording, poses.time, strict=True)):
         if recording is None or of == recording:
@@ -481,13 +481,13 @@ def problem(seed, *, subjects=False, velocity=False):
     if not subjects:
         return train, test
     # another recording of the same subject, and two of others
-    parts, whose, alike = [train], [0], [1.0]
+    parts, donor_of, alike = [train], [0], [1.0]
     for subject, correlation in ((0, 1.0), (5, 0.9), (6, 0.6)):
         more, when = movement(seed, 30) if subject else movement(seed + 100, 25)
         more = more + (subject > 0) * np.random.default_rng(subject).normal(0.0, 15.0, (1, 7, 3))
         number = np.full(len(when), len(parts), dtype=np.intp)
         parts.append(Poses(more[:, VISIBLE], more[:, MISSING], when, number))
-        whose.append(subject)
+        donor_of.append(subject)
         alike.append(correlation)
     count = [len(p.time) for p in parts]
     return Poses(
@@ -495,7 +495,7 @@ def problem(seed, *, subjects=False, velocity=False):
             np.concatenate([getattr(p, name) for p in parts])
             for name in ("visible", "missing", "time", "recording")
         ),
-        subject=np.repeat(np.array(whose, dtype=np.intp), count),
+        subject=np.repeat(np.array(donor_of, dtype=np.intp), count),
         correlation=np.repeat(alike, count),
     ), test
 
@@ -685,9 +685,9 @@ def test_donors_of_several_subjects(kind, own_poses, own_image, calibrated):
     visible, missing = (
         np.concatenate([getattr(d, name) for d in donors]) for name in ("visible", "missing")
     )
-    whose = np.repeat(np.arange(len(donors)), [len(d.visible) for d in donors])
-    subject = np.array([d.subject for d in donors])[whose]
-    mirrored = np.array([d.mirrored for d in donors])[whose]
+    donor_of = np.repeat(np.arange(len(donors)), [len(d.visible) for d in donors])
+    subject = np.array([d.subject for d in donors])[donor_of]
+    mirrored = np.array([d.mirrored for d in donors])[donor_of]
     own = (subject == THIS_CLIP) & ~mirrored
     shapes = np.array(
         [
@@ -709,7 +709,7 @@ def test_donors_of_several_subjects(kind, own_poses, own_image, calibrated):
     scale = np.sqrt(((known - middle) ** 2).sum(axis=1).mean())
     inputs = Inputs(
         features=(known - middle) / scale,
-        shape=shapes[whose],
+        shape=shapes[donor_of],
         subject=subject,
         side=mirrored.astype(float),
     )
@@ -720,11 +720,11 @@ def test_donors_of_several_subjects(kind, own_poses, own_image, calibrated):
         subject=THIS_CLIP * here,
         side=0.0 * here,
     )
-    targets = local(frames, missing).reshape(len(whose), -1)
+    targets = local(frames, missing).reshape(len(donor_of), -1)
     centre = (targets[own] if own.any() else targets).mean(axis=0)
     if own_image:
         blocks = [
-            np.flatnonzero(whose == i) for i, d in enumerate(donors) if d.subject != THIS_CLIP
+            np.flatnonzero(donor_of == i) for i, d in enumerate(donors) if d.subject != THIS_CLIP
         ]
     else:
         blocks = [np.flatnonzero(subject == s) for s in (3, 8)]

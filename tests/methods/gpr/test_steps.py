@@ -51,7 +51,7 @@ def measured(rng: np.random.Generator, positions: np.ndarray, labels: tuple[str,
 
 
 def off(result: pf.Result, truth: Clip) -> float:
-    """Mean error (mm) of all missing samples, every one of which must be filled."""
+    """Mean error (mm) of all missing samples, all of which must be filled."""
     assert result.complete
     return error(result.clip.positions, truth.positions, result.filled)
 
@@ -246,7 +246,7 @@ def walkers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PriorDatabase]
 
 
 def test_other_recordings_help_a_clip_that_shows_little(walkers: PriorDatabase) -> None:
-    """One second with a leg; the companion is of the same body, the database of other ones."""
+    """One second with a leg; the other recording is of the same subject, the database of others."""
     truth = person(seconds=2.0)
     clip = with_gaps(truth, (40, 100, LEG))
     alone = off(pf.fill(clip), truth)
@@ -269,7 +269,7 @@ def test_a_second_pass_learns_from_frames_that_the_first_one_completed() -> None
     assert error(pf.fill(clip).clip.positions, truth.positions, leg) < 12.0
 
 
-# --- bridge ---
+# --- interpolation over time ---
 
 
 def unlike_neighbours(seed: int) -> Clip:
@@ -286,8 +286,8 @@ def unlike_neighbours(seed: int) -> Clip:
     return Clip(positions + noise, tuple(f"M{i}" for i in range(10)), RATE)
 
 
-def test_a_bridge_replaces_other_bodies_but_never_the_clips_own_frames() -> None:
-    """A short gap of two markers, one of which only the companion shows in enough frames.
+def test_interpolation_replaces_other_recordings_but_never_the_clips_own_frames() -> None:
+    """A short gap of two markers; only another recording shows one of them in enough frames.
 
     Both move smoothly and not with the visible markers, so that the expected error of a curve
     through time is below that of either regression.
@@ -306,7 +306,7 @@ def test_a_bridge_replaces_other_bodies_but_never_the_clips_own_frames() -> None
     )
     kept = [i for i in range(10) if truth.labels[i] != own]
     labels = tuple(truth.labels[i] for i in kept)
-    other = Clip(other.positions[:, kept], labels, RATE, name="companion")
+    other = Clip(other.positions[:, kept], labels, RATE, name="other")
     result = pf.fill(clip, same_subject=[other])
     here = {gap.label: gap for gap in result.gaps if (gap.start, gap.stop) == (start, stop)}
     assert here[rare].sources == ("interpolation over time",)
@@ -314,7 +314,7 @@ def test_a_bridge_replaces_other_bodies_but_never_the_clips_own_frames() -> None
     away = np.linalg.norm(result.clip.positions - truth.positions, axis=2)[start:stop, marker]
     assert away.max() < 5.0
     assert here[own].sources == ("the clip's own frames",)
-    # the regression's expected error is far above that of the bridge
+    # the regression's expected error is far above that of the interpolation
     assert here[own].expected_rms > 3.0 * here[rare].expected_rms
 
 
@@ -407,15 +407,15 @@ def test_samples_with_too_great_an_expected_error_stay_missing(
     assert "1000 mm" in gap.unfilled[0].reason
 
 
-# --- knots ---
+# --- spline nodes ---
 
 
-def test_frames_between_knots_are_interpolated(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_frames_between_nodes_are_interpolated(monkeypatch: pytest.MonkeyPatch) -> None:
     """A limb is predicted at 40 Hz and more, but for a tenth of a second at either edge."""
-    asked = []
+    counts = []
 
     def counting(training: Sequence[RegressionProblem], *rest: Any) -> Regression:
-        asked.append(len(training[0].query.time))
+        counts.append(len(training[0].query.time))
         return regress(training, *rest)
 
     monkeypatch.setattr("priorfill.methods.gpr.predict.regress", counting)
@@ -423,10 +423,10 @@ def test_frames_between_knots_are_interpolated(monkeypatch: pytest.MonkeyPatch) 
     result = pf.fill(with_gaps(truth, (240, 480, ARM)))
     found = result.clip.positions
     every = 240 // 6 + 2 * 24  # one in six, and the edges
-    assert max(asked) < every + 2 * 40  # frames beside the gap
+    assert max(counts) < every + 2 * 40  # frames adjacent to the gap
     path = (found - truth.positions)[238:482, [truth.labels.index(x) for x in ARM]]
-    # interpolated, not held: no steps from knot to knot
+    # interpolated, not held: no steps from node to node
     assert np.linalg.norm(np.diff(path, axis=0), axis=2).max() < 3.0
-    asked.clear()
+    counts.clear()
     pf.fill(with_gaps(truth, (240, 480, ["LKNE"])))
-    assert max(asked) >= 240
+    assert max(counts) >= 240

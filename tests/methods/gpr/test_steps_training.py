@@ -154,7 +154,7 @@ def test_long_clips_penalise_other_recordings_and_short_ones_reward_them(
     assert others.error_penalty == pytest.approx(penalty, abs=0.01)
 
 
-# --- the clip's mirror image, and other bodies ---
+# --- the clip's mirror image, and other subjects ---
 
 
 def own_problem(clip: Clip) -> tuple[OwnClipProblems, OwnClipProblem]:
@@ -198,7 +198,7 @@ def test_the_clips_own_frames_outweigh_contradicting_ones(correlation: float) ->
     alone = regress([own], MODELS, 0.4).positions
     away = [np.linalg.norm(both(c) - alone, axis=2).mean() for c in (correlation, 1.0)]
     assert away[0] < 4.0
-    # as one body they are averaged
+    # as one subject they are averaged
     assert away[1] > 10.0
 
 
