@@ -15,7 +15,7 @@ from priorfill.filling.fill_clip import fill
 from priorfill.gaps import gap_groups
 from priorfill.gp.problem import RegressionProblem
 from priorfill.markers.describe import describe
-from priorfill.methods.gpr.blackout import WindowSource
+from priorfill.methods.gpr.blackout import BlackoutOptions, WindowSource
 from priorfill.methods.gpr.blackout.database_windows import similar_windows
 from priorfill.methods.gpr.gap_segments import GapSegment
 from priorfill.methods.gpr.options import GPROptions
@@ -27,6 +27,8 @@ from priorfill.search.takes import same_subject_take
 
 SLOW = 10.0
 """Hz. Below the rates at which a database is read; people walk with two steps a second."""
+
+DEFAULTS = GPROptions()
 
 
 def sampled(clip: Clip, rate: float) -> Clip:
@@ -109,8 +111,14 @@ def test_velocities_are_those_of_clip_mirror_image_and_other_recording() -> None
     assert np.mean(away) < 0.2 * speed.mean()
 
 
-def windows_for(task: Task, start: int, stop: int) -> tuple[list[WindowSource], tuple[str, ...]]:
-    options = GPROptions()
+def within(distance: float) -> GPROptions:
+    """Options for windows of the database with edges up to a distance (mm) away."""
+    return GPROptions(blackout=BlackoutOptions(max_edge_distance=distance))
+
+
+def windows_for(
+    task: Task, start: int, stop: int, options: GPROptions = DEFAULTS
+) -> tuple[list[WindowSource], tuple[str, ...]]:
     search = PoseSearch(task, options.search)
     correlation = take_correlations(task.takes, search.subjects, options.correlation)
     return similar_windows(task, search, options.blackout, correlation, task.positions, start, stop)
@@ -157,6 +165,10 @@ def test_windows_of_another_recording_of_the_subject_are_fully_correlated() -> N
     found, _ = windows_for(task, 200, 236)
     assert found
     assert {window.correlation for window in found} == {1.0}
+    # walks of other phases are farther away
+    nearer, _ = windows_for(task, 200, 236, within(60.0))
+    assert len(nearer) < len(found)
+    assert windows_for(task, 200, 236, within(1.0)) == ([], ())
 
 
 @pytest.mark.parametrize("labels", [ARM, person().labels])

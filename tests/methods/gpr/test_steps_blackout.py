@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,8 @@ from priorfill.methods.gpr.blackout import (
     WindowSource,
 )
 from priorfill.methods.gpr.blackout.correction import correct_from_edges
+from priorfill.methods.gpr.blackout.curves import interpolate_correction
+from priorfill.methods.gpr.blackout.database_windows import _Match, _spaced, _Span
 from priorfill.methods.gpr.blackout.predict_blackout import (
     _error_without_windows,
     _from_windows,
@@ -318,6 +321,29 @@ def test_edge_features_are_distances_covered_by_velocity_and_acceleration() -> N
     np.testing.assert_allclose(features[1, 1], np.tile([0.0, 0.0, 30.0], (MARKERS, 1)), atol=1e-9)
     np.testing.assert_allclose(features[1, 2], 0.0, atol=1e-9)
     np.testing.assert_allclose(features[2, 2], np.tile([0.0, 0.0, 20.0], (MARKERS, 1)), atol=1e-9)
+
+
+def test_windows_of_the_database_keep_their_distance() -> None:
+    """Windows of 20 frames that begin less than 5 frames from a better one are left out."""
+    span = _Span(edges=((9, 0), (30, 20)), length=20.0, first=-3, last=23, rate=30.0)
+    rows = (100, 104, 105, 300, 98, 95)
+    matches = [_Match(float(i), row, span) for i, row in enumerate(rows)]
+    assert [match.row for match in _spaced(matches, 0.25, 10)] == [100, 105, 300, 95]
+    assert [match.row for match in _spaced(matches, 0.25, 2)] == [100, 105]
+
+
+def test_a_correction_begins_and_ends_without_a_jump_or_a_bend() -> None:
+    correction = np.array([5.0, -3.0, 8.0])
+    near = np.array([-1.0, -0.99, 11.99, 12.0])  # frames; the edges are at -1 and 12
+    both = interpolate_correction(layout(), correction, near)
+    np.testing.assert_allclose(both, 0.0, atol=1e-3)
+    np.testing.assert_allclose(
+        interpolate_correction(layout(), correction, layout().inside), correction
+    )
+    one_sided = replace(layout(), after=np.arange(0))
+    before, after = interpolate_correction(one_sided, correction, near)[[1, 3]]
+    assert abs(before) < 1e-3
+    assert abs(after) > 5.0
 
 
 # --- without windows ---
