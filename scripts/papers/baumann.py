@@ -35,7 +35,7 @@ __all__ = [
     "library",
     "limb",
     "middle",
-    "tell_data",
+    "print_data",
 ]
 
 METHODS = ("baumann2011", "krueger2010", "gpr")
@@ -43,7 +43,7 @@ METHODS = ("baumann2011", "krueger2010", "gpr")
 
 RECORDING = "a C3D file of HDM05 (HDM_actor_motion_...) or another one with its 41 markers"
 
-LONGEST_GAP = 2.0
+MAX_GAP_SECONDS = 2.0
 """s."""
 
 GAP_SHARE = 0.5
@@ -53,7 +53,7 @@ RATE = 120.0
 """Hz. The finest level of the paper is the rate of the recordings. At a quarter of it, the k
 nearest poses would span four times the time."""
 
-LEAST_SECONDS = 1.0
+MIN_SECONDS = 1.0
 """s. Shorter clips are in the database, but are not filled."""
 
 
@@ -111,7 +111,7 @@ def examples(takes: Sequence[Take], recording: Path | None, *, full: bool) -> li
         ours = [some for some in ours if len(some) > 1]
         ours = ours if full else ours[number % len(ours) :][:1] if ours else []
         for some in ours:
-            long = (take for take in some if pf.read(take.file).duration >= LEAST_SECONDS)
+            long = (take for take in some if pf.read(take.file).duration >= MIN_SECONDS)
             chosen += [take for take in [next(long, None)] if take is not None]
     if not chosen:
         raise SystemExit("no motion has two recordings by one actor; use --recording")
@@ -127,7 +127,7 @@ def limb(kind: str, *sides: str) -> list[str]:
 
 def middle(clip: pf.Clip, labels: Sequence[str]) -> pf.Clip:
     """Remove markers in the middle of a clip."""
-    frames = min(round(GAP_SHARE * clip.frames), round(LONGEST_GAP * clip.rate))
+    frames = min(round(GAP_SHARE * clip.frames), round(MAX_GAP_SECONDS * clip.rate))
     start = (clip.frames - frames) // 2
     return cut(clip, start, start + frames, labels)
 
@@ -146,7 +146,7 @@ def krueger_error(k: int, truth: pf.Clip, gappy: pf.Clip, takes: tuple[SearchTak
     return error(gappy.with_positions(from_upright(found, gappy.up)), truth, gappy)
 
 
-def tell_data(takes: Sequence[Take], filled: Sequence[Take], recording: Path | None) -> None:
+def print_data(takes: Sequence[Take], filled: Sequence[Take], recording: Path | None) -> None:
     """Print the filled recordings and the library, compared with the paper's."""
     print("Paper: takes of HDM05 as recorded (120 Hz, 41 markers), filled from databases of HDM05.")
     print(f"Here:  {len(filled)} filled, from a library of {len(takes)} files of HDM05:")

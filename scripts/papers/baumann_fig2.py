@@ -1,12 +1,11 @@
 #!/usr/bin/env python
-"""Baumann et al. 2011, figure 2: computing time against the length of the gap.
+"""Baumann et al. 2011, figure 2: computing time by gap length.
 
     python scripts/papers/baumann_fig2.py [--data DIR] [--recording FILE] [--full]
 
-An arm is taken out of a long recording of HDM05 for 1 to 8 s (``--full``: 16 s too, thrice each),
-and filled from a database of other recordings. Seconds are the processor's, those of all its cores
-added, so that they hardly depend on what else the machine does; compiling, and making the
-database, are done before.
+An arm is removed from a long recording of HDM05 for 1 to 8 s (``--full``: also 16 s, three
+repetitions) and filled with a database of other recordings. Times are CPU seconds, summed over
+cores, without compiling and building the database.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ import time
 
 import numpy as np
 from baumann import METHODS, RECORDING, database_of, library, limb
-from paper import beside, cut, find, options
+from paper import cut, find, options, print_table
 
 import priorfill as pf
 from priorfill.geometry.root_frames import root_group
@@ -28,17 +27,17 @@ NAMES = ("hdm05/HDM_bd_05-01_01_120.c3d",)
 SECONDS = (1.0, 2.0, 4.0, 8.0)
 MORE_SECONDS = (16.0,)
 EDGE = 5.0
-"""s. A recording is so much longer than its longest gap."""
+"""s. Minimum length of a recording beyond its longest gap."""
 
 PAPER_SLOPE = 10.0
-"""Seconds of computing a second of gap: about ten, on a machine of 2011."""
+"""Computing time per second of gap in the paper: about ten seconds, on a machine of 2011."""
 
 PAPER_TREE = "a few"
-"""Seconds to build a tree, likewise."""
+"""Seconds to build the kd-tree in the paper."""
 
 
 def filling_time(clip: pf.Clip, database: object, method: str, repeat: int) -> float:
-    """Return the least processor seconds of some fills."""
+    """Return the minimum CPU seconds of several fills."""
     least = np.inf
     for _ in range(repeat):
         began = time.process_time()
@@ -50,7 +49,7 @@ def filling_time(clip: pf.Clip, database: object, method: str, repeat: int) -> f
 
 
 def tree_time(clip: pf.Clip, database: pf.PriorDatabase, arm: list[str]) -> tuple[float, int]:
-    """Return the processor seconds to read a database and build a tree, and its poses."""
+    """Return the CPU seconds to read a database and build its index, and its poses."""
     marker_set = load("baumann41")
     wanted = [clip.labels.index(label) for label in arm]
     viable = [i for i, x in enumerate(clip.labels) if marker_set.reliable[x] and i not in wanted]
@@ -96,12 +95,12 @@ def main() -> int:
             rows.append([method, *times, float(fixed), float(slope), paper])
         with pf.PriorDatabase.open(database) as opened:
             built, poses = tree_time(clip, opened, arm)
-    beside(
+    print_table(
         "Processor seconds of a fill, by seconds of gap, and the line through them",
         ["method", *(f"{s:.0f} s" for s in seconds), "fixed", "per s of gap", "paper, per s"],
         rows,
     )
-    beside(
+    print_table(
         "Seconds to read a database and to build the index",
         ["poses", "ours", "paper"],
         [[str(poses), built, PAPER_TREE]],

@@ -1,10 +1,10 @@
 #!/usr/bin/env python
-"""Baumann et al. 2011, figure 3: each marker missing in turn, the error by marker.
+"""Baumann et al. 2011, figure 3: error by marker, each missing in turn.
 
     python scripts/papers/baumann_fig3.py [--data DIR] [--recording FILE] [--full]
 
-Each of the 41 markers is taken out of the middle of a recording, by itself, and filled from all
-other recordings of the library. Means over a few recordings (``--full``: over one of each motion).
+Each of the 41 markers is removed from the middle of a recording and filled with a database of all
+other recordings. Means over a few recordings (``--full``: over one of each motion).
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from baumann import METHODS, RECORDING, Take, database_of, examples, library, middle, tell_data
-from paper import beside, error, in_processes, options
+from baumann import METHODS, RECORDING, Take, database_of, examples, library, middle, print_data
+from paper import error, in_processes, options, print_table
 
 import priorfill as pf
 from priorfill.markers.definitions import load
 
 FEW = ("sneak2StepsLStart", "throwBasketball")
-"""Motions that are filled unless all are: one of legs, one of arms."""
+"""Motions filled without ``--full``: one of legs, one of arms."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def main() -> int:
     filled = examples(takes, arguments.recording, full=False)
     if not arguments.full and arguments.recording is None:
         filled = [take for take in filled if take.motion in FEW] or filled[:2]
-    tell_data(takes, filled, arguments.recording)
+    print_data(takes, filled, arguments.recording)
     marker_set = load("baumann41")
     with database_of(takes) as database:
         cases = [Case(take, marker, database) for marker in marker_set.labels for take in filled]
@@ -74,7 +74,7 @@ def main() -> int:
         ["mean", text, *map(float, by_marker[which].mean(axis=0)), None]
         for text, which in (("yes", reliable), ("no", ~reliable))
     ]
-    beside(
+    print_table(
         "Mean error in mm of a marker missing by itself (paper: plot only)",
         ["marker", "reliable", *METHODS, "paper"],
         rows,

@@ -1,11 +1,11 @@
 #!/usr/bin/env python
-"""Baumann et al. 2011, figure 4: the error by how related the database is to what is filled.
+"""Baumann et al. 2011, figure 4: error by similarity of the database.
 
     python scripts/papers/baumann_fig4.py [--data DIR] [--recording FILE] [--full]
 
-An arm and the other side's leg are taken out of the middle of recordings at once and filled from
-what the library holds of the same motion by the same actor, of the same motion by others, from all
-but the recording itself, and from other motions only. ``--full``: each motion by each actor.
+An arm and the contralateral leg are removed from the middle of recordings and filled with the same
+motion by the same actor, the same motion by others, all other recordings, and other motions only.
+``--full``: each motion by each actor.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from baumann import (
     library,
     limb,
     middle,
-    tell_data,
+    print_data,
 )
-from paper import beside, error, in_processes, options
+from paper import error, in_processes, options, print_table
 
 import priorfill as pf
 from priorfill.search.takes import takes_from
@@ -39,15 +39,15 @@ RELATIONS: dict[str, Callable[[Take, Take], bool]] = {
     "anything": lambda a, b: True,
     "other motions only": lambda a, b: a.motion != b.motion,
 }
-"""Which recordings may be learnt from, by what they have in common with the one filled."""
+"""Recordings in the database, by their relation to the filled one."""
 
 NEIGHBOURS = (256, 64, 16, 4)
-"""k: 256 is too many for a database of some hundred poses that are like the one asked for."""
+"""k: 256 is too many for a database with some hundred similar poses."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A recording, a relation, and the names of the recordings that have it."""
+    """A recording, a relation, and the names of related recordings."""
 
     take: Take
     relation: str
@@ -56,7 +56,7 @@ class Case:
 
 
 def related(take: Take, takes: Sequence[Take], relation: str) -> tuple[str, ...]:
-    """Return the names of the other recordings that are so related to one."""
+    """Return the names of the other recordings with a relation to one."""
     return tuple(
         other.file.stem
         for other in takes
@@ -65,7 +65,7 @@ def related(take: Take, takes: Sequence[Take], relation: str) -> tuple[str, ...]
 
 
 def errors(case: Case) -> list[float]:
-    """Return the error (mm) of each method, then of each k; NaN where nothing is so related."""
+    """Return the error (mm) of each method, then of each k; NaN without related recordings."""
     if not case.names:
         return [float("nan")] * (len(METHODS) + len(NEIGHBOURS))
     truth = pf.read(case.take.file)
@@ -92,7 +92,7 @@ def main() -> int:
     arguments = parser.parse_args()
     takes = library(arguments.data)
     filled = examples(takes, arguments.recording, full=arguments.full)
-    tell_data(takes, filled, arguments.recording)
+    print_data(takes, filled, arguments.recording)
     with database_of(takes) as database:
         cases = [
             Case(take, relation, related(take, takes, relation), database)
@@ -108,7 +108,7 @@ def main() -> int:
         for some, which in zip(found, known, strict=True)
     ]
     few = len(METHODS)
-    beside(
+    print_table(
         "Mean error in mm by database (paper: plot only)",
         ["database", "filled", *METHODS, "paper"],
         [
@@ -116,7 +116,7 @@ def main() -> int:
             for name, count, m in zip(RELATIONS, counts, means, strict=True)
         ],
     )
-    beside(
+    print_table(
         "The same of krueger2010 by the number k of neighbours",
         ["database", *(f"k = {k}" for k in NEIGHBOURS)],
         [[name, *m[few:]] for name, m in zip(RELATIONS, means, strict=True)],

@@ -1,11 +1,11 @@
 #!/usr/bin/env python
-"""Baumann et al. 2011, figure 5: the error by how the body's size differs from the database's.
+"""Baumann et al. 2011, figure 5: error by body size relative to the database.
 
     python scripts/papers/baumann_fig5.py [--data DIR] [--recording FILE] [--full]
 
-Recordings are scaled about the origin; an arm and the other side's leg are taken out of their
-middle at once, and filled from all other recordings of the library as they are. Errors are divided
-by the scale, so that they can be compared. ``--full``: more scales.
+Recordings are scaled about the origin. An arm and the contralateral leg are removed from their
+middle and filled with all other recordings, unscaled. Errors are divided by the scale. ``--full``:
+more scales.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from baumann import (
     library,
     limb,
     middle,
-    tell_data,
+    print_data,
 )
-from paper import beside, error, in_processes, options
+from paper import error, in_processes, options, print_table
 
 import priorfill as pf
 
@@ -44,7 +44,7 @@ class Case:
 
 
 def errors(case: Case) -> list[float]:
-    """Return the error of each method, in mm of the body as it was."""
+    """Return the error of each method (mm), divided by the scale."""
     clip = pf.read(case.take.file)
     truth = clip.with_positions(case.scale * clip.positions)
     gappy = middle(truth, [*limb("arm", "right"), *limb("leg", "left")])
@@ -66,13 +66,13 @@ def main() -> int:
     arguments = parser.parse_args()
     takes = library(arguments.data)
     filled = examples(takes, arguments.recording, full=False)
-    tell_data(takes, filled, arguments.recording)
+    print_data(takes, filled, arguments.recording)
     scales = sorted(SCALES + MORE_SCALES * arguments.full)
     with database_of(takes) as database:
         cases = [Case(take, scale, database) for scale in scales for take in filled]
         found = np.array(in_processes(errors, cases))
     by_scale = found.reshape(len(scales), len(filled), len(METHODS)).mean(axis=1)
-    beside(
+    print_table(
         "Mean error in mm, divided by the scale (paper: plot only)",
         ["scale", *METHODS, "paper"],
         [[f"{s:.2f}", *map(float, m), None] for s, m in zip(scales, by_scale, strict=True)],

@@ -1,12 +1,12 @@
 #!/usr/bin/env python
-"""Baumann et al. 2011, table 2: arms, legs, or both missing, against other methods.
+"""Baumann et al. 2011, table 2: arms, legs, or both missing, by method.
 
     python scripts/papers/baumann_table2.py [--data DIR] [--recording FILE] [--full]
         [--methods NAME,NAME...]
 
-Both arms, both legs, or all four limbs are taken out of the middle of recordings, and filled from
-all other recordings of the library. The paper compares with krueger2010; ``--methods`` adds any
-other. ``--full``: each motion by each actor.
+Both arms, both legs, or all four limbs are removed from the middle of recordings and filled with
+all other recordings. The paper compares with krueger2010; ``--methods`` adds any other.
+``--full``: each motion by each actor.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from baumann import RECORDING, Take, database_of, examples, library, limb, middle, tell_data
-from paper import beside, error, in_processes, options
+from baumann import RECORDING, Take, database_of, examples, library, limb, middle, print_data
+from paper import error, in_processes, options, print_table
 
 import priorfill as pf
 from priorfill.errors import MethodError
 from priorfill.methods import METHODS
 
 DEFAULT = "baumann2011,krueger2010,neighbours,gpr,r2,pca-train,linear,spline"
-"""Those of them that this version has."""
+"""Default methods."""
 
 BOTH = ("left", "right")
 GAPS = {
@@ -36,7 +36,7 @@ GAPS = {
 
 @dataclass(frozen=True)
 class Case:
-    """A recording, what is missing, and by which methods it is filled."""
+    """A recording, its gap, and the methods."""
 
     take: Take
     gap: str
@@ -70,7 +70,7 @@ def main() -> int:
         raise SystemExit(f"unknown method; use some of {' '.join(METHODS)}")
     takes = library(arguments.data)
     filled = examples(takes, arguments.recording, full=arguments.full)
-    tell_data(takes, filled, arguments.recording)
+    print_data(takes, filled, arguments.recording)
     with database_of(takes) as database:
         cases = [Case(take, gap, methods, database) for gap in GAPS for take in filled]
         found = np.array(in_processes(errors, cases))
@@ -79,10 +79,10 @@ def main() -> int:
     for i, method in enumerate(methods):
         row: list[str | float | None] = [method]
         for gap in range(len(GAPS)):
-            # a mean over fewer recordings could not be compared with the others'
+            # a mean over fewer recordings would not be comparable
             row += [float(found[gap, :, i].mean()), None]
         rows.append(row)
-    beside(
+    print_table(
         "Mean error in mm (values of the paper are not available)",
         ["method", *(head for gap in GAPS for head in (gap, "paper"))],
         rows,

@@ -37,13 +37,13 @@ __all__ = [
     "is_the_papers",
     "mean_distance",
     "one_run",
+    "print_data",
     "published",
     "quartiles",
     "read",
     "recording",
     "runs_in_frames",
     "spread",
-    "tell_data",
 ]
 
 Array = NDArray[np.float64]
@@ -202,7 +202,7 @@ def spread(values: Array) -> str:
     return f"{low:.1f}-{high:.1f}"
 
 
-def tell_data(file: Path, what: str) -> None:
+def print_data(file: Path, what: str) -> None:
     """Print the recordings of the paper and of this run."""
     clip = read(file)
     print("Paper: WalkL, walking on a treadmill, 37 markers, 18 s at 240 Hz (its supplement).")

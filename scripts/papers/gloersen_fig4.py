@@ -21,13 +21,13 @@ import numpy as np
 from gloersen import (
     RECORDING,
     mean_distance,
+    print_data,
     quartiles,
     read,
     recording,
     runs_in_frames,
-    tell_data,
 )
-from paper import Cell, beside, in_processes, options
+from paper import Cell, in_processes, options, print_table
 
 SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Of the frames."""
@@ -36,7 +36,7 @@ PAPER = {"r2": 1.7, "r1": 2.1, "lds": 6.5, "spline": 116.0}
 """mm. Medians of the paper; ``lds`` is the linear dynamical system of DynaMMo."""
 
 SLOW = {"lds": 4}
-"""Copies that are filled by methods that take seconds, unless all are asked for."""
+"""Copies filled by slow methods without ``--full``."""
 
 UPPER, UP_TO = 3.0, 0.7
 """mm, share of the frames: the paper's abstract."""
@@ -66,7 +66,7 @@ def errors(case: Case) -> list[float]:
 
 
 def _methods(copy: int, *, full: bool) -> tuple[str, ...]:
-    """Return the methods by which a copy is filled."""
+    """Return the methods that fill a copy."""
     return tuple(name for name in PAPER if full or copy < SLOW.get(name, FEW))
 
 
@@ -76,7 +76,7 @@ def main() -> int:
     arguments = parser.parse_args()
     file = recording(arguments)
     copies = MANY if arguments.full else FEW
-    tell_data(file, f"{copies} copies for each share of the frames")
+    print_data(file, f"{copies} copies for each share of the frames")
     cases = [
         Case(file, share, copy, _methods(copy, full=arguments.full))
         for share in SHARES
@@ -90,7 +90,7 @@ def main() -> int:
             if known:
                 middle, between = quartiles(found[i, :, j])
                 rows.append([f"{share:.0%}", method, known, middle, between, paper])
-    beside(
+    print_table(
         "Medians over copies of the mean error in mm, by share of the frames with gaps",
         ["share", "method", "copies", "median", "quartiles", "paper"],
         rows,

@@ -20,13 +20,13 @@ from gloersen import (
     METHODS,
     RECORDING,
     mean_distance,
+    print_data,
     quartiles,
     read,
     recording,
     runs_in_frames,
-    tell_data,
 )
-from paper import Cell, beside, in_processes, options
+from paper import Cell, in_processes, options, print_table
 
 from priorfill.methods.gloersen2016 import Gloersen2016Options
 
@@ -82,7 +82,7 @@ def main() -> int:
     arguments = parser.parse_args()
     file = recording(arguments)
     copies = MANY if arguments.full else FEW
-    tell_data(file, f"{copies} copies with random gaps in {SHARE:.0%} of the frames")
+    print_data(file, f"{copies} copies with random gaps in {SHARE:.0%} of the frames")
     found = np.array(in_processes(errors, [Case(file, copy) for copy in range(copies)]))
     rows: list[list[Cell]] = []
     where = 0
@@ -93,7 +93,7 @@ def main() -> int:
                 row += quartiles(found[:, where, j])
             rows.append([*row, "chosen" if value == getattr(Gloersen2016Options(), name) else None])
             where += 1
-    beside(
+    print_table(
         "Medians over copies of the mean error in mm",
         ["constant", "value", *(h for name in METHODS for h in (name, "quartiles")), "paper"],
         rows,

@@ -19,16 +19,16 @@ from gloersen import (
     RECORDING,
     mean_distance,
     one_run,
+    print_data,
     quartiles,
     read,
     recording,
     spread,
-    tell_data,
 )
-from paper import Cell, beside, in_processes, options
+from paper import Cell, in_processes, options, print_table
 
 SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)
-"""Of the frames. The last is the paper's column that is known."""
+"""Shares of the frames. The paper's column of the last one is available."""
 
 PAPER = {0.9: "2-5"}
 """mm."""
@@ -50,7 +50,7 @@ class Case:
 
 
 def errors(case: Case) -> list[float]:
-    """Return a marker's mean error (mm) for each share; NaN where there is no place for it."""
+    """Return a marker's mean error (mm) for each share; NaN if there is no room for it."""
     clip = read(case.file)
     found = []
     for share in SHARES:
@@ -70,16 +70,16 @@ def main() -> int:
     file = recording(arguments)
     clip = read(file)
     copies = MANY if arguments.full else FEW
-    tell_data(file, f"{copies} runs of each marker and share")
+    print_data(file, f"{copies} runs of each marker and share")
     cases = [Case(file, marker, copies) for marker in range(len(clip.labels))]
     found = np.array(in_processes(errors, cases))
     rows: list[list[Cell]] = [[label, *map(float, found[i])] for i, label in enumerate(clip.labels)]
-    beside(
+    print_table(
         "Mean error in mm by marker and share of the frames in which it is missing (r2)",
         ["marker", *(f"{share:.0%}" for share in SHARES)],
         rows,
     )
-    beside(
+    print_table(
         "All markers (mm)",
         ["missing", "median", "central 90 %", "paper"],
         [

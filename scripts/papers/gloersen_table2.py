@@ -6,9 +6,9 @@
 The root mean square error of a marker along an axis, over all its removed samples, filled by r2.
 How many markers are missing at once in the paper's table is not known, so both are printed: each
 marker alone in a tenth of the frames, in one run at random (3 runs, ``--full``: 50); and the
-patterns published with the paper (every fifth of 50, ``--full``: all), where they are of the
-recording's size, else random gaps until half of the frames have one. Of the paper's values, only
-the range is available. Axes are those of the file.
+patterns published with the paper (every fifth of 50, ``--full``: all), if they fit the recording,
+otherwise random gaps in half of the frames. Of the paper's values, only the range is available.
+Axes are those of the file.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from gloersen import (
     RECORDING,
     deviations,
     one_run,
+    print_data,
     published,
     quartiles,
     read,
     recording,
     runs_in_frames,
     spread,
-    tell_data,
 )
 from numpy.typing import NDArray
-from paper import beside, in_processes, options
+from paper import in_processes, options, print_table
 
 from priorfill.evaluation.gap_generator import Mask
 
@@ -43,10 +43,10 @@ UPPER = 4.0
 """mm."""
 
 EVERY = 5
-"""Step between the patterns that are filled, unless all are asked for."""
+"""Step between the patterns that are filled without ``--full``."""
 
 ALONE = 0.1
-"""Of the frames, in which a marker is missing alone."""
+"""Share of the frames in which a marker is missing alone."""
 
 FEW, MANY = 3, 50
 """Runs of each marker alone."""
@@ -54,22 +54,22 @@ FEW, MANY = 3, 50
 AXES = "xyz"
 
 COPIES = 50
-"""Of recordings without published patterns."""
+"""Random copies of recordings without published patterns."""
 
 SHARE = 0.5
-"""Of the frames, in which these have gaps."""
+"""Share of the frames with gaps in these copies."""
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What is removed from a recording."""
+    """Samples removed from a recording."""
 
     file: Path
     gone: Mask
 
 
 def squares(case: Case) -> NDArray[np.float64]:
-    """Return of each marker the samples and their squared errors by axis [shape=(markers, 4)]."""
+    """Return samples and squared errors by axis of each marker [shape=(markers, 4)]."""
     found = np.zeros((case.gone.shape[1], 1 + len(AXES)))
     off = deviations(read(case.file), case.gone, "r2")
     if off is not None:
@@ -79,7 +79,7 @@ def squares(case: Case) -> NDArray[np.float64]:
 
 
 def by_axis(cases: Sequence[Case]) -> tuple[NDArray[np.float64], int]:
-    """Return root mean squares [shape=(markers, 3), mm], and how many cases were filled.
+    """Return root mean squares [shape=(markers, 3), mm], and the number of filled cases.
 
     NaN for markers that were removed in none of them.
     """
@@ -110,16 +110,16 @@ def main() -> int:
     patterns = patterns if arguments.full else patterns[::EVERY]
     alone, filled_runs = by_axis([Case(file, gone) for gone in runs if gone is not None])
     several, filled = by_axis([Case(file, gone) for gone in patterns])
-    tell_data(
+    print_data(
         file,
         f"filled: {filled_runs} of {len(runs)} markers alone, {filled} of {len(patterns)} {kind}",
     )
-    beside(
+    print_table(
         "Root mean square error in mm by marker and axis (r2; paper: not available by marker)",
         ["marker", *(f"{axis} alone" for axis in AXES), *(f"{axis} patterns" for axis in AXES)],
         [[label, *alone[i].tolist(), *several[i].tolist()] for i, label in enumerate(clip.labels)],
     )
-    beside(
+    print_table(
         "All markers and axes (mm)",
         ["", "alone", "patterns", "paper"],
         [

@@ -3,7 +3,7 @@
 
     python scripts/papers/gloersen_walkl.py [--data DIR] [--recording FILE] [--full]
 
-Each pattern is cut out of the recording and filled by r1 and r2. For comparison, so are random
+The samples of each pattern are removed and filled by r1 and r2. For comparison, so are random
 patterns of ``priorfill evaluate --protocol random`` (10, ``--full``: 50). The error of r1 depends
 on the number of complete frames, the number of markers with gaps, and the distance of the other
 markers from these, because r1 learns all markers with gaps at once from the others in complete
@@ -23,14 +23,14 @@ from gloersen import (
     RECORDING,
     is_the_papers,
     mean_distance,
+    print_data,
     published,
     quartiles,
     read,
     recording,
-    tell_data,
 )
 from numpy.typing import NDArray
-from paper import Cell, beside, in_processes, options
+from paper import Cell, in_processes, options, print_table
 from scipy.stats import spearmanr
 
 import priorfill as pf
@@ -55,7 +55,7 @@ FIRST = 3
 """Number of copies listed one by one and evaluated together."""
 
 COMPLETE = (0, 200, 400, 800, 1200)
-"""Frames that show everything: lower ends of classes."""
+"""Complete frames: lower limits of the classes."""
 
 TIMES = 3
 """Fills that are timed; the fastest counts."""
@@ -63,7 +63,7 @@ TIMES = 3
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What is removed from a recording."""
+    """Samples removed from a recording."""
 
     file: Path
     gone: Mask
@@ -75,7 +75,7 @@ def errors(case: Case) -> list[float]:
 
 
 def seconds(case: Case) -> float:
-    """Return the CPU seconds of r2, the best of some fills."""
+    """Return the CPU seconds of r2, minimum of several fills."""
     best = np.inf
     for _ in range(TIMES):
         begin = time.process_time()
@@ -94,7 +94,7 @@ def protocol(file: Path, copies: int) -> list[Mask]:
 
 
 def far(clip: pf.Clip, gone: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return of each pattern how far the nearest marker without gaps is (mm).
+    """Return the distance (mm) of the nearest marker without gaps for each pattern.
 
     A mean over the markers with gaps, of mean distances in the recording.
     """
@@ -110,7 +110,7 @@ def far(clip: pf.Clip, gone: NDArray[np.bool_]) -> NDArray[np.float64]:
 
 
 def main() -> int:
-    """Print medians, what r1 depends on, and the time."""
+    """Print medians, dependencies of r1, and the time."""
     parser = options(__doc__, recording=RECORDING, full=f"{MANY} patterns of evaluate, not {FEW}")
     arguments = parser.parse_args()
     file = recording(arguments)
@@ -121,7 +121,7 @@ def main() -> int:
     }
     kinds = [name for name, some in sources.items() for _ in some]
     cases = [Case(file, gone) for some in sources.values() for gone in some]
-    tell_data(file, ", ".join(f"{len(some)} patterns {name}" for name, some in sources.items()))
+    print_data(file, ", ".join(f"{len(some)} patterns {name}" for name, some in sources.items()))
     if not cases:
         raise SystemExit(f"{file}: no pattern is of its size, and none finds a place in it")
     found = np.array(in_processes(errors, cases))
@@ -134,7 +134,7 @@ def main() -> int:
             if len(values):
                 ends = f"{values.min():.1f}-{values.max():.1f}"
                 rows.append([name, method, len(values), *quartiles(values), ends, PAPER[method]])
-    beside(
+    print_table(
         "Medians over patterns of the mean error in mm (paper: its own random gaps)",
         ["patterns", "method", "filled", "median", "quartiles", "range", "paper"],
         rows,
@@ -147,7 +147,7 @@ def main() -> int:
     took = seconds(cases[0])
     authors = AUTHORS_SECONDS if sources["published"] and is_the_papers(file) else None
     row: list[Cell] = [f"{kinds[0]} pattern 1", took, authors, authors / took if authors else None]
-    beside("CPU seconds of r2", ["", "ours", "the authors' program", "times as fast"], [row])
+    print_table("CPU seconds of r2", ["", "ours", "the authors' program", "times as fast"], [row])
     print(f"({clip.frames} frames, {len(clip.labels)} markers)")
     return 0
 
@@ -158,7 +158,7 @@ def _tell_frames(
     apart: NDArray[np.float64],
     found: NDArray[np.float64],
 ) -> None:
-    """Print what the errors depend on."""
+    """Print the dependencies of the errors."""
     complete = (~gone.any(axis=2)).sum(axis=1)
     lost = gone.any(axis=1).sum(axis=1)
     classes = np.searchsorted(COMPLETE, complete, side="right") - 1
@@ -173,7 +173,7 @@ def _tell_frames(
             share = f"{gone[some].mean():.1%}"
             markers = float(np.median(lost[some]))
             rows.append([name, f"{low}-{high}", int(some.sum()), share, markers, *medians])
-    beside(
+    print_table(
         "By frames that show all markers: samples removed, markers with gaps, median errors in mm",
         ["patterns", "complete", "number", "removed", "markers", *METHODS],
         rows,
@@ -189,13 +189,13 @@ def _tell_frames(
                 ("samples removed", gone.mean(axis=(1, 2))),
             )
         ]
-        beside("Rank correlation of a pattern's error with", ["", *METHODS], ranks)
+        print_table("Rank correlation of a pattern's error with", ["", *METHODS], ranks)
 
 
 def _tell_first(
     gone: NDArray[np.bool_], apart: NDArray[np.float64], found: NDArray[np.float64]
 ) -> None:
-    """Print some patterns one by one, and the mean over the samples of all."""
+    """Print some patterns, and the mean over all samples."""
     samples = gone.sum(axis=(1, 2))
     rows: list[list[Cell]] = [
         [
@@ -209,7 +209,7 @@ def _tell_first(
         for number, one in enumerate(gone)
     ]
     together = samples @ found / samples.sum() if len(gone) else np.full(len(METHODS), np.nan)
-    beside(
+    print_table(
         f"priorfill evaluate --protocol random --copies {len(gone)}: errors in mm",
         ["copy", "samples", "complete frames", "markers with gaps", "others at mm", *METHODS],
         [*rows, ["all samples", int(samples.sum()), None, None, None, *map(float, together)]],

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from paper import Cell, beside, find, options
+from paper import Cell, find, options, print_table
 
 import priorfill as pf
 from priorfill.errors import ClipError
@@ -32,10 +32,10 @@ from priorfill.methods import METHODS
 from priorfill.signal.resample import resample
 
 __all__ = [
+    "COMPLETE_FRAMES",
     "PIECE",
     "RATE",
     "SAMPLE",
-    "SEEN",
     "UNKNOWN",
     "Material",
     "Onward",
@@ -48,9 +48,9 @@ __all__ = [
     "mae",
     "material",
     "parser_of",
+    "print_data",
     "refusals",
     "seconds",
-    "tell",
 ]
 
 RATE = 30.0
@@ -76,13 +76,13 @@ SAMPLE = 200
 """Frames of a sample, and of the training stretch after it. The program tests on frames 1 to 200
 of a recording and trains on recordings from frame 101 on."""
 
-SEEN = 100
+COMPLETE_FRAMES = 100
 """Complete frames of a sample before gaps that last to its end."""
 
 PIECE = 100
 """Frames of a sample in the other programs, and of the training sequences of the paper."""
 
-LEAST = 30
+MIN_FRAMES = 30
 """Minimum number of frames of a training stretch: one second."""
 
 FEW = 4
@@ -133,32 +133,32 @@ def parser_of(doc: str | None, full: str, methods: str = DEFAULT) -> argparse.Ar
         "--training",
         type=Path,
         metavar="DIR",
-        help="folder of recordings to learn from instead, of the same markers",
+        help="folder of recordings with the same markers, used as training data instead",
     )
     return parser
 
 
 def material(arguments: argparse.Namespace, *, few: int | None = FEW) -> Material:
-    """Return samples and what is learnt from.
+    """Return samples and training data.
 
-    Recordings are cut into stretches of `SAMPLE` frames, of which every other one is a sample; what
-    is too short for one is learnt from. Of the samples that show every marker throughout some are
-    filled, recordings taken in turn, or all, if ``--full``.
+    Recordings are divided into stretches of `SAMPLE` frames. Every other one is a sample; the
+    others and shorter rests are training data. Some complete samples are filled, recordings in
+    turn, or all of them with ``--full``.
 
-    With ``--training`` the recordings below its folder are learnt from, and nothing else. One that
-    has the name of a filled one is left out: it would be the truth.
+    With ``--training`` only the recordings below that folder are training data, without those that
+    have the name of a filled one, which would contain the truth.
 
     Parameters
     ----------
     arguments : Namespace
         ``data``, ``recording``, ``training``, ``full``.
     few : int, optional
-        So many samples, unless ``--full``; all if None.
+        Number of samples without ``--full``; all if None.
     """
     known = [file for name in NAMES if (file := _there(name, arguments.data)) is not None]
     own = arguments.recording
     if own is None and not known:
-        find(NAMES, arguments.data)  # says what was looked for
+        find(NAMES, arguments.data)  # raises, with the names
     first = find((), arguments.data, own) if own is not None else known[0]
     markers = _markers(pf.read(first))
     files = [first, *(file for file in known if file.resolve() != first.resolve())]
@@ -171,8 +171,8 @@ def material(arguments: argparse.Namespace, *, few: int | None = FEW) -> Materia
     chosen = [some[i] for i in range(deepest) for some in samples if i < len(some)]
     if not chosen:
         raise SystemExit(
-            f"{first}: shows its {len(markers)} markers nowhere throughout a sample of "
-            f"{SAMPLE / RATE:.1f} s; give another --recording"
+            f"{first}: has no complete sample of {len(markers)} markers and "
+            f"{SAMPLE / RATE:.1f} s; choose another --recording"
         )
     if arguments.training is not None:
         filled = {file.stem for file in (files[:1] if own is not None else files)}
@@ -183,7 +183,7 @@ def material(arguments: argparse.Namespace, *, few: int | None = FEW) -> Materia
         part
         for file in files
         for part in parts[file]
-        if part.name not in names and part.frames >= LEAST and not part.missing.all()
+        if part.name not in names and part.frames >= MIN_FRAMES and not part.missing.all()
     ]
     return Material(chosen if arguments.full else chosen[:few], training, files)
 
@@ -191,7 +191,7 @@ def material(arguments: argparse.Namespace, *, few: int | None = FEW) -> Materia
 def _learnt(
     folder: Path, markers: Sequence[str], filled: Collection[str]
 ) -> dict[Path, list[pf.Clip]]:
-    """Read the recordings below a folder that have the markers, but for those that are filled."""
+    """Read the recordings below a folder that have the markers and are not filled."""
     parts = {}
     for file in sorted(folder.rglob("*")):
         if file.suffix.lower() in SUFFIXES and file.stem not in filled:
@@ -200,14 +200,14 @@ def _learnt(
                 parts[file] = found
     if not parts:
         raise SystemExit(
-            f"{folder}: has no recording with all of {' '.join(markers)} but those that are "
-            "filled; give another --training"
+            f"{folder}: contains no other recording with all of {' '.join(markers)}; "
+            "choose another --training"
         )
     return parts
 
 
 def _there(name: str, data: Path) -> Path | None:
-    """Return a file of the folder, if it is there."""
+    """Return a file of the folder, or None."""
     try:
         return find((name,), data)
     except SystemExit:
@@ -215,7 +215,7 @@ def _there(name: str, data: Path) -> Path | None:
 
 
 def _markers(clip: pf.Clip) -> tuple[str, ...]:
-    """Return the fifteen markers, or all that are measured where some of them are lacking."""
+    """Return the fifteen markers, or all measured ones if any of them is absent."""
     if set(JOINTS) <= set(clip.labels):
         return JOINTS
     seen = measured_in(clip).any(axis=0)
@@ -223,7 +223,7 @@ def _markers(clip: pf.Clip) -> tuple[str, ...]:
 
 
 def _stretches(file: Path, markers: Sequence[str]) -> Iterator[pf.Clip]:
-    """Cut a recording into stretches; none where it lacks a marker."""
+    """Divide a recording into stretches; none if a marker is absent."""
     clip = pf.read(file)
     if not set(markers) <= set(clip.labels):
         return
@@ -243,29 +243,29 @@ def _stretches(file: Path, markers: Sequence[str]) -> Iterator[pf.Clip]:
 
 @dataclass(frozen=True)
 class Onward:
-    """Some markers are missing from a frame on, to the end of the clip.
+    """Protocol: some markers are missing from a frame to the end of the clip.
 
     Attributes
     ----------
     numbers : tuple of int
-        How many markers, drawn for each clip, are missing together; each number a case.
+        Numbers of missing markers, drawn for each clip; one case each.
     start : int
-        First frame without them.
+        First frame of the gaps.
     copies : int
-        Copies of each clip, with other markers.
+        Number of copies of each clip, with different markers.
     """
 
     numbers: tuple[int, ...] = (1,)
-    start: int = SEEN
+    start: int = COMPLETE_FRAMES
     copies: int = 1
 
     def cases(
         self, clip: pf.Clip, parts: BodyParts, draw: Callable[[str, int], np.random.Generator]
     ) -> Iterator[GapMask | SkippedCase]:
-        """Make the cases of a clip."""
+        """Yield the cases of a clip."""
         del parts
         for copy in range(1, self.copies + 1):
-            # the same markers, and more of them where more are asked for
+            # a larger number includes the markers of a smaller one
             order = draw("onward", copy).permutation(len(clip.labels))
             for number in self.numbers:
                 if number >= len(clip.labels):
@@ -278,12 +278,12 @@ class Onward:
 
 @dataclass(frozen=True)
 class Several:
-    """The cases of several protocols, each under a name of its own.
+    """Protocol: the cases of several protocols, under their names.
 
     Attributes
     ----------
     protocols : dict of str to protocol
-        All draw alike: of the same protocol with another length, the same markers.
+        They draw alike: the same protocol with another length uses the same markers.
     """
 
     protocols: Mapping[str, GapProtocol]
@@ -291,7 +291,7 @@ class Several:
     def cases(
         self, clip: pf.Clip, parts: BodyParts, draw: Callable[[str, int], np.random.Generator]
     ) -> Iterator[GapMask | SkippedCase]:
-        """Make the cases of a clip."""
+        """Yield the cases of a clip."""
         for name, protocol in self.protocols.items():
             for made in protocol.cases(clip, parts, draw):
                 yield replace(made, name=name)
@@ -299,12 +299,12 @@ class Several:
 
 @dataclass(frozen=True)
 class Throughout:
-    """Each marker in turn is missing in the whole clip."""
+    """Protocol: each marker in turn is missing in the whole clip."""
 
     def cases(
         self, clip: pf.Clip, parts: BodyParts, draw: Callable[[str, int], np.random.Generator]
     ) -> Iterator[GapMask | SkippedCase]:
-        """Make the cases of a clip."""
+        """Yield the cases of a clip."""
         del parts, draw
         for marker, label in enumerate(clip.labels):
             gone = np.zeros_like(clip.missing)
@@ -313,7 +313,7 @@ class Throughout:
 
 
 def evaluated(some: Material, protocol: GapProtocol, methods: str) -> Evaluation:
-    """Cut gaps into all samples and fill them by each method, from all of the training."""
+    """Evaluate methods on all samples, with a database of the training data."""
     asked = [name.strip() for name in methods.split(",")]
     if not set(asked) <= {"auto", *METHODS}:
         raise SystemExit(f"unknown method; use some of auto {' '.join(METHODS)}")
@@ -323,7 +323,7 @@ def evaluated(some: Material, protocol: GapProtocol, methods: str) -> Evaluation
             path = Path(folder) / "priors"
             with pf.PriorDatabase.create(path, rate=RATE) as writer:
                 for clip in some.training:
-                    with suppress(ClipError):  # nobody moves in it
+                    with suppress(ClipError):  # no motion in it
                         writer.add(clip)
         return pf.evaluate(
             some.samples, methods=asked, protocol=protocol, database=path, jobs=processes()
@@ -331,28 +331,28 @@ def evaluated(some: Material, protocol: GapProtocol, methods: str) -> Evaluation
 
 
 def processes() -> int:
-    """Return how many processes fill."""
+    """Return the number of worker processes."""
     return os.cpu_count() or 1
 
 
 def mae(evaluation: Evaluation, method: str, **where: str) -> tuple[float, float]:
-    """Return the MAE (mm) as the published ``mae.m`` has it, and the share that was filled.
+    """Return the MAE (mm) of the published ``mae.m``, and the share of filled samples.
 
-    The mean distance from the truth over the frames of each gap, and of these the mean over gaps.
+    This is the mean distance from the truth in each gap, averaged over gaps.
 
     Parameters
     ----------
     evaluation : Evaluation
-        What was filled.
+        The evaluation.
     method : str
-        By which.
+        Name of the method.
     where : str
-        ``clip``, ``case`` or ``marker``: of these gaps only.
+        Restriction to a ``clip``, ``case`` or ``marker``.
 
     Returns
     -------
     (float, float)
-        Over the filled frames of the gaps, NaN if there are none; their share of all.
+        MAE over filled frames, NaN without any; their share of all frames.
     """
     rows = [
         row.errors
@@ -366,39 +366,39 @@ def mae(evaluation: Evaluation, method: str, **where: str) -> tuple[float, float
 
 
 def cell(evaluation: Evaluation, method: str, **where: str) -> Cell:
-    """Return the MAE as it stands in a table: with the share, unless everything was filled."""
+    """Return the MAE for a table, with the filled share if it is not complete."""
     error, share = mae(evaluation, method, **where)
     return error if share in (0.0, 1.0) else f"{error:.1f} ({floored(share)} %)"
 
 
 def seconds(evaluation: Evaluation, method: str) -> float:
-    """Return the mean processor time (s) of a method for a case."""
+    """Return the mean CPU time (s) of a method per case."""
     taken = [made.seconds for job, made in evaluation.outcomes.items() if job.method == method]
     return float(np.mean(taken)) if taken else float("nan")
 
 
 def floored(share: float) -> int:
-    """Return a share in whole percent, 100 only where nothing is lacking."""
+    """Return a share in percent, rounded down."""
     return int(100 * share)
 
 
 def by_part(
     evaluation: Evaluation, key: str, title: str, head: str = "", *, together: bool = True
 ) -> None:
-    """Print the MAE of each method for each clip, case or marker, beside the paper's.
+    """Print the MAE of each method for each clip, case or marker.
 
     Parameters
     ----------
     evaluation : Evaluation
-        What was filled.
+        The evaluation.
     key : str
         ``clip``, ``case`` or ``marker``.
     title : str
-        What the table shows.
+        Title of the table.
     head : str
-        What they are called; `key` if empty.
+        Head of the first column; `key` if empty.
     together : bool
-        Whether all of them together come last.
+        Whether a last row has the mean over all.
     """
     methods = evaluation.plan.methods
     names = dict.fromkeys(getattr(row, key) for row in evaluation.gaps)
@@ -408,35 +408,35 @@ def by_part(
     ]
     if together:
         rows.append(["all", *(cell(evaluation, method) for method in methods), None])
-    beside(f"{title} ({UNKNOWN})", [head or key, *methods, "paper"], rows)
+    print_table(f"{title} ({UNKNOWN})", [head or key, *methods, "paper"], rows)
 
 
 def by_experiment(evaluations: dict[str, Evaluation], head: str, title: str) -> None:
-    """Print the MAE of each method in several experiments, a row each, beside the paper's."""
+    """Print the MAE of each method in several experiments, one row each."""
     methods = next(iter(evaluations.values())).plan.methods
     rows: list[list[Cell]] = [
         [name, *(cell(evaluation, method) for method in methods), None]
         for name, evaluation in evaluations.items()
     ]
-    beside(f"{title} ({UNKNOWN})", [head, *methods, "paper"], rows)
+    print_table(f"{title} ({UNKNOWN})", [head, *methods, "paper"], rows)
 
 
-def tell(some: Material, paper: str) -> None:
-    """Say what was filled from what, and how that differs from the paper."""
+def print_data(some: Material, paper: str) -> None:
+    """Print samples and training data, and those of the paper."""
     print(f"Paper: {paper}")
     print(
         f"Here:  {len(some.samples)} samples of {some.samples[0].frames} frames at {RATE:.0f} Hz, "
-        f"{len(some.samples[0].labels)} markers, learnt from {len(some.training)} other stretches "
-        f"of:\n       {', '.join(file.stem for file in some.files)}.\n"
-        "       --recording fills one of yours. A dash: not known, or nothing was filled;\n"
-        "       (n %): only that much was."
+        f"{len(some.samples[0].labels)} markers; training data: {len(some.training)} other "
+        f"stretches of:\n       {', '.join(file.stem for file in some.files)}.\n"
+        "       --recording fills one of yours. A dash: not available, or nothing filled;\n"
+        "       (n %): share of filled samples."
     )
 
 
 def refusals(evaluation: Evaluation) -> None:
-    """Say which methods could not work on which cases."""
+    """Print which methods failed on how many cases."""
     for method in evaluation.plan.methods:
-        told = [o.refused for job, o in evaluation.outcomes.items() if job.method == method]
-        some = [text for text in told if text]
+        reasons = [o.refused for job, o in evaluation.outcomes.items() if job.method == method]
+        some = [text for text in reasons if text]
         if some:
-            print(f"{method}: could not work on {len(some)} of {len(told)} cases: {some[0]}")
+            print(f"{method}: failed on {len(some)} of {len(reasons)} cases: {some[0]}")

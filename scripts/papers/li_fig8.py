@@ -1,19 +1,19 @@
 #!/usr/bin/env python
-"""Li, Yu, Kieu, Vuong and Zhang 2020, figure 8: whole frames missing.
+"""Li, Yu, Kieu, Vuong and Zhang 2020, figure 8: complete frames missing.
 
     python scripts/papers/li_fig8.py [--data DIR] [--recording FILE] [--full]
         [--training DIR] [--methods NAME,NAME...]
 
 Every marker is missing at once for 1 to 40 of 100 frames. The program ``F1`` has these gaps begin
-at frame 51; here they are anywhere (the protocol ``frames``). Methods that need some marker to be
-seen in a frame are left out, since they fill nothing: ``--methods`` brings them back.
+at frame 51; here they are anywhere (the protocol ``frames``). Methods that need a visible marker
+in each frame fill nothing and are not run by default; see ``--methods``.
 """
 
 from __future__ import annotations
 
 import sys
 
-from li import PIECE, RATE, Several, by_part, evaluated, material, parser_of, refusals, tell
+from li import PIECE, RATE, Several, by_part, evaluated, material, parser_of, print_data, refusals
 
 from priorfill.evaluation.protocols import FrameGaps
 
@@ -32,7 +32,7 @@ def main() -> int:
     parser = parser_of(__doc__, full="all samples, each number of frames", methods=METHODS)
     arguments = parser.parse_args()
     some = material(arguments).first(PIECE)
-    tell(some, "frames 301-400 of Maju Undur (a Malay dance, 30 Hz).")
+    print_data(some, "frames 301-400 of Maju Undur (a Malay dance, 30 Hz).")
     protocols = {
         str(frames): FrameGaps(
             copies=MANY if arguments.full else FEW, seconds=(frames / RATE, frames / RATE)

@@ -5,16 +5,15 @@
         [--training DIR] [--methods NAME,NAME...]
 
 Interpretation (the text of the paper is not available): the program's other "extreme case", ``T``,
-in which one joint at a time is missing in all of 100 frames, and is known from the training alone.
-Methods that learn from nothing but the clip can say nothing of such a marker and are left out:
-``--methods`` brings them back.
+in which one joint at a time is missing in all of 100 frames, and can be predicted from training
+data only. Methods that learn from the clip alone are not run by default; see ``--methods``.
 """
 
 from __future__ import annotations
 
 import sys
 
-from li import PIECE, Throughout, by_part, evaluated, material, parser_of, refusals, tell
+from li import PIECE, Throughout, by_part, evaluated, material, parser_of, print_data, refusals
 
 METHODS = "pca-train,pca-pieces,auto"
 
@@ -24,7 +23,7 @@ def main() -> int:
     parser = parser_of(__doc__, full="all samples", methods=METHODS)
     arguments = parser.parse_args()
     some = material(arguments).first(PIECE)
-    tell(some, "frames 301-400 of Maju Undur (a Malay dance, 30 Hz).")
+    print_data(some, "frames 301-400 of Maju Undur (a Malay dance, 30 Hz).")
     found = evaluated(some, Throughout(), arguments.methods)
     by_part(found, "marker", f"MAE in mm of a marker missing in all of {PIECE} frames")
     refusals(found)

@@ -6,10 +6,9 @@
 
 Interpretation (the text of the paper is not available): the program's ``test4data`` compares the
 methods with r2 on twenty samples of 130 frames of a dance each, with the mask ``1_100f_100g``,
-which we take to be one marker that is missing from frame 101 on, here a marker drawn for each
-sample (``--full``: five). Its means by method are told twice: as ``mae.m`` has them, distances,
-and over coordinates, which is the MAE of ``priorfill evaluate``. Beside them is the processor time
-for a sample, since the abstract calls the methods fast.
+taken as one marker missing from frame 101 on, drawn for each sample (``--full``: five). Means by
+method are printed over distances, as in ``mae.m``, and over coordinates, as in ``priorfill
+evaluate``, with the CPU time per sample, since the abstract calls the methods fast.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from __future__ import annotations
 import sys
 
 from li import (
-    SEEN,
+    COMPLETE_FRAMES,
     UNKNOWN,
     Onward,
     by_part,
@@ -25,11 +24,11 @@ from li import (
     evaluated,
     material,
     parser_of,
+    print_data,
     refusals,
     seconds,
-    tell,
 )
-from paper import Cell, beside
+from paper import Cell, print_table
 
 GAP = 30
 """Frames from frame 101 on."""
@@ -42,8 +41,10 @@ def main() -> int:
     """Print the table."""
     parser = parser_of(__doc__, full=f"{COPIES} markers of each sample in turn")
     arguments = parser.parse_args()
-    some = material(arguments, few=None).first(SEEN + GAP)
-    tell(some, "the first 130 frames of twenty Malay dances (test_Les.txt, test_Taksim.txt, ...).")
+    some = material(arguments, few=None).first(COMPLETE_FRAMES + GAP)
+    print_data(
+        some, "the first 130 frames of twenty Malay dances (test_Les.txt, test_Taksim.txt, ...)."
+    )
     protocol = Onward(copies=COPIES if arguments.full else 1)
     found = evaluated(some, protocol, arguments.methods)
     by_part(found, "clip", f"MAE in mm of one marker missing in the last {GAP} frames")
@@ -59,7 +60,7 @@ def main() -> int:
         ]
         for method in found.plan.methods
     ]
-    beside(
+    print_table(
         f"The same by method ({UNKNOWN})",
         ["method", "by distances", "paper", "by coordinates", "paper", "CPU s", "paper"],
         rows,

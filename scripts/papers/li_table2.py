@@ -1,22 +1,31 @@
 #!/usr/bin/env python
-"""Li, Yu, Kieu, Vuong and Zhang 2020, table 2: one marker missing ever longer.
+"""Li, Yu, Kieu, Vuong and Zhang 2020, table 2: one marker missing, by gap length.
 
     python scripts/papers/li_table2.py [--data DIR] [--recording FILE] [--full]
         [--training DIR] [--methods NAME,NAME...]
 
-Interpretation (the text of the paper is not available): the program's readme says that
-``test4data`` is run with other lengths of the data to see what longer gaps do. One marker, drawn
-for each sample, is missing from frame 101 on to the end of the sample, which is cut 10 to 100
-frames later.
+Interpretation (the text of the paper is not available): according to the program's readme,
+``test4data`` is run with other data lengths to test longer gaps. One marker, drawn for each
+sample, is missing from frame 101 on to the end of the sample, which is cut 10 to 100 frames later.
 """
 
 from __future__ import annotations
 
 import sys
 
-from li import SAMPLE, SEEN, Onward, by_experiment, evaluated, material, parser_of, refusals, tell
+from li import (
+    COMPLETE_FRAMES,
+    SAMPLE,
+    Onward,
+    by_experiment,
+    evaluated,
+    material,
+    parser_of,
+    print_data,
+    refusals,
+)
 
-GAPS = (10, 30, 50, 75, SAMPLE - SEEN)
+GAPS = (10, 30, 50, 75, SAMPLE - COMPLETE_FRAMES)
 """Frames."""
 
 COPIES = 3
@@ -28,10 +37,11 @@ def main() -> int:
     parser = parser_of(__doc__, full=f"all samples, {COPIES} markers of each in turn")
     arguments = parser.parse_args()
     some = material(arguments)
-    tell(some, "twenty Malay dances (test_Les.txt, test_Taksim.txt, ...) at 30 Hz.")
+    print_data(some, "twenty Malay dances (test_Les.txt, test_Taksim.txt, ...) at 30 Hz.")
     protocol = Onward(copies=COPIES if arguments.full else 1)
     found = {
-        str(gap): evaluated(some.first(SEEN + gap), protocol, arguments.methods) for gap in GAPS
+        str(gap): evaluated(some.first(COMPLETE_FRAMES + gap), protocol, arguments.methods)
+        for gap in GAPS
     }
     by_experiment(found, "frames", "MAE in mm of one marker by how many frames it is missing")
     for evaluation in found.values():

@@ -1,20 +1,20 @@
 #!/usr/bin/env python
-"""Li, Yu, Kieu, Vuong and Zhang 2020, table 3: ever more markers missing.
+"""Li, Yu, Kieu, Vuong and Zhang 2020, table 3: by number of missing markers.
 
     python scripts/papers/li_table3.py [--data DIR] [--recording FILE] [--full]
         [--training DIR] [--methods NAME,NAME...]
 
 Interpretation (the text of the paper is not available): the program's ``test_marker_num`` fills
 samples of 200 frames in which 1 to 14 of 15 markers are missing, by masks that are not published.
-Here they are missing from frame 101 on; which ones is drawn for each sample, and those of a row
-are missing in the next row too.
+Here they are missing from frame 101 on; they are drawn for each sample, and those of a row are
+missing in the next row too.
 """
 
 from __future__ import annotations
 
 import sys
 
-from li import Onward, by_part, evaluated, material, parser_of, refusals, tell
+from li import Onward, by_part, evaluated, material, parser_of, print_data, refusals
 
 NUMBERS = (1, 2, 4, 6, 8, 10, 12, 14)
 ALL_NUMBERS = tuple(range(1, 15))
@@ -26,7 +26,7 @@ def main() -> int:
     parser = parser_of(__doc__, full="all samples, each number of markers")
     arguments = parser.parse_args()
     some = material(arguments)
-    tell(some, "the first 200 frames of twenty Malay dances, 1 to 14 of 15 markers missing.")
+    print_data(some, "the first 200 frames of twenty Malay dances, 1 to 14 of 15 markers missing.")
     protocol = Onward(numbers=ALL_NUMBERS if arguments.full else NUMBERS)
     found = evaluated(some, protocol, arguments.methods)
     by_part(

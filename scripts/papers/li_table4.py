@@ -1,20 +1,20 @@
 #!/usr/bin/env python
-"""Li, Yu, Kieu, Vuong and Zhang 2020, table 4: some markers missing again and again.
+"""Li, Yu, Kieu, Vuong and Zhang 2020, table 4: repeated gaps in some markers.
 
     python scripts/papers/li_table4.py [--data DIR] [--recording FILE] [--full]
         [--training DIR] [--methods NAME,NAME...]
 
 Interpretation (the text of the paper is not available): the programs ``T0`` and ``F0`` fill pieces
 of 100 frames under masks called ``interval2``, ``interval10`` and ``interval25``, which are not
-published. Here a third of the markers, drawn for each sample, are missing together for so many
-frames, seen for as many, and so on (the protocol ``periodic``).
+published. Here a third of the markers, drawn for each sample, are alternately missing and visible
+for equal numbers of frames (the protocol ``periodic``).
 """
 
 from __future__ import annotations
 
 import sys
 
-from li import PIECE, RATE, Several, by_part, evaluated, material, parser_of, refusals, tell
+from li import PIECE, RATE, Several, by_part, evaluated, material, parser_of, print_data, refusals
 
 from priorfill.evaluation.protocols import PeriodicGaps
 
@@ -22,7 +22,7 @@ INTERVALS = (2, 10, 25)
 """Frames."""
 
 SHARE = 3
-"""One in so many markers is missing."""
+"""One in this many markers is missing."""
 
 FEW, MANY = 2, 5
 """Copies of each sample, with other markers missing."""
@@ -33,7 +33,7 @@ def main() -> int:
     parser = parser_of(__doc__, full=f"all samples, {MANY} copies of each instead of {FEW}")
     arguments = parser.parse_args()
     some = material(arguments).first(PIECE)
-    tell(some, "frames 301-400 of Maju Undur, 451-550 of fastsong7 (Malay dances, 30 Hz).")
+    print_data(some, "frames 301-400 of Maju Undur, 451-550 of fastsong7 (Malay dances, 30 Hz).")
     number = max(1, len(some.samples[0].labels) // SHARE)
     protocols = {
         str(frames): PeriodicGaps(

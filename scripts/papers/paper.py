@@ -21,7 +21,7 @@ from recordings import add_data_option
 
 import priorfill as pf
 
-__all__ = ["beside", "cut", "error", "find", "in_processes", "options"]
+__all__ = ["cut", "error", "find", "in_processes", "options", "print_table"]
 
 UNKNOWN = "-"
 """Cell of a table without a value."""
@@ -93,7 +93,7 @@ def in_processes(function: Callable[[Case], Outcome], cases: Sequence[Case]) -> 
         return list(pool.map(function, cases))
 
 
-def beside(title: str, columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
+def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
     """Print a table; unknown values are dashes.
 
     Parameters

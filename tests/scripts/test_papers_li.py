@@ -152,7 +152,7 @@ def test_what_is_left_is_not_learnt_from_where_it_is_too_little(tmp_path: Path) 
     some = material(tmp_path / "rest.c3d")
     assert (len(some.samples), some.training) == (1, [])
     [row] = li.evaluated(some, li.Onward(), "r2").gaps
-    assert row.errors.filled == li.SAMPLE - li.SEEN
+    assert row.errors.filled == li.SAMPLE - li.COMPLETE_FRAMES
 
 
 def test_recordings_come_to_the_papers_rate(tmp_path: Path) -> None:
@@ -185,7 +185,7 @@ def test_other_recordings_are_learnt_from_but_not_the_truth(
     assert [part.name for part in some.training] == [f"beside {i}" for i in range(1, 6)]
     assert [file.name for file in some.files] == ["beside.c3d"]
     (tmp_path / "beside.c3d").unlink()
-    with pytest.raises(SystemExit, match="give another --training"):
+    with pytest.raises(SystemExit, match="choose another --training"):
         material(recording, "--training", str(tmp_path))
 
 
@@ -200,7 +200,7 @@ def test_seconds_are_the_mean_over_cases(recording: Path) -> None:
 
 def test_what_is_too_short_is_refused(tmp_path: Path) -> None:
     write(tmp_path / "short.c3d", person(seconds=3.0, rate=30.0))
-    with pytest.raises(SystemExit, match=r"throughout a sample of 6\.7 s"):
+    with pytest.raises(SystemExit, match=r"no complete sample of 15 markers and 6\.7 s"):
         material(tmp_path / "short.c3d")
 
 
@@ -217,7 +217,7 @@ def test_markers_are_missing_to_the_end_and_more_of_them_in_turn() -> None:
     for made, number in ((few, 2), (more, 5)):
         assert isinstance(made, GapMask)
         gaps = find_gaps(made.mask)
-        assert {(gap.start, gap.stop) for gap in gaps} == {(li.SEEN, clip.frames)}
+        assert {(gap.start, gap.stop) for gap in gaps} == {(li.COMPLETE_FRAMES, clip.frames)}
         assert len(gaps) == number
     assert (more.mask | ~few.mask).all()
     markers = {gap.marker for c in cases(li.Onward(copies=9), clip) for gap in find_gaps(c.mask)}
@@ -290,7 +290,7 @@ def test_what_is_not_filled_is_told(recording: Path, capsys: pytest.CaptureFixtu
     job = next(job for job in found.outcomes if job.method == "r1")
     refused = replace(found.outcomes[job], refused="too short")
     li.refusals(replace(found, outcomes=found.outcomes | {job: refused}))
-    assert capsys.readouterr().out == "r1: could not work on 1 of 16 cases: too short\n"
+    assert capsys.readouterr().out == "r1: failed on 1 of 16 cases: too short\n"
 
 
 def test_a_share_is_never_rounded_up_to_all() -> None:
