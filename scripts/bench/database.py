@@ -21,7 +21,6 @@ Making the clips is not included. 10 million poses need 9 GB of disk and some 20
 from __future__ import annotations
 
 import argparse
-import os
 import subprocess
 import sys
 import tempfile
@@ -32,6 +31,9 @@ from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from recordings import add_data_option
 
 import priorfill as pf
 from priorfill.formats import create_c3d
@@ -158,9 +160,8 @@ def gather(folder: Path, rng: np.random.Generator) -> tuple[float, float]:
 
 def main() -> int:
     """Run the benchmark."""
-    beside = Path(__file__).resolve().parents[3] / "shared" / "data"
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--data", type=Path, default=Path(os.environ.get("PRIORFILL_DATA", beside)))
+    add_data_option(parser)
     parser.add_argument("--poses", default="1e5,1e6,1e7")
     parser.add_argument("--folder", type=Path, help="working folder; by default a temporary one")
     parser.add_argument("--keep", action="store_true", help="keep the database in --folder")

@@ -50,7 +50,7 @@ GAPS: tuple[tuple[float, float, tuple[str, ...]], ...] = (
     (0.75, 60.0, ("LHEE",)),
     (0.90, 0.1, ("STRN",)),
 )
-"""Where in the clip a gap begins (part of its length), for how long (s), and of which markers:
+"""Start of a gap (as part of the clip), its length (s), and its markers:
 single ones, limbs, three limbs at once, and a minute."""
 
 

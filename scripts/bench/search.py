@@ -32,6 +32,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from recordings import add_data_option
+
 K, QUERIES = 64, 300
 REPEATS = 3
 
@@ -177,9 +180,8 @@ def check(folder: Path, count: int) -> None:
 
 def main() -> int:
     """Run the benchmark."""
-    beside = Path(__file__).resolve().parents[3] / "shared" / "data"
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--data", type=Path, default=Path(os.environ.get("PRIORFILL_DATA", beside)))
+    add_data_option(parser)
     parser.add_argument("--poses", type=float, default=1e6)
     parser.add_argument("--takes", default=",".join(FOLDER))
     parser.add_argument("--threads", type=int, default=1)

@@ -46,7 +46,7 @@ TIMEOUT = 60.0
 """Wall time after which a file is taken to hang for good."""
 
 MEMORY = 2**30
-"""Bytes that a file may take, beside what the program takes itself."""
+"""Memory limit per file in addition to the program itself, bytes."""
 
 PRELOADED = ("priorfill.filling.fill_clip", "priorfill.formats", "priorfill.methods.interpolation")
 """Modules that a new process finds imported."""
