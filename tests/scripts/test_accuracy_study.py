@@ -189,7 +189,7 @@ def test_depth() -> None:
 
 
 def row(case: str, database: str, error: float, frames: int = 100, **more: object) -> object:
-    """A row of which what is not said is nothing in particular."""
+    """A row with neutral values for all other fields."""
     kinds = {"str": "", "int": 0, "float": float("nan")}
     nothing = {f.name: kinds[str(f.type)] for f in fields(rows_module.Row)}
     summary = {

@@ -32,7 +32,7 @@ scripts = {
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A walk, and two patterns of gaps of its size beside it."""
+    """A walk, and two gap patterns of its size in the same folder."""
     file = tmp_path_factory.mktemp("walk") / "short.c3d"
     clip = person(seconds=6.0, rate=30.0)
     gone = patterns(clip)
