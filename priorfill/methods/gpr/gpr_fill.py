@@ -3,7 +3,7 @@
 The energy, its levels and its solver are those of Baumann et al. 2011 (`priorfill.energy`). The
 targets of the energy differ:
 
-* The training poses are the clip's own frames: the same subject, the same markers, the same day.
+* The training poses are the clip's own frames: same subject, same markers, same session.
   The database is used where the clip has too few of them, above all for markers that it never
   shows (`priorfill.methods.gpr.dropout`).
 * Instead of the mean of the nearest neighbours, the target is a Gaussian-process regression from
@@ -26,6 +26,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -104,8 +105,12 @@ class _Setup:
 
     Attributes
     ----------
+    segments : tuple of GapSegment
+        Those of each gap group follow one another.
     group_of : tuple of int
         Number of the gap group of each segment.
+    of_group : tuple of slice
+        The segments of each gap group.
     """
 
     task: Task
@@ -115,6 +120,7 @@ class _Setup:
     levels: Sequence[Resolution]
     segments: tuple[GapSegment, ...]
     group_of: tuple[int, ...]
+    of_group: tuple[slice, ...]
 
     @classmethod
     def of(cls, task: Task, options: GPROptions) -> _Setup:
@@ -127,6 +133,7 @@ class _Setup:
             split_into_segments(group, task.valid, distance, options.segments)
             for group in task.groups
         ]
+        stops = list(accumulate(len(segments) for segments in by_group))
         return cls(
             task,
             options,
@@ -135,6 +142,7 @@ class _Setup:
             [Resolution(task.positions, task.rate, 2**i) for i in range(count)],
             tuple(segment for segments in by_group for segment in segments),
             tuple(number for number, segments in enumerate(by_group) for _ in segments),
+            tuple(slice(*edges) for edges in pairwise([0, *stops])),
         )
 
     def predict(
@@ -148,15 +156,15 @@ class _Setup:
         for number in sorted({self.group_of[index] for index in changed}):
             self.solve_group(estimate, predictions, number)
 
-    def solve_group(self, estimate: Estimate, predictions: _Predictions, number: int) -> None:
+    def solve_group(
+        self,
+        estimate: Estimate,
+        predictions: Sequence[tuple[SegmentPrediction, ...]],
+        number: int,
+    ) -> None:
         """Minimise the energy of a gap group, into the estimate."""
         group = self.task.groups[number]
-        parts = [
-            part
-            for group_number, parts in zip(self.group_of, predictions, strict=False)
-            if group_number == number
-            for part in parts
-        ]
+        parts = [part for parts in predictions[self.of_group[number]] for part in parts]
         targets = targets_from(parts, group, self.options.joining)
         solution = solve_levels(self.levels, group, targets, minimise)
         estimate.positions[group.start : group.stop, list(group.markers)] = solution
@@ -175,9 +183,9 @@ def _first_pass(
     """Predict all segments from the measured samples, and solve all gap groups."""
     found = iter(map_segments(lambda segment: setup.predict(segment, None), setup.segments))
     predictions: list[tuple[SegmentPrediction, ...]] = []
-    for number in range(len(setup.task.groups)):
-        predictions += [next(found) for _ in range(setup.group_of.count(number))]
-        setup.solve_group(estimate, tuple(predictions), number)
+    for number, members in enumerate(setup.of_group):
+        predictions += [next(found) for _ in setup.segments[members]]
+        setup.solve_group(estimate, predictions, number)
         progress()
     return tuple(predictions)
 
@@ -185,7 +193,7 @@ def _first_pass(
 def _second_pass(
     setup: _Setup, estimate: Estimate, predictions: _Predictions, map_segments: _Map
 ) -> _Predictions:
-    """Predict again, with training poses completed by the first pass, what had few of them."""
+    """Predict segments with few training poses again, with poses completed by the first pass."""
     again = [i for i, parts in enumerate(predictions) if not all(p.complete for p in parts)]
     completed = estimate.positions
     segments = [setup.segments[i] for i in again]
@@ -257,10 +265,10 @@ def _from_own_frames(segment: GapSegment, parts: Sequence[SegmentPrediction]) ->
 
 def _blackouts(segments: Sequence[GapSegment]) -> list[list[int]]:
     """Return the segments of each blackout, by their index: those that overlap or touch."""
-    dark = [i for i, segment in enumerate(segments) if not segment.has_enough_visible]
+    unseen = [i for i, segment in enumerate(segments) if not segment.has_enough_visible]
     blackouts: list[list[int]] = []
     stop = -1
-    for i in sorted(dark, key=lambda i: segments[i].start):
+    for i in sorted(unseen, key=lambda i: segments[i].start):
         if segments[i].start > stop:
             blackouts.append([])
         blackouts[-1].append(i)
@@ -272,7 +280,7 @@ def _blackouts(segments: Sequence[GapSegment]) -> list[list[int]]:
 def _hidden(
     positions: NDArray[np.float64], segments: Sequence[GapSegment]
 ) -> Iterator[NDArray[np.float64]]:
-    """Give positions in which some segments are missing, and restore them afterwards.
+    """Yield positions in which some segments are missing, and restore them afterwards.
 
     The array itself is changed meanwhile, because a copy of a long clip is large.
     """
