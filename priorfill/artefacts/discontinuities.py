@@ -178,6 +178,11 @@ def find_breaks(
     Returns
     -------
     PathBreaks
+
+    See Also
+    --------
+    priorfill.artefacts.find_artefacts : Calls all detectors.
+    path_steps : The steps, before the reference markers are considered.
     """
     step = path_steps(positions)
     shape = step.shape[:2]

@@ -17,7 +17,7 @@ from priorfill.runtime.option_checks import check_at_least, check_between
 __all__ = ["DistanceOutlierOptions", "distance_outliers"]
 
 STRIDE = 4
-"""Frames between the samples in which markers are first looked for. What is far away for fewer
+"""Frames between the samples that are examined first. A marker that is too far away for fewer
 frames than this is a spike, and found by its breaks."""
 
 
@@ -69,6 +69,11 @@ def distance_outliers(
     dict
         For each marker that is ever too far away: in which frames, ndarray of bool
         [shape=(frames,)].
+
+    See Also
+    --------
+    priorfill.artefacts.find_artefacts : Calls all detectors.
+    choose_reference_markers : Chooses the reference markers.
     """
     poses = np.unique(sample_poses(len(positions)))
     normal = _quantile(_all_distances(positions[poses], references), options.quantile)

@@ -57,6 +57,11 @@ def find_label_swaps(
     list of LabelSwap
         In order of time. If two markers exchange their places an odd number of times, the shorter
         part of the clip is taken as swapped.
+
+    See Also
+    --------
+    priorfill.artefacts.find_artefacts : Calls all detectors.
+    swap_labels : Undoes the swaps.
     """
     frames = len(positions)
     crossings: dict[tuple[int, int], list[tuple[int, float]]] = {}

@@ -20,8 +20,8 @@ __all__ = [
     "SuspectSpan",
     "TypicalDistances",
     "cut_path",
-    "every_few",
     "known_medians",
+    "thinned_frames",
 ]
 
 MAX_MEDIAN_FRAMES = 500
@@ -43,8 +43,8 @@ class OutlierRunOptions:
         s. A segment between breaks that is no longer than this is a spike: no part of a body goes
         anywhere for so short a time.
     min_long_break : float
-        mm. Least size of a break at the end of a longer segment: some cameras place a marker a
-        centimetre or two off while others lose it, which is no other marker.
+        mm. Least size of a break at the end of a longer segment. Smaller ones also occur when some
+        cameras lose the marker, which shifts its position by a centimetre or two.
     min_spread : float
         mm. Least standard deviation assumed for a distance: noise and soft tissue cause as much.
     min_deviation : float
@@ -56,15 +56,16 @@ class OutlierRunOptions:
         s. Length of the main segment needed to assess a segment between gaps, because shorter ones
         do not show how much distances vary.
     min_kink : float
-        mm. By this much the straight lines leading to a spike of one frame must miss it, relative
-        to the reference markers. No hit turns a path by ``min_long_break`` within a frame.
+        mm. Least distance by which the straight lines leading to a spike of one frame miss it,
+        relative to the reference markers. No hit turns a path by ``min_long_break`` within a frame.
     min_spike_deviation : float
-        Deviation of a distance in a spike after which the path does not continue where it was, and
-        its multiple of the deviation in the frames before and after; as in the hand of a boxer.
+        Deviation of a distance in a spike after which the path does not continue where it was, as
+        for the hand of a boxer. It must also exceed the deviation in the frames before and after by
+        this factor.
     wrong_side_ratio : float
         Deviation on the wrong side of a break, relative to the other side.
     min_references : int
-        Reference markers that must agree, where there are so many: one may itself be affected.
+        Reference markers that must agree, if that many are visible: one may itself be affected.
     max_rigid_spread : float
         mm. Distances with a smaller standard deviation are within one bone or bar, and show exactly
         where an artefact begins and ends.
@@ -142,7 +143,7 @@ class TypicalDistances:
     @classmethod
     def of(cls, distance: NDArray[np.float64], min_spread: float) -> TypicalDistances:
         """Measure distances [shape=(frames, references), mm]; NaN where missing."""
-        sample = every_few(distance)
+        sample = thinned_frames(distance)
         median = known_medians(sample)
         spread = STD_PER_MAD * known_medians(np.abs(sample - median))
         return cls(median, np.fmax(min_spread, spread))
@@ -150,7 +151,7 @@ class TypicalDistances:
 
 @dataclass(frozen=True, eq=False)
 class MarkerPath:
-    """One marker of a clip, as its reference markers see it.
+    """The path of one marker, and its distances from its reference markers.
 
     Attributes
     ----------
@@ -214,8 +215,11 @@ def cut_path(seen: NDArray[np.bool_], size: NDArray[np.float64]) -> list[PathSeg
     return segments
 
 
-def every_few(distance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return evenly spaced frames: medians gain nothing from more."""
+def thinned_frames(distance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return evenly spaced frames of distances [shape=(frames, references), mm].
+
+    More than `MAX_MEDIAN_FRAMES` do not improve a median.
+    """
     return distance[:: max(1, -(-len(distance) // MAX_MEDIAN_FRAMES))]
 
 

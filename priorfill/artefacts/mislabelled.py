@@ -53,6 +53,11 @@ def find_mislabelled(
     -------
     tuple of MislabelledRun
         In order of time.
+
+    See Also
+    --------
+    priorfill.artefacts.find_artefacts : Calls all detectors.
+    find_label_swaps : Where both labels change.
     """
     frames = len(positions)
     backward = [

@@ -22,8 +22,8 @@ from priorfill.artefacts.marker_path import (
     SuspectSpan,
     TypicalDistances,
     cut_path,
-    every_few,
     known_medians,
+    thinned_frames,
 )
 from priorfill.artefacts.spikes import find_spikes
 from priorfill.gaps import runs
@@ -79,6 +79,11 @@ def outlier_runs(
     -------
     list of OutlierRun
         In order of time, disjoint.
+
+    See Also
+    --------
+    priorfill.artefacts.find_artefacts : Calls all detectors.
+    find_spikes : The short ones.
     """
     seen = ~np.isnan(path.positions[:, path.marker, 0])
     segments = cut_path(seen, size)
@@ -129,7 +134,7 @@ def _is_wrong_segment(
 ) -> bool:
     """Return whether the distances of a segment differ from those of the main segment."""
     options = path.options
-    inside = every_few(distance[segment.start : segment.stop])
+    inside = thinned_frames(distance[segment.start : segment.stop])
     deviation, size = _confirmed_deviation(
         np.abs(inside - typical.median), typical.spread, options.min_references
     )
@@ -205,7 +210,7 @@ def _main_segment(
         )
         cost = 0.0
         for segment in segments:
-            inside = every_few(distance[segment.start : segment.stop])
+            inside = thinned_frames(distance[segment.start : segment.stop])
             deviation = known_medians(np.abs(inside - typical.median))
             known = deviation[~np.isnan(deviation)]
             cost += segment.frames * (float(known.mean()) if len(known) else 0.0)

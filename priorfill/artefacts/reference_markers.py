@@ -26,7 +26,7 @@ BLOCKS = 12
 """Blocks of time, spread over the clip."""
 
 POSES_PER_BLOCK = 20
-"""Poses looked at in each block."""
+"""Poses used in each block."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,8 @@ class ReferenceMarkerOptions:
         be affected in half of the blocks.
     distance_penalty : float
         Fraction of the distance added to its standard deviation: of two equally rigid markers the
-        nearer one is the better reference. It is 1 mm at a hand's width and 30 mm at arm's length.
+        nearer one is the better reference. It adds 3 mm at a distance of 100 mm, and 20 mm at arm's
+        length.
     """
 
     count: int = 4
@@ -94,6 +95,10 @@ def choose_reference_markers(
     Returns
     -------
     ReferenceMarkers
+
+    See Also
+    --------
+    priorfill.artefacts.find_artefacts : The search for artefacts, which uses them.
     """
     frames, markers = positions.shape[:2]
     count = min(options.count, markers - 1)
@@ -116,7 +121,10 @@ def _pair_scores(
     second: NDArray[np.intp],
     options: ReferenceMarkerOptions,
 ) -> NDArray[np.float64]:
-    """Return how unfit each pair is (mm; infinite where unknown), from (blocks, poses, markers)."""
+    """Return how poor a reference each pair gives (mm; infinite where unknown).
+
+    ``blocks`` are poses by block [shape=(blocks, poses, markers, 3), mm].
+    """
     distance = np.sqrt(((blocks[:, :, first] - blocks[:, :, second]) ** 2).sum(axis=3))
     seen = np.isfinite(distance)
     count = seen.sum(axis=1)

@@ -27,6 +27,10 @@ def find_spikes(path: MarkerPath, segments: list[PathSegment]) -> list[SuspectSp
     -------
     list of SuspectSpan
         In order of time; adjacent short segments are one spike.
+
+    See Also
+    --------
+    outlier_runs : Adds the longer segments.
     """
     max_frames = path.spike_frames
     typical = TypicalDistances.of(path.distance, path.options.min_spread)

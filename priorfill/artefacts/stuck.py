@@ -79,6 +79,10 @@ def find_stuck(
     -------
     list of StuckRun
         By marker, then by time.
+
+    See Also
+    --------
+    priorfill.artefacts.find_artefacts : Calls all detectors.
     """
     # one coordinate at a time: a third of the time needed for all at once
     equal = positions[1:, :, 0] == positions[:-1, :, 0]

@@ -52,7 +52,7 @@ BATCH_SIZE = 200
 
 @dataclass(frozen=True)
 class FloorOptions:
-    """When and how firmly the floor constraint acts.
+    """When and how strongly the floor constraint acts.
 
     Attributes
     ----------

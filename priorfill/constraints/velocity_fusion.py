@@ -1,8 +1,8 @@
 """Fuse predicted positions with predicted velocities and with the samples measured nearby.
 
-A foot that stands is known to stand, wherever it is, and an arm that swings is known to swing. The
-error of a predicted position changes within tenths of a second, so differences of positions over
-time describe the movement of a marker less well than velocities predicted directly. Positions,
+Whether a foot stands or an arm swings is predictable even where its position is uncertain. The
+error of a predicted position changes within tenths of a second, so differences of predicted
+positions describe the movement of a marker less well than velocities predicted directly. Positions,
 velocities and measured samples are combined by the least squares
 
     sum_t |x[t] - p[t]|² / s²  +  sum_t |(x[t+1] - x[t]) / dt - u[t]|² / w[t]²
@@ -125,10 +125,13 @@ def _fused_velocity(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return u (frames, markers, 3; mm/s) and 1 / w² (frames, markers; s²/mm²)."""
     variance = np.maximum(prediction.expected_rms, MIN_ERROR / options.error_time) ** 2
-    of_derivative = (error / options.error_time) ** -2.0
-    ratio = variance * of_derivative / options.half_weight_ratio**2
-    of_velocity = 1.0 / (variance * (1.0 + ratio))
+    derivative_precision = (error / options.error_time) ** -2.0
+    ratio = variance * derivative_precision / options.half_weight_ratio**2
+    velocity_precision = 1.0 / (variance * (1.0 + ratio))
     derivative = np.gradient(positions, axis=0) * rate
-    precision = of_velocity + of_derivative
-    fused = of_velocity[..., None] * prediction.velocity + of_derivative[:, None] * derivative
+    precision = velocity_precision + derivative_precision
+    fused = (
+        velocity_precision[..., None] * prediction.velocity
+        + derivative_precision[:, None] * derivative
+    )
     return fused / precision[..., None], precision

@@ -25,7 +25,7 @@ Float64Array = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
 
 PADDING = 2
-"""Frames of zeros at either end of a chain: as far as differences reach."""
+"""Frames of zeros at either end of a chain: a second difference spans two steps."""
 
 MIN_PIVOT_RATIO = 1e-12
 """Pivots below this fraction of the diagonal are rounding errors."""
@@ -243,7 +243,7 @@ def descend_chains(
     max_steps : int
         Descent steps per round.
     max_rounds : int
-        Rounds at largest.
+        Maximum number of rounds.
     gain : ndarray [shape=(blocks,)]
         Work array, initially 0, as the next two.
     active : ndarray of int [shape=(frames,)]

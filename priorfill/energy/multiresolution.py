@@ -28,7 +28,7 @@ MIN_LEVEL_RATE = 12.0
 """Hz. Rate of the coarsest level at least: human movement has little above 6 Hz."""
 
 MARGIN_FRAMES = 2
-"""Frames of a level on either side of a gap group, as far as differences reach."""
+"""Frames of a level on either side of a gap group that differences across its edges involve."""
 
 Solver = Callable[[NDArray[np.float64], NDArray[np.bool_], Prior], Solution]
 """Finds the free samples of a window: ``(positions, free, prior) -> solution``."""

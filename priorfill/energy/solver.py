@@ -102,7 +102,7 @@ def _start(
 
 
 def _padded(count: int, *columns: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Stack columns of system, and pad them with frames of zeros.
+    """Stack columns of a system, and pad them with frames of zeros.
 
     Parameters
     ----------

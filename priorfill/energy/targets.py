@@ -124,6 +124,10 @@ def to_world(
     Returns
     -------
     pose, velocity, acceleration : ndarray [shape=(frames, markers, 3), mm]
+
+    See Also
+    --------
+    fold : Computes the targets in root frames.
     """
     previous = before.to_world(pose - velocity + 0.5 * acceleration)
     current = here.to_world(pose)

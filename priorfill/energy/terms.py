@@ -128,6 +128,11 @@ def banded_system(prior: Prior) -> BandedSystem:
     -------
     BandedSystem
         The minimum of the energy solves A x = b.
+
+    See Also
+    --------
+    energy : The same as sums of squares.
+    priorfill.energy.solver.solve_exactly : Solves it.
     """
     pose_weight = prior.pose_weight.T  # (markers, frames)
     velocity_weight = prior.velocity_weight.T.copy()

@@ -80,6 +80,10 @@ def pair_statistics(positions: NDArray[np.floating]) -> PairStatistics:
     Returns
     -------
     PairStatistics
+
+    See Also
+    --------
+    pair_distances : Distances and their spread only.
     """
     sample = positions[:: max(1, -(-len(positions) // MAX_POSES))].astype(np.float64)
     markers = sample.shape[1]
@@ -149,6 +153,10 @@ def median_distances(
     -------
     ndarray [shape=(pairs,), mm]
         NaN where no pose shows the pair. Of an even number of distances, the lower middle one.
+
+    See Also
+    --------
+    pair_distances : Rms distances of all pairs.
     """
     ordered = np.sort(norms(poses[:, first] - poses[:, second]), axis=0)  # NaN last
     count = (~np.isnan(ordered)).sum(axis=0)
@@ -173,6 +181,10 @@ def pooled_distances(
     distance, spread : ndarray [shape=(markers, all markers), mm]
         Infinite where no recording shows a pair. ``spread`` is the standard deviation within
         recordings, about the mean of each.
+
+    See Also
+    --------
+    pair_distances : The same for one recording.
     """
     total = recordings[0].shape[1] if recordings else 0
     count = np.zeros((len(markers), total))

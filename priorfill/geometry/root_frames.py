@@ -200,6 +200,11 @@ def root_group(positions: NDArray[np.float64], markers: Sequence[int]) -> RootGr
     RootGroup or None
         None if no pose has all markers. The template is the mean of the poses after each was
         turned to the heading of the first; heading 0 is therefore arbitrary.
+
+    See Also
+    --------
+    heading_frames : Aligns poses with the template.
+    priorfill.markers.root_choice.choose_root : Chooses the markers.
     """
     points = positions[:, list(markers)]
     points = points[~np.isnan(points[..., 0]).any(axis=1)]

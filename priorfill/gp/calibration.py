@@ -22,7 +22,7 @@ MIN_EXPECTED_RMS = 0.1
 smaller expected error."""
 
 BOUND_COVERAGE = 0.9
-"""Part of the errors that are expected to lie below a bound."""
+"""Share of the errors that is expected to lie below a bound."""
 
 MEAN_FACTOR = 0.921
 """Ratio of the mean distance from the truth to its root mean square for normal isotropic errors in
@@ -33,7 +33,7 @@ UNIT_BOUND = 2.500278
 each of the three coordinates."""
 
 BISECTIONS = 40
-"""Steps of the bisection: the interval shrinks to a 10^-12th."""
+"""Steps of the bisection, which shrink the interval to 1e-12 of its width."""
 
 MIN_BOUND = 1e-9
 """mm. Least bound of a sample; avoids a division by zero."""

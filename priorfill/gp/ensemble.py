@@ -75,14 +75,14 @@ class EnsembleOptions:
         `priorfill.gp.calibration.BOUND_FACTOR`) counts as this many held-out blocks: few blocks
         tell little about the tails of the errors.
     selection_inflation : float
-        Factor of the expected error of models of further problems than the first. Their weights
-        are chosen on the blocks that calibrate them: without it, bounds for 90 % of the samples
-        held for 85 % with a database, in 60 gaps, and for 90 % without.
+        Factor on the expected error of models of all problems but the first. Their weights are
+        set by the same blocks that calibrate them: in 60 gaps, without this factor, the 90 % bound
+        held for 85 % of the samples with a database, and for 90 % without one.
     min_expected_rms : float
         mm. Least expected error; a marker at the place of a visible one could have none.
     min_common_poses : int
         Held-out poses that all problems must have in common to calibrate their ensemble;
-        otherwise the problem of the greatest weight is calibrated alone.
+        otherwise the problem with the greatest weight is calibrated alone.
     velocity_errors : VelocityErrorOptions
         Of the expected errors of velocities.
     """
@@ -308,7 +308,8 @@ class _Ensemble:
     def cross_validate(self) -> _CrossValidation:
         """Return the errors on the held-out poses.
 
-        They are the poses that all problems have, or else those of the problem of most weight.
+        These are the poses that all problems share, or else those of the problem with the greatest
+        weight.
         """
         fitted, models = self.fitted, self.fitted.models
         weight = self.total_weight / self.total_weight.sum()
@@ -347,7 +348,7 @@ class _CrossValidation:
     held_out_variance: NDArray[np.float64]  # (models, poses, targets)
     velocity: NDArray[np.float64]  # (poses, targets, 3), measured; no targets for positions
     blocks: int  # number of held-out blocks
-    further_weight: float = 0.0  # of the models of further problems than the first
+    further_weight: float = 0.0  # of the models of all problems but the first
 
     @property
     def ensemble_residuals(self) -> NDArray[np.float64]:
@@ -364,7 +365,7 @@ def _calibrate(validation: _CrossValidation, options: EnsembleOptions) -> tuple[
     factor : float
         By which the predicted rms error is to be multiplied.
     bound : float
-        Factor of that which gives the bound below which 90 % of the errors lie.
+        Ratio of the bound below which 90 % of the errors lie to the calibrated rms error.
     """
     mean = validation.ensemble_residuals
     disagreement = ((validation.residuals - mean) ** 2).sum(axis=3)
@@ -385,8 +386,8 @@ def _predicted_velocity(
 ) -> VelocityPrediction:
     """Return an ensemble's velocities and their expected errors.
 
-    The expected rms error is the geometric mean of that which the models predict and that of
-    held-out velocities of similar speed.
+    The expected rms error is the geometric mean of the error that the models predict and the rms
+    error of held-out velocities of similar speed.
     """
     validation = ensemble.cross_validate()
     residuals = validation.ensemble_residuals

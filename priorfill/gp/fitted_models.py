@@ -53,7 +53,7 @@ class SharedCovariances:
         blocks = train.blocks(block_seconds, problem.query)
         held_out = np.concatenate(blocks)
         held_out = held_out[np.argsort(train.time[held_out], kind="stable")]
-        processes = dict.fromkeys(with_offset(model.process, problem) for model in models)
+        processes = dict.fromkeys(_with_offset(model.process, problem) for model in models)
         kernels = tuple(process.kernel for process in processes)
         return cls(blocks, held_out, _precomputed(train.pairs(train), kernels), problem, kernels)
 
@@ -62,7 +62,7 @@ class SharedCovariances:
         return _precomputed(query.pairs(self._problem.train), self._kernels)
 
 
-def with_offset(process: GaussianProcess, problem: RegressionProblem) -> GaussianProcess:
+def _with_offset(process: GaussianProcess, problem: RegressionProblem) -> GaussianProcess:
     """Add a problem's offsets of subjects to the covariance of a process."""
     if problem.offset_variance == 0.0:
         return process
@@ -210,7 +210,7 @@ class _Features:
         return product
 
     def with_query(self, features: _Floats) -> tuple[_Floats, _Floats]:
-        """Inner products of queries' features with the training poses', and squared norms."""
+        """Return inner products of queries' and training poses' features, and squared norms."""
         centred = features - self.mean
         return centred @ self.train.T, (centred**2).sum(axis=1)
 
@@ -251,10 +251,6 @@ class _AlignedFeatures:
             velocity = train.velocity @ self.frames.rotation
             targets = np.concatenate([targets, velocity], axis=1)
         return targets.reshape(len(train.time), -1)
-
-    def scale(self, product: _Floats) -> float:
-        """Return the mean squared norm of the training poses by their inner products."""
-        return float(np.trace(product)) / len(product) or 1.0
 
     def query_frames(self, query: PoseSamples) -> RootFrames:
         """Return the root frames of queries."""
@@ -304,13 +300,13 @@ class FittedModels:
             product = product_of_poses
             if lag is not None:
                 product = product + aligned.lags[lag].product
-            scales[lag] = aligned.scale(product)
+            scales[lag] = _mean_squared_norm(product)
             product = product / scales[lag]
             norms[lag] = np.diag(product)
             pairs = shared.pairs.with_features(product, norms[lag], norms[lag])
             fitted += [
                 FittedModel.fit(
-                    with_offset(model.process, problem),
+                    _with_offset(model.process, problem),
                     pairs,
                     targets,
                     aligned.frames.rotation,
@@ -364,6 +360,11 @@ class FittedModels:
         found.mean[:] = found.mean @ np.swapaxes(frames.rotation, 1, 2)
         found.mean[:, :, : self._positions] += frames.origin[:, None, :]
         return found
+
+
+def _mean_squared_norm(product: _Floats) -> float:
+    """Return the mean squared norm of poses by their inner products; 1 if all norms are 0."""
+    return float(np.trace(product)) / len(product) or 1.0
 
 
 def _features(

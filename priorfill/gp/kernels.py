@@ -57,7 +57,7 @@ __all__ = [
 ]
 
 MAX_SCALED_LAG = 700.0
-"""The exponential of minus a greater number is 0, and infinity times 0 is not a number."""
+"""Upper limit of scaled lags: exp(-r) is 0 beyond it, and infinity times 0 would be NaN."""
 
 _Value = NDArray[np.float64] | float
 

@@ -23,7 +23,7 @@ TRIANGLE_ROWS = 64
 exceeds the products that are saved."""
 
 JITTER = (1e-14, 1e-12, 1e-10, 1e-8)
-"""Parts of a covariance matrix's mean variance, tried in turn, that are added to its diagonal
+"""Fractions of a covariance matrix's mean variance, tried in turn, that are added to its diagonal
 where rounding has left it not positive definite."""
 
 
@@ -136,6 +136,10 @@ def explained_variance(
         `inverse_root` of the samples' covariance C, noise included.
     cross : ndarray [shape=(points, samples)]
         Covariance of the points with the samples, one row c for each point.
+
+    See Also
+    --------
+    inverse_root : Computes the root.
     """
     explained = np.zeros(len(cross))
     # Only the columns left of the diagonal are multiplied. BLAS has a product of triangular
@@ -153,7 +157,7 @@ def block_residuals(
     blocks: NDArray[np.intp],
     removed: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Residuals of blocks of samples predicted from all others, in closed form.
+    """Return the residuals of blocks of samples predicted from all others, in closed form.
 
     [RW06]_ Eq. (5.12) for blocks; see `priorfill.gp.process.FittedGP.leave_blocks_out`.
 
@@ -173,6 +177,10 @@ def block_residuals(
     residuals : ndarray [shape=(blocks, length, outputs)]
     variance : ndarray [shape=(blocks, length)]
         Noise included, in the kernel's unit.
+
+    See Also
+    --------
+    priorfill.gp.process.FittedGP.leave_blocks_out : Blocks of any lengths.
     """
     own = root.T[blocks]  # (blocks, length, samples)
     precision = own @ np.swapaxes(own, 1, 2)

@@ -73,6 +73,11 @@ class GaussianProcess:
         noise_variance : ndarray [shape=(samples,)], optional
             Of each sample, instead of the same for all.
 
+        Returns
+        -------
+        FittedGP
+            Predicts the process at other points.
+
         Raises
         ------
         numpy.linalg.LinAlgError
@@ -123,8 +128,8 @@ class FittedGP:
         `priorfill.gp.linalg.inverse_root`.
     weights : ndarray [shape=(samples, outputs)]
         The inverse covariance times the targets less their fitted basis functions.
-    basis : object, optional
-        What was fitted of the basis functions.
+    basis : _FittedBasis, optional
+        The fitted basis functions.
     scale : ndarray [shape=(outputs,)], optional
         With basis functions: the factor of the covariance under which the targets are most
         likely, unbiased (restricted maximum likelihood).
@@ -170,9 +175,9 @@ class FittedGP:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Predict each block of samples from all others, in closed form.
 
-        [RW06]_ Eq. (5.12), generalised to blocks, and with basis functions to free coefficients
-        [D83]_: with G the inverse covariance, the residuals of block B are ``inv(G_BB) (G y)_B``
-        and their covariance is ``inv(G_BB)``.
+        [RW06]_ Eq. (5.12), generalised to blocks and, with basis functions, to their free
+        coefficients [D83]_: with G the inverse covariance, the residuals of block B are
+        ``inv(G_BB) (G y)_B``, and their covariance is ``inv(G_BB)``.
 
         Parameters
         ----------

@@ -112,9 +112,9 @@ def available() -> dict[str, MarkerSet]:
 def recognise(labels: Sequence[str]) -> MarkerSet | None:
     """Return the marker set that fits the labels of a clip best.
 
-    That is the set with the largest Dice coefficient, among those that contain at least
-    `MIN_CLIP_SHARE` of the clip's markers and of which the clip has at least `MIN_SET_SHARE` of the
-    markers that are not optional.
+    A set fits if it contains at least `MIN_CLIP_SHARE` of the clip's markers, and the clip at least
+    `MIN_SET_SHARE` of the set's markers that are not optional. The best one has the largest Dice
+    coefficient.
 
     Parameters
     ----------

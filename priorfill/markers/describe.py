@@ -81,6 +81,11 @@ def describe_markers(
         The definition, restricted to the markers given. Markers it does not contain are assigned to
         the segment to which their distances vary least, as not reliable and without a mirror image.
         Without a definition, the result of `discover`.
+
+    See Also
+    --------
+    describe : The same for a clip.
+    discover : Used where there is no definition.
     """
     if definition is None:
         return discover(positions, labels, pairs())
@@ -121,12 +126,14 @@ def _nearest_segments(
     """Return a segment for each extra marker: its own label if it was seen with no other marker."""
     spread = pairs.of_common(MIN_COMMON)[1]
     index = {label: m for m, label in enumerate(labels)}
-    members: dict[str, list[int]] = {}
+    markers_of: dict[str, list[int]] = {}
     for label, name in segment.items():
-        members.setdefault(name, []).append(index[label])
+        markers_of.setdefault(name, []).append(index[label])
     result = {}
     for label in extra:
-        mean = {name: float(spread[index[label], group].mean()) for name, group in members.items()}
+        mean = {
+            name: float(spread[index[label], group].mean()) for name, group in markers_of.items()
+        }
         name = min(mean, key=lambda key: mean[key])
         result[label] = name if np.isfinite(mean[name]) else label
     return result

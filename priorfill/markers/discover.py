@@ -24,15 +24,15 @@ MIN_RELIABLE_MARKERS = 6
 """If fewer markers are reliable by the data, all that are mostly visible count as reliable;
 otherwise the search would ignore most of the body's posture."""
 
-HALF_CREDIT_DISTANCE = 0.5
+HALF_SCORE_DISTANCE = 0.5
 """Distance of a segment from the centre of the body, relative to the mean of all markers, at which
-its credit as a root halves. Pelvis and thorax are nearer, head and limbs farther away."""
+its score as a root halves. Pelvis and thorax are nearer, head and limbs farther away."""
 
 MIN_VISIBLE_SHARE = 0.5
 """Fraction of the frames in which a reliable marker must be visible."""
 
-MAX_CREDITED_MARKERS = 4
-"""Markers of a segment up to which its size adds to its credit as a root."""
+MAX_SCORED_MARKERS = 4
+"""Markers of a segment up to which its size adds to its score as a root."""
 
 
 def discover(
@@ -94,7 +94,7 @@ def discover(
     if reliable.sum() < MIN_RELIABLE_MARKERS:
         reliable = visible
 
-    order = sorted(range(len(groups)), key=_root_credit(positions, spread, groups), reverse=True)
+    order = sorted(range(len(groups)), key=_root_score(positions, spread, groups), reverse=True)
     roots = [i for i in order if len(groups[i]) >= MIN_SEGMENT_MARKERS]
     return MarkerSet(
         name=DISCOVERED,
@@ -107,15 +107,15 @@ def discover(
     )
 
 
-def _root_credit(
+def _root_score(
     positions: NDArray[np.floating], spread: NDArray[np.float64], groups: list[list[int]]
 ) -> Callable[[int], float]:
     """Return the sort key of ``groups``: how well each one is suited to define the root frame.
 
-    The credit is a product, so that a group that fails in one respect does not come first: the
+    The score is a product, so that a group that fails in one respect does not come first: the
     fraction of frames in which the group is complete, its size, how rigid and how central it is.
-    Half of the credit is lost at a spread of `MAX_RIGID_SPREAD`, and half at a distance of
-    `HALF_CREDIT_DISTANCE`; the square in the latter keeps limbs behind the trunk.
+    Half of the score is lost at a spread of `MAX_RIGID_SPREAD`, and half at a distance of
+    `HALF_SCORE_DISTANCE`; the square in the latter ranks limbs below the trunk.
     """
     seen = ~np.isnan(positions[:, :, 0])
     step = max(1, positions.shape[0] // 100)
@@ -127,16 +127,16 @@ def _root_credit(
     distance = distance.sum(axis=0) / np.maximum(known[:, :, 0].sum(axis=0), 1)
     mean_distance = max(float(distance.mean()), 1e-9)
 
-    def credit(i: int) -> float:
+    def score(i: int) -> float:
         group = groups[i]
         complete = float(seen[:, group].all(axis=1).mean()) if len(seen) else 0.0
-        size = min(len(group), MAX_CREDITED_MARKERS) / MAX_CREDITED_MARKERS
+        size = min(len(group), MAX_SCORED_MARKERS) / MAX_SCORED_MARKERS
         max_spread = float(spread[np.ix_(group, group)].max()) if len(group) > 1 else np.inf
         off_centre = float(distance[group].mean()) / mean_distance
         rigidity = 1 / (1 + max_spread / MAX_RIGID_SPREAD)
-        return complete * size * rigidity / (1 + (off_centre / HALF_CREDIT_DISTANCE) ** 2)
+        return complete * size * rigidity / (1 + (off_centre / HALF_SCORE_DISTANCE) ** 2)
 
-    return credit
+    return score
 
 
 def _mirror_by_names(labels: Sequence[str]) -> dict[str, str]:

@@ -72,7 +72,7 @@ class PoseBank:
     rate : float
         Hz. The rate of the query's level; of each take the level with the nearest rate is used.
     max_poses : int, optional
-        Poses to search at most, evenly spaced; by default all.
+        Maximum number of poses to search, evenly spaced; by default all.
 
     Attributes
     ----------

@@ -18,8 +18,8 @@ FLOAT64_ROUNDING = 2.0**-53
 """Relative rounding error of a double-precision operation."""
 
 ROUNDINGS_PER_DIMENSION = 8
-"""Rounding errors in a square from the matrix product, per dimension, at most. Poses that it cannot
-tell apart are measured directly."""
+"""Upper limit of the rounding errors in a square from the matrix product, per dimension. Poses that
+it cannot distinguish are measured directly."""
 
 
 def nearest_by_brute_force(

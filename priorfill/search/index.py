@@ -38,7 +38,7 @@ MAX_BRUTE_FORCE_POSES = 2**14
 but spares the seconds in which the index compiles on first use."""
 
 MAX_SPAN_POSES = 4
-"""Poses per span. With 8 there are 4 % fewer spans, which take a fifth longer to lay."""
+"""Poses per span. With 8 there are 4 % fewer spans, which take a fifth longer to construct."""
 
 MAX_CHORD_ERROR = 5.0
 """mm per coordinate. Largest chord error of a span of several poses: 36 mm in 54 dimensions, little
@@ -78,8 +78,8 @@ FLOAT32_ROUNDING = 2.0**-24
 """Relative rounding error of a single-precision operation."""
 
 ROUNDINGS_PER_DIMENSION = 8
-"""Single-precision rounding errors in a bound, per dimension, at most: a square is a sum over the
-dimensions, and the squared distance from a chord is computed from three of them."""
+"""Upper limit of the single-precision rounding errors in a bound, per dimension: a square is a sum
+over the dimensions, and the squared distance from a chord is computed from three of them."""
 
 MAX_COORDINATE = 1e15
 """mm. Squares of larger coordinates would not fit into single precision."""
@@ -347,7 +347,7 @@ class _SpanIndex:
     ) -> None:
         """Find the nearest poses of a group, given the bounds of its query segment.
 
-        ``offset`` is how far (mm) the queries are from their segment at most.
+        ``offset`` is the largest distance (mm) of a query from the segment.
         """
         from priorfill.search.kernels import ROUND_UP
 

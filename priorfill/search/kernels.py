@@ -173,9 +173,9 @@ def lay_spans(
     begin, end : int
         The range of poses; a span begins at either.
     max_length : int
-        Poses per span at most.
+        Maximum number of poses per span.
     max_chord_error : float
-        mm. Chord error of spans of more than one pose at most.
+        mm. Largest chord error of a span of more than one pose.
     rounding : float
         Relative rounding error of a square.
     vertices : ndarray of int
@@ -261,10 +261,10 @@ def bound_spans(
     for block in range(bounds.shape[1]):
         # in the last block, remains of the block before it fill the work array and are bounded too
         begin = block * BLOCK_SPANS
-        wide = vertices - begin
-        if wide > BLOCK_SPANS + 1:
-            wide = BLOCK_SPANS + 1
-        for i in range(wide):
+        width = vertices - begin
+        if width > BLOCK_SPANS + 1:
+            width = BLOCK_SPANS + 1
+        for i in range(width):
             for d in range(directions):
                 block_data[d, i] = projection[begin + i, d]
             block_data[directions, i] = squared_length[begin + i]

@@ -142,6 +142,11 @@ def same_subject_take(
     ------
     ClipError
         If the recordings have no marker in common.
+
+    See Also
+    --------
+    own_take : The clip itself.
+    takes_from : Recordings of a database.
     """
     here, there = same_markers(labels, other.labels, marker_set)
     positions = np.full((other.frames, len(labels), 3), np.nan)

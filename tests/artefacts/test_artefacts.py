@@ -272,7 +272,7 @@ def test_other_rates(rate: float) -> None:
 
 @given(seed=st.integers(0, 2**16), share=st.floats(0, 0.4))
 @settings(max_examples=25, deadline=None)
-def test_steps_against_the_slow_twin(seed: int, share: float) -> None:
+def test_steps_equal_those_of_a_loop(seed: int, share: float) -> None:
     rng = np.random.default_rng(seed)
     positions = rng.normal(size=(int(rng.integers(3, 12)), 4, 3))
     positions[rng.random(positions.shape[:2]) < share] = np.nan
@@ -308,7 +308,7 @@ def test_reference_markers_are_on_the_same_segment() -> None:
     assert set(wrong.of(column("RTOE")[0])[:2]) <= set(column("RMT5", "RHEE", "RANK", "LFHD"))
 
 
-def test_distances_against_the_slow_twin() -> None:
+def test_distances_equal_those_of_a_loop() -> None:
     positions = AFFECTED["mislabelled"].positions[240:260]
     others = np.array([3, 7, 11])
     np.testing.assert_allclose(

@@ -186,7 +186,7 @@ def test_the_result_minimises_the_least_squares(seed):
     assert (terms(found.ravel()) ** 2).sum() < 1.1 * 2.0 * best.cost + 1e-3
 
 
-def test_missing_markers_tie_nothing():
+def test_missing_markers_impose_no_distances():
     clip = leg()
     sunk = clip[:, 1:] - [0.0, 0.0, 25.0]
     found = corrected(sunk, np.full((60, 1, 3), np.nan))

@@ -23,7 +23,7 @@ OPTIONS = VelocityFusionOptions()
 
 
 def some(seed, frames=12, markers=2):
-    """Return what is predicted, how it moves, and what is measured of some frames at 100 Hz."""
+    """Return predicted positions, predicted velocities and measured samples at 100 Hz."""
     rng = np.random.default_rng(seed)
     positions = rng.normal(0, 100, (frames, markers, 3)).cumsum(axis=0)
     motion = VelocityPrediction(
@@ -142,7 +142,7 @@ def test_errors_by_speed_are_a_weighted_mean(seed):
             assert found[q, m] == pytest.approx(np.sqrt(square))
 
 
-def test_poses_are_compared_in_parts():
+def test_poses_are_compared_in_batches():
     rng = np.random.default_rng(2)
     velocity, predicted, wrong = (rng.normal(0, 300, (n, 2, 3)) for n in (11, 9, 9))
     complete = error_by_speed(velocity, predicted, wrong)

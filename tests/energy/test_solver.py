@@ -59,7 +59,7 @@ def test_descent_reaches_the_exact_minimum(seed, frames, markers, scales):
     st.integers(1, 6),
     st.sampled_from([1, 2, 7, 64]),
 )
-def test_descent_against_the_slow_twin(seed, frames, share, steps, block):
+def test_descent_equals_its_naive_implementation(seed, frames, share, steps, block):
     positions, free, prior = problem(seed, frames, 2, (1.0, 5.0, 10.0))
     options = DescentOptions(min_gain_ratio=share, max_steps=steps, block_frames=block)
     found = minimise(positions, free, prior, options)
@@ -93,7 +93,7 @@ def test_samples_without_a_term_are_unchanged():
 
 
 def test_scheduling_saves_updates_where_the_work_is_in_one_place():
-    """One bump in a long chain: descent on all frames at once works on them all in vain."""
+    """With one bump in a long chain, descent on all frames updates many that need no change."""
     rng = np.random.default_rng(0)
     prior = random_prior(rng, 600, 1, (1.0, 10.0, 30.0))
     free = np.ones((600, 1), dtype=bool)
@@ -124,7 +124,7 @@ def test_blocks_solve_stiff_priors():
 
 
 def test_a_smooth_offset_is_removed_though_single_frames_hardly_move():
-    """Off by a millimetre everywhere, held at both ends by measured frames; the prior is stiff."""
+    """All frames are off by a millimetre, between measured frames; the prior is stiff."""
     nothing, ones = np.zeros((600, 1, 3)), np.ones((600, 1))
     prior = Prior(nothing, nothing, nothing, ones, 0.0 * ones, 1e4 * ones, 0.0 * ones)
     free = np.ones((600, 1), dtype=bool)

@@ -26,7 +26,7 @@ def recordings(seed: int = 0) -> list[np.ndarray]:
 
 def test_pooled_distances() -> None:
     parts, markers = recordings(), np.array([3, 0])
-    distance, expected_rms = pooled_distances(parts, markers)
+    distance, spread = pooled_distances(parts, markers)
     for row, marker in enumerate(markers):
         for other in range(5):
             lengths, away = [], []
@@ -37,10 +37,10 @@ def test_pooled_distances() -> None:
                 away += list(here - here.mean()) if len(here) else []
             if not lengths:
                 assert np.isinf(distance[row, other])
-                assert np.isinf(expected_rms[row, other])
+                assert np.isinf(spread[row, other])
                 continue
             assert np.isclose(distance[row, other], np.sqrt(np.mean(np.square(lengths))))
-            assert np.isclose(expected_rms[row, other], np.sqrt(np.mean(np.square(away))))
+            assert np.isclose(spread[row, other], np.sqrt(np.mean(np.square(away))))
     assert pooled_distances([], markers)[0].shape == (2, 0)
 
 
@@ -66,7 +66,7 @@ def test_median_distances() -> None:
 def test_pair_distances() -> None:
     positions = recordings(2)[2]
     for min_common in (1, 5, 6, 7):
-        distance, expected_rms = pair_distances(positions, min_common)
+        distance, spread = pair_distances(positions, min_common)
         for one in range(5):
             for other in range(5):
                 lengths = np.linalg.norm(positions[:, one] - positions[:, other], axis=1)
@@ -74,7 +74,7 @@ def test_pair_distances() -> None:
                 known = len(lengths) >= min_common
                 rms = np.sqrt(np.mean(lengths**2)) if known else np.inf
                 assert np.isclose(distance[one, other], rms)
-                assert np.isclose(expected_rms[one, other], lengths.std() if known else np.inf)
+                assert np.isclose(spread[one, other], lengths.std() if known else np.inf)
 
 
 def test_five_poses_are_enough_for_a_pair() -> None:

@@ -10,7 +10,7 @@ from priorfill.geometry.poses import complete_poses, evenly_spaced, sample_compl
 
 
 @given(st.integers(0, 300), st.integers(0, 300))
-def test_evenly(count: int, most: int) -> None:
+def test_evenly_spaced(count: int, most: int) -> None:
     some = evenly_spaced(count, most)
     assert len(some) == min(count, most)
     if len(some) > 1:
@@ -20,7 +20,7 @@ def test_evenly(count: int, most: int) -> None:
         assert steps.max() - steps.min() <= 1
 
 
-def test_whole_poses() -> None:
+def test_complete_poses() -> None:
     poses = np.arange(60.0).reshape(10, 2, 3)
     poses[3, 1] = poses[7] = np.nan
     np.testing.assert_array_equal(np.flatnonzero(~complete_poses(poses)), [3, 7])

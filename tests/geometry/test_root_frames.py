@@ -24,7 +24,7 @@ def body(seed, frames=20, markers=6):
 
 
 @given(seeds, angles)
-def test_local_poses_know_nothing_of_where_and_which_way(seed, angle):
+def test_local_poses_do_not_depend_on_place_and_heading(seed, angle):
     poses = body(seed)
     moved = turned(poses, angle, [1000.0, -2000.0, 50.0])
     group = root_group(poses, range(6))
@@ -88,7 +88,7 @@ def test_a_missing_pelvis_is_a_case_not_an_error():
     assert choose_root(marker_set, labels, poses, one) is None
 
 
-def test_a_group_never_seen_whole_gives_no_root():
+def test_a_group_that_is_never_complete_gives_no_root():
     poses = body(2)
     poses[::2, 0] = np.nan
     poses[1::2, 1] = np.nan

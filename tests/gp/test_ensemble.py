@@ -259,7 +259,7 @@ def test_a_model_predicts_as_in_the_textbook(seed, velocity, fading):
 
 
 def test_models_have_less_weight_in_frames_where_they_are_uncertain():
-    """Two models err alike on rows; one has seen nothing like the second half of the gap."""
+    """Two models have equal held-out errors; one has no training poses like half of the gap."""
     poses, time = rigid_clip(4, noise=2.0)
     rows, query = split(poses, time, np.arange(40, 60))
     problem = RegressionProblem(rows, query, np.full(4, 80.0), np.full(4, 2.0))

@@ -337,13 +337,13 @@ def features(poses, frames, weight, lag):
 
 
 def inputs_of(poses, known):
-    """Features, time, and who is seen; recordings are 10^6 s apart."""
-    nobody = np.zeros(len(poses.time)) if poses.subject is None else poses.subject
+    """Features, times and subjects; recordings are 10^6 s apart."""
+    subject = np.zeros(len(poses.time)) if poses.subject is None else poses.subject
     alike = np.ones(len(poses.time)) if poses.correlation is None else poses.correlation
     return Inputs(
         features=known,
         time=poses.time + 1e6 * poses.recording,
-        subject=nobody,
+        subject=subject,
         # of each subject: its correlation with the test subject, and the remaining deviation
         common=alike,
         rest=np.sqrt(1.0 - alike**2),

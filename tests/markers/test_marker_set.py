@@ -469,7 +469,7 @@ def real(name: str) -> tuple[np.ndarray, list[str]]:
     ],
 )
 def test_discovery_agrees_with_known_segments(name: str, precision: float, recall: float) -> None:
-    """Labels hidden, the segments found are mostly those of the definition."""
+    """Without labels, most segments found are those of the definition."""
     positions, labels = real(name)
     known = load("baumann41")
     keep = [i for i, label in enumerate(labels) if label in known.labels]

@@ -18,7 +18,7 @@ def recordings_and_queries(draw):
     lengths = draw(st.lists(st.integers(1, 40), min_size=1, max_size=6))
     dimensions = draw(st.integers(1, 40))
     kind = draw(st.sampled_from(["smooth", "noise", "grid", "still"]))
-    # max_brute_force directions carry most of the movement, as in poses
+    # few directions hold most of the variance, as in poses
     basis = np.geomspace(300, 1, dimensions)[:, None] * rng.normal(size=(dimensions, dimensions))
     parts = []
     for length in lengths:

@@ -1,4 +1,4 @@
-"""Slow, obvious twins of what priorfill computes fast."""
+"""Slow but obvious implementations of what priorfill computes fast."""
 
 import numpy as np
 
