@@ -39,7 +39,7 @@ class InterpolationOptions:
     Attributes
     ----------
     max_seconds : float
-        s. Longer gaps are not interpolated: by then a movement may have gone anywhere.
+        s. Longer gaps are not interpolated: the movement in them is not predictable from its edges.
     context_seconds : float
         s. How much of the recording on either side of the gap is used.
     process : GaussianProcess

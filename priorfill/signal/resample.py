@@ -1,4 +1,4 @@
-"""Resampling with anti-aliasing, the pyramid of levels, and derivatives.
+"""Resampling with anti-aliasing, and the pyramid of levels.
 
 All functions take positions (frames, markers, 3) in which NaN means missing, and keep the time
 origin: frame 0 is at t = 0 at every rate.
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from priorfill.errors import OptionError
 
-__all__ = ["Level", "Resolution", "derivatives", "pyramid", "resample"]
+__all__ = ["Level", "Resolution", "pyramid", "resample"]
 
 CUTOFF = 0.75
 """Half-amplitude frequency of the anti-alias filter, as a fraction of the new Nyquist
@@ -236,6 +236,11 @@ def pyramid(positions: NDArray[np.floating], rate: float, levels: int) -> list[L
     ------
     OptionError
         If ``levels`` is below 1, or for the reasons given for `resample`.
+
+    See Also
+    --------
+    resample : Computes one level.
+    Resolution : A level that is computed only where it is needed.
     """
     if levels < 1:
         raise OptionError(f"a pyramid cannot have {levels} levels; give 1 or more")
@@ -244,43 +249,6 @@ def pyramid(positions: NDArray[np.floating], rate: float, levels: int) -> list[L
         step = 2**i
         result.append(Level(resample(positions, rate, rate / step), rate / step, step))
     return result
-
-
-def derivatives(
-    positions: NDArray[np.floating], rate: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return velocities and accelerations by finite differences of neighbouring frames.
-
-    Parameters
-    ----------
-    positions : ndarray [shape=(frames, markers, 3), mm]
-        NaN where missing.
-    rate : float
-        Hz.
-
-    Returns
-    -------
-    velocities : ndarray [shape=(frames, markers, 3), mm/s]
-        Central differences, one-sided at the ends of a run of valid samples; NaN where the sample
-        is missing or has no valid neighbour.
-    accelerations : ndarray [shape=(frames, markers, 3), mm/s²]
-        Second central differences; NaN where the sample or one of its neighbours is missing.
-
-    Raises
-    ------
-    OptionError
-        If the rate is not a positive number, or ``positions`` is not (frames, markers, 3).
-    """
-    data = _validated(positions)
-    _check_rate(rate)
-    ahead = np.full_like(data, np.nan)
-    behind = np.full_like(data, np.nan)
-    ahead[:-1] = (data[1:] - data[:-1]) * rate
-    behind[1:] = ahead[:-1]
-    velocities = (ahead + behind) / 2
-    velocities = np.where(np.isnan(ahead), behind, np.where(np.isnan(behind), ahead, velocities))
-    accelerations = (ahead - behind) * rate
-    return velocities, accelerations
 
 
 def _validated(positions: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -130,6 +130,10 @@ def jitter_power(
     float
         mm² per frame⁴. NaN where no run of samples is long enough, or the rate is too low to
         contain frequencies above those of body motion.
+
+    See Also
+    --------
+    smooth_jitter : Smooths predictions with more jitter than is measured.
     """
     if rate * options.max_cutoff_per_rate <= options.body_frequency:
         return float("nan")

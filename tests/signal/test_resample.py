@@ -15,7 +15,6 @@ from priorfill.errors import OptionError
 from priorfill.signal.resample import (
     Resolution,
     _interpolate_inner_gaps,
-    derivatives,
     pyramid,
     resample,
 )
@@ -169,28 +168,6 @@ def test_level_0_does_not_share_memory() -> None:
     assert not np.shares_memory(levels[0].positions, data)
 
 
-def test_derivatives_of_a_parabola() -> None:
-    rate = 50.0
-    t = np.arange(20) / rate
-    v, a = derivatives(column(3 + 2 * t + 5 * t**2), rate)
-    np.testing.assert_allclose(v[1:-1], column(2 + 10 * t)[1:-1], atol=1e-9)
-    np.testing.assert_allclose(a[1:-1], 10.0, atol=1e-7)
-    # one-sided at the ends: the velocity half a frame away
-    np.testing.assert_allclose(v[0], 2 + 10 * (0.5 / rate), atol=1e-9)
-    np.testing.assert_allclose(v[-1], 2 + 10 * (t[-1] - 0.5 / rate), atol=1e-9)
-    assert np.isnan(a[[0, -1]]).all()
-
-
-def test_derivatives_next_to_gaps() -> None:
-    data = column(np.arange(10.0) * 2)
-    data[3] = data[5] = data[7] = data[8] = np.nan
-    v, a = derivatives(data, 10.0)
-    np.testing.assert_array_equal(
-        v[:, 0, 0], [20, 20, 20, np.nan, np.nan, np.nan, np.nan, np.nan, np.nan, np.nan]
-    )
-    np.testing.assert_array_equal(np.isnan(a[:, 0, 0]), [True, False] + [True] * 8)
-
-
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 10), st.sampled_from([30.0, 15.0, 60.0]))
 def test_shifting_the_clip_shifts_the_result(seed: int, shift: int, rate_to: float) -> None:
@@ -238,7 +215,6 @@ def test_ill_formed_rates(rate: float) -> None:
     for call in (
         lambda: resample(data, rate, 30),
         lambda: resample(data, 30, rate),
-        lambda: derivatives(data, rate),
     ):
         with pytest.raises(OptionError, match=r"frame rate is .* Hz; give a positive"):
             call()
