@@ -105,8 +105,8 @@ class Kernel(ABC):
 
 
 @dataclass(frozen=True)
-class Sum(Kernel):
-    """The sum of two kernels, ``k1(x, y) + k2(x, y)`` [RW06]_ (section 4.2.4)."""
+class _Combination(Kernel):
+    """Two kernels in one expression."""
 
     left: Kernel
     right: Kernel
@@ -115,6 +115,19 @@ class Sum(Kernel):
     def uses_features(self) -> bool:  # type: ignore[override]
         """Whether one of them does."""
         return self.left.uses_features or self.right.uses_features
+
+    def precompute(self, pairs: Pairs) -> None:
+        """See `Kernel.precompute`."""
+        if self.uses_features:
+            self.left.precompute(pairs)
+            self.right.precompute(pairs)
+        else:
+            pairs.value(self)
+
+
+@dataclass(frozen=True)
+class Sum(_Combination):
+    """The sum of two kernels, ``k1(x, y) + k2(x, y)`` [RW06]_ (section 4.2.4)."""
 
     def evaluate(self, pairs: Pairs) -> _Value:
         """See `Kernel.evaluate`."""
@@ -128,22 +141,10 @@ class Sum(Kernel):
         """Return the sum of their variances."""
         return self.left.variance(pairs) + self.right.variance(pairs)
 
-    def precompute(self, pairs: Pairs) -> None:
-        """See `Kernel.precompute`."""
-        _precompute(self, self.left, self.right, pairs)
-
 
 @dataclass(frozen=True)
-class Product(Kernel):
+class Product(_Combination):
     """The product of two kernels, ``k1(x, y) k2(x, y)`` [RW06]_ (section 4.2.4)."""
-
-    left: Kernel
-    right: Kernel
-
-    @property
-    def uses_features(self) -> bool:  # type: ignore[override]
-        """Whether one of them does."""
-        return self.left.uses_features or self.right.uses_features
 
     def evaluate(self, pairs: Pairs) -> _Value:
         """See `Kernel.evaluate`."""
@@ -158,10 +159,6 @@ class Product(Kernel):
     def variance(self, pairs: Pairs) -> _Value:
         """Return the product of their variances."""
         return self.left.variance(pairs) * self.right.variance(pairs)
-
-    def precompute(self, pairs: Pairs) -> None:
-        """See `Kernel.precompute`."""
-        _precompute(self, self.left, self.right, pairs)
 
 
 @dataclass(frozen=True)
@@ -533,15 +530,6 @@ def _fresh_first(one: _Value, other: _Value) -> tuple[_Value, _Value]:
     ):
         return other, one
     return one, other
-
-
-def _precompute(kernel: Kernel, left: Kernel, right: Kernel, pairs: Pairs) -> None:
-    """Let pairs remember a sum or product, or the parts of it that do not depend on features."""
-    if kernel.uses_features:
-        left.precompute(pairs)
-        right.precompute(pairs)
-    else:
-        pairs.value(kernel)
 
 
 def _scaled_lag(pairs: Pairs, squared_factor: float, time_scale: float) -> NDArray[np.float64]:
