@@ -145,6 +145,6 @@ def test_a_database_does_not_hold_artefacts() -> None:
     lacks = np.array(clip["frames"][0]) - clip["present"]
     assert {TRUTH.labels[i] for i in np.flatnonzero(lacks)} == {"LWRA", "LKNE"}
     assert "skipped" in run("db", "add", "-d", "db", "one.c3d").output
-    run("db", "add", "-d", "all", "--keep-outliers", "one.c3d")
+    run("db", "add", "-d", "all", "--keep-artefacts", "one.c3d")
     (clip,) = json.loads(run("db", "list", "-d", "all", "--json").output)
     assert clip["present"][TRUTH.labels.index("LWRA")] == clip["frames"][0]

@@ -144,7 +144,7 @@ def test_options_for_reading(here: Path) -> None:
     assert "(--unit m)" in run("db", "add", "-d", "db", "odd.c3d").stderr
     assert "(--rate)" in run("db", "add", "-d", "db", "--unit", "m", "odd.c3d").stderr
     # one frame at the origin is a spike
-    options = ["--unit", "m", "--rate", "60", "--up", "+Z", "--keep-zeros", "--keep-outliers"]
+    options = ["--unit", "m", "--rate", "60", "--up", "+Z", "--keep-zeros", "--keep-artefacts"]
     assert run("db", "add", "-d", "db", *options, "odd.c3d").exit_code == 0
     (clip,) = json.loads(run("db", "list", "-d", "db", "--json").output)
     assert clip["original_rate"] == 60

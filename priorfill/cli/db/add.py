@@ -24,7 +24,7 @@ __all__ = ["add"]
 @origin_options
 @file_options
 @click.option(
-    "--keep-outliers",
+    "--keep-artefacts",
     is_flag=True,
     help="Also add artefacts (swapped labels, spikes, ghost markers, stuck markers).",
 )
@@ -50,7 +50,7 @@ def add(
     session: str | None,
     licence: str | None,
     credit: str | None,
-    keep_outliers: bool,
+    keep_artefacts: bool,
     placed_as: str | None,
     skeleton: Path | None,
     paths: tuple[Path, ...],
@@ -78,7 +78,7 @@ def add(
         else:
             _refuse_skeleton(path)
             clip = read_file(path, subject, **reading)
-        if not keep_outliers:
+        if not keep_artefacts:
             clip, left_out = without_artefacts(clip)
         origin = ClipOrigin(
             subject,
