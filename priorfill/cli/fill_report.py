@@ -53,7 +53,7 @@ def fill_facts(done: FileResult) -> dict[str, Any]:
         "missing_samples": int(result.clip.missing.sum()),
         "complete": result.complete,
         "notes": list(result.notes),
-        "rounding_mm": report.worst_error_mm,
+        "rounding_mm": report.rounding_mm,
         "rewriting_changed": list(report.changes),
         **(added[0] if len(added) == 1 else {}),
         "subjects": [
@@ -79,10 +79,10 @@ def print_fill(done: FileResult) -> None:
         _print_gaps(result)
         click.echo()
         click.echo(f"{_summary(result)}; written to {done.output}")
-        if done.report.worst_error_mm > MIN_ROUNDING:
+        if done.report.rounding_mm > MIN_ROUNDING:
             click.echo(
-                f"the file stores whole numbers: filled samples are rounded by up to "
-                f"{done.report.worst_error_mm:.3f} mm"
+                "filled samples are rounded to the file's number format, by up to "
+                f"{done.report.rounding_mm:.3f} mm"
             )
     else:
         click.echo(f"{result.clip.name} has no gaps; {done.output} is a copy")

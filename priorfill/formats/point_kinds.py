@@ -159,7 +159,7 @@ def _reason(name: str, present: set[str]) -> str:
     if name.endswith(_VIRTUAL_COPY) and name[: -len(_VIRTUAL_COPY)].isupper():
         twin = name[: -len(_VIRTUAL_COPY)].rstrip("_-")
         if twin in present:
-            return f"virtual twin of {twin}"
+            return f"virtual copy of {twin}"
     if _OXFORD_FOOT.fullmatch(name) and any(_OXFORD_FOREFOOT.fullmatch(n) for n in present):
         return "computed by the Oxford foot model"
     return ""

@@ -21,7 +21,7 @@ class WriteReport:
     ----------
     samples : int
         Number of filled samples written.
-    worst_error_mm : float
+    rounding_mm : float
         Largest change of a coordinate (mm) due to rounding to the file's number format.
     changes : tuple of str
         Differences between the file and its source other than the filled samples.
@@ -32,7 +32,7 @@ class WriteReport:
     """
 
     samples: int
-    worst_error_mm: float
+    rounding_mm: float
     changes: tuple[str, ...] = ()
 
 

@@ -219,7 +219,7 @@ def test_unfilled(folder: Path) -> None:
         f"unfilled: 240 samples of 1 marker (C7) within frames {first}-{first + 239}: "
         "too few frames of the clip show it together with the visible markers, "
         "and no other recording does, and there is no database; "
-        "give one (--database), or another clip of the same person (--same-subject)\n"
+        "give one (--database), or another clip of the same subject (--same-subject)\n"
     )
     assert "filled 220 samples with gpr; 7 of 8 gaps complete" in result.stdout
     after = read("out.c3d")
@@ -272,7 +272,7 @@ def test_integers_are_rounded_and_it_says_so(folder: Path) -> None:
     Path("whole.c3d").write_bytes(C3DFile(records, LABELS, is_float=False, scale=0.5).bytes())
     result = run("fill", "whole.c3d", "-o", "out.c3d", "-m", "gpr")
     assert result.exit_code == 0
-    assert "the file stores whole numbers: filled samples are rounded by up to 0." in result.stdout
+    assert "filled samples are rounded to the file's number format, by up to 0." in result.stdout
     assert differing_records(Path("whole.c3d"), Path("out.c3d")) == {(f, 5) for f in range(10, 20)}
 
 

@@ -88,7 +88,7 @@ def test_only_the_filled_words_change(tmp_path, source, processor, is_float):
         assert words[3] == 0
         expected[start : start + 4 * size] = after[start : start + 4 * size]
     assert after == bytes(expected)
-    assert report.worst_error_mm == pytest.approx(worst, abs=1e-6)
+    assert report.rounding_mm == pytest.approx(worst, abs=1e-6)
     back = read_c3d(tmp_path / "out.c3d")
     assert not back.missing.any()
 
@@ -105,7 +105,7 @@ def test_units_are_converted_back(tmp_path, source, is_float):
     report = write_c3d(tmp_path / "out.c3d", clip, filled)
     back = read_c3d(tmp_path / "out.c3d")
     np.testing.assert_allclose(back.positions[4, 2], VALUES[0], atol=1e-3 if is_float else STEP)
-    assert report.worst_error_mm <= (1e-3 if is_float else 0.5 * STEP * 1.001)
+    assert report.rounding_mm <= (1e-3 if is_float else 0.5 * STEP * 1.001)
 
 
 @settings(
@@ -266,7 +266,7 @@ def made(**options) -> Clip:
 def test_a_new_file(tmp_path, name):
     clip = made()
     report = create_c3d(tmp_path / name, clip)
-    assert report == WriteReport(samples=0, worst_error_mm=0.0)
+    assert report == WriteReport(samples=0, rounding_mm=0.0)
     assert [path.name for path in tmp_path.iterdir()] == [name]
     back = read_c3d(tmp_path / name)
     np.testing.assert_allclose(back.positions, clip.positions, rtol=1e-6)
@@ -376,7 +376,7 @@ def test_recordings_byte_for_byte_and_read_back(data, tmp_path):
         np.testing.assert_allclose(
             theirs[frames, points], clip.positions[filled], atol=atol, err_msg=path.name
         )
-        assert report.worst_error_mm <= atol
+        assert report.rounding_mm <= atol
         assert (content["meta_points"]["residuals"][0].T[frames, points] == 0).all(), path.name
         assert not content["meta_points"]["camera_masks"][:, points, frames].any(), path.name
         output.unlink()

@@ -730,7 +730,7 @@ def test_oxford_foot_points_only_with_its_axes():
 
 
 def test_virtual_twin():
-    assert reasons(["RSTL", "RSTLv"]) == {1: "virtual twin of RSTL"}
+    assert reasons(["RSTL", "RSTLv"]) == {1: "virtual copy of RSTL"}
     assert reasons(["RSTLv"]) == {}
 
 

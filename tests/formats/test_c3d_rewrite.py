@@ -47,7 +47,7 @@ def test_samples_out_of_range_are_rewritten(tmp_path, source, processor):
     with pytest.raises(OutputError, match=r"end at 3277: .* \(--rewrite\)"):
         write_c3d(tmp_path / "out.c3d", clip, filled)
     report = formats.write(tmp_path / "out.c3d", clip, filled, rewrite=True)
-    assert (report.samples, report.worst_error_mm) == (1, 0.0)
+    assert (report.samples, report.rounding_mm) == (1, 0.0)
     assert report.changes[0] == "coordinates are floats instead of integers"
     assert ("number format INTEL instead of DEC" in report.changes) == (processor == DEC)
     assert not any("analog values" in change for change in report.changes)

@@ -113,7 +113,7 @@ def test_fill_changes_the_filled_cells_and_nothing_else(case, tmp_path):
     # exactly the file that the program would have written
     assert (tmp_path / f"out{suffix}").read_bytes() == write(truth * scale, **options)
     assert report.samples == 4
-    assert 0 < report.worst_error_mm <= 0.5001 * 10.0**-decimals / scale
+    assert 0 < report.rounding_mm <= 0.5001 * 10.0**-decimals / scale
     assert sorted(p.name for p in tmp_path.iterdir()) == [f"out{suffix}", f"walk{suffix}"]
 
 

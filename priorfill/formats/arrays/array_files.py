@@ -29,6 +29,9 @@ RATES = ("rate", "fs", "frame_rate", "framerate", "frequency", "freq", "sampling
 _UNITS = ("unit", "units")
 """Names of each variable, in any case; the first one present is used."""
 
+_MAX_LISTED = 12
+"""Variables named in a message."""
+
 
 def clip_arrays(clip: Clip, filled: NDArray[np.bool_]) -> dict[str, Any]:
     """Return the arrays that priorfill writes for a clip, positions in mm."""
@@ -96,7 +99,7 @@ def write_arrays(
                 f"{path}: the file does not read back as intended and was removed; "
                 "check the folder's permissions and space"
             )
-    return WriteReport(samples=int(mask.sum()), worst_error_mm=0.0)
+    return WriteReport(samples=int(mask.sum()), rounding_mm=0.0)
 
 
 def as_recording(arrays: Mapping[str, Any], name: str) -> Recording:
@@ -204,7 +207,3 @@ def _listing(arrays: Mapping[str, Any]) -> str:
     """Return the variables and their shapes for a message."""
     found = [f"{key} {np.asarray(value).shape}" for key, value in arrays.items()]
     return ", ".join(found[:_MAX_LISTED]) + (", ..." if len(found) > _MAX_LISTED else "") or "none"
-
-
-_MAX_LISTED = 12
-"""Variables named in a message."""

@@ -103,7 +103,7 @@ def create_c3d(
     values = clip.positions[written]
     rounded = values.astype(np.float32).astype(np.float64)
     return WriteReport(
-        samples=len(values), worst_error_mm=float(np.abs(rounded - values).max(initial=0.0))
+        samples=len(values), rounding_mm=float(np.abs(rounded - values).max(initial=0.0))
     )
 
 

@@ -1,4 +1,4 @@
-"""C3DHeader and parameter section of a C3D file."""
+"""Header and parameter section of a C3D file."""
 
 from __future__ import annotations
 

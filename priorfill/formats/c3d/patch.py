@@ -116,7 +116,7 @@ def write_c3d(
     with replace_file(path, overwrite=overwrite) as temporary:
         _write(temporary, plan)
         worst = _verify(temporary, plan)
-    return WriteReport(samples=len(plan.frames), worst_error_mm=worst * plan.mm_per_unit)
+    return WriteReport(samples=len(plan.frames), rounding_mm=worst * plan.mm_per_unit)
 
 
 def plan_patch(

@@ -123,7 +123,7 @@ def rewrite_c3d(
         worst, changes = _compare(plan, written, clip.source.path.name)
     return WriteReport(
         samples=len(plan.frames),
-        worst_error_mm=worst * plan.mm_per_unit,
+        rounding_mm=worst * plan.mm_per_unit,
         changes=tuple(changes),
     )
 

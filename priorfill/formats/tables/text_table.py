@@ -401,7 +401,7 @@ def write_table(
         temporary.write_bytes(b"".join(lines))
         _verify(temporary, parsed, parse, frames, points, rounded)
     worst = float(np.abs(rounded - in_units).max(initial=0.0))
-    return WriteReport(samples=len(frames), worst_error_mm=worst * source.mm_per_unit)
+    return WriteReport(samples=len(frames), rounding_mm=worst * source.mm_per_unit)
 
 
 def _number(

@@ -169,7 +169,7 @@ def create_trc(
                 "check the folder's permissions and space"
             )
     worst = np.abs(again.positions - clip.positions)[written]
-    return WriteReport(samples=int(written.sum()), worst_error_mm=float(worst.max(initial=0.0)))
+    return WriteReport(samples=int(written.sum()), rounding_mm=float(worst.max(initial=0.0)))
 
 
 def _names_row(lines: list[bytes], name: str) -> int:
