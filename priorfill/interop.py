@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from priorfill.clip import Clip
-from priorfill.errors import ClipError
+from priorfill.errors import ClipError, OptionError
 from priorfill.formats.recording import ReadOptions, Recording, make_clip
 from priorfill.formats.units import UNITS
 
@@ -174,11 +174,16 @@ def to_timeseries(clip: Clip, timeseries_class: Callable[..., Any], unit: str = 
     TimeSeries
         For each marker x, y, z and 1 [shape=(frames, 4)]; missing samples are NaN in all four.
 
+    Raises
+    ------
+    OptionError
+        If the unit is unknown.
+
     See Also
     --------
     from_timeseries : The inverse.
     """
-    scale = UNITS[unit]
+    scale = _mm_per_unit(unit)
     ones = np.where(clip.missing, np.nan, 1.0)[:, :, None]
     points = np.concatenate([clip.positions / scale, ones], axis=2)
     series = timeseries_class(
@@ -259,13 +264,18 @@ def to_xarray(clip: Clip, dataarray_class: Callable[..., Any], unit: str = "mm")
     DataArray [shape=(4, markers, frames)]
         Dimensions axis (x, y, z, ones), channel and time.
 
+    Raises
+    ------
+    OptionError
+        If the unit is unknown.
+
     See Also
     --------
     from_xarray : The inverse.
     """
     frames, markers = clip.missing.shape
     points = np.ones((4, markers, frames))
-    points[:3] = clip.positions.transpose(2, 1, 0) / UNITS[unit]
+    points[:3] = clip.positions.transpose(2, 1, 0) / _mm_per_unit(unit)
     return dataarray_class(
         points,
         dims=("axis", "channel", "time"),
@@ -345,12 +355,17 @@ def to_dataframe(clip: Clip, dataframe_class: Callable[..., Any], unit: str = "m
     DataFrame
         Columns ``LTOE_X``, ``LTOE_Y``, ``LTOE_Z``, ...; the index is the time (s).
 
+    Raises
+    ------
+    OptionError
+        If the unit is unknown.
+
     See Also
     --------
     from_dataframe : The inverse.
     """
     columns = [f"{label}_{axis.upper()}" for label in clip.labels for axis in _AXES]
-    values = clip.positions.reshape(clip.frames, -1) / UNITS[unit]
+    values = clip.positions.reshape(clip.frames, -1) / _mm_per_unit(unit)
     return dataframe_class(values, columns=columns, index=_times(clip))
 
 
@@ -371,6 +386,13 @@ def _rate(times: NDArray[np.float64], name: str) -> float:
             f"{steps.max():.4g} s); resample first"
         )
     return 1 / step
+
+
+def _mm_per_unit(unit: str) -> float:
+    """Return the millimetres in a unit of length."""
+    if unit not in UNITS:
+        raise OptionError(f"unit {unit!r} is unknown; use one of {' '.join(UNITS)}")
+    return UNITS[unit]
 
 
 def _unit_of(info: Mapping[str, Any], label: str) -> str | None:

@@ -178,3 +178,10 @@ def test_the_packages_themselves(tmp_path):
     assert series.info["LTOE"]["Unit"] == "m"
     assert same(interop.from_timeseries(series), clip)
     assert same(interop.from_timeseries(series.copy()), clip)
+
+
+def test_unknown_units_are_refused() -> None:
+    clip = interop.from_arrays(standing(), LABELS, 100, unit="mm")
+    for convert in (interop.to_timeseries, interop.to_xarray, interop.to_dataframe):
+        with pytest.raises(OptionError, match="unit 'ell' is unknown; use one of mm"):
+            convert(clip, dict, "ell")
