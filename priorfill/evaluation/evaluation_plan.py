@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import platform
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +22,7 @@ from priorfill.evaluation.protocols import (
     name_of,
     settings_of,
 )
+from priorfill.filling.provenance import package_versions
 from priorfill.gaps import find_gaps
 from priorfill.markers.describe import describe
 from priorfill.markers.marker_set import MarkerSet
@@ -40,9 +39,6 @@ __all__ = [
 
 ALL_METHODS = "all"
 """Name that selects every method."""
-
-VERSIONS = ("priorfill", "numpy", "scipy")
-"""Packages whose versions are part of the settings."""
 
 HASH_DIGITS = 16
 """Digits of a database's checksum: enough to distinguish databases."""
@@ -205,8 +201,7 @@ def make_plan(
         raise ClipError(f"no gap can be made: {notes[0] if notes else 'there is nothing measured'}")
     marker_set = options.marker_set
     settings = {
-        "versions": {name: version(name) for name in VERSIONS}
-        | {"python": platform.python_version()},
+        "versions": dict(package_versions()),
         "methods": list(chosen),
         "protocol": {"name": protocol_name} | settings_of(made),
         "seed": seed,
@@ -286,4 +281,4 @@ def _sources(
             )
     contents = "".join(sorted(record.content for record in records))
     digest = hashlib.sha256(contents.encode()).hexdigest()[:HASH_DIGITS]
-    return tuple(sources), {"path": str(database), "clips": len(records), "contents": digest}
+    return tuple(sources), {"path": str(database), "clips": len(records), "content": digest}

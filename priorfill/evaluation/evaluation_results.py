@@ -224,7 +224,7 @@ def write_results(folder: Path, evaluation: Evaluation) -> None:
             "copy": row.copy,
             "marker": row.marker,
             "segment": row.segment,
-            "first_frame": row.start,
+            "first_frame": row.first_frame,
             "frames": row.frames,
             "seconds": row.seconds,
             **errors_of(row.errors),

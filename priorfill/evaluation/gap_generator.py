@@ -57,7 +57,7 @@ class GapGenerator:
     Attributes
     ----------
     mask : ndarray of bool [shape=(frames, markers)]
-        The samples removed so far.
+        The removed samples.
     """
 
     def __init__(self, clip: Clip, rng: np.random.Generator, measured: Mask | None = None) -> None:

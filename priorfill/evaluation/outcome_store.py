@@ -76,7 +76,7 @@ class OutcomeStore:
             # partial files of a killed process; to start anew, everything
             for file in (folder / CASES).glob("*" if overwrite else ".*.part.npz"):
                 file.unlink()
-            if overwrite:  # no results of an evaluation that is no more
+            if overwrite:  # results of the evaluation that is replaced
                 for name in (*FILES, PLOTS):
                     for file in folder.glob(name):
                         file.unlink()

@@ -227,7 +227,7 @@ def _gaps(count: int) -> str:
 
 
 def _key(row: GapRow) -> tuple[str, str, int, str, int]:
-    return row.clip, row.case, row.copy, row.marker, row.start
+    return row.clip, row.case, row.copy, row.marker, row.first_frame
 
 
 def _style(place: int) -> dict[str, Any]:

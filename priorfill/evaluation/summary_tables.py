@@ -62,7 +62,7 @@ class GapRow:
         Copy of the case.
     marker, segment, marker_set : str
         The marker, its segment, and its marker set.
-    start, frames : int
+    first_frame, frames : int
         First frame, as numbered in the file, and length.
     seconds : float
         Length.
@@ -85,7 +85,7 @@ class GapRow:
     marker: str
     segment: str
     marker_set: str
-    start: int
+    first_frame: int
     frames: int
     seconds: float
     errors: ErrorSummary
@@ -250,7 +250,7 @@ def gap_rows(outcomes: FillOutcomes, plan: EvaluationPlan) -> list[GapRow]:
                         marker=label,
                         segment=marker_set.segment.get(label, ""),
                         marker_set=marker_set.name,
-                        start=clip.first_frame + gap.start,
+                        first_frame=clip.first_frame + gap.start,
                         frames=gap.frames,
                         seconds=gap.frames / clip.rate,
                         errors=summarise(outcome.samples[:, place]),
