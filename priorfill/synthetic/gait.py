@@ -35,7 +35,7 @@ TURNING_SPEED = 1.1
 """Natural speed along a curve (m/s)."""
 
 RUNNING_SPEEDS = 2.2, 3.2, 4.5
-"""Slowest, natural ([N98] in `curves`) and fastest (m/s)."""
+"""Slowest, natural ([N98] in `gait_curves`) and fastest (m/s)."""
 
 PIVOT_RATE = 75.0
 """Greatest rate of turning on the spot (degrees/s)."""

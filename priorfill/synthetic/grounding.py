@@ -55,7 +55,7 @@ mm (Winter 1991)."""
 SWING_EDGE = 0.12
 """s. Total duration of the ramps of the clearance at both ends of a swing."""
 
-REACH = 0.9985
+MAX_REACH = 0.9985
 """Largest distance between hip and ankle, relative to the leg's length: the knee stays flexed by
 about 4 degrees."""
 
@@ -298,7 +298,7 @@ def _lowering(
     rate: float,
 ) -> Array:
     """Return the lowering of the pelvis [shape=(frames,), mm] for stance legs to reach."""
-    length = REACH * (skeleton.thigh + skeleton.shank)
+    length = MAX_REACH * (skeleton.thigh + skeleton.shank)
     down = np.zeros(len(origin))
     for side, (hip, ankle) in enumerate(zip(hips, ankles, strict=True)):
         towards = origin + hip - ankle

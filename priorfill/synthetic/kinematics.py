@@ -31,10 +31,10 @@ Array = NDArray[np.float64]
 Segments = dict[str, tuple[Array, Array]]
 """Segment to its proximal joint [shape=(frames, 3), mm] and axes [shape=(frames, 3, 3)]."""
 
-STRAIGHTEST = 0.003
+REACH_SMOOTHING = 0.003
 """Share of the leg's length over which the limit of its reach is smoothed."""
 
-FOLDED = 0.3
+MIN_REACH = 0.3
 """Smallest distance between hip and ankle, relative to the leg's length."""
 
 _AXIAL = (
@@ -79,7 +79,7 @@ class JointTrajectories:
 
     @classmethod
     def standing(cls, frames: int) -> JointTrajectories:
-        """Return a joints of all angles 0, standing on both feet, to be written into."""
+        """Return trajectories with all angles 0, standing on both feet, to be modified."""
         return cls(
             np.zeros((frames, len(CHANNELS))),
             np.ones((frames, 2)),
@@ -218,8 +218,8 @@ def solve_leg(
     towards = target - hip
     # a smooth minimum, since the derivative of the knee angle is unbounded at the straight leg
     spare = upper + lower - np.linalg.norm(towards, axis=1)
-    spare = 0.5 * (spare + np.hypot(spare, STRAIGHTEST * (upper + lower)))
-    distance = np.maximum(upper + lower - spare, FOLDED * (upper + lower))
+    spare = 0.5 * (spare + np.hypot(spare, REACH_SMOOTHING * (upper + lower)))
+    distance = np.maximum(upper + lower - spare, MIN_REACH * (upper + lower))
     cos_inner = (upper**2 + lower**2 - distance**2) / (2.0 * upper * lower)
     flexion = 180.0 - np.rad2deg(np.arccos(np.clip(cos_inner, -1.0, 1.0)))
     bend = rot_y(flexion)

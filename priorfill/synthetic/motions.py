@@ -40,10 +40,10 @@ MOTIONS: tuple[str, ...] = (*_MAKERS, "mixed")
 along a curve), pivoting (turning on the spot), reaching and squatting on the spot, and
 mixed (`SEQUENCE`)."""
 
-PART = 3.0
+PART_SECONDS = 3.0
 """s. Duration of each part of a sequence."""
 
-BLEND = 0.3
+BLEND_SECONDS = 0.3
 """s. Standard deviation scale of the Gaussian that blends consecutive parts."""
 
 MIN_SWING_SHARE = 0.2
@@ -119,7 +119,7 @@ def compose(
         raise OptionError(f"motion {motion!r} is unknown; use one of {', '.join(MOTIONS)}")
     if motion != "mixed":
         return _vary(_MAKERS[motion](time, rate, skeleton, style, rng), rate, style, rng)
-    part = ((time - time[0]) // PART).astype(np.intp)
+    part = ((time - time[0]) // PART_SECONDS).astype(np.intp)
     by_motion = {
         name: _MAKERS[name](time, rate, skeleton, style, rng) for name in dict.fromkeys(SEQUENCE)
     }
@@ -127,7 +127,9 @@ def compose(
     mixed.flat[:] = 0.0
     for name, joints in by_motion.items():
         active = np.isin(part % len(SEQUENCE), [i for i, n in enumerate(SEQUENCE) if n == name])
-        share = gaussian_filter1d(active.astype(np.float64), BLEND * rate / 2.0, mode="nearest")
+        share = gaussian_filter1d(
+            active.astype(np.float64), BLEND_SECONDS * rate / 2.0, mode="nearest"
+        )
         mixed.angles[:] += share[:, None] * joints.angles
         # a foot is either off the floor or not: it swings above a small share of its gait
         mixed.contact[:] -= np.minimum(share / MIN_SWING_SHARE, 1.0)[:, None] * (

@@ -23,7 +23,7 @@ knee flexion of 105 degrees; with the heels on the floor the ankle allows about 
 
 
 def minimum_jerk(progress: Array) -> Array:
-    """Return the minimum-jerk course from 0 to 1 of a movement between two rests.
+    """Return the minimum-jerk trajectory, from 0 to 1, of a movement from rest to rest.
 
     Flash and Hogan, J. Neurosci. 5 (1985): 10 s³ − 15 s⁴ + 6 s⁵, constant outside 0 to 1.
 

@@ -1,7 +1,7 @@
 """Joint trajectories of reaching and squatting, with the feet in place.
 
 The amplitudes of reaches are plausible, not published; their time course has minimum jerk. Squats
-follow [S10] in `curves`.
+follow [S10] in `gait_curves`.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def _widen(joints: JointTrajectories) -> None:
 def reaching(
     time: Array, rate: float, skeleton: SyntheticSkeleton, style: Style, rng: np.random.Generator
 ) -> JointTrajectories:
-    """Return reaching while standing, with one or both hands: low, level, high, sideways."""
+    """Return reaching while standing, with one or both hands: low, level, high or sideways."""
     joints = stand(len(time), style)
     _widen(joints)
     knee = np.full(len(time), STANDING_KNEE)
