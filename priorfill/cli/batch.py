@@ -1,4 +1,4 @@
-"""Read many files, none of which can stop the others."""
+"""Read one of many files so that its failure does not stop the others."""
 
 from __future__ import annotations
 

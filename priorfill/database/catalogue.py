@@ -406,7 +406,7 @@ class Catalogue:
         """Mark a clip as removed; return the change of the digest."""
         row = self._find_row(record.content)
         if row is None:
-            raise DatabaseError(f"{record.name}: is not in the database (any more); list it again")
+            raise DatabaseError(f"{record.name}: is not in the database; list its clips again")
         checksum = row.checksum_with(state)
         connection.execute(
             "UPDATE clips SET removed_in = ?, row_checksum = ? WHERE id = ?",
@@ -428,7 +428,7 @@ class Catalogue:
 
     @contextmanager
     def _reporting_damage(self) -> Iterator[None]:
-        """Turn errors of SQLite, and of values that make no sense, into errors of the database."""
+        """Turn errors of SQLite, and of invalid values, into errors of the database."""
         try:
             yield
         except sqlite3.OperationalError as error:  # full, locked, read-only: not damage

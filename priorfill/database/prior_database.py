@@ -50,7 +50,8 @@ if TYPE_CHECKING:
 __all__ = ["DEFAULT_LEVELS", "DEFAULT_RATE", "PriorDatabase"]
 
 DEFAULT_RATE = 30.0
-"""Hz. Rate of level 0. Body movement is below 10 Hz; [B11] keeps its database at 30 Hz."""
+"""Hz. Rate of level 0. Body movement is below 10 Hz; Baumann et al. 2011 keep their database at
+30 Hz."""
 
 DEFAULT_LEVELS = 3
 """Number of levels: 30, 15 and 7.5 Hz. The coarsest still has several frames per step."""

@@ -166,7 +166,7 @@ class MergeResult:
     added : tuple of ClipRecord
         The new clips.
     skipped : tuple of ClipRecord
-        Clips of the other database of which this one has a version.
+        Clips of the other database that this one has in some version.
     damaged : tuple of str
         One message for each clip that is damaged in the other database and was not added.
     """

@@ -290,7 +290,7 @@ class _Transfer:
         if status in RETRIED_STATUSES:
             return _RetryError(answer, _retry_after(response.headers))
         if status in GONE_STATUSES:
-            return FileFetchError(f"{url}: {answer}; the file does not exist (any more)")
+            return FileFetchError(f"{url}: {answer}; the file does not exist; check the address")
         if status in REFUSED_STATUSES:
             return FetchError(
                 f"{url}: {answer}; download it with a browser, save it as {self._target}, and try "

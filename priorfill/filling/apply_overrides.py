@@ -1,4 +1,4 @@
-"""Divide the gaps of a clip among methods as overrides ask, and join what the methods filled."""
+"""Divide the gaps of a clip among methods as overrides specify, and join the results."""
 
 from __future__ import annotations
 

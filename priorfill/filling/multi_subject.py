@@ -33,7 +33,7 @@ def read_subjects(
     Parameters
     ----------
     path : Path or str
-        The file; its suffix selects the format.
+        The file; its suffix determines the format.
     zeros_missing : bool
         Treat samples at exactly (0, 0, 0) as missing.
     up : str or None
@@ -53,9 +53,9 @@ def read_subjects(
     Raises
     ------
     FormatError
-        If the file is absent, of an unknown format, damaged or cut short.
+        If the file does not exist, is of unknown format, damaged or truncated.
     ClipError
-        If its contents make no sense.
+        If its contents are unusable.
     OptionError
         If an option is out of range.
 

@@ -186,7 +186,7 @@ class Provenance:
         Raises
         ------
         MarkerSetError
-            Where the marker set is not found any more.
+            Where the marker set is not found.
         """
         marker_set = None if self.marker_set is None else load(self.marker_set)
         return {

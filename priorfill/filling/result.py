@@ -71,7 +71,7 @@ class FilledGap:
         What the gap was filled from.
     training_poses : int
         Number of poses learnt from, the maximum over the parts of the gap; in a blackout the
-        number of stretches. 0 for interpolation over time.
+        number of windows. 0 for interpolation over time.
     unfilled : tuple of UnfilledSpan
         Frames that were left missing; empty where all were filled.
     source_clips : tuple of str

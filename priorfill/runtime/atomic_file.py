@@ -85,10 +85,9 @@ def replace_file(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]
         # not tempfile, whose files are private (0600): results follow the umask
         temporary.open("xb").close()
         yield temporary
-        _flush(
-            temporary
-        )  # slow, so it precedes the check, which is the last step before the rename
-        # another process may have written the target since the first check
+        # flushing is slow, so the second check follows it, right before the rename: another process
+        # may have written the target since the first check
+        _flush(temporary)
         if target.exists() and not overwrite:
             raise OutputError(f"{given}: appeared while writing; choose another name")
         finish_file(temporary, target)

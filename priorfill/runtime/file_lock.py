@@ -1,4 +1,4 @@
-"""Locks on files that tell other processes who holds them."""
+"""File locks that name their holder."""
 
 from __future__ import annotations
 

@@ -66,7 +66,9 @@ def known_sites(file: Path | None = None) -> dict[str, tuple[MarkerSite, ...]]:
             if not of_marker or not math.isclose(total, 1.0, abs_tol=1e-3):
                 raise ValueError(f"the weights of {label} do not sum to 1")
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise MarkerSetError(f"{file}: is no valid file of marker sites ({error})") from error
+        raise MarkerSetError(
+            f"{file}: is not a valid file of marker sites ({error}); correct it"
+        ) from error
     return sites
 
 

@@ -154,6 +154,6 @@ def find_joints(
     _, nearest, absent = min(candidates)
     known = ", ".join(kind.name for kind in skeleton_kinds())
     raise ClipError(
-        f"{file}: is a skeleton of no known kind ({known}); the most similar one, {nearest}, also "
+        f"{file}: is a skeleton of no known kind ({known}); the most similar kind, {nearest}, also "
         f"has {', '.join(absent[:4])}; export it with these names"
     )

@@ -110,7 +110,7 @@ def put_files(
     Raises
     ------
     DatabaseError
-        If the database cannot be used (any more).
+        If the database cannot be used.
     """
     from priorfill import formats
 

@@ -12,7 +12,7 @@ __all__ = ["find_files"]
 def find_files(
     paths: Sequence[Path], suffixes: Sequence[str], recognised: Callable[[Path], bool]
 ) -> tuple[list[Path], list[str]]:
-    """Return the files that arguments stand for, and a message for each that stands for none.
+    """Return the files that arguments name, and a message for each that names none.
 
     Parameters
     ----------
