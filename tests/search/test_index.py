@@ -109,6 +109,22 @@ def test_bounds_of_query_segments_hold_for_every_pose_of_a_span(problem):
     )
 
 
+@pytest.mark.parametrize("beyond", [0.25, 4.0])
+def test_the_bound_of_a_pose_is_its_distance_from_the_query_segment(beyond):
+    from priorfill.search.index import _bounds, _SpanData
+
+    half, across = 10.0, np.float32(0.5)
+    along = np.array([half + beyond, -half - beyond, half - 1.0])
+    projection = np.zeros((3, 4), dtype=np.float32)
+    projection[:, 0], projection[:, 1] = along, across
+    zeros = np.zeros(3, dtype=np.float32)
+    poses = _SpanData(projection, np.zeros(3, dtype=bool), zeros, zeros)
+    segment = np.array([[0, 0, 0, 0, 1, 0, 0, 0, half]], dtype=np.float32)
+    bounds, _ = _bounds(poses, segment, 0.0)
+    away = np.hypot(np.maximum(np.abs(along) - half, 0.0), across)
+    np.testing.assert_allclose(bounds.ravel()[:3], away, rtol=1e-4)
+
+
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e17])
 @pytest.mark.filterwarnings("ignore:overflow encountered", "ignore:invalid value")
 def test_the_index_rejects_missing_and_huge_coordinates(wrong):
