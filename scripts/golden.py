@@ -50,7 +50,7 @@ RELATIVE = 1e-3
 """Relative tolerance of expected errors, bounds and mean errors."""
 
 MILLIMETRES = 0.002
-"""mm. Tolerance of a coordinate, unless the row has its own."""
+"""mm. Tolerance of a coordinate."""
 
 COVERAGE = 0.005
 """Tolerance of a coverage."""
@@ -119,8 +119,6 @@ class Case:
         Whether the clips of the database have no subject.
     reject : bool
         Whether artefacts are rejected.
-    tolerance : float
-        mm. Tolerance of a coordinate.
     """
 
     name: str
@@ -133,7 +131,6 @@ class Case:
     virtual_markers: bool = False
     anonymous: bool = False
     reject: bool = False
-    tolerance: float = MILLIMETRES
 
     @property
     def recorded(self) -> bool:
@@ -191,7 +188,6 @@ def _spiked(clip: pf.Clip) -> pf.Clip:
 # gaps
 
 ARM = ("LUPA", "LELB", "LFRM", "LWRA", "LWRB", "LFIN")
-RIGHT_ARM = ("RUPA", "RELB", "RFRM", "RWRA", "RWRB", "RFIN")
 FOOT = ("RANK", "RHEE", "RTOE", "RMT5")
 LEFT_FOOT = ("LANK", "LHEE", "LTOE", "LMT5")
 LEG = ("RKNE", "RSHN", *FOOT)
@@ -229,8 +225,6 @@ _LABELS = synthesise("walking", seconds=0.1).labels
 _METHOD_GAPS: Gaps = ((60, 90, ("LKNE",)), (100, 130, ("LFRM", "LWRA")))
 _SEARCHES = ("baumann2011", "neighbours", "krueger2010")
 _DATABASE_METHODS = (*_SEARCHES, "pca-train")
-_ITERATIVE: Mapping[str, float] = {}
-"""mm. Tolerance of methods whose results depend on rounding."""
 
 _SYNTHETIC = (
     # single markers
@@ -343,7 +337,6 @@ _METHODS = tuple(
         _METHOD_GAPS,
         database=_OTHERS if name in _DATABASE_METHODS else (),
         method=name,
-        tolerance=_ITERATIVE.get(name, MILLIMETRES),
     )
     for name in METHODS
 )
@@ -526,15 +519,13 @@ def regressions(stored: Row, found: Row) -> list[str]:
     return worse
 
 
-def differing(stored: Row, found: Row, tolerance: float = MILLIMETRES) -> list[str]:
+def differing(stored: Row, found: Row) -> list[str]:
     """Return how a result differs from a stored one.
 
     Parameters
     ----------
     stored, found : Row
         The results.
-    tolerance : float
-        mm. Tolerance of a sampled coordinate.
     """
     differences = []
     if found.filled != stored.filled:
@@ -552,10 +543,11 @@ def differing(stored: Row, found: Row, tolerance: float = MILLIMETRES) -> list[s
         differences.append(f"{len(found.samples)} sampled values, stored {len(stored.samples)}")
     else:
         away = np.abs(np.subtract(found.samples, stored.samples))
-        if not (away <= tolerance).all():
+        beyond = int((~(away <= MILLIMETRES)).sum())  # NaN is beyond
+        if beyond:
             differences.append(
-                f"{int((~(away <= tolerance)).sum())} of {len(away)} sampled values differ by more "
-                f"than {tolerance:g} mm, at most by {away.max():.4f} mm"
+                f"{beyond} of {len(away)} sampled values differ by more "
+                f"than {MILLIMETRES:g} mm, at most by {away.max():.4f} mm"
             )
     return differences
 
@@ -606,7 +598,7 @@ def _print_row(case: Case, found: Row, old: Row | None, seconds: float) -> None:
     if old is None:
         cells.append("not stored")
     else:
-        cells.append("differs" if differing(old, found, case.tolerance) else "same")
+        cells.append("differs" if differing(old, found) else "same")
     print("  ".join([*cells, f"{seconds:.1f} s"]), flush=True)
 
 
@@ -643,13 +635,13 @@ def main() -> int:
         found = run(case, folder)
         old = stored.get(case.name)
         _print_row(case, found, old, time.perf_counter() - began)
-        if old is None or differing(old, found, case.tolerance):
+        if old is None or differing(old, found):
             changed.append((case.name, found, old))
     if skipped:
         print(f"skipped, because there is no folder {options.data}: {', '.join(skipped)}")
     if options.write:
         for name, found, old in changed:
-            why = differing(old, found, CASES[name].tolerance) if old else ["new row"]
+            why = differing(old, found) if old else ["new row"]
             print(f"stored {name}: {'; '.join(why)}")
         kept = {**stored, **{name: found for name, found, _ in changed}}
         gone = [name for name in kept if name not in CASES]

@@ -40,7 +40,7 @@ NOT_NUMERIC_FOLDERS = ("cli", "formats", "database", "datasets", "runtime")
 NOT_NUMERIC = (
     *("__init__", "errors", "interop", "clip"),
     *("demo", "overrides", "uncertainty_file"),
-    *("runner", "store", "results", "plots"),  # of the evaluation
+    *("runner", "outcome_store", "evaluation_results", "plots"),  # of the evaluation
 )
 """Modules that are not numeric, in any folder."""
 

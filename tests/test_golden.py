@@ -48,7 +48,7 @@ def test_error_has_not_risen(name: str, request: pytest.FixtureRequest) -> None:
 @ROWS
 def test_results_are_reproduced(name: str, request: pytest.FixtureRequest) -> None:
     stored, found = stored_and_found(name, request)
-    differences = golden.differing(stored, found, golden.CASES[name].tolerance)
+    differences = golden.differing(stored, found)
     assert not differences, golden.message(name, differences)
 
 

@@ -81,7 +81,7 @@ def main() -> int:
     parser.add_argument("--poses", default="1e4,1e5,1e6")
     parser.add_argument("--seconds", type=float, default=2.0)
     parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--repeat", type=int, default=2, help="runs, of which the fastest counts")
+    parser.add_argument("--repeat", type=int, default=2, help="number of runs; the fastest counts")
     parser.add_argument("--folder", type=Path, help="folder that keeps the databases")
     arguments = parser.parse_args()
     take = arguments.data / TAKE

@@ -77,7 +77,7 @@ def more_markers(positions: np.ndarray, count: int) -> np.ndarray:
 
 
 class LongFile(C3DFile):
-    """A C3D file of as many frames as one likes: `TRIAL` holds the count that 16 bits do not."""
+    """A C3D file with any number of frames: `TRIAL` holds counts beyond 16 bits."""
 
     def words(self, values: np.ndarray) -> bytes:
         """Return the bytes of all samples at once."""

@@ -58,7 +58,7 @@ class BruteForce:
 
     def nearest(self, queries: NDArray[np.float32], k: int) -> tuple[NDArray, NDArray]:
         """Return distances and rows of the nearest poses; ties are ordered by row."""
-        asked = queries - self._centre
+        centred = queries - self._centre
         keep = min(self._spare * k, len(self._poses))
         best = [np.empty(0, np.float32)] * len(queries)
         rows = [np.empty(0, np.intp)] * len(queries)
@@ -68,7 +68,7 @@ class BruteForce:
             block = self._poses[at : at + BLOCK] - self._centre
             norms = np.einsum("pd,pd->p", block, block)
             largest = max(largest, float(norms.max()))
-            square = asked @ (-2.0 * block.T)
+            square = centred @ (-2.0 * block.T)
             square += norms
             for query in np.flatnonzero(square.min(axis=1) < limit):
                 near = np.flatnonzero(square[query] < limit[query])
@@ -83,7 +83,7 @@ class BruteForce:
         found = np.empty(distance.shape, dtype=np.intp)
         for query, row in enumerate(rows):
             square, order = self._measured(queries[query], np.sort(row), k)
-            norm = float(asked[query] @ asked[query])
+            norm = float(centred[query] @ centred[query])
             # bound of the rounding error: poses that were not measured must be farther
             lost = 4.0 * queries.shape[1] * 2.0**-24 * (largest + norm)
             if limit[query] + norm - lost < square[-1]:

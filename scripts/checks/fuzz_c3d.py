@@ -40,10 +40,10 @@ from c3d_bytes import BLOCK, DEC, INTEL, LABELS, MIPS, C3DFile, standing
 from worker import DONE, Worker
 
 SECONDS = 5.0
-"""Processor time that a file may take: wall time says more of what else the machine does."""
+"""CPU time that a file may take; wall time would depend on the load of the machine."""
 
 TIMEOUT = 60.0
-"""Wall time after which a file is taken to hang for good."""
+"""Wall time after which a file counts as hung."""
 
 MEMORY = 2**30
 """Memory limit per file in addition to the program itself, bytes."""
@@ -51,11 +51,11 @@ MEMORY = 2**30
 PRELOADED = ("priorfill.filling.fill_clip", "priorfill.formats", "priorfill.methods.interpolation")
 """Modules that a new process finds imported."""
 
-MOST_MUTATIONS = 4
-"""Mutations of one file; many would only hide each other behind the first."""
+MAX_MUTATIONS = 4
+"""Maximum mutations of one file; more would be hidden by the first."""
 
-MOST_SLICE = 64
-"""Bytes of a piece that is cut out, doubled or added."""
+MAX_SLICE_BYTES = 64
+"""Maximum bytes that are removed, duplicated or inserted."""
 
 EXTREME_BYTES = (0, 1, 2, 0x7F, 0x80, 0x81, 0xFE, 0xFF)
 EXTREME_WORDS = (0, 1, 2, 255, 256, 0x7FFF, 0x8000, 0x8001, 0xFFFE, 0xFFFF)
@@ -129,7 +129,7 @@ def mutate(seed: int, number: int) -> bytes:
     """Return the damaged file of a seed and a number."""
     rng = np.random.default_rng((seed, number))
     content = bytearray(fixtures()[rng.integers(len(fixtures()))])
-    for _ in range(rng.integers(1, MOST_MUTATIONS + 1)):
+    for _ in range(rng.integers(1, MAX_MUTATIONS + 1)):
         if content:
             MUTATIONS[rng.integers(len(MUTATIONS))](content, rng)
     return bytes(content)
@@ -142,12 +142,12 @@ def _place(content: bytearray, rng: np.random.Generator) -> int:
 
 
 def _put(content: bytearray, at: int, piece: bytes) -> None:
-    """Overwrite some bytes, as far as there are any."""
+    """Overwrite some bytes, if there are any."""
     content[at : at + len(piece)] = piece[: max(0, len(content) - at)]
 
 
 def _order(content: bytearray) -> str:
-    """Return the byte order of a file, if it still says so."""
+    """Return the byte order of a file, if it is still legible."""
     return ">" if len(content) > BLOCK + 3 and content[BLOCK + 3] == MIPS else "<"
 
 
@@ -190,17 +190,17 @@ def _cut_off(content: bytearray, rng: np.random.Generator) -> None:
 
 def _cut_out(content: bytearray, rng: np.random.Generator) -> None:
     at = _place(content, rng)
-    del content[at : at + int(rng.integers(1, MOST_SLICE))]
+    del content[at : at + int(rng.integers(1, MAX_SLICE_BYTES))]
 
 
 def _double(content: bytearray, rng: np.random.Generator) -> None:
     at = _place(content, rng)
-    content[at:at] = content[at : at + int(rng.integers(1, MOST_SLICE))]
+    content[at:at] = content[at : at + int(rng.integers(1, MAX_SLICE_BYTES))]
 
 
 def _insert(content: bytearray, rng: np.random.Generator) -> None:
     at = _place(content, rng)
-    content[at:at] = rng.bytes(int(rng.integers(1, MOST_SLICE)))
+    content[at:at] = rng.bytes(int(rng.integers(1, MAX_SLICE_BYTES)))
 
 
 def _extend(content: bytearray, rng: np.random.Generator) -> None:

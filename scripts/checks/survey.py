@@ -40,7 +40,7 @@ STEPS = ("read", "filled", "byte-exact", "read back", "ezc3d agrees")
 """Steps for each file, in order; the last only if ezc3d can read the source."""
 
 FLOAT_ERROR = 1e-6
-"""Largest relative error of a coordinate stored in 32 bits, a few times over: units are turned."""
+"""Maximum relative error of a coordinate stored in 32 bits, after conversion of units."""
 
 PRELOADED = (
     "ezc3d",
@@ -48,10 +48,10 @@ PRELOADED = (
     "priorfill.formats",
     "priorfill.methods.interpolation",
 )
-"""Modules that a new process finds imported: a file then costs hundredths of a second."""
+"""Modules that new processes inherit imported: a file then takes hundredths of a second."""
 
 OFF_ORIGIN = 2e-6
-"""File units by which a sample at the very origin is moved, lest it read as missing."""
+"""File units by which a sample at the origin is moved, because it would read as missing."""
 
 
 class Job(NamedTuple):
@@ -72,9 +72,9 @@ class Row:
     path : Path
         The file.
     passed : tuple of str
-        The steps that went well.
+        The steps that succeeded.
     skipped : str
-        Why ezc3d was not asked; empty if it was, or if an earlier step failed.
+        Why ezc3d was not compared; empty if it was, or if a previous step failed.
     failure : str
         What went wrong; empty if nothing did.
     samples : int
@@ -110,7 +110,7 @@ def survey_file(job: Job) -> Row:
     return Row(job.path, (*passed, "read back"), samples=samples)
 
 
-def ask_ezc3d(job: Job) -> str:
+def compare_with_ezc3d(job: Job) -> str:
     """Compare the output as read by ezc3d and by priorfill; return the difference."""
     data = job.output.read_bytes()
     positions, residual = read_points(data, parse_layout(data, job.output.name))
@@ -187,7 +187,7 @@ def survey(
     with (
         tempfile.TemporaryDirectory() as folder,
         Worker(survey_file, **limits) as ours,
-        Worker(ask_ezc3d, **limits) as theirs,
+        Worker(compare_with_ezc3d, **limits) as theirs,
         Worker(can_ezc3d, **limits) as able,
     ):
         for path in paths:

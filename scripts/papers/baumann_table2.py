@@ -64,9 +64,9 @@ def main() -> int:
     parser = options(__doc__, recording=RECORDING, full="fill each motion by each actor")
     parser.add_argument("--methods", metavar="NAMES", help="methods, separated by commas")
     arguments = parser.parse_args()
-    asked = (arguments.methods or DEFAULT).split(",")
-    methods = tuple(name for name in asked if name in METHODS)
-    if arguments.methods and len(methods) < len(asked):
+    given = (arguments.methods or DEFAULT).split(",")
+    methods = tuple(name for name in given if name in METHODS)
+    if arguments.methods and len(methods) < len(given):
         raise SystemExit(f"unknown method; use some of {' '.join(METHODS)}")
     takes = library(arguments.data)
     filled = examples(takes, arguments.recording, full=arguments.full)

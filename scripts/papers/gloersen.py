@@ -63,7 +63,7 @@ SEED = 2016
 
 QUARTILES = (25.0, 75.0)
 
-FRINGE = (5.0, 95.0)
+CENTRAL_PERCENTILES = (5.0, 95.0)
 """Percentiles that enclose 90 % of the values."""
 
 
@@ -85,11 +85,11 @@ def read(file: Path) -> pf.Clip:
 
 def published(file: Path) -> list[Mask]:
     """Return the published patterns, if they are in the folder and fit the recording."""
-    beside = file.parent / PATTERNS
-    if not beside.is_file():
+    pattern_file = file.parent / PATTERNS
+    if not pattern_file.is_file():
         return []
     shape = read(file).missing.shape
-    with np.load(beside) as stored:
+    with np.load(pattern_file) as stored:
         copies, frames, markers = (int(size) for size in stored["shape"])
         if (frames, markers) != shape:
             return []
@@ -100,8 +100,8 @@ def published(file: Path) -> list[Mask]:
 def one_run(clip: pf.Clip, marker: int, share: float, copy: int) -> Mask | None:
     """Remove a marker in one random run of frames; None if there is no room."""
     rng = np.random.default_rng([SEED, marker, round(100 * share), copy])
-    cutter = GapGenerator(clip, rng, measured_in(clip))
-    return cutter.mask if cutter.remove([marker], round(share * clip.frames)) else None
+    generator = GapGenerator(clip, rng, measured_in(clip))
+    return generator.mask if generator.remove([marker], round(share * clip.frames)) else None
 
 
 def runs_in_frames(clip: pf.Clip, share: float, copy: int) -> Mask:
@@ -110,13 +110,13 @@ def runs_in_frames(clip: pf.Clip, share: float, copy: int) -> Mask:
     Lengths are those of the published patterns. The gaps of a smaller share are contained in those
     of a larger one, so that shares can be compared.
     """
-    cutter = GapGenerator(clip, np.random.default_rng([SEED, copy]), measured_in(clip))
+    generator = GapGenerator(clip, np.random.default_rng([SEED, copy]), measured_in(clip))
     for _ in range(TRIES_PER_GAP * clip.frames):
-        if cutter.mask.any(axis=1).mean() >= share:
+        if generator.mask.any(axis=1).mean() >= share:
             break
-        if cutter.scatter_one(RANDOM_GAP_SECONDS, RANDOM_MAX_MISSING) is None:
+        if generator.scatter_one(RANDOM_GAP_SECONDS, RANDOM_MAX_MISSING) is None:
             break
-    return cutter.mask
+    return generator.mask
 
 
 def deviations(
@@ -198,7 +198,7 @@ def spread(values: Array) -> str:
     known = values[np.isfinite(values)]
     if not len(known):
         return "-"
-    low, high = np.percentile(known, FRINGE)
+    low, high = np.percentile(known, CENTRAL_PERCENTILES)
     return f"{low:.1f}-{high:.1f}"
 
 

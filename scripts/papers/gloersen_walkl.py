@@ -93,7 +93,7 @@ def protocol(file: Path, copies: int) -> list[Mask]:
     return [case.mask for case in cases if isinstance(case, GapMask)]
 
 
-def far(clip: pf.Clip, gone: NDArray[np.bool_]) -> NDArray[np.float64]:
+def nearest_distance(clip: pf.Clip, gone: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return the distance (mm) of the nearest marker without gaps for each pattern.
 
     A mean over the markers with gaps, of mean distances in the recording.
@@ -140,10 +140,10 @@ def main() -> int:
         rows,
     )
     gone = np.array([case.gone for case in cases])
-    apart = far(clip, gone)
+    apart = nearest_distance(clip, gone)
     _tell_frames(which, gone, apart, found)
     first = np.flatnonzero(which["evaluate"])[:FIRST]
-    _tell_first(gone[first], apart[first], found[first])
+    _print_first(gone[first], apart[first], found[first])
     took = seconds(cases[0])
     authors = AUTHORS_SECONDS if sources["published"] and is_the_papers(file) else None
     row: list[Cell] = [f"{kinds[0]} pattern 1", took, authors, authors / took if authors else None]
@@ -192,7 +192,7 @@ def _tell_frames(
         print_table("Rank correlation of a pattern's error with", ["", *METHODS], ranks)
 
 
-def _tell_first(
+def _print_first(
     gone: NDArray[np.bool_], apart: NDArray[np.float64], found: NDArray[np.float64]
 ) -> None:
     """Print some patterns, and the mean over all samples."""

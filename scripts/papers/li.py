@@ -314,8 +314,8 @@ class Throughout:
 
 def evaluated(some: Material, protocol: GapProtocol, methods: str) -> Evaluation:
     """Evaluate methods on all samples, with a database of the training data."""
-    asked = [name.strip() for name in methods.split(",")]
-    if not set(asked) <= {"auto", *METHODS}:
+    method_names = [name.strip() for name in methods.split(",")]
+    if not set(method_names) <= {"auto", *METHODS}:
         raise SystemExit(f"unknown method; use some of auto {' '.join(METHODS)}")
     with tempfile.TemporaryDirectory() as folder:
         path = None
@@ -326,7 +326,7 @@ def evaluated(some: Material, protocol: GapProtocol, methods: str) -> Evaluation
                     with suppress(ClipError):  # no motion in it
                         writer.add(clip)
         return pf.evaluate(
-            some.samples, methods=asked, protocol=protocol, database=path, jobs=processes()
+            some.samples, methods=method_names, protocol=protocol, database=path, jobs=processes()
         )
 
 

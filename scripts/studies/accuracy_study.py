@@ -329,12 +329,12 @@ def run(
     rows = load(file)
     save(file, rows)  # without incomplete lines
     done = {key_of(row) for row in rows}
-    asked: set[tuple[str, ...]] = set()
+    wanted_keys: set[tuple[str, ...]] = set()
     tasks: list[tuple[str, int, list[tuple[str, str]]]] = []
     for number in range(count):
         for kind in kinds:
             keys = {w: (plan.text, case_name(kind, number), *w) for w in wanted}
-            asked.update(keys.values())
+            wanted_keys.update(keys.values())
             rest = [w for w in wanted if keys[w] not in done]
             if rest:
                 tasks.append((kind, number, rest))
@@ -352,7 +352,7 @@ def run(
                 append(file, outcome)
                 rows += outcome
             show(n + 1, None)
-    return [row for row in rows if key_of(row) in asked], failures
+    return [row for row in rows if key_of(row) in wanted_keys], failures
 
 
 @contextmanager
