@@ -12,11 +12,11 @@ from typing import Any
 from priorfill.errors import OptionError
 from priorfill.methods.task import Method
 
-__all__ = ["DEFAULT_METHOD", "METHODS", "Entry", "get_method", "get_options", "resolve"]
+__all__ = ["DEFAULT_METHOD", "METHODS", "MethodEntry", "get_method", "get_options", "resolve"]
 
 
 @dataclass(frozen=True)
-class Entry:
+class MethodEntry:
     """A method's function, description and options.
 
     Attributes
@@ -39,118 +39,118 @@ class Entry:
 
 
 METHODS = {
-    "gpr": Entry(
+    "gpr": MethodEntry(
         "gpr.gpr_fill:fill",
         "Gaussian-process regression on the clip's own poses and the database's",
         "priorfill",
         "gpr.options:GPROptions",
     ),
-    "neighbours": Entry(
+    "neighbours": MethodEntry(
         "baumann2011.weighted_votes:fill",
         "baumann2011 with distance-weighted votes, the clip itself searched too",
         "priorfill, after Tautges et al. 2011",
         "baumann2011.weighted_votes:NeighboursOptions",
     ),
-    "baumann2011": Entry(
+    "baumann2011": MethodEntry(
         "baumann2011.neighbour_votes:fill",
         "energy with targets from the nearest poses of a database",
         "Baumann et al. 2011",
         "baumann2011.neighbour_votes:Baumann2011Options",
     ),
-    "krueger2010": Entry(
+    "krueger2010": MethodEntry(
         "baumann2011.krueger2010:fill",
         "mean of the nearest poses of a database, frame by frame",
         "Krüger et al. 2010",
         "baumann2011.krueger2010:Krueger2010Options",
     ),
-    "linear": Entry(
+    "linear": MethodEntry(
         "interpolation:linear",
         "linear interpolation over time",
         "SciPy",
     ),
-    "pchip": Entry(
+    "pchip": MethodEntry(
         "interpolation:pchip",
         "monotone cubic interpolation over time",
         "SciPy",
     ),
-    "spline": Entry(
+    "spline": MethodEntry(
         "interpolation:spline",
         "cubic splines over time",
         "SciPy",
     ),
-    "rigid": Entry(
+    "rigid": MethodEntry(
         "rigid_body:fill",
         "moves with markers at constant distances",
         "Kabsch 1976",
         "rigid_body:RigidBodyOptions",
     ),
-    "r1": Entry(
+    "r1": MethodEntry(
         "gloersen2016:r1",
         "weighted PCA, all markers at once",
         "Gløersen and Federolf 2016",
         "gloersen2016.strategies:Gloersen2016Options",
     ),
-    "r2": Entry(
+    "r2": MethodEntry(
         "gloersen2016:r2",
         "weighted PCA, marker by marker",
         "Gløersen and Federolf 2016",
         "gloersen2016.strategies:Gloersen2016Options",
     ),
-    "li": Entry(
+    "li": MethodEntry(
         "tits2018:li",
         "linear interpolation in the frame of three reference markers",
         "Tits et al. 2018",
         "tits2018.tits2018_options:Tits2018Options",
     ),
-    "lpr": Entry(
+    "lpr": MethodEntry(
         "tits2018:lpr",
         "polynomial regression on the shape of three reference markers",
         "Tits et al. 2018",
         "tits2018.tits2018_options:Tits2018Options",
     ),
-    "lgrnn": Entry(
+    "lgrnn": MethodEntry(
         "tits2018:lgrnn",
         "mean of frames in which three reference markers have a similar shape",
         "Tits et al. 2018",
         "tits2018.tits2018_options:Tits2018Options",
     ),
-    "glr": Entry(
+    "glr": MethodEntry(
         "tits2018:glr",
         "linear regression on all markers visible throughout a gap",
         "Tits et al. 2018",
         "tits2018.tits2018_options:Tits2018Options",
     ),
-    "wpca": Entry(
+    "wpca": MethodEntry(
         "tits2018:wpca",
         "weighted PCA with constrained distances from three reference markers",
         "Tits et al. 2018",
         "tits2018.tits2018_options:Tits2018Options",
     ),
-    "pma": Entry(
+    "pma": MethodEntry(
         "tits2018:pma",
         "average of li, lpr, lgrnn, glr and wpca, weighted by probability",
         "Tits et al. 2018",
         "tits2018.tits2018_options:Tits2018Options",
     ),
-    "pca-train": Entry(
+    "pca-train": MethodEntry(
         "li2020:pca_train",
         "eigenspaces of complete and of masked training data",
         "Li et al. 2020",
         "li2020.li2020_options:Li2020Options",
     ),
-    "pca-pieces": Entry(
+    "pca-pieces": MethodEntry(
         "li2020:pca_pieces",
         "eigenspaces of each masked training window",
         "Li et al. 2020",
         "li2020.li2020_options:Li2020Options",
     ),
-    "pca-frames": Entry(
+    "pca-frames": MethodEntry(
         "li2020:pca_frames",
         "eigenspaces of trajectories",
         "Li et al. 2020",
         "li2020.li2020_options:Li2020Options",
     ),
-    "lds": Entry(
+    "lds": MethodEntry(
         "lds:fill",
         "linear dynamical system, fitted by EM",
         "Li et al. 2009",

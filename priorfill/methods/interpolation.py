@@ -22,7 +22,7 @@ Curve = Callable[[Array, Array, Array], Array]
 """Function of times, positions and query times [shapes=(n,), (n, 3), (m,)] that returns the
 positions at the query times [shape=(m, 3)]."""
 
-NEVER_VISIBLE = "it is never seen; use a method that learns from other markers or recordings"
+NEVER_VISIBLE = "it is never visible; use a method that learns from other markers or recordings"
 
 
 def _line(times: Array, positions: Array, query: Array) -> Array:

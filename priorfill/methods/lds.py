@@ -53,15 +53,17 @@ Array = NDArray[np.float64]
 CONVERGED_CHANGE = 1e-9
 """Relative change of a covariance between frames below which it counts as converged."""
 
-MIN_MIN_SD = 1e-6
-"""mm. Smallest lower bound of standard deviations for which covariances can be inverted."""
+MIN_ALLOWED_SD = 1e-6
+"""mm. Least `LdsOptions.min_sd` with which covariances can be inverted."""
 
 MAX_EXCURSION = 1000.0
 """mm. How far a fill may be outside the range of the marker's measured positions: a limb may leave
 this range, but by no more than its length."""
 
-DIVERGED = "the system leads it far from where it is ever seen; use auto"
-NEVER_VISIBLE = "it is never seen; use a method that learns from other recordings"
+DIVERGED = (
+    "the fitted system diverges by more than a metre from the marker's measured range; use auto"
+)
+NEVER_VISIBLE = "it is never visible; use a method that learns from other recordings"
 
 
 @dataclass(frozen=True)
@@ -73,8 +75,8 @@ class LdsOptions:
     hidden_dimensions : int
         Dimension of the hidden state; Gløersen and Federolf 2016 compare with 10.
     max_iterations : int
-        EM iterations at most; 10 in DynaMMo, from random numbers. More than 20 do not improve fills
-        of treadmill walking (WalkL of Gløersen and Federolf 2016).
+        Maximum number of EM iterations; 10 in DynaMMo, from random numbers. More than 20 do not
+        improve fills of treadmill walking (WalkL of Gløersen and Federolf 2016).
     tolerance : float
         Relative increase of the log-likelihood below which the fit ends; 1e-5 in DynaMMo.
     min_sd : float
@@ -95,7 +97,7 @@ class LdsOptions:
     def __post_init__(self) -> None:
         check_at_least(self, 1, "hidden_dimensions")
         check_at_least(self, 0, "max_iterations", "tolerance")
-        check_at_least(self, MIN_MIN_SD, "min_sd")
+        check_at_least(self, MIN_ALLOWED_SD, "min_sd")
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +144,10 @@ class Observations:
         The distinct sets of coordinates that are visible in a frame.
     which : ndarray of int [shape=(frames,)]
         The pattern of each frame.
+    counts : ndarray of int [shape=(d,)]
+        Number of frames in which each coordinate is visible.
+    squares : ndarray [shape=(d,), mm²]
+        Sum of the squares of each coordinate.
     """
 
     def __init__(self, observed: Array) -> None:
@@ -345,7 +351,7 @@ def initial_model(observed: Array, hidden: int, min_variance: float) -> LdsModel
     observed : ndarray [shape=(frames, d), mm]
         Centred; NaN where missing.
     hidden : int
-        Dimension of the hidden state at most.
+        Maximum dimension of the hidden state.
     min_variance : float
         Lower bound of variances (mm²).
 
@@ -392,6 +398,11 @@ def fit(
         The most likely model.
     SmoothedStates
         Its hidden states.
+
+    See Also
+    --------
+    initial_model : Where the fit starts.
+    smooth : The E-step.
     """
     observations = Observations(observed)
     min_variance = options.min_sd**2
@@ -431,6 +442,10 @@ def fill(
         Markers that are never visible stay missing, and so do samples predicted more than
         `MAX_EXCURSION` outside the marker's measured range: an unstable system diverges in a long
         gap. Errors are not predicted.
+
+    See Also
+    --------
+    fit : Fits the system.
     """
     options = options or LdsOptions()
     positions = task.positions.copy()
@@ -441,9 +456,9 @@ def fill(
         model, smoothed = fit(observed - middle, options)
         found = smoothed.means @ model.emission.T + middle
         found = found.reshape(len(positions), -1, 3)
-        min_variance, most = (f(positions[:, seen], axis=0) for f in (np.nanmin, np.nanmax))
-        away = ((found < min_variance - MAX_EXCURSION) | (found > most + MAX_EXCURSION)).any(axis=2)
-        found[away] = np.nan
+        low, high = (limit(positions[:, seen], axis=0) for limit in (np.nanmin, np.nanmax))
+        diverged = ((found < low - MAX_EXCURSION) | (found > high + MAX_EXCURSION)).any(axis=2)
+        found[diverged] = np.nan
         positions[:, seen] = found
     for _ in task.groups:
         progress()

@@ -1,11 +1,12 @@
 """Options of methods by dotted name: list them, compare them with the defaults, and set them.
 
 A method's options are a frozen dataclass, whose fields may be such classes again. The dotted name
-of an option is the path of fields to it, as ``training.max_poses``.
+of an option is the path of fields to it, such as ``training.max_poses``.
 """
 
 from __future__ import annotations
 
+import math
 import types
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
@@ -18,7 +19,7 @@ __all__ = ["differing", "flattened", "with_values"]
 
 T = TypeVar("T")
 
-WORDS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
+TRUTH_VALUES = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 """Words that are accepted for truth values."""
 
 
@@ -126,7 +127,11 @@ def _changed(options: Any, changes: Mapping[str, Any], prefix: str) -> Any:
             values[name] = _changed(old, value, f"{prefix}{name}.")
         else:
             values[name] = _converted(value, kinds[name], prefix + name)
-    return replace(options, **values)
+    try:
+        return replace(options, **values)
+    except OptionError as error:  # name the option, not the class and field
+        text = str(error).replace(f"{type(options).__name__}.", prefix)
+        raise OptionError(text) from None
 
 
 def _alternatives(name: str, known: list[str]) -> str:
@@ -145,7 +150,7 @@ def _converted(value: Any, kind: Any, name: str) -> Any:
     """Return a value as the type of its option."""
     try:
         return _as_type(value, kind)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise OptionError(f"{name} cannot be {value!r}; it must be {_described(kind)}") from None
 
 
@@ -165,7 +170,7 @@ def _as_type(value: Any, kind: Any) -> Any:
             return None
         raise ValueError
     if kind is bool:
-        return WORDS[value.lower()] if _is_word(value) else _instance(value, bool)
+        return TRUTH_VALUES[value.lower()] if _is_word(value) else _instance(value, bool)
     if kind in (int, float):
         return _as_number(value, kind)
     return _instance(value, kind)
@@ -176,7 +181,7 @@ def _as_one_of(value: Any, kinds: tuple[Any, ...]) -> Any:
     for kind in sorted(kinds, key=lambda kind: kind is not type(None)):
         try:
             return _as_type(value, kind)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             continue
     raise ValueError
 
@@ -192,20 +197,18 @@ def _as_tuple(value: Any, kinds: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 def _as_number(value: Any, kind: type) -> Any:
-    """Return a number, or the text of one; no integer from a number with a fraction."""
+    """Return a finite number, or the text of one; no integer from a number with a fraction."""
     if isinstance(value, bool):
         raise TypeError
-    if isinstance(value, str):
-        return kind(value.strip())
-    number = kind(value)
-    if number != value:
+    number = kind(value.strip() if isinstance(value, str) else value)
+    if not math.isfinite(number) or (not isinstance(value, str) and number != value):
         raise ValueError
     return number
 
 
 def _is_word(value: Any) -> bool:
     """Whether a value is text for a truth value."""
-    return isinstance(value, str) and value.lower() in WORDS
+    return isinstance(value, str) and value.lower() in TRUTH_VALUES
 
 
 def _instance(value: Any, kind: type) -> Any:
@@ -226,5 +229,5 @@ def _described(kind: Any) -> str:
         if arguments[-1] is Ellipsis:
             return f"a list, each item {_described(arguments[0])}"
         return f"{len(arguments)} values, each {_described(arguments[0])}"
-    names = {int: "an integer", float: "a number", bool: "true or false", str: "text"}
+    names = {int: "an integer", float: "a finite number", bool: "true or false", str: "text"}
     return "none" if kind is type(None) else names.get(kind, f"a {kind.__name__}")

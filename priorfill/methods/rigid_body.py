@@ -27,6 +27,12 @@ from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["RigidBodyOptions", "fill"]
 
+MIN_NEIGHBOURS = 3
+"""Markers that determine a rotation."""
+
+MIN_SD = 1.0
+"""mm. Smaller standard deviations of distances are all treated alike: they are noise."""
+
 
 @dataclass(frozen=True)
 class RigidBodyOptions:
@@ -39,7 +45,7 @@ class RigidBodyOptions:
         neighbours. On seven recordings, 8 mm filled two thirds of the samples that 12 mm fills, at
         0.9 of its error; 20 mm filled a third more, at 1.4 times its error.
     max_neighbours : int
-        Number of neighbours at most, those with the smallest standard deviations first.
+        Maximum number of neighbours, those with the smallest standard deviations first.
     min_off_line : float
         mm. Smallest rms distance of the neighbours from their best-fitting line. Below it the
         rotation about that line is undetermined.
@@ -58,12 +64,6 @@ class RigidBodyOptions:
         check_at_least(self, 0.0, "max_distance_sd", "min_off_line")
         check_at_least(self, MIN_NEIGHBOURS, "max_neighbours")
 
-
-MIN_NEIGHBOURS = 3
-"""Markers that determine a rotation."""
-
-MIN_SD = 1.0
-"""mm. Smaller standard deviations of distances are all treated alike: they are noise."""
 
 NO_NEIGHBOURS = (
     "fewer than three visible markers keep their distance to it; "
@@ -143,7 +143,7 @@ def _neighbours(
         enough = len(chosen) == options.max_neighbours
         if enough or distance_sd[marker, other] > options.max_distance_sd:
             break
-        if all(distance_sd[other, mate] <= options.max_distance_sd for mate in chosen):
+        if all(distance_sd[other, one] <= options.max_distance_sd for one in chosen):
             chosen.append(int(other))
     markers = np.array(chosen, dtype=np.intp)
     return _RigidNeighbours(markers, 1.0 / np.maximum(distance_sd[marker, markers], MIN_SD) ** 2)

@@ -56,7 +56,7 @@ from priorfill.evaluation.summary_tables import (
 )
 from priorfill.gaps import Gap, find_gaps
 from priorfill.markers.describe import describe
-from priorfill.methods import Entry
+from priorfill.methods import MethodEntry
 from priorfill.methods.task import Estimate, Task
 
 
@@ -420,7 +420,7 @@ def tame(monkeypatch: pytest.MonkeyPatch) -> Clip:
     made = {"one": _off(1.0), "three": _off(3.0), "half": _off(0.5, 0.7), "few": _off(0.1, 0.2),
             "refusing": refusing, "faulty": faulty}  # fmt: skip
     for name in made:
-        monkeypatch.setitem(registry.METHODS, name, Entry(f"{name}:fill", "", ""))
+        monkeypatch.setitem(registry.METHODS, name, MethodEntry(f"{name}:fill", "", ""))
     real = registry.get_method
     monkeypatch.setattr(
         "priorfill.filling.fill_clip.get_method",

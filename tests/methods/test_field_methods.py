@@ -98,7 +98,7 @@ def test_the_same_again(method):
     np.testing.assert_array_equal(one.clip.positions, two.clip.positions)
 
 
-def test_each_method_says_what_it_is():
+def test_each_method_has_a_summary_and_a_source():
     for name, entry in METHODS.items():
         assert callable(get_method(name))
         assert entry.summary

@@ -44,22 +44,22 @@ def enough(singular: np.ndarray) -> int:
 def reconstruct(rows: np.ndarray, lost: list[int], distances: list[float], signs) -> np.ndarray:
     """Fill rows (NaN where missing) by the published steps, with full matrices.
 
-    `signs` is called with the number of components and tells how often to flip which of V0; the
-    mean over what comes of each is returned.
+    `signs` is called with the number of components, and returns choices of signs of the columns of
+    V0. The mean of the results over these choices is returned.
     """
     weights = [np.exp(-(d**2) / (2 * SIGMA**2)) for d in distances]
     for marker in lost:
         weights[marker] = LOST
     w = np.repeat(weights, 3)
     columns = [3 * marker + axis for marker in lost for axis in range(3)]
-    whole = rows[~np.isnan(rows).any(axis=1)]
-    mean, expected_rms = whole.mean(axis=0), whole.std(axis=0)
-    expected_rms[expected_rms < 1e-9] = 1.0
-    full = (whole - mean) / expected_rms * w
+    complete = rows[~np.isnan(rows).any(axis=1)]
+    mean, deviation = complete.mean(axis=0), complete.std(axis=0)
+    deviation[deviation < 1e-9] = 1.0
+    full = (complete - mean) / deviation * w
     zeroed = full.copy()
     zeroed[:, columns] = 0.0
-    asked = (rows - mean) / expected_rms * w
-    asked[:, columns] = 0.0
+    scaled_rows = (rows - mean) / deviation * w
+    scaled_rows[:, columns] = 0.0
     singular, V = principal(full)
     singular0, V0 = principal(zeroed)
     count = max(enough(singular), enough(singular0))
@@ -68,8 +68,8 @@ def reconstruct(rows: np.ndarray, lost: list[int], distances: list[float], signs
     for sign in signs(count):
         flipped = V0 * np.array(sign)
         T = V.T @ flipped
-        found.append(asked @ flipped @ T @ V.T)
-    return mean + np.mean(found, axis=0) * expected_rms / w
+        found.append(scaled_rows @ flipped @ T @ V.T)
+    return mean + np.mean(found, axis=0) * deviation / w
 
 
 def all_signs(count: int):
@@ -105,15 +105,15 @@ def consecutive(clip: Clip, signs) -> np.ndarray:
             far = distances[other] > CUTOFF * np.mean(distances)
             if other != lost and (far or clip.missing[gap, other].any()):
                 rows[:, other] = 0.0
-        learnt = ~np.isnan(rows).any(axis=(1, 2))
-        both = np.concatenate([rows[learnt], rows[gap]])
+        training = ~np.isnan(rows).any(axis=(1, 2))
+        both = np.concatenate([rows[training], rows[gap]])
         predicted = reconstruct(both.reshape(len(both), -1), [lost], distances, signs)
-        predicted = predicted.reshape(both.shape)[learnt.sum() :, lost]
+        predicted = predicted.reshape(both.shape)[training.sum() :, lost]
         filled[gap, lost] = predicted + origin[gap, 0]
     return filled
 
 
-TWIN = {"r1": simultaneous, "r2": consecutive}
+PUBLISHED = {"r1": simultaneous, "r2": consecutive}
 
 
 def body(seed: int, markers: int = 7, frames: int = 60) -> Clip:
@@ -146,7 +146,7 @@ def gappy_body(seed: int) -> Clip:
 @pytest.mark.parametrize("seed", range(4))
 def test_it_is_the_mean_of_the_published_steps_over_all_signs(method, seed):
     clip = gappy_body(seed)
-    expected = TWIN[method](clip, all_signs)
+    expected = PUBLISHED[method](clip, all_signs)
     found = fill(clip, method=method)
     assert found.complete
     np.testing.assert_allclose(found.clip.positions, expected, rtol=0, atol=1e-6)
@@ -156,8 +156,8 @@ def test_it_is_the_mean_of_the_published_steps_over_all_signs(method, seed):
 def test_the_published_product_depends_on_arbitrary_signs(method):
     # why only the diagonal is used: an SVD may return either of these
     clip = gappy_body(2)
-    one = TWIN[method](clip, lambda count: [[1.0] * count])
-    other = TWIN[method](clip, lambda count: [[(-1.0) ** i for i in range(count)]])
+    one = PUBLISHED[method](clip, lambda count: [[1.0] * count])
+    other = PUBLISHED[method](clip, lambda count: [[(-1.0) ** i for i in range(count)]])
     assert np.abs(one - other).max() > 0.5
 
 
@@ -191,7 +191,7 @@ def test_moments_over_any_frames():
     np.testing.assert_allclose(covariance, np.cov(chosen.T, bias=True), atol=1e-12)
 
 
-def test_a_copy_is_told_from_its_original():
+def test_a_copy_is_predicted_from_its_original():
     # two equal columns with weights 1 and w: the component has the variance 1 + w^2; the missing
     # column has the loading w, and the slope on the visible one is 1 / (1 + w^2)
     covariance = np.full((2, 2), 9.0)
@@ -200,7 +200,7 @@ def test_a_copy_is_told_from_its_original():
     np.testing.assert_allclose(found, [[1 / (1 + LOST**2)]], rtol=1e-12)
 
 
-def test_nothing_is_told_from_what_is_still():
+def test_markers_at_rest_predict_nothing():
     covariance = np.diag([0.0, 0.0, 4.0])
     lost = np.array([False, False, True])
     found = regression(covariance, np.array([1.0, 1.0, LOST]), lost, EXPLAINED)
@@ -283,7 +283,7 @@ def test_dropouts_and_blackouts_are_left_and_the_rest_is_filled(method):
             [(0, 240)] if whole else blackout if gap.start <= 100 < gap.stop else []
         )
         for part in gap.unfilled:
-            assert part.reason.startswith("never seen" if whole else "no marker is seen")
+            assert part.reason.startswith("never visible" if whole else "no marker is visible")
     # as if the marker and the frames did not exist
     frames = np.r_[:100, 110:240]
     others = [i for i, label in enumerate(everything) if label != "C7"]
@@ -297,16 +297,19 @@ def test_dropouts_and_blackouts_are_left_and_the_rest_is_filled(method):
 
 
 @METHOD
-def test_what_cannot_be_told_says_why(method):
+def test_gaps_that_stay_have_a_reason(method):
     blackout = with_gaps(person(), (80, 95, person().labels))
     dropout = with_gaps(person(), (0, 240, ("C7",)))
-    for clip, reason in (blackout, "no marker is seen; use auto"), (dropout, "never seen in the"):
+    for clip, reason in (
+        (blackout, "no marker is visible; use auto"),
+        (dropout, "never visible in the"),
+    ):
         result = fill(clip, method=method)
         assert not result.filled.any()
         assert all(part.reason.startswith(reason) for gap in result.gaps for part in gap.unfilled)
     labels = person().labels
     nobody = with_gaps(person(), *((5 * i, 5 * i + 4, (x,)) for i, x in enumerate(labels)))
-    with pytest.raises(MethodError, match="no marker is seen in all frames with gaps"):
+    with pytest.raises(MethodError, match="no marker is visible in all frames with gaps"):
         fill(nobody, method=method)
 
 
@@ -318,7 +321,7 @@ def test_frames_in_which_a_body_walks_in_and_out_are_left(method):
     out = [(a, a + 40, [x for x in labels if x not in seen[a]]) for a in seen]
     result = fill(with_gaps(person(), *gaps, *out), method=method)
     left = {(p.start, p.stop, p.reason) for gap in result.gaps for p in gap.unfilled}
-    assert left == {(a, a + 40, "too few markers are seen; use auto") for a in seen}
+    assert left == {(a, a + 40, "too few markers are visible; use auto") for a in seen}
     middle = person().with_positions(with_gaps(person(), *gaps).positions[40:200])
     np.testing.assert_allclose(
         result.clip.positions[40:200],

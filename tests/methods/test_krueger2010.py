@@ -79,7 +79,7 @@ def heading(points: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return origin, rotation(at)
 
 
-def twin(gappy, others, root, template, viable, k):
+def frame_by_frame(gappy, others, root, template, viable, k):
     """The method frame by frame, from its definition."""
     filled = gappy.copy()
     poses = np.concatenate([other[1:-1] for other in others])  # as a bank has them
@@ -107,7 +107,7 @@ def test_each_frame_gets_the_mean_of_its_nearest_poses(seed, k):
     task = task_of(gappy, others, {0, 1, 2, 3, 4, 5, 7})
     found = krueger2010.fill(task, options=Krueger2010Options(neighbours=k))
     group = task.root_among(np.array([0, 1, 2, 3]))
-    expected = twin(gappy, others, [0, 1, 2, 3], group.template, [0, 1, 2, 3, 4, 5, 7], k)
+    expected = frame_by_frame(gappy, others, [0, 1, 2, 3], group.template, [0, 1, 2, 3, 4, 5, 7], k)
     np.testing.assert_allclose(found.positions, expected, atol=1e-3)  # the bank is float32
 
 
@@ -141,7 +141,7 @@ def test_the_deviation_is_the_spread_of_the_neighbours():
 
 @settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 10**6))
-def test_no_frame_knows_of_another(seed):
+def test_frames_are_independent(seed):
     """A gap filled frame by frame equals the gap filled at once."""
     rng = np.random.default_rng(seed)
     truth, others = body(seed, 30), [body(seed + 1, 50)]

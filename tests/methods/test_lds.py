@@ -147,7 +147,7 @@ def test_a_motion_of_the_system_is_recovered():
     observed[removed] = np.nan
     found, smoothed = lds.fit(observed, lds.LdsOptions(hidden_dimensions=4, max_iterations=30))
     off = smoothed.means @ found.emission.T - clean
-    assert np.sqrt((off[100:170, :6] ** 2).mean()) < 0.6  # beside visible markers: the noise
+    assert np.sqrt((off[100:170, :6] ** 2).mean()) < 0.6  # next to visible markers: the noise
     assert np.sqrt((off[removed] ** 2).mean()) < 20.0  # a blackout of 20 frames, moving by 600 mm
     np.testing.assert_allclose(
         np.sort(abs(np.angle(np.linalg.eigvals(found.transition))))[::2], np.sort(turn), rtol=0.02
@@ -164,7 +164,7 @@ def test_gaps_of_a_person_are_filled():
     assert error(result.clip.positions, truth.positions, result.filled) < 60.0
     (left,) = [gap for gap in result.gaps if gap.unfilled]
     assert left.label == "C7"
-    assert "never seen" in left.unfilled[0].reason
+    assert "never visible" in left.unfilled[0].reason
 
 
 @pytest.mark.parametrize("frames", [1, 2, 3])
@@ -220,4 +220,4 @@ def test_diverging_samples_stay_missing(monkeypatch):
     assert not result.complete
     gap = result.gaps[0]
     assert gap.filled
-    assert all("far from where it is ever seen" in part.reason for part in gap.unfilled)
+    assert all("diverges by more than a metre" in part.reason for part in gap.unfilled)

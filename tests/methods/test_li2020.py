@@ -49,7 +49,7 @@ def low_rank(rng, frames, columns, rank):
     return 100.0 * rng.normal(size=(frames, rank)) @ rng.normal(size=(rank, columns))
 
 
-def masked_pieces(rng, columns=12, rank=3, pieces=4, hidden=5):
+def masked_windows(rng, columns=12, rank=3, pieces=4, hidden=5):
     """Windows of low rank, the same with their first columns masked, and these columns."""
     space = rng.normal(size=(rank, columns))
     full = [
@@ -112,7 +112,7 @@ def test_components():
 def test_low_rank_is_recovered_exactly(seed):
     """Eqs. (1)-(4) and (5)-(8): windows and clip in one space that visible columns determine."""
     rng = np.random.default_rng(seed)
-    full, masked, shown = masked_pieces(rng)
+    full, masked, shown = masked_windows(rng)
     one = eigenspaces.train(np.concatenate(full), np.concatenate(masked), rank=3)
     two = eigenspaces.train_windows(full, masked, rank=3)
     for truth, clip in zip(full, masked, strict=True):
@@ -215,7 +215,7 @@ def test_short_gaps(method):
     assert error(result.clip.positions, truth.positions, result.filled) < 25.0
 
 
-def test_whole_frames():
+def test_missing_frames():
     truth = person()
     clip = with_gaps(truth, (100, 115, truth.labels))
     for method in ("pca-train", "pca-pieces"):
@@ -275,7 +275,7 @@ def test_no_marker_is_visible_throughout(method):
 
 
 @MARKERS
-def test_no_frame_is_whole(method, database):
+def test_no_frame_is_complete(method, database):
     truth = person()
     gaps = [(i, i + 8, (truth.labels[(i // 8) % 41],)) for i in range(0, 240, 8)]
     clip = with_gaps(truth, *gaps)

@@ -16,8 +16,8 @@ from priorfill.energy.terms import energy
 from priorfill.filling.fill_clip import fill
 from priorfill.filling.result import Result
 from priorfill.geometry.axes import from_upright
-from priorfill.methods.baumann2011 import neighbour_votes as baumann2011
-from priorfill.methods.gpr import gpr_fill as regression_prior
+from priorfill.methods.baumann2011 import neighbour_votes
+from priorfill.methods.gpr import gpr_fill
 
 METHOD = pytest.mark.parametrize("method", ["baumann2011", "neighbours", "gpr"])
 
@@ -133,7 +133,7 @@ def test_limb_gap_into_a_blackout(method):
 
 
 @METHOD
-def test_a_marker_set_that_nobody_knows(method):
+def test_an_unknown_marker_set(method):
     names = tuple(f"M{i:02d}" for i in range(1, 42))
     truth = replace(person(), labels=names)
     clip = with_gaps(truth, (80, 170, [names[person().labels.index(x)] for x in ARM]))
@@ -271,7 +271,7 @@ def problems(monkeypatch, method, clip):
         seen.append((positions.copy(), free.copy(), prior))
         return minimise(positions, free, prior)
 
-    for module in (regression_prior, baumann2011):
+    for module in (gpr_fill, neighbour_votes):
         monkeypatch.setattr(module, "minimise", record)
     fill(clip, method=method)
     return seen
@@ -306,7 +306,7 @@ def test_descent_reaches_the_exact_minimum_on_a_recording(method, monkeypatch, d
     check_descent(problems(monkeypatch, method, clip))
 
 
-def test_flickering_markers_are_bridged_whatever_the_database(database):
+def test_flickering_markers_are_filled_with_any_database(database):
     """Half of all samples are missing at random: few frames show any four markers together."""
     rng = np.random.default_rng(0)
     markers = 24  # a piece of work for each gap: all 41 would take thrice as long
@@ -326,7 +326,7 @@ def test_flickering_markers_are_bridged_whatever_the_database(database):
         )
 
 
-def test_a_limb_is_told_by_the_movement():
+def test_lag_features_determine_a_limb():
     """The visible pose is the same in both directions, but the missing limb is not."""
     rng = np.random.default_rng(5)
     frames = 600

@@ -35,7 +35,7 @@ def test_a_rigid_body_is_filled_exactly(seed, marker, start, frames):
     np.testing.assert_allclose(result.clip.positions, whole.positions, atol=1e-6)
 
 
-def test_where_the_marker_lies_is_led_from_one_side_to_the_other():
+def test_the_local_position_is_interpolated_across_the_gap():
     """The fill of a marker that slips by 10 mm in the gap is continuous at both edges."""
     whole = tumbling(1)
     slipped = whole.positions.copy()
@@ -49,7 +49,7 @@ def test_where_the_marker_lies_is_led_from_one_side_to_the_other():
     assert np.linalg.norm(found - slipped, axis=2).max() < 1.0
 
 
-def test_softer_markers_are_not_neighbours():
+def test_markers_at_varying_distances_are_not_neighbours():
     whole = tumbling(2, labels=LABELS[:4])
     wild = np.random.default_rng(0).normal(0.0, 80.0, (60, 3, 3)) + whole.positions[:, :3]
     both = Clip(
@@ -71,7 +71,7 @@ def test_frames_with_too_few_neighbours_stay_missing(kept):
     assert gap.filled == (20 if kept == 3 else 15)
 
 
-def test_neighbours_in_line_leave_the_rotation_open():
+def test_collinear_neighbours_do_not_determine_the_rotation():
     line = np.zeros((60, 4, 3))
     line[:, :3, 0] = [0.0, 100.0, 200.0]
     line[:, 3] = [100.0, 80.0, 0.0]

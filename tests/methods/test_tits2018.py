@@ -75,7 +75,7 @@ def naive_smooth(column, window):
 
 
 @given(seed=seeds, frames=st.integers(1, 40), window=st.integers(1, 12))
-def test_smooth_against_twin(seed, frames, window):
+def test_smooth_equals_its_definition(seed, frames, window):
     rng = np.random.default_rng(seed)
     values = holed(rng, wander(rng, frames, 2), 0.1)
     expected = values if window < 2 else np.stack([naive_smooth(c, window) for c in values.T], 1)
@@ -121,7 +121,7 @@ def test_triad_without_a_frame():
 
 
 @given(seed=seeds, frames=st.integers(2, 9), known=st.tuples(st.booleans(), st.booleans()))
-def test_ramp_against_twin(seed, frames, known):
+def test_ramp_equals_its_definition(seed, frames, known):
     before, after = np.random.default_rng(seed).normal(size=(2, 3))
     off = continuity.ramp(frames, before if known[0] else None, after if known[1] else None)
     for f in range(frames):
@@ -155,7 +155,7 @@ def naive_constrain(point, references, shortest, longest, rounds):
 
 
 @given(seed=seeds, missing=st.booleans())
-def test_constrain_against_twin(seed, missing):
+def test_constrain_equals_its_definition(seed, missing):
     rng = np.random.default_rng(seed)
     points, references = rng.normal(size=(20, 3)), rng.normal(size=(20, 3, 3))
     shortest = rng.uniform(0.2, 1.5, size=3)
@@ -199,7 +199,7 @@ def test_bounds():
 
 
 @given(seed=seeds, frames=st.integers(2, 12))
-def test_deviations_against_twin(seed, frames):
+def test_deviations_equal_their_definition(seed, frames):
     rng = np.random.default_rng(seed)
     positions = rng.normal(size=(frames, 5, 3))
     positions[rng.random((frames, 5)) < 0.3] = np.nan
@@ -223,7 +223,7 @@ def test_deviations_of_complete_frames_alone():
 
 
 @given(seed=seeds, share=st.floats(0.0, 0.7))
-def test_choose_against_twin(seed, share):
+def test_choose_equals_its_definition(seed, share):
     rng = np.random.default_rng(seed)
     seen = rng.random((12, 6)) > share
     seen[3:6, 0] = seen[8:, 0] = False
@@ -259,7 +259,7 @@ def test_thinned(count, most):
 
 
 @given(seed=seeds)
-def test_interpolate_against_twin(seed):
+def test_interpolate_equals_its_definition(seed):
     rng = np.random.default_rng(seed)
     local = holed(rng, wander(rng, 12, 3), 0.5)
     got = local_interpolation.interpolate(local)
@@ -295,7 +295,7 @@ def test_polynomial_recovers_a_polynomial(seed):
 
 
 @given(seed=seeds)
-def test_network_against_twin(seed):
+def test_network_equals_its_definition(seed):
     rng = np.random.default_rng(seed)
     shape, local = 300.0 + 20.0 * rng.normal(size=(30, 3)), rng.normal(size=(25, 3))
     shape[27] = np.nan
@@ -338,7 +338,7 @@ def test_regression_recovers_a_linear_relation(seed, start):
     assert np.isnan(got[63:]).all()
 
 
-def test_regression_by_stiff_markers_alone():
+def test_regression_by_rigid_markers_alone():
     rng = np.random.default_rng(1)
     positions = 10.0 * rng.normal(size=(60, 6, 3))
     positions[:, 0] = positions[:, 1] + 3.0
@@ -373,7 +373,7 @@ def test_pca_is_that_of_gloersen_about_the_centre():
 
 
 @given(seed=seeds)
-def test_density_against_twin(seed):
+def test_density_equals_its_definition(seed):
     rng = np.random.default_rng(seed)
     sample, at = rng.normal(size=30), rng.normal(size=8)
     spread = np.median(np.abs(sample - np.median(sample))) / 0.6745
@@ -384,7 +384,7 @@ def test_density_against_twin(seed):
     assert model_averaging.bandwidth(np.ones(5)) > 0.0
 
 
-def test_average_believes_who_keeps_the_distances():
+def test_average_prefers_models_that_keep_the_distances():
     references = np.zeros((20, 3, 3))
     references[:, 1], references[:, 2] = [100.0, 0.0, 0.0], [0.0, 100.0, 0.0]
     right = np.full((20, 3), 50.0) + np.arange(20.0)[:, None] / 100.0
@@ -484,23 +484,23 @@ def test_reasons():
     )
     result = fill(clip, method="li")
     reasons = {gap.label: gap.unfilled[0].reason for gap in result.gaps if gap.unfilled}
-    assert reasons["LKNE"].startswith("it is never seen")
-    assert reasons["C7"] == "it is seen in 17% of the frames, less than 30%"
+    assert reasons["LKNE"].startswith("it is never visible")
+    assert reasons["C7"] == "it is visible in 17% of the frames, less than 30%"
     assert reasons["LFHD"].startswith("no three other markers")
     few = with_gaps(person(), (100, 110, person().labels[:38]))
     reasons = {gap.unfilled[0].reason for gap in fill(few, method="glr").gaps if gap.unfilled}
     assert any(reason.startswith("fewer than four other markers") for reason in reasons)
 
 
-def test_what_cannot_work_says_so():
+def test_clips_without_what_a_method_needs_are_refused():
     clip = person()
     three = Clip(clip.positions[:, :3], clip.labels[:3], clip.rate)
     three = with_gaps(three, (5, 9, clip.labels[:1]))
-    with pytest.raises(MethodError, match=r"3 markers are seen .* needs 4"):
+    with pytest.raises(MethodError, match=r"3 markers are visible .* needs 4"):
         fill(three, method="glr")
     gaps = [(5 * i, 5 * i + 3, (label,)) for i, label in enumerate(clip.labels)]
     never_whole = with_gaps(clip, *gaps)
-    with pytest.raises(MethodError, match=r"no marker is seen in every frame.*pma"):
+    with pytest.raises(MethodError, match=r"no marker is visible in every frame.*pma"):
         fill(never_whole, method="wpca")
     for method in ("li", "lpr", "lgrnn", "glr", "pma"):
         result = fill(never_whole, method=method)

@@ -130,7 +130,7 @@ def _fill_alike(
     plan = planner.plan(task.valid[frames[0]])
     estimate.notes.extend(
         Note(int(marker), start, stop, reason, filled=False)
-        for markers, reason in plan.left
+        for markers, reason in plan.unsearched
         for marker in markers
         for start, stop in stretches
     )

@@ -157,7 +157,7 @@ def _planned(
         parts += [_SearchedFrames(start, stop, search) for search in plan.searches]
         notes += [
             Note(int(marker), start, stop, reason, filled=False)
-            for markers, reason in plan.left
+            for markers, reason in plan.unsearched
             for marker in markers
         ]
     return parts, notes

@@ -1,4 +1,4 @@
-"""Plan which visible markers a task's takes are searched by, for which missing ones.
+"""Plan the searches of a task: by which visible markers, and for which missing ones.
 
 The poses found are the k neighbours y_i over which Eqs. (2)-(4) of Baumann et al. 2011, and so the
 energy of Eq. (1), sum. Section 4.1 of the paper calls the markers of a search *viable*: those that
@@ -76,12 +76,12 @@ class SearchPlan:
     ----------
     searches : list of MarkerSearch
         Each missing marker belongs to at most one of them.
-    left : list of (ndarray of int, str)
+    unsearched : list of (ndarray of int, str)
         Missing markers without a search, with the reason.
     """
 
     searches: list[MarkerSearch]
-    left: list[tuple[NDArray[np.intp], str]]
+    unsearched: list[tuple[NDArray[np.intp], str]]
 
 
 class SearchPlanner:

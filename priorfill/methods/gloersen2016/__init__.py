@@ -33,8 +33,8 @@ Departures from the authors' program (PredictMissingMarkers.m):
   zeroed.
 * Frames without any visible marker, and markers that are never visible, are left out; the program's
   means and distances are NaN then, and it fills nothing. Where no marker is visible in all
-  remaining frames, those with the fewest markers are left out, as of a subject walking in and out,
-  until `gloersen2016_fill.MIN_ANCHORS` markers are visible in all of them.
+  remaining frames, those with the fewest markers are left out, for example those in which the
+  subject walks in or out, until `gloersen2016_fill.MIN_ANCHORS` markers are visible in all of them.
 * Two markers that are never visible together are infinitely far apart; the program's threshold is
   NaN then.
 * A column counts as constant below `weighted_pca.MIN_SD`; the program requires a standard deviation

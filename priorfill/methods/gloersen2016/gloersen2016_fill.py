@@ -27,24 +27,25 @@ MIN_ANCHORS = 3
 two may belong to a limb that swings. (Where no frame is left out one suffices, as published.)"""
 
 SOURCE = "correlations with other markers"
-NEVER_VISIBLE = "never seen in the clip; use auto with a database or a static trial"
-NO_MARKER = "no marker is seen; use auto, which finds similar movements elsewhere"
-TOO_FEW_MARKERS = "too few markers are seen; use auto"
+NEVER_VISIBLE = "never visible in the clip; use auto with a database or a static trial"
+NO_MARKER = "no marker is visible; use auto, which finds similar movements elsewhere"
+TOO_FEW_MARKERS = "too few markers are visible; use auto"
 NO_COMPLETE_FRAMES = "{}: no two frames show all markers; use r2 or auto"
 NEVER_TOGETHER = (
-    "fewer than two frames show it with the markers that are seen in its gaps; use auto"
+    "fewer than two frames show it with the markers that are visible in its gaps; use auto"
 )
 NO_ANCHOR = (
-    "{}: no marker is seen in all frames with gaps, and this method needs one as the origin of its "
-    "poses; fill short gaps by pchip first, or use auto"
+    "{}: no marker is visible in all frames with gaps, and this method needs one as the origin of "
+    "its poses; fill short gaps by pchip first, or use auto"
 )
 
 
 def _usable_frames(valid: Mask) -> Mask:
     """Choose the frames to work with.
 
-    These are all frames with a visible marker, if a marker is visible in all of them; else those
-    with so many visible markers that `MIN_ANCHORS` of them are visible throughout.
+    These are all frames with a visible marker, if a marker is visible in all of them. Otherwise the
+    frames with the fewest visible markers are left out until `MIN_ANCHORS` markers are visible in
+    all remaining ones.
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ def _filled(
 ) -> Estimate:
     """Fill a task by a strategy, and give the reason for what stays missing."""
     positions = task.positions.copy()
-    unlearnt = np.zeros(positions.shape[1], dtype=bool)
+    untrained = np.zeros(positions.shape[1], dtype=bool)
     if task.valid.any() and not task.valid.all():
         markers = np.flatnonzero(task.valid.any(axis=0))
         rows = np.flatnonzero(_usable_frames(task.valid[:, markers]))
@@ -86,11 +87,11 @@ def _filled(
         for missing in strategy(frames, options):
             predicted = frames.predict(missing, options)
             if predicted is None:
-                unlearnt[markers[missing.markers]] = True
+                untrained[markers[missing.markers]] = True
                 continue
             gaps, found = predicted
             positions[np.ix_(rows[gaps], markers[missing.markers])] = found + origin[gaps]
-    if strategy is simultaneous and unlearnt.any():
+    if strategy is simultaneous and untrained.any():
         raise MethodError(NO_COMPLETE_FRAMES.format(task.name))
     for _ in task.groups:
         progress()
@@ -98,7 +99,7 @@ def _filled(
     def reason(gap: Gap) -> str:
         if not task.valid[:, gap.marker].any():
             return NEVER_VISIBLE
-        if unlearnt[gap.marker]:
+        if untrained[gap.marker]:
             return NEVER_TOGETHER
         return TOO_FEW_MARKERS if task.valid[gap.start : gap.stop].any() else NO_MARKER
 

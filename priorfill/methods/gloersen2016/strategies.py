@@ -27,6 +27,9 @@ Mask = NDArray[np.bool_]
 MIN_FRAMES = 2
 """Training frames: the standard deviation of one is undefined."""
 
+MIN_POSITIVE = 1e-6
+"""Smallest σ (mm) and weight; both are divisors."""
+
 
 @dataclass(frozen=True)
 class Gloersen2016Options:
@@ -67,10 +70,6 @@ class Gloersen2016Options:
         check_at_least(self, MIN_POSITIVE, "sigma", "missing_weight")
         check_at_least(self, 0.0, "distal_threshold")
         check_between(self, 0.0, 1.0, "min_singular_share")
-
-
-MIN_POSITIVE = 1e-6
-"""Smallest σ (mm) and weight; both are divisors."""
 
 
 @dataclass(frozen=True, eq=False)

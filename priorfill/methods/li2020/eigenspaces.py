@@ -37,7 +37,10 @@ squares; the published program divides by them."""
 
 
 def triangular(rows: Array) -> Array:
-    """Return at most as many rows as columns, with the same inner products of columns."""
+    """Return the triangular factor of a matrix, which has the same inner products of columns.
+
+    It has at most as many rows as columns; a matrix without more rows is returned as it is.
+    """
     return np.asarray(np.linalg.qr(rows).R) if len(rows) > rows.shape[1] else rows
 
 
@@ -149,6 +152,10 @@ def train(
     -------
     TrainingSpaces
         U_N and U_N0, the eigenvectors of both, Eq. (1), and T, Eqs. (2) and (3).
+
+    See Also
+    --------
+    train_windows : With eigenvectors of each window.
     """
     values, vectors = eigenspace(full)
     masked_values, masked_vectors = eigenspace(masked)
@@ -229,6 +236,10 @@ def train_windows(
     WindowSpaces
         U_N, U_N0, and T, the least-squares solution of A_i0 U_i0 T = A_i U_N over all windows.
 
+    See Also
+    --------
+    train : With eigenvectors of all windows.
+
     Notes
     -----
     Signs and order of the eigenvectors U_i0, Eq. (5), are arbitrary, but T is shared by all
@@ -299,6 +310,10 @@ def complete_frames(
     ndarray [shape=(missing frames, n)]
         U_2 a, where a is the least-squares solution of U_1 a = A_1 and D a = 0, with D the diagonal
         matrix of shrinkage times relative standard deviation: a = (U_1' U_1 + D²)^-1 U_1' A_1.
+
+    See Also
+    --------
+    trajectory_space : Computes the eigenvectors.
 
     Notes
     -----

@@ -39,7 +39,7 @@ from priorfill.methods.li2020.li2020_options import Li2020Options
 from priorfill.methods.li2020.training_windows import (
     TrainingWindow,
     choose_windows,
-    is_learnable,
+    shows_all,
 )
 from priorfill.methods.task import Estimate, Task
 from priorfill.signal.resample import resample
@@ -63,16 +63,16 @@ BATCH_FRAMES = 256
 """Frames whose distances are computed at once; limits the memory to a few MB."""
 
 SHRINKAGES = (1.0, 10.0, 100.0)
-"""Factors of the relative standard deviation, of which the best is used: with few trajectories, as
-of long gaps, those of the gap are less similar to the training trajectories than these to each
+"""Factors of the relative standard deviation; the best one is used. With few trajectories, as for
+long gaps, those of the gap are less similar to the training trajectories than these are to each
 other."""
 
 MAX_AMPLIFICATION = 15.0
-"""Factor by which errors of the measured frames are amplified in the missing ones at most: the
-shrinkage is doubled until it is not exceeded."""
+"""Maximum factor by which errors of the measured frames are amplified in the missing ones; the
+shrinkage is doubled until it holds."""
 
 MAX_TRAJECTORIES = 6000
-"""Training trajectories at most; more are nearly the same, shifted in time."""
+"""Maximum number of training trajectories; more are nearly the same, shifted in time."""
 
 
 def _train(full: list[Array], masked: list[Array], clip: Array, options: Li2020Options) -> Array:
@@ -148,7 +148,7 @@ def _marker_sets(task: Task) -> Iterator[Ints]:
     seen = task.valid.any(axis=0)
     largest = seen.copy()
     for take in task.takes:
-        if is_learnable(take, np.flatnonzero(seen)):
+        if shows_all(take, np.flatnonzero(seen)):
             largest |= take.shown > 0
     yield np.flatnonzero(largest)
     if largest.sum() > seen.sum():
@@ -272,7 +272,7 @@ def _by_markers(
     def reason(gap: Gap) -> str:
         if task.valid[:, gap.marker].any():
             return "no marker is visible; pca-frames fills whole frames"
-        return "it is never seen, and no other recording shows it with the other markers"
+        return "it is never visible, and no other recording shows it with the other markers"
 
     others = f", with {len(takes)} other recordings" if takes else ""
     return Estimate.without_errors(task, positions, source + others, reason, takes)
@@ -421,10 +421,10 @@ def pca_frames(
     def reason(gap: Gap) -> str:
         if task.valid[:, gap.marker].any():
             return (
-                f"no recording shows a marker for the {gap.frames} frames and those about them; "
+                f"no recording shows a marker for {gap.frames} frames and the frames around them; "
                 "give longer recordings"
             )
-        return "it is never seen; use a method that learns from other markers"
+        return "it is never visible; use a method that learns from other markers"
 
     takes = trajectories.takes if trajectories is not None else ()
     source = "eigenspaces of trajectories"

@@ -9,6 +9,9 @@ from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["Li2020Options"]
 
+MIN_POSITIVE = 1e-6
+"""Smallest σ (mm) and weight; both are divisors."""
+
 
 @dataclass(frozen=True)
 class Li2020Options:
@@ -69,7 +72,3 @@ class Li2020Options:
         check_at_least(self, 1, "min_context_frames")
         if self.rank is not None and self.rank < 1:
             raise OptionError(f"Li2020Options.rank is {self.rank}; it must be at least 1, or none")
-
-
-MIN_POSITIVE = 1e-6
-"""Smallest σ (mm) and weight; both are divisors."""

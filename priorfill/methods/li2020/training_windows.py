@@ -18,7 +18,7 @@ from priorfill.geometry.poses import evenly_spaced
 from priorfill.methods.li2020.li2020_options import Li2020Options
 from priorfill.search.takes import Take
 
-__all__ = ["TrainingWindow", "choose_windows", "is_learnable"]
+__all__ = ["TrainingWindow", "choose_windows", "shows_all"]
 
 Array = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ MIN_VISIBLE_RATIO = 0.9
 often."""
 
 PAIRS_PER_MARKER = 2
-"""Pairs of markers, per marker, whose distances describe a body: those that vary least."""
+"""Pairs of markers, per marker, whose distances describe a body's shape: those that vary least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class TrainingWindow:
     rate: float
 
 
-def is_learnable(take: Take, markers: NDArray[np.intp]) -> bool:
+def shows_all(take: Take, markers: NDArray[np.intp]) -> bool:
     """Return whether a take shows each of some markers in some frame."""
     return bool((take.shown[markers] > 0).all())
 
@@ -80,12 +80,12 @@ class _ClipDistance:
         self.markers = np.flatnonzero(seen >= MIN_VISIBLE_RATIO * seen.max())
         frames = np.flatnonzero(valid[:, self.markers].all(axis=1))
         if len(frames) == 0:  # no frame shows all of them: use those of one frame
-            richest = int(valid.sum(axis=1).argmax())
-            self.markers, frames = np.flatnonzero(valid[richest]), np.array([richest])
+            fullest = int(valid.sum(axis=1).argmax())
+            self.markers, frames = np.flatnonzero(valid[fullest]), np.array([fullest])
         poses = positions[frames[evenly_spaced(len(frames), MAX_SAMPLE_POSES)]][:, self.markers]
         self._poses = _shape(poses)
         self._norms = (self._poses**2).sum(axis=1)
-        self._body_weight = options.body_shape_weight
+        self._shape_weight = options.body_shape_weight
         pairs = np.triu_indices(len(self.markers), 1)
         lengths = _distances(poses, pairs)
         rigid = np.argsort(lengths.std(axis=0), kind="stable")[
@@ -94,7 +94,7 @@ class _ClipDistance:
         self._pairs = (pairs[0][rigid], pairs[1][rigid])
         self._lengths = lengths.mean(axis=0)[rigid]
 
-    def body(self, poses: Array) -> float:
+    def shape_difference(self, poses: Array) -> float:
         """Return the median difference of rigid distances from the clip's (mm)."""
         if len(self._lengths) == 0:
             return 0.0
@@ -108,9 +108,52 @@ class _ClipDistance:
         nearest: Array = np.sqrt(np.maximum(squares.min(axis=1), 0.0) / len(self.markers))
         return nearest
 
-    def distance(self, body: float, poses: Array) -> float:
-        """Return the distance of a window from the clip (mm)."""
-        return math.hypot(float(poses.mean()), self._body_weight * body)
+    def combined(self, shape_difference: float, poses: Array) -> float:
+        """Return the distance of a window from the clip (mm), by the distances of its poses."""
+        return math.hypot(float(poses.mean()), self._shape_weight * shape_difference)
+
+
+@dataclass(frozen=True, order=True)
+class _Candidate:
+    """A window of a take; candidates are ordered by their distance from the clip."""
+
+    distance: float  # mm
+    take: int  # number of the take
+    index: int  # number of the window in the take
+    begin: float  # s
+    end: float  # s
+
+
+def _candidates(
+    number: int,
+    take: Take,
+    markers: NDArray[np.intp],
+    seconds: float,
+    distance_from_clip: _ClipDistance,
+) -> list[_Candidate]:
+    """Return the windows of a take, of some length, with enough complete frames.
+
+    They are compared with the clip at the take's coarsest resolution.
+    """
+    poses = np.asarray(take.positions(len(take.rates) - 1, markers), dtype=np.float64)
+    complete = ~np.isnan(poses[..., 0]).any(axis=1)
+    if complete.sum() < min(MIN_FRAMES, len(poses)) or not complete.any():
+        return []
+    compared = poses[:, distance_from_clip.markers]
+    shape_difference = distance_from_clip.shape_difference(compared[complete])
+    apart = np.full(len(poses), np.nan)
+    apart[complete] = distance_from_clip.poses(compared[complete])
+    rate = take.rates[-1]
+    length = max(round(seconds * rate), MIN_FRAMES)
+    found = []
+    for index, start in enumerate(range(0, len(poses), length)):
+        inside = apart[start : start + length]
+        inside = inside[~np.isnan(inside)]
+        if len(inside) >= MIN_FRAMES or (index == 0 and len(inside)):
+            distance = distance_from_clip.combined(shape_difference, inside)
+            begin = start / rate
+            found.append(_Candidate(distance, number, index, begin, begin + length / rate))
+    return found
 
 
 def choose_windows(
@@ -139,38 +182,25 @@ def choose_windows(
     -------
     list of TrainingWindow
         At their finest resolution, the most similar first; none is longer than the clip.
+
+    See Also
+    --------
+    priorfill.methods.li2020.pca_train : Fills a clip by them.
     """
     if not takes or np.isnan(positions[..., 0]).all():
         return []
     distance_from_clip = _ClipDistance(positions, options)
     seconds = len(positions) / rate
-    ranked: list[tuple[float, int, int, float, float]] = []
-    for number, take in enumerate(takes):
-        if not is_learnable(take, markers):
-            continue
-        coarsest = len(take.rates) - 1
-        poses = np.asarray(take.positions(coarsest, markers), dtype=np.float64)
-        complete = ~np.isnan(poses[..., 0]).any(axis=1)
-        compared = poses[:, distance_from_clip.markers]
-        if complete.sum() < min(MIN_FRAMES, len(poses)) or not complete.any():
-            continue
-        body = distance_from_clip.body(compared[complete])
-        apart = np.full(len(poses), np.nan)
-        apart[complete] = distance_from_clip.poses(compared[complete])
-        length = max(round(seconds * take.rates[coarsest]), MIN_FRAMES)
-        for index, start in enumerate(range(0, len(poses), length)):
-            inside = apart[start : start + length]
-            inside = inside[~np.isnan(inside)]
-            if len(inside) >= MIN_FRAMES or (index == 0 and len(inside)):
-                begin = start / take.rates[coarsest]
-                end = begin + length / take.rates[coarsest]
-                ranked.append(
-                    (distance_from_clip.distance(body, inside), number, index, begin, end)
-                )
+    ranked = sorted(
+        candidate
+        for number, take in enumerate(takes)
+        if shows_all(take, markers)
+        for candidate in _candidates(number, take, markers, seconds, distance_from_clip)
+    )
     windows = []
-    for _, number, _, begin, end in sorted(ranked)[: options.max_windows]:
-        take = takes[number]
-        first, last = round(begin * take.rates[0]), round(end * take.rates[0])
+    for candidate in ranked[: options.max_windows]:
+        take = takes[candidate.take]
+        first, last = (round(time * take.rates[0]) for time in (candidate.begin, candidate.end))
         found = np.asarray(take.positions(0, markers), dtype=np.float64)[first:last]
         windows.append(TrainingWindow(take.name, found, take.rates[0]))
     return windows

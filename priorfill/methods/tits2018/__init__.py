@@ -7,12 +7,11 @@ order). Each marker has three *references*: the markers whose distance from it v
 its frames.
 
 1. Models predict the gap. *Local* models work in the frame of the references (`triad_frame`):
-linear
-   interpolation over time (``li``), a polynomial of degree two of the references' shape (``lpr``),
-   and a mean of frames with weights exp(-ln 2 (d / 0.3)²) by the distance d of these shapes
-   (``lgrnn``). *Global* models work relative to the centroid of the markers that are never missing:
-   linear regression on the markers visible throughout the gap (``glr``), and the weighted PCA of
-   Gløersen and Federolf 2016 (``wpca``).
+   linear interpolation over time (``li``), a polynomial of degree two of the references' shape
+   (``lpr``), and a mean of frames with weights exp(-ln 2 (d / 0.3)²) by the distance d of these
+   shapes (``lgrnn``). *Global* models work relative to the centroid of the markers that are never
+   missing: linear regression on the markers visible throughout the gap (``glr``), and the weighted
+   PCA of Gløersen and Federolf 2016 (``wpca``).
 2. A linear ramp over time removes the errors of the prediction at both edges (`continuity`).
 3. ``pma`` averages all five models, frame by frame, with weights proportional to the product of the
    probability densities of the distances from the references (`model_averaging`).

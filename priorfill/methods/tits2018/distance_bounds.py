@@ -62,7 +62,7 @@ def constrain(
     shortest, longest : ndarray [shape=(references,), mm]
         See `bounds`.
     rounds : int
-        Number of rounds at most.
+        Maximum number of rounds.
 
     Returns
     -------

@@ -15,8 +15,8 @@ MIN_WEIGHT = 1e-200
 """Lower bound of the products of densities: where all are smaller, the models have equal
 weights."""
 
-MAD_TO_SD = 0.6745
-"""Median absolute deviation of a normal distribution with standard deviation 1."""
+MAD_PER_SD = 0.6745
+"""Median absolute deviation divided by standard deviation, for normal errors."""
 
 MIN_BANDWIDTH = 1e-9
 """mm. Bandwidth where all distances are equal."""
@@ -28,7 +28,7 @@ def bandwidth(sample: Array) -> float:
     It is σ (4 / 3n)^(1/5), with σ from the median absolute deviation or, where that is 0, the
     range.
     """
-    sigma = float(np.median(np.abs(sample - np.median(sample)))) / MAD_TO_SD
+    sigma = float(np.median(np.abs(sample - np.median(sample)))) / MAD_PER_SD
     if sigma <= 0.0:
         sigma = float(np.ptp(sample))
     return max(sigma * float((4.0 / (3.0 * len(sample))) ** 0.2), MIN_BANDWIDTH)

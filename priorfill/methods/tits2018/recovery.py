@@ -88,6 +88,10 @@ def recover(
     -------
     Recovery
         Positions, and where the models failed.
+
+    See Also
+    --------
+    priorfill.methods.tits2018.pma : The same on a task.
     """
     out, failed = positions.copy(), np.zeros(positions.shape[:2], dtype=bool)
     kept = np.flatnonzero(often_visible(positions, options))
@@ -143,8 +147,8 @@ class _RecoveryState:
         self, positions: Array, rate: float, models: Sequence[str], options: Tits2018Options
     ) -> None:
         self.filled = positions.copy()
-        # markers help others only once they have no gap left
-        self._helpful = positions.copy()
+        # positions that may predict other markers: filled samples only once a marker is complete
+        self._predictors = positions.copy()
         self._models = models
         self._options = options
         self._window = frames_in(options.window, rate)
@@ -154,7 +158,7 @@ class _RecoveryState:
 
     def fill(self, marker: int) -> NDArray[np.bool_]:
         """Fill a marker's gaps where they have references; return where the models failed."""
-        measured = self._helpful[:, marker].copy()
+        measured = self._predictors[:, marker].copy()
         missing = np.isnan(measured[:, 0])
         gaps = [Gap(start, stop, marker) for start, stop in runs(missing)]
         global_curves = self._global_curves(marker, gaps)
@@ -166,7 +170,7 @@ class _RecoveryState:
                 for start, stop in runs(missing)
                 if not failed[start:stop].all()
             ]
-            seen = ~np.isnan(self._helpful[..., 0])
+            seen = ~np.isnan(self._predictors[..., 0])
             references = choose(seen, marker, left, self._deviations[marker]) if left else None
             if references is None:
                 break
@@ -178,7 +182,7 @@ class _RecoveryState:
                 if np.isnan(curve[:, 0]).all():
                     failed[gap.start : gap.stop] = True
         if not np.isnan(self.filled[:, marker, 0]).any():
-            self._helpful[:, marker] = self.filled[:, marker]
+            self._predictors[:, marker] = self.filled[:, marker]
             self._smoothed.pop(marker, None)
         return failed
 
@@ -187,16 +191,16 @@ class _RecoveryState:
         curves = {}
         if "glr" in self._models:
             curves["glr"] = global_regression.predict(
-                self._helpful, marker, gaps, self._deviations[marker], self._options
+                self._predictors, marker, gaps, self._deviations[marker], self._options
             )
         if self._pca is not None:
-            curves["wpca"] = _joined(self._pca[:, marker], self._helpful[:, marker], gaps)
+            curves["wpca"] = _joined(self._pca[:, marker], self._predictors[:, marker], gaps)
         return curves
 
     def _smooth(self, marker: int) -> Array:
         """Return a smoothed marker, so that the noise of references is not passed on."""
         if marker not in self._smoothed:
-            self._smoothed[marker] = smooth(self._helpful[:, marker], self._window)
+            self._smoothed[marker] = smooth(self._predictors[:, marker], self._window)
         return self._smoothed[marker]
 
     def _triad_data(self, marker: int, references: Triad) -> _TriadData:
@@ -224,7 +228,7 @@ class _RecoveryState:
         options = self._options
         first, stop = max(gap.start - 1, 0), min(gap.stop + 1, len(known))
         adjacent = known[first:stop]
-        positions = self._helpful[first:stop][:, references.markers]
+        positions = self._predictors[first:stop][:, references.markers]
         frame = triad_frame.axes(positions)
         curves = []
         for model in self._models:

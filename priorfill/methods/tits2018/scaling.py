@@ -12,7 +12,7 @@ __all__ = ["Scale"]
 Array = NDArray[np.float64]
 
 MIN_RELATIVE_SD = 1e-12
-"""Standard sd, relative to the largest value, below which a column counts as constant."""
+"""Standard deviation, relative to the largest value, below which a column counts as constant."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,22 +22,22 @@ Progress = Callable[[], None]
 MIN_MARKERS = 4
 """A missing marker and its three references."""
 
-NEVER_VISIBLE = "it is never seen; use a method that learns from other recordings"
+NEVER_VISIBLE = "it is never visible; use a method that learns from other recordings"
 
 NO_REFERENCES = (
-    "no three other markers are seen together in it and beside it; fill these first, or use a "
-    "method that learns from other recordings"
+    "no three other markers are visible together in it and in the frames adjacent to it; "
+    "fill these first, or use a method that learns from other recordings"
 )
 
-COLLINEAR = "its reference markers lie on one line, or are never seen with it"
+COLLINEAR = "its reference markers lie on one line, or are never visible with it"
 
 TOO_FEW_PREDICTORS = (
-    "fewer than four other markers are seen throughout it, or never together with this one; "
+    "fewer than four other markers are visible throughout it, or never together with this one; "
     "use pma, which has other models too"
 )
 
 NEVER_TOGETHER = (
-    "the markers that are seen throughout its gaps are never seen together with it; "
+    "the markers that are visible throughout its gaps are never visible together with it; "
     "use pma, which has other models too"
 )
 
@@ -55,14 +55,15 @@ def _filled(
     often = often_visible(task.positions, options)
     if often.sum() < MIN_MARKERS:
         raise MethodError(
-            f"{task.name}: {often.sum()} markers are seen in at least {options.min_presence:.0%} "
-            f"of the frames; this method needs {MIN_MARKERS}: one to fill and its three references"
+            f"{task.name}: {often.sum()} markers are visible in at least "
+            f"{options.min_presence:.0%} of the frames; this method needs {MIN_MARKERS}: "
+            "one to fill and its three references"
         )
     if "wpca" in models and centroid(task.positions) is None:
         models = tuple(model for model in models if model != "wpca")
         if not models:
             raise MethodError(
-                f"{task.name}: no marker is seen in every frame, and poses are centred by those "
+                f"{task.name}: no marker is visible in every frame, and poses are centred by those "
                 "that are; use pma, which then leaves the PCA out, or fill one marker first"
             )
     recovery = recover(task.positions, task.rate, models, options)
@@ -74,7 +75,9 @@ def _filled(
             return NEVER_VISIBLE
         if not often[gap.marker]:
             share = float(task.valid[:, gap.marker].sum()) / len(task.valid)
-            return f"it is seen in {share:.0%} of the frames, less than {options.min_presence:.0%}"
+            return (
+                f"it is visible in {share:.0%} of the frames, less than {options.min_presence:.0%}"
+            )
         return failure if recovery.failed[gap.start, gap.marker] else NO_REFERENCES
 
     return Estimate.without_errors(task, recovery.positions, source, reason)

@@ -26,7 +26,7 @@ class Tits2018Options:
     min_complete_frames : int
         With more complete frames than this, the variation of distances is measured in these alone.
     max_distance_frames : int
-        Frames in which the variation of distances is measured, at most.
+        Maximum number of frames in which the variation of distances is measured.
     max_distance_sd : float
         mm. The global regression uses markers whose distance from the missing one has at most this
         standard deviation, or all markers where there is none.
