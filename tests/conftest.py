@@ -13,8 +13,8 @@ import pytest
 @pytest.fixture(scope="session")
 def data() -> Path:
     """The folder of real recordings, which are no part of the project."""
-    beside = Path(__file__).resolve().parents[2] / "shared" / "data"
-    folder = Path(os.environ.get("PRIORFILL_DATA", beside))
+    default = Path(__file__).resolve().parents[2] / "shared" / "data"
+    folder = Path(os.environ.get("PRIORFILL_DATA", default))
     if not folder.is_dir():
         pytest.skip("no recordings: set PRIORFILL_DATA, or put them in ../shared/data")
     return folder

@@ -64,7 +64,7 @@ class Getter:
 
     @property
     def ranges(self) -> list[str]:
-        return [asked.get("Range", "") for asked in self.site.asked]
+        return [request.get("Range", "") for request in self.site.requests]
 
     def assert_complete(self, content: bytes = CONTENT) -> None:
         assert self.target.read_bytes() == content
@@ -79,7 +79,7 @@ def test_a_download(tmp_path):
         assert get.waited == []
         assert get.progress[0] == (0, len(CONTENT))
         assert get.progress[-1] == (len(CONTENT), len(CONTENT))
-        assert site.asked[0]["User-Agent"].startswith("priorfill/")
+        assert site.requests[0]["User-Agent"].startswith("priorfill/")
 
 
 def test_a_broken_connection_is_resumed(tmp_path):
@@ -201,7 +201,7 @@ def test_errors_that_are_not_retried(tmp_path, status, error, words):
         with pytest.raises(error, match=words) as raised:
             get()
         assert "\n" not in str(raised.value)
-        assert len(site.asked) == 1
+        assert len(site.requests) == 1
         assert list(tmp_path.iterdir()) == []
 
 
@@ -390,7 +390,7 @@ def test_a_folder_records_what_it_has(tmp_path):
         assert get() == both
         (to / "a.zip").unlink()  # not needed once unpacked
         assert get() == both
-        assert len(site.asked) == 2
+        assert len(site.requests) == 2
         (to / "b.c3d").unlink()  # now the archive is needed
         site.files["a.zip"] = zipped(a=b"1", b=b"x")
         ((_, _, _, failure), _) = get()
@@ -450,7 +450,7 @@ def test_the_command(here, hdm05):
     with serve(files) as site:
         common = ["db", "fetch", "hdm05", "-d", "labs/db", "--mirror", site.url]
         result = run(*common, "--only", "*_01-0[123]_*")
-        assert (result.exit_code, site.asked) == (1, [])  # the terms were not accepted
+        assert (result.exit_code, site.requests) == (1, [])  # the terms were not accepted
         assert "licence   CC BY-SA 3.0\n" in result.stderr
         assert "CG-2007-2" in result.stderr
         assert "files     3 of 20, from http://127" in result.stderr

@@ -167,14 +167,14 @@ def test_shaking_is_power_above_what_bodies_do() -> None:
     fast = np.sin(2 * np.pi * 25.0 * time)
     path = np.zeros((240, 3))
     path[:, 0] = slow
-    calm = fill_quality.jitter(path, rate)
+    smooth = fill_quality.jitter(path, rate)
     path[:, 1] = fast
-    shaking = fill_quality.jitter(path, rate)
-    assert shaking[0] > 100 * calm[0]
-    assert shaking[1] == pytest.approx(np.sqrt(0.5), rel=0.02)  # rms of a sine of 1 mm
-    assert calm[1] < 0.05
+    jittery = fill_quality.jitter(path, rate)
+    assert jittery[0] > 100 * smooth[0]
+    assert jittery[1] == pytest.approx(np.sqrt(0.5), rel=0.02)  # rms of a sine of 1 mm
+    assert smooth[1] < 0.05
     path[:, 1] = 2.0 * fast
-    assert fill_quality.jitter(path, rate)[0] == pytest.approx(4.0 * shaking[0], rel=0.02)
+    assert fill_quality.jitter(path, rate)[0] == pytest.approx(4.0 * jittery[0], rel=0.02)
     turned = path[:, [2, 0, 1]]
     assert fill_quality.jitter(turned, rate) == pytest.approx(fill_quality.jitter(path, rate))
     assert np.isnan(fill_quality.jitter(path[:20], rate)).all()

@@ -159,7 +159,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "expected"),
     [
         (
             "table1",
@@ -171,9 +171,9 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
         ("walkl", ("2 patterns published", "evaluate", "paper", "complete", "times as fast")),
     ],
 )
-def test_a_script_prints_its_table_beside_the_papers(
+def test_a_script_prints_its_table_with_values_of_the_paper(
     name: str,
-    said: tuple[str, ...],
+    expected: tuple[str, ...],
     recording: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -184,7 +184,7 @@ def test_a_script_prints_its_table_beside_the_papers(
     assert scripts[name].main() == 0
     printed = capsys.readouterr().out
     assert "Not the recording of the paper" in printed
-    for words in said:
+    for words in expected:
         assert words in printed
     assert "nan" not in printed
     assert "inf" not in printed

@@ -177,14 +177,14 @@ def test_other_recordings_are_learnt_from_but_not_the_truth(
     recording: Path, tmp_path: Path
 ) -> None:
     clip = person(seconds=28.0, rate=30.0)
-    for name in ("walk.c3d", "beside.c3d"):  # the first is what is filled
+    for name in ("walk.c3d", "other.c3d"):  # the first is what is filled
         write(tmp_path / name, clip)
     write(tmp_path / "fewer.c3d", Clip(clip.positions[:, :9], clip.labels[:9], clip.rate, clip.up))
     some = material(recording, "--training", str(tmp_path))
     assert [part.name for part in some.samples] == ["walk 1", "walk 3"]
-    assert [part.name for part in some.training] == [f"beside {i}" for i in range(1, 6)]
-    assert [file.name for file in some.files] == ["beside.c3d"]
-    (tmp_path / "beside.c3d").unlink()
+    assert [part.name for part in some.training] == [f"other {i}" for i in range(1, 6)]
+    assert [file.name for file in some.files] == ["other.c3d"]
+    (tmp_path / "other.c3d").unlink()
     with pytest.raises(SystemExit, match="choose another --training"):
         material(recording, "--training", str(tmp_path))
 

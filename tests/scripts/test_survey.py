@@ -1,4 +1,4 @@
-"""scripts/checks/survey.py: what it says of good files, odd files and faults."""
+"""scripts/checks/survey.py: its results for good files, unusual files and faults."""
 
 from __future__ import annotations
 

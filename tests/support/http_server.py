@@ -27,7 +27,7 @@ class Site:
     tags: bool = True
     length: bool = True
     behave: deque[tuple[Any, ...]] = field(default_factory=deque)
-    asked: list[dict[str, str]] = field(default_factory=list)
+    requests: list[dict[str, str]] = field(default_factory=list)
     url: str = ""
     closing: threading.Event = field(default_factory=threading.Event)
 
@@ -42,7 +42,7 @@ class _Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         site = self.site
         path = self.path.lstrip("/")
-        site.asked.append({"path": path, "time": str(time.monotonic()), **dict(self.headers)})
+        site.requests.append({"path": path, "time": str(time.monotonic()), **dict(self.headers)})
         self.close_connection = True
         what = site.behave.popleft() if site.behave else ("",)
         if what[0] == "call":
@@ -58,10 +58,10 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(404)
             return
         content, start, status = site.files[path], 0, 200
-        asked = re.fullmatch(r"bytes=(\d+)-", self.headers.get("Range", ""))
+        wanted = re.fullmatch(r"bytes=(\d+)-", self.headers.get("Range", ""))
         same = self.headers.get("If-Range") in (None, site.tag(path))
-        if asked and site.ranges and same:
-            start, status = int(asked[1]), 206
+        if wanted and site.ranges and same:
+            start, status = int(wanted[1]), 206
             if start >= len(content):
                 self.send_response(416)
                 self.send_header("Content-Range", f"bytes */{len(content)}")
