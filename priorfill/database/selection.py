@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 from priorfill.database.record import ClipRecord
+from priorfill.runtime.option_checks import check_not_text
 
 __all__ = ["Selection"]
 
@@ -35,6 +36,11 @@ class Selection:
     --------
     PriorDatabase.clips
 
+    Raises
+    ------
+    OptionError
+        Where a field is a text instead of a tuple.
+
     Examples
     --------
     >>> Selection(names=("walk*",)).choose([])
@@ -46,6 +52,10 @@ class Selection:
     markers: tuple[str, ...] = ()
     not_names: tuple[str, ...] = ()
     not_subjects: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the fields."""
+        check_not_text(self, "names", "subjects", "markers", "not_names", "not_subjects")
 
     def choose(self, records: Iterable[ClipRecord]) -> tuple[ClipRecord, ...]:
         """Return the selected records in their order."""

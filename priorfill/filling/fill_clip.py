@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -156,6 +156,14 @@ class _Settings:
         given, default = self.options.method_options, get_options(self.method)
         if isinstance(given, type(default)) and default is not None:
             made = given
+        elif not isinstance(given, Mapping):
+            own = "no options"
+            if default is not None:
+                own = f"{type(default).__name__} or a mapping of names to values"
+            raise OptionError(
+                f"{type(given).__name__} does not apply to method {self.method}; "
+                f"{self.method} takes {own}"
+            )
         elif default is not None:
             made = with_values(default, given)
         elif given:

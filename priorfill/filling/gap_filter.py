@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from priorfill.clip import Clip
 from priorfill.errors import OptionError
 from priorfill.gaps import Gap, find_gaps
+from priorfill.runtime.option_checks import check_not_text
 
 __all__ = ["GapFilter", "matching_markers"]
 
@@ -39,7 +40,8 @@ class GapFilter:
     Raises
     ------
     OptionError
-        Where `max_gap` is not positive, or the first frame is after the last.
+        Where `max_gap` is not positive, the first frame is after the last, or `markers` is a text
+        instead of a tuple.
 
     See Also
     --------
@@ -59,6 +61,7 @@ class GapFilter:
 
     def __post_init__(self) -> None:
         """Check the fields."""
+        check_not_text(self, "markers")
         if self.max_gap is not None and not self.max_gap > 0:
             raise OptionError(f"the longest gap to fill is {self.max_gap} s; it must be above 0")
         if self.frames is not None and None not in self.frames:

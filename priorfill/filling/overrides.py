@@ -16,6 +16,7 @@ from priorfill.errors import OptionError
 from priorfill.filling.gap_filter import matching_markers
 from priorfill.gaps import runs
 from priorfill.methods import METHODS, resolve
+from priorfill.runtime.option_checks import check_not_text
 
 __all__ = ["LEAVE", "MISSING", "AppliedOverrides", "GapOverride", "Overrides", "read_overrides"]
 
@@ -43,7 +44,7 @@ class GapOverride:
     Raises
     ------
     OptionError
-        Where there is no such action.
+        Where there is no such action, or `markers` is a text instead of a tuple.
 
     Examples
     --------
@@ -58,7 +59,8 @@ class GapOverride:
     subject: str = ""
 
     def __post_init__(self) -> None:
-        """Replace an alias of a method by its name."""
+        """Check the markers, and replace an alias of a method by its name."""
+        check_not_text(self, "markers")
         if self.do not in (LEAVE, MISSING):
             object.__setattr__(self, "do", resolve(self.do))
 

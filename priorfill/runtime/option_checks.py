@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from priorfill.errors import OptionError
 
-__all__ = ["check_at_least", "check_between"]
+__all__ = ["check_at_least", "check_between", "check_not_text"]
 
 
 def check_at_least(options: object, minimum: float, *names: str) -> None:
@@ -44,4 +44,24 @@ def check_between(options: object, low: float, high: float, *names: str) -> None
         if not low <= value <= high:
             raise OptionError(
                 f"{type(options).__name__}.{name} is {value}; it must be from {low:g} to {high:g}"
+            )
+
+
+def check_not_text(options: object, *names: str) -> None:
+    """Raise an `OptionError` if a field that holds several texts is a single one.
+
+    Its letters would count as texts.
+
+    Parameters
+    ----------
+    options : object
+        The options.
+    *names : str
+        The fields.
+    """
+    for name in names:
+        value = getattr(options, name)
+        if isinstance(value, str):
+            raise OptionError(
+                f"{type(options).__name__}.{name} is {value!r}; it must be a tuple, as ({value!r},)"
             )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from priorfill.database import PriorDatabase
 from priorfill.errors import OptionError
 from priorfill.filling.provenance import DatabaseState, database_state, identify
 from priorfill.formats import read, write
+from priorfill.methods import get_options
 
 GAPS = ((60, 90, ARM), (200, 240, ("LKNE",)), (0, 240, ("C7",)))
 
@@ -126,6 +128,24 @@ def test_options_of_the_method():
         pf.fill(clip, method="r1", options=pf.FillOptions(method_options={"sigmas": 1}))
     with pytest.raises(OptionError, match="method linear has no option 'sigma'"):
         pf.fill(clip, method="linear", options=pf.FillOptions(method_options={"sigma": 1}))
+    other = get_options("gpr")
+    for method, own in (("r1", f"{type(get_options('r1')).__name__} or"), ("linear", "no options")):
+        with pytest.raises(OptionError, match=f"{type(other).__name__} .*{method} takes {own}"):
+            pf.fill(clip, method=method, options=pf.FillOptions(method_options=other))
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        *((pf.Selection, field.name) for field in fields(pf.Selection)),
+        (pf.GapFilter, "markers"),
+        (partial(pf.GapOverride, do="leave"), "markers"),
+    ],
+)
+def test_a_text_is_no_list_of_patterns(kind, name):
+    kind(**{name: ("anna",)})
+    with pytest.raises(OptionError, match=rf"{name} is 'anna'; it must be a tuple, as \('anna',\)"):
+        kind(**{name: "anna"})
 
 
 def test_options_on_the_command_line(here):
