@@ -94,7 +94,7 @@ class Task:
         same_subject = {take.name for take in self.takes if take.same_subject}
         sources = []
         if any(name in same_subject for name in takes):
-            sources.append("other clips of the same person")
+            sources.append("other clips of the same subject")
         if any(name not in same_subject for name in takes):
             sources.append(database)
         joints = (",", " and") if len(sources) > 1 else (" and",)
@@ -232,7 +232,7 @@ def take_names(
     used : ndarray of int [any shape]
         Index of the take of each training pose or vote.
     max_names : int
-        Number of names at most.
+        Maximum number of names.
     """
     counts = np.bincount(used.ravel(), minlength=len(takes))
     order = np.argsort(-counts, kind="stable")[:max_names]

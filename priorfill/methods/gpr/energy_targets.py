@@ -35,6 +35,10 @@ def targets_from(
     callable
         Called with a resolution and frames of it; see
         `priorfill.energy.multiresolution.solve_levels`.
+
+    See Also
+    --------
+    priorfill.energy.multiresolution.solve_levels : Minimises the energy.
     """
 
     def targets_at(level: Resolution, window: NDArray[np.intp]) -> Prior:

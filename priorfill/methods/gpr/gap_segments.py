@@ -41,10 +41,9 @@ class SegmentOptions:
         Adjacent segments are joined if neither loses more than this share of the importance of its
         visible markers.
     max_segments : int
-        A gap is divided into more segments than this only where joining them would lose more than
-        `max_forced_loss`.
+        Where a gap has more segments than this, `max_forced_loss` replaces `max_loss`.
     max_forced_loss : float
-        See there.
+        Largest share of the importance that joining adjacent segments may lose in such a gap.
     """
 
     joint_distance: float = 350.0
@@ -96,7 +95,7 @@ class GapSegment:
         visible : ndarray of int
             The markers that must be measured.
         margin : int
-            Adjacent frames on either side at most.
+            Maximum number of adjacent frames on either side.
         """
         first, last = self.start, self.stop
         while first > max(0, self.start - margin) and valid[first - 1, visible].all():
@@ -129,6 +128,10 @@ def split_into_segments(
     -------
     list of GapSegment
         Every missing sample of the group in exactly one of them, in order of time.
+
+    See Also
+    --------
+    priorfill.methods.gpr.predict.SegmentPredictor : Predicts the segments.
     """
     segments = []
     for markers, start, stop in _joint_gaps(group, distance, options):
@@ -173,5 +176,5 @@ def _loss(weight: NDArray[np.float64], one: NDArray[np.bool_], other: NDArray[np
     both = one & other
     if both.sum() < MIN_VISIBLE <= max(one.sum(), other.sum()):
         return 1.0
-    most = max(weight[one].sum(), weight[other].sum())
-    return float(1.0 - weight[both].sum() / most) if most > 0 else 0.0
+    larger = max(weight[one].sum(), weight[other].sum())
+    return float(1.0 - weight[both].sum() / larger) if larger > 0 else 0.0

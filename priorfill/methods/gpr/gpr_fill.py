@@ -75,6 +75,11 @@ def fill(
     Estimate
         Markers that neither the clip nor the takes show, and samples whose expected error exceeds
         `GPROptions.max_expected_error`, stay missing, with a note.
+
+    See Also
+    --------
+    priorfill.fill : Fills a clip by any method.
+    priorfill.methods.gpr.options.GPROptions : The options.
     """
     options = options or GPROptions()
     setup = _Setup.of(task, options)
@@ -109,7 +114,7 @@ class _Setup:
         Those of each gap group follow one another.
     group_of : tuple of int
         Number of the gap group of each segment.
-    of_group : tuple of slice
+    group_slices : tuple of slice
         The segments of each gap group.
     """
 
@@ -120,7 +125,7 @@ class _Setup:
     levels: Sequence[Resolution]
     segments: tuple[GapSegment, ...]
     group_of: tuple[int, ...]
-    of_group: tuple[slice, ...]
+    group_slices: tuple[slice, ...]
 
     @classmethod
     def of(cls, task: Task, options: GPROptions) -> _Setup:
@@ -164,7 +169,7 @@ class _Setup:
     ) -> None:
         """Minimise the energy of a gap group, into the estimate."""
         group = self.task.groups[number]
-        parts = [part for parts in predictions[self.of_group[number]] for part in parts]
+        parts = [part for parts in predictions[self.group_slices[number]] for part in parts]
         targets = targets_from(parts, group, self.options.joining)
         solution = solve_levels(self.levels, group, targets, minimise)
         estimate.positions[group.start : group.stop, list(group.markers)] = solution
@@ -183,8 +188,8 @@ def _first_pass(
     """Predict all segments from the measured samples, and solve all gap groups."""
     found = iter(map_segments(lambda segment: setup.predict(segment, None), setup.segments))
     predictions: list[tuple[SegmentPrediction, ...]] = []
-    for number, members in enumerate(setup.of_group):
-        predictions += [next(found) for _ in setup.segments[members]]
+    for number, inside in enumerate(setup.group_slices):
+        predictions += [next(found) for _ in setup.segments[inside]]
         setup.solve_group(estimate, predictions, number)
         progress()
     return tuple(predictions)

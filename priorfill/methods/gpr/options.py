@@ -99,8 +99,8 @@ class GPROptions:
         s. Up to this length, interpolation over time is preferred to a prediction from other
         recordings.
     max_expected_error : float
-        mm. Samples with a larger expected error stay missing. A limb of which only the rest of
-        the body is visible has one of 400 mm at most.
+        mm. Samples with a larger expected error stay missing. A missing limb, while the rest of
+        the body is visible, has an expected error of up to 400 mm.
 
     See Also
     --------

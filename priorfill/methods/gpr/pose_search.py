@@ -36,8 +36,8 @@ class SearchOptions:
     rate : float
         Hz. Highest resolution at which poses are searched.
     max_poses : int
-        Poses that are searched: of a larger database a lower resolution, and of its poses every
-        other one and so on. Consecutive poses are redundant.
+        Maximum number of poses searched. A larger database is searched at a lower rate and, if it
+        is still too large, by evenly spaced poses: consecutive poses are redundant.
     """
 
     queries: int = 100
@@ -69,7 +69,7 @@ class PoseSearch:
         self._banks = PoseBankCache(task.takes)
 
     def common_markers(self, markers: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Return which markers most takes have that have some markers [shape=(markers,)].
+        """Return the markers of most takes that have some given markers [bool, shape=(markers,)].
 
         Parameters
         ----------
@@ -136,7 +136,7 @@ class PoseSearch:
 
     @cached_property
     def _highest_rate(self) -> float:
-        """The rate (Hz) up to which the takes have few enough poses, or their coarsest."""
+        """The highest rate (Hz) at which the takes have few enough poses, or their coarsest."""
         takes, rate = self.task.takes, self.options.rate
         while (
             rate > min(take.rates[-1] for take in takes)

@@ -93,7 +93,9 @@ def notes_on_unfilled(segment: GapSegment, task: Task) -> list[Note]:
         if all(take.same_subject for take in task.takes):
             reason += ", and there is no database"
         if not task.takes:
-            reason += "; give one (--database), or another clip of the same person (--same-subject)"
+            reason += (
+                "; give one (--database), or another clip of the same subject (--same-subject)"
+            )
     return [
         Note(int(m), segment.start, segment.stop, reason, filled=False) for m in segment.markers
     ]

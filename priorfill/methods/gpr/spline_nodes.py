@@ -31,7 +31,7 @@ class SplineNodeOptions:
     rate : float
         Hz. Least rate of the nodes. A cubic spline through them misses less than one per cent of a
         movement of 8 Hz. On gaps of limbs and segments, errors differed from those with all
-        frames by 0.7 % at most, in either direction.
+        frames by up to 0.7 %, in either direction.
     edge_seconds : float
         s. All frames are nodes that are nearer than this to the first or last frame of the
         segment.
@@ -101,6 +101,10 @@ def interpolate_nodes(found: Regression, nodes: NDArray[np.intp]) -> Regression:
     -------
     Regression
         For all frames from the first node to the last; unchanged at the nodes.
+
+    See Also
+    --------
+    spline_nodes : Chooses the nodes.
     """
     frames = np.arange(nodes[0], nodes[-1] + 1)
     if len(frames) == len(nodes):

@@ -87,7 +87,7 @@ def test_several_near_each_other() -> None:
     assert off(result).max() < 120
 
 
-def test_other_gaps_beside_it() -> None:
+def test_with_other_gaps_nearby() -> None:
     gaps = [(180, 230, ARM), (205, 270, FOOT), (60, 90, ARM), (300, 320, FOOT), (0, 481, ["T10"])]
     clip = with_gaps(TRUTH, (200, 220, ALL), *gaps)
     result = fill(clip)

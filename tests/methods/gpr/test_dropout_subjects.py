@@ -178,11 +178,11 @@ def test_other_recordings_are_named_as_sources(labels: tuple[str, ...], tmp_path
     with PriorDatabase.create(tmp_path / "db") as made:
         made.add(person(seconds=6.0, seed=11, body=11))
     for given, expected in (
-        ({"same_subject": [other]}, " and other clips of the same person"),
+        ({"same_subject": [other]}, " and other clips of the same subject"),
         ({"database": tmp_path / "db"}, " and the database"),
         (
             {"same_subject": [other], "database": tmp_path / "db"},
-            ", other clips of the same person and the database",
+            ", other clips of the same subject and the database",
         ),
     ):
         gap = fill(clip, **given).gaps[0]

@@ -381,7 +381,7 @@ def test_an_offset_at_the_edge_decays_as_in_the_closed_form(
     np.testing.assert_allclose(share, 1.0 - fading, atol=0.02)
 
 
-# --- hopeless samples ---
+# --- samples with too large an expected error ---
 
 
 def test_samples_with_too_great_an_expected_error_stay_missing(

@@ -232,14 +232,14 @@ def test_models_that_err_less_count_more() -> None:
 
 
 def test_the_clips_own_few_frames_are_trusted_most() -> None:
-    """One frame of the clip and one of its twin, with the marker 60 mm away from each other."""
+    """The same pose of the clip and of another subject, whose marker is 60 mm away."""
     coupling = coupling_of()
     own = donor(THIS_CLIP, rows=1, seed=4)
-    twin = Donor(1, False, own.visible, own.missing + np.array([60.0, 0.0, 0.0]))
+    other = Donor(1, False, own.visible, own.missing + np.array([60.0, 0.0, 0.0]))
     errors = np.full(MODELS, 10.0)
-    found = predict_from_donors([own, twin], own.visible, coupling, OPTIONS, errors)[0]
+    found = predict_from_donors([own, other], own.visible, coupling, OPTIONS, errors)[0]
     away = np.linalg.norm(found - own.missing)
-    # with the noise of the twin's frames 10 and more
+    # with as much noise as in the other subject's frames, 10 and more
     assert away < 5.0
 
 
@@ -251,7 +251,7 @@ def without(clip: Clip, *labels: str) -> Clip:
 
 
 def test_donors_of_the_most_similar_shape_are_chosen() -> None:
-    """Sizes of 0.85 to 1.15 of the same person; one of them is to be a donor."""
+    """The same subject, scaled by 0.85 to 1.15; one of these is to be a donor."""
     clip = without(person(), "C7")
     takes = []
     for size in (0.85, 0.96, 1.15):

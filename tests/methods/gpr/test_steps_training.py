@@ -60,7 +60,7 @@ def bending(seed: int, noise: float, bend: float = 0.0) -> RegressionProblem:
 
 @pytest.mark.parametrize(("blocks", "known"), [(8, 0.5), (24, 0.75), (2, 0.2)])
 def test_calibration_is_shrunk_when_there_are_few_blocks(blocks: int, known: float) -> None:
-    """Errors of 3 mm each where 1 was predicted; the prior guess has the weight of 8 blocks."""
+    """Errors of 3 mm each where 1 was predicted; the uncalibrated values count as 8 blocks."""
     residuals = np.zeros((1, 50, 2, 3))
     residuals[..., 1] = 3.0
     validation = _CrossValidation(
@@ -68,7 +68,7 @@ def test_calibration_is_shrunk_when_there_are_few_blocks(blocks: int, known: flo
     )
     factor, bound = _calibrate(validation, OPTIONS)
     assert factor == pytest.approx(3.0**known)
-    # all errors are equal, so the 90 % bound is 1 time the rms error; the prior guess is 1.6
+    # all errors are equal, so the 90 % bound equals the rms error; the uncalibrated factor is 1.6
     assert bound == pytest.approx(1.6 ** (1.0 - known))
 
 

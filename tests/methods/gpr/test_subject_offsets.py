@@ -22,7 +22,7 @@ def test_constant_offsets_are_estimated():
     others = swing(np.linspace(0, 1, 120)) - np.where(subject[:, None, None] == 3, offset, -offset)
     found = subject_offsets(own, others, subject)
     shrinkage = 60 / (60 + SHRINKAGE_POSES)
-    # across the swing; along it, an offset cannot be told from another phase
+    # across the swing; along it, an offset is indistinguishable from another phase
     for number, sign in ((3, 1.0), (8, -1.0)):
         across = found[subject == number][..., 1]
         np.testing.assert_allclose(

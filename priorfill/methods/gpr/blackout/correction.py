@@ -51,8 +51,12 @@ def correct_from_edges(
     correction : ndarray [shape=(values,), mm]
         For the blackout, in its root frame.
     residuals : ndarray [shape=(scored windows, values), mm]
-        What the correction would leave of the errors, cross-validated on the clip's own windows, or
-        on all where it has fewer than ``options.min_windows``.
+        Errors that remain after the correction, cross-validated on the clip's own windows, or on
+        all where it has fewer than ``options.min_windows``.
+
+    See Also
+    --------
+    priorfill.methods.gpr.blackout.stacking.stack_curves : Combines the curves before.
     """
     scored = np.flatnonzero(windows.scored(options.min_windows))
     neighbours = _overlapping(windows, scored, min_distance)

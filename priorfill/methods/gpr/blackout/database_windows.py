@@ -104,6 +104,10 @@ def similar_windows(
         At the clip's rate, one window each.
     takes : tuple of str
         Names of the recordings.
+
+    See Also
+    --------
+    priorfill.methods.gpr.blackout.windows.collect_windows : Collects the windows of all sources.
     """
     edges = [frame for frame in (start - 1, stop) if 0 <= frame < len(clip)]
     markers = np.flatnonzero(np.logical_and.reduce(~np.isnan(clip[edges, :, 0])))
@@ -157,7 +161,7 @@ def _candidates(
     begin: NDArray[np.intp] = np.unique(np.concatenate(rows))
     begin = begin[begin + span.first >= 0]
     first = begin + span.first
-    # moved() returns the row itself where the recording ends earlier
+    # shifted() returns the row itself where the recording ends earlier
     complete = bank.shifted(first, span.last - span.first) != first
     if span.first < 0:
         complete &= bank.shifted(first, -span.first) == begin
@@ -184,14 +188,14 @@ def _edge_distances(
     return distance
 
 
-def _spaced(matches: Iterable[_Match], spacing: float, most: int) -> list[_Match]:
-    """Return up to ``most`` matches, in their order, without those too near to a previous one."""
+def _spaced(matches: Iterable[_Match], spacing: float, max_count: int) -> list[_Match]:
+    """Return up to ``max_count`` matches, in order, without those too near to a previous one."""
     chosen: list[_Match] = []
     for match in matches:
-        if len(chosen) == most:
+        if len(chosen) == max_count:
             break
-        least = max(1.0, spacing * match.span.length)
-        if all(abs(match.row - other.row) >= least for other in chosen):
+        min_distance = max(1.0, spacing * match.span.length)
+        if all(abs(match.row - other.row) >= min_distance for other in chosen):
             chosen.append(match)
     return chosen
 

@@ -161,7 +161,7 @@ def _edge_offsets(
     start: int,
     markers: NDArray[np.intp],
 ) -> NDArray[np.float64]:
-    """Return what joins a segment shorter than its blackout to the samples at its own edges.
+    """Return offsets that join a segment shorter than its blackout to the samples at its own edges.
 
     Parameters
     ----------

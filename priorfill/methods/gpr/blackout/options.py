@@ -86,7 +86,7 @@ class BlackoutOptions:
     velocity_seconds : float
         s. A velocity at an edge enters the features as the distance covered in this time.
     acceleration_seconds : float
-        s. An acceleration enters as itself times the square of this.
+        s. An acceleration at an edge enters multiplied by the square of this.
     max_database_windows : int
         Windows of the database.
     search_markers : int

@@ -84,6 +84,10 @@ def predict_blackout(
     -------
     BlackoutPrediction or None
         None where neither side shows two frames.
+
+    See Also
+    --------
+    priorfill.methods.gpr.blackout.BlackoutPredictor : Predicts the blackouts of a task.
     """
     clip = sources[0].positions
     known = ~np.isnan(clip[..., 0])

@@ -41,6 +41,10 @@ def stack_curves(
     ndarray [shape=(1 + windows, frames, markers, 3), mm]
         The combined curves.
 
+    See Also
+    --------
+    priorfill.methods.gpr.blackout.correction.correct_from_edges : Corrects the combined curves.
+
     References
     ----------
     .. [W92] Wolpert, Stacked generalization, Neural Networks 5(2), 1992.

@@ -12,7 +12,7 @@ from priorfill.methods.gpr.blackout.options import BlackoutOptions
 __all__ = ["WindowLayout", "lay_out_window"]
 
 MIN_EDGE_FRAMES = 2
-"""Frames of at least one side that must be seen: two give a velocity."""
+"""Frames that at least one side must show: two give a velocity."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +126,7 @@ def lay_out_window(
 
 
 def _visible_side(known: NDArray[np.bool_], order: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the frames of one side, nearest first, as far as no marker disappears.
+    """Return the frames of one side, nearest first, up to the first in which a marker disappears.
 
     The markers known in the frame adjacent to the blackout must be known in all of them.
     """
@@ -137,8 +137,8 @@ def _visible_side(known: NDArray[np.bool_], order: NDArray[np.intp]) -> NDArray[
     return np.asarray(order[: len(order) if enough.all() else int(np.argmin(enough))])
 
 
-def _thinned(frames: NDArray[np.intp], most: int) -> NDArray[np.intp]:
-    """Return up to ``most`` of some frames, evenly spaced, the first and the last among them."""
-    if len(frames) <= most:
+def _thinned(frames: NDArray[np.intp], max_count: int) -> NDArray[np.intp]:
+    """Return up to ``max_count`` of some frames, evenly spaced, including the first and last."""
+    if len(frames) <= max_count:
         return frames
-    return frames[np.round(np.linspace(0, len(frames) - 1, most)).astype(np.intp)]
+    return frames[np.round(np.linspace(0, len(frames) - 1, max_count)).astype(np.intp)]

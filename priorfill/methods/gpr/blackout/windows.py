@@ -114,7 +114,7 @@ class BlackoutWindows:
         return len(self.start) - 1
 
     def scored(self, min_windows: int) -> NDArray[np.bool_]:
-        """Return which windows errors are estimated on [shape=(windows,)], without the blackout.
+        """Return on which windows errors are estimated [shape=(windows,)], without the blackout.
 
         Those of the clip, or all if these are fewer than ``min_windows``.
         """
@@ -234,14 +234,14 @@ def _nearest_and_spaced(features: _Floats, options: BlackoutOptions) -> _Ints:
 
     The first one is the blackout, which stays the first.
     """
-    count, most = len(features) - 1, options.max_windows
-    if count <= most:
+    count, max_count = len(features) - 1, options.max_windows
+    if count <= max_count:
         return np.arange(count + 1)
-    near = int(options.nearest_share * most)
+    near = int(options.nearest_share * max_count)
     square = ((features[1:] - features[0]) ** 2).sum(axis=1)
     nearest = 1 + np.argsort(square, kind="stable")[:near]
     rest = np.setdiff1d(np.arange(1, count + 1), nearest)
-    spaced = rest[evenly_spaced(len(rest), most - near)]
+    spaced = rest[evenly_spaced(len(rest), max_count - near)]
     return np.concatenate([[0], np.sort(np.concatenate([nearest, spaced]))])
 
 

@@ -120,8 +120,8 @@ class Donors:
         own_spread = self._visible_spread(visible, own)
         spread = self._visible_spread(visible, subjects.samples)
         known = np.isfinite(own_spread)
-        least = self._options.min_relative_motion
-        return bool(known.any() and own_spread[known].mean() >= least * spread[known].mean())
+        min_ratio = self._options.min_relative_motion
+        return bool(known.any() and own_spread[known].mean() >= min_ratio * spread[known].mean())
 
     def _visible_spread(
         self, visible: NDArray[np.intp], samples: Sequence[SubjectSample]

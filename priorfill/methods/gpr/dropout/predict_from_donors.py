@@ -79,6 +79,11 @@ def predict_from_donors(
         Upright; mean of the models' predictions, weighted by their errors.
     expected_rms : ndarray [shape=(poses, missing markers), mm]
         Expected rms Euclidean error: the models' variances and their disagreement.
+
+    See Also
+    --------
+    priorfill.methods.gpr.dropout.donors.Donors : Finds the donors.
+    predict_with_each_model : The predictions that are averaged.
     """
     found = predict_with_each_model(donors, query, coupling, options, errors)
     weights = power_weights(np.maximum(found.errors, MIN_ERROR), options.weight_power)

@@ -85,10 +85,10 @@ class Subjects:
 
     def _clip_sample(self) -> SubjectSample:
         """Evenly spaced frames of the clip, and all that show a rarely visible marker."""
-        task, most = self.task, self._options.max_own_poses
-        rare = task.valid.any(axis=0) & (task.valid.sum(axis=0) < most)
+        task, max_poses = self.task, self._options.max_own_poses
+        rare = task.valid.any(axis=0) & (task.valid.sum(axis=0) < max_poses)
         frames = np.union1d(
-            evenly_spaced(len(task.positions), most),
+            evenly_spaced(len(task.positions), max_poses),
             np.flatnonzero(task.valid[:, rare].any(axis=1)),
         )
         return SubjectSample(THIS_CLIP, THIS_CLIP, task.positions[frames])

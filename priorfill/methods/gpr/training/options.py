@@ -74,7 +74,7 @@ class TrainingOptions:
         Distant visible markers are dropped until this many frames, or `enough_share` of those
         that show the missing markers, show the visible ones too.
     enough_share : float
-        See there.
+        Share of the frames that show the missing markers; see `enough_poses`.
     min_kept_markers : int
         Visible markers that are not dropped, however few frames show them together.
     second_pass_share : float

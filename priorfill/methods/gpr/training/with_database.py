@@ -55,6 +55,10 @@ def problem_with_database(
         Names of the takes whose poses are used.
 
     None instead of both where the database has too few poses with the markers.
+
+    See Also
+    --------
+    priorfill.methods.gpr.training.own_clip.OwnClipProblems : Problems of the clip alone.
     """
     if not task.takes:
         return None
