@@ -28,6 +28,7 @@ from priorfill.filling.provenance import (
     Provenance,
     database_state,
     identify,
+    marker_set_content,
     package_versions,
     source_clips,
 )
@@ -368,4 +369,5 @@ class _Filling:
             gap_filter=settings.gap_filter,
             overrides=settings.overrides,
             reject_artefacts=settings.reject_artefacts,
+            marker_set_content=marker_set_content(marker_set),
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import platform
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -16,10 +17,12 @@ from priorfill.clip import Clip
 from priorfill.database import ClipRecord, PriorDatabase, Selection
 from priorfill.database.ingest import content_hash
 from priorfill.database.manifest import read_manifest
+from priorfill.errors import MarkerSetError
 from priorfill.filling.fill_options import FillOptions
 from priorfill.filling.gap_filter import GapFilter
 from priorfill.filling.overrides import GapOverride, Overrides
 from priorfill.markers.definitions import load
+from priorfill.markers.marker_set import MarkerSet
 
 __all__ = [
     "ClipIdentity",
@@ -28,6 +31,7 @@ __all__ = [
     "SourceClip",
     "database_state",
     "identify",
+    "marker_set_content",
     "merge_provenance",
     "package_versions",
     "source_clips",
@@ -144,6 +148,8 @@ class Provenance:
         Whether artefacts were treated as missing.
     reading : mapping of str to object
         How the file was read, as keyword arguments of `priorfill.read`; empty for clips.
+    marker_set_content : str or None
+        Hash of the definition of that marker set.
 
     See Also
     --------
@@ -176,19 +182,31 @@ class Provenance:
     overrides: Overrides | None = None
     reject_artefacts: bool = False
     reading: Mapping[str, Any] = field(default_factory=dict)
+    marker_set_content: str | None = None
 
-    def fill_arguments(self) -> dict[str, Any]:
+    def fill_arguments(self, marker_set: MarkerSet | None = None) -> dict[str, Any]:
         """Return the keyword arguments of `priorfill.fill` that give the same result again.
 
         The clips themselves, and those of `same_subject`, have to be read again. Results are the
         same bit for bit with the same `versions`, clips and state of the database.
 
+        Parameters
+        ----------
+        marker_set : MarkerSet, optional
+            The marker set that was given, if it is not found by its name.
+
         Raises
         ------
         MarkerSetError
-            Where the marker set is not found.
+            Where the marker set is not found, or its definition is another.
         """
-        marker_set = None if self.marker_set is None else load(self.marker_set)
+        if marker_set is None and self.marker_set is not None:
+            marker_set = load(self.marker_set)
+        if self.marker_set_content not in (None, marker_set_content(marker_set)):
+            raise MarkerSetError(
+                f"marker set {self.marker_set} differs from that of the fill; give the one of the "
+                "fill as marker_set"
+            )
         return {
             "database": None if self.database is None else self.database.path,
             "method": self.method,
@@ -296,6 +314,21 @@ def source_clips(records: Iterable[ClipRecord], names: Iterable[str]) -> tuple[S
         for record in records
         if record.name in wanted
     )
+
+
+def marker_set_content(marker_set: MarkerSet | None) -> str | None:
+    """Return a hash of the definition of a marker set, without title and source.
+
+    Parameters
+    ----------
+    marker_set : MarkerSet or None
+        The set; None has no hash.
+    """
+    if marker_set is None:
+        return None
+    content = asdict(replace(marker_set, title="", source=""))
+    content["optional"] = sorted(marker_set.optional)
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
 def merge_provenance(parts: Sequence[Provenance]) -> Provenance:

@@ -15,9 +15,10 @@ from gappy import ARM, person, with_gaps
 import priorfill as pf
 from priorfill.cli import main
 from priorfill.database import PriorDatabase
-from priorfill.errors import OptionError
+from priorfill.errors import MarkerSetError, OptionError
 from priorfill.filling.provenance import DatabaseState, database_state, identify
 from priorfill.formats import read, write
+from priorfill.markers.definitions import load
 from priorfill.methods import get_options
 
 GAPS = ((60, 90, ARM), (200, 240, ("LKNE",)), (0, 240, ("C7",)))
@@ -114,6 +115,30 @@ def test_the_state_of_a_database_is_that_of_its_clips(database):
         mask[:, 0] = True
         opened.accept(other, mask, filled_by="linear")
     assert state("a").content != state("ab").content  # the same clips, but one has filled samples
+
+
+def test_a_marker_set_from_a_file():
+    """A set of the same name with another definition gives another fill, so it is refused."""
+    shipped = load("baumann41")
+    lumped = replace(shipped, segment=shipped.segment | {"LKNE": "left_forearm"})
+    clip = with_gaps(person(), GAPS[1])
+    options = pf.FillOptions(marker_set=lumped)
+    recorded = pf.fill(clip, method="linear", options=options).provenance
+    assert recorded.marker_set == "baumann41"
+    provenance = pf.Provenance.from_dict(json.loads(json.dumps(recorded.to_dict())))
+    assert provenance == recorded
+    for wrong in ({}, {"marker_set": shipped}):
+        with pytest.raises(MarkerSetError, match="baumann41 differs from that of the fill"):
+            provenance.fill_arguments(**wrong)
+    titled = replace(lumped, title="another title", source="another source")
+    assert provenance.fill_arguments(titled)["options"].marker_set is titled
+
+    options = pf.FillOptions(marker_set=replace(lumped, name="elsewhere"))
+    provenance = pf.fill(clip, method="linear", options=options).provenance
+    with pytest.raises(MarkerSetError, match="elsewhere is unknown"):
+        provenance.fill_arguments()
+    again = pf.fill(clip, **provenance.fill_arguments(options.marker_set))
+    assert again.provenance == provenance
 
 
 def test_options_of_the_method():
