@@ -117,8 +117,8 @@ def print_left_as_measured(result: Result, file: Path, output: Path) -> None:
         label for label, column in zip(result.clip.labels, left.T, strict=True) if column.any()
     ]
     click.echo(
-        f"left as measured: {int(left.sum())} rejected samples of {some_names(labels)} could not "
-        f"be filled; they are the same in {output} as in {file}",
+        f"left as measured: {int(left.sum())} rejected samples of {some_names(labels)} were not "
+        f"filled; they are the same in {output} as in {file}",
         err=True,
     )
 

@@ -117,7 +117,7 @@ def test_what_is_rejected_and_not_filled_is_named() -> None:
     result = run("fill", "one.c3d", "-o", "out.c3d", *options)
     assert result.exit_code == 0
     assert (
-        "left as measured: 4 rejected samples of LWRA could not be filled; "
+        "left as measured: 4 rejected samples of LWRA were not filled; "
         "they are the same in out.c3d as in one.c3d"
     ) in result.stderr
     before, after = read("one.c3d"), read("out.c3d")
