@@ -58,6 +58,10 @@ class PriorfillError(Exception):
     ... except pf.PriorfillError as error:
     ...     print(error)
     no_such_file.c3d: there is no such file; check the name
+
+    See Also
+    --------
+    priorfill.errors : The tree of errors.
     """
 
 

@@ -63,6 +63,11 @@ class GapGroup:
     See Also
     --------
     gap_groups : Find the gap groups of a clip.
+
+    Examples
+    --------
+    >>> GapGroup(10, 30, (Gap(10, 25, 0), Gap(20, 30, 4))).markers
+    (0, 4)
     """
 
     start: int

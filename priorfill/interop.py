@@ -136,6 +136,11 @@ def from_timeseries(series: Any, **options: Any) -> Clip:
     See Also
     --------
     to_timeseries : The inverse.
+
+    Examples
+    --------
+    >>> series = kineticstoolkit.read_c3d("walk.c3d")["Points"]  # doctest: +SKIP
+    >>> clip = from_timeseries(series)  # doctest: +SKIP
     """
     name = options.setdefault("name", "timeseries")
     times = np.asarray(series.time, dtype=np.float64)
@@ -182,6 +187,10 @@ def to_timeseries(clip: Clip, timeseries_class: Callable[..., Any], unit: str = 
     See Also
     --------
     from_timeseries : The inverse.
+
+    Examples
+    --------
+    >>> series = to_timeseries(clip, kineticstoolkit.TimeSeries)  # doctest: +SKIP
     """
     scale = _mm_per_unit(unit)
     ones = np.where(clip.missing, np.nan, 1.0)[:, :, None]
@@ -220,6 +229,10 @@ def from_xarray(array: Any, **options: Any) -> Clip:
     See Also
     --------
     to_xarray : The inverse.
+
+    Examples
+    --------
+    >>> clip = from_xarray(pyomeca.Markers.from_c3d("walk.c3d"))  # doctest: +SKIP
     """
     name = options.setdefault("name", str(getattr(array, "name", None) or "xarray"))
     if set(array.dims) != {"axis", "channel", "time"}:
@@ -272,6 +285,10 @@ def to_xarray(clip: Clip, dataarray_class: Callable[..., Any], unit: str = "mm")
     See Also
     --------
     from_xarray : The inverse.
+
+    Examples
+    --------
+    >>> array = to_xarray(clip, xarray.DataArray)  # doctest: +SKIP
     """
     frames, markers = clip.missing.shape
     points = np.ones((4, markers, frames))
@@ -311,6 +328,10 @@ def from_dataframe(frame: Any, rate: float | None = None, **options: Any) -> Cli
     See Also
     --------
     to_dataframe : The inverse.
+
+    Examples
+    --------
+    >>> clip = from_dataframe(pandas.read_csv("walk.csv"), rate=100.0)  # doctest: +SKIP
     """
     name = options.setdefault("name", "dataframe")
     found: dict[str, dict[int, int]] = {}
@@ -363,6 +384,10 @@ def to_dataframe(clip: Clip, dataframe_class: Callable[..., Any], unit: str = "m
     See Also
     --------
     from_dataframe : The inverse.
+
+    Examples
+    --------
+    >>> frame = to_dataframe(clip, pandas.DataFrame)  # doctest: +SKIP
     """
     columns = [f"{label}_{axis.upper()}" for label in clip.labels for axis in _AXES]
     values = clip.positions.reshape(clip.frames, -1) / _mm_per_unit(unit)

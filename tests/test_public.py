@@ -36,6 +36,13 @@ def test_all_is_sorted_and_complete():
         assert len(set(names)) == len(names)
 
 
+@pytest.mark.parametrize("name", [n for n in priorfill.__all__ if not n.startswith("__")])
+def test_public_names_have_an_example_and_see_also(name: str) -> None:
+    documentation = getattr(priorfill, name).__doc__
+    assert "Examples\n" in documentation
+    assert "See Also\n" in documentation
+
+
 def test_no_such_name():
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
         priorfill.nonsense  # noqa: B018

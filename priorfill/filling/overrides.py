@@ -50,6 +50,11 @@ class GapOverride:
     --------
     >>> GapOverride(("LKNE",), "prior", first=120, last=180).do
     'gpr'
+
+    See Also
+    --------
+    Overrides : Several of them.
+    priorfill.read_overrides : Read them from a file.
     """
 
     markers: tuple[str, ...]

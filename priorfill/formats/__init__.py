@@ -362,7 +362,18 @@ def write(
 
     See Also
     --------
-    priorfill.read : Read a clip; its example also writes one.
+    priorfill.read : Read a clip.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> import priorfill as pf
+    >>> from priorfill.synthetic import synthesise
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     report = pf.write(Path(folder) / "walk.npz", synthesise("walking", seconds=1.0))
+    >>> report.samples
+    0
     """
     path = Path(path)
     source = clip.source
