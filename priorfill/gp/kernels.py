@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gp.linalg import squared_distances
+from priorfill.runtime.option_checks import check_at_least
 
 __all__ = [
     "RBF",
@@ -255,6 +256,10 @@ class Exponential(Kernel):
 
     time_scale: float
 
+    def __post_init__(self) -> None:
+        """Check the time scale."""
+        check_at_least(self, 1e-6, "time_scale")
+
     def evaluate(self, pairs: Pairs) -> _Value:
         """See `Kernel.evaluate`."""
         result: NDArray[np.float64] = np.exp(-pairs.lag / self.time_scale)
@@ -274,6 +279,10 @@ class Matern32(Kernel):
     """
 
     time_scale: float
+
+    def __post_init__(self) -> None:
+        """Check the time scale."""
+        check_at_least(self, 1e-6, "time_scale")
 
     def evaluate(self, pairs: Pairs) -> _Value:
         """See `Kernel.evaluate`."""
@@ -297,6 +306,10 @@ class Matern52(Kernel):
 
     time_scale: float
 
+    def __post_init__(self) -> None:
+        """Check the time scale."""
+        check_at_least(self, 1e-6, "time_scale")
+
     def evaluate(self, pairs: Pairs) -> _Value:
         """See `Kernel.evaluate`."""
         r = _scaled_lag(pairs, 5.0, self.time_scale)
@@ -318,6 +331,10 @@ class Matern72(Kernel):
     """
 
     time_scale: float
+
+    def __post_init__(self) -> None:
+        """Check the time scale."""
+        check_at_least(self, 1e-6, "time_scale")
 
     def evaluate(self, pairs: Pairs) -> _Value:
         """See `Kernel.evaluate`."""

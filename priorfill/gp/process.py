@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from priorfill.gp.kernels import Kernel, Pairs
 from priorfill.gp.linalg import block_residuals, explained_variance, inverse_root
+from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["FittedGP", "GaussianProcess"]
 
@@ -51,6 +52,10 @@ class GaussianProcess:
 
     kernel: Kernel
     noise_variance: float
+
+    def __post_init__(self) -> None:
+        """Check the variance."""
+        check_at_least(self, 0.0, "noise_variance")
 
     def fit(
         self,

@@ -17,11 +17,11 @@ def check_at_least(options: object, minimum: float, *names: str) -> None:
     minimum : float
         The least value allowed.
     *names : str
-        The fields.
+        The fields, numbers or tuples of numbers.
     """
     for name in names:
         value = getattr(options, name)
-        if not value >= minimum:
+        if not all(one >= minimum for one in (value if isinstance(value, tuple) else (value,))):
             raise OptionError(
                 f"{type(options).__name__}.{name} is {value}; it must be at least {minimum:g}"
             )

@@ -9,6 +9,7 @@ from typing import Literal
 import pytest
 
 from priorfill.errors import OptionError
+from priorfill.gp.kernels import Exponential, Matern32, Matern52, Matern72
 from priorfill.methods import METHODS, get_method, get_options
 from priorfill.methods.options import differing, flattened, with_values
 from priorfill.runtime.option_checks import check_at_least, check_between
@@ -134,3 +135,23 @@ def test_methods_accept_their_options(name: str) -> None:
         for option, value in flattened(options).items():
             if isinstance(value, int | float):
                 assert with_values(options, {option: str(value)}) == options
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("interpolation.process.noise_variance", -1.0),
+        ("interpolation.process.kernel.time_scale", 0.0),
+        ("blackout.marker_decay_seconds", "0.2,0"),
+        ("blackout.common_decay_seconds", "-1"),
+    ],
+)
+def test_values_that_no_process_can_have(name: str, value: object) -> None:
+    with pytest.raises(OptionError, match=f"^{name} is .*must be at least"):
+        with_values(get_options("gpr"), {name: value})
+
+
+@pytest.mark.parametrize("kernel", [Exponential, Matern32, Matern52, Matern72])
+def test_time_scales_are_positive(kernel: type) -> None:
+    with pytest.raises(OptionError, match="time_scale is 0"):
+        kernel(0.0)

@@ -170,6 +170,8 @@ class BlackoutOptions:
             "difference_seconds",
             "inside_rate",
             "velocity_fit_seconds",
+            "marker_decay_seconds",
+            "common_decay_seconds",
             "window_spacing",
             "scale_log_std",
         )
