@@ -19,6 +19,9 @@ __all__ = ["differing", "flattened", "with_values"]
 
 T = TypeVar("T")
 
+MAX_LISTED = 12
+"""Options listed in a message; of more, a message names the command that lists them."""
+
 TRUTH_VALUES = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 """Words that are accepted for truth values."""
 
@@ -142,6 +145,8 @@ def _alternatives(name: str, known: list[str]) -> str:
     if not near:
         near = [one for one in known if last in one][:3]
     if not near:
+        if len(known) > MAX_LISTED:
+            return "; `priorfill methods METHOD` lists its options"
         return "; use one of " + ", ".join(known)
     return "; did you mean " + " or ".join(near[:3]) + "?"
 

@@ -155,3 +155,9 @@ def test_values_that_no_process_can_have(name: str, value: object) -> None:
 def test_time_scales_are_positive(kernel: type) -> None:
     with pytest.raises(OptionError, match="time_scale is 0"):
         kernel(0.0)
+
+
+def test_a_message_lists_few_options_only() -> None:
+    """The default method has some hundred: the message names the command that lists them."""
+    with pytest.raises(OptionError, match=r"no option 'zzz'; `priorfill methods METHOD` lists"):
+        with_values(get_options("gpr"), {"zzz": 1})
