@@ -26,10 +26,8 @@ COMPILED = ("energy/descent_kernels.py", "search/kernels.py")
 TOP_LEVEL = {"__init__", "errors", "clip", "gaps", "interop"}
 """Modules directly in the package."""
 
-MACHINE = re.compile(
-    r"/work/|/home/\w|/root/|/Users/\w|\bHOUSE\.md\b|artifactory|\bhelper C\d\b", re.IGNORECASE
-)
-"""Paths and names of the machines that the project was written on."""
+MACHINE = re.compile(r"/(home|root|Users)/\w|[A-Z]:\\Users\\")
+"""Paths of the machines that the project was written on."""
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
