@@ -155,8 +155,8 @@ def make_plan(
     *,
     methods: Sequence[str] | str,
     protocol: GapProtocol | str,
+    seed: int,
     database: Path | None = None,
-    seed: int = 0,
     options: EvaluationOptions | None = None,
 ) -> EvaluationPlan:
     """Make the cases of some clips.
@@ -169,10 +169,10 @@ def make_plan(
         See `choose_methods`.
     protocol : GapProtocol or str
         A protocol, or its name.
-    database : Path, optional
-        The prior database.
     seed : int
         Seed of the random choices.
+    database : Path, optional
+        The prior database.
     options : EvaluationOptions, optional
         The defaults if not given.
 

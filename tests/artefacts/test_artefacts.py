@@ -150,6 +150,15 @@ def test_labels_swapped_to_the_end_give_the_shorter_part() -> None:
     assert found_in(swap("LKNE", "RKNE", 100, FRAMES)) == [("label swap", ("LKNE", "RKNE"), 0, 100)]
 
 
+def test_each_spike_of_a_marker_begins_at_its_own_break() -> None:
+    positions = displace("LWRA", 100, 103, (0, 60, 0)).positions.copy()
+    positions[200:204, column("LWRA")] += [0, 0, 80.0]
+    assert found_in(CLEAN.with_positions(positions)) == [
+        ("spike", ("LWRA",), 100, 103),
+        ("spike", ("LWRA",), 200, 204),
+    ]
+
+
 def test_a_swap_that_hides_a_spike_hides_nothing() -> None:
     positions = swap("LWRA", "LWRB", 120, 200).positions.copy()
     positions[150, column("LWRA")] += [0, 0, 90]  # where LWRB is

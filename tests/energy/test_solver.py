@@ -106,6 +106,14 @@ def test_scheduling_saves_updates_where_the_work_is_in_one_place():
     assert scheduled.updates < 0.7 * plain.updates
 
 
+def test_a_gain_ratio_of_one_still_reaches_the_minimum():
+    positions, free, prior = problem(3, 40, 2, (1.0, 5.0, 10.0))
+    options = DescentOptions(tolerance=1e-9, min_gain_ratio=1.0, block_frames=4)
+    found = minimise(positions, free, prior, options)
+    exact = solve_exactly(positions, free, prior)
+    np.testing.assert_allclose(found.positions, exact.positions, atol=0.1)
+
+
 def test_blocks_solve_stiff_priors():
     """A prior that spreads an offset over ten frames costs single frames step after step."""
     rng = np.random.default_rng(0)

@@ -54,6 +54,7 @@ from priorfill.evaluation.summary_tables import (
     length_class,
     pairs,
 )
+from priorfill.filling.result import UnfilledSpan
 from priorfill.gaps import Gap, find_gaps
 from priorfill.markers.describe import describe
 from priorfill.methods import MethodEntry
@@ -485,6 +486,22 @@ def test_a_method_that_cannot_work_does_not_stop_the_others(tame: Clip) -> None:
     assert found.comparison.left_out == ("refusing", "faulty")
     text = json.dumps(found.to_dict(), allow_nan=False)
     assert '"mean_mm": null' in text
+
+
+def test_reasons_come_only_from_unfilled_frames_inside_the_gap() -> None:
+    result = pf.fill(with_gaps(person(seconds=2.0), (20, 60, ["LKNE"])), method="linear")
+    spans = tuple(UnfilledSpan(t, t + 10, f"reason {t}", True) for t in (20, 30, 50))
+    result = replace(result, gaps=(replace(result.gaps[0], unfilled=spans),))
+    reasons = {
+        (start, stop): gap_case._source_of(result, Gap(start, stop, marker=0), "LKNE").unfilled
+        for start, stop in ((30, 40), (40, 50), (29, 41), (39, 51))
+    }
+    assert reasons == {
+        (30, 40): ("reason 30",),
+        (40, 50): (),
+        (29, 41): ("reason 20", "reason 30"),
+        (39, 51): ("reason 30", "reason 50"),
+    }
 
 
 def test_no_method_fills_anything(tame: Clip) -> None:

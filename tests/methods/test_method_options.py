@@ -151,6 +151,21 @@ def test_values_that_no_process_can_have(name: str, value: object) -> None:
         with_values(get_options("gpr"), {name: value})
 
 
+SIGNED = ("blackout.correction_exponents",)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_negative_numbers_are_refused(name: str) -> None:
+    options = get_options(name)
+    for option, value in ({} if options is None else flattened(options)).items():
+        items = value if isinstance(value, tuple) else (value,)
+        if option in SIGNED or not all(type(item) in (int, float) for item in items):
+            continue
+        negative = (-1,) * len(items) if isinstance(value, tuple) else -1
+        with pytest.raises(OptionError, match=f"^{option} (is|are) "):
+            with_values(options, {option: negative})
+
+
 @pytest.mark.parametrize("kernel", [Exponential, Matern32, Matern52, Matern72])
 def test_time_scales_are_positive(kernel: type) -> None:
     with pytest.raises(OptionError, match="time_scale is 0"):

@@ -189,6 +189,14 @@ def test_markers_are_the_same_on_another_kind_of_skeleton() -> None:
     assert away.max() < 1e-6
 
 
+def test_the_wrist_part_begins_near_the_wrist_joint_of_asf() -> None:
+    body = SkeletonBody(amc_motion().skeleton, "a.asf", 10.0)
+    for side in ("left", "right"):
+        wrist = body.parts[f"{side}_wrist"]
+        assert wrist.joint == amc_motion().skeleton.names.index(f"{side[0]}wrist")
+        assert np.linalg.norm(wrist.origin) < 5.0
+
+
 def _at_rest(match: re.Match[str]) -> str:
     words = match[0].split()
     values = words[1:4] if words[0] == "root" else []
