@@ -460,9 +460,10 @@ def _query_segment(points: NDArray[np.float32]) -> tuple[NDArray[np.float32], fl
 
     exact = points.astype(np.float64)
     middle = exact.mean(axis=0)
-    _, axes = np.linalg.eigh((exact - middle).T @ (exact - middle))
+    centred = exact - middle
+    _, axes = np.linalg.eigh(centred.T @ centred)
     direction = axes[:, -1].astype(np.float32).astype(np.float64)
-    along = (exact - middle) @ direction
+    along = centred @ direction
     middle += 0.5 * (along.min() + along.max()) * direction
     segment = np.concatenate([middle, direction, [0.0]]).astype(np.float32)
     exact -= segment[: len(middle)]

@@ -65,7 +65,7 @@ class SmoothingOptions:
 
     def __post_init__(self) -> None:
         check_at_least(self, 1e-3, "body_frequency")
-        check_between(self, 0.01, 0.49, "max_cutoff_per_rate")
+        check_between(self, 0.0, 0.49, "max_cutoff_per_rate")
         check_at_least(self, 0.0, "max_jitter_ratio", "max_shift")
         check_at_least(self, DIFFERENCE_ORDER + 1, "min_frames")
         if any(not cutoff > 0 for cutoff in self.cutoffs):

@@ -27,9 +27,10 @@ from priorfill.artefacts.discontinuities import (
     path_steps,
     relative_step_sizes,
 )
-from priorfill.artefacts.distance_outliers import distance_outliers
+from priorfill.artefacts.distance_outliers import _too_far, distance_outliers
 from priorfill.artefacts.label_swaps import find_label_swaps, swap_labels
 from priorfill.artefacts.marker_path import (
+    MarkerPath,
     OutlierRunOptions,
     PathSegment,
     TypicalDistances,
@@ -43,6 +44,7 @@ from priorfill.artefacts.reference_markers import (
     choose_reference_markers,
     distances,
 )
+from priorfill.artefacts.spikes import _returns
 from priorfill.artefacts.stuck import StuckOptions, find_stuck
 from priorfill.clip import Clip
 from priorfill.errors import OptionError
@@ -373,6 +375,24 @@ def test_distance_outliers_need_more_than_one_reference() -> None:
 
 
 @pytest.mark.parametrize(
+    ("ratios", "expected"),
+    [  # of each distance to its limit
+        ([1.5, 1.5], True),
+        ([1.5, 1.0], False),  # one of two
+        ([1.5, 1.5, 1.0], True),
+        ([1.5, 1.5, 0.5, 0.5], False),  # half of them
+        ([3.0, np.nan], False),  # a single one must exceed three times its limit
+        ([3.5, np.nan], True),
+        ([np.nan, np.nan], False),
+    ],
+)
+def test_most_distances_must_exceed_their_limits(ratios: list[float], expected: bool) -> None:
+    limit = np.array([256.0, 512.0, 128.0, 64.0])[: len(ratios)]
+    far = _too_far(limit * np.array(ratios), limit, 3.0)
+    assert far == expected
+
+
+@pytest.mark.parametrize(
     ("inside", "outside", "expected"),
     [  # by how many spreads each of some distances is off on either side of a break
         ([8.0, 8.0, 0.0], [0.0, 0.0, 0.0], True),
@@ -403,6 +423,16 @@ def test_which_side_of_a_break_is_the_wrong_one(
     for direction in (1, -1):
         distance = np.concatenate([far, before, after, far])[::direction]
         assert is_wrong_side(distance, 23, direction, 3, typical, options) == expected
+
+
+@pytest.mark.parametrize(("after", "expected"), [(40.0, True), (80.0, False)])
+def test_a_path_returns_if_it_continues_nearer_than_it_went(after: float, expected: bool) -> None:
+    positions = np.full((6, 1, 3), [1000.0, -500.0, 800.0])
+    positions[2:4, 0, 2] += 60.0
+    positions[1:5, 0, 0] += np.linspace(0.0, after, 4)
+    no_references = np.array([], dtype=np.intp)
+    path = MarkerPath(positions, 0, no_references, RATE, OutlierRunOptions())
+    assert _returns(path, 2, 4) == expected
 
 
 def test_a_path_is_cut_at_breaks_and_gaps() -> None:

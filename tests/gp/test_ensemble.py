@@ -1,4 +1,5 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import naive
 import numpy as np
@@ -8,8 +9,15 @@ from hypothesis import strategies as st
 
 from priorfill.geometry.root_frames import rigid_frames
 from priorfill.gp.calibration import BOUND_FACTOR, UNIT_BOUND
-from priorfill.gp.ensemble import EnsembleOptions, _calibrate, _CrossValidation, regress
+from priorfill.gp.ensemble import (
+    EnsembleOptions,
+    _calibrate,
+    _CrossValidation,
+    _Ensemble,
+    regress,
+)
 from priorfill.gp.features import MIN_ALIGNMENT_WEIGHT, Alignment, LagFeature
+from priorfill.gp.fitted_models import Predictions
 from priorfill.gp.kernels import (
     RBF,
     Constant,
@@ -100,10 +108,12 @@ def test_predictions_rotate_and_move_with_the_body(seed, angle):
     def predict(clip):
         rows, query = split(clip, time, gap)
         problem = RegressionProblem(rows, query, distance, np.full(4, 2.0))
-        return regress([problem], models, 0.2).positions
+        return regress([problem], models, 0.2)
 
-    moved = predict(naive.turned(poses, angle, shift))
-    np.testing.assert_allclose(moved, naive.turned(predict(poses), angle, shift), atol=1e-5)
+    found, moved = predict(poses), predict(naive.turned(poses, angle, shift))
+    turned = naive.turned(found.positions, angle, shift)
+    np.testing.assert_allclose(moved.positions, turned, atol=1e-5)
+    np.testing.assert_allclose(moved.expected_rms, found.expected_rms, rtol=1e-6)
 
 
 def test_other_recordings_are_infinitely_far_in_time():
@@ -271,6 +281,34 @@ def test_models_have_less_weight_in_frames_where_they_are_uncertain():
     share = ((both - alone[1]) * span).sum(axis=(1, 2)) / (span**2).sum(axis=(1, 2))
     assert ((share >= 0.0) & (share <= 1.0)).all()
     assert np.ptp(share) > 0.0  # not the same in all frames
+
+
+def test_the_variance_of_an_ensemble_includes_the_disagreement_of_its_models():
+    rng = np.random.default_rng(0)
+    models, queries, markers = 3, 5, 2
+    found = Predictions(
+        rng.normal(0.0, 20.0, (models, queries, markers, 3)),
+        rng.uniform(1.0, 400.0, (models, queries, markers)),
+        np.ones((models, queries)),
+    )
+    # models of one problem, with equal errors
+    fitted = SimpleNamespace(
+        problems=[SimpleNamespace(error_penalty=1.0)], problem_of=np.zeros(models, dtype=int)
+    )
+    ensemble = _Ensemble(
+        fitted,
+        slice(0, markers),
+        EnsembleOptions(),
+        np.empty((queries, markers, 3)),
+        np.empty((queries, markers)),
+        np.zeros(models),
+        np.ones(models),
+    )
+    ensemble.add(slice(0, queries), [found], np.ones(queries, dtype=bool))
+    mean = found.mean.mean(axis=0)
+    square = found.variance + np.linalg.norm(found.mean - mean, axis=3) ** 2
+    np.testing.assert_allclose(ensemble.mean, mean)
+    np.testing.assert_allclose(ensemble.predicted_rms, np.sqrt(square.mean(axis=0)))
 
 
 def test_velocities_are_predicted_only_if_all_problems_have_them():

@@ -125,6 +125,35 @@ def test_the_bound_of_a_pose_is_its_distance_from_the_query_segment(beyond):
     np.testing.assert_allclose(bounds.ravel()[:3], away, rtol=1e-4)
 
 
+def test_the_bound_of_a_parallel_span_is_its_distance_from_the_query_segment():
+    from priorfill.search.index import _bounds, _SpanData
+
+    half, across = 10.0, np.float32(0.5)
+    along = np.array([-half - 30.0, -half - 6.0, half + 2.0, half + 6.0])
+    projection = np.zeros((4, 4), dtype=np.float32)
+    projection[:, 0], projection[:, 1] = along, across
+    squared_length = np.append(np.diff(along) ** 2, 0.0).astype(np.float32)
+    connected = np.array([True, True, True, False])
+    spans = _SpanData(projection, connected, squared_length, np.zeros(4, dtype=np.float32))
+    segment = np.array([[0, 0, 0, 0, 1, 0, 0, 0, half]], dtype=np.float32)
+    bounds, _ = _bounds(spans, segment, 0.0)
+    np.testing.assert_allclose(
+        bounds.ravel()[:4], np.hypot([6.0, 0.0, 2.0, 6.0], across), rtol=1e-3
+    )
+
+
+def test_the_query_segment_of_points_on_a_line_is_their_extent():
+    from priorfill.search.index import _query_segment
+
+    direction = np.array([0.6, 0.0, 0.8, 0.0])
+    first = np.array([900.0, -700.0, 500.0, 300.0])
+    points = first + np.array([0.0, 30.0, 7.0, 12.0])[:, None] * direction
+    segment, error = _query_segment(points.astype(np.float32))
+    np.testing.assert_allclose(segment[:4], first + 15.0 * direction, atol=1e-3)
+    np.testing.assert_allclose(np.abs(segment[4:8]), direction, atol=1e-4)
+    np.testing.assert_allclose([segment[8], error], [15.0, 0.0], atol=1e-3)
+
+
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e17])
 @pytest.mark.filterwarnings("ignore:overflow encountered", "ignore:invalid value")
 def test_the_index_rejects_missing_and_huge_coordinates(wrong):

@@ -208,7 +208,7 @@ def _without_mean(rows: Array, visible: Bools) -> tuple[Array, Array]:
     -------
     rest, mean : ndarray [shape=(rows, markers, 3)], [shape=(rows, 1, 3)]
     """
-    points = rows.reshape(len(rows), -1, 3)
+    points = rows.reshape(len(rows), len(visible), 3)
     mean = points[:, visible].mean(axis=1, keepdims=True)
     return points - mean, mean
 

@@ -1,6 +1,7 @@
 """Gap segments."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import connected_components
@@ -97,6 +98,19 @@ def test_a_gap_is_divided_where_a_near_marker_is_lost_but_not_a_far_one():
     group = gap_groups(~valid)[0]
     mine = [p for p in split_into_segments(group, valid, near_and_far(12)) if p.markers[0] == 0]
     assert [(p.start, p.stop) for p in mine] == [(20, 40), (40, 60), (60, 80)]
+
+
+@pytest.mark.parametrize(
+    ("visible", "expected"),
+    [(MIN_VISIBLE, [(20, 40), (40, 60), (60, 80)]), (MIN_VISIBLE + 1, [(20, 80)])],
+)
+def test_a_gap_is_divided_where_a_far_marker_is_needed_for_a_frame(visible, expected):
+    place = np.append(100.0 * np.arange(visible), 2000.0)
+    valid = np.ones((100, visible + 1), dtype=bool)
+    valid[20:80, 0] = False
+    valid[40:60, -1] = False
+    segments = split_into_segments(gap_groups(~valid)[0], valid, np.abs(place[:, None] - place))
+    assert [(p.start, p.stop) for p in segments if p.markers[0] == 0] == expected
 
 
 def test_flickering_markers_do_not_make_many_segments():

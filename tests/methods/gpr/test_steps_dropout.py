@@ -289,6 +289,22 @@ def test_rigidity_is_that_of_adjacent_markers_where_donors_stand_still() -> None
     assert spread[upper_arm] < 0.7 * spread[toe]
 
 
+@pytest.mark.parametrize("moving", [False, True])
+def test_the_mirror_image_limits_the_visible_markers_unless_the_subject_moves(moving: bool) -> None:
+    """The clip never shows the marker LUPA, so its mirror image lacks RUPA."""
+    clip, other = person(), person(seed=9)
+    if not moving:
+        still = np.tile(other.positions[50], (other.frames, 1, 1))
+        still += np.random.default_rng(0).normal(0.0, 0.5, still.shape)
+        other = replace(other, positions=still)
+    task = task_without(without(clip, "LUPA"), "RELB", same_subject_take(other, clip.labels))
+    visible = np.flatnonzero(task.valid.all(axis=0))
+    markers = np.array([clip.labels.index("RELB")])
+    found = Donors(task, OPTIONS).nearest_visible(markers, visible)
+    assert (clip.labels.index("RUPA") in found) == moving
+    assert clip.labels.index("RSHO") in found
+
+
 def test_a_marker_on_the_midline_is_no_proxy_for_the_mirror_image() -> None:
     clip = person()
     task = task_without(clip, "RFHD")

@@ -19,6 +19,7 @@ from priorfill.markers.describe import describe
 from priorfill.methods.gpr.gap_segments import GapSegment, split_into_segments
 from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import PoseSearch
+from priorfill.methods.gpr.training.options import TrainingOptions
 from priorfill.methods.gpr.training.own_clip import OwnClipProblem, OwnClipProblems
 from priorfill.methods.gpr.training.plan import TrainingPlan, TrainingPlanner
 from priorfill.methods.gpr.training.subject_correlation import SubjectCorrelationOptions
@@ -154,15 +155,31 @@ def test_long_clips_penalise_other_recordings_and_short_ones_reward_them(
     assert others.error_penalty == pytest.approx(penalty, abs=0.01)
 
 
-# --- the clip's mirror image, and other subjects ---
+# --- the clip's own frames ---
 
 
-def own_problem(clip: Clip) -> tuple[OwnClipProblems, OwnClipProblem]:
+def own_problem(
+    clip: Clip, training: TrainingOptions | None = None
+) -> tuple[OwnClipProblems, OwnClipProblem]:
     task, options = task_of(clip), GPROptions()
-    problems = OwnClipProblems(task, 8, options.training, options.spline_nodes, options.correlation)
+    problems = OwnClipProblems(
+        task, 8, training or options.training, options.spline_nodes, options.correlation
+    )
     own = problems.problem_for(arm_of(task), None)
     assert own is not None
     return problems, own
+
+
+def test_all_poses_near_the_gap_are_used() -> None:
+    training = TrainingOptions(max_poses=20, mirror_poses=0, adjacent_seconds=0.05)
+    clip = with_gaps(person(seconds=6.0, rate=100.0), (250, 350, ARM))
+    _, own = own_problem(clip, training)
+    used = np.round(own.problem.train.time * clip.rate).astype(int)
+    assert {*range(245, 250), *range(350, 355)} <= set(used)
+    assert len(used) < 40
+
+
+# --- the clip's mirror image, and other subjects ---
 
 
 def test_the_mirror_image_is_correlated_with_the_subject_but_not_the_same() -> None:
