@@ -24,6 +24,7 @@ from priorfill.methods.gpr.dropout.predict_from_donors import (
     predict_from_donors,
     predict_with_each_model,
 )
+from priorfill.methods.gpr.dropout.subjects import Subjects
 from priorfill.methods.task import THIS_CLIP, Task
 from priorfill.search.takes import Take, same_subject_take
 
@@ -287,6 +288,18 @@ def test_rigidity_is_that_of_adjacent_markers_where_donors_stand_still() -> None
     assert spread.min() > 3.0
     upper_arm, toe = (list(visible).index(clip.labels.index(m)) for m in ("RUPA", "LTOE"))
     assert spread[upper_arm] < 0.7 * spread[toe]
+
+
+def test_all_frames_that_show_a_rarely_visible_marker_are_among_the_poses() -> None:
+    clip, shown = person(), [101, 102, 131]
+    elbow = clip.labels.index("RELB")
+    positions = clip.positions.copy()
+    positions[np.setdiff1d(np.arange(clip.frames), shown), elbow] = np.nan
+    task = Task(positions, clip.labels, clip.rate, describe(clip), ())
+    poses = Subjects(task, replace(OPTIONS, max_own_poses=50)).samples[0].poses
+    seen = ~np.isnan(poses[:, elbow, 0])
+    np.testing.assert_array_equal(poses[seen, elbow], clip.positions[shown, elbow])
+    assert 50 <= len(poses) <= 50 + len(shown)
 
 
 @pytest.mark.parametrize("moving", [False, True])
