@@ -17,6 +17,7 @@ import priorfill as pf
 from priorfill.clip import Clip
 from priorfill.database import ClipOrigin, PriorDatabase
 from priorfill.errors import DatabaseCorruptError, DatabaseNotFoundError, OptionError
+from priorfill.filling.assemble import FilledSamples, sum_up_gaps
 from priorfill.filling.database_takes import DatabaseTakes
 from priorfill.filling.fill_clip import fill
 from priorfill.filling.result import FilledGap, Result, UnfilledSpan
@@ -212,6 +213,19 @@ def test_interpolation_learns_from_no_poses():
     np.testing.assert_allclose(
         result.error_bound_90[result.filled], BOUND_FACTOR * result.expected_rms[result.filled]
     )
+
+
+def test_a_gap_has_the_sources_of_the_notes_that_overlap_it():
+    whole = person(seconds=1.0)
+    clip = with_gaps(whole, (10, 20, whole.labels[:1]))
+    errors = np.zeros(clip.missing.shape)
+    samples = FilledSamples(whole.positions, clip.missing, errors, errors)
+    notes = [
+        Note(0, start, stop, f"{start} to {stop}")
+        for start, stop in ((0, 10), (0, 11), (12, 15), (19, 30), (20, 30))
+    ]
+    (gap,) = sum_up_gaps(clip, samples, "linear", [*notes, Note(1, 10, 20, "other")], [])
+    assert gap.sources == ("0 to 11", "12 to 15", "19 to 30")
 
 
 def test_the_error_across_subjects_is_estimated_from_whole_subjects(tmp_path):
