@@ -14,9 +14,11 @@ import pytest
 from priorfill.runtime.file_lock import LockHeldError, acquire_lock
 
 HOLD = (
-    "import sys, time\n"
+    "import signal, sys, time\n"
     "from pathlib import Path\n"
     "from priorfill.runtime.file_lock import acquire_lock\n"
+    # shells make background jobs, and so their children, ignore SIGINT
+    "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
     "lock = acquire_lock(Path(sys.argv[1]))\n"
     "print('held', flush=True)\n"
     "time.sleep(600)\n"
@@ -51,6 +53,9 @@ def test_a_lock_ends_with_its_process(tmp_path: Path, how: signal.Signals) -> No
         with pytest.raises(LockHeldError) as caught:
             acquire_lock(path)
         assert caught.value.holder.startswith(f"process {holder.pid} on ")
-        holder.send_signal(how)
-        holder.wait(60)
+        try:
+            holder.send_signal(how)
+            holder.wait(60)
+        finally:
+            holder.kill()
         acquire_lock(path).release()
