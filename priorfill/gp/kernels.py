@@ -243,7 +243,18 @@ class RBF(Kernel):
 
 
 @dataclass(frozen=True)
-class Exponential(Kernel):
+class _TimeKernel(Kernel):
+    """A covariance that depends on the time between two points, on a time scale (s)."""
+
+    time_scale: float
+
+    def __post_init__(self) -> None:
+        """Check the time scale."""
+        check_at_least(self, 1e-6, "time_scale")
+
+
+@dataclass(frozen=True)
+class Exponential(_TimeKernel):
     """Ornstein-Uhlenbeck process, ``k(t) = exp(-|t| / time_scale)`` [RW06]_ (Eq. 4.14, ν = 1/2).
 
     Its samples are continuous, but have no velocity.
@@ -254,12 +265,6 @@ class Exponential(Kernel):
         s.
     """
 
-    time_scale: float
-
-    def __post_init__(self) -> None:
-        """Check the time scale."""
-        check_at_least(self, 1e-6, "time_scale")
-
     def evaluate(self, pairs: Pairs) -> _Value:
         """See `Kernel.evaluate`."""
         result: NDArray[np.float64] = np.exp(-pairs.lag / self.time_scale)
@@ -267,7 +272,7 @@ class Exponential(Kernel):
 
 
 @dataclass(frozen=True)
-class Matern32(Kernel):
+class Matern32(_TimeKernel):
     """Matérn covariance of smoothness 3/2 over time [RW06]_ (Eq. 4.17): velocities are continuous.
 
     ``k(t) = (1 + r) exp(-r)``, ``r = sqrt(3) |t| / time_scale``.
@@ -278,12 +283,6 @@ class Matern32(Kernel):
         s.
     """
 
-    time_scale: float
-
-    def __post_init__(self) -> None:
-        """Check the time scale."""
-        check_at_least(self, 1e-6, "time_scale")
-
     def evaluate(self, pairs: Pairs) -> _Value:
         """See `Kernel.evaluate`."""
         r = _scaled_lag(pairs, 3.0, self.time_scale)
@@ -292,7 +291,7 @@ class Matern32(Kernel):
 
 
 @dataclass(frozen=True)
-class Matern52(Kernel):
+class Matern52(_TimeKernel):
     """Matérn covariance of smoothness 5/2 over time [RW06]_ (Eq. 4.17).
 
     ``k(t) = (1 + r + r² / 3) exp(-r)``, ``r = sqrt(5) |t| / time_scale``: accelerations are
@@ -304,12 +303,6 @@ class Matern52(Kernel):
         s.
     """
 
-    time_scale: float
-
-    def __post_init__(self) -> None:
-        """Check the time scale."""
-        check_at_least(self, 1e-6, "time_scale")
-
     def evaluate(self, pairs: Pairs) -> _Value:
         """See `Kernel.evaluate`."""
         r = _scaled_lag(pairs, 5.0, self.time_scale)
@@ -318,7 +311,7 @@ class Matern52(Kernel):
 
 
 @dataclass(frozen=True)
-class Matern72(Kernel):
+class Matern72(_TimeKernel):
     """Matérn covariance of smoothness 7/2 over time [RW06]_ (Eq. 4.16, p = 3).
 
     ``k(t) = (1 + r + 2 r² / 5 + r³ / 15) exp(-r)``, ``r = sqrt(7) |t| / time_scale``: the third
@@ -329,12 +322,6 @@ class Matern72(Kernel):
     time_scale : float
         s.
     """
-
-    time_scale: float
-
-    def __post_init__(self) -> None:
-        """Check the time scale."""
-        check_at_least(self, 1e-6, "time_scale")
 
     def evaluate(self, pairs: Pairs) -> _Value:
         """See `Kernel.evaluate`."""
