@@ -172,3 +172,34 @@ def test_the_glossary_page_names_every_module() -> None:
         and file.stem not in words
     ]
     assert unnamed == []
+
+
+def printers(source: str) -> list[str]:
+    """Calls that write to the terminal."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Call):
+            name = ast.unparse(node.func)
+            to_stream = re.fullmatch(r"sys\.(__)?std(out|err)(__)?(\.buffer)?\.write(lines)?", name)
+            if to_stream or re.fullmatch(PRINTS, name):
+                found.append(f"line {node.lineno}: {name}")
+    return found
+
+
+PRINTS = r"(builtins\.)?print|(click\.)?s?echo(_via_pager)?|.*console\.(print|log)|warnings\.warn"
+"""Names of functions that print."""
+
+PRINTER = "cli/output.py"
+"""The only module that prints, where what files contain is escaped."""
+
+
+@pytest.mark.parametrize("module", modules(), ids=relative)
+def test_one_module_prints(module: Path) -> None:
+    """What is printed elsewhere would reach the terminal with its control characters."""
+    if relative(module) != PRINTER:
+        assert printers(module.read_text(encoding="utf-8")) == []
+
+
+def test_printing_is_seen() -> None:
+    source = "import click, sys\nclick.echo('a')\nprint('b')\nsys.stdout.write('c')\nsay('d')"
+    assert [found.partition(":")[0] for found in printers(source)] == ["line 2", "line 3", "line 4"]

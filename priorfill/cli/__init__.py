@@ -13,7 +13,9 @@ from typing import Any
 
 import click
 
+from priorfill.cli.output import print_line
 from priorfill.errors import PriorfillError
+from priorfill.runtime.display import escaped
 
 __all__ = ["DEBUG", "main"]
 
@@ -59,11 +61,27 @@ class _Main(click.Group):
         with formatter.section("Commands"):
             formatter.write_dl([(name, text) for name, (_, text) in _COMMANDS.items()])
 
+    def make_context(
+        self,
+        info_name: str | None,
+        args: list[str],
+        parent: click.Context | None = None,
+        **extra: Any,
+    ) -> click.Context:
+        try:
+            return super().make_context(info_name, args, parent, **extra)
+        except click.ClickException as error:
+            _escape(error)
+            raise
+
     def invoke(self, ctx: click.Context) -> Any:
         try:
             result = super().invoke(ctx)
             sys.stdout.flush()
-        except (click.ClickException, click.exceptions.Exit, click.Abort):
+        except click.ClickException as error:
+            _escape(error)
+            raise
+        except (click.exceptions.Exit, click.Abort):
             raise
         except BrokenPipeError:
             # the reader of our output has closed it; send the last flush nowhere
@@ -72,7 +90,7 @@ class _Main(click.Group):
         except (Exception, KeyboardInterrupt) as error:
             if os.environ.get(DEBUG):
                 raise
-            click.echo(f"priorfill: {_in_one_line(error)}", err=True)
+            print_line(f"priorfill: {_in_one_line(error)}", err=True)
             ctx.exit(EXIT_INTERRUPTED if isinstance(error, KeyboardInterrupt) else EXIT_FAILED)
         return result
 
@@ -81,6 +99,11 @@ class _Main(click.Group):
 @click.version_option(package_name="priorfill", message="priorfill %(version)s")
 def main() -> None:
     """Fill gaps in optical motion capture data."""
+
+
+def _escape(error: click.ClickException) -> None:
+    """Make control characters visible in a usage error, which can quote the name of a file."""
+    vars(error)["message"] = escaped(error.message)  # declared as final by click
 
 
 def _in_one_line(error: BaseException) -> str:
@@ -99,4 +122,4 @@ def _in_one_line(error: BaseException) -> str:
             f"bug in priorfill ({type(error).__name__}: {error}); "
             f"please report it with the output of the command with {DEBUG}=1"
         )
-    return " ".join(text.split())
+    return " ".join(line.strip() for line in text.split("\n"))

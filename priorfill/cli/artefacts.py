@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import click
-
-from priorfill.cli.output import json_number, print_table, some_names
+from priorfill.cli.output import json_number, print_line, print_table, some_names
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -75,7 +73,7 @@ def print_artefacts(facts: Sequence[dict[str, Any]], title: str) -> None:
     )
     print_table(("kind", "marker", "frames", "evidence"), rows, title=title)
     if len(facts) > MAX_ROWS:
-        click.echo(f"... and {len(facts) - MAX_ROWS} more (--json lists all)")
+        print_line(f"... and {len(facts) - MAX_ROWS} more (--json lists all)")
 
 
 def warn_of_artefacts(facts: Sequence[dict[str, Any]], file: str) -> None:
@@ -90,12 +88,12 @@ def warn_of_artefacts(facts: Sequence[dict[str, Any]], file: str) -> None:
     """
     worst = sorted(facts, key=lambda one: -_weight(one))[:MAX_WARNINGS]
     for one in worst:
-        click.echo(f"warning: {artefact_text(one)}", err=True)
+        print_line(f"warning: {artefact_text(one)}", err=True)
     rest = len(facts) - len(worst)
     if rest:
-        click.echo(f"warning: {rest} more; list them with: priorfill inspect {file}", err=True)
+        print_line(f"warning: {rest} more; list them with: priorfill inspect {file}", err=True)
     if facts:
-        click.echo(
+        print_line(
             "warning: these samples count as measured; --reject-artefacts fills them", err=True
         )
 
@@ -116,7 +114,7 @@ def print_left_as_measured(result: Result, file: Path, output: Path) -> None:
     labels = [
         label for label, column in zip(result.clip.labels, left.T, strict=True) if column.any()
     ]
-    click.echo(
+    print_line(
         f"left as measured: {int(left.sum())} rejected samples of {some_names(labels)} were not "
         f"filled; they are the same in {output} as in {file}",
         err=True,

@@ -9,7 +9,7 @@ import click
 
 from priorfill.cli.fill import EXIT_INCOMPLETE
 from priorfill.cli.fill_report import print_unfilled
-from priorfill.cli.output import print_table
+from priorfill.cli.output import print_line, print_table
 from priorfill.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -67,13 +67,16 @@ def demo(folder: Path, method: str) -> None:
         result = fill(clip, database=starter, method=method, options=options)
     formats.write(filled, result.clip, result.filled, overwrite=True)
 
-    click.echo("Demo with synthetic motion (computed from a model of the body, not recorded)\n")
+    print_line("Demo with synthetic motion (computed from a model of the body, not recorded)")
+    print_line()
     _print_errors(truth, result)
-    click.echo(f"\nwithout gaps   {complete}")
-    click.echo(f"with gaps      {gaps}")
-    click.echo(f"filled         {filled}   with {result.method} from itself and {starter}")
-    click.echo(f"\nTry it:        priorfill inspect {gaps}")
-    click.echo(f"               priorfill fill {gaps} -o filled.c3d --database {starter}")
+    print_line()
+    print_line(f"without gaps   {complete}")
+    print_line(f"with gaps      {gaps}")
+    print_line(f"filled         {filled}   with {result.method} from itself and {starter}")
+    print_line()
+    print_line(f"Try it:        priorfill inspect {gaps}")
+    print_line(f"               priorfill fill {gaps} -o filled.c3d --database {starter}")
     print_unfilled(result)
     if not result.complete:
         click.get_current_context().exit(EXIT_INCOMPLETE)

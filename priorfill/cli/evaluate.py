@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from priorfill.cli.batch import read_one_of_many, with_path
-from priorfill.cli.output import duration, print_json, print_table
+from priorfill.cli.output import duration, print_json, print_line, print_table
 from priorfill.cli.progress import progress
 from priorfill.cli.reading import excluding_options, read_clip, reading_options
 
@@ -192,9 +192,10 @@ def evaluate(
     else:
         _print(evaluation)
         if output is not None:
-            click.echo(f"\nresults of every gap: {output}")
+            print_line()
+            print_line(f"results of every gap: {output}")
         for file in drawn:
-            click.echo(f"plot: {file}")
+            print_line(f"plot: {file}")
     _print_notes(evaluation)
     if failures:
         click.get_current_context().exit(1)
@@ -249,7 +250,7 @@ def _read_files(
         except (ClipError, FormatError) as error:
             if len(files) == 1:
                 raise
-            click.echo(f"priorfill: {with_path(file, error)}", err=True)
+            print_line(f"priorfill: {with_path(file, error)}", err=True)
             failures += 1
     if not read:
         raise FormatError(f"none of the {len(files)} files can be read; see above")
@@ -259,11 +260,11 @@ def _read_files(
 def _print_notes(evaluation: Evaluation) -> None:
     """Print on stderr what was left out and where methods could not work."""
     for note in evaluation.notes:
-        click.echo(f"note: {note}", err=True)
+        print_line(f"note: {note}", err=True)
     for row in evaluation.methods.values():
         for reason, count in row.refused.items():
             cases = "" if count == row.cases else f" on {count} of {row.cases} cases"
-            click.echo(f"{row.method} could not work{cases}: {reason}", err=True)
+            print_line(f"{row.method} could not work{cases}: {reason}", err=True)
 
 
 def _print(evaluation: Evaluation) -> None:
@@ -271,15 +272,16 @@ def _print(evaluation: Evaluation) -> None:
     cases, clips = evaluation.plan.cases, evaluation.clips
     gaps = sum(len(case.gaps) for case in cases)
     samples = sum(case.samples for case in cases)
-    click.echo(
+    print_line(
         f"{_count(gaps, 'gap')}, {_count(samples, 'sample')}, in {_count(len(cases), 'case')} of "
         f"{_count(len(clips), 'clip')}; protocol {evaluation.settings['protocol']['name']}, "
-        f"seed {evaluation.settings['seed']}\n"
+        f"seed {evaluation.settings['seed']}"
     )
+    print_line()
     _print_methods(evaluation)
     _print_comparison(evaluation)
     if 1 < len(clips) <= MAX_NAMES:
-        click.echo("")
+        print_line()
         columns = ("method", *(f"{name}>" for name in clips))
         rows = [
             (method, *(_with_share(rows[method].errors) for rows in clips.values()))
@@ -288,7 +290,7 @@ def _print(evaluation: Evaluation) -> None:
         print_table(columns, rows, "Mean error (mm) by clip; share filled in parentheses")
     lengths = list(dict.fromkeys(length for length, _ in evaluation.lengths))
     if len(lengths) > 1:
-        click.echo("")
+        print_line()
         counts = {length: count for (length, _), (count, _) in evaluation.lengths.items()}
         columns = ("method", *(f"{length} ({counts[length]})>" for length in lengths))
         rows = [
@@ -331,15 +333,17 @@ def _print_comparison(evaluation: Evaluation) -> None:
     comparison = evaluation.comparison
     left_out = f"; left out: {' '.join(comparison.left_out)}, which filled less than half"
     if comparison.best is None:
-        click.echo("\nNo ranking: there is no sample that all methods filled.")
+        print_line()
+        print_line("No ranking: there is no sample that all methods filled.")
         return
     ranking = ", ".join(f"{name} {_number(one.mean)}" for name, one in comparison.methods.items())
     share = _percent(comparison.samples / comparison.of)
     over = f"the {share} of the samples that all of these filled"
     if comparison.samples == comparison.of:
         over = "all samples"
-    click.echo(
-        f"\nMean error (mm) over {over}, best first: "
+    print_line()
+    print_line(
+        f"Mean error (mm) over {over}, best first: "
         f"{ranking}{left_out if comparison.left_out else ''}"
     )
 

@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from priorfill.cli.artefacts import (
     artefact_facts,
     print_artefacts,
     print_left_as_measured,
     warn_of_artefacts,
 )
-from priorfill.cli.output import json_number, print_table, some_names
+from priorfill.cli.output import json_number, print_line, print_table, some_names
 
 if TYPE_CHECKING:
     from priorfill.filling.add_result import AddedClip
@@ -77,24 +75,24 @@ def print_fill(done: FileResult) -> None:
     result = done.result
     if result.gaps:
         _print_gaps(result)
-        click.echo()
-        click.echo(f"{_summary(result)}; written to {done.output}")
+        print_line()
+        print_line(f"{_summary(result)}; written to {done.output}")
         if done.report.rounding_mm > MIN_ROUNDING:
-            click.echo(
+            print_line(
                 "filled samples are rounded to the file's number format, by up to "
                 f"{done.report.rounding_mm:.3f} mm"
             )
     else:
-        click.echo(f"{result.clip.name} has no gaps; {done.output} is a copy")
+        print_line(f"{result.clip.name} has no gaps; {done.output} is a copy")
     if result.rejected.any():
-        click.echo()
+        print_line()
         facts = artefact_facts(done.artefacts, result.clip)
         print_artefacts(facts, "Artefacts, treated as missing")
     if done.uncertainty is not None:
-        click.echo(f"expected error of each filled sample: {done.uncertainty}")
+        print_line(f"expected error of each filled sample: {done.uncertainty}")
     for added in done.added:
         if added is not None:
-            click.echo(added.message)
+            print_line(added.message)
 
 
 def print_fill_notes(done: FileResult) -> None:
@@ -112,7 +110,7 @@ def print_fill_notes(done: FileResult) -> None:
         *result.notes,
         *(f"rewritten: {change}" for change in done.report.changes),
     ):
-        click.echo(f"note: {note}", err=True)
+        print_line(f"note: {note}", err=True)
     if not result.provenance.reject_artefacts:
         warn_of_artefacts(artefact_facts(done.artefacts, result.clip), str(done.source))
     print_left_as_measured(result, done.source, done.output)
@@ -135,7 +133,7 @@ def print_unfilled(result: Result) -> None:
         samples = sum(span.stop - span.start for span, _ in same)
         start = min(span.start for span, _ in same)
         stop = max(span.stop for span, _ in same)
-        click.echo(
+        print_line(
             f"{'unfilled' if requested else 'left alone'}: {samples} samples of {len(labels)} "
             f"marker{'s' if len(labels) > 1 else ''} ({some_names(labels)}) within frames "
             f"{first + start}-{first + stop - 1}: {reason}",
@@ -165,7 +163,7 @@ def _print_gaps(result: Result) -> None:
     columns = ("marker", "frames", "s>", "filled>", "mean error mm>", "90 % below mm>", "sources")
     print_table(columns, rows)
     if len(result.gaps) > MAX_GAPS:
-        click.echo(f"... and {len(result.gaps) - MAX_GAPS} more gaps (--json lists all)")
+        print_line(f"... and {len(result.gaps) - MAX_GAPS} more gaps (--json lists all)")
 
 
 def _summary(result: Result) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from priorfill.cli.artefacts import artefact_facts, print_artefacts
-from priorfill.cli.output import duration, print_json, print_table
+from priorfill.cli.output import duration, print_json, print_line, print_table
 from priorfill.cli.reading import read_clip, reading_options
 
 if TYPE_CHECKING:
@@ -210,20 +210,20 @@ def _clips_with(
 
 def _print(facts: dict[str, Any]) -> None:
     """Print the description of a clip."""
-    click.echo(facts["file"])
+    print_line(facts["file"])
     for name, value in _summary(facts):
-        click.echo(f"  {name:<11} {value}")
+        print_line(f"  {name:<11} {value}")
     if facts["artefacts"]:
-        click.echo()
+        print_line()
         print_artefacts(facts["artefacts"], "Artefacts: measured samples that are probably wrong")
     if facts["gaps"]:
-        click.echo()
+        print_line()
         _print_gaps(facts)
-        click.echo()
+        print_line()
         _print_groups(facts["gap_groups"])
-        click.echo()
+        print_line()
         for line in _fillable(facts):
-            click.echo(line)
+            print_line(line)
 
 
 def _print_gaps(facts: dict[str, Any]) -> None:

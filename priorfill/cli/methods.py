@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from priorfill.cli.output import print_json, print_table
+from priorfill.cli.output import print_json, print_line, print_table
 
 __all__ = ["methods"]
 
@@ -34,7 +34,7 @@ def methods(method: str | None, as_json: bool) -> None:
         return
     rows = [(name, entry.summary, entry.source) for name, entry in METHODS.items()]
     print_table(("method", "what it does", "source"), rows)
-    click.echo(f"auto is {DEFAULT_METHOD}.")
+    print_line(f"auto is {DEFAULT_METHOD}.")
 
 
 def _list_options(method: str, as_json: bool) -> None:
@@ -50,7 +50,7 @@ def _list_options(method: str, as_json: bool) -> None:
     elif values:
         print_table(("option", "default"), [(name, _text(v)) for name, v in values.items()])
     else:
-        click.echo(f"{resolve(method)} has no options.")
+        print_line(f"{resolve(method)} has no options.")
 
 
 def _is_plain(value: Any) -> bool:

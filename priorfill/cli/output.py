@@ -1,4 +1,8 @@
-"""What commands print: tables and JSON."""
+"""What commands print: lines, tables and JSON.
+
+Nothing else prints (tests/test_style.py). What files, file names, databases and errors contain
+reaches a terminal without control characters (`priorfill.runtime.display`).
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,9 @@ from typing import Any
 
 import click
 
-__all__ = ["duration", "json_number", "print_json", "print_table", "some_names"]
+from priorfill.runtime.display import escaped
+
+__all__ = ["duration", "json_number", "print_json", "print_line", "print_table", "some_names"]
 
 MAX_WIDTH = 1000
 """Width of output other than a terminal (columns), so that no cell is cut."""
@@ -19,9 +25,29 @@ MAX_NAMES = 6
 """Number of names in a line."""
 
 
+def print_line(text: str = "", *, err: bool = False) -> None:
+    r"""Print a line in which control characters are visible.
+
+    Parameters
+    ----------
+    text : str
+        The line; a line break in it is shown as ``\n``.
+    err : bool
+        Print on stderr instead of stdout.
+    """
+    _write(escaped(text), err=err)
+
+
+def _write(line: str, *, err: bool = False) -> None:
+    """Write a line; characters that the encoding of the output lacks as escape sequences."""
+    stream = sys.stderr if err else sys.stdout
+    encoding = getattr(stream, "encoding", None) or "utf-8"
+    click.echo(line.encode(encoding, "backslashreplace").decode(encoding), err=err)
+
+
 def print_json(value: Any) -> None:
-    """Print a value as JSON."""
-    click.echo(json.dumps(value, indent=2, ensure_ascii=False))
+    """Print a value as JSON of ASCII characters, which no terminal interprets."""
+    click.echo(json.dumps(value, indent=2))
 
 
 def json_number(value: float, digits: int) -> float | None:
@@ -53,17 +79,17 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: st
     table = Table(box=None, pad_edge=False, header_style="bold")
     for name in columns:
         table.add_column(
-            Text(name.removesuffix(">")), justify="right" if name.endswith(">") else "left"
+            Text(escaped(name.removesuffix(">"))), justify="right" if name.endswith(">") else "left"
         )
     for row in rows:
-        table.add_row(*(Text(cell) for cell in row))
+        table.add_row(*(Text(escaped(cell)) for cell in row))
     console = Console(file=sys.stdout, width=None if sys.stdout.isatty() else MAX_WIDTH)
     if title:
-        click.echo(title)
+        print_line(title)
     with console.capture() as capture:
         console.print(table)
     for line in capture.get().splitlines():
-        click.echo(line.rstrip())
+        _write(line.rstrip())  # with the styles of the table's header on a terminal
 
 
 def duration(seconds: float) -> str:

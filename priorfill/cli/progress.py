@@ -6,6 +6,8 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from priorfill.runtime.display import escaped
+
 __all__ = ["progress"]
 
 
@@ -47,7 +49,7 @@ def progress(total: int | None, description: str) -> Iterator[Callable[[int, int
         # redirection would send what is printed to a file or a pipe to the terminal
         redirect_stdout=sys.stdout.isatty(),
     ) as bar:
-        task = bar.add_task(description, total=total)
+        task = bar.add_task(escaped(description), total=total)
 
         def show(done: int, total: int | None) -> None:
             if total is not None:

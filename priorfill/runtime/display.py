@@ -19,8 +19,8 @@ def escaped(text: str) -> str:
     r"""Return a text in one line in which control and format characters are visible.
 
     Labels, file names and messages can hold characters that move the cursor of a terminal, change
-    its title, or reorder what is seen. Each is replaced by its escape sequence in Python's notation;
-    letters of all scripts stay.
+    its title, or reorder what is seen. Each is replaced by its escape sequence in Python's
+    notation; letters of all scripts stay.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ import click
 from priorfill.cli.batch import read_one_of_many, with_path
 from priorfill.cli.db.common import count, skipped, total
 from priorfill.cli.db.files import find_files
-from priorfill.cli.output import some_names
+from priorfill.cli.output import print_line, some_names
 from priorfill.cli.progress import progress
 from priorfill.errors import (
     ClipError,
@@ -119,7 +119,7 @@ def put_files(
     else:
         files, failed = find_files(paths, suffixes, lambda path: True)
     for reason in failed:
-        click.echo(f"priorfill: {reason}", err=True)
+        print_line(f"priorfill: {reason}", err=True)
     failures = len(failed)
     records: list[ClipRecord] = []
     duplicates = 0
@@ -135,7 +135,7 @@ def put_files(
                     line = f"skipped {with_path(path, error)}"
                 except (FormatError, ClipError, OptionError) as error:
                     failures += 1
-                    click.echo(f"priorfill: {with_path(path, error)}", err=True)
+                    print_line(f"priorfill: {with_path(path, error)}", err=True)
                     continue
                 except (DatabaseError, OSError) as error:
                     if not target.is_open:
@@ -146,10 +146,10 @@ def put_files(
                     records.append(record)
                     line = f"{verb.participle} {path}{text}"
                 # click flushes: once the line is out, the clip is on the disk
-                click.echo(line)
+                print_line(line)
     finally:
         target.close()
-    click.echo(
+    print_line(
         f"{verb.participle} {total(records)}{skipped(duplicates)}"
         + (f", could not {verb.infinitive} {failures}" if failures else "")
     )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from priorfill.cli.output import duration
+from priorfill.cli.output import duration, print_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -100,7 +100,7 @@ def total(records: Iterable[ClipRecord]) -> str:
 def warn_damaged(database: PriorDatabase) -> int:
     """Name the clips whose rows are damaged, which are left out; return their number."""
     for name in database.damaged:
-        click.echo(
+        print_line(
             f"priorfill: {database.path}: the catalogue's row of clip {name} is damaged, so it is "
             "left out; restore the database from a copy",
             err=True,

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from priorfill.cli.db.common import database_option, size
+from priorfill.cli.output import print_line
 from priorfill.cli.progress import progress
 
 __all__ = ["compact"]
@@ -26,4 +27,4 @@ def compact(folder: Path) -> None:
         progress(None, "Moving clips") as show,
     ):
         freed = database.compact(show)
-    click.echo(f"{size(freed)} freed" if freed else "nothing to free")
+    print_line(f"{size(freed)} freed" if freed else "nothing to free")

@@ -21,6 +21,7 @@ from priorfill.cli.db.common import (
     total,
     warn_damaged,
 )
+from priorfill.cli.output import print_line
 from priorfill.cli.progress import progress
 from priorfill.errors import ClipError, DatabaseCorruptError, OutputError
 
@@ -99,16 +100,16 @@ def export(
                     _write(path, database, record, overwrite, measured_only)
                 except (ClipError, DatabaseCorruptError) as error:  # the next may be undamaged
                     failures += 1
-                    click.echo(f"priorfill: {error}", err=True)
+                    print_line(f"priorfill: {error}", err=True)
                 else:
                     written.append(record)
-                    click.echo(f"{path}: {title(record)}")
-    click.echo(
+                    print_line(f"{path}: {title(record)}")
+    print_line(
         f"exported {total(written)}" + (f", could not export {failures}" if failures else "")
     )
     mixed = sum(record.has_filled for record in written)
     if mixed and suffix == "c3d" and not measured_only:
-        click.echo(
+        print_line(
             f"note: {count(mixed, 'clip')} with filled samples, which these C3D files do not "
             "distinguish from measured ones (--format npz does; --measured-only leaves them out)",
             err=True,

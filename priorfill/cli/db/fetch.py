@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from priorfill.cli.db.common import count, size
-from priorfill.cli.output import print_table
+from priorfill.cli.output import print_line, print_table
 from priorfill.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def _print_terms(dataset: Dataset, number: int, folder: Path, mirror: str | None
         ("files", f"{number} of {len(dataset.files)}, from {mirror or dataset.base}"),
         ("to", str(folder)),
     ):
-        click.echo(f"{key:<9} {value}", err=True)
+        print_line(f"{key:<9} {value}", err=True)
 
 
 def _download(dataset: Dataset, folder: Path, options: FetchOptions) -> tuple[list[Path], int]:
@@ -152,18 +152,18 @@ def _download(dataset: Dataset, folder: Path, options: FetchOptions) -> tuple[li
             folder,
             options,
             progress=bar.show,
-            notify=lambda text: click.echo(f"note: {text}", err=True),
+            notify=lambda text: print_line(f"note: {text}", err=True),
         )
         for result in _hiding(bar, results):
             if result.failure:
                 failures += 1
-                click.echo(f"priorfill: {result.failure}", err=True)
+                print_line(f"priorfill: {result.failure}", err=True)
                 continue
             verb = "downloaded" if result.new else "there already:"
             number = count(len(result.recordings), "recording")
-            click.echo(f"{verb} {result.path} ({size(result.size)}, {number})")
+            print_line(f"{verb} {result.path} ({size(result.size)}, {number})")
             recordings += result.recordings
-    click.echo(
+    print_line(
         f"{count(len(recordings), 'recording')} in {folder}"
         + (f", could not download {failures}" if failures else "")
     )

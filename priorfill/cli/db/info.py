@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from priorfill.cli.db.common import database_option, json_option, size
-from priorfill.cli.output import duration, print_json
+from priorfill.cli.output import duration, print_json, print_line
 
 __all__ = ["info"]
 
@@ -49,4 +49,4 @@ def info(folder: Path, as_json: bool) -> None:
         ),
         ("size", size(facts.bytes)),
     ):
-        click.echo(f"{name:<12} {value}")
+        print_line(f"{name:<12} {value}")

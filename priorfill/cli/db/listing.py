@@ -16,7 +16,7 @@ from priorfill.cli.db.common import (
     subject_patterns,
     warn_damaged,
 )
-from priorfill.cli.output import print_json, print_table
+from priorfill.cli.output import print_json, print_line, print_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -78,9 +78,9 @@ def list_clips(
     elif records:
         print_table(_COLUMNS, (tuple(_row(record)) for record in records))
     elif known:
-        click.echo(f"{folder}: none of its {len(known)} clips matches")
+        print_line(f"{folder}: none of its {len(known)} clips matches")
     else:
-        click.echo(f"{folder}: the database has no clips")
+        print_line(f"{folder}: the database has no clips")
 
 
 def _row(record: ClipRecord) -> Iterator[str]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from priorfill.cli.db.common import database_option, skipped, total
+from priorfill.cli.output import print_line
 from priorfill.cli.progress import progress
 from priorfill.errors import OptionError
 
@@ -44,8 +45,8 @@ def merge(folder: Path, others: tuple[Path, ...]) -> None:
                 merged = database.merge(source, show)
             damaged += len(merged.damaged)
             for reason in merged.damaged:
-                click.echo(f"priorfill: {reason}", err=True)
-            click.echo(
+                print_line(f"priorfill: {reason}", err=True)
+            print_line(
                 f"{other}: added {total(merged.added)}{skipped(len(merged.skipped))}"
                 + (f", left out {len(merged.damaged)} damaged" if merged.damaged else "")
             )

@@ -13,6 +13,7 @@ from priorfill.cli.db.common import (
     title,
     total,
 )
+from priorfill.cli.output import print_line
 from priorfill.errors import OptionError
 
 if TYPE_CHECKING:
@@ -44,8 +45,8 @@ def remove(folder: Path, subjects: tuple[str, ...], dry_run: bool, names: tuple[
             database.remove(records)
     done = "would remove" if dry_run else "removed"
     for record in records:
-        click.echo(f"{done} {title(record)}")
-    click.echo(f"{done} {total(records)}")
+        print_line(f"{done} {title(record)}")
+    print_line(f"{done} {total(records)}")
 
 
 def choose(

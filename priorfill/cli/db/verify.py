@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from priorfill.cli.db.common import count, database_option
+from priorfill.cli.output import print_line
 from priorfill.cli.progress import progress
 
 __all__ = ["verify"]
@@ -22,7 +23,7 @@ def verify(folder: Path) -> None:
         problems = database.verify(show)
         number = len(database.clips())
     for problem in problems:
-        click.echo(f"priorfill: {problem}", err=True)
+        print_line(f"priorfill: {problem}", err=True)
     if problems:
         click.get_current_context().exit(1)
-    click.echo(f"{count(number, 'clip')} checked, no damage found")
+    print_line(f"{count(number, 'clip')} checked, no damage found")
