@@ -22,6 +22,7 @@ from priorfill.evaluation.summary_tables import (
     MethodRow,
 )
 from priorfill.runtime.atomic_file import replace_file
+from priorfill.runtime.display import csv_cell
 
 __all__ = ["FILES", "Evaluation", "write_results"]
 
@@ -253,7 +254,7 @@ def write_results(folder: Path, evaluation: Evaluation) -> None:
     for name, rows in zip(FILES, (gaps, methods, markers, lengths), strict=False):
         _write_csv(folder / name, rows)
     with replace_file(folder / FILES[-1], overwrite=True) as temporary:
-        text = json.dumps(evaluation.to_dict(), indent=2, ensure_ascii=False)
+        text = json.dumps(evaluation.to_dict(), indent=2)
         temporary.write_text(text + "\n", encoding="utf-8")
 
 
@@ -263,6 +264,8 @@ def _write_csv(file: Path, rows: Sequence[dict[str, Any]]) -> None:
     def cells(row: dict[str, Any]) -> Iterable[Any]:
         for value in row.values():
             known = _known(value)
+            if isinstance(known, str):
+                known = csv_cell(known)
             yield "" if known is None else known
 
     with (

@@ -13,6 +13,7 @@ import numpy as np
 
 from priorfill.errors import FormatError, OutputError
 from priorfill.runtime.atomic_file import check_target, replace_file
+from priorfill.runtime.display import csv_cell
 from priorfill.runtime.npz_file import save_arrays
 
 if TYPE_CHECKING:
@@ -156,7 +157,7 @@ def _save_npz(path: Path, result: Result) -> None:
             "expected_rms": result.expected_rms,
             "error_bound_90": result.error_bound_90,
             "unit": "mm",
-            "provenance": json.dumps(result.provenance.to_dict(), ensure_ascii=False),
+            "provenance": json.dumps(result.provenance.to_dict()),
         },
     )
 
@@ -169,12 +170,12 @@ def _save_table(path: Path, result: Result) -> None:
         writer.writerow(COLUMNS)
         for gap in result.gaps:
             marker = clip.labels.index(gap.label)
-            sources = "; ".join(gap.sources)
+            sources = csv_cell("; ".join(gap.sources))
             for frame in range(gap.start, gap.stop):
                 if result.filled[frame, marker]:
                     writer.writerow(
                         (
-                            gap.label,
+                            csv_cell(gap.label),
                             clip.first_frame + frame,
                             f"{frame / clip.rate:.6f}",
                             _number(result.expected_rms[frame, marker]),
