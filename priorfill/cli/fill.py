@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from priorfill.cli.fill_report import fill_facts, print_fill, print_fill_notes
+from priorfill.cli.option_types import DURATION, FRAMES, as_names
 from priorfill.cli.output import print_json
 from priorfill.cli.progress import progress
 from priorfill.cli.reading import excluding_options, reading_options
@@ -19,19 +20,6 @@ __all__ = ["EXIT_INCOMPLETE", "fill"]
 
 EXIT_INCOMPLETE = 3
 """Exit status: done, but not all gaps could be filled."""
-
-
-def _frames(
-    context: click.Context, parameter: click.Parameter, value: str | None
-) -> tuple[int | None, int | None] | None:
-    """Parse ``A:B``, ``A:`` and ``:B``."""
-    if value is None:
-        return None
-    try:
-        first, last = (int(part) if part.strip() else None for part in value.split(":"))
-    except ValueError:
-        raise click.BadParameter(f"{value!r} is not of the form A:B, as in 100:250") from None
-    return first, last
 
 
 def _values(
@@ -88,18 +76,23 @@ def _values(
 )
 @click.option(
     "--markers",
-    metavar="PATTERN",
+    metavar="A,B,...",
     multiple=True,
-    help="Fill only markers that match ('L*'). Can be repeated.",
+    callback=as_names,
+    help="Fill only these markers: labels, or patterns ('L*'), in any case. Can be repeated.",
 )
 @click.option(
     "--frames",
-    metavar="A:B",
-    callback=_frames,
-    help="Fill only frames A to B, as the file numbers them; either may be omitted.",
+    metavar="A-B",
+    type=FRAMES,
+    help="Fill only frames A to B (92-116 or 92:116), as the file numbers them; either may be "
+    "omitted.",
 )
 @click.option(
-    "--max-gap", metavar="SECONDS", type=float, help="Leave longer gaps alone, each as a whole."
+    "--max-gap",
+    metavar="SECONDS",
+    type=DURATION,
+    help="Leave longer gaps alone, each as a whole; 10f is 10 frames.",
 )
 @click.option("--skip-edges", is_flag=True, help="Leave gaps at the clip's start and end alone.")
 @click.option(
@@ -215,7 +208,16 @@ def _file_options(given: dict[str, Any]) -> FileOptions:
     """Return how files are to be read and written."""
     from priorfill.filling.fill_file import FileOptions
 
-    names = ("subject", "up", "rate", "unit", "uncertainty", "rewrite", "overwrite")
+    names = (
+        "subject",
+        "up",
+        "rate",
+        "unit",
+        "ignore_residuals",
+        "uncertainty",
+        "rewrite",
+        "overwrite",
+    )
     return FileOptions(
         zeros_missing=not given["keep_zeros"],
         add_to_database=given["add_to_database"],

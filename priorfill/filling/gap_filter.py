@@ -13,6 +13,7 @@ from priorfill.clip import Clip
 from priorfill.errors import OptionError
 from priorfill.gaps import Gap, find_gaps
 from priorfill.runtime.option_checks import check_not_text
+from priorfill.runtime.option_texts import Duration, check_positive, close_or_all, seconds_of
 
 __all__ = ["GapFilter", "matching_markers"]
 
@@ -27,11 +28,12 @@ class GapFilter:
     Attributes
     ----------
     markers : tuple of str
-        Shell patterns of labels.
+        Labels, or shell patterns of labels; see `matching_markers`.
     frames : tuple of (int or None, int or None), optional
         First and last frame in the clip's own numbering; None: the clip's first or last frame.
-    max_gap : float, optional
-        Longest gap to fill (s). Longer gaps are left alone as a whole.
+    max_gap : float or str, optional
+        Longest gap to fill, in seconds, or in frames as text (``"10f"``). Longer gaps are left
+        alone as a whole.
     skip_edges : bool
         Leave gaps at the clip's start and end alone.
     strict : bool
@@ -55,21 +57,21 @@ class GapFilter:
 
     markers: tuple[str, ...] = ()
     frames: tuple[int | None, int | None] | None = None
-    max_gap: float | None = None
+    max_gap: Duration | None = None
     skip_edges: bool = False
     strict: bool = True
 
     def __post_init__(self) -> None:
         """Check the fields."""
         check_not_text(self, "markers")
-        if self.max_gap is not None and not self.max_gap > 0:
-            raise OptionError(f"the longest gap to fill is {self.max_gap} s; it must be above 0")
+        if self.max_gap is not None:
+            check_positive(self.max_gap, "the longest gap to fill (`max_gap`)")
         if self.frames is not None and None not in self.frames:
             first, last = self.frames
             assert first is not None
             assert last is not None
             if first > last:
-                raise OptionError(f"frames {first}:{last}: the first is after the last")
+                raise OptionError(f"frames {first}-{last}: the first is after the last")
 
     def for_subjects(self, clips: Sequence[Clip]) -> GapFilter:
         """Return a filter for several subjects of one file; a pattern need not match each.
@@ -104,13 +106,14 @@ class GapFilter:
         """
         wanted = self._wanted(clip)
         within = self._within(clip)
+        longest = np.inf if self.max_gap is None else seconds_of(self.max_gap, clip.rate)
         left: list[tuple[Gap, str]] = []
         for gap in find_gaps(clip.missing):
             seconds = gap.frames / clip.rate
             if not wanted[gap.marker]:
                 left.append((gap, "not one of the requested markers"))
-            elif self.max_gap is not None and seconds > self.max_gap:
-                reason = f"longer than {self.max_gap:g} s, the longest gap to be filled"
+            elif seconds > longest:
+                reason = f"longer than {longest:g} s, the longest gap to be filled"
                 left.append((gap, reason))
             elif self.skip_edges and (gap.start == 0 or gap.stop == clip.frames):
                 left.append((gap, "at the clip's start or end"))
@@ -139,7 +142,7 @@ class GapFilter:
         """Raise OptionError for a pattern that matches no marker."""
         labels = dict.fromkeys(label for clip in clips for label in clip.labels)
         raise OptionError(
-            f"{clips[0].name}: no marker is called {pattern!r}; its markers are {', '.join(labels)}"
+            f"{clips[0].name}: no marker is called {pattern!r}; {close_or_all(pattern, [*labels])}"
         )
 
     def _within(self, clip: Clip) -> range:
@@ -149,7 +152,7 @@ class GapFilter:
         first, last = (own[0] if first is None else first), (own[1] if last is None else last)
         if first > own[1] or last < own[0]:
             raise OptionError(
-                f"{clip.name}: has frames {own[0]}-{own[1]}, none of {first}:{last}; "
+                f"{clip.name}: has frames {own[0]}-{own[1]}, none of {first}-{last}; "
                 "give frames of the clip"
             )
         return range(max(first - own[0], 0), min(last - own[0] + 1, clip.frames))
@@ -163,13 +166,14 @@ def matching_markers(clip: Clip, pattern: str) -> list[int]:
     clip : Clip
         The clip.
     pattern : str
-        A label, or a shell pattern of labels; the subject may precede it (``Anna:L*``). A label
-        that matches exactly takes precedence.
+        A label, or a shell pattern of labels, in any case; the subject may precede it
+        (``Anna:L*``). A label that matches exactly takes precedence.
     """
     names = [(label, f"{clip.subject}:{label}") for label in clip.labels]
     exact = [marker for marker, name in enumerate(names) if pattern in name]
+    any_case = pattern.casefold()
     return exact or [
         marker
         for marker, name in enumerate(names)
-        if any(fnmatchcase(spelling, pattern) for spelling in name)
+        if any(fnmatchcase(spelling.casefold(), any_case) for spelling in name)
     ]

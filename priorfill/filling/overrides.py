@@ -15,8 +15,9 @@ from priorfill.clip import Clip
 from priorfill.errors import OptionError
 from priorfill.filling.gap_filter import matching_markers
 from priorfill.gaps import runs
-from priorfill.methods import METHODS, resolve
+from priorfill.methods import ALIASES, METHODS, resolve
 from priorfill.runtime.option_checks import check_not_text
+from priorfill.runtime.option_texts import close_or_all, parse_frames, parse_names
 
 __all__ = ["LEAVE", "MISSING", "AppliedOverrides", "GapOverride", "Overrides", "read_overrides"]
 
@@ -144,15 +145,15 @@ class Overrides:
             meant = [clip for clip in clips if entry.subject in ("", clip.subject)]
             if not meant:
                 raise OptionError(
-                    f"{self.name}: gap {number}: there is no subject {entry.subject}; there are "
-                    f"{', '.join(clip.subject for clip in clips)}"
+                    f"{self.name}: gap {number}: there is no subject {entry.subject}; "
+                    f"{close_or_all(entry.subject, [clip.subject for clip in clips])}"
                 )
             for pattern in entry.markers:
                 if not any(matching_markers(clip, pattern) for clip in meant):
                     labels = dict.fromkeys(label for clip in meant for label in clip.labels)
                     raise OptionError(
                         f"{self.name}: gap {number}: no marker of {meant[0].name} is called "
-                        f"{pattern!r}; its markers are {', '.join(labels)}"
+                        f"{pattern!r}; {close_or_all(pattern, [*labels])}"
                     )
         return replace(self, strict=len(clips) == 1)
 
@@ -195,7 +196,7 @@ class Overrides:
         last = end if entry.last is None else entry.last
         if not start <= first <= last <= end:
             raise OptionError(
-                f"{self.name}: gap {number}: frames {first}:{last} are not all in {clip.name}, "
+                f"{self.name}: gap {number}: frames {first}-{last} are not all in {clip.name}, "
                 f"which has {start}-{end}"
             )
         return range(first - start, last - start + 1)
@@ -313,14 +314,13 @@ def _read(entry: dict[str, Any], where: str) -> GapOverride:
     if unknown:
         raise OptionError(f"{where}: unknown key {unknown[0]!r}; use {', '.join(_KEYS)}")
     markers = entry.get("marker")
-    markers = [markers] if isinstance(markers, str) else markers
+    markers = list(parse_names(markers)) if isinstance(markers, str) and markers else markers
     if not (isinstance(markers, list) and markers and all(isinstance(m, str) for m in markers)):
         raise OptionError(f"{where}: has no marker; give a label, a pattern, or a list of these")
     do, subject, frames = entry.get("do"), entry.get("subject", ""), entry.get("frames", ":")
-    if not isinstance(do, str) or do not in (LEAVE, MISSING, "auto", "prior", *METHODS):
-        raise OptionError(
-            f"{where}: do is {do!r}; use one of {LEAVE} {MISSING} auto {' '.join(METHODS)}"
-        )
+    actions = (LEAVE, MISSING, "auto", *METHODS)
+    if not isinstance(do, str) or do not in (*actions, *ALIASES):
+        raise OptionError(f"{where}: do is {do!r}; {close_or_all(str(do), actions)}")
     if not isinstance(subject, str):
         raise OptionError(f"{where}: subject is {subject!r}; give a name")
     first, last = _read_frames(frames, where)
@@ -328,18 +328,13 @@ def _read(entry: dict[str, Any], where: str) -> GapOverride:
 
 
 def _read_frames(value: Any, where: str) -> tuple[int | None, int | None]:
-    """Parse 12, "12:40", "12:" and ":40"."""
+    """Read a number, or a text as `parse_frames` does."""
     if type(value) is int:
         return value, value
     try:
-        first, last = (int(part) if part.strip() else None for part in str(value).split(":"))
-    except ValueError:
-        raise OptionError(
-            f'{where}: frames are {value!r}; write "120:180", or a number for one frame'
-        ) from None
-    if first is not None and last is not None and first > last:
-        raise OptionError(f"{where}: frames {first}:{last}: the first is after the last")
-    return first, last
+        return parse_frames(value if isinstance(value, str) else repr(value))
+    except OptionError as error:
+        raise OptionError(f"{where}: {error}") from None
 
 
 def _removal_note(clip: Clip, taken: NDArray[np.bool_]) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 
 from priorfill.errors import OptionError
 from priorfill.methods.task import Method
+from priorfill.runtime.option_texts import close_or_all
 
 __all__ = ["DEFAULT_METHOD", "METHODS", "MethodEntry", "get_method", "get_options", "resolve"]
 
@@ -176,7 +177,7 @@ def resolve(name: str) -> str:
     """
     name = ALIASES.get(name, name)
     if name not in METHODS:
-        raise OptionError(f"there is no method {name!r}; use one of auto {' '.join(METHODS)}")
+        raise OptionError(f"there is no method {name!r}; {close_or_all(name, ['auto', *METHODS])}")
     return name
 
 

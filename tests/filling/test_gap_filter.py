@@ -15,7 +15,7 @@ from priorfill.cli import main
 from priorfill.clip import Clip
 from priorfill.errors import OptionError
 from priorfill.filling.fill_clip import fill
-from priorfill.filling.gap_filter import GapFilter
+from priorfill.filling.gap_filter import GapFilter, matching_markers
 from priorfill.formats import read, write
 
 GAPS = ((0, 20, ("LKNE",)), (60, 150, ARM), (80, 90, ("RKNE", "C7")), (230, 240, ("C7",)))
@@ -51,6 +51,22 @@ def test_longer_gaps_are_left_alone_as_a_whole():
     (left,) = next(gap for gap in result.gaps if gap.label == "LFIN").unfilled
     assert (left.start, left.stop, left.requested) == (60, 150, False)
     assert "longer than 0.5 s" in left.reason
+
+
+def test_the_longest_gap_in_frames():
+    for frames in (10, 20):
+        result = fill(clip(), method="linear", gap_filter=GapFilter(max_gap=f"{frames}f"))
+        for gap in result.gaps:
+            assert gap.filled == (gap.frames if gap.frames <= frames else 0)
+
+
+def test_markers_in_any_case():
+    exact = filled_of(GapFilter(markers=("LKNE", "LWR*")))
+    np.testing.assert_array_equal(filled_of(GapFilter(markers=("lkne", "lWr*"))), exact)
+    # a label that matches exactly takes precedence over one that differs in case
+    both = replace(clip(), labels=tuple("lkne" if x == "C7" else x for x in clip().labels))
+    (marker,) = matching_markers(both, "lkne")
+    assert both.labels[marker] == "lkne"
 
 
 def test_edges():
@@ -113,9 +129,11 @@ def test_the_rest_is_filled_as_without_a_filter():
 @pytest.mark.parametrize(
     ("fields", "word"),
     [
-        ({"markers": ("LKNEE",)}, "LKNEE"),
+        ({"markers": ("LKNEE",)}, r"'LKNEE'; did you mean LKNE"),
+        ({"max_gap": "0f"}, "max_gap.* is 0f; it must be above 0"),
+        ({"max_gap": "ten"}, "write seconds, as 0.25"),
         ({"frames": (241, 300)}, "0-239"),
-        ({"frames": (20, 10)}, "20:10"),
+        ({"frames": (20, 10)}, "20-10"),
         ({"max_gap": 0.0}, "above 0"),
         ({"max_gap": float("nan")}, "nan"),
     ],
@@ -135,5 +153,10 @@ def test_the_command_line(here):
     assert "left alone: 540 samples of 6 markers" in result.stderr
     assert "unfilled" not in result.stderr
     assert read("out.c3d").missing.sum() == clip().missing.sum() - 20
-    assert run(main, [*common, "--frames", "60-90"]).exit_code == 2
-    assert run(main, [*common, "--markers", "HIP"]).exit_code == 1
+    for frames in ("61-81", "61:81"):
+        ranged = run(main, [*common, "--frames", frames, "--markers", "lkne,lfin", "--markers=C7"])
+        assert "filled 21 samples" in ranged.stdout, ranged.output
+    in_frames = run(main, [*common, "--max-gap", "10f"])
+    in_seconds = run(main, [*common, "--max-gap", f"{10 / person().rate}s"])
+    assert in_frames.stdout == in_seconds.stdout
+    assert "filled 30 samples" in in_frames.stdout

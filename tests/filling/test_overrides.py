@@ -143,13 +143,13 @@ def test_overrides_from_python():
     ("text", "words"),
     [
         ('[[gap]]\nmarker = "HIP"\ndo = "leave"', "gap 1: no marker of .* is called 'HIP'"),
-        ('[[gap]]\nmarker = "C7"\nframes = "90:120"\ndo = "leave"', r"90:120 .* has 101-340"),
+        ('[[gap]]\nmarker = "C7"\nframes = "90:120"\ndo = "leave"', r"90-120 .* has 101-340"),
         ('[[gap]]\nmarker = "C7"\nframes = "120:110"\ndo = "leave"', "first is after the last"),
-        ('[[gap]]\nmarker = "C7"\nframes = "120-130"\ndo = "leave"', 'write "120:180"'),
-        ('[[gap]]\nmarker = "C7"\nframes = 1.5\ndo = "leave"', 'write "120:180"'),
+        ('[[gap]]\nmarker = "C7"\nframes = "120-130-140"\ndo = "leave"', 'write 92-116'),
+        ('[[gap]]\nmarker = "C7"\nframes = 1.5\ndo = "leave"', 'write 92-116'),
         (
             '[[gap]]\nmarker = "C7"\ndo = "guess"',
-            "do is 'guess'; use one of leave missing auto gpr",
+            "do is 'guess'; use one of leave, missing, auto, gpr",
         ),
         ('[[gap]]\nmarker = "C7"', "do is None"),
         ('[[gap]]\ndo = "leave"', "has no marker"),
