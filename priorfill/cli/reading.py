@@ -32,6 +32,11 @@ _MARKER_SET = click.option(
 _KEEP_ZEROS = click.option(
     "--keep-zeros", is_flag=True, help="Treat samples at exactly (0, 0, 0) as measured."
 )
+_IGNORE_RESIDUALS = click.option(
+    "--ignore-residuals",
+    is_flag=True,
+    help="Treat samples with a negative residual as measured.",
+)
 
 _NOT_NAMES = click.option(
     "--exclude-motion",
@@ -55,32 +60,41 @@ def excluding_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def reading_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the options ``up rate unit subject marker_set keep_zeros``."""
-    return _with((_UP, _RATE, _UNIT, _SUBJECT, _MARKER_SET, _KEEP_ZEROS), command)
+    """Give a command all options of this kind, for `read_clip`."""
+    options = (_UP, _RATE, _UNIT, _SUBJECT, _MARKER_SET, _KEEP_ZEROS, _IGNORE_RESIDUALS)
+    return _with(options, command)
 
 
 def file_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the options ``up rate unit keep_zeros``, for `as_reading`."""
-    return _with((_UP, _RATE, _UNIT, _KEEP_ZEROS), command)
+    """Give a command the options ``up rate unit keep_zeros ignore_residuals``, for `as_reading`."""
+    return _with((_UP, _RATE, _UNIT, _KEEP_ZEROS, _IGNORE_RESIDUALS), command)
 
 
 def as_reading(
-    *, up: str | None, rate: float | None, unit: str | None, keep_zeros: bool
+    *,
+    up: str | None,
+    rate: float | None,
+    unit: str | None,
+    keep_zeros: bool,
+    ignore_residuals: bool = False,
 ) -> dict[str, Any]:
     """Return `file_options` as the arguments of `priorfill.formats.read`."""
-    return {"zeros_missing": not keep_zeros, "up": up, "rate": rate, "unit": unit}
+    return {
+        "zeros_missing": not keep_zeros,
+        "up": up,
+        "rate": rate,
+        "unit": unit,
+        "ignore_residuals": ignore_residuals,
+    }
 
 
 def read_clip(
     file: Path,
     *,
-    up: str | None,
-    rate: float | None,
-    unit: str | None,
     subject: str | None,
     marker_set: str | None,
-    keep_zeros: bool,
     read: Callable[..., Clip] | None = None,
+    **reading: Any,
 ) -> tuple[Clip, MarkerSet | None]:
     """Read a clip, and load the marker set if one is named.
 
@@ -88,10 +102,12 @@ def read_clip(
     ----------
     file : Path
         The file.
-    up, rate, unit, subject, marker_set, keep_zeros
+    subject, marker_set
         The values of `reading_options`.
     read : callable, optional
         Used in place of `priorfill.formats.read`.
+    **reading
+        The other values of `reading_options`, as for `as_reading`.
 
     Returns
     -------
@@ -102,8 +118,7 @@ def read_clip(
     from priorfill.markers import definitions
 
     definition = definitions.load(marker_set) if marker_set else None
-    reading = as_reading(up=up, rate=rate, unit=unit, keep_zeros=keep_zeros)
-    clip = (read or formats.read)(file, subject=subject, **reading)
+    clip = (read or formats.read)(file, subject=subject, **as_reading(**reading))
     return clip, definition
 
 

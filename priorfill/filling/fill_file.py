@@ -34,7 +34,7 @@ class FileOptions:
     ----------
     subject : str or None
         The subject to fill; all subjects of the file by default.
-    up, rate, unit, zeros_missing
+    up, rate, unit, zeros_missing, ignore_residuals
         How to interpret the file; see `priorfill.read`.
     uncertainty : Path or str, optional
         File for the expected error of each filled sample, .npz or .csv. It appears together with
@@ -61,6 +61,7 @@ class FileOptions:
     rate: float | None = None
     unit: str | None = None
     zeros_missing: bool = True
+    ignore_residuals: bool = False
     uncertainty: Path | str | None = None
     rewrite: bool = False
     overwrite: bool = False
@@ -69,7 +70,7 @@ class FileOptions:
     @property
     def reading(self) -> dict[str, Any]:
         """Keyword arguments of `priorfill.read`."""
-        names = ("subject", "up", "rate", "unit", "zeros_missing")
+        names = ("subject", "up", "rate", "unit", "zeros_missing", "ignore_residuals")
         return {name: getattr(self, name) for name in names}
 
 
@@ -228,7 +229,7 @@ def _check(
         )
     if files.add_to_database:
         if database is None:
-            raise OptionError("the result cannot be added to a database; give one (--database)")
+            raise OptionError("the result cannot be added to a database; give one (`database`)")
         if can_create_database(Path(database)):
             database = None
     return database, overrides
@@ -246,15 +247,24 @@ def _read_same_subject(
     for path in map(Path, paths):
         if path.exists() and path.samefile(source):
             raise OptionError(
-                f"{path}: is the file to be filled; --same-subject takes another recording of the "
+                f"{path}: is the file to be filled; `same_subject` takes another recording of the "
                 "same subject"
             )
         if len(clips) == 1:
             found.append(
-                formats.read(path, subject=files.subject, zeros_missing=files.zeros_missing)
+                formats.read(
+                    path,
+                    subject=files.subject,
+                    zeros_missing=files.zeros_missing,
+                    ignore_residuals=files.ignore_residuals,
+                )
             )
             continue
-        there = read_subjects(path, zeros_missing=files.zeros_missing)
+        there = read_subjects(
+            path,
+            zeros_missing=files.zeros_missing,
+            ignore_residuals=files.ignore_residuals,
+        )
         matching = [clip for clip in there if clip.subject in names]
         found += matching or there  # `fill` reports a recording of none of the subjects
     return found
@@ -316,4 +326,6 @@ def _not_added(
             command += [f"--{name}", str(value)]
     if not files.zeros_missing:
         command.append("--keep-zeros")
+    if files.ignore_residuals:
+        command.append("--ignore-residuals")
     return DatabaseError(f"{reason}; add it later with: {shlex.join(command)}")

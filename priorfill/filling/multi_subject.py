@@ -27,6 +27,7 @@ def read_subjects(
     rate: float | None = None,
     unit: str | None = None,
     subject: str | None = None,
+    ignore_residuals: bool = False,
 ) -> tuple[Clip, ...]:
     """Read a motion-capture file, one clip for each subject.
 
@@ -44,6 +45,8 @@ def read_subjects(
         Unit of length (mm, cm, m, ...) that replaces the file's.
     subject : str or None
         Read this subject only.
+    ignore_residuals : bool
+        Take samples as measured whose residual in the file marks them as missing.
 
     Returns
     -------
@@ -79,6 +82,7 @@ def read_subjects(
         "up": up,
         "rate": rate,
         "unit": unit,
+        "ignore_residuals": ignore_residuals,
     }
     try:
         return (read(path, subject=subject, **options),)
@@ -111,7 +115,7 @@ def assign_same_subject(
             name = other.name if other.source is None else str(other.source.path)
             raise OptionError(
                 f"{name}: does not state whether it is of {', '.join(subjects)}; fill one of them "
-                "at a time (--subject)"
+                "at a time (`subject`)"
             )
     return [tuple(o for o in same_subject if o.subject == subject) for subject in subjects]
 
@@ -218,12 +222,12 @@ def _merge_clips(clips: Sequence[Clip]) -> Clip:
         if clip.up != first.up:
             raise ClipError(
                 f"{first.name}: the up axis is {first.up} for {first.subject} and {clip.up} for "
-                f"{clip.subject}; give the right one (--up)"
+                f"{clip.subject}; give the right one (`up`)"
             )
     if len({source.mm_per_unit for source in sources}) > 1:
         raise ClipError(
             f"{first.name}: its subjects differ in their unit of length; "
-            "give the right one (--unit)"
+            "give the right one (`unit`)"
         )
     return replace(
         first,

@@ -256,6 +256,7 @@ def read(
     rate: float | None = None,
     unit: str | None = None,
     subject: str | None = None,
+    ignore_residuals: bool = False,
 ) -> Clip:
     """Read the markers of a motion-capture file.
 
@@ -273,6 +274,8 @@ def read(
         Unit of length (mm, cm, m, ...) that replaces the file's.
     subject : str or None
         The subject whose markers are read, if the file holds several.
+    ignore_residuals : bool
+        Take samples as measured whose residual in the file marks them as missing.
 
     Returns
     -------
@@ -314,7 +317,8 @@ def read(
         raise FormatError(f"{path}: is a folder; give the name of a file")
     if not path.exists():
         raise FormatError(f"{path}: there is no such file; check the name")
-    return FORMATS[format_of(path)].read(path, ReadOptions(zeros_missing, up, rate, unit, subject))
+    options = ReadOptions(zeros_missing, up, rate, unit, subject, ignore_residuals)
+    return FORMATS[format_of(path)].read(path, options)
 
 
 def write(
@@ -386,7 +390,8 @@ def write(
         if filled is None:
             raise OptionError(
                 f"{clip.name}: a copy of its source file needs the mask of filled samples; "
-                "give filled"
+                "give `filled`, or, for a new file, a clip without its source "
+                "(dataclasses.replace(clip, source=None))"
             )
         return copy(path, clip, filled, overwrite=overwrite)
     if source is not None:
@@ -431,7 +436,7 @@ def _check_rewriting(path: Path, form: str, source: str | None) -> None:
     """Raise OptionError if a source of one format cannot be rewritten in another."""
     if form != source or FORMATS[form].rewrite is None:
         raise OptionError(
-            f"{path}: only a C3D file is rewritten, as a C3D file; leave --rewrite out"
+            f"{path}: only a C3D file is rewritten, as a C3D file; leave `rewrite` out"
         )
 
 

@@ -52,6 +52,8 @@ class ReadOptions:
         Unit of length (mm, cm, m, ...) that replaces the file's.
     subject : str or None
         The subject whose markers are read; needed if the file holds several.
+    ignore_residuals : bool
+        Take samples as measured whose residual in the file marks them as missing.
 
     Raises
     ------
@@ -64,6 +66,7 @@ class ReadOptions:
     rate: float | None = None
     unit: str | None = None
     subject: str | None = None
+    ignore_residuals: bool = False
 
     def __post_init__(self) -> None:
         if self.rate is not None and not (np.isfinite(self.rate) and self.rate > 0):
@@ -79,7 +82,7 @@ class Recording:
     Attributes
     ----------
     positions : ndarray [shape=(frames, points, 3), file units]
-        NaN where the sample is missing according to the file.
+        NaN where the file has no coordinates.
     labels : tuple of str
         Labels as spelled in the file, including the subject's prefix.
     rate : float or None
@@ -90,6 +93,8 @@ class Recording:
         Number of the first frame.
     up : str
         The up axis declared by the file; empty if absent.
+    up_sign_declared : bool
+        Whether the program that wrote the file gives the sign of that axis a meaning.
     default_up : str
         The customary up axis of the format, used if nothing else determines it.
     prefixes : tuple of str
@@ -106,7 +111,8 @@ class Recording:
     interpolated : ndarray [shape=(frames, points), bool] or None
         Which samples the file declares as filled.
     residuals : ndarray [shape=(frames, points)] or None
-        Residual of each sample, where 0 may mean "interpolated"; used if `interpolated` is None.
+        Residual of each sample. A negative one marks the sample as missing; 0 may mean
+        "interpolated", if `interpolated` is None.
     """
 
     positions: NDArray[np.float64]
@@ -115,6 +121,7 @@ class Recording:
     unit: str
     first_frame: int = 1
     up: str = ""
+    up_sign_declared: bool = True
     default_up: str = "+Z"
     prefixes: tuple[str, ...] = ()
     subjects: tuple[str, ...] = ()
@@ -227,6 +234,7 @@ def make_clip(
     for count, what in zip(recording.positions.shape, ("frames", "points"), strict=False):
         if count == 0:
             raise ClipError(f"{name}: has no {what}; there is nothing to fill")
+    residual_notes = _blank_invalid_samples(recording, options)
     blank_incomplete_samples(recording.positions)
     markers, zero = _choose_markers(recording, options, name)
     points, labels = list(markers.names), tuple(markers.names.values())
@@ -237,11 +245,16 @@ def make_clip(
     kept *= mm_per_unit
     kept.setflags(write=False)  # so that the clip need not copy it
     up, up_found_from, up_notes = find_up_axis(
-        kept, labels, recording.up, options.up, recording.default_up
+        kept,
+        labels,
+        recording.up,
+        options.up,
+        recording.default_up,
+        sign_declared=recording.up_sign_declared,
     )
     rate = recording.rate if options.rate is None else options.rate
     if rate is None or not (np.isfinite(rate) and rate > 0):
-        raise ClipError(f"{name}: has no frame rate; give the frames per second (--rate)")
+        raise ClipError(f"{name}: has no frame rate; give the frames per second (`rate`)")
     source = None
     if path is not None:
         source = Source(
@@ -254,7 +267,7 @@ def make_clip(
             up_found_from=up_found_from,
             zero_samples=int(zero[:, points].sum()),
             left_out=_by_label(markers.left_out, recording.labels),
-            notes=(*recording.notes, *markers.notes, *unit_notes, *up_notes),
+            notes=(*recording.notes, *residual_notes, *markers.notes, *unit_notes, *up_notes),
             interpolated=_interpolated_samples(recording, points, ~np.isnan(kept[:, :, 0])),
             format=format,
         )
@@ -268,6 +281,25 @@ def make_clip(
         first_frame=recording.first_frame,
         source=source,
     )
+
+
+def _blank_invalid_samples(recording: Recording, options: ReadOptions) -> list[str]:
+    """Blank samples with a negative residual in place; return what the user should know."""
+    if recording.residuals is None:
+        return []
+    invalid = recording.residuals < 0
+    if not invalid.any():
+        return []
+    if options.ignore_residuals:
+        return [f"{int(invalid.sum())} samples with a negative residual are taken as measured."]
+    notes = []
+    if invalid.all() and (recording.positions[np.isfinite(recording.positions)] != 0).any():
+        notes = [
+            "All samples have a negative residual, which marks them as missing, although the file "
+            "has coordinates; if they are measured, read it with `ignore_residuals`."
+        ]
+    recording.positions[invalid] = np.nan
+    return notes
 
 
 def _choose_markers(

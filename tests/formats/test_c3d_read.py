@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import struct
 import time
 import tracemalloc
 from pathlib import Path
@@ -263,9 +264,32 @@ def test_cut_short(save, is_float):
     )
 
 
+@pytest.mark.parametrize("beyond", [3, 400, 30000])
+def test_the_last_parameter_may_point_past_its_section(save, beyond):
+    content = C3DFile(standing(), LABELS, parameters={"SUBJECTS": {"NAMES": ["P1"]}})
+    whole = content.bytes()
+    name = b"NAMES"
+    at = whole.index(name) + len(name)
+    data = bytearray(whole)
+    data[at : at + 2] = struct.pack("<H", content.data_start() + beyond - at)
+    clip = read_c3d(save(bytes(data)))
+    np.testing.assert_array_equal(clip.positions, read_c3d(save(whole)).positions)
+    assert clip.subject == "P1"
+    assert clip.source.notes == read_c3d(save(whole)).source.notes
+
+
+def test_parameters_hidden_by_a_wrong_offset_are_noted(save):
+    whole = C3DFile(standing(), LABELS, parameters={"SUBJECTS": {"NAMES": ["P1"]}}).bytes()
+    at = whole.index(b"UNITS") + 5
+    data = bytearray(whole)
+    data[at : at + 2] = struct.pack("<H", 30000)
+    clip = read_c3d(save(bytes(data)))
+    assert any("parameter UNITS points past" in note for note in clip.source.notes)
+
+
 def test_cut_within_the_parameters(save):
     whole = C3DFile(standing(), LABELS).bytes()
-    with pytest.raises(FormatError, match="damaged or cut short"):
+    with pytest.raises(FormatError, match=r"damaged.*copy or export"):
         read_c3d(save(whole[:600]))
 
 
@@ -285,6 +309,31 @@ def test_a_damaged_file_gives_one_line_or_a_clip(save, data):
         assert "\n" not in str(error)
 
 
+def test_residuals_that_mark_everything_as_missing(save):
+    records = standing()
+    records[:, :, 3] = -1
+    path = save(C3DFile(records, LABELS))
+    clip = read_c3d(path)
+    assert clip.missing.all()
+    assert any("read it with --ignore-residuals" in note for note in clip.source.notes)
+    measured = read_c3d(path, ignore_residuals=True)
+    np.testing.assert_allclose(measured.positions, records[:, :, :3], rtol=1e-6)
+    assert any("taken as measured" in note for note in measured.source.notes)
+    records[:, :, :3] = 0  # nothing to read
+    path = save(C3DFile(records, LABELS))
+    assert not any("residual" in note for note in read_c3d(path).source.notes)
+    assert read_c3d(path, ignore_residuals=True).missing.all()
+
+
+def test_ignored_residuals_keep_what_has_no_coordinates(save):
+    records = standing()
+    records[3, 2, :3] = 0
+    records[4, 2, :3] = np.nan
+    records[3:6, 2, 3] = -1
+    clip = read_c3d(save(C3DFile(records, LABELS)), ignore_residuals=True)
+    assert np.argwhere(clip.missing).tolist() == [[3, 2], [4, 2]]
+
+
 def test_no_frames(save):
     with pytest.raises(ClipError, match="has no frames"):
         read_c3d(save(C3DFile(standing()[:0], LABELS)))
@@ -297,7 +346,7 @@ def test_no_points(save):
 
 def test_no_rate(save):
     path = save(C3DFile(standing(), LABELS, rate=0.0))
-    with pytest.raises(ClipError, match=r"has no frame rate; .*\(--rate\)"):
+    with pytest.raises(ClipError, match=r"has no frame rate; .*\(`rate`\)"):
         read_c3d(path)
     assert read_c3d(path, rate=50).rate == 50
     with pytest.raises(OptionError, match="not positive"):
@@ -605,7 +654,7 @@ def test_two_subjects(save):
     records = np.concatenate([standing(seed=1), standing(seed=2)], axis=1)
     labels = [f"{who}:{label}" for who in ("Ben", "Anna") for label in LABELS]
     path = save(C3DFile(records, labels))
-    with pytest.raises(ClipError, match=r"2 subjects \(Anna, Ben\); choose one \(--subject"):
+    with pytest.raises(ClipError, match=r"2 subjects \(Anna, Ben\); choose one \(`subject`\)"):
         read_c3d(path)
     clip = read_c3d(path, subject="Anna")
     assert clip.subject == "Anna"
@@ -760,7 +809,7 @@ def test_metres_labelled_mm(save):
     records = standing()
     records[:, :, :3] /= 1000
     path = save(C3DFile(records, LABELS))
-    with pytest.raises(ClipError, match=r"spread over 1\.6\d mm .* metres; .*--unit m\)"):
+    with pytest.raises(ClipError, match=r"spread over 1\.6\d mm .* metres; .*`unit` m\)"):
         read_c3d(path)
     np.testing.assert_allclose(read_c3d(path, unit="m").positions, standing()[:, :, :3], rtol=1e-5)
     with pytest.raises(OptionError, match="unit 'furlong' is unknown"):
@@ -768,7 +817,7 @@ def test_metres_labelled_mm(save):
 
 
 def test_millimetres_labelled_metres(save):
-    with pytest.raises(ClipError, match="--unit mm"):
+    with pytest.raises(ClipError, match="`unit` mm"):
         read_c3d(save(C3DFile(standing(), LABELS, units="m")))
 
 
@@ -803,8 +852,15 @@ def test_up_from_the_floor(up):
     assert up_from_floor(turn(body, up)) == up
 
 
-def test_an_upright_body_overrules_the_file():
-    body, labels = standing()[:, :, :3], tuple(LABELS)
+def walking_body() -> tuple[np.ndarray, tuple[str, ...]]:
+    """Return a body that moves one metre along X."""
+    body = standing()[:, :, :3]
+    body[:, :, 0] += np.linspace(0, 1000, len(body))[:, None]
+    return body, tuple(LABELS)
+
+
+def test_a_body_that_moves_about_overrules_the_file():
+    body, labels = walking_body()
     assert find_up_axis(body, labels, "+Z", None) == ("+Z", "file", [])
     assert find_up_axis(body, labels, "Z", None) == ("+Z", "file", [])
     up, found, notes = find_up_axis(body, labels, "+Y", None)
@@ -815,10 +871,51 @@ def test_an_upright_body_overrules_the_file():
         find_up_axis(body, labels, "+Z", "W")
 
 
+@pytest.mark.parametrize("along", ["+X", "-X", "+Y", "-Y"])
+def test_a_lying_body_does_not_overrule_the_file(along):
+    body, labels = turn(standing()[:, :, :3], along), tuple(LABELS)
+    up, found, notes = find_up_axis(body, labels, "+Z", None)
+    assert (up, found) == ("+Z", "file")
+    assert notes == [f"The body lies along {along}; +Z of the file is used (see `up`)."]
+
+
+def test_a_lying_body_in_a_file_without_axis():
+    body, labels = turn(standing()[:, :, :3], "+X"), tuple(LABELS)
+    up, found, notes = find_up_axis(body, labels, "", None)
+    assert (up, found) == ("+Z", "default")
+    assert notes == ["The body lies along +X; +Z is assumed to be up (see `up`)."]
+    walks, _ = walking_body()
+    assert find_up_axis(turn(walks, "+X"), labels, "", None)[:2] == ("+X", "data")
+    # laboratories with Y up are common
+    assert find_up_axis(turn(body, "+X"), labels, "", None)[:2] != ("+X", "data")
+
+
+@pytest.mark.parametrize("labels", [tuple(LABELS), tuple("ABCDEFGHIJ")])
+@pytest.mark.parametrize("maker", [{}, {"COMPANY": ["Qualisys"]}, {"SOFTWARE": ["QTM 2020.3"]}])
+def test_a_file_with_minus_z_up(save, labels, maker):
+    parameters = {"POINT": {"Y_SCREEN": ["-Z"]}}
+    if maker:
+        parameters["MANUFACTURER"] = maker
+    clip = read_c3d(save(C3DFile(standing(), list(labels), parameters=parameters)))
+    named = labels == tuple(LABELS)
+    assert clip.up == ("+Z" if named or maker else "-Z")
+    assert clip.source.up_found_from == ("data" if named or maker else "file")
+    assert len([note for note in clip.source.notes if "states that -Z is up" in note]) == (
+        1 if named or maker else 0
+    )
+
+
+def test_names_of_the_cast_protocol_show_the_up_axis():
+    labels = ("L_FCC", "R_FM1", "L_FLE", "R_IAS", "CV7")
+    body = np.zeros((5, 5, 3))
+    body[:, :, 1] = [50, 60, 450, 950, 1400]
+    assert up_from_names(body, labels) == "+Y"
+
+
 def test_default_up_axis():
     up, found, notes = find_up_axis(np.zeros((5, 2, 3)), ("A", "B"), "", None)
     assert (up, found) == ("+Z", "default")
-    assert "--up" in notes[0]
+    assert "`up`" in notes[0]
 
 
 # --- real recordings -------------------------------------------------------------------

@@ -54,6 +54,7 @@ def read_skeleton(
     rate: float | None,
     unit: str | None,
     keep_zeros: bool = False,
+    ignore_residuals: bool = False,
 ) -> Clip:
     """Read a skeleton motion and compute virtual markers from it.
 
@@ -65,9 +66,9 @@ def read_skeleton(
         The markers to compute.
     skeleton : Path or None
         The ASF file of AMC files, in place of the one of the same name.
-    up, rate, unit, keep_zeros
+    up, rate, unit, keep_zeros, ignore_residuals
         The options of `priorfill.cli.reading.file_options`. The unit may be a number of mm;
-        `keep_zeros` has no effect.
+        `keep_zeros` and `ignore_residuals` have no effect.
 
     Raises
     ------

@@ -69,6 +69,8 @@ class C3DLayout:
         All the parameters.
     contradictions : tuple of str
         Contradictions in the file and how they were resolved, one sentence each.
+    notes : tuple of str
+        What else the user should know about the file, one sentence each.
     """
 
     processor: Processor
@@ -83,6 +85,7 @@ class C3DLayout:
     labels: tuple[str, ...]
     parameters: C3DParameters
     contradictions: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def word_bytes(self) -> int:
@@ -194,6 +197,7 @@ def parse_layout(data: FileBytes, name: str) -> C3DLayout:
         labels=tuple(labels),
         parameters=parameters,
         contradictions=(*contradictions, *rate_contradiction),
+        notes=(parameters.note,) if parameters.note else (),
     )
 
 
@@ -327,7 +331,7 @@ def _rate(header: C3DHeader, parameters: C3DParameters) -> tuple[float, list[str
         return rate, []
     return rate, [
         f"The file contradicts itself on its rate; {rate:g} Hz of its parameters is used, not "
-        f"{stated[-1]:g} Hz of its header (--rate replaces both)."
+        f"{stated[-1]:g} Hz of its header (`rate` replaces both)."
     ]
 
 

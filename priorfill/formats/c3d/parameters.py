@@ -6,6 +6,7 @@ import math
 import mmap
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,13 +85,20 @@ class C3DParameters:
     regular : bool
         Whether each record, including its description, ends where the next begins. If not, a
         reader that relies on the descriptions' lengths misreads the section.
+    note : str
+        What the user should know about the section; empty if nothing.
     """
 
     def __init__(
-        self, values: dict[tuple[str, str], ParameterValue], *, regular: bool = True
+        self,
+        values: dict[tuple[str, str], ParameterValue],
+        *,
+        regular: bool = True,
+        note: str = "",
     ) -> None:
         self._values = values
         self.regular = regular
+        self.note = note
 
     def items(self) -> Iterator[tuple[tuple[str, str], ParameterValue]]:
         """Yield ((group, name), contents) of each parameter in the file's order."""
@@ -219,8 +227,8 @@ def parse_parameters(
     """
     groups: dict[int, str] = {}
     found: list[tuple[int, str, ParameterValue]] = []
-    regular = True
-    for identity, label, body in _records(data, header, processor, name):
+    regular, note = True, ""
+    for identity, label, body, ending in _records(data, header, processor, name):
         if identity < 0:
             groups.setdefault(-identity, label)
             described = 0
@@ -229,18 +237,39 @@ def parse_parameters(
             found.append((identity, label, value))
         # followed by the length of the description, and the description
         rest = body[described:]
-        regular = regular and len(rest) > 0 and len(rest) == 1 + rest[0]
+        if ending is not _Ending.NEXT:  # and by the padding of the section
+            used = 1 + rest[0] if rest else 1
+            rest = rest[:used] + rest[used:].rstrip(b"\0")
+        in_order = len(rest) > 0 and len(rest) == 1 + rest[0]
+        regular = regular and in_order
+        if ending is _Ending.BEYOND and not in_order:
+            note = (
+                f"The offset of parameter {label} points past the parameter section; "
+                "parameters after it, if there are any, are not read."
+            )
     values: dict[tuple[str, str], ParameterValue] = {}
     for identity, label, value in found:
         # a parameter may precede its group, so groups are resolved at the end
         values.setdefault((groups.get(identity, ""), label), value)
-    return C3DParameters(values, regular=regular)
+    return C3DParameters(values, regular=regular, note=note)
+
+
+class _Ending(Enum):
+    """Where the offset of a parameter record points."""
+
+    NEXT = "to the next record"
+    LAST = "nowhere: it is 0, which marks the last record"
+    BEYOND = "past the section, which also occurs in the last record"
 
 
 def _records(
     data: FileBytes, header: C3DHeader, processor: Processor, name: str
-) -> Iterator[tuple[int, str, bytes]]:
-    """Yield identity, name and body of each record, a group (identity < 0) or a parameter."""
+) -> Iterator[tuple[int, str, bytes, _Ending]]:
+    """Yield identity, name and body of each record, and where its offset points.
+
+    A record is a group (identity < 0) or a parameter. The body of the last one extends to the end
+    of the section.
+    """
     at = header.parameter_start + 4
     end = (header.data_block - 1) * BLOCK
     if end <= at:
@@ -260,10 +289,13 @@ def _records(
             raise damaged
         offset = int(decode_integers(data[offset_at : offset_at + 2], processor)[0]) & 0xFFFF
         following = offset_at + offset if offset else end  # 0: the last record
-        if following > end or (offset and offset < 3):
+        if offset and offset < 3:
             raise damaged
         label = _text(data[at + 2 : offset_at]).upper()
-        yield identity, label, data[offset_at + 2 : following]
+        ending = _Ending.LAST if offset == 0 else _Ending.NEXT
+        if following > end:
+            ending, following = _Ending.BEYOND, end
+        yield identity, label, data[offset_at + 2 : following], ending
         at = following
 
 

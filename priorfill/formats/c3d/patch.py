@@ -186,7 +186,7 @@ def _check_range(plan: PatchPlan, clip: Clip) -> None:
             f"{clip.name}: the filled position of {clip.labels[plan.markers[first]]} in frame "
             f"{clip.first_frame + int(plan.frames[first])} is "
             f"{np.abs(plan.in_units[first]).max():.4g} file units from the origin; the integers of "
-            f"this file end at {limit:.4g}: write a file with float coordinates (--rewrite)"
+            f"this file end at {limit:.4g}: write a file with float coordinates (`rewrite`)"
         )
 
 

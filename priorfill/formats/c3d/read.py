@@ -8,9 +8,8 @@ a parameter, more than 65535 frames), and hangs or crashes on malformed ones.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-
-import numpy as np
 
 from priorfill.clip import Clip
 from priorfill.formats.c3d.layout import parse_layout, read_points
@@ -22,6 +21,9 @@ __all__ = ["parse_c3d", "read_c3d", "read_c3d_bytes"]
 
 MAX_C3D_BYTES = 4_000_000_000
 """Size limit of a file: 11 hours of 50 markers at 120 Hz. A fill takes ten times that in memory."""
+
+_QUALISYS = re.compile(r"qualisys|\bQTM\b", re.IGNORECASE)
+"""Makers of files in which the sign of the screen axes has no meaning."""
 
 _OUTPUT_GROUPS = (
     *("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS", "BONES"),
@@ -41,6 +43,7 @@ def read_c3d(
     rate: float | None = None,
     unit: str | None = None,
     subject: str | None = None,
+    ignore_residuals: bool = False,
 ) -> Clip:
     """Read the markers of a C3D file.
 
@@ -59,6 +62,8 @@ def read_c3d(
         Unit of length (mm, cm, m, ...) that replaces the file's.
     subject : str or None
         The subject whose markers are read, if the file holds several.
+    ignore_residuals : bool
+        Take samples as measured whose residual in the file marks them as missing.
 
     Returns
     -------
@@ -81,7 +86,7 @@ def read_c3d(
     priorfill.read : Read a file of any format.
     priorfill.formats.write_c3d : Write a copy of the file with the gaps filled.
     """
-    options = ReadOptions(zeros_missing, up, rate, unit, subject)
+    options = ReadOptions(zeros_missing, up, rate, unit, subject, ignore_residuals)
     return clip_from_file(Path(path), options, "c3d", parse_c3d, read_c3d_bytes)
 
 
@@ -98,7 +103,7 @@ def parse_c3d(data: bytes, name: str) -> Recording:
     Returns
     -------
     Recording
-        All points. Samples with a negative residual are missing.
+        All points, with the residuals of the samples.
 
     Raises
     ------
@@ -109,7 +114,6 @@ def parse_c3d(data: bytes, name: str) -> Recording:
     """
     layout = parse_layout(data, name)
     positions, residuals = read_points(data, layout)
-    positions[residuals < 0] = np.nan
     parameters = layout.parameters
     return Recording(
         positions,
@@ -118,10 +122,11 @@ def parse_c3d(data: bytes, name: str) -> Recording:
         next(iter(parameters.texts("POINT", "UNITS")), ""),
         first_frame=layout.first_frame,
         up=next(iter(parameters.texts("POINT", "Y_SCREEN")), ""),
+        up_sign_declared=not _is_from_qualisys(parameters),
         prefixes=tuple(parameters.texts("SUBJECTS", "LABEL_PREFIXES")),
         subjects=tuple(text for text in parameters.texts("SUBJECTS", "NAMES") if text),
         model_outputs=declared_model_outputs(parameters),
-        notes=layout.contradictions,
+        notes=layout.contradictions + layout.notes,
         residuals=residuals,
     )
 
@@ -135,6 +140,16 @@ def read_c3d_bytes(path: Path) -> bytes:
         If the file does not exist, cannot be read, or exceeds `MAX_C3D_BYTES`.
     """
     return read_bytes(path, max_bytes=MAX_C3D_BYTES, accept=is_c3d)
+
+
+def _is_from_qualisys(parameters: C3DParameters) -> bool:
+    """Check whether a program of Qualisys wrote the file: it exports -X and -Z where +Z is up."""
+    makers = [
+        text
+        for name in ("COMPANY", "SOFTWARE", "MANUFACTURER", "NAME")
+        for text in parameters.texts("MANUFACTURER", name)
+    ]
+    return any(_QUALISYS.search(text) for text in makers)
 
 
 def declared_model_outputs(parameters: C3DParameters) -> dict[str, str]:

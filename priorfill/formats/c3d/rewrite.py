@@ -117,7 +117,7 @@ def rewrite_c3d(
             reason = " ".join(str(error).split())
             raise OutputError(
                 f"{clip.source.path.name}: ezc3d cannot rewrite this file ({reason}); "
-                "write a copy (without --rewrite) and leave what does not fit unfilled"
+                "write a copy (without `rewrite`) and leave what does not fit unfilled"
             ) from error
         written = temporary.read_bytes()
         worst, changes = _compare(plan, written, clip.source.path.name)
@@ -152,7 +152,7 @@ def _check_suits_ezc3d(layout: C3DLayout, name: str) -> None:
         if is_so:
             raise OutputError(
                 f"{name}: {reason}, so ezc3d cannot rewrite it; "
-                "write a copy (without --rewrite) and leave what does not fit unfilled"
+                "write a copy (without `rewrite`) and leave what does not fit unfilled"
             )
 
 
@@ -196,7 +196,7 @@ def _compare(plan: PatchPlan, written: bytes, name: str) -> tuple[float, list[st
     expected[plan.frames, plan.points] = plan.in_units
     failed = OutputError(
         f"{name}: ezc3d changes samples of this file when writing it; "
-        "write a copy (without --rewrite) and leave what does not fit unfilled"
+        "write a copy (without `rewrite`) and leave what does not fit unfilled"
     )
     try:
         after = parse_layout(written, name)
