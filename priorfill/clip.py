@@ -142,7 +142,7 @@ class Clip:
             )
         if not (np.isfinite(self.rate) and self.rate > 0):
             raise ClipError(
-                f"{self.name}: the frame rate is {self.rate:g} Hz; give the right one (--rate)"
+                f"{self.name}: the frame rate is {self.rate:g} Hz; give the right one (`rate`)"
             )
         if self.up not in UP_AXES:
             raise ClipError(

@@ -14,7 +14,7 @@ from typing import Any
 import click
 
 from priorfill.cli.output import print_line
-from priorfill.errors import PriorfillError
+from priorfill.errors import OptionError, PriorfillError
 from priorfill.runtime.display import escaped
 
 __all__ = ["DEBUG", "main"]
@@ -23,6 +23,7 @@ DEBUG = "PRIORFILL_DEBUG"
 """Environment variable: if set, errors are shown with a traceback."""
 
 EXIT_FAILED = 1
+EXIT_USAGE = 2  # as click has it
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as in shells
 EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE
 
@@ -91,7 +92,7 @@ class _Main(click.Group):
             if os.environ.get(DEBUG):
                 raise
             print_line(f"priorfill: {_in_one_line(error)}", err=True)
-            ctx.exit(EXIT_INTERRUPTED if isinstance(error, KeyboardInterrupt) else EXIT_FAILED)
+            ctx.exit(_exit_status(error))
         return result
 
 
@@ -104,6 +105,13 @@ def main() -> None:
 def _escape(error: click.ClickException) -> None:
     """Make control characters visible in a usage error, which can quote the name of a file."""
     vars(error)["message"] = escaped(error.message)  # declared as final by click
+
+
+def _exit_status(error: BaseException) -> int:
+    """Return the exit status of an error."""
+    if isinstance(error, KeyboardInterrupt):
+        return EXIT_INTERRUPTED
+    return EXIT_USAGE if isinstance(error, OptionError) else EXIT_FAILED
 
 
 def _in_one_line(error: BaseException) -> str:

@@ -14,6 +14,7 @@ from typing import Any
 
 import click
 
+from priorfill.cli.option_names import with_options
 from priorfill.runtime.display import escaped
 
 __all__ = ["duration", "json_number", "print_json", "print_line", "print_table", "some_names"]
@@ -31,11 +32,12 @@ def print_line(text: str = "", *, err: bool = False) -> None:
     Parameters
     ----------
     text : str
-        The line; a line break in it is shown as ``\n``.
+        The line; a line break in it is shown as ``\n``. Arguments in backquotes are shown as
+        options.
     err : bool
         Print on stderr instead of stdout.
     """
-    _write(escaped(text), err=err)
+    _write(escaped(with_options(text)), err=err)
 
 
 def _write(line: str, *, err: bool = False) -> None:

@@ -51,7 +51,7 @@ def mask_by_original(clip: Clip, original: Clip) -> NDArray[np.bool_]:
 
     def mismatch(what: str) -> OptionError:
         return OptionError(
-            f"{clip.name}: was not filled from {original.name} (--original): {what}; "
+            f"{clip.name}: was not filled from {original.name} (`original`): {what}; "
             "give the file that it was filled from"
         )
 

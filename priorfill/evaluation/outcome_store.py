@@ -69,7 +69,7 @@ class OutcomeStore:
             if differs:
                 raise OptionError(
                     f"{folder}: holds an evaluation with {differs}; take the same options, "
-                    "another folder, or --overwrite"
+                    "another folder, or `overwrite`"
                 )
         try:
             (folder / CASES).mkdir(parents=True, exist_ok=True)

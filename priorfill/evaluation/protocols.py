@@ -512,7 +512,7 @@ def make_protocol(name: str, **options: Any) -> GapProtocol:
         if key not in known:
             raise OptionError(f"protocol {name} has no option {key!r}; it has {' '.join(known)}")
     if name == "like" and "pattern" not in given:
-        raise OptionError("protocol like copies the gaps of a file; give the file (--like FILE)")
+        raise OptionError("protocol like copies the gaps of a file; give the file (`pattern`)")
     _check(given)
     return cast(GapProtocol, PROTOCOLS[name](**given))
 

@@ -81,7 +81,7 @@ def run_plan(
         kept = "" if store is None else f"; finished fills are kept in {store.folder}"
         raise EvaluationError(
             f"a process was killed with {len(done)} of {len(plan.jobs)} fills done, possibly for "
-            f"lack of memory{kept}; run it again with fewer --jobs"
+            f"lack of memory{kept}; run it again with fewer `jobs`"
         ) from error
     return {job: done[job] for job in plan.jobs}
 

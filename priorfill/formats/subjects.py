@@ -44,7 +44,7 @@ def choose_subject(
         if len(present) > 1:
             raise MultipleSubjectsError(
                 f"{name}: holds {len(present)} subjects ({', '.join(present)}); "
-                "choose one (--subject NAME)",
+                "choose one (`subject`)",
                 present,
             )
         only = declared[0] if len(declared) == 1 else ""

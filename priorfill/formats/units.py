@@ -89,7 +89,7 @@ def find_unit(
             raise ClipError(
                 f"{name}: the markers spread over {in_mm:.3g} mm if the unit is {unit}, as the "
                 f"file states, which looks like {_word(likely)}; give the right unit "
-                f"(--unit {likely})"
+                f"(`unit` {likely})"
             )
     return unit, UNITS[unit], []
 

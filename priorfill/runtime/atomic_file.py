@@ -43,7 +43,7 @@ def check_target(path: Path | str, *, overwrite: bool = False, source: Path | No
     if target.is_dir():
         raise OutputError(f"{given}: is a folder; give the name of a file")
     if target.exists() and not overwrite:
-        raise OutputError(f"{given}: exists already; choose another name or use --overwrite")
+        raise OutputError(f"{given}: exists already; choose another name or use `overwrite`")
     return target
 
 

@@ -93,7 +93,7 @@ def compute_virtual_markers(
     if not MIN_LEG_RATIO < body.leg / ADULT_LEG < MAX_LEG_RATIO:
         raise ClipError(
             f"{file}: the skeleton's legs are {body.leg:.4g} mm long from hip to ankle if a unit "
-            f"is {scale:.4g} mm; give the right unit (--unit)"
+            f"is {scale:.4g} mm; give the right unit (`unit`)"
         )
     hertz = rate or motion.rate or DEFAULT_RATE
     positions = marker_positions(wanted, body, forward_kinematics(motion), scale)

@@ -233,7 +233,7 @@ def test_the_gaps_of_another_file_stay_together_when_moved() -> None:
 def test_copied_gaps_need_gaps_and_common_markers() -> None:
     with pytest.raises(OptionError, match="has no gaps to be copied"):
         make_protocol("like", pattern=person())
-    with pytest.raises(OptionError, match="--like FILE"):
+    with pytest.raises(OptionError, match="`pattern`"):
         make_protocol("like")
     pattern = with_gaps(person(), (10, 20, ["LKNE"]))
     assert "is of its markers" in refusals("like", unknown(person()), pattern=pattern)[0].reason

@@ -134,6 +134,6 @@ def test_other_recordings_go_to_their_subject(two):
 def test_subjects_with_different_axes():
     anna, ben = (fill(clip, method="linear") for clip in people().values())
     turned = replace(ben, clip=replace(ben.clip, up="+Y"))
-    with pytest.raises(ClipError, match=r"for Anna and \+Y for Ben; give the right one \(--up\)"):
+    with pytest.raises(ClipError, match=r"for Anna and \+Y for Ben; give the right one \(`up`\)"):
         merge_results([anna, turned])
     assert merge_results([anna]) is anna

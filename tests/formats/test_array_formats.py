@@ -110,7 +110,7 @@ WRONG = {
                "no variable clearly"),
     "infinite": ({"labels": list(LABELS), "positions": np.full((12, 6, 3), np.inf), "rate": 1.0},
                  "marker LTOE has an infinite coordinate in frame 1; mark the sample"),
-    "no rate": ({"labels": list(LABELS), "positions": standing()}, r"no frame rate; .*\(--rate\)"),
+    "no rate": ({"labels": list(LABELS), "positions": standing()}, r"no frame rate; .*\(`rate`\)"),
     "rates": ({"labels": list(LABELS), "positions": standing(), "fs": [1.0, 2.0]},
               "variable fs should be one number"),
     "up": ({"labels": list(LABELS), "positions": standing(), "rate": 1.0, "up": "sky"},

@@ -44,7 +44,7 @@ def source(tmp_path):
 @pytest.mark.parametrize("processor", [INTEL, DEC])
 def test_samples_out_of_range_are_rewritten(tmp_path, source, processor):
     clip, filled = source(processor=processor, analog=np.arange(72).reshape(12, 2, 3))
-    with pytest.raises(OutputError, match=r"end at 3277: .* \(--rewrite\)"):
+    with pytest.raises(OutputError, match=r"end at 3277: .* \(`rewrite`\)"):
         write_c3d(tmp_path / "out.c3d", clip, filled)
     report = formats.write(tmp_path / "out.c3d", clip, filled, rewrite=True)
     assert (report.samples, report.rounding_mm) == (1, 0.0)

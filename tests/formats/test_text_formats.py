@@ -257,7 +257,7 @@ def test_qualisys_virtual_and_unlabelled_trajectories_are_left_out(tmp_path):
 
 def test_qualisys_with_an_external_clock_needs_a_rate(tmp_path):
     data = files.qualisys(standing(), rate="EXT", numbers=False)
-    with pytest.raises(ClipError, match=r"no frame rate; give the frames per second \(--rate\)"):
+    with pytest.raises(ClipError, match=r"no frame rate; give the frames per second \(`rate`\)"):
         read_bytes(tmp_path, data, ".tsv")
     assert read_bytes(tmp_path, data, ".tsv", rate=50).rate == 50
 

@@ -221,7 +221,7 @@ def test_a_skeleton_of_no_known_kind_or_size_is_refused() -> None:
         compute_virtual_markers(
             parse_bvh(text.encode(), "a"), load("baumann41"), name="a", file="a.bvh"
         )
-    with pytest.raises(ClipError, match="--unit"):
+    with pytest.raises(ClipError, match="`unit`"):
         compute_virtual_markers(
             amc_motion(), load("baumann41"), name="a", file="a", mm_per_unit=1.0
         )

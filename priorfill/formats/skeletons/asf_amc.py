@@ -325,12 +325,12 @@ def parse_amc(data: bytes, asf: AsfSkeleton, name: str) -> SkeletonMotion:
             if wanted is None:
                 raise lines.error(
                     f"bone {first} cannot move or is not in the skeleton",
-                    "give the right skeleton (--skeleton)",
+                    "give the right skeleton (`skeleton`)",
                 )
             if len(words) - 1 != len(wanted):
                 raise lines.error(
                     f"bone {first} has {len(words) - 1} values, but {len(wanted)} in the skeleton",
-                    "give the right skeleton (--skeleton)",
+                    "give the right skeleton (`skeleton`)",
                 )
             if len(values[first]) == frames:
                 raise lines.error(f"bone {first} occurs twice in one frame")

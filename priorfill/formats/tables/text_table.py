@@ -337,7 +337,7 @@ def find_rate(
     if by_time is not None and abs(by_time / stated - 1) > _RATE_TOLERANCE:
         return stated, [
             f"The header states {stated:g} Hz, the time column {by_time:.4g} Hz; "
-            "the header's rate is used (see --rate)."
+            "the header's rate is used (see `rate`)."
         ]
     return stated, []
 

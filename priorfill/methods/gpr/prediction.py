@@ -94,7 +94,7 @@ def notes_on_unfilled(segment: GapSegment, task: Task) -> list[Note]:
             reason += ", and there is no database"
         if not task.takes:
             reason += (
-                "; give one (--database), or another clip of the same subject (--same-subject)"
+                "; give one (`database`), or another clip of the same subject (`same_subject`)"
             )
     return [
         Note(int(m), segment.start, segment.stop, reason, filled=False) for m in segment.markers

@@ -146,7 +146,7 @@ def test_markers_without_any_donor_stay_missing():
     assert {gap.label: gap.filled for gap in result.gaps} == {"C7": 0, "LANK": 0, "RANK": 0}
     for gap in result.gaps:
         assert "no database" in gap.unfilled[0].reason
-        assert "--same-subject" in gap.unfilled[0].reason
+        assert "`same_subject`" in gap.unfilled[0].reason
 
 
 @pytest.fixture(scope="module")
