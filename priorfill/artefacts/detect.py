@@ -68,10 +68,10 @@ def find_artefacts(
 
     positions, stuck = _remove_stuck(clip, references, options)
     breaks = breaks_of(positions)
-    positions, swaps = _undo_swaps(clip, positions, breaks, options)
+    positions, swaps = _undo_swaps(clip, positions, references, breaks, options)
     if swaps:
         breaks = breaks_of(positions)
-    positions, mislabelled = _remove_mislabelled(clip, positions, breaks, options)
+    positions, mislabelled = _remove_mislabelled(clip, positions, references, breaks, options)
     if mislabelled:
         breaks = breaks_of(positions)
     elsewhere = _find_outlier_runs(clip, positions, references, breaks, options)
@@ -145,11 +145,12 @@ def _remove_stuck(
 def _undo_swaps(
     clip: Clip,
     positions: NDArray[np.float64],
+    references: ReferenceMarkers,
     breaks: PathBreaks,
     options: ArtefactOptions,
 ) -> tuple[NDArray[np.float64], list[Artefact]]:
     """Return the positions with swapped labels exchanged, and these artefacts."""
-    swaps = find_label_swaps(positions, breaks.broken, options.max_miss_ratio)
+    swaps = find_label_swaps(positions, breaks.broken, references, options.max_miss_ratio)
     artefacts = []
     for swap in swaps:
         pair = clip.labels[swap.first], clip.labels[swap.second]
@@ -160,12 +161,13 @@ def _undo_swaps(
 def _remove_mislabelled(
     clip: Clip,
     positions: NDArray[np.float64],
+    references: ReferenceMarkers,
     breaks: PathBreaks,
     options: ArtefactOptions,
 ) -> tuple[NDArray[np.float64], list[Artefact]]:
     """Return the positions without labels that moved to another marker, and these artefacts."""
     large = breaks.size >= options.outlier_runs.min_long_break
-    found = find_mislabelled(positions, large, options.max_miss_ratio)
+    found = find_mislabelled(positions, large, references, options.max_miss_ratio)
     if not found:
         return positions, []
     positions = positions.copy()

@@ -52,6 +52,7 @@ from priorfill.errors import OptionError
 RATE = 120.0
 CLEAN = person(rate=RATE, seconds=2.5)
 FRAMES = CLEAN.frames
+REFERENCES = choose_reference_markers(CLEAN.positions)
 
 
 def column(*labels: str) -> list[int]:
@@ -330,7 +331,7 @@ def test_distances_equal_those_of_a_loop() -> None:
 def test_exchanging_undoes_a_swap() -> None:
     clip = AFFECTED["label swap"]
     breaks = find_breaks(clip.positions, choose_reference_markers(clip.positions), RATE)
-    swaps = find_label_swaps(clip.positions, breaks.broken)
+    swaps = find_label_swaps(clip.positions, breaks.broken, REFERENCES)
     np.testing.assert_array_equal(swap_labels(clip.positions, swaps), CLEAN.positions)
 
 
@@ -339,18 +340,50 @@ def test_markers_that_pass_each_other_are_not_swapped() -> None:
     one = np.concatenate([500 * t, 0 * t, 0 * t], axis=1)
     positions = np.stack([one, -one + [0, 8, 0]], axis=1)
     broken = np.ones((100, 2), dtype=bool)
-    assert find_label_swaps(positions, broken) == []
+    references = choose_reference_markers(positions)
+    assert find_label_swaps(positions, broken, references) == []
+
+
+@pytest.mark.parametrize(("start", "stop"), [(108, 120), (160, 172)])
+@pytest.mark.parametrize("hidden", [1.0, 0.8])
+def test_a_swap_ends_at_a_blackout(start: int, stop: int, hidden: float) -> None:
+    """Labels wrong for some frames next to a blackout of 120 to 160; the rest is right."""
+    positions = swap("LFIN", "LWRB", start, stop).positions.copy()
+    rng = np.random.default_rng(3)
+    black = rng.random(len(CLEAN.labels)) < hidden
+    black[column("LFIN", "LWRB")] = True
+    positions[120:160, black] = np.nan
+    clip = CLEAN.with_positions(positions)
+    wrong = np.zeros((FRAMES, len(CLEAN.labels)), dtype=bool)
+    wrong[start:stop, column("LFIN", "LWRB")] = True
+    found = artefact_samples(find_artefacts(clip), clip.labels, FRAMES)
+    np.testing.assert_array_equal(found, wrong)
+
+
+def test_labels_of_a_whole_body_permuted_after_a_blackout_are_found() -> None:
+    rng = np.random.default_rng(4)
+    positions = CLEAN.positions.copy()
+    positions[120:150] = np.nan
+    order = rng.permutation(len(CLEAN.labels))
+    positions[150:165] = positions[150:165, order]
+    clip = CLEAN.with_positions(positions)
+    wrong = np.zeros((FRAMES, len(CLEAN.labels)), dtype=bool)
+    wrong[150:165, order != np.arange(len(order))] = True
+    found = artefact_samples(find_artefacts(clip), clip.labels, FRAMES)
+    assert found[wrong].mean() > 0.95
+    assert (found & ~wrong)[:150].sum() == 0
+    assert (found & ~wrong).sum() < 10
 
 
 def test_a_label_moves_only_to_a_marker_that_goes_missing() -> None:
     clip = AFFECTED["mislabelled"]
     size = find_breaks(clip.positions, choose_reference_markers(clip.positions), RATE).broken
-    (run,) = find_mislabelled(clip.positions, size)
+    (run,) = find_mislabelled(clip.positions, size, REFERENCES)
     assert (run.start, run.stop) == (250, FRAMES)
     assert [run.marker, run.actual] == column("RFIN", "RWRA")
     shown = clip.positions.copy()
     shown[:, run.actual] = CLEAN.positions[:, run.actual]
-    assert find_mislabelled(shown, size) == ()
+    assert find_mislabelled(shown, size, REFERENCES) == ()
 
 
 def test_a_foot_that_turns_about_a_marker_is_not_stuck() -> None:
