@@ -479,7 +479,7 @@ def run(case: Case, folder: Path | None = None) -> Row:
     result = _fill(case, gappy, folder)
     scored = result.filled & ~truth.missing
     off = np.linalg.norm(result.clip.positions - truth.positions, axis=2)[scored]
-    bound = result.error_bound_90[scored]
+    bound = result.error_bound_90_mm[scored]
     values = off if case.recorded else result.clip.positions[scored].ravel()
     # evenly spaced, cycling through the coordinates
     some = np.unique(np.linspace(0, len(values) - 1, SAMPLES).round().astype(np.intp))
@@ -487,7 +487,7 @@ def run(case: Case, folder: Path | None = None) -> Row:
     return Row(
         int(result.filled.sum()),
         round(float(off.mean()), 6),
-        _mean(result.expected_rms[scored]),
+        _mean(result.expected_rms_mm[scored]),
         _mean(bound),
         round(float((off[np.isfinite(bound)] <= bound[np.isfinite(bound)]).mean()), 6)
         if known

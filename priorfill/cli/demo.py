@@ -109,7 +109,7 @@ def _print_errors(truth: Clip, result: Result) -> None:
                 gap.label,
                 f"{gap.start / clip.rate:.2f}-{gap.stop / clip.rate:.2f}",
                 f"{rms(error[inside]):.1f}",
-                f"{gap.expected_rms:.1f}",
+                f"{gap.expected_rms_mm:.1f}",
                 f"{rms(straight_error[inside]):.1f}",
             )
         )

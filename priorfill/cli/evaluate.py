@@ -318,7 +318,7 @@ def _print_methods(evaluation: Evaluation) -> None:
                 _percent(errors.share),
                 *(_number(value) for value in mm),
                 *(_number(v) for v in (errors.velocity, errors.acceleration, row.joint_angle)),
-                _number(errors.expected_mean_error),
+                _number(errors.expected_mean_error_mm),
                 _percent(errors.error_bound_90_coverage),
                 duration(row.seconds),
             ]

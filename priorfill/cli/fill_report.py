@@ -152,7 +152,7 @@ def _print_gaps(result: Result) -> None:
             f"{100 * gap.filled / gap.frames:.0f} %",
             *(
                 f"{value:.1f}" if math.isfinite(value) else "-"
-                for value in (gap.expected_mean_error, gap.error_bound_90)
+                for value in (gap.expected_mean_error_mm, gap.error_bound_90_mm)
             ),
             "; ".join(
                 [*gap.sources, *dict.fromkeys(f"unfilled: {s.reason}" for s in gap.unfilled)]
@@ -208,9 +208,9 @@ def _gap_facts(result: Result, gap: FilledGap) -> dict[str, Any]:
         "frames": gap.frames,
         "seconds": round(gap.frames / result.clip.rate, 4),
         "filled": gap.filled,
-        "expected_rms_mm": json_number(gap.expected_rms, 3),
-        "expected_mean_error_mm": json_number(gap.expected_mean_error, 3),
-        "error_bound_90_mm": json_number(gap.error_bound_90, 3),
+        "expected_rms_mm": json_number(gap.expected_rms_mm, 3),
+        "expected_mean_error_mm": json_number(gap.expected_mean_error_mm, 3),
+        "error_bound_90_mm": json_number(gap.error_bound_90_mm, 3),
         "method": gap.method,
         "sources": list(gap.sources),
         "source_clips": list(gap.source_clips),

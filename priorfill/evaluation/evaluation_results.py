@@ -177,7 +177,7 @@ def errors_of(errors: ErrorSummary) -> dict[str, Any]:
         "mae_mm": errors.mae,
         "velocity_mm_s": errors.velocity,
         "acceleration_m_s2": errors.acceleration,
-        "expected_mean_error_mm": errors.expected_mean_error,
+        "expected_mean_error_mm": errors.expected_mean_error_mm,
         "error_bound_90_coverage": errors.error_bound_90_coverage,
     }
 

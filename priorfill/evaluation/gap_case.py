@@ -192,8 +192,8 @@ def run_case(source: EvaluatedClip, case: GapCase, method: str) -> FillOutcome:
         samples=measure(
             truth.positions,
             filled,
-            result.expected_rms,
-            result.error_bound_90,
+            result.expected_rms_mm,
+            result.error_bound_90_mm,
             case.gaps,
             truth.rate,
         ),

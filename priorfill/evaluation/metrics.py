@@ -30,8 +30,8 @@ MEASURES = (
     "absolute",
     "velocity",
     "acceleration",
-    "expected_mean_error",
-    "error_bound_90",
+    "expected_mean_error_mm",
+    "error_bound_90_mm",
 )
 """Rows of `SampleErrors`: distance from the truth (mm), mean over the coordinates of the absolute
 error (mm), error of the velocity (mm/s) and of the acceleration (m/s²), expected distance from the
@@ -62,7 +62,7 @@ class ErrorSummary:
         Mean error of the velocity (mm/s).
     acceleration : float
         Mean error of the acceleration (m/s²).
-    expected_mean_error : float
+    expected_mean_error_mm : float
         Mean distance from the truth that the method expects (mm), over the samples with an
         expected error.
     error_bound_90_coverage : float
@@ -83,7 +83,7 @@ class ErrorSummary:
     mae: float
     velocity: float
     acceleration: float
-    expected_mean_error: float
+    expected_mean_error_mm: float
     error_bound_90_coverage: float
 
     @property
@@ -178,7 +178,7 @@ def summarise(samples: SampleErrors) -> ErrorSummary:
         mae=float(some[ABSOLUTE].mean()),
         velocity=mean_known(some[VELOCITY]),
         acceleration=mean_known(some[ACCELERATION]),
-        expected_mean_error=mean_known(some[EXPECTED_MEAN_ERROR]),
+        expected_mean_error_mm=mean_known(some[EXPECTED_MEAN_ERROR]),
         error_bound_90_coverage=float(within.mean()) if bounded.any() else unknown,
     )
 

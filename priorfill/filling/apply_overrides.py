@@ -113,8 +113,8 @@ def join_runs(clip: Clip, applied: AppliedOverrides, results: Sequence[Result]) 
     expected_rms, bound = np.full(filled.shape, np.nan), np.full(filled.shape, np.nan)
     for result in results:
         positions[result.filled] = result.clip.positions[result.filled]
-        expected_rms[result.filled] = result.expected_rms[result.filled]
-        bound[result.filled] = result.error_bound_90[result.filled]
+        expected_rms[result.filled] = result.expected_rms_mm[result.filled]
+        bound[result.filled] = result.error_bound_90_mm[result.filled]
         filled |= result.filled
     notes = [*applied.notes, *(note for result in results for note in result.notes)]
     kept = applied.removed & ~filled
@@ -131,8 +131,8 @@ def join_runs(clip: Clip, applied: AppliedOverrides, results: Sequence[Result]) 
         results[0],
         clip=clip.with_positions(positions),
         filled=filled,
-        expected_rms=expected_rms,
-        error_bound_90=bound,
+        expected_rms_mm=expected_rms,
+        error_bound_90_mm=bound,
         gaps=tuple(_join_gap(clip, same, expected_rms, bound) for same in by_gap),
         method=" and ".join(result.method for result in results),
         notes=tuple(dict.fromkeys(notes)),
@@ -179,9 +179,9 @@ def _join_gap(
     return replace(
         first,
         filled=sum(gap.filled for gap in same),
-        expected_rms=rms,
-        expected_mean_error=mean,
-        error_bound_90=bound,
+        expected_rms_mm=rms,
+        expected_mean_error_mm=mean,
+        error_bound_90_mm=bound,
         method=" and ".join(gap.method for gap in working) or first.method,
         sources=tuple(dict.fromkeys(source for gap in same for source in gap.sources)),
         training_poses=max(gap.training_poses for gap in same),

@@ -147,8 +147,8 @@ def merge_results(results: Sequence[Result]) -> Result:
         first,
         clip=_merge_clips(clips),
         filled=np.concatenate([result.filled for result in results], axis=1),
-        expected_rms=np.concatenate([result.expected_rms for result in results], axis=1),
-        error_bound_90=np.concatenate([result.error_bound_90 for result in results], axis=1),
+        expected_rms_mm=np.concatenate([result.expected_rms_mm for result in results], axis=1),
+        error_bound_90_mm=np.concatenate([result.error_bound_90_mm for result in results], axis=1),
         rejected=np.concatenate([result.rejected for result in results], axis=1),
         artefacts=merge_artefacts(
             [clip.subject for clip in clips], [result.artefacts for result in results]

@@ -58,11 +58,11 @@ class FilledGap:
         Frames ``start <= frame < stop``, counted from the clip's first as 0.
     filled : int
         Number of frames that were filled.
-    expected_rms : float
+    expected_rms_mm : float
         Expected rms Euclidean error (mm) over the filled frames; NaN where unknown.
-    expected_mean_error : float
+    expected_mean_error_mm : float
         Expected mean Euclidean error (mm) over the filled frames; NaN where unknown.
-    error_bound_90 : float
+    error_bound_90_mm : float
         Distance (mm) below which 90 % of the errors of the filled frames are expected to lie; NaN
         where unknown.
     method : str
@@ -94,9 +94,9 @@ class FilledGap:
     start: int
     stop: int
     filled: int
-    expected_rms: float
-    expected_mean_error: float
-    error_bound_90: float
+    expected_rms_mm: float
+    expected_mean_error_mm: float
+    error_bound_90_mm: float
     method: str
     sources: tuple[str, ...]
     training_poses: int
@@ -129,9 +129,9 @@ class Result:
         The clip with its gaps filled; measured samples keep their bits.
     filled : ndarray of bool [shape=(frames, markers)]
         Which samples were filled.
-    expected_rms : ndarray [shape=(frames, markers), mm]
+    expected_rms_mm : ndarray [shape=(frames, markers), mm]
         Expected rms Euclidean error of each filled sample; NaN elsewhere and where unknown.
-    error_bound_90 : ndarray [shape=(frames, markers), mm]
+    error_bound_90_mm : ndarray [shape=(frames, markers), mm]
         Distance below which 90 % of the errors are expected to lie, of each filled sample; NaN
         elsewhere and where unknown.
     gaps : tuple of FilledGap
@@ -171,8 +171,8 @@ class Result:
 
     clip: Clip
     filled: NDArray[np.bool_]
-    expected_rms: NDArray[np.float64]
-    error_bound_90: NDArray[np.float64]
+    expected_rms_mm: NDArray[np.float64]
+    error_bound_90_mm: NDArray[np.float64]
     gaps: tuple[FilledGap, ...]
     method: str
     marker_set: MarkerSet

@@ -94,7 +94,7 @@ def uncertainty_file(
 def write_uncertainty(path: Path | str, result: Result, *, overwrite: bool = False) -> None:
     """Write the expected error of each filled sample of a result.
 
-    An .npz file has arrays ``expected_rms`` and ``error_bound_90`` [shape=(frames, markers), mm],
+    An .npz file has arrays ``expected_rms_mm`` and ``error_bound_90_mm`` [shape=(frames, markers), mm],
     ``filled``, ``labels``, ``frames``, ``rate``, ``unit`` and the provenance as JSON; a .csv file
     has a row for each filled sample. docs/cli.md describes both.
 
@@ -154,8 +154,8 @@ def _save_npz(path: Path, result: Result) -> None:
             "frames": clip.first_frame + np.arange(clip.frames),
             "rate": clip.rate,
             "filled": result.filled,
-            "expected_rms": result.expected_rms,
-            "error_bound_90": result.error_bound_90,
+            "expected_rms_mm": result.expected_rms_mm,
+            "error_bound_90_mm": result.error_bound_90_mm,
             "unit": "mm",
             "provenance": json.dumps(result.provenance.to_dict()),
         },
@@ -178,8 +178,8 @@ def _save_table(path: Path, result: Result) -> None:
                             csv_cell(gap.label),
                             clip.first_frame + frame,
                             f"{frame / clip.rate:.6f}",
-                            _number(result.expected_rms[frame, marker]),
-                            _number(result.error_bound_90[frame, marker]),
+                            _number(result.expected_rms_mm[frame, marker]),
+                            _number(result.error_bound_90_mm[frame, marker]),
                             sources,
                         )
                     )

@@ -250,11 +250,11 @@ def rows_of(
                 rms=float(np.sqrt((off**2).mean())) if len(off) else nothing,
                 worst=float(off.max()) if len(off) else nothing,
                 linear=float(off_line[inside].mean()),
-                expected_mean=summary.expected_mean_error,
-                expected_rms=summary.expected_rms,
-                bound=summary.error_bound_90,
-                below=int((off < result.error_bound_90[inside][here]).sum()),
-                below_gap=int((off < summary.error_bound_90).sum()),
+                expected_mean=summary.expected_mean_error_mm,
+                expected_rms=summary.expected_rms_mm,
+                bound=summary.error_bound_90_mm,
+                below=int((off < result.error_bound_90_mm[inside][here]).sum()),
+                below_gap=int((off < summary.error_bound_90_mm).sum()),
                 poses=summary.training_poses,
                 how="; ".join(summary.sources),
                 edge=edge_step(path, gap.start, gap.stop),
@@ -393,7 +393,7 @@ def plot(plan: Plan, some: Sequence[Row], folder: Path) -> None:
             axes[i].plot(seconds, case.truth.positions[shown, marker, i], "k", linewidth=1,
                          label="measured")  # fmt: skip
             axes[i].plot(inside / row.rate, filled[inside, i], "C3", label="filled")
-            bound = result.error_bound_90[inside, marker]
+            bound = result.error_bound_90_mm[inside, marker]
             axes[i].fill_between(inside / row.rate, filled[inside, i] - bound,
                                  filled[inside, i] + bound, color="C3", alpha=0.15,
                                  linewidth=0, label="90 % bound")  # fmt: skip
@@ -403,10 +403,10 @@ def plot(plan: Plan, some: Sequence[Row], folder: Path) -> None:
         off = np.linalg.norm(filled - case.truth.positions[:, marker], axis=1)
         axes[3].plot(inside / row.rate, off[inside], "k", linewidth=1, label="error")
         axes[3].plot(
-            inside / row.rate, result.expected_rms[inside, marker], "C3", label="expected rms"
+            inside / row.rate, result.expected_rms_mm[inside, marker], "C3", label="expected rms"
         )
         axes[3].plot(
-            inside / row.rate, result.error_bound_90[inside, marker], "C3--", label="90 % bound"
+            inside / row.rate, result.error_bound_90_mm[inside, marker], "C3--", label="90 % bound"
         )
         axes[3].set(xlabel="s", ylabel="distance mm")
         axes[0].legend(loc="upper right", fontsize=8)

@@ -42,7 +42,7 @@ def draw(truth: pf.Clip, result: pf.Result, gap: slice, output: Path) -> None:
     marker = truth.labels.index(MARKER)
     shown = slice(max(0, gap.start - MARGIN), min(truth.frames, gap.stop + MARGIN))
     seconds = np.arange(truth.frames) / truth.rate
-    filled, bound = result.clip.positions[:, marker], result.error_bound_90[:, marker]
+    filled, bound = result.clip.positions[:, marker], result.error_bound_90_mm[:, marker]
     height = filled[gap, 2]
     figure, (top, bottom) = pyplot.subplots(
         2, 1, sharex=True, figsize=(7.5, 4.4), height_ratios=(5, 2), layout="constrained"
@@ -86,7 +86,7 @@ def main() -> int:
         away = result.clip.positions[gap, column] - truth.positions[gap, column]
         print(
             f"{found.label}: mean error {np.linalg.norm(away, axis=1).mean():.1f} mm, expected "
-            f"{found.expected_mean_error:.1f} mm, 90 % below {found.error_bound_90:.1f} mm"
+            f"{found.expected_mean_error_mm:.1f} mm, 90 % below {found.error_bound_90_mm:.1f} mm"
         )
     print(f"{arguments.output}: {arguments.output.stat().st_size / 1e3:.0f} kB")
     return 0

@@ -352,9 +352,9 @@ def test_uncertainty_as_an_archive(folder: Path) -> None:
         assert str(archive["unit"]) == "mm"
         filled = archive["filled"]
         np.testing.assert_array_equal(filled, before.missing & ~after.missing)
-        for name in ("expected_rms", "error_bound_90"):
+        for name in ("expected_rms_mm", "error_bound_90_mm"):
             np.testing.assert_array_equal(np.isfinite(archive[name]), filled)
-        assert (archive["error_bound_90"][filled] > archive["expected_rms"][filled]).all()
+        assert (archive["error_bound_90_mm"][filled] > archive["expected_rms_mm"][filled]).all()
 
 
 @pytest.mark.parametrize("name", ["out.csv", "out.npz"])
@@ -423,7 +423,7 @@ def test_uncertainty_from_python(folder: Path) -> None:
     result = pf.fill(clip)
     pf.write_uncertainty("out.npz", result)
     with np.load("out.npz") as archive:
-        np.testing.assert_array_equal(archive["error_bound_90"], result.error_bound_90)
+        np.testing.assert_array_equal(archive["error_bound_90_mm"], result.error_bound_90_mm)
     with pytest.raises(OutputError, match="exists already"):
         pf.write_uncertainty("out.npz", result)
     pf.write_uncertainty("out.npz", result, overwrite=True)

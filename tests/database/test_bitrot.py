@@ -217,7 +217,7 @@ def without(folder: Path, content: str, place: Path) -> Path:
 def assert_same(one: Result, other: Result) -> None:
     np.testing.assert_array_equal(one.filled, other.filled)
     np.testing.assert_array_equal(one.clip.positions, other.clip.positions)
-    np.testing.assert_array_equal(one.expected_rms, other.expected_rms)
+    np.testing.assert_array_equal(one.expected_rms_mm, other.expected_rms_mm)
 
 
 @pytest.mark.parametrize("method", ["gpr", "baumann2011"])

@@ -333,7 +333,7 @@ def test_the_order_of_changes_has_no_effect(tmp_path: Path, method: str) -> None
         results.append(fill(clip, database=folder, method=method))
     for result in results[1:]:
         assert result.clip.positions.tobytes() == results[0].clip.positions.tobytes()
-        assert result.expected_rms.tobytes() == results[0].expected_rms.tobytes()
+        assert result.expected_rms_mm.tobytes() == results[0].expected_rms_mm.tobytes()
 
 
 # --- selection ---

@@ -329,7 +329,7 @@ def test_a_summary_by_hand() -> None:
     assert summary.p95 == pytest.approx(5.55)
     assert summary.maximum == 6.0
     assert summary.mae == 1.5
-    assert summary.expected_mean_error == 2.0
+    assert summary.expected_mean_error_mm == 2.0
     assert summary.error_bound_90_coverage == 0.5
     assert math.isnan(summary.velocity)
     nothing = summarise(np.full((len(MEASURES), 3), np.nan, dtype=np.float32))

@@ -69,9 +69,9 @@ def test_fields_of_the_result(folder, filled):
     assert (result.clip.labels, result.clip.rate, result.clip.up, result.clip.name) == (
         (clip.labels, clip.rate, clip.up, clip.name)
     )
-    assert np.isnan(result.expected_rms[~clip.missing]).all()
-    assert (result.expected_rms[clip.missing] > 0).all()
-    assert np.isnan(result.error_bound_90[~clip.missing]).all()
+    assert np.isnan(result.expected_rms_mm[~clip.missing]).all()
+    assert (result.expected_rms_mm[clip.missing] > 0).all()
+    assert np.isnan(result.error_bound_90_mm[~clip.missing]).all()
     assert [(g.start, g.stop, g.label) for g in result.gaps] == [
         (g.start, g.stop, clip.labels[g.marker]) for g in pf.find_gaps(clip.missing)
     ]
@@ -80,12 +80,12 @@ def test_fields_of_the_result(folder, filled):
         assert gap.complete
         assert gap.filled == gap.frames == gap.stop - gap.start
         assert gap.unfilled == ()
-        inside = result.expected_rms[gap.start : gap.stop, clip.labels.index(gap.label)]
-        assert gap.expected_rms == pytest.approx(np.sqrt((inside**2).mean()))
-        assert gap.expected_mean_error == pytest.approx(MEAN_FACTOR * inside.mean())
-        bounds = result.error_bound_90[gap.start : gap.stop, clip.labels.index(gap.label)]
+        inside = result.expected_rms_mm[gap.start : gap.stop, clip.labels.index(gap.label)]
+        assert gap.expected_rms_mm == pytest.approx(np.sqrt((inside**2).mean()))
+        assert gap.expected_mean_error_mm == pytest.approx(MEAN_FACTOR * inside.mean())
+        bounds = result.error_bound_90_mm[gap.start : gap.stop, clip.labels.index(gap.label)]
         assert (bounds > inside).all()
-        assert bounds.min() < gap.error_bound_90 < bounds.max()
+        assert bounds.min() < gap.error_bound_90_mm < bounds.max()
         assert gap.method == "gpr"
         if gap.label == "C7":
             # never visible in the clip, so predicted from the one person in the database
@@ -109,7 +109,7 @@ def test_unfilled_gaps_have_a_reason():
     assert result.database is None
     (gap,) = [g for g in result.gaps if not g.complete]
     assert (gap.label, gap.filled, gap.sources, gap.source_clips) == ("C7", 0, (), ())
-    assert np.isnan([gap.expected_rms, gap.expected_mean_error, gap.error_bound_90]).all()
+    assert np.isnan([gap.expected_rms_mm, gap.expected_mean_error_mm, gap.error_bound_90_mm]).all()
     assert gap.training_poses == 0
     (left,) = gap.unfilled
     assert isinstance(left, UnfilledSpan)
@@ -125,13 +125,13 @@ def test_expected_error_has_the_magnitude_of_the_error(filled):
     for gap in filled.gaps:
         marker = person().labels.index(gap.label)
         real = np.sqrt((off[gap.start : gap.stop, marker] ** 2).mean())
-        assert 0.1 < gap.expected_rms / real < 10, gap.label
+        assert 0.1 < gap.expected_rms_mm / real < 10, gap.label
 
 
 def test_about_nine_of_ten_errors_are_below_the_bound(filled):
     """Over gaps of all sizes; synthetic motion is easy to predict, so more may be."""
     off = np.linalg.norm(filled.clip.positions - person().positions, axis=2)
-    assert 0.6 < (off < filled.error_bound_90)[filled.filled].mean() <= 1.0
+    assert 0.6 < (off < filled.error_bound_90_mm)[filled.filled].mean() <= 1.0
 
 
 def constant_method(bound):
@@ -157,15 +157,15 @@ def test_a_method_may_give_bounds_or_not(monkeypatch):
         monkeypatch.setattr("priorfill.filling.fill_clip.get_method", lambda _, m=method: m)
         result = fill(clip, method="gpr")
         (gap,) = result.gaps
-        assert gap.error_bound_90 == pytest.approx(expected)
-        assert gap.expected_mean_error == pytest.approx(2.0 * MEAN_FACTOR)
+        assert gap.error_bound_90_mm == pytest.approx(expected)
+        assert gap.expected_mean_error_mm == pytest.approx(2.0 * MEAN_FACTOR)
         assert (gap.method, gap.training_poses) == ("gpr", 30)
-        assert (result.error_bound_90[70:90, 0] == expected).all()
+        assert (result.error_bound_90_mm[70:90, 0] == expected).all()
         assert (
-            np.isnan(result.error_bound_90[:60]).all()
-            and np.isnan(result.error_bound_90[:, 1:]).all()
+            np.isnan(result.error_bound_90_mm[:60]).all()
+            and np.isnan(result.error_bound_90_mm[:, 1:]).all()
         )
-        assert np.isnan(result.error_bound_90[60:70, 0]).all() == (bound is not None)
+        assert np.isnan(result.error_bound_90_mm[60:70, 0]).all() == (bound is not None)
 
 
 def test_the_factor_of_a_prediction_is_the_bound(monkeypatch, folder):
@@ -179,11 +179,11 @@ def test_the_factor_of_a_prediction_is_the_bound(monkeypatch, folder):
     monkeypatch.setattr(SegmentPrediction, "__init__", calibrated)
     clip = with_gaps(person(), *GAPS)
     result = fill(clip, database=folder)
-    ratio = (result.error_bound_90 / result.expected_rms)[result.filled]
+    ratio = (result.error_bound_90_mm / result.expected_rms_mm)[result.filled]
     assert set(np.round(ratio, 9)) == {2.0, 3.0}
     knee = clip.labels.index("LKNE")
     np.testing.assert_allclose(
-        result.error_bound_90[200:240, knee], 3.0 * result.expected_rms[200:240, knee]
+        result.error_bound_90_mm[200:240, knee], 3.0 * result.expected_rms_mm[200:240, knee]
     )
 
 
@@ -211,7 +211,8 @@ def test_interpolation_learns_from_no_poses():
     assert {gap.training_poses for gap in result.gaps} == {0}
     assert {gap.sources for gap in result.gaps} == {("interpolation over time",)}
     np.testing.assert_allclose(
-        result.error_bound_90[result.filled], BOUND_FACTOR * result.expected_rms[result.filled]
+        result.error_bound_90_mm[result.filled],
+        BOUND_FACTOR * result.expected_rms_mm[result.filled],
     )
 
 
@@ -243,7 +244,7 @@ def test_the_error_across_subjects_is_estimated_from_whole_subjects(tmp_path):
             clip = replace(with_gaps(whole, (0, 240, (label,))), subject="anna")
             result = fill(clip, database=tmp_path / name)
             off = np.linalg.norm(result.clip.positions - whole.positions, axis=2)
-            found.append((result.gaps[0].expected_rms, np.sqrt((off[clip.missing] ** 2).mean())))
+            found.append((result.gaps[0].expected_rms_mm, np.sqrt((off[clip.missing] ** 2).mean())))
         return np.transpose(found)
 
     expected, real = errors("others", ["ben", "ben", "cleo", "cleo", "dan", "dan"])
@@ -355,7 +356,7 @@ def test_estimates_of_measured_samples_are_ignored(monkeypatch):
     assert gap.sources == ("out of thin air",)
     assert [left.reason for left in gap.unfilled] == ["too wild"]
     assert [(left.start, left.stop) for left in gap.unfilled] == [(60, 70)]
-    assert np.isnan(result.expected_rms[60:70, 0]).all()
+    assert np.isnan(result.expected_rms_mm[60:70, 0]).all()
     assert (result.clip.positions[70:90, 0] == 7).all()
 
 

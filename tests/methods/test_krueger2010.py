@@ -185,8 +185,8 @@ def check(clip, result):
     np.testing.assert_array_equal(
         result.clip.positions[~clip.missing], clip.positions[~clip.missing]
     )
-    assert np.isfinite(result.expected_rms[result.filled]).all()
-    assert (result.expected_rms[result.filled] >= 0).all()
+    assert np.isfinite(result.expected_rms_mm[result.filled]).all()
+    assert (result.expected_rms_mm[result.filled] >= 0).all()
     for gap in result.gaps:
         assert sum(p.stop - p.start for p in gap.unfilled) == gap.frames - gap.filled
         assert all(p.reason and "no finite position" not in p.reason for p in gap.unfilled)

@@ -49,9 +49,9 @@ def check(clip: Clip, result: Result) -> None:
     assert not (result.filled & ~missing).any()
     np.testing.assert_array_equal(result.clip.missing, missing & ~result.filled)
     assert np.isfinite(result.clip.positions[result.filled]).all()
-    assert np.isfinite(result.expected_rms[result.filled]).all()
-    assert (result.expected_rms[result.filled] >= 0).all()
-    assert np.isnan(result.expected_rms[~result.filled]).all()
+    assert np.isfinite(result.expected_rms_mm[result.filled]).all()
+    assert (result.expected_rms_mm[result.filled] >= 0).all()
+    assert np.isnan(result.expected_rms_mm[~result.filled]).all()
     for gap in result.gaps:
         assert gap.sources or gap.filled == 0
         assert sum(p.stop - p.start for p in gap.unfilled) == gap.frames - gap.filled
@@ -235,7 +235,7 @@ def test_filling_turns_and_moves_with_the_clip(method, database):
         np.testing.assert_allclose(
             two.clip.positions, naive.turned(one.clip.positions, angle, shift), atol=1e-3
         )
-        np.testing.assert_allclose(two.expected_rms, one.expected_rms, atol=1e-3)
+        np.testing.assert_allclose(two.expected_rms_mm, one.expected_rms_mm, atol=1e-3)
 
 
 def clip_labels() -> tuple[str, ...]:
@@ -259,7 +259,7 @@ def test_expected_error_of_the_published_method_is_the_spread_of_positions(datab
     one = fill(clip, method="baumann2011", database=database)
     slow = fill(replace(clip, rate=1.0), method="baumann2011", database=database)
     inside = one.filled
-    ratio = np.median(slow.expected_rms[inside]) / np.median(one.expected_rms[inside])
+    ratio = np.median(slow.expected_rms_mm[inside]) / np.median(one.expected_rms_mm[inside])
     assert 0.5 < ratio < 2.0
 
 

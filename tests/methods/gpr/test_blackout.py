@@ -126,16 +126,16 @@ def test_expected_error() -> None:
     for starts in ((20, 110), (50, 140), (80, 170)):
         result = fill(with_gaps(SLOW, *((start, start + 18, ALL) for start in starts)))
         for start in starts:
-            expected = result.expected_rms[start : start + 18].mean(axis=1)
+            expected = result.expected_rms_mm[start : start + 18].mean(axis=1)
             assert 4 < expected.argmax() < 14
             assert expected[[0, -1]].max() < 0.3 * expected.max()
-        within.append(off(result, SLOW) < 1.6 * result.expected_rms[result.filled])
+        within.append(off(result, SLOW) < 1.6 * result.expected_rms_mm[result.filled])
     assert 0.8 < np.mean(within) <= 1.0
 
 
 def test_expected_error_grows_toward_an_end() -> None:
     result = fill(with_gaps(TRUTH, (430, 481, ALL)))
-    expected = result.expected_rms[430:].mean(axis=1)
+    expected = result.expected_rms_mm[430:].mean(axis=1)
     assert expected[-1] > 4 * expected[5]
 
 
@@ -145,7 +145,7 @@ def test_a_clip_too_short_for_windows() -> None:
     assert result.complete
     assert {source for gap in result.gaps for source in gap.sources} == {"interpolation over time"}
     middle = np.linalg.norm(result.clip.positions - clip.positions, axis=2)[20:44]
-    assert middle.mean() < 2 * result.expected_rms[20:44].mean()
+    assert middle.mean() < 2 * result.expected_rms_mm[20:44].mean()
 
 
 def test_other_people_who_walk(tmp_path: Path) -> None:
@@ -184,7 +184,7 @@ def test_samples_with_a_very_large_expected_error_are_left_missing() -> None:
 def test_same_bits_from_run_to_run(two_filled: Result) -> None:
     again = fill(with_gaps(TRUTH, *TWO))
     assert two_filled.clip.positions.tobytes() == again.clip.positions.tobytes()
-    assert two_filled.expected_rms.tobytes() == again.expected_rms.tobytes()
+    assert two_filled.expected_rms_mm.tobytes() == again.expected_rms_mm.tobytes()
 
 
 def test_moves_and_turns_with_the_clip(two_filled: Result) -> None:
@@ -197,7 +197,7 @@ def test_moves_and_turns_with_the_clip(two_filled: Result) -> None:
     wanted = two_filled.clip.positions @ turn + [900.0, -400.0, 30.0]
     # the solver stops at 1 % of the energy
     np.testing.assert_allclose(moved.clip.positions, wanted, atol=0.5)
-    np.testing.assert_allclose(moved.expected_rms, two_filled.expected_rms, rtol=0.02)
+    np.testing.assert_allclose(moved.expected_rms_mm, two_filled.expected_rms_mm, rtol=0.02)
 
 
 def test_unknown_labels() -> None:

@@ -79,7 +79,7 @@ def test_other_recordings_of_the_same_person(label, static, moving):
         assert result.complete
         off = error(result.clip.positions, person().positions, clip.missing)
         assert off < most
-        assert off < 3 * result.gaps[0].expected_rms
+        assert off < 3 * result.gaps[0].expected_rms_mm
         assert same_subject.name in result.gaps[0].source_clips
 
 
@@ -203,7 +203,7 @@ def test_the_same_subject_counts_more_than_others(database):
     both = fill(clip, database=database, same_subject=[person(body=5, seed=9)])
     off = [error(r.clip.positions, truth, clip.missing) for r in (others, both)]
     assert off[1] < 0.6 * off[0]
-    assert both.gaps[0].expected_rms < others.gaps[0].expected_rms
+    assert both.gaps[0].expected_rms_mm < others.gaps[0].expected_rms_mm
 
 
 @pytest.mark.parametrize("body", [11, 13, 17])
@@ -215,7 +215,7 @@ def test_expected_error_of_a_single_donor_subject(tmp_path, body):
     result = fill(clip, database=tmp_path / "db")
     assert result.gaps[0].sources == ("other subjects of the database",)
     actual = error(result.clip.positions, person().positions, clip.missing)
-    assert 0.2 < actual / result.gaps[0].expected_mean_error < 1.5
+    assert 0.2 < actual / result.gaps[0].expected_mean_error_mm < 1.5
 
 
 @pytest.mark.parametrize(
