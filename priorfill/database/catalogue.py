@@ -3,15 +3,20 @@
 Changes are numbered. A row holds the numbers of the changes that added and removed it, so that a
 reader continues to see the state in which it opened the file. Compaction writes a new file with
 another name, ``catalogue-2.sqlite``; readers keep the old one open.
+
+The catalogue repeats the identity of its database, and lists the segments with their sizes. Each
+use compares both with what was there before, so that another file in its place is noticed.
 """
 
 from __future__ import annotations
 
 import json
+import re
 import sqlite3
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,19 +26,20 @@ from numpy.typing import NDArray
 from priorfill.database.catalogue_checksum import CatalogueChecksum
 from priorfill.database.catalogue_rows import (
     LIVE,
-    SCHEMA,
-    SELECT_ROWS,
     CatalogueRow,
     StoredRow,
     insert_row,
     parse_row,
+    select_rows,
 )
-from priorfill.database.manifest import FORMAT_VERSION
+from priorfill.database.create_catalogue import create_catalogue, set_durable
+from priorfill.database.manifest import FORMAT_VERSION, Manifest
+from priorfill.database.read_only_copy import rolled_back_copy
 from priorfill.database.record import ClipRecord
+from priorfill.database.segment_list import MAX_SEGMENTS, SegmentList
 from priorfill.errors import DatabaseCorruptError, DatabaseError
-from priorfill.runtime.atomic_file import flush_folder
 
-__all__ = ["Catalogue", "find_catalogue"]
+__all__ = ["Catalogue", "find_catalogue", "successor"]
 
 _STEM, _SUFFIX = "catalogue", ".sqlite"
 
@@ -51,16 +57,21 @@ class Catalogue:
     ----------
     path : Path
         The SQLite file.
-    rate : float
-        The database's rate (Hz), which every record repeats.
-    levels : int
-        The database's number of levels. The file must agree on both.
+    manifest : Manifest
+        The database's manifest; the file must agree with it.
     write : bool
-        Whether rows will change. If the file does not exist, a writer creates it; for a reader it
-        is a catalogue without rows.
+        Whether rows will change.
 
     Attributes
     ----------
+    path : Path
+        As above; another one after `replace`.
+    version : int
+        The format version of the file: older than the manifest's until a conversion is complete.
+    segments_list : SegmentList
+        The segments in the state in which the file was opened, or since the last change.
+    note : str
+        What a user should know of how the file was opened; may be empty.
     damaged : list of str
         Names of clips whose rows are damaged; `records` leaves them out.
 
@@ -71,20 +82,20 @@ class Catalogue:
         match.
     """
 
-    def __init__(self, path: Path, rate: float, levels: int, *, write: bool) -> None:
-        self._path = path
-        self._rate = rate
-        self._levels = levels
+    def __init__(self, path: Path, manifest: Manifest, *, write: bool) -> None:
+        self.path = path
+        self.version = manifest.version
+        self._manifest = manifest
+        self._rate, self._levels = manifest.rate, manifest.levels
         self._write = write
         self._connection: sqlite3.Connection | None = None
-        self._checksum_file = CatalogueChecksum(path)
         self._is_verified = True  # whether the checksum file covers every byte
         self._may_write_checksum = False  # never of a damaged file
-        self._is_empty = False
         self._state = 0
+        self._meta: dict[str, Any] = {}
+        self.segments_list = SegmentList()
         self.damaged: list[str] = []
-        if not write and not path.exists():
-            return
+        self.note = ""
         try:
             self._open()
         except BaseException:
@@ -92,22 +103,24 @@ class Catalogue:
             raise
 
     def _open(self) -> None:
-        is_new = not self._path.exists()
+        self._may_write_checksum = False
+        try:
+            self._file = _file_identity(self.path)
+        except FileNotFoundError as error:
+            raise self._missing() from error
         if self._write:
-            self._connect("rwc")
-            self._read_head(is_new=is_new)
+            self._connect("rw")
+            self._read_head()
         else:
             self._connect("ro")
             try:
-                self._read_head(is_new=False)
+                self._read_head()
             except DatabaseError as error:
                 if not _needs_rollback(error.__cause__):
                     raise
-                self._connect("rw")
-                self._read_head(is_new=False)
-            if self._is_empty:
-                self.close()
-        if self._write and not (is_new or self._is_verified):
+                self._roll_back()
+                self._read_head()
+        if self._write and not self._is_verified:
             # because of a damaged row, the writer could overwrite other clips
             self.records()
             if self.damaged:
@@ -123,50 +136,95 @@ class Catalogue:
             self._connection.close()
         with self._reporting_damage():
             self._connection = sqlite3.connect(
-                f"{self._path.resolve().as_uri()}?mode={mode}",
+                f"{self.path.resolve().as_uri()}?mode={mode}",
                 uri=True,
                 timeout=BUSY_SECONDS,
                 isolation_level=None,
             )
             if self._write:
-                # a rollback journal, because a write-ahead log cannot be read on read-only media;
-                # EXTRA is FULL and flushes the folder's entry of the journal
-                self._connection.execute("PRAGMA journal_mode = DELETE")
-                self._connection.execute("PRAGMA synchronous = EXTRA")
+                set_durable(self._connection)
 
-    def _read_head(self, *, is_new: bool) -> None:
-        """Create the tables of a new file, or read the state of an existing one."""
+    def _roll_back(self) -> None:
+        """Roll back what a killed writer left: in the file, or else in a copy of it."""
+        try:
+            self._connect("rw")
+            with self._reporting_damage():
+                assert self._connection is not None
+                self._connection.execute("PRAGMA user_version").fetchone()
+        except DatabaseCorruptError:
+            raise
+        except DatabaseError:  # on read-only media
+            assert self._connection is not None
+            self._connection.close()
+            with self._reporting_damage():
+                self._connection = rolled_back_copy(self.path)
+            self.note = (
+                f"{self.path.parent}: a writer was killed here and nothing can be written; "
+                "the clips are read as they were before its last change"
+            )
+
+    def _read_head(self) -> None:
+        """Read the state of the file, and check that it belongs to the manifest."""
         kind = "IMMEDIATE" if self._write else "DEFERRED"
         with self._reporting_damage(), self._transaction(kind) as connection:
             (version,) = connection.execute("PRAGMA user_version").fetchone()
-            tables = connection.execute("SELECT COUNT(*) FROM sqlite_schema").fetchone()[0]
-            if self._write and (is_new or not tables):
-                self._create_tables(connection)
-            elif not tables:  # the writer that made the file was killed before it made the tables
-                self._is_empty = True
-                return
-            elif version != FORMAT_VERSION:
-                raise self._damaged(f"its format version is {version}, not {FORMAT_VERSION}")
-            self._state = self._read_state(connection)
+            if not connection.execute("SELECT COUNT(*) FROM sqlite_schema").fetchone()[0]:
+                raise self._missing("is empty")
+            older = self._manifest.converted_from
+            if version != self._manifest.version and (version != older or self._write):
+                raise self._damaged(
+                    f"its format version is {version}, not {self._manifest.version}"
+                )
+            self.version = version
+            self._checksum_file = CatalogueChecksum(self.path, version)
+            self._meta = _read_meta(connection)
+            if (self._meta.get("rate"), self._meta.get("levels")) != (self._rate, self._levels):
+                raise self._damaged("its rate and levels are not those of the manifest")
+            if version == FORMAT_VERSION:
+                if self._meta.get("id") != self._manifest.identity:
+                    raise self._foreign()
+                self.segments_list = SegmentList.from_text(self._meta.get("segments"))
+            self._state = int(self._meta["state"])
             self._is_verified = self._checksum_file.matches(connection)
 
-    def _create_tables(self, connection: sqlite3.Connection) -> None:
-        for statement in SCHEMA.split(";"):
-            connection.execute(statement)
-        for name, value in (
-            ("rate", self._rate),
-            ("levels", self._levels),
-            ("state", 0),
-            ("rows", 0),
-            ("digest", 0),
-        ):
-            connection.execute("INSERT INTO meta VALUES (?, ?)", (name, value))
+    @property
+    def identity(self) -> str:
+        """The database's identity; empty if the catalogue has an older format version."""
+        return self._manifest.identity if self.version == FORMAT_VERSION else ""
 
-    def _read_state(self, connection: sqlite3.Connection) -> int:
-        meta = dict(connection.execute("SELECT name, value FROM meta"))
-        if (meta.get("rate"), meta.get("levels")) != (self._rate, self._levels):
-            raise self._damaged("its rate and levels are not those of the manifest")
-        return int(meta["state"])
+    def check_place(self) -> None:
+        """Check that the file that is open is still the database's catalogue.
+
+        Raises
+        ------
+        DatabaseError
+            If it was moved, removed or replaced.
+        """
+        try:
+            is_same = _file_identity(self.path) == self._file
+        except OSError:
+            is_same = False
+        if not is_same:
+            raise DatabaseError(
+                f"{self.path}: was moved or replaced while it was open, so nothing was written; "
+                "open the database again"
+            )
+
+    def _check_unchanged(self, connection: sqlite3.Connection) -> None:
+        """Check, in a transaction, that the contents are those of the database that was opened."""
+        meta = _read_meta(connection)
+        if self._write:
+            is_same = meta == self._meta
+        else:
+            state = meta.get("state", -1)
+            is_same = meta.get("id") == self._meta.get("id") and (
+                state > self._state or (state == self._state and _gist(meta) == _gist(self._meta))
+            )
+        if not is_same:
+            raise DatabaseError(
+                f"{self.path}: was exchanged while it was open; open the database again, and "
+                "restore it from a copy if that fails"
+            )
 
     def close(self) -> None:
         """Close the file; a writer writes its checksum."""
@@ -191,13 +249,21 @@ class Catalogue:
         with self._reporting_damage():
             labels: dict[str, tuple[str, ...]] = {}
             found = [
-                parse_row(StoredRow.of(row), labels, self._rate, checked=not self._is_verified)
+                self._parse(StoredRow.of(row), labels, checked=not self._is_verified)
                 for row in self._query(
-                    f"{SELECT_ROWS} WHERE {LIVE} ORDER BY content", {"state": self._state}
+                    f"{select_rows(self.version)} WHERE {LIVE} ORDER BY content",
+                    {"state": self._state},
                 )
             ]
         self.damaged = [row for row in found if isinstance(row, str)]
         return [row for row in found if isinstance(row, ClipRecord)]
+
+    def _parse(
+        self, row: StoredRow, labels: dict[str, tuple[str, ...]], *, checked: bool
+    ) -> ClipRecord | str:
+        return parse_row(
+            row, labels, self._rate, self._levels, version=self.version, checked=checked
+        )
 
     def row(self, record: ClipRecord) -> CatalogueRow:
         """Return all that is stored of a clip."""
@@ -210,7 +276,7 @@ class Catalogue:
         """Return the clip with a content hash, if it exists and its row is undamaged."""
         row = self._find_row(content)
         with self._reporting_damage():
-            found = None if row is None else parse_row(row, {}, self._rate, checked=True)
+            found = None if row is None else self._parse(row, {}, checked=True)
         return found if isinstance(found, ClipRecord) else None
 
     def filled(self, content: str) -> bytes | None:
@@ -253,7 +319,7 @@ class Catalogue:
             return None
         with self._reporting_damage():
             rows = self._query(
-                f"{SELECT_ROWS} WHERE content = :content AND {LIVE}",
+                f"{select_rows(self.version)} WHERE content = :content AND {LIVE}",
                 {"content": content, "state": self._state},
             )
             return StoredRow.of(rows[0]) if rows else None
@@ -261,12 +327,20 @@ class Catalogue:
     def _query(self, sql: str, parameters: Any = ()) -> list[tuple[Any, ...]]:
         assert self._connection is not None
         try:
-            return self._connection.execute(sql, parameters).fetchall()
+            return self._read(sql, parameters)
         except sqlite3.OperationalError as error:
             if self._write or not _needs_rollback(error):
                 raise
-            self._connect("rw")
+            self._roll_back()
+            return self._read(sql, parameters)
+
+    def _read(self, sql: str, parameters: Any) -> list[tuple[Any, ...]]:
+        assert self._connection is not None
+        if self._connection.in_transaction:
             return self._connection.execute(sql, parameters).fetchall()
+        with self._transaction("DEFERRED") as connection:
+            self._check_unchanged(connection)
+            return connection.execute(sql, parameters).fetchall()
 
     def segments(self) -> set[int]:
         """Return the numbers of the segments in use, also by removed clips."""
@@ -275,47 +349,96 @@ class Catalogue:
         with self._reporting_damage():
             rows = self._query("SELECT DISTINCT segment FROM clips")
         # other types are damage, which `records` reports; the other clips stay readable
-        return {row[0] for row in rows if isinstance(row[0], int)}
+        return {row[0] for row in rows if isinstance(row[0], int) and 0 < row[0] <= MAX_SEGMENTS}
 
-    def end(self) -> tuple[int, int]:
-        """Return the number of the last segment in use, and the number of its bytes in use."""
-        if self._connection is None:
-            return 1, 0
+    def present_segments(self) -> SegmentList | None:
+        """Return the list of segments as it is on the disk; None if another catalogue counts."""
+        if self._connection is None or find_catalogue(self.path.parent) != self.path:
+            return None
         with self._reporting_damage():
-            rows = self._query(
-                "SELECT segment, offset, frames, labels FROM clips "
-                "JOIN label_sets ON label_sets.id = label_set "
-                "ORDER BY segment DESC, offset DESC LIMIT 1"
-            )
-            if not rows:
-                return 1, 0
-            segment, offset, frames, labels = rows[0]
-            return segment, offset + sum(json.loads(frames)) * len(json.loads(labels)) * 12
+            ((text,),) = self._query("SELECT value FROM meta WHERE name = 'segments'")
+            return SegmentList.from_text(text)
 
-    def change(self, add: Sequence[CatalogueRow] = (), remove: Iterable[ClipRecord] = ()) -> None:
+    def end(self) -> dict[int, int]:
+        """Return, by segment, the end of the last clip; of an older format version."""
+        if self._connection is None:
+            return {}
+        ends: dict[int, int] = {}
+        with self._reporting_damage():
+            for segment, offset, frames, labels in self._query(
+                "SELECT segment, offset, frames, labels FROM clips "
+                "JOIN label_sets ON label_sets.id = label_set"
+            ):
+                end = offset + sum(json.loads(frames)) * len(json.loads(labels)) * 12
+                ends[segment] = max(ends.get(segment, 0), end)
+        return ends
+
+    def announce(self, segments: SegmentList) -> None:
+        """Commit a list that names what is about to be written, or was removed."""
+        self._commit({"segments": segments.to_text()}, lambda connection, state, meta: None)
+        self.segments_list = segments
+
+    def change(
+        self,
+        add: Sequence[CatalogueRow] = (),
+        remove: Iterable[ClipRecord] = (),
+        segments: SegmentList | None = None,
+    ) -> None:
         """Add and remove clips in one commit.
+
+        Parameters
+        ----------
+        add : sequence of CatalogueRow
+            New clips.
+        remove : iterable of ClipRecord
+            Clips to remove.
+        segments : SegmentList, optional
+            The segments with the new clips.
 
         Raises
         ------
         DatabaseError
-            If a clip to be removed does not exist.
+            If a clip to be removed does not exist, or the file was exchanged.
         """
-        assert self._connection is not None and self._write
         add, remove = list(add), list(remove)
         if not add and not remove:
             return
-        state = self._state + 1
-        with self._reporting_damage(), self._transaction("IMMEDIATE") as connection:
-            meta = dict(connection.execute("SELECT name, value FROM meta"))
+        listed = self.segments_list if segments is None else segments
+
+        def put(connection: sqlite3.Connection, state: int, meta: dict[str, Any]) -> None:
             rows, digest = int(meta["rows"]), int(meta["digest"])
             for record in remove:
                 digest ^= self._mark_removed(connection, record, state)
             for row in add:
                 digest ^= insert_row(connection, row, state)
                 rows += 1
-            for name, value in (("state", state), ("rows", rows), ("digest", digest)):
-                connection.execute("UPDATE meta SET value = ? WHERE name = ?", (value, name))
-        self._state = state
+            meta |= {"state": state, "rows": rows, "digest": digest}
+
+        self._commit({"segments": listed.to_text()}, put)
+        self.segments_list = listed
+
+    def edit(self, edited: Sequence[tuple[ClipRecord, ClipRecord]]) -> None:
+        """Replace records by others with the same positions, in one commit."""
+        rows = [replace(self.row(old), record=new) for old, new in edited]
+        self.change(add=rows, remove=[old for old, _ in edited])
+
+    def _commit(
+        self,
+        meta: dict[str, Any],
+        put: Callable[[sqlite3.Connection, int, dict[str, Any]], None],
+    ) -> None:
+        """Change the file in one transaction, if it is the one that was opened."""
+        assert self._connection is not None and self._write
+        self.check_place()
+        with self._reporting_damage(), self._transaction("IMMEDIATE") as connection:
+            self._check_unchanged(connection)
+            changed = self._meta | meta
+            put(connection, self._state + 1, changed)
+            for name, value in changed.items():
+                if value != self._meta.get(name):
+                    connection.execute("UPDATE meta SET value = ? WHERE name = ?", (value, name))
+        self._meta, self._state = changed, int(changed["state"])
+        self.check_place()
 
     def suspend_checksum(self) -> None:
         """Write no checksum until the file is reopened: a change failed, perhaps midway."""
@@ -325,34 +448,27 @@ class Catalogue:
         """Read the state of the file again: a change that failed may have been committed."""
         self._open()
 
-    def replace(self, rows: Iterable[CatalogueRow]) -> None:
+    def replace(self, rows: Iterable[CatalogueRow], segments: SegmentList) -> None:
         """Replace the file by a new one that has only these rows, and continue with it.
 
         The new file has another name, and therefore its own journal; readers keep the old one open.
+
+        Parameters
+        ----------
+        rows : iterable of CatalogueRow
+            All clips.
+        segments : SegmentList
+            The segments that hold them, and what may be removed then.
         """
         assert self._connection is not None and self._write
-        path = _successor(self._path)
-        unfinished = path.with_name(f"{path.name}.new")
-        made = Catalogue(unfinished, self._rate, self._levels, write=True)
-        try:
-            made.change(add=list(rows))
-        finally:
-            made.close()
+        self.check_place()
+        path = successor(self.path)
+        create_catalogue(path, self._manifest, rows, segments)
+        self.check_place()
         self._connection.close()
         self._connection = None
-        unfinished.replace(path)
-        flush_folder(path.parent)
-        self._path = path
-        self._checksum_file = CatalogueChecksum(path)
+        self.path = path
         self._open()
-        self.remove_others()
-
-    def remove_others(self) -> None:
-        """Remove other catalogues: previous ones, and unfinished ones of killed writers."""
-        kept = {self._path.name, f"{self._path.name}-journal", self._checksum_file.path.name}
-        for other in self._path.parent.glob(f"{_STEM}*"):
-            if other.name not in kept:
-                other.unlink(missing_ok=True)
 
     def check(self, record: ClipRecord) -> bool:
         """Return whether a record, its mask and its sketch are as they were inserted."""
@@ -360,7 +476,7 @@ class Catalogue:
         if row is None:
             return False
         with self._reporting_damage():
-            if parse_row(row, {}, self._rate, checked=True) != record:
+            if self._parse(row, {}, checked=True) != record:
                 return False
             sketch = np.frombuffer(row.sketch, dtype="<u4")
             return self._common_hashes(sketch)[row.id] == len(sketch)
@@ -389,7 +505,7 @@ class Catalogue:
         if row[0] != "ok":
             raise self._damaged(str(row[0]))
         with self._transaction("DEFERRED") as connection:
-            meta = dict(connection.execute("SELECT name, value FROM meta"))
+            meta = _read_meta(connection)
             checksums = [int(r[0]) for r in connection.execute("SELECT row_checksum FROM clips")]
             last = connection.execute(
                 "SELECT MAX(COALESCE(removed_in, added_in)) FROM clips"
@@ -433,7 +549,7 @@ class Catalogue:
             yield
         except sqlite3.OperationalError as error:  # full, locked, read-only: not damage
             raise DatabaseError(
-                f"{self._path}: cannot be used now ({error}); "
+                f"{self.path}: cannot be used now ({error}); "
                 "check free space and permissions, and try again"
             ) from error
         except (sqlite3.Error, LookupError, ValueError, TypeError) as error:
@@ -441,9 +557,20 @@ class Catalogue:
                 raise
             raise self._damaged(str(error)) from error
 
+    def _missing(self, how: str = "is missing") -> DatabaseCorruptError:
+        return DatabaseCorruptError(
+            f"{self.path}: {how}, so nothing is known of the segments; restore it from a copy"
+        )
+
+    def _foreign(self) -> DatabaseCorruptError:
+        return DatabaseCorruptError(
+            f"{self.path}: belongs to another database; restore the catalogue of this one from a "
+            "copy"
+        )
+
     def _damaged(self, reason: str) -> DatabaseCorruptError:
         return DatabaseCorruptError(
-            f"{self._path}: is damaged ({' '.join(reason.split())}); restore the database from a "
+            f"{self.path}: is damaged ({' '.join(reason.split())}); restore the database from a "
             "copy, or merge its undamaged clips into a new one"
         )
 
@@ -453,7 +580,7 @@ def find_catalogue(folder: Path) -> Path:
 
     If a compaction was killed, there may be two: the one with the higher number counts.
     """
-    found = [path for path in folder.glob(f"{_STEM}*{_SUFFIX}") if _number(path)]
+    found = [path for path in folder.glob(f"{_STEM}*{_SUFFIX}") if _number(path) and path.is_file()]
     return max(found, key=_number, default=folder / f"{_STEM}{_SUFFIX}")
 
 
@@ -462,10 +589,12 @@ def _number(path: Path) -> int:
     number = path.name.removeprefix(_STEM).removesuffix(_SUFFIX)
     if not number:
         return 1
-    return int(number[1:]) if number[0] == "-" and number[1:].isdigit() else 0
+    match = re.fullmatch("-([1-9][0-9]{0,8})", number)
+    return int(match[1]) if match else 0
 
 
-def _successor(path: Path) -> Path:
+def successor(path: Path) -> Path:
+    """Return the path of the catalogue that replaces another."""
     return path.with_name(f"{_STEM}-{_number(path) + 1}{_SUFFIX}")
 
 
@@ -475,3 +604,16 @@ def _needs_rollback(error: BaseException | None) -> bool:
     Its journal can be rolled back only by a connection that may write.
     """
     return getattr(error, "sqlite_errorname", "").startswith("SQLITE_READONLY")
+
+
+def _file_identity(path: Path) -> tuple[int, int]:
+    found = path.stat()
+    return found.st_dev, found.st_ino
+
+
+def _read_meta(connection: sqlite3.Connection) -> dict[str, Any]:
+    return dict(connection.execute("SELECT name, value FROM meta"))
+
+
+def _gist(meta: dict[str, Any]) -> tuple[Any, Any]:
+    return meta.get("rows"), meta.get("digest")

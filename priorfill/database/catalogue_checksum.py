@@ -3,7 +3,8 @@
 Rows have checksums of their own, but an SQLite file consists of more than rows. The checksum file
 covers every byte. It names the state of the catalogue it belongs to by SQLite's change counter:
 while a writer works, or after one was killed, there is no checksum of the present state, and rows
-are checked one by one.
+are checked one by one. A catalogue whose counter is below that of its checksum file was restored
+from an older copy.
 """
 
 from __future__ import annotations
@@ -15,11 +16,18 @@ from pathlib import Path
 
 from priorfill.runtime.atomic_file import finish_file
 
-__all__ = ["CatalogueChecksum"]
+__all__ = ["SUFFIXES", "CatalogueChecksum"]
+
+SUFFIXES = (".checksum", ".seal")
+"""Suffixes of checksum files: of the present format version, and of version 2."""
 
 _COUNTER = slice(24, 28)
 _COUNTER_COPY = slice(92, 96)
 """Bytes of an SQLite file with its change counter, big-endian, and with the copy of it."""
+
+
+MAX_BYTES = 1000
+"""Maximum size of a checksum file, which takes 60 bytes."""
 
 
 class CatalogueChecksum:
@@ -29,6 +37,8 @@ class CatalogueChecksum:
     ----------
     catalogue : Path
         The SQLite file; the checksum file is in the same folder.
+    version : int
+        The format version.
 
     Attributes
     ----------
@@ -40,9 +50,10 @@ class CatalogueChecksum:
         Whether that damage is in the catalogue, not in the checksum file.
     """
 
-    def __init__(self, catalogue: Path) -> None:
+    def __init__(self, catalogue: Path, version: int) -> None:
+        suffix = SUFFIXES[version == 2]
         # catalogue.sqlite.new, a catalogue being made, shares the name of the finished one
-        self.path = catalogue.with_name(catalogue.name.partition(".")[0] + ".checksum")
+        self.path = catalogue.with_name(catalogue.name.partition(".")[0] + suffix)
         self.problem = ""
         self.catalogue_is_damaged = False
 
@@ -56,7 +67,8 @@ class CatalogueChecksum:
         """
         self.problem, self.catalogue_is_damaged = "", False
         try:
-            text = self.path.read_text(encoding="ascii")
+            with self.path.open("rb") as file:
+                text = file.read(MAX_BYTES).decode("ascii")
         except FileNotFoundError:
             return False
         except (OSError, ValueError):
@@ -72,8 +84,13 @@ class CatalogueChecksum:
             stored = json.loads(text)
             if _format(stored["counter"], stored["checksum"]) != text:
                 raise ValueError
-        except (ValueError, KeyError, TypeError):
+            is_older = counter < stored["counter"]
+        except (ValueError, LookupError, TypeError, RecursionError):
             self.problem = f"{self.path} is damaged"
+            return False
+        if is_older:
+            self.problem = f"it is older than {self.path.name}"
+            self.catalogue_is_damaged = True
             return False
         if stored["counter"] != counter:
             return False

@@ -14,16 +14,18 @@ from numpy.typing import NDArray
 
 from priorfill.database.manifest import FORMAT_VERSION
 from priorfill.database.record import ClipRecord
+from priorfill.database.record_checks import is_possible
 
 __all__ = [
     "LIVE",
     "SCHEMA",
-    "SELECT_ROWS",
     "CatalogueRow",
     "StoredRow",
+    "fields_of",
     "insert_row",
     "parse_row",
     "row_checksum",
+    "select_rows",
 ]
 
 SCHEMA = f"""
@@ -63,9 +65,10 @@ CREATE TABLE IF NOT EXISTS clips (
     sketch BLOB NOT NULL,
     added_in INTEGER NOT NULL,
     removed_in INTEGER,
-    row_checksum INTEGER NOT NULL,
-    UNIQUE (segment, offset)
+    row_checksum INTEGER NOT NULL
 );
+CREATE UNIQUE INDEX IF NOT EXISTS place_of_clips
+    ON clips (segment, offset) WHERE removed_in IS NULL;
 CREATE UNIQUE INDEX IF NOT EXISTS content_of_clips ON clips (content) WHERE removed_in IS NULL;
 CREATE TABLE IF NOT EXISTS clips_of_hash (
     hash INTEGER NOT NULL,
@@ -102,11 +105,20 @@ _FIELDS = (
 _LISTS = frozenset({"frames", "present", "measured", "checksums"})
 _FLAGS = frozenset({"synthetic", "virtual_markers"})
 
-SELECT_ROWS = (
-    "SELECT clips.id, added_in, removed_in, sketch, row_checksum, labels, filled, "
-    f"{', '.join(_FIELDS)} FROM clips LEFT JOIN label_sets ON label_sets.id = label_set"
-)
-"""Selects rows in the order that `StoredRow` expects."""
+
+def fields_of(version: int) -> tuple[str, ...]:
+    """Return the columns of a format version that are fields of a record."""
+    return tuple(name for name in _FIELDS if version != 2 or name != "virtual_markers")
+
+
+def select_rows(version: int) -> str:
+    """Return a statement that selects rows in the order that `StoredRow` expects."""
+    return (
+        "SELECT clips.id, added_in, removed_in, sketch, row_checksum, labels, filled, "
+        f"{', '.join(fields_of(version))} "
+        "FROM clips LEFT JOIN label_sets ON label_sets.id = label_set"
+    )
+
 
 LIVE = "added_in <= :state AND (removed_in IS NULL OR removed_in > :state)"
 """Condition for the rows that belong to a state."""
@@ -203,7 +215,13 @@ def _column_value(record: ClipRecord, name: str) -> Any:
 
 
 def parse_row(
-    row: StoredRow, labels: dict[str, tuple[str, ...]], rate: float, *, checked: bool
+    row: StoredRow,
+    labels: dict[str, tuple[str, ...]],
+    rate: float,
+    levels: int,
+    *,
+    version: int,
+    checked: bool,
 ) -> ClipRecord | str:
     """Return the record of a row, or the name in it if the row is damaged.
 
@@ -215,22 +233,28 @@ def parse_row(
         Cache of parsed label lists: thousands of clips share a few.
     rate : float
         The database's rate (Hz).
+    levels : int
+        Its number of levels.
+    version : int
+        The format version.
     checked : bool
         Whether to compare the row with its checksum.
     """
-    values = dict(zip(_FIELDS, row.fields, strict=True))
+    values = dict(zip(fields_of(version), row.fields, strict=True))
     name = str(values["name"])
-    if checked and row.checksum != row.checksum_with(row.removed_in):
-        return name
     try:
+        if checked and row.checksum != row.checksum_with(row.removed_in):
+            return name
         if row.labels not in labels:
             labels[row.labels] = tuple(json.loads(row.labels))
         for key in _LISTS:
             values[key] = tuple(json.loads(values[key]))
+        values.setdefault("virtual_markers", 0)
         for key in _FLAGS:
             values[key] = bool(values[key])
-        return ClipRecord(**values, labels=labels[row.labels], rate=rate)
-    except (ValueError, TypeError):
+        record = ClipRecord(**values, labels=labels[row.labels], rate=rate)
+        return record if len(record.frames) == levels and is_possible(record) else name
+    except (ValueError, TypeError, RecursionError):
         return name
 
 

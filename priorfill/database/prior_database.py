@@ -10,16 +10,19 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.clip import Clip
-from priorfill.database.catalogue import Catalogue, find_catalogue
+from priorfill.database.catalogue import Catalogue, find_catalogue, successor
 from priorfill.database.catalogue_rows import CatalogueRow
+from priorfill.database.convert import replaced_segments, unaccounted_bytes
+from priorfill.database.create_database import SEGMENTS, create_database
+from priorfill.database.database_lock import LOCK, DatabaseLock
 from priorfill.database.ingest import content_hash, ingest, stored_levels, unpack_mask
-from priorfill.database.manifest import MANIFEST, read_manifest, write_manifest
+from priorfill.database.manifest import FORMAT_VERSION, MANIFEST, Manifest, read_manifest
 from priorfill.database.near_duplicates import RATE_TOLERANCE, same_motion
 from priorfill.database.record import (
     AcceptResult,
@@ -28,7 +31,17 @@ from priorfill.database.record import (
     DatabaseInfo,
     MergeResult,
 )
-from priorfill.database.segments import DTYPE, SegmentReader, SegmentWriter
+from priorfill.database.record_checks import has_odd_text, printable, with_printable_texts
+from priorfill.database.recovery import check_checksums, find_problems, remove_unused
+from priorfill.database.segment_list import SegmentList
+from priorfill.database.segments import (
+    DTYPE,
+    HEADER_BYTES,
+    MARK_BYTES,
+    Place,
+    SegmentReader,
+    SegmentWriter,
+)
 from priorfill.database.sketch import MIN_SHARED_HASHES, is_version, sketch
 from priorfill.database.versions import reason_to_keep
 from priorfill.errors import (
@@ -36,16 +49,11 @@ from priorfill.errors import (
     DatabaseCorruptError,
     DatabaseError,
     DatabaseFormatError,
-    DatabaseLockedError,
     DatabaseNotFoundError,
     DuplicateClipError,
     OptionError,
 )
-from priorfill.runtime.atomic_file import flush_folder
-from priorfill.runtime.file_lock import LockHeldError, acquire_lock
-
-if TYPE_CHECKING:
-    from filelock import BaseFileLock
+from priorfill.runtime.display import escaped
 
 __all__ = ["DEFAULT_LEVELS", "DEFAULT_RATE", "PriorDatabase"]
 
@@ -61,9 +69,6 @@ FILLED_IN_FILE = "another program"
 
 MAX_OPEN_ATTEMPTS = 5
 """Maximum attempts of a reader to open a database that a writer compacts at the same time."""
-
-_SEGMENTS = "segments"
-_LOCK = "lock"
 
 
 class PriorDatabase:
@@ -95,41 +100,59 @@ class PriorDatabase:
 
     def __init__(self, path: Path, *, write: bool) -> None:
         self.path = path
-        self._lock: BaseFileLock | None = None
+        self._lock: DatabaseLock | None = None
         self._manifest = read_manifest(path)
         self.rate = self._manifest.rate
         self.levels = self._manifest.levels
         self._records: tuple[ClipRecord, ...] | None = None
-        self._folder = path / _SEGMENTS
-        if write:
-            self._lock = _lock(path)
+        self._folder = path / SEGMENTS
+        self._writer: SegmentWriter | None = None
         try:
+            if write:
+                if not (path / LOCK).exists():
+                    self._refuse_damaged()
+                self._lock = DatabaseLock(path)
+                self._manifest = self._converted()
             self._open(write)
-            self._writer: SegmentWriter | None = None
             if write:
                 self._prepare_to_write()
         except BaseException:
             self.close()
             raise
 
+    def _refuse_damaged(self) -> None:
+        """Check for damage before even the lock is written."""
+        with PriorDatabase(self.path, write=False) as reader:
+            catalogue = reader._catalogue
+            if not catalogue.identity:
+                problems = reader.verify()
+            else:
+                problems = find_problems(self._folder, catalogue.identity, catalogue.segments_list)
+        if problems:
+            raise DatabaseCorruptError(problems[0])
+
+    def _converted(self) -> Manifest:
+        """Return the manifest of the present format version; convert the database if need be."""
+        manifest = read_manifest(self.path)
+        if manifest.version == FORMAT_VERSION and manifest.converted_from is None:
+            return manifest
+        from priorfill.database.convert import convert
+
+        with PriorDatabase(self.path, write=False) as old:
+            return convert(old, manifest, old._catalogue)
+
     def _open(self, write: bool) -> None:
         """Open the catalogue and, for a reader, map the segments in their present state."""
         for attempt in range(1, MAX_OPEN_ATTEMPTS + 1):
             catalogue = find_catalogue(self.path)
-            if not catalogue.exists() and any(self._folder.glob("*.f32")):
-                if attempt < MAX_OPEN_ATTEMPTS:
-                    continue  # a compaction removed it after it was found
-                raise DatabaseCorruptError(
-                    f"{catalogue}: is missing, but there are segments; "
-                    "restore the database from a copy"
-                )
             try:
-                self._catalogue = Catalogue(catalogue, self.rate, self.levels, write=write)
+                self._catalogue = Catalogue(catalogue, self._manifest, write=write)
             except DatabaseError:
+                # a compaction may have removed it after it was found
                 if catalogue.exists() or attempt == MAX_OPEN_ATTEMPTS:
                     raise
                 continue
-            self._reader = SegmentReader(self._folder)
+            self._reader = SegmentReader(self._folder, self._catalogue.identity)
             if write or self._reader.hold(self._catalogue.segments()):
                 return
             if catalogue.exists() or attempt == MAX_OPEN_ATTEMPTS:
@@ -138,12 +161,21 @@ class PriorDatabase:
             self._catalogue.close()
 
     def _prepare_to_write(self) -> None:
-        self._folder.mkdir(exist_ok=True)
-        flush_folder(self.path)
-        self._catalogue.remove_others()
-        self._writer = SegmentWriter(
-            self._folder, self._catalogue.segments(), *self._catalogue.end()
-        )
+        """Compare the segments with the catalogue, and remove what a killed writer left."""
+        listed = self._catalogue.segments_list
+        identity = self._manifest.identity
+        problems = find_problems(self._folder, identity, listed)
+        if problems:
+            raise DatabaseCorruptError(problems[0])
+        if not listed.is_clean:
+            remove_unused(self._folder, identity, listed)
+            self._catalogue.announce(SegmentList(listed.segments))
+        self._writer = SegmentWriter(self._folder, identity, listed)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of the state in which the database was found; usually empty."""
+        return (self._catalogue.note,) if self._catalogue.note else ()
 
     @classmethod
     def create(
@@ -180,16 +212,7 @@ class PriorDatabase:
             )
         if path.exists() and not path.is_dir():
             raise DatabaseFormatError(f"{path}: is a file; give a folder for the database")
-        path.mkdir(exist_ok=True)
-        # a crash in this function leaves an unfinished manifest at most
-        for other in sorted(path.iterdir()):
-            if other.name != f"{MANIFEST}.new":
-                raise DatabaseFormatError(
-                    f"{path}: contains other files ({other.name}); "
-                    "give an empty or a new folder for a new database"
-                )
-        write_manifest(path, rate, levels)
-        flush_folder(path.parent)
+        create_database(path, rate, levels)
         return cls(path, write=True)
 
     @classmethod
@@ -226,9 +249,13 @@ class PriorDatabase:
         `create` and `open`.
         """
         path = Path(path)
-        if (path / MANIFEST).exists():
-            return cls.open(path, write=True)
-        return cls.create(path, rate=rate, levels=levels)
+        if not (path / MANIFEST).exists():
+            try:
+                return cls.create(path, rate=rate, levels=levels)
+            except DatabaseFormatError:
+                if not (path / MANIFEST).exists():
+                    raise
+        return cls.open(path, write=True)  # another process has created it meanwhile, perhaps
 
     def __enter__(self) -> Self:
         return self
@@ -380,7 +407,10 @@ class PriorDatabase:
     def _recover(self) -> None:
         """After a change that failed, read the state on the disk."""
         if self._lock is not None and self._writer is None:
+            self._lock.check()
             self._catalogue.reopen()
+            self._reader.close()
+            self._reader = SegmentReader(self._folder, self._catalogue.identity)
             self._prepare_to_write()
 
     def _versions_to_replace(self, row: CatalogueRow, *, accepted: bool) -> tuple[ClipRecord, ...]:
@@ -405,11 +435,13 @@ class PriorDatabase:
         self, blocks: Sequence[bytes], row: CatalogueRow, replaced: Iterable[ClipRecord]
     ) -> ClipRecord:
         writer = self._ready_writer()
+        row = replace(row, record=with_printable_texts(row.record))
         with self._one_change():
-            segment, offset = writer.append(blocks)
-            record = replace(row.record, segment=segment, offset=offset)
-            self._catalogue.change(add=[replace(row, record=record)], remove=replaced)
-            writer.commit(segment, offset + record.nbytes)
+            place = writer.place(row.record.nbytes)
+            self._catalogue.announce(writer.announcing([place]))
+            writer.append(blocks, place)
+            record = replace(row.record, segment=place.segment, offset=place.offset)
+            self._catalogue.change([replace(row, record=record)], replaced, writer.listed)
         return record
 
     @contextmanager
@@ -447,6 +479,48 @@ class PriorDatabase:
         with self._one_change():
             self._catalogue.change(remove=list(records))
 
+    def edit(
+        self,
+        records: Iterable[ClipRecord],
+        *,
+        subject: str | None = None,
+        session: str | None = None,
+    ) -> tuple[ClipRecord, ...]:
+        """Correct the subject or session of clips in one commit.
+
+        Parameters
+        ----------
+        records : iterable of ClipRecord
+            Some of `clips`.
+        subject, session : str, optional
+            The new values; an empty text removes them. None leaves them as they are.
+
+        Returns
+        -------
+        tuple of ClipRecord
+            The clips with their new values, in the given order; those that had them already are
+            unchanged.
+
+        Raises
+        ------
+        DatabaseError
+            If one of them no longer exists, or the database was opened for reading.
+        """
+        self._ready_writer()
+        records = tuple(records)
+        edited = tuple(
+            replace(
+                record,
+                subject=record.subject if subject is None else printable(subject),
+                session=record.session if session is None else printable(session),
+            )
+            for record in records
+        )
+        pairs = [pair for pair in zip(records, edited, strict=True) if pair[0] != pair[1]]
+        with self._one_change():
+            self._catalogue.edit(pairs)
+        return edited
+
     def compact(self, progress: Callable[[int, int], None] | None = None) -> int:
         """Free the disk space of removed clips.
 
@@ -470,28 +544,46 @@ class PriorDatabase:
         DatabaseError
             If the database was opened for reading.
         """
-        before = self._segment_bytes()
         writer = self._ready_writer()
         records = self.clips()
-        if self._segment_bytes() == sum(record.nbytes for record in records):
-            return before - self._segment_bytes()
-        rows = []
+        before = self._segment_bytes()
+        if before == _bytes_needed(records):
+            return 0
+        for record in records:
+            self.check(record)
         with self._one_change():
-            writer.begin_new()
-            for done, record in enumerate(records, start=1):
-                self.check(record)
-                row = self._catalogue.row(record)
-                segment, offset = writer.append(self._blocks(record))
-                moved = replace(record, segment=segment, offset=offset)
-                writer.commit(segment, offset + record.nbytes)
-                rows.append(replace(row, record=moved))
-                if progress is not None:
-                    progress(done, len(records))
-            self._catalogue.replace(rows)
-            self._reader.close()
-            self._reader = SegmentReader(self._folder)
-            self._prepare_to_write()
-        return before - self._segment_bytes()
+            self._rewrite(writer, records, progress)
+        return max(0, before - self._segment_bytes())
+
+    def _rewrite(
+        self,
+        writer: SegmentWriter,
+        records: Sequence[ClipRecord],
+        progress: Callable[[int, int], None] | None,
+    ) -> None:
+        """Write all clips to new segments, and the catalogue anew."""
+        old = self._catalogue.segments_list.segments
+        writer.begin_new()
+        places: list[Place] = []
+        for record in records:
+            places.append(writer.place(record.nbytes, places[-1] if places else None))
+        unfinished = f"{successor(self._catalogue.path).name}.new"
+        self._catalogue.announce(writer.announcing(places, (unfinished,)))
+        rows = []
+        for done, (record, place) in enumerate(zip(records, places, strict=True), start=1):
+            self.check(record)
+            row = self._catalogue.row(record)
+            writer.append(self._blocks(record), place)
+            moved = replace(record, segment=place.segment, offset=place.offset)
+            rows.append(replace(row, record=moved))
+            if progress is not None:
+                progress(done, len(records))
+        self._catalogue.replace(
+            rows, replaced_segments(self._folder, old, writer.listed, self._catalogue.path.name)
+        )
+        self._reader.close()
+        self._reader = SegmentReader(self._folder, self._catalogue.identity)
+        self._prepare_to_write()
 
     def merge(
         self, other: PriorDatabase, progress: Callable[[int, int], None] | None = None
@@ -694,7 +786,7 @@ class PriorDatabase:
     def info(self) -> DatabaseInfo:
         """Return figures of the database."""
         records = self.clips()
-        files = [path for path in self.path.rglob("*") if path.is_file()]
+        files = [path for path in self.path.rglob("*") if path.is_file() and not path.is_symlink()]
         return DatabaseInfo(
             path=self.path,
             version=self._manifest.version,
@@ -707,7 +799,7 @@ class PriorDatabase:
             frames=sum(record.frames[0] for record in records),
             seconds=sum(record.duration for record in records),
             bytes=sum(path.stat().st_size for path in files),
-            removed_bytes=self._segment_bytes() - sum(record.nbytes for record in records),
+            removed_bytes=max(0, self._segment_bytes() - _bytes_needed(records)),
             marker_sets=dict(sorted(Counter(record.marker_set for record in records).items())),
             licences=dict(sorted(Counter(record.licence for record in records).items())),
             credits=dict(sorted(Counter(record.credit for record in records).items())),
@@ -748,32 +840,56 @@ class PriorDatabase:
         """
         records = self.clips()
         problems = [
-            f"{self.path}: the catalogue's row of clip {name} is damaged; "
+            f"{self.path}: the catalogue's row of clip {escaped(name)} is damaged; "
             "restore the database from a copy"
             for name in self._catalogue.damaged
         ]
+        problems += [
+            f"{self.path}: the texts of clip {escaped(record.name)} have characters that cannot "
+            "be printed; add it again under another name, or correct them (priorfill db edit)"
+            for record in records
+            if has_odd_text(record)
+        ]
+        in_segments = set()
         for done, record in enumerate(records, start=1):
             try:
                 self.check(record)
             except DatabaseCorruptError as error:
                 problems.append(str(error))
+                in_segments.add(record.segment)
             if progress is not None:
                 progress(done, len(records))
         try:
             self._catalogue.check_file()
+            problems += self._check_segments(in_segments)
         except DatabaseCorruptError as error:
             problems.append(str(error))
         return problems
 
+    def _check_segments(self, damaged: set[int]) -> list[str]:
+        """Compare the segments with the catalogue's list, unless they change at the same time."""
+        identity = self._catalogue.identity
+        if not identity:
+            return unaccounted_bytes(self._folder, self._catalogue.end())
+        listed = self._catalogue.present_segments()
+        while listed is not None:
+            found = find_problems(self._folder, identity, listed)
+            found = [one for one in found if not any(f"{n:06d}.f32" in one for n in damaged)]
+            found += check_checksums(self._folder, listed, damaged)
+            before, listed = listed, self._catalogue.present_segments()
+            if not found or listed == before:
+                return found
+        return []
+
     def _segment_bytes(self) -> int:
-        return sum(path.stat().st_size for path in self._folder.glob("*.f32"))
+        """Return the size of the segments that the catalogue accounts for."""
+        if not self._catalogue.identity:
+            return sum(self._catalogue.end().values())
+        return sum(one.size for one in self._catalogue.segments_list.segments.values())
 
 
-def _lock(path: Path) -> BaseFileLock:
-    """Lock a database for writing."""
-    try:
-        return acquire_lock(path / _LOCK)
-    except LockHeldError as error:
-        raise DatabaseLockedError(
-            f"{path}: {error.holder} is writing to this database; wait until it has ended"
-        ) from None
+def _bytes_needed(records: Iterable[ClipRecord]) -> int:
+    """Return the size of segments that hold clips, and nothing else."""
+    segments = {record.segment: 0 for record in records}
+    clips = sum(record.nbytes + MARK_BYTES for record in records)
+    return clips + HEADER_BYTES * len(segments)

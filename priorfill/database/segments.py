@@ -1,21 +1,41 @@
-"""Segment files: positions as little-endian float32, one clip after the other."""
+"""Segment files: positions as little-endian float32, one clip after the other.
+
+A segment begins with a header that names its database and its number. Each clip is followed by a
+mark of random bytes.
+"""
 
 from __future__ import annotations
 
 import os
+import secrets
 import threading
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.database.segment_list import Segment, SegmentList, Unused
 from priorfill.errors import DatabaseCorruptError
 from priorfill.runtime.atomic_file import flush_folder
 
-__all__ = ["DTYPE", "SEGMENT_BYTES", "SegmentReader", "SegmentWriter", "segment_path"]
+__all__ = [
+    "DTYPE",
+    "HEADER_BYTES",
+    "MARK_BYTES",
+    "SEGMENT_BYTES",
+    "Place",
+    "SegmentReader",
+    "SegmentWriter",
+    "check_end",
+    "header",
+    "read_at",
+    "segment_path",
+    "segment_paths",
+]
 
 DTYPE = np.dtype("<f4")
 """Type of a stored coordinate."""
@@ -27,6 +47,32 @@ moves more than 1 GiB at a time."""
 CHUNK_BYTES = 1 << 22
 """Bytes read at a time for checksums."""
 
+HEADER_BYTES = 64
+"""Size of a header, a multiple of the size of a coordinate."""
+
+MARK_BYTES = 8
+"""Size of a mark; two that were drawn at random are equal once in 10^19 cases."""
+
+
+_SEEKING = threading.Lock()
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a clip will be written.
+
+    Attributes
+    ----------
+    segment, offset : int
+        Number of the segment, and its byte at which the clip begins.
+    end : int
+        Size of the segment afterwards.
+    """
+
+    segment: int
+    offset: int
+    end: int
+
 
 class SegmentWriter:
     """Appends to the last segment.
@@ -34,74 +80,115 @@ class SegmentWriter:
     Parameters
     ----------
     folder : Path
-        The folder of the segments.
-    used : set of int
-        Numbers of the segments that hold clips; others were never committed and are removed.
-    segment, end : int
-        Number of the segment to append to, and its committed bytes. Bytes beyond were never
-        committed and are cut off.
+        The folder of the segments, which agree with the list.
+    identity : str
+        The database's identity.
+    segments : SegmentList
+        The committed segments.
 
-    Raises
-    ------
-    DatabaseCorruptError
-        If the file is shorter than its committed bytes.
+    Attributes
+    ----------
+    listed : SegmentList
+        The segments with all that was appended.
     """
 
-    def __init__(self, folder: Path, used: set[int], segment: int, end: int) -> None:
+    def __init__(self, folder: Path, identity: str, segments: SegmentList) -> None:
         self._folder = folder
-        self._segment = segment
-        self._end = end
-        self._remove_all_but(used)
-        path = segment_path(folder, segment)
-        size = path.stat().st_size if path.exists() else 0
-        if size < end:
-            raise DatabaseCorruptError(
-                f"{path}: has {size} bytes, but the catalogue counts {end}; "
-                "restore the database from a copy"
-            )
-        if size > end:
-            os.truncate(path, end)
-
-    def _remove_all_but(self, used: set[int]) -> None:
-        """Remove the segments of other numbers. Their memory maps stay valid."""
-        for path in self._folder.glob("*.f32"):
-            if path.stem.isdigit() and int(path.stem) not in used:
-                path.unlink()
+        self._identity = identity
+        self.listed = SegmentList(dict(segments.segments))
+        self._last = max(segments.segments, default=0)
 
     def begin_new(self) -> None:
-        """Continue with a segment of an unused number."""
-        self._segment += 1
-        self._end = 0
+        """Continue with a segment whose number neither the list nor a file has."""
+        self._last = self._unused_number(self._last)
 
-    def append(self, blocks: Sequence[bytes]) -> tuple[int, int]:
-        """Write blocks one after the other and flush them to the disk.
+    def place(self, size: int, before: Place | None = None) -> Place:
+        """Return where a clip of a size (bytes) goes, after another one that is placed already."""
+        if before is not None:
+            number, end = before.segment, before.end
+        else:
+            number = self._last or self._unused_number(0)
+            one = self.listed.segments.get(number)
+            end = HEADER_BYTES if one is None else one.size
+        if end > HEADER_BYTES and end + size + MARK_BYTES > SEGMENT_BYTES:
+            number, end = self._unused_number(number), HEADER_BYTES
+        return Place(number, end, end + size + MARK_BYTES)
 
-        They count only after `commit`; until then the next call overwrites them.
+    def _unused_number(self, after: int) -> int:
+        there = [number for number, _ in segment_paths(self._folder)]
+        return max([*self.listed.segments, *there, after]) + 1
 
-        Returns
-        -------
-        segment, offset : int
-            Where the blocks begin.
+    def announcing(self, places: Iterable[Place], files: tuple[str, ...] = ()) -> SegmentList:
+        """Return the list with the places, and files, that are about to be written."""
+        unused = {
+            place.segment: Unused(place.end, zlib.crc32(header(self._identity, place.segment)))
+            for place in places
+        }
+        return replace(self.listed, unused=unused, files=files)
+
+    def append(self, blocks: Sequence[bytes], place: Place) -> None:
+        """Write blocks one after the other to a place, and flush them to the disk.
+
+        Raises
+        ------
+        DatabaseCorruptError
+            If the segment is not as the list describes it.
         """
-        size = sum(len(block) for block in blocks)
-        if self._end and self._end + size > SEGMENT_BYTES:
-            self.begin_new()
-        path = segment_path(self._folder, self._segment)
-        is_new = not path.exists()
-        with path.open("wb" if is_new else "r+b") as file:
-            file.seek(self._end)
-            for block in blocks:
+        path = segment_path(self._folder, place.segment)
+        start = header(self._identity, place.segment)
+        before = self.listed.segments.get(place.segment)
+        if before is None:
+            before = Segment(HEADER_BYTES, zlib.crc32(start), "")
+        is_new = place.offset == HEADER_BYTES
+        mark = secrets.token_bytes(MARK_BYTES)
+        checksum = before.checksum
+        # "x" never replaces a file that another program has put there
+        with path.open("x+b" if is_new else "r+b") as file:
+            if is_new:
+                file.write(start)
+            else:
+                check_end(file, path, start, before)
+                file.seek(place.offset)
+            for block in (*blocks, mark):
                 file.write(block)
+                checksum = zlib.crc32(block, checksum)
             file.flush()
             os.fsync(file.fileno())
         if is_new:
             flush_folder(self._folder)
-        return self._segment, self._end
+        entry = Segment(place.end, checksum, mark.hex())
+        self.listed = SegmentList({**self.listed.segments, place.segment: entry})
+        self._last = place.segment
 
-    def commit(self, segment: int, end: int) -> None:
-        """Count everything up to byte `end` of `segment` as written."""
-        self._segment = segment
-        self._end = end
+
+def check_end(file: BinaryIO, path: Path, start: bytes, entry: Segment) -> int:
+    """Compare a segment's header and the mark at its committed end; return the file's size.
+
+    Raises
+    ------
+    DatabaseCorruptError
+        If they differ, or the file is too short.
+    """
+    size = os.fstat(file.fileno()).st_size
+    if size < entry.size:
+        raise DatabaseCorruptError(
+            f"{path}: has {size} bytes, but the catalogue counts {entry.size}; "
+            "restore the database from a copy, or merge its undamaged clips into a new one"
+        )
+    file.seek(0)
+    if file.read(HEADER_BYTES) != start:
+        raise DatabaseCorruptError(
+            f"{path}: is not the segment of this database; restore the database from a copy, or "
+            "merge its undamaged clips into a new one"
+        )
+    file.seek(entry.size - MARK_BYTES)
+    if file.read(MARK_BYTES).hex() != entry.mark:
+        raise DatabaseCorruptError(
+            f"{path}: does not belong to this catalogue (one of them was exchanged or restored "
+            "alone); restore the whole database from a copy, or merge its undamaged clips into a "
+            "new one"
+        )
+    return size
 
 
 class SegmentReader:
@@ -111,10 +198,13 @@ class SegmentReader:
     ----------
     folder : Path
         The folder of the segments.
+    identity : str
+        The database's identity; empty in older versions, whose segments have no header.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, identity: str) -> None:
         self._folder = folder
+        self._identity = identity
         self._files: dict[int, BinaryIO] = {}
         self._maps: dict[int, NDArray[np.float32]] = {}
         self._opening = threading.Lock()
@@ -146,7 +236,7 @@ class SegmentReader:
         Raises
         ------
         DatabaseCorruptError
-            If the segment does not exist or is too short.
+            If the segment does not exist, belongs to another database, or is too short.
         """
         first = offset // DTYPE.itemsize
         values = self._maps.get(segment)
@@ -165,10 +255,10 @@ class SegmentReader:
         Raises
         ------
         DatabaseCorruptError
-            If the segment does not exist or is too short.
+            As for `read`.
         """
         self.read(segment, offset, count)
-        data = os.pread(self._files[segment].fileno(), count * DTYPE.itemsize, offset)
+        data = read_at(self._files[segment], offset, count * DTYPE.itemsize)
         if len(data) != count * DTYPE.itemsize:
             raise self._too_short(segment)
         return np.frombuffer(data, dtype=DTYPE), zlib.crc32(data)
@@ -181,14 +271,13 @@ class SegmentReader:
         Raises
         ------
         DatabaseCorruptError
-            If the segment does not exist or is too short.
+            As for `read`.
         """
         self.read(segment, offset, nbytes // DTYPE.itemsize)
-        handle = self._files[segment].fileno()
         result = 0
         for start in range(offset, offset + nbytes, CHUNK_BYTES):
-            chunk = os.pread(handle, min(CHUNK_BYTES, offset + nbytes - start), start)
-            result = zlib.crc32(chunk, result)
+            size = min(CHUNK_BYTES, offset + nbytes - start)
+            result = zlib.crc32(read_at(self._files[segment], start, size), result)
         return result
 
     def _too_short(self, segment: int) -> DatabaseCorruptError:
@@ -202,7 +291,7 @@ class SegmentReader:
         try:
             with self._opening:  # a second file would replace, and close, one another thread reads
                 if segment not in self._files:
-                    self._files[segment] = path.open("rb")
+                    self._files[segment] = self._open(path, segment)
                 file = self._files[segment]
             count = os.fstat(file.fileno()).st_size // DTYPE.itemsize
             # an empty file cannot be mapped
@@ -214,7 +303,43 @@ class SegmentReader:
         self._maps[segment] = values
         return values
 
+    def _open(self, path: Path, segment: int) -> BinaryIO:
+        file = path.open("rb")
+        if self._identity and read_at(file, 0, HEADER_BYTES) != header(self._identity, segment):
+            is_empty = os.fstat(file.fileno()).st_size == 0
+            file.close()
+            if is_empty:
+                raise ValueError("empty")
+            raise DatabaseCorruptError(
+                f"{path}: is not the segment of this database; restore the database from a copy"
+            )
+        return file
+
+
+def read_at(file: BinaryIO, offset: int, size: int) -> bytes:
+    """Return bytes of an open file, from any thread."""
+    if hasattr(os, "pread"):
+        return os.pread(file.fileno(), size, offset)
+    with _SEEKING:  # Windows
+        file.seek(offset)
+        return file.read(size)
+
+
+def header(identity: str, segment: int) -> bytes:
+    """Return the header of a segment."""
+    return f"priorfill segment {segment:07d} of {identity}".encode().ljust(HEADER_BYTES - 1) + b"\n"
+
 
 def segment_path(folder: Path, segment: int) -> Path:
     """Return the path of a segment."""
     return folder / f"{segment:06d}.f32"
+
+
+def segment_paths(folder: Path) -> list[tuple[int, Path]]:
+    """Return the numbers and paths of the files that have the name of a segment."""
+    found = [(int(path.stem), path) for path in folder.glob("*.f32") if _is_number(path.stem)]
+    return sorted(one for one in found if one[1] == segment_path(folder, one[0]))
+
+
+def _is_number(stem: str) -> bool:
+    return stem.isascii() and stem.isdigit() and len(stem) <= 9

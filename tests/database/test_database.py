@@ -10,7 +10,7 @@ import sqlite3
 import stat
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -54,6 +54,11 @@ def make_clip(
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     return tmp_path / "db"
+
+
+def segment_bytes(clips: Iterable[bytes]) -> int:
+    """The size of a segment with these clips: a header, and a mark after each clip."""
+    return segments.HEADER_BYTES + sum(len(data) + segments.MARK_BYTES for data in clips)
 
 
 def snapshot(folder: Path) -> dict[str, bytes]:
@@ -140,7 +145,7 @@ def test_info(folder: Path) -> None:
         database.add(make_clip(2))
     with PriorDatabase.open(folder) as database:
         info = database.info()
-    assert (info.version, info.rate, info.levels) == (1, 25.0, 2)
+    assert (info.version, info.rate, info.levels) == (3, 25.0, 2)
     assert (info.clips, info.subjects, info.synthetic) == (3, 1, 1)
     assert info.frames == 3 * 27
     assert info.seconds == pytest.approx(3 * 27 / 25)
@@ -305,10 +310,12 @@ def test_create_and_open_or_create(folder: Path) -> None:
     ("change", "message"),
     [
         (
-            {"version": 2},
-            "has format version 2, but this priorfill reads version 1; install a newer",
+            {"version": 4},
+            "has format version 4, but this priorfill reads versions 1 to 3; install a newer",
         ),
-        ({"version": 0}, "has format version 0, but this priorfill reads version 1; restore it"),
+        ({"version": 0}, "has format version 0, but this priorfill reads versions 1 to 3; restore"),
+        ({"id": "../.."}, "has no valid id; restore it from a copy"),
+        ({"rate": float("nan")}, "has no valid rate and levels"),
         ({"version": None}, "is damaged or was not written by priorfill"),
         ({"format": "other"}, "was not written by priorfill"),
         ({"rate": "fast"}, "has no valid rate and levels"),
@@ -397,8 +404,13 @@ def run_and_die(action: Callable[[], None]) -> None:
 
 @pytest.mark.parametrize(
     "where",
-    [(catalogue.Catalogue, "change"), (catalogue_rows, "row_checksum"), (segments.os, "fsync")],
-    ids=["before the row", "within the transaction", "before the segment is on disk"],
+    [
+        (catalogue.Catalogue, "announce"),
+        (catalogue.Catalogue, "change"),
+        (catalogue_rows, "row_checksum"),
+        (segments.os, "fsync"),
+    ],
+    ids=["at first", "before the row", "within the transaction", "before the segment is on disk"],
 )
 def test_killed_before_the_commit(folder: Path, where: tuple[object, str]) -> None:
     """The clip whose row is not committed does not exist, the previous one does."""
@@ -414,9 +426,10 @@ def test_killed_before_the_commit(folder: Path, where: tuple[object, str]) -> No
     run_and_die(die_in_add)
     left = snapshot(folder)
     segment = folder / "segments" / "000001.f32"
-    committed = sum(len(data) for data in left.values())
+    committed = segment_bytes(left.values())
     assert len(left) == 2
-    assert segment.stat().st_size > committed  # left by the killed writer
+    size = segment.stat().st_size
+    assert size > committed if where[1] != "announce" else size == committed
     with PriorDatabase.open(folder, write=True) as database:
         assert segment.stat().st_size == committed
         database.add(make_clip(2))
@@ -451,13 +464,15 @@ def test_killed_in_create(folder: Path) -> None:
     assert len(snapshot(folder)) == 1
 
 
-def test_killed_after_create_before_the_catalogue(folder: Path) -> None:
+def test_killed_after_the_catalogue_before_the_manifest(folder: Path) -> None:
     PriorDatabase.create(folder).close()
-    (folder / "catalogue.sqlite").unlink()
-    assert snapshot(folder) == {}
+    (folder / "priorfill-database.json").unlink()
     with PriorDatabase.open_or_create(folder) as database:
         database.add(make_clip())
     assert len(snapshot(folder)) == 1
+    (folder / "priorfill-database.json").unlink()  # of a database that has clips
+    with pytest.raises(DatabaseFormatError, match=r"contains other files \(catalogue"):
+        PriorDatabase.open_or_create(folder)
 
 
 def test_a_lock_does_not_outlive_its_holder(folder: Path) -> None:
@@ -550,7 +565,7 @@ def test_a_flipped_byte_in_a_segment_is_found(folder: Path) -> None:
     with PriorDatabase.create(folder) as database:
         for seed in range(3):
             database.add(make_clip(seed))
-    flip(folder / "segments" / "000001.f32", 2832 + 33 * 4 * 12 + 5)  # clip1, level 1
+    flip(folder / "segments" / "000001.f32", 64 + 2832 + 8 + 33 * 4 * 12 + 5)  # clip1, level 1
     calls: list[tuple[int, int]] = []
     with PriorDatabase.open(folder) as database:
         (problem,) = database.verify(lambda done, total: calls.append((done, total)))
@@ -612,7 +627,9 @@ def test_a_damaged_catalogue(folder: Path) -> None:
     with pytest.raises(DatabaseCorruptError, match="is damaged"):
         PriorDatabase.open(folder)
     file.unlink()
-    with pytest.raises(DatabaseCorruptError, match="is missing, but there are segments"):
+    with pytest.raises(
+        DatabaseCorruptError, match="is missing, so nothing is known of the segments"
+    ):
         PriorDatabase.open(folder, write=True)
 
 

@@ -31,6 +31,7 @@ from scripted import load_script
 
 from priorfill.clip import Clip
 from priorfill.database import ClipOrigin, ClipRecord, PriorDatabase
+from priorfill.database.segments import HEADER_BYTES, MARK_BYTES
 from priorfill.errors import DatabaseError, DuplicateClipError
 from priorfill.signal.resample import pyramid, resample
 
@@ -231,7 +232,9 @@ class Machine(RuleBasedStateMachine):
     def compact(self) -> None:
         self._do(*self._compacting())
         live = sum(sum(p.nbytes for p in clip.levels) for clip in self.model.values())
-        assert sum(path.stat().st_size for path in self.folder.glob("segments/*")) == live
+        files = list(self.folder.glob("segments/*"))
+        extra = HEADER_BYTES * len(files) + MARK_BYTES * len(self.model)
+        assert sum(path.stat().st_size for path in files) == live + extra
 
     @rule(which=st.integers(0, 2))
     def merge(self, which: int) -> None:

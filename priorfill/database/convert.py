@@ -1,0 +1,130 @@
+"""Convert a database of an older format version: all its clips are written anew.
+
+Older versions have no identity, and their catalogues do not account for the segments. They are read
+as they are; the first writer converts them. The new manifest comes first, and names the version
+that is converted; until the new catalogue is in place, the old one counts.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from priorfill.database.catalogue import Catalogue, successor
+from priorfill.database.create_catalogue import create_catalogue
+from priorfill.database.create_database import SEGMENTS
+from priorfill.database.manifest import FORMAT_VERSION, Manifest, new_identity, write_manifest
+from priorfill.database.segment_list import Segment, SegmentList, Unused
+from priorfill.database.segments import (
+    HEADER_BYTES,
+    SegmentWriter,
+    header,
+    segment_path,
+    segment_paths,
+)
+from priorfill.errors import DatabaseCorruptError
+
+if TYPE_CHECKING:
+    from priorfill.database.prior_database import PriorDatabase
+
+__all__ = ["convert", "replaced_segments", "unaccounted_bytes"]
+
+
+def convert(old: PriorDatabase, manifest: Manifest, catalogue: Catalogue) -> Manifest:
+    """Convert a database that is open for reading, and locked; return its new manifest.
+
+    Parameters
+    ----------
+    old : PriorDatabase
+        The database.
+    manifest : Manifest
+        Its manifest.
+    catalogue : Catalogue
+        Its catalogue.
+
+    Raises
+    ------
+    DatabaseCorruptError
+        If something is damaged; nothing is changed then.
+    """
+    problems = old.verify()
+    if problems:
+        raise DatabaseCorruptError(problems[0])
+    identity = manifest.identity or new_identity()
+    new = Manifest(FORMAT_VERSION, manifest.rate, manifest.levels, identity)
+    if not catalogue.identity:
+        write_manifest(old.path, replace(new, converted_from=catalogue.version))
+        _write_anew(old, new, catalogue)
+    write_manifest(old.path, new)
+    return new
+
+
+def _write_anew(old: PriorDatabase, new: Manifest, catalogue: Catalogue) -> None:
+    """Write all clips to new segments and a new catalogue."""
+    folder = old.path / SEGMENTS
+    folder.mkdir(exist_ok=True)
+    for number, path in segment_paths(folder):  # of a conversion that was killed
+        if _first_bytes(path) == header(new.identity, number):
+            path.unlink()
+    writer = SegmentWriter(folder, new.identity, SegmentList())
+    writer.begin_new()
+    rows = []
+    for record in old.clips():
+        place = writer.place(record.nbytes)
+        blocks = [old.positions(record, level).tobytes() for level in range(old.levels)]
+        writer.append(blocks, place)
+        moved = replace(record, segment=place.segment, offset=place.offset)
+        rows.append(replace(catalogue.row(record), record=moved))
+    before = {number: Segment(end, 0, "") for number, end in catalogue.end().items()}
+    segments = replaced_segments(folder, before, writer.listed, catalogue.path.name)
+    create_catalogue(successor(catalogue.path), new, rows, segments)
+
+
+def replaced_segments(
+    folder: Path, old: Mapping[int, Segment], new: SegmentList, catalogue: str
+) -> SegmentList:
+    """Return a list of new segments that names the old ones, and their catalogue, as unused.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder of the segments.
+    old : mapping of int to Segment
+        The segments that are replaced.
+    new : SegmentList
+        The segments that replace them.
+    catalogue : str
+        Name of the catalogue that is replaced.
+    """
+    unused = {
+        number: Unused(segment.size, zlib.crc32(_first_bytes(segment_path(folder, number))))
+        for number, segment in old.items()
+    }
+    return SegmentList(new.segments, unused, (catalogue,))
+
+
+def unaccounted_bytes(folder: Path, ends: Mapping[int, int]) -> list[str]:
+    """Return a message for each segment of an older version with bytes that no clip accounts for.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder of the segments.
+    ends : mapping of int to int
+        By number, the end of the segment's last clip.
+    """
+    return [
+        f"{path}: has {path.stat().st_size} bytes, but the catalogue counts "
+        f"{ends.get(number, 0)}: a writer was killed, or the catalogue is older than the segment; "
+        "restore both from the same copy, or merge the clips into a new database"
+        for number, path in segment_paths(folder)
+        if path.is_file() and path.stat().st_size > ends.get(number, 0)
+    ]
+
+
+def _first_bytes(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(HEADER_BYTES)

@@ -1,0 +1,92 @@
+"""Make a new database. It exists once its manifest does, which is written last."""
+
+from __future__ import annotations
+
+import re
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+from priorfill.database.create_catalogue import create_catalogue
+from priorfill.database.database_lock import LOCK, DatabaseLock
+from priorfill.database.manifest import (
+    FORMAT_VERSION,
+    MANIFEST,
+    Manifest,
+    new_identity,
+    write_manifest,
+)
+from priorfill.database.segment_list import SegmentList
+from priorfill.errors import DatabaseFormatError
+from priorfill.runtime.atomic_file import flush_folder
+
+__all__ = ["SEGMENTS", "create_database"]
+
+SEGMENTS = "segments"
+"""Name of the folder of the segments."""
+
+_CATALOGUE = "catalogue.sqlite"
+
+_UNFINISHED = re.compile(
+    rf"{MANIFEST}\.new|{LOCK}|catalogue\.sqlite\.new(-journal)?|catalogue\.checksum(\.new)?"
+)
+"""Files that a process may leave that was killed while it made a database."""
+
+
+def create_database(folder: Path, rate: float, levels: int) -> None:
+    """Make a database without clips.
+
+    Parameters
+    ----------
+    folder : Path
+        A folder that does not exist, or is empty; its parent exists.
+    rate : float
+        Frames per second of level 0 (Hz).
+    levels : int
+        Number of levels.
+
+    Raises
+    ------
+    DatabaseFormatError
+        If the folder contains other files.
+    DatabaseLockedError
+        If another process makes a database there at the same time.
+    """
+    folder.mkdir(exist_ok=True)
+    _check_empty(folder)
+    lock = DatabaseLock(folder)
+    try:
+        _check_empty(folder)  # another process may have made a database meanwhile
+        manifest = Manifest(FORMAT_VERSION, float(rate), int(levels), new_identity())
+        create_catalogue(folder / _CATALOGUE, manifest, (), SegmentList())
+        (folder / SEGMENTS).mkdir(exist_ok=True)
+        write_manifest(folder, manifest)
+        flush_folder(folder.parent)
+    finally:
+        lock.release()
+
+
+def _check_empty(folder: Path) -> None:
+    for path in sorted(folder.iterdir()):
+        if _UNFINISHED.fullmatch(path.name):
+            continue
+        if path.name == SEGMENTS and path.is_dir() and not any(path.iterdir()):
+            continue
+        if path.name == _CATALOGUE and _is_without_clips(path):
+            continue
+        raise DatabaseFormatError(
+            f"{folder}: contains other files ({path.name}); "
+            "give an empty or a new folder for a new database"
+        )
+
+
+def _is_without_clips(catalogue: Path) -> bool:
+    """Return whether a file is a complete catalogue that never had a clip."""
+    try:
+        address = f"{catalogue.resolve().as_uri()}?mode=ro"
+        with closing(sqlite3.connect(address, uri=True)) as connection:
+            (version,) = connection.execute("PRAGMA user_version").fetchone()
+            found = connection.execute("SELECT value FROM meta WHERE name = 'state'").fetchall()
+            return version == FORMAT_VERSION and found == [(0,)]
+    except sqlite3.Error:
+        return False

@@ -1,0 +1,156 @@
+"""Compare the segment files with the catalogue, and remove what a killed writer left.
+
+Nothing is cut off or removed that the catalogue does not account for: see
+`priorfill.database.segment_list`.
+"""
+
+from __future__ import annotations
+
+import os
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+from priorfill.database.catalogue_checksum import SUFFIXES
+from priorfill.database.segment_list import SegmentList
+from priorfill.database.segments import (
+    CHUNK_BYTES,
+    HEADER_BYTES,
+    check_end,
+    header,
+    segment_path,
+    segment_paths,
+)
+from priorfill.errors import DatabaseCorruptError
+
+__all__ = ["check_checksums", "find_problems", "remove_unused"]
+
+
+def find_problems(folder: Path, identity: str, listed: SegmentList) -> list[str]:
+    """Return how the segments differ from the list, without reading all of them.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder of the segments.
+    identity : str
+        The database's identity.
+    listed : SegmentList
+        What the catalogue accounts for.
+
+    Returns
+    -------
+    list of str
+        One message for each damage.
+    """
+    problems = []
+    for number, entry in listed.segments.items():
+        path = segment_path(folder, number)
+        try:
+            with path.open("rb") as file:
+                size = check_end(file, path, header(identity, number), entry)
+        except FileNotFoundError:
+            problems.append(f"{path}: is missing; restore the database from a copy")
+            continue
+        except DatabaseCorruptError as error:
+            problems.append(str(error))
+            continue
+        unused = listed.unused.get(number)
+        if size > (entry.size if unused is None else max(entry.size, unused.size)):
+            problems.append(
+                f"{path}: has {size} bytes, but the catalogue counts {entry.size}: the catalogue "
+                "is older than the segment; restore both from the same copy, or merge the clips "
+                "into a new database"
+            )
+    problems.extend(_unlisted(folder, identity, listed))
+    return problems
+
+
+def _unlisted(folder: Path, identity: str, listed: SegmentList) -> Iterator[str]:
+    """Yield a message for each segment of this database that its catalogue does not list.
+
+    Other files are none of its business.
+    """
+    for number, path in segment_paths(folder):
+        if number in listed.segments or number in listed.unused or not path.is_file():
+            continue
+        if _first_bytes(path) == header(identity, number):
+            yield (
+                f"{path}: is a segment of this database that the catalogue does not list: the "
+                "catalogue is older than the segment; restore both from the same copy, or merge "
+                "the clips into a new database"
+            )
+
+
+def check_checksums(folder: Path, listed: SegmentList, known: set[int]) -> list[str]:
+    """Compare every committed byte with the checksums of the segments.
+
+    Parameters
+    ----------
+    folder, listed
+        As for `find_problems`.
+    known : set of int
+        Segments in which clips are damaged already.
+
+    Returns
+    -------
+    list of str
+        One message for each damage.
+    """
+    problems = []
+    for number, entry in listed.segments.items():
+        if number in known:
+            continue
+        path = segment_path(folder, number)
+        checksum = 0
+        try:
+            with path.open("rb") as file:
+                left = entry.size
+                while left and (chunk := file.read(min(CHUNK_BYTES, left))):
+                    checksum = zlib.crc32(chunk, checksum)
+                    left -= len(chunk)
+        except OSError:
+            continue  # `find_problems` names it
+        if checksum != entry.checksum and not left:
+            problems.append(
+                f"{path}: bytes that belong to no clip are damaged; "
+                "restore the database from a copy, or merge its clips into a new one"
+            )
+    return problems
+
+
+def remove_unused(folder: Path, identity: str, listed: SegmentList) -> None:
+    """Cut off, and remove, what the list names as unused.
+
+    The caller has made sure that there are no problems.
+
+    Parameters
+    ----------
+    folder, identity, listed
+        As for `find_problems`.
+    """
+    for number, unused in listed.unused.items():
+        path = segment_path(folder, number)
+        if not path.is_file():
+            continue
+        entry = listed.segments.get(number)
+        size = path.stat().st_size
+        if entry is not None:
+            if entry.size < size <= unused.size:
+                os.truncate(path, entry.size)
+        elif size <= unused.size and _is_that_file(path, size, unused.start):
+            path.unlink()
+    for name in listed.files:
+        stem = name.partition(".")[0]
+        for other in (name, f"{name}-journal", *(f"{stem}{suffix}" for suffix in SUFFIXES)):
+            (folder.parent / other).unlink(missing_ok=True)
+
+
+def _is_that_file(path: Path, size: int, start: int) -> bool:
+    """Return whether a file begins as expected, or was not written far enough to tell."""
+    return size < HEADER_BYTES or zlib.crc32(_first_bytes(path)) == start
+
+
+def _first_bytes(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(HEADER_BYTES)
