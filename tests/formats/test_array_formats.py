@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import io
+import math
 import struct
+import tracemalloc
+import warnings
+import zipfile
 import zlib
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.io import savemat
+from scipy.io import loadmat, savemat
 from text_files import LABELS, standing
 
 from priorfill import formats
@@ -21,7 +25,9 @@ from priorfill.errors import (
     PriorfillError,
 )
 from priorfill.formats import file_bytes
-from priorfill.formats.arrays import mat
+from priorfill.formats.arrays import unpacked_size
+from priorfill.formats.arrays.array_files import Unread
+from priorfill.formats.arrays.mat_elements import MAX_DEPTH, variable_names, variables
 
 
 def clip_with_gap() -> Clip:
@@ -128,7 +134,6 @@ def test_unusable_contents_are_reported_in_one_line(path, fault):
     assert str(caught.value).startswith(path.name)
 
 
-@pytest.mark.filterwarnings("ignore::UserWarning", "ignore::DeprecationWarning")
 def test_damaged_files_raise_only_priorfill_errors(path):
     formats.write(path, clip_with_gap())
     data = path.read_bytes()
@@ -177,14 +182,26 @@ def test_archives_that_expand_beyond_the_limit_are_refused(path, monkeypatch):
 def test_expanded_size_of_a_structure_is_counted(tmp_path, monkeypatch):
     path = tmp_path / "a.mat"
     savemat(path, {"s": {"positions": np.zeros((2000, 18))}}, do_compression=True)
-    data = path.read_bytes()
-    assert len(data) < 5000
-    kind, size = struct.unpack_from("<II", data, 128)
-    assert kind == 15
-    assert mat._inflated(data) == len(zlib.decompress(data[136 : 136 + size])) > 288_000
+    assert path.stat().st_size < 5000
     monkeypatch.setattr(file_bytes, "MAX_BYTES", 100_000)
     with pytest.raises(FormatError, match=r"holds .* GiB; at most"):
         formats.read(path)
+
+
+def test_constant_data_beyond_those_of_a_recording_are_refused(path, monkeypatch):
+    """A small file must not take much memory."""
+    monkeypatch.setattr(unpacked_size, "FREE_BYTES", 1 << 20)
+    zeros = {"positions": np.zeros((200_000, 18)), "labels": list(LABELS), "rate": 1.0}
+    if path.suffix == ".npz":
+        np.savez_compressed(path, **zeros)
+    else:
+        savemat(path, zeros | {"labels": np.array(LABELS, dtype=object)}, do_compression=True)
+    tracemalloc.start()
+    with pytest.raises(FormatError, match="more than a recording does; save it again, uncomp"):
+        formats.read(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 25e6  # of 28.8 MB
 
 
 def test_matlab_structure_and_character_matrix(tmp_path):
@@ -259,3 +276,244 @@ def test_output_is_reproducible(path):
     if path.suffix == ".npz":
         assert path.read_bytes() == first
     assert io.BytesIO(first).read(4) in (b"PK\x03\x04", b"MATL")
+
+
+def mocap_toolbox(positions: np.ndarray, **more) -> dict:
+    """The structure that the MoCap Toolbox keeps a recording in."""
+    return {
+        "type": "MoCap data",
+        "nFrames": float(len(positions)),
+        "freq": 100.0,
+        "timederOrder": 0.0,
+        "markerName": np.array(LABELS, dtype=object)[:, None],
+        "data": positions.reshape(len(positions), -1),
+        "other": {"descr": "x"},
+        **more,
+    }
+
+
+def test_matlab_files_of_the_mocap_toolbox(tmp_path):
+    path = tmp_path / "a.mat"
+    positions = standing()
+    positions[3, 1] = np.nan
+    for others in ({}, {"k": 3.0, "settings": {"a": 1.0}}):
+        savemat(path, {"d": mocap_toolbox(positions), **others})
+        clip = formats.read(path)
+        assert np.array_equal(clip.positions, positions, equal_nan=True)
+        assert (clip.labels, clip.rate) == (LABELS, 100.0)
+        assert formats.is_recording(path)
+    savemat(path, {"d": mocap_toolbox(positions), "e": mocap_toolbox(positions)})
+    with pytest.raises(FormatError, match=r"holds 2 recordings \(d, e\); save each in a file"):
+        formats.read(path)
+    savemat(path, {"d": mocap_toolbox(positions, timederOrder=1.0)})
+    with pytest.raises(FormatError, match="holds time derivatives of positions"):
+        formats.read(path)
+
+
+VALUES = {
+    "numbers": np.arange(60.0).reshape(3, 4, 5),
+    "short": np.arange(6, dtype=np.int16).reshape(2, 3),
+    "none": np.zeros((0, 3)),
+    "text": "Knöchel 膝",
+    "rows": np.array(["ab", "c  ", "def"]),
+    "truth": np.array([True, False]),
+}
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_values_are_those_that_scipy_reads(compressed):
+    file = io.BytesIO()
+    savemat(file, VALUES | {"inner": VALUES}, do_compression=compressed)
+    ours, theirs = variables(file.getvalue(), "a.mat"), loadmat(io.BytesIO(file.getvalue()))
+    assert variable_names(file.getvalue(), "a.mat") == tuple(ours)
+    for key in VALUES:
+        assert np.array_equal(np.char.strip(ours[key]) if ours[key].dtype.kind == "U" else
+                              ours[key], np.char.strip(theirs[key]) if ours[key].dtype.kind == "U"
+                              else theirs[key])  # fmt: skip
+        assert np.array_equal(ours["inner"][key], ours[key])
+
+
+def test_version_4_in_both_byte_orders(tmp_path):
+    plain = {k: v for k, v in VALUES.items() if k in ("short", "rows", "truth")}
+    file = io.BytesIO()
+    savemat(file, plain | {"x": np.float32([[1, 2], [3, 4]])}, format="4")
+    ours = variables(file.getvalue(), "a.mat")
+    for key, value in loadmat(io.BytesIO(file.getvalue())).items():
+        if not key.startswith("__"):
+            assert np.array_equal(np.ravel(ours[key]), np.ravel(np.char.strip(value) if
+                                  value.dtype.kind == "U" else value))  # fmt: skip
+    big = struct.pack(">5i", 1020, 1, 3, 0, 2) + b"y\0" + struct.pack(">3i", 1, 2, 3)
+    assert variables(big, "a.mat")["y"].tolist() == [[1, 2, 3]]
+
+
+def element(kind: int, content: bytes) -> bytes:
+    """A data element of a MATLAB file."""
+    return struct.pack("<II", kind, len(content)) + content + bytes(-len(content) % 8)
+
+
+def matrix(flags: int, shape, *parts: bytes, name: bytes = b"x") -> bytes:
+    """A variable of a MATLAB file."""
+    head = element(6, struct.pack("<II", flags, 0))
+    sizes = element(5, struct.pack(f"<{len(shape)}i", *shape)) if flags != 17 else b""
+    return element(14, head + sizes + element(1, name) + b"".join(parts))
+
+
+def mat_file(*elements: bytes) -> bytes:
+    return b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x100) + b"IM" + b"".join(elements)
+
+
+def nested(depth: int) -> bytes:
+    inner = matrix(6, (1, 1), element(9, bytes(8)))
+    for _ in range(depth):
+        inner = matrix(1, (1, 1), inner)
+    return mat_file(inner)
+
+
+FIELD = (element(5, struct.pack("<i", 8)), element(1, b"f".ljust(8, b"\0")))
+
+CRAFTED = {
+    "cells of nothing": mat_file(matrix(1, (30_000, 30_000))),
+    "structures of nothing": mat_file(matrix(2, (30_000, 30_000), *FIELD)),
+    "structures without fields": mat_file(matrix(2, (9999, 9999), FIELD[0], element(1, b""))),
+    "fields of no width": mat_file(matrix(2, (1, 1), element(5, bytes(4)), FIELD[1])),
+    "numbers of nothing": mat_file(matrix(6, (2**31 - 1, 2**31 - 1), element(9, b""))),
+    "negative": mat_file(matrix(6, (-1, -8), element(9, bytes(64)))),
+    "many dimensions": mat_file(matrix(6, (1,) * 40, element(9, bytes(8)))),
+    "one dimension": mat_file(matrix(6, (1,), element(9, bytes(8)))),
+    "huge and empty": mat_file(matrix(6, (2**31 - 1,) * 7 + (0,), element(9, b""))),
+    "characters of a type": mat_file(matrix(4, (1, 2), element(9, bytes(16)))),
+    "characters of nothing": mat_file(matrix(4, (2**30, 4), element(16, b"abc"))),
+    "half a character": mat_file(matrix(4, (1, 1), element(17, b"a"))),
+    "no type": mat_file(matrix(6, (1, 1), element(99, bytes(8)))),
+    "deep": nested(MAX_DEPTH + 1),
+    "very deep": nested(5000),
+    "an element beyond": mat_file(matrix(6, (1, 1), struct.pack("<II", 9, 2**32 - 1))),
+    "no bytes": mat_file(struct.pack("<II", 15, 0)),
+    "not packed": mat_file(element(15, b"abcdefgh")),
+    "half packed": mat_file(element(15, zlib.compress(bytes(1000))[:-6])),
+    "packed nothing": mat_file(element(15, zlib.compress(b""))),
+    "version 4, huge": struct.pack("<5i", 0, 2**31 - 1, 2**31 - 1, 0, 2) + b"x\0",
+    "version 4, negative": struct.pack("<5i", 0, -1, -1, 0, 2) + b"x\0" + bytes(8),
+    "version 4, text": struct.pack("<5i", 1, 1, 1, 0, 2) + b"x\0" + struct.pack("<d", 1e300),
+    "empty": b"",
+    "header": mat_file(),
+}
+
+
+@pytest.mark.parametrize("fault", CRAFTED)
+def test_crafted_matlab_files_take_no_memory(tmp_path, fault):
+    path = tmp_path / "a.mat"
+    path.write_bytes(CRAFTED[fault])
+    tracemalloc.start()
+    with pytest.raises(FormatError) as caught:
+        formats.read(path)
+    assert not formats.is_recording(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 10e6 + 20 * len(CRAFTED[fault])
+    assert "\n" not in str(caught.value)
+
+
+def test_nesting_to_the_limit_and_other_classes(tmp_path):
+    assert "x" in variables(nested(MAX_DEPTH), "a.mat")
+    string = matrix(17, (), element(1, b"MCOS"), element(1, b"string"), name=b"labels")
+    data = mat_file(string, matrix(0x0806, (1, 1), element(9, bytes(8)), element(9, bytes(8))))
+    assert variables(data, "a.mat")["x"] == Unread("complex")
+    path = tmp_path / "a.mat"
+    path.write_bytes(data)
+    with pytest.raises(FormatError, match=r"there are labels \(object; make strings char"):
+        formats.read(path)
+
+
+def npy(header: str, content: bytes = b"", version: int = 1) -> bytes:
+    """An array of a NumPy archive."""
+    raw = header.encode("latin-1") + b"\n"
+    return b"\x93NUMPY" + bytes([version, 0]) + struct.pack("<HI"[: version + 1 : version],
+                                                          len(raw)) + raw + content  # fmt: skip
+
+
+def described(descr: str, shape: str, order: bool = False) -> str:
+    return f"{{'descr': {descr}, 'fortran_order': {order}, 'shape': {shape}, }}"
+
+
+HEADERS = {
+    "huge": npy(described("'<f8'", "(10000000000, 18)")),
+    "negative": npy(described("'<f8'", "(-1, -18)"), bytes(144)),
+    "no width": npy(described("'<U0'", "(10000000000,)")),
+    "wide": npy(described("'<U999999999'", "(1,)")),
+    "too many bytes": npy(described("'<f8'", "(1, 18)"), bytes(9999)),
+    "too few bytes": npy(described("'<f8'", "(9, 18)"), bytes(17)),
+    "not ASCII": npy(described("'<f8'", "(1, 18)").replace("descr", "d\xe9scr"), bytes(144)),
+    "no dictionary": npy("[" * 5000),
+    "no type": npy(described("'nothing'", "(1, 18)"), bytes(144)),
+    "no version": b"\x93NUMPY\x09\x00" + bytes(200),
+    "nothing": b"",
+}
+
+
+@pytest.mark.parametrize("fault", HEADERS)
+def test_arrays_whose_headers_are_wrong(tmp_path, fault):
+    path = tmp_path / "a.npz"
+    np.savez(path, labels=list(LABELS), rate=1.0)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("positions.npy", HEADERS[fault])
+    tracemalloc.start()
+    with warnings.catch_warnings(), pytest.raises(FormatError, match=r"a\.npz: is damaged") as e:
+        warnings.simplefilter("error")
+        formats.read(path)
+    assert tracemalloc.get_traced_memory()[1] < 10e6
+    tracemalloc.stop()
+    assert "\n" not in str(e.value)
+
+
+def test_archives_of_other_compression_are_refused(tmp_path):
+    path = tmp_path / "a.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr("positions.npy", HEADERS["huge"])
+    with pytest.raises(FormatError, match="is compressed by a method that NumPy does not use"):
+        formats.read(path)
+
+
+SOUND = {"labels": list(LABELS), "positions": standing(), "rate": 100.0}
+
+UNUSABLE = {
+    "complex": ({"positions": standing() + 0j}, "no variable clearly holds"),
+    "dates": ({"positions": standing().astype("M8[D]")}, r"positions \(datetime64"),
+    "texts": ({"positions": standing().astype(str)}, "no variable clearly holds"),
+    "scalar": ({"positions": np.float64(3)}, "no variable clearly holds"),
+    "no frames": ({"positions": np.zeros((0, 6, 3))}, "no frames|holds no"),
+    "negative rate": ({"rate": -5.0}, "variable rate is -5; give the frames per second"),
+    "no rate": ({"rate": 0}, "variable rate is 0; give the frames per second"),
+    "absurd rate": ({"rate": 1e300}, r"variable rate is 1e\+300"),
+    "rate not a number": ({"rate": math.nan}, "variable rate should be one number"),
+    "late": ({"first_frame": 1e300}, r"variable first_frame is 1e\+300; give the whole number"),
+    "between": ({"first_frame": 1.5}, "variable first_frame is 1.5; give the whole number"),
+    "bytes": ({"labels": [b"a", b"\xff", b"c", b"d", b"e", b"f"]}, "text that is not Unicode"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", UNUSABLE)
+def test_unusable_values_are_reported_in_one_line(tmp_path, fault):
+    changed, message = UNUSABLE[fault]
+    path = tmp_path / "a.npz"
+    np.savez(path, **SOUND | changed)
+    with pytest.raises((FormatError, ClipError), match=message) as caught:
+        formats.read(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_unusual_values_are_read(tmp_path):
+    path = tmp_path / "a.npz"
+    for changed in (
+        {"positions": np.asfortranarray(standing())},
+        {"positions": standing().astype(">f8")},
+        {"labels": [label.encode() for label in LABELS]},
+        {"filled": np.array("nothing")},
+    ):
+        np.savez(path, **SOUND | changed)
+        clip = formats.read(path)
+        assert clip.labels == LABELS
+        assert np.array_equal(clip.positions, standing())
+    codes = np.array([*LABELS[:5], "a\udc80b"]).view(np.uint32)  # no writer can encode it
+    np.savez(path, **SOUND | {"labels": codes.view(f"<U{len(codes) // 6}")})
+    assert formats.read(path).labels[5] == "a?b"

@@ -8,6 +8,7 @@ they use one of the names below, or if one variable alone fits the labels.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,21 +17,47 @@ from numpy.typing import NDArray
 
 from priorfill.clip import Clip
 from priorfill.errors import FormatError, OutputError
+from priorfill.formats.file_bytes import check_size
 from priorfill.formats.recording import Recording
 from priorfill.formats.write_report import WriteReport, check_filled
 from priorfill.geometry.axes import UP_AXES
 from priorfill.runtime.atomic_file import replace_file
 
-__all__ = ["LABELS", "POSITIONS", "RATES", "as_recording", "clip_arrays", "write_arrays"]
+__all__ = ["LABELS", "POSITIONS", "RATES", "Unread", "as_recording", "clip_arrays", "write_arrays"]
 
 POSITIONS = ("positions", "markers", "trajectories", "points", "marker_data", "data", "xyz")
-LABELS = ("labels", "marker_labels", "marker_names", "markernames", "markerlabels", "names")
+LABELS = (
+    *("labels", "marker_labels", "marker_names", "markernames", "markerlabels", "names"),
+    "markername",
+)
 RATES = ("rate", "fs", "frame_rate", "framerate", "frequency", "freq", "sampling_rate")
 _UNITS = ("unit", "units")
 """Names of each variable, in any case; the first one present is used."""
 
 _MAX_LISTED = 12
 """Variables named in a message."""
+
+_NUMBER_BYTES = 8
+"""Size of a coordinate in a clip, bytes."""
+
+MIN_RATE, MAX_RATE = 0.001, 1e6
+"""Frame rates that a file may state (Hz), far beyond those of cameras on both sides."""
+
+MAX_FRAME = 2**31 - 1
+"""Maximum number of a first frame, that of a 32-bit integer."""
+
+
+@dataclass(frozen=True)
+class Unread:
+    """A variable that holds neither numbers nor text.
+
+    Attributes
+    ----------
+    what : str
+        What it holds.
+    """
+
+    what: str
 
 
 def clip_arrays(clip: Clip, filled: NDArray[np.bool_]) -> dict[str, Any]:
@@ -129,28 +156,25 @@ def as_recording(arrays: Mapping[str, Any], name: str) -> Recording:
             f"(frames, {3 * len(labels)}); there are {_listing(arrays)}"
         )
     raw = np.asarray(arrays[candidates[0]])
-    positions = np.array(raw, dtype=np.float64).reshape(raw.shape[0], len(labels), 3)
-    up = _text(arrays, known, ("up",))
+    check_size(_NUMBER_BYTES * raw.size, name)
+    positions = np.array(raw, dtype=np.float64, order="C").reshape(raw.shape[0], len(labels), 3)
+    up = _text(arrays, known, ("up",), name)
     if up and up not in UP_AXES:
         raise FormatError(
             f"{name}: variable up is {up[:20]!r}; one of {' '.join(UP_AXES)} is needed"
         )
-    subject = _text(arrays, known, ("subject",))
-    first_frame = _number(arrays, known, ("first_frame",), name)
-    filled = arrays[known["filled"]] if "filled" in known else None
+    subject = _text(arrays, known, ("subject",), name)
     mask = None
-    if filled is not None:
-        mask = np.asarray(filled).astype(bool)
-        if mask.shape != positions.shape[:2]:
-            mask = (
-                mask.reshape(positions.shape[:2]) if mask.size == positions[..., 0].size else None
-            )
+    if "filled" in known:
+        filled = np.asarray(arrays[known["filled"]])
+        if filled.dtype.kind in "bfiu" and filled.size == positions[..., 0].size:
+            mask = filled.reshape(positions.shape[:2]).astype(bool)
     return Recording(
         positions,
         labels,
-        _number(arrays, known, RATES, name),
-        _text(arrays, known, _UNITS),
-        first_frame=1 if first_frame is None else round(first_frame),
+        _rate(arrays, known, name),
+        _text(arrays, known, _UNITS, name),
+        first_frame=_first_frame(arrays, known, name),
         up=up,
         subjects=(subject,) if subject else (),
         interpolated=mask,
@@ -160,13 +184,55 @@ def as_recording(arrays: Mapping[str, Any], name: str) -> Recording:
 def _labels(arrays: Mapping[str, Any], known: Mapping[str, str], name: str) -> tuple[str, ...]:
     """Return the labels."""
     key = _first(known, LABELS)
-    texts = np.asarray(arrays[key]) if key else np.empty(0, dtype=str)
-    if texts.dtype.kind not in "US" or texts.size == 0:
+    texts = _strings(arrays[key], name) if key else ()
+    if not texts:
         raise FormatError(
             f"{name}: has no variable with the markers' names; name one {LABELS[0]!r}, a list of "
             f"strings; there are {_listing(arrays)}"
         )
-    return tuple(str(text).strip() for text in texts.astype(str).ravel())
+    return texts
+
+
+def _strings(value: Any, name: str) -> tuple[str, ...]:
+    """Return the texts of an array without blanks around them; empty if it holds none."""
+    array = np.asarray(value)
+    if array.dtype.kind not in "US":
+        return ()
+    try:
+        texts = [
+            one.decode("utf-8") if isinstance(one, bytes) else str(one)
+            for one in array.ravel().tolist()
+        ]
+    except ValueError as error:  # bytes of another encoding, numbers that are no characters
+        raise FormatError(
+            f"{name}: has text that is not Unicode; save the labels as strings"
+        ) from error
+    # a lone surrogate is no character and could not be written
+    return tuple(one.encode("utf-8", "replace").decode("utf-8").strip() for one in texts)
+
+
+def _rate(arrays: Mapping[str, Any], known: Mapping[str, str], name: str) -> float | None:
+    """Return the frame rate (Hz); None if there is none."""
+    rate = _number(arrays, known, RATES, name)
+    if rate is not None and not MIN_RATE <= rate <= MAX_RATE:
+        raise FormatError(
+            f"{name}: variable {_first(known, RATES)} is {rate:g}; give the frames per second, or "
+            "delete it"
+        )
+    return rate
+
+
+def _first_frame(arrays: Mapping[str, Any], known: Mapping[str, str], name: str) -> int:
+    """Return the number of the first frame; 1 if there is none."""
+    number = _number(arrays, known, ("first_frame",), name)
+    if number is None:
+        return 1
+    if abs(number) > MAX_FRAME or number != round(number):
+        raise FormatError(
+            f"{name}: variable {known['first_frame']} is {number:g}; give the whole number of the "
+            "first frame, or delete it"
+        )
+    return round(number)
 
 
 def _shaped(value: Any, markers: int) -> bool:
@@ -183,11 +249,13 @@ def _first(known: Mapping[str, str], names: tuple[str, ...]) -> str | None:
     return next((known[name] for name in names if name in known), None)
 
 
-def _text(arrays: Mapping[str, Any], known: Mapping[str, str], names: tuple[str, ...]) -> str:
+def _text(
+    arrays: Mapping[str, Any], known: Mapping[str, str], names: tuple[str, ...], name: str
+) -> str:
     """Return a string; empty if there is none."""
     key = _first(known, names)
-    value = np.asarray(arrays[key]) if key else np.empty(0)
-    return str(value.ravel()[0]).strip() if value.dtype.kind in "US" and value.size else ""
+    texts = _strings(arrays[key], name) if key else ()
+    return texts[0] if texts else ""
 
 
 def _number(
@@ -205,5 +273,14 @@ def _number(
 
 def _listing(arrays: Mapping[str, Any]) -> str:
     """Return the variables and their shapes for a message."""
-    found = [f"{key} {np.asarray(value).shape}" for key, value in arrays.items()]
-    return ", ".join(found[:_MAX_LISTED]) + (", ..." if len(found) > _MAX_LISTED else "") or "none"
+    found = []
+    for key, value in arrays.items():
+        if isinstance(value, Unread):
+            found.append(f"{key} ({value.what})")
+        else:
+            array = np.asarray(value)
+            kind = "" if array.dtype.kind in "bfiuUSO" else f" {array.dtype.name}"
+            found.append(f"{key} {array.shape}{kind}")
+        if len(found) > _MAX_LISTED:
+            return ", ".join([*found[:_MAX_LISTED], "..."])
+    return ", ".join(found) or "none"
