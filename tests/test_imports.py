@@ -24,7 +24,7 @@ ONLY_IN = {
     "urllib3": ("datasets",),
     "matplotlib": ("evaluation.plots",),
     "ezc3d": ("formats",),
-    "numba": ("energy.descent_kernels", "search.kernels"),
+    "numba": ("runtime.compiled",),
 }
 """Packages of others, and the only places that import them."""
 

@@ -78,11 +78,13 @@ class _Main(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         try:
             result = super().invoke(ctx)
+            _print_cache_problem()
             sys.stdout.flush()
         except click.ClickException as error:
             _escape(error)
             raise
         except (click.exceptions.Exit, click.Abort):
+            _print_cache_problem()
             raise
         except BrokenPipeError:
             # the reader of our output has closed it; send the last flush nowhere
@@ -105,6 +107,18 @@ def main() -> None:
 def _escape(error: click.ClickException) -> None:
     """Make control characters visible in a usage error, which can quote the name of a file."""
     vars(error)["message"] = escaped(error.message)  # declared as final by click
+
+
+def _print_cache_problem() -> None:
+    """Tell that compiled functions could not be kept, if any were compiled."""
+    module = sys.modules.get("priorfill.runtime.compiled")
+    problem = module.cache_problem() if module is not None else ""
+    if problem:
+        print_line(
+            f"note: compiled functions cannot be kept on disk ({problem}), so each run compiles "
+            "them again, for some seconds; name a folder for them in NUMBA_CACHE_DIR",
+            err=True,
+        )
 
 
 def _exit_status(error: BaseException) -> int:

@@ -14,10 +14,9 @@ and three more seconds to compile.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from priorfill.runtime.numba_options import ENTRY, HELPER
+from priorfill.runtime.compiled import ENTRY, HELPER, compiled
 
 __all__ = ["PADDING", "descend_chains"]
 
@@ -31,7 +30,7 @@ MIN_PIVOT_RATIO = 1e-12
 """Pivots below this fraction of the diagonal are rounding errors."""
 
 
-@njit(**HELPER)
+@compiled(HELPER)
 def _product_at(t: int, i: int, bands: Float64Array, x: Float64Array) -> float:
     """Return (A x)[t] for one coordinate."""
     total: float = (
@@ -44,7 +43,7 @@ def _product_at(t: int, i: int, bands: Float64Array, x: Float64Array) -> float:
     return total
 
 
-@njit(**HELPER)
+@compiled(HELPER)
 def _factor(factor: Float64Array) -> None:
     """Factor the blocks of a chain in place, in the form of `descend_chains`."""
     for t in range(PADDING, factor.shape[0] - PADDING):
@@ -62,7 +61,7 @@ def _factor(factor: Float64Array) -> None:
             factor[t, 0] = 1.0 / pivot
 
 
-@njit(**HELPER)
+@compiled(HELPER)
 def _find_gains(
     x: Float64Array,
     bands: Float64Array,
@@ -109,7 +108,7 @@ def _find_gains(
             far = False
 
 
-@njit(**HELPER)
+@compiled(HELPER)
 def _list_active(
     factor: Float64Array,
     block_frames: int,
@@ -131,7 +130,7 @@ def _list_active(
     return count
 
 
-@njit(**HELPER)
+@compiled(HELPER)
 def _descend_active(
     x: Float64Array,
     bands: Float64Array,
@@ -196,7 +195,7 @@ def _descend_active(
     return gained, updates
 
 
-@njit(**ENTRY)
+@compiled(ENTRY)
 def descend_chains(
     x: Float64Array,
     bands: Float64Array,

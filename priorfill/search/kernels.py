@@ -23,10 +23,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from priorfill.runtime.numba_options import ENTRY, HELPER
+from priorfill.runtime.compiled import ENTRY, HELPER, compiled
 
 __all__ = ["BLOCK_SPANS", "ROUND_UP", "bound_spans", "in_root_frames", "lay_spans", "measure_spans"]
 
@@ -53,7 +52,7 @@ ROUND_UP = 1.0 + 2.0**-20
 operations."""
 
 
-@njit(**ENTRY)
+@compiled(ENTRY)
 def in_root_frames(
     positions: Float32Array,
     rows: IndexArray,
@@ -111,7 +110,7 @@ def in_root_frames(
             local[i, 3 * c + 2] = positions[row, marker, 2] - z
 
 
-@njit(**HELPER, fastmath=FAST_MATH)
+@compiled(HELPER, fastmath=FAST_MATH)
 def _approximate_square(
     poses: Float32Array, row: int, other: Float32Array, other_row: int
 ) -> np.float32:
@@ -123,7 +122,7 @@ def _approximate_square(
     return total
 
 
-@njit(**HELPER, fastmath=FAST_MATH)
+@compiled(HELPER, fastmath=FAST_MATH)
 def _chord_error(poses: Float32Array, first: int, last: int, rounding: float) -> float:
     """Bound how far the poses between two vertices are from the chord that joins these."""
     length = np.float64(_approximate_square(poses, first, poses, last))
@@ -146,7 +145,7 @@ def _chord_error(poses: Float32Array, first: int, last: int, rounding: float) ->
     return math.sqrt(largest) * ROUND_UP
 
 
-@njit(**ENTRY)
+@compiled(ENTRY)
 def lay_spans(
     poses: Float32Array,
     ends: IndexArray,
@@ -215,7 +214,7 @@ def lay_spans(
     return count
 
 
-@njit(**ENTRY, fastmath=FAST_MATH)
+@compiled(ENTRY, fastmath=FAST_MATH)
 def bound_spans(
     projection: Float32Array,
     connected: BoolArray,
@@ -318,7 +317,7 @@ def bound_spans(
                 )
 
 
-@njit(**HELPER)
+@compiled(HELPER)
 def _exact_square(poses: Float32Array, row: int, other: Float32Array, other_row: int) -> float:
     """Return the squared distance of two rows, summed in the order of the dimensions."""
     total = 0.0
@@ -328,13 +327,13 @@ def _exact_square(poses: Float32Array, row: int, other: Float32Array, other_row:
     return total
 
 
-@njit(**HELPER)
+@compiled(HELPER)
 def _is_after(square: float, row: int, other_square: float, other_row: int) -> bool:
     """Return whether a neighbour is farther than another one, or as far and of a later row."""
     return square > other_square or (square == other_square and row > other_row)
 
 
-@njit(**HELPER)
+@compiled(HELPER)
 def _replace_farthest(
     squares: Float64Array, rows: IndexArray, query: int, new_square: float, new_row: int
 ) -> None:
@@ -357,7 +356,7 @@ def _replace_farthest(
     rows[query, at] = new_row
 
 
-@njit(**ENTRY)
+@compiled(ENTRY)
 def measure_spans(
     poses: Float32Array,
     first: IndexArray,

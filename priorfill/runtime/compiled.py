@@ -1,0 +1,112 @@
+"""Functions compiled by numba, and their cache on disk.
+
+numba compiles a function when it is first called, and can keep the machine code next to the source
+or in a folder of the user, so that the next process need not compile it. It raises an error if
+it can write to neither or finds a damaged file, and runs the code of a file without checking it.
+With `compiled`, such a function is compiled in memory instead, and `cache_problem` returns why.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from numba import njit
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+
+__all__ = ["ENTRY", "HELPER", "cache_problem", "compiled"]
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+ENTRY: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+"""Options of functions called from Python: no C wrapper, no check of each division. Unneeded
+wrappers and checks lengthen the compilation, for which the user waits."""
+
+HELPER: dict[str, Any] = {**ENTRY, "no_cpython_wrapper": True}
+"""Options of functions called only from compiled ones: no Python wrapper either."""
+
+_DIGEST_BYTES = hashlib.sha256().digest_size
+
+_problems: list[str] = []
+
+
+def compiled(options: dict[str, Any], **more: Any) -> Callable[[_Function], _Function]:
+    """Return a decorator that compiles a function and keeps its code on disk where possible.
+
+    Parameters
+    ----------
+    options : dict
+        `ENTRY` or `HELPER`.
+    **more
+        Other options of `numba.njit`.
+    """
+
+    def decorate(function: _Function) -> _Function:
+        dispatcher: _Function = njit(**options, **more)(function)
+        try:
+            # what njit(cache=True) does with numba's own class
+            dispatcher._cache = _TolerantCache(function)  # type: ignore[attr-defined]
+        except (OSError, RuntimeError) as error:  # RuntimeError: there is no folder to write to
+            _report(error)
+        return dispatcher
+
+    return decorate
+
+
+def cache_problem() -> str:
+    """Return why compiled code could not be kept on disk; empty if it could."""
+    return _problems[0] if _problems else ""
+
+
+def _report(error: Exception) -> None:
+    reason = " ".join(str(error).split())
+    if isinstance(error, OSError) and error.filename is not None:
+        reason = f"{Path(error.filename).parent}: {error.strerror}"
+    _problems.append(reason)
+
+
+class _CheckedFile(IndexDataCacheFile):
+    """The files of one function, with a checksum of the machine code."""
+
+    def _save_data(self, name: str, data: Any) -> None:
+        content = self._dump(data)
+        with self._open_for_write(self._data_path(name)) as file:
+            file.write(hashlib.sha256(content).digest() + content)
+
+    def _load_data(self, name: str) -> Any:
+        stored = Path(self._data_path(name)).read_bytes()
+        digest, content = stored[:_DIGEST_BYTES], stored[_DIGEST_BYTES:]
+        if hashlib.sha256(content).digest() != digest:
+            raise OSError(f"{name} is damaged")  # then numba compiles the function again
+        return pickle.loads(content)
+
+
+class _TolerantCache(FunctionCache):
+    """A cache of one function that the program can do without."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._cache_file = _CheckedFile(
+            cache_path=self._cache_path,
+            filename_base=self._impl.filename_base,
+            source_stamp=self._impl.locator.get_source_stamp(),
+        )
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # an index that is no pickle raises errors of any type
+            try:
+                self.flush()  # an empty index in its place
+            except OSError as error:
+                _report(error)
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        try:
+            super().save_overload(sig, data)
+        except (OSError, RuntimeError) as error:
+            _report(error)
