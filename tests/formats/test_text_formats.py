@@ -230,10 +230,30 @@ def test_trc_header_that_is_wrong(tmp_path):
     )
 
 
-def test_jumps_of_frame_numbers_are_noted(tmp_path):
-    data = files.trc(standing(up=1)).replace(b"\n9\t", b"\n19\t")
-    notes = read_bytes(tmp_path, data, ".trc").source.notes
-    assert any(note.startswith("After frame 8 comes 19 (line 15)") for note in notes)
+@pytest.mark.parametrize(
+    ("number", "message"),
+    [
+        ("19", r"after frame 8 \(line 14\) comes frame 19 \(line 15\); insert rows .* for 9-18"),
+        (
+            "10",
+            r"after frame 8 \(line 14\) comes frame 10 \(line 15\); insert rows .* for 9, or cut",
+        ),
+        ("8", r"frame 8 is there twice \(lines 14 and 15\); delete one"),
+        ("3", r"after frame 8 \(line 14\) comes frame 3 \(line 15\); sort the rows"),
+    ],
+)
+def test_frame_numbers_that_do_not_rise_by_1_are_refused(tmp_path, number, message):
+    data = files.trc(standing(up=1)).replace(b"\n9\t", b"\n" + number.encode() + b"\t")
+    with pytest.raises(FormatError, match=message):
+        read_bytes(tmp_path, data, ".trc")
+
+
+@pytest.mark.parametrize("write", [files.nexus, files.motive, files.qualisys])
+def test_a_jump_of_frame_numbers_is_refused_in_every_format(tmp_path, write):
+    suffix, end = (".tsv", b"\t") if write is files.qualisys else (".csv", b",")
+    data = write(standing() / 1000 if write is files.motive else standing())
+    with pytest.raises(FormatError, match=r"after frame 8 \(line \d+\) comes frame 19 "):
+        read_bytes(tmp_path, data.replace(b"\n9" + end, b"\n19" + end), suffix)
 
 
 @pytest.mark.parametrize("write", [files.trc, files.motive])

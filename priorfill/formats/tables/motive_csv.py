@@ -4,15 +4,17 @@
 
     Format Version,1.23,Take Name,walk,...,Export Frame Rate,120.000000,...,Length Units,Meters,...
 
-    ,,Type,Marker,Marker,Marker,...        (,Type,,Marker,... with a column of time codes)
-    ,,Name,Ann:LTOE,Ann:LTOE,Ann:LTOE,...
-    ,,ID,"5A...","5A...","5A...",...
-    ,,,Position,Position,Position,...
+    ,Type,Marker,Marker,Marker,...        (,Type,,Marker,... with a column of time codes)
+    ,Name,Ann:LTOE,Ann:LTOE,Ann:LTOE,...
+    ,ID,"5A...","5A...","5A...",...
+    ,Parent,,,,...                        (since Motive 3)
+    ,,Position,Position,Position,...
     Frame,Time (Seconds),X,Y,Z,...
     0,0.000000,0.1,0.2,0.3,...
 
 A missing sample has blank cells. Rigid bodies and bones are not markers. Markers solved from these
 (types Rigid Body Marker and Bone Marker) are read only if the file has no measured ones.
+Spreadsheet programs save such files with semicolons or tabs.
 """
 
 from __future__ import annotations
@@ -21,27 +23,29 @@ import re
 
 from priorfill.errors import ClipError, FormatError
 from priorfill.formats.recording import Recording
-from priorfill.formats.tables.text_table import (
-    TableRecording,
+from priorfill.formats.tables.cells import (
     cells_of,
-    find_rate,
-    frame_numbers,
-    header_number,
-    read_table,
+    delimiter_after,
+    join_quoted,
+    line_number,
     split_lines,
     texts_of,
 )
+from priorfill.formats.tables.columns import axis_columns
+from priorfill.formats.tables.frames import find_rate, frame_numbers
+from priorfill.formats.tables.numbers import header_number
+from priorfill.formats.tables.text_table import TableRecording, partial_notes, read_table
 
 __all__ = ["parse_motive", "recognise_motive"]
 
-_DELIMITER = b","
+_FIRST_TITLE = "Format Version"
 
 _MAX_HEADER_LINES = 20
 """Lines in which the header is searched."""
 
 _MARKER = "marker"
-_SOLVED = ("rigid body marker", "bone marker")
-"""Types of columns with a marker's position."""
+_SOLVED = re.compile(r".+ marker")
+"""Types of columns with a measured and with a solved marker's position."""
 
 _MAX_TITLE_CELL = 3
 """Cells of a header row in which its name is searched."""
@@ -49,7 +53,7 @@ _MAX_TITLE_CELL = 3
 
 def recognise_motive(head: bytes) -> bool:
     """Check whether Motive exported a file by its first bytes."""
-    return re.match(rb"(\xef\xbb\xbf)?\"?Format Version\"?,", head) is not None
+    return bool(delimiter_after(head[: head.find(b"\n")], _FIRST_TITLE))
 
 
 def parse_motive(data: bytes, name: str) -> TableRecording:
@@ -63,63 +67,65 @@ def parse_motive(data: bytes, name: str) -> TableRecording:
         If it has no frames.
     """
     lines = split_lines(data, name)
-    pairs = texts_of(lines[0], _DELIMITER)
-    header = dict(zip(pairs[0::2], pairs[1::2], strict=False))
-    titles, frame_row = _titles(lines, name)
-    axes = texts_of(lines[frame_row], _DELIMITER)
-    measures = texts_of(lines[frame_row - 1], _DELIMITER)
-    if header.get("Coordinate Space", "Global").lower() == "local":
+    delimiter = delimiter_after(lines[0], _FIRST_TITLE) or b","
+    lines = join_quoted(lines, delimiter, name)
+    facts = texts_of(lines[0], delimiter)
+    titles, frame_row = _titles(lines, delimiter, name)
+    line = line_number(lines, frame_row)
+    if _fact(facts, "Coordinate Space").lower() == "local":
         raise FormatError(f"{name}: has local coordinates; export in the global coordinate space")
-    found: dict[str, list[tuple[str, list[int]]]] = {kind: [] for kind in (_MARKER, *_SOLVED)}
-    for cell in range(2, len(axes) - 2):
-        kind = _at(titles["type"], cell).lower()
-        where = [cell, cell + 1, cell + 2]
-        if (
-            kind in found
-            and [axes[k].upper() for k in where] == ["X", "Y", "Z"]
-            and all(_at(measures, k).lower() == "position" for k in where)
-        ):
-            found[kind].append((_at(titles["name"], cell), where))
+    found = _markers(titles, f"{name}: line {line}")
     chosen, notes = _choose(found)
     if not chosen:
         kinds = sorted({kind for kind in titles["type"][2:] if kind and kind != "Type"})
+        held = f"only {', '.join(kinds)}" if kinds else "only frames and times"
         raise FormatError(
-            f"{name}: has no columns of markers, only {', '.join(kinds) or 'none'}; "
-            "tick Markers when exporting from Motive"
+            f"{name}: has no columns of markers, {held}; tick Markers when exporting from Motive"
         )
     labels = [label for label, _ in chosen]
     columns = [where for _, where in chosen]
-    rows = [row for row in range(frame_row + 1, len(lines)) if lines[row].strip(b" ,\r\n")]
+    rows = [row for row in range(frame_row + 1, len(lines)) if lines[row].strip(b' ,;\t\r\n"')]
     if not rows:
-        raise ClipError(f"{name}: has no frames after line {frame_row + 1}; export it again")
-    positions, table = read_table(lines, rows, columns, labels, _DELIMITER, name)
-    split = [cells_of(lines[row], _DELIMITER)[:2] for row in rows]
-    first, frame_notes = frame_numbers([cells[0] for cells in split], rows, name)
+        raise ClipError(f"{name}: has no frames after line {line}; export it again")
+    width = max(map(len, titles.values()))
+    positions, table = read_table(lines, rows, columns, labels, delimiter, name, width)
+    split = [cells_of(lines[row], delimiter)[:2] for row in rows]
+    first = frame_numbers([cells[0] for cells in split], rows, lines, name)
     times = [cells[1] for cells in split if len(cells) > 1]
-    stated = header.get("Export Frame Rate") or header.get("Capture Frame Rate") or ""
-    rate, rate_notes = find_rate(header_number(stated), times, name)
+    stated = _fact(facts, "Export Frame Rate") or _fact(facts, "Capture Frame Rate")
+    rate, rate_notes = find_rate(header_number(stated), times)
     return TableRecording(
         Recording(
             positions,
             tuple(labels),
             rate,
-            header.get("Length Units", ""),
+            _fact(facts, "Length Units"),
             first_frame=first,
             default_up="+Y",
-            notes=(*notes, *frame_notes, *rate_notes),
+            notes=(*notes, *rate_notes, *partial_notes(positions)),
         ),
         table,
     )
 
 
-def _titles(lines: list[bytes], name: str) -> tuple[dict[str, list[str]], int]:
-    """Return the header rows by name, and the line with the axes of the columns."""
+def _fact(facts: list[str], title: str) -> str:
+    """Return the cell after a title in the first line; empty if absent.
+
+    Notes of the take may contain separators, and any text, but come first.
+    """
+    places = [place for place, text in enumerate(facts[:-1]) if text == title]
+    return facts[places[-1] + 1] if places else ""
+
+
+def _titles(lines: list[bytes], delimiter: bytes, name: str) -> tuple[dict[str, list[str]], int]:
+    """Return the header rows by name, those of measures and axes among them, and the last row."""
     titles: dict[str, list[str]] = {}
     for row, line in enumerate(lines[:_MAX_HEADER_LINES]):
-        cells = texts_of(line, _DELIMITER)
+        cells = texts_of(line, delimiter)
         if row and cells and cells[0].lower() == "frame":
             if "type" in titles and "name" in titles:
-                return titles, row
+                measures = texts_of(lines[row - 1], delimiter)
+                return titles | {"measure": measures, "axis": cells}, row
             break
         for cell in cells[:_MAX_TITLE_CELL]:
             if cell.lower() in ("type", "name"):
@@ -129,21 +135,43 @@ def _titles(lines: list[bytes], name: str) -> tuple[dict[str, list[str]], int]:
     )
 
 
+def _markers(titles: dict[str, list[str]], what: str) -> dict[str, list[tuple[str, list[int]]]]:
+    """Return name and cells of the markers by the type of their columns, in lower case.
+
+    Raises
+    ------
+    FormatError
+        If the rows of the header are shifted against each other.
+    """
+    found: dict[str, list[tuple[str, list[int]]]] = {}
+    for where in axis_columns(titles["axis"], first=2):
+        kinds, names, measures = (
+            [_at(titles[title], cell) for cell in where] for title in ("type", "name", "measure")
+        )
+        is_marker = [kind.lower() == _MARKER or _SOLVED.fullmatch(kind.lower()) for kind in kinds]
+        is_position = [measure.lower() == "position" for measure in measures]
+        if not any(is_marker) or not any(is_position):
+            continue
+        if len(set(kinds)) > 1 or not all(is_position) or len({n for n in names if n}) > 1:
+            raise FormatError(
+                f"{what} has X, Y, Z in cells {where[0] + 1}-{where[2] + 1}, but the rows above "
+                "change within these cells; correct the shifted row of the header"
+            )
+        found.setdefault(kinds[0].lower(), []).append((names[0], where))
+    return found
+
+
 def _choose(
     found: dict[str, list[tuple[str, list[int]]]],
 ) -> tuple[list[tuple[str, list[int]]], list[str]]:
     """Return the columns to read: measured markers, or solved ones if there are none."""
-    notes = []
-    if found[_MARKER]:
-        solved = sum(len(found[kind]) for kind in _SOLVED)
-        if solved:
-            notes.append(f"{solved} solved markers of rigid bodies and bones are left out.")
-        return found[_MARKER], notes
-    for kind in _SOLVED:
-        if found[kind]:
-            return found[kind], [
-                f"The file has no measured markers; columns of type {kind} are read."
-            ]
+    if _MARKER in found:
+        solved = sum(len(columns) for kind, columns in found.items() if kind != _MARKER)
+        left = f"{solved} solved markers of rigid bodies and bones are left out."
+        return found[_MARKER], [left] if solved else []
+    for kind in sorted(found, reverse=True):
+        title = kind.title()
+        return found[kind], [f"The file has no measured markers; columns of type {title} are read."]
     return [], []
 
 

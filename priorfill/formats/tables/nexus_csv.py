@@ -10,7 +10,8 @@
     1,0,12.3,45.6,78.9,,,
 
 A missing sample has blank cells. Other sections (Devices, Joints, Model Outputs) may precede and
-follow; an empty line ends a section.
+follow; an empty line ends a section. Vicon Workstation, the predecessor, writes ``TRAJECTORIES``,
+``100,Hz`` and ``Field #`` instead, without sub frames and units.
 """
 
 from __future__ import annotations
@@ -19,15 +20,18 @@ import re
 
 from priorfill.errors import ClipError, FormatError
 from priorfill.formats.recording import Recording
-from priorfill.formats.tables.text_table import (
-    TableRecording,
+from priorfill.formats.tables.cells import (
     cells_of,
-    frame_numbers,
-    header_number,
-    read_table,
+    content_of,
+    join_quoted,
+    line_number,
     split_lines,
     texts_of,
 )
+from priorfill.formats.tables.columns import axis_columns, names_of_columns
+from priorfill.formats.tables.frames import frame_numbers
+from priorfill.formats.tables.numbers import header_number
+from priorfill.formats.tables.text_table import TableRecording, partial_notes, read_table
 
 __all__ = ["parse_nexus", "recognise_nexus"]
 
@@ -36,15 +40,24 @@ _SECTION = "Trajectories"
 _SECTIONS = rb"Trajectories|Devices|Joints|Model Outputs|Segments|Events|Trajectory Count"
 """First lines of the sections of a file."""
 
+_OLD_SECTION = re.compile(rb"^TRAJECTORIES[,;\t ]*\r?$", re.MULTILINE)
+"""The section in a file of Vicon Workstation, which begins with facts about the trial."""
+
 _DELIMITERS = (b",", b"\t", b";")
 
-_AXES = ("X", "Y", "Z")
+_FRAME_TITLES = ("frame", "field #")
+
+_AXES_LINE = 3
+"""Line with Frame, Sub Frame, X, Y, Z after that of the section's name; 2 after it are the names in
+a file of Nexus and the axes in one of Workstation."""
+
+_BLANK = b' ,;\t\r\n"'
 
 
 def recognise_nexus(head: bytes) -> bool:
-    """Check whether Nexus exported a file by its first bytes."""
-    pattern = rb"\A(\xef\xbb\xbf)?\s*\"?(" + _SECTIONS + rb")\"?[,;\t]*\s*[\r\n]"
-    return re.match(pattern, head) is not None
+    """Check whether Nexus or Workstation exported a file by its first bytes."""
+    pattern = rb"\A(\xef\xbb\xbf)?[\s,;]*\"?(" + _SECTIONS + rb")\"?[,;\t]*\s*[\r\n]"
+    return re.match(pattern, head) is not None or _OLD_SECTION.search(head) is not None
 
 
 def parse_nexus(data: bytes, name: str) -> TableRecording:
@@ -58,41 +71,30 @@ def parse_nexus(data: bytes, name: str) -> TableRecording:
         If it has no frames.
     """
     lines = split_lines(data, name)
+    axes_row = _axes_row(lines, _section(lines, name), name)
+    delimiter = max(_DELIMITERS, key=lines[axes_row].count)
+    lines = join_quoted(lines, delimiter, name)
     start = _section(lines, name)
-    if start + 4 >= len(lines):
-        raise FormatError(
-            f"{name}: the section {_SECTION} in line {start + 1} is cut short; export it again"
-        )
-    axes_line = lines[start + 3]
-    delimiter = max(_DELIMITERS, key=axes_line.count)
-    axes = texts_of(axes_line, delimiter)
-    names = texts_of(lines[start + 2], delimiter)
-    units = texts_of(lines[start + 4], delimiter)
-    if not axes or axes[0].lower() != "frame":
-        raise FormatError(
-            f"{name}: line {start + 4} should begin with Frame, Sub Frame, X, Y, Z, as Nexus "
-            "exports it; export the trajectories as ASCII again"
-        )
-    columns, labels = [], []
-    for cell in range(2, len(axes) - 2):
-        if tuple(text.upper() for text in axes[cell : cell + 3]) == _AXES:
-            columns.append([cell, cell + 1, cell + 2])
-            labels.append(names[cell] if cell < len(names) else "")
+    axes_row = _axes_row(lines, start, name)
+    axes = texts_of(lines[axes_row], delimiter)
+    line = line_number(lines, axes_row)
+    columns = axis_columns(axes, first=1)
     if not columns:
-        raise FormatError(f"{name}: line {start + 4} has no columns X, Y, Z; export trajectories")
-    rows = []
-    for row in range(start + 5, len(lines)):
-        if not lines[row].strip(b" ,;\t\r\n"):
-            break
-        rows.append(row)
+        raise FormatError(f"{name}: line {line} has no columns X, Y, Z; export trajectories")
+    names = texts_of(lines[axes_row - 1], delimiter)
+    labels, notes = names_of_columns(names, columns, 1, f"{name}: line {line - 1}")
+    units: list[str] = []
+    if axes_row + 1 < len(lines) and not cells_of(lines[axes_row + 1], delimiter)[0].strip():
+        units = texts_of(lines[axes_row + 1], delimiter)
+    rows = _rows(lines, axes_row + 1 + bool(units), delimiter, name)
     if not rows:
-        raise ClipError(f"{name}: has no frames after line {start + 5}; export it again")
-    positions, table = read_table(lines, rows, columns, labels, delimiter, name)
-    first, notes = frame_numbers([cells_of(lines[row], delimiter)[0] for row in rows], rows, name)
+        raise ClipError(f"{name}: has no frames after line {line + 1}; export it again")
+    positions, table = read_table(lines, rows, columns, labels, delimiter, name, len(axes))
+    first = frame_numbers([cells_of(lines[row], delimiter)[0] for row in rows], rows, lines, name)
     found_units = sorted({units[c[0]] for c in columns if c[0] < len(units) and units[c[0]]})
     if len(found_units) > 1:
         raise FormatError(
-            f"{name}: line {start + 5} has several units ({', '.join(found_units)}); "
+            f"{name}: line {line + 1} has several units ({', '.join(found_units)}); "
             "export positions only"
         )
     return TableRecording(
@@ -102,7 +104,7 @@ def parse_nexus(data: bytes, name: str) -> TableRecording:
             header_number(next(iter(texts_of(lines[start + 1], delimiter)), None)),
             found_units[0] if found_units else "",
             first_frame=first,
-            notes=tuple(notes),
+            notes=(*notes, *partial_notes(positions)),
         ),
         table,
     )
@@ -111,8 +113,45 @@ def parse_nexus(data: bytes, name: str) -> TableRecording:
 def _section(lines: list[bytes], name: str) -> int:
     """Return the first line of the section of trajectories."""
     for row, line in enumerate(lines):
-        if line.strip(b'\xef\xbb\xbf ",;\t\r\n') == _SECTION.encode():
+        if line.strip(b"\xef\xbb\xbf" + _BLANK).lower() == _SECTION.lower().encode():
             return row
     raise FormatError(
         f"{name}: has no section {_SECTION}; tick Trajectories when exporting from Nexus"
     )
+
+
+def _axes_row(lines: list[bytes], start: int, name: str) -> int:
+    """Return the line with the titles Frame, Sub Frame, X, Y, Z."""
+    for row in range(start + 2, min(start + _AXES_LINE + 1, len(lines))):
+        title = re.split(rb"[,;\t]", lines[row], maxsplit=1)[0]
+        if content_of(title).lower().decode("latin-1") in _FRAME_TITLES:
+            return row
+    if start + _AXES_LINE + 1 >= len(lines):
+        raise FormatError(
+            f"{name}: the section {_SECTION} in line {line_number(lines, start)} is cut short; "
+            "export it again"
+        )
+    raise FormatError(
+        f"{name}: line {line_number(lines, start + _AXES_LINE)} should begin with Frame, Sub "
+        "Frame, X, Y, Z, as Nexus exports it; export the trajectories as ASCII again"
+    )
+
+
+def _rows(lines: list[bytes], begin: int, delimiter: bytes, name: str) -> list[int]:
+    """Return the lines of the frames: those up to an empty one."""
+    rows = []
+    for row in range(begin, len(lines)):
+        if not lines[row].strip(_BLANK):
+            break
+        rows.append(row)
+    follows = begin + len(rows)
+    while follows < len(lines) and not lines[follows].strip(_BLANK):
+        follows += 1
+    if rows and follows < len(lines):
+        cells = cells_of(lines[follows], delimiter)
+        if len(cells) > 1 and content_of(cells[0]).isdigit():
+            raise FormatError(
+                f"{name}: line {line_number(lines, follows)} continues the trajectories after an "
+                "empty line; delete the empty line"
+            )
+    return rows

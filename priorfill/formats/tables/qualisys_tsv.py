@@ -14,31 +14,46 @@
     1  0.00000  12.3  45.6  78.9  ...
 
 Frame and time columns are export options, and so is the notation of a missing sample: 0.000, blank
-or ``null``. The unit is always mm.
+or ``null``. The unit is always mm. A trajectory without a name is unlabelled. Other programs write
+this format with header lines that have no tab (``DESCRIPTION--``).
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 from priorfill.errors import ClipError, FormatError
 from priorfill.formats.recording import Recording
-from priorfill.formats.tables.text_table import (
-    TableRecording,
+from priorfill.formats.tables.cells import (
     cells_of,
-    count_notes,
-    find_rate,
-    frame_numbers,
-    header_number,
-    read_table,
+    is_blank,
+    join_quoted,
+    line_number,
     split_lines,
     texts_of,
 )
+from priorfill.formats.tables.frames import (
+    are_times,
+    count_frames,
+    count_notes,
+    find_rate,
+    frame_numbers,
+)
+from priorfill.formats.tables.numbers import header_number
+from priorfill.formats.tables.text_table import TableRecording, partial_notes, read_table
 
 __all__ = ["parse_qualisys", "recognise_qualisys"]
 
-_KEY = re.compile(rb"(?:\xef\xbb\xbf)?[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)*[ \t]*(?:[\t\r\n]|$)")
-"""A header line: a word in capitals, then a tab."""
+_KEY = re.compile(
+    rb"(?:\xef\xbb\xbf)?(?:NO_OF_|ANALOG_|FREQUENCY|DESCRIPTION|TIME_STAMP|DATA_INCLUDED|MARKER_NAMES|"
+    rb"TRAJECTORY_TYPES|EVENT|FILE_VERSION|[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)*[ \t]*(?:[\t\r\n]|\Z))"
+)
+"""The beginning of a header line: a known word, or any word in capitals before a tab."""
+
+_WORD = re.compile(r"[A-Z0-9_]+")
+
+_TITLES = re.compile(rb"\s*(?:Frame|Time)\b|[^\t]*[ _]X\t", re.IGNORECASE)
 
 _DELIMITER = b"\t"
 
@@ -63,47 +78,38 @@ def parse_qualisys(data: bytes, name: str) -> TableRecording:
     ClipError
         If it has no frames.
     """
-    lines = split_lines(data, name)
-    header: dict[str, list[str]] = {}
-    row = 0
-    while row < len(lines) and (_KEY.match(lines[row]) or not lines[row].strip()):
-        key, *values = texts_of(lines[row], _DELIMITER)
-        header.setdefault(key, values)
-        row += 1
+    lines = join_quoted(split_lines(data, name), _DELIMITER, name)
+    header, row = _header(lines)
     kind = next(iter(header.get("DATA_INCLUDED", [])), "3D")
     if kind.upper() != "3D":
         raise FormatError(f"{name}: holds {kind} data; export 3D data from QTM")
-    labels = [label for label in header.get("MARKER_NAMES", []) if label]
-    if not labels:
+    if not any(header.get("MARKER_NAMES", [])):
         raise FormatError(
             f"{name}: its header has no MARKER_NAMES; export with the TSV header from QTM"
         )
     titles: list[str] = []
-    if row < len(lines) and re.match(rb"\s*(Frame|Time)\b|[^\t]*[ _]X\t", lines[row]):
+    if row < len(lines) and _TITLES.match(lines[row]):
         titles = texts_of(lines[row], _DELIMITER)
         row += 1
     rows = [k for k in range(row, len(lines)) if lines[k].strip(b" \r\n")]
     if not rows:
-        raise ClipError(f"{name}: has no frames after line {row}; export it again")
+        line = line_number(lines, row) - 1
+        raise ClipError(f"{name}: has no frames after line {line}; export it again")
     split = [cells_of(lines[k], _DELIMITER) for k in rows]
-    before = _columns_before(split, titles, len(labels), rows, name)
+    what = f"{name}: line {line_number(lines, rows[0])}"
+    before, labels, notes = _layout(header, titles, split, what)
     columns = [[before + 3 * k, before + 3 * k + 1, before + 3 * k + 2] for k in range(len(labels))]
     positions, table = read_table(lines, rows, columns, labels, _DELIMITER, name)
     has_frames = before == 2 or (before == 1 and titles[:1] != ["Time"])
     first = 1
-    notes: list[str] = []
     if has_frames:
-        first, notes = frame_numbers([cells[0] for cells in split], rows, name)
-    timed = before > has_frames
-    times = [cells[before - 1] for cells in split if timed and len(cells) >= before]
-    rate, rate_notes = find_rate(
-        header_number(_field(header, "FREQUENCY")), times, name
-    )  # may be EXT
-    notes += rate_notes
-    notes += count_notes(
+        first = frame_numbers([cells[0] for cells in split], rows, lines, name)
+    times = [cells[before - 1] for cells in split if before > has_frames and len(cells) >= before]
+    rate, rate_notes = find_rate(header_number(_field(header, "FREQUENCY")), times)  # may be EXT
+    counts = count_notes(
         (_field(header, "NO_OF_FRAMES"), len(rows)), (_field(header, "NO_OF_MARKERS"), len(labels))
     )
-    types = header.get("TRAJECTORY_TYPES", [])
+    computed, type_notes = _computed(header.get("TRAJECTORY_TYPES", []), len(labels))
     return TableRecording(
         Recording(
             positions,
@@ -111,39 +117,114 @@ def parse_qualisys(data: bytes, name: str) -> TableRecording:
             rate,
             "mm",
             first_frame=first,
-            not_markers={
-                point: _COMPUTED_TYPES[kind.lower()]
-                for point, kind in enumerate(types[: len(labels)])
-                if kind.lower() in _COMPUTED_TYPES
-            },
-            notes=tuple(notes),
+            not_markers=computed,
+            notes=(*notes, *rate_notes, *counts, *type_notes, *partial_notes(positions)),
         ),
         table,
     )
 
 
-def _columns_before(
-    split: list[list[bytes]], titles: list[str], markers: int, rows: list[int], name: str
-) -> int:
-    """Return the number of columns before the first coordinate (frame and time)."""
+def _header(lines: list[bytes]) -> tuple[dict[str, list[str]], int]:
+    """Return the values of the header lines by key, and the first line after them."""
+    header: dict[str, list[str]] = {}
+    row = 0
+    while row < len(lines) and (not lines[row].strip() or _KEY.match(lines[row])):
+        if lines[row].strip() and _TITLES.match(lines[row]):
+            break
+        key, *values = texts_of(lines[row], _DELIMITER)
+        word = _WORD.match(key)
+        header.setdefault(word.group() if word else key, values)
+        row += 1
+    return header, row
+
+
+def _layout(
+    header: dict[str, list[str]], titles: list[str], split: list[list[bytes]], what: str
+) -> tuple[int, list[str], list[str]]:
+    """Return the number of cells before the first coordinate, labels, and notes.
+
+    Blanks among the names, or after them, are trajectories without a name, unless the line merely
+    ends with tabs. The titles of the columns decide, else the width of the rows.
+    """
+    names = header["MARKER_NAMES"]
+    named = _trimmed(names)
+    width = max(map(len, split))
+    last_blank = all(is_blank(cells[-1]) for cells in split if len(cells) == width)
     if titles:
-        while titles and not titles[-1]:
-            titles.pop()
+        titles = _trimmed(titles)
         before = sum(title.lower() in ("frame", "time") for title in titles[:2])
-        width = max(len(cells) for cells in split)
-    else:
-        width = max(len(cells) for cells in split)
-        before = width - 3 * markers
-        if before in (1, 3) and not any(
-            cells[-1].strip() for cells in split if len(cells) == width
-        ):
-            before -= 1  # rows end with a tab
-    if before not in (0, 1, 2) or width < before + 3 * markers:
+        labels, notes = _titled(titles[before:], named, what)
+        if width < before + 3 * len(labels):
+            raise _layout_error(len(labels), width, what)
+        return before, labels, notes
+    stated = int(header_number(_field(header, "NO_OF_MARKERS")) or 0)
+    for points in dict.fromkeys((stated, len(named), len(names))):
+        if len(named) <= points <= len(names):
+            spare = _columns_before(split, width - 3 * points, last_blank)
+            if spare is not None:
+                return spare, [*named, *[""] * (points - len(named))], []
+    raise _layout_error(len(named), width, what)
+
+
+def _columns_before(split: list[list[bytes]], spare: int, last_blank: bool) -> int | None:
+    """Return how many of the spare cells of a row come before the coordinates; None if unclear.
+
+    These are the frame and the time. Another one is after the last coordinate if rows end with a
+    tab.
+    """
+    if not last_blank:
+        return spare if spare in (0, 1, 2) else None
+    if spare in (1, 3):  # a tab at the end, or a frame before and the last marker is never seen
+        return spare - (spare == 3 or not count_frames([cells[0] for cells in split]))
+    if spare == 2 and not are_times([cells[1] for cells in split if len(cells) > 1]):
+        return 1
+    return spare if spare in (0, 2) else None
+
+
+def _titled(titles: list[str], named: list[str], what: str) -> tuple[list[str], list[str]]:
+    """Return labels and notes according to the titles of the columns, three for each marker."""
+    if len(titles) % 3:
         raise FormatError(
-            f"{name}: line {rows[0] + 1} has {width} cells; {markers} markers take {3 * markers}, "
-            "frame and time 2 more: export it again"
+            f"{what} follows a row with the titles of {len(titles)} coordinates, and a marker has "
+            "three; export it again"
         )
-    return before
+    labels = [re.sub(r"[ _]?X$", "", title, flags=re.IGNORECASE) for title in titles[::3]]
+    known = [*named, *[""] * (len(labels) - len(named))]
+    if len(known) == len(labels) and all(
+        label == name or not (label and name) for label, name in zip(labels, known, strict=True)
+    ):
+        return [name or label for label, name in zip(labels, known, strict=True)], []
+    if [label for label in labels if label] == [name for name in named if name]:
+        return labels, ["MARKER_NAMES lacks trajectories without a name; the titles have them."]
+    raise FormatError(
+        f"{what} follows titles that do not name the markers of MARKER_NAMES; export it again"
+    )
+
+
+def _layout_error(markers: int, width: int, what: str) -> FormatError:
+    """Return the error at rows that do not fit the number of markers."""
+    return FormatError(
+        f"{what} has {width} cells; {markers} markers take {3 * markers}, "
+        "frame and time 2 more: export it again"
+    )
+
+
+def _computed(types: list[str], markers: int) -> tuple[dict[int, str], list[str]]:
+    """Return the trajectories that are no markers, with the reason, and notes."""
+    if types and markers not in (len(types), len(_trimmed(types))):
+        return {}, [
+            f"TRAJECTORY_TYPES has {len(types)} types for {markers} markers; it is ignored."
+        ]
+    return {
+        point: _COMPUTED_TYPES[kind.lower()]
+        for point, kind in enumerate(types[:markers])
+        if kind.lower() in _COMPUTED_TYPES
+    }, []
+
+
+def _trimmed(texts: Sequence[str]) -> list[str]:
+    """Return cells without blank ones at the end."""
+    return list(texts[: max((k + 1 for k, text in enumerate(texts) if text), default=0)])
 
 
 def _field(header: dict[str, list[str]], key: str) -> str | None:

@@ -10,7 +10,8 @@
                                                             (blank line, optional)
     1       0.000 12.3 45.6 78.9  ...
 
-Cells are separated by tabs; in some files by blanks.
+Cells are separated by tabs; in some files by blanks, commas or semicolons. Names and header values
+may be separated by blanks although the rows are not.
 """
 
 from __future__ import annotations
@@ -24,18 +25,20 @@ from numpy.typing import NDArray
 from priorfill.clip import Clip
 from priorfill.errors import ClipError, FormatError, OutputError
 from priorfill.formats.recording import Recording
-from priorfill.formats.tables.text_table import (
+from priorfill.formats.tables.cells import (
     BLANKS,
-    TableRecording,
     cells_of,
-    count_notes,
-    find_rate,
-    frame_numbers,
-    header_number,
-    read_table,
+    delimiter_after,
+    is_blank,
+    join_quoted,
+    line_number,
     split_lines,
     texts_of,
 )
+from priorfill.formats.tables.columns import axis_columns, names_of_columns
+from priorfill.formats.tables.frames import count_notes, find_rate, frame_numbers
+from priorfill.formats.tables.numbers import cell_number, header_number, plain_number, shown
+from priorfill.formats.tables.text_table import TableRecording, partial_notes, read_table
 from priorfill.formats.write_report import WriteReport, check_filled
 from priorfill.runtime.atomic_file import replace_file
 
@@ -47,6 +50,12 @@ _MAX_HEADER_LINES = 30
 _FIRST_COORDINATE = 2
 """Cell of the first coordinate, after frame and time."""
 
+_FRAME = "Frame#?"
+"""First title of the row with the markers' names; a regular expression."""
+
+_UNSEPARATED = re.compile(rb"[^\s,;] +[^\s,;]")
+"""Two numbers with nothing but blanks between them."""
+
 _DECIMALS = 6
 """Decimals in a new file (nm), finer than the 32 bit floats of C3D."""
 
@@ -56,7 +65,7 @@ _STEP = 10.0**-_DECIMALS
 
 def recognise_trc(head: bytes) -> bool:
     """Check whether a file is TRC by its first bytes."""
-    return re.search(rb"^(PathFileType|DataRate)[ \t]", head, re.MULTILINE) is not None
+    return re.search(rb"^\"?(PathFileType|DataRate)\"?[ \t,;]", head, re.MULTILINE) is not None
 
 
 def parse_trc(data: bytes, name: str) -> TableRecording:
@@ -70,25 +79,25 @@ def parse_trc(data: bytes, name: str) -> TableRecording:
         If it has no frames.
     """
     lines = split_lines(data, name)
+    delimiter = _row_delimiter(lines, _names_row(lines, name))
+    lines = join_quoted(lines, delimiter, name)
     names_row = _names_row(lines, name)
-    rows = [
-        row
-        for row in range(names_row + 1, len(lines))
-        if lines[row].strip() and lines[row].strip()[:1] not in b"Xx"
-    ]
+    axes_row, rows = _rows(lines, names_row)
     if not rows:
-        raise ClipError(f"{name}: has no frames after line {names_row + 1}; export it again")
-    delimiter = b"\t" if b"\t" in lines[rows[0]] else BLANKS
-    labels, columns = _markers(lines, names_row, rows[0], delimiter, name)
+        line = line_number(lines, names_row)
+        raise ClipError(f"{name}: has no frames after line {line}; export it again")
+    cells = [cells_of(lines[row], delimiter) for row in rows]
+    titles = (names_row, axes_row)
+    labels, columns, label_notes = _markers(lines, titles, rows, cells, delimiter, name)
     positions, table = read_table(lines, rows, columns, labels, delimiter, name)
     header = _header(lines, names_row)
-    cells = [cells_of(lines[row], delimiter) for row in rows]
-    first, notes = frame_numbers([row_cells[0] for row_cells in cells], rows, name)
-    notes += count_notes(
+    first = frame_numbers([row_cells[0] for row_cells in cells], rows, lines, name)
+    times = [row_cells[1] for row_cells in cells if len(row_cells) > 1]
+    _check_times(times, rows, lines, name)
+    notes = count_notes(
         (header.get("numframes"), len(rows)), (header.get("nummarkers"), len(labels))
     )
-    times = [row_cells[1] for row_cells in cells if len(row_cells) > 1]
-    rate, rate_notes = find_rate(header_number(header.get("datarate")), times, name)
+    rate, rate_notes = find_rate(header_number(header.get("datarate")), times)
     return TableRecording(
         Recording(
             positions,
@@ -97,7 +106,7 @@ def parse_trc(data: bytes, name: str) -> TableRecording:
             header.get("units", ""),
             first_frame=first,
             default_up="+Y",
-            notes=(*notes, *rate_notes),
+            notes=(*label_notes, *notes, *rate_notes, *partial_notes(positions)),
         ),
         table,
     )
@@ -175,7 +184,7 @@ def create_trc(
 def _names_row(lines: list[bytes], name: str) -> int:
     """Return the line with the markers' names."""
     for row, line in enumerate(lines[:_MAX_HEADER_LINES]):
-        if re.match(rb"(\xef\xbb\xbf)?\s*Frame#?\s", line, re.IGNORECASE):
+        if delimiter_after(line, _FRAME) is not None:
             return row
     raise FormatError(
         f"{name}: is not a TRC file (no line 'Frame# Time ...' among its first "
@@ -183,38 +192,182 @@ def _names_row(lines: list[bytes], name: str) -> int:
     )
 
 
+def _rows(lines: list[bytes], names_row: int) -> tuple[int | None, list[int]]:
+    """Return the line with the axes (X1 Y1 Z1 ...), None if absent, and those of the frames."""
+    axes_row: int | None = None
+    rows: list[int] = []
+    for row in range(names_row + 1, len(lines)):
+        text = lines[row].strip(b' \t,;\r\n"')
+        if not text:
+            continue
+        if not rows and axes_row is None and text[:1] in b"Xx":
+            axes_row = row
+        else:
+            rows.append(row)
+    return axes_row, rows
+
+
+def _row_delimiter(lines: list[bytes], names_row: int) -> bytes:
+    """Return the separator of the cells in the rows of frames."""
+    _, rows = _rows(lines, names_row)
+    row = lines[rows[0]] if rows else b""
+    if _UNSEPARATED.search(row.replace(b'"', b"")):
+        return BLANKS
+    if b"\t" in row:
+        return b"\t"
+    stated = delimiter_after(lines[names_row], _FRAME)
+    if b";" in row:
+        return b";"
+    return b"," if stated == b"," and b"," in row else BLANKS
+
+
 def _header(lines: list[bytes], names_row: int) -> dict[str, str]:
-    """Return the header's values by name in lower case."""
+    """Return the header's values by name in lower case.
+
+    As in OpenSim, cells without content count for nothing if the values have too many of them.
+    """
     for row in range(names_row - 1):
-        delimiter = b"\t" if b"\t" in lines[row] else BLANKS
-        keys = [key.lower() for key in texts_of(lines[row], delimiter)]
-        if "datarate" in keys:
-            values = texts_of(lines[row + 1], delimiter)
-            if len(values) < len(keys):  # some programs separate some of the values by blanks
-                values = texts_of(lines[row + 1], BLANKS)
-            return dict(zip(keys, values, strict=False))
+        keys = [key.lower() for key in texts_of(lines[row], _line_delimiter(lines[row]))]
+        keys = _trimmed(keys)
+        if "datarate" not in keys:
+            continue
+        values = _trimmed(texts_of(lines[row + 1], _line_delimiter(lines[row + 1])))
+        if len(values) == len(keys):
+            return dict(zip(keys, values, strict=True))
+        keys = [key for key in keys if key]
+        given = [value for value in values if value]
+        if len(given) != len(keys):  # some programs separate some of the values by blanks
+            by_blanks = texts_of(lines[row + 1], BLANKS)
+            given = by_blanks if len(by_blanks) == len(keys) else given
+        return dict(zip(keys, given, strict=False))
     return {}
 
 
+def _line_delimiter(line: bytes) -> bytes:
+    """Return the separator of the cells of a line of the header."""
+    for delimiter in (b"\t", b";", b","):
+        if delimiter in line:
+            return delimiter
+    return BLANKS
+
+
+def _trimmed(texts: list[str]) -> list[str]:
+    """Return cells without blank ones at the end."""
+    return texts[: max((k + 1 for k, text in enumerate(texts) if text), default=0)]
+
+
+def _check_times(times: list[bytes], rows: list[int], lines: list[bytes], name: str) -> None:
+    """Raise FormatError if a time is not a number."""
+    for time, row in zip(times, rows, strict=False):
+        if cell_number(time) is None and plain_number(time) is None:
+            raise FormatError(
+                f"{name}: line {line_number(lines, row)}, cell 2 (time) is {shown(time)}, which is "
+                "not a number; correct the cell"
+            )
+
+
 def _markers(
-    lines: list[bytes], names_row: int, first_row: int, delimiter: bytes, name: str
-) -> tuple[list[str], list[list[int]]]:
-    """Return labels, and the cells of their coordinates."""
-    line = lines[names_row]
-    cells = texts_of(line, b"\t" if b"\t" in line else BLANKS)
-    places = [cell for cell in range(_FIRST_COORDINATE, len(cells)) if cells[cell]]
-    labels = [cells[place] for place in places]
-    if not labels:
-        raise FormatError(f"{name}: line {names_row + 1} names no markers; export it again")
-    # a name stands above its X; names without empty cells between them are in order
-    spread = len(places) > 1 and min(np.diff(places)) >= 3
-    starts = (
-        places if spread and delimiter else [_FIRST_COORDINATE + 3 * k for k in range(len(labels))]
-    )
-    width = len(cells_of(lines[first_row].rstrip(), delimiter))
-    if width > starts[-1] + 3:
+    lines: list[bytes],
+    titles: tuple[int, int | None],
+    rows: list[int],
+    cells: list[list[bytes]],
+    delimiter: bytes,
+    name: str,
+) -> tuple[list[str], list[list[int]], list[str]]:
+    """Return labels, the cells of their coordinates, and notes.
+
+    The row of the axes states the columns of the markers. Without it, the names are in order, three
+    columns each.
+    """
+    names_row, axes_row = titles
+    what = f"{name}: line {line_number(lines, names_row)}"
+    count = 0
+    columns: list[list[int]] = []
+    if axes_row is not None:
+        axes = texts_of(lines[axes_row], _line_delimiter(lines[axes_row]))
+        columns = axis_columns(axes)
+        count = len(columns)
+        _check_axes(axes, count, f"{name}: line {line_number(lines, axes_row)}")
+    names = _names(lines[names_row], delimiter)
+    given = sum(bool(text) for text in names[_FIRST_COORDINATE:])
+    if not given:
+        raise FormatError(f"{what} names no markers; export it again")
+    in_order = [_triple(_FIRST_COORDINATE + 3 * k) for k in range(count or given)]
+    if not count:
+        return _without_axes(names, in_order, cells, what)
+    used = _used_columns(cells)
+    separated = delimiter != BLANKS and _line_delimiter(lines[axes_row or 0]) == delimiter
+    fits = columns[0][0] >= _FIRST_COORDINATE and used <= set(np.ravel(columns).tolist())
+    if not (separated and fits):
+        columns = in_order
+    if given < count and len(names) <= columns[-1][-1]:
+        line = line_number(lines, rows[0])
         raise FormatError(
-            f"{name}: line {first_row + 1} has {width} cells, but line {names_row + 1} names "
-            f"{len(labels)} markers, which take {starts[-1] + 3}; name all markers"
+            f"{name}: line {line} has {len(cells[0])} cells, but line "
+            f"{line_number(lines, names_row)} names {given} markers, which take "
+            f"{_FIRST_COORDINATE + 3 * given}; name all markers"
         )
-    return labels, [[start, start + 1, start + 2] for start in starts]
+    if any(names[columns[-1][-1] + 1 :]):
+        raise FormatError(
+            f"{what} names {given} markers, but the next line has X, Y, Z for {count}; "
+            "correct one of them"
+        )
+    labels, notes = names_of_columns(names, columns, _FIRST_COORDINATE, what)
+    return labels, columns, notes
+
+
+def _names(line: bytes, delimiter: bytes) -> list[str]:
+    """Return the cells of the row of names.
+
+    Some programs separate the names by blanks, and the rest of the table by tabs.
+    """
+    names = texts_of(line, _line_delimiter(line))
+    if sum(bool(text) for text in names[_FIRST_COORDINATE:]) <= 1 and delimiter != BLANKS:
+        by_blanks = texts_of(line, BLANKS)
+        return by_blanks if len(by_blanks) > len(_trimmed(names)) else names
+    return names
+
+
+def _without_axes(
+    names: list[str], in_order: list[list[int]], cells: list[list[bytes]], what: str
+) -> tuple[list[str], list[list[int]], list[str]]:
+    """Return labels, columns and notes for a file without a row of axes."""
+    places = [cell for cell in range(_FIRST_COORDINATE, len(names)) if names[cell]]
+    used = max(_used_columns(cells), default=0)
+    labels = [names[place] for place in places]
+    spread = len(places) > 1 and min(np.diff(places)) >= 3
+    if spread and places[0] == _FIRST_COORDINATE and used <= places[-1] + 2:
+        if all(place % 3 == _FIRST_COORDINATE for place in places):
+            return labels, [_triple(place) for place in places], []
+    elif used <= in_order[-1][-1]:
+        return labels, in_order, []
+    raise FormatError(
+        f"{what} names {len(labels)} markers, which take {in_order[-1][-1] + 1} cells, but the "
+        f"rows have {used + 1}; name all markers, each above its X"
+    )
+
+
+def _check_axes(axes: list[str], count: int, what: str) -> None:
+    """Raise FormatError if the axes are not whole markers in order."""
+    given = [title for title in axes if title]
+    numbers = [int(title[1:]) for title in given if title[1:].isdigit() and title[0] in "Xx"]
+    if len(given) != 3 * count or numbers != sorted(numbers):
+        raise FormatError(f"{what} should have X1, Y1, Z1, X2, ... in order; correct the line")
+
+
+def _triple(start: int) -> list[int]:
+    """Return the cells of a marker."""
+    return [start, start + 1, start + 2]
+
+
+def _used_columns(cells: list[list[bytes]]) -> set[int]:
+    """Return the cells after the time that have content in some row."""
+    used: set[int] = set()
+    for row_cells in cells:
+        if len(used) < len(row_cells) - _FIRST_COORDINATE:
+            used.update(
+                cell
+                for cell in range(_FIRST_COORDINATE, len(row_cells))
+                if cell not in used and not is_blank(row_cells[cell])
+            )
+    return used
