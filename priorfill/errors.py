@@ -19,12 +19,13 @@
         ├── DatabaseLockedError (BlockingIOError)
         └── DuplicateClipError (ValueError)     the database already holds a clip with this content
 
-Every message is one line that states what is wrong, where, and what to do. The command line prints
-the message and exits with status 1.
+Every message is one line that states what is wrong, where, and what to do, with control characters
+as escape sequences. The command line prints the message and exits with status 1.
 """
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Sequence
 
 __all__ = [
@@ -44,7 +45,50 @@ __all__ = [
     "OptionError",
     "OutputError",
     "PriorfillError",
+    "escaped",
 ]
+
+_HIDDEN = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
+"""Unicode categories without a glyph: control characters (C0, DEL, C1), format characters
+(bidirectional controls, zero-width characters, tags), lone surrogates (bytes of a file name that is
+not UTF-8), line and paragraph separators."""
+
+
+def escaped(text: str) -> str:
+    r"""Return a text in one line in which control and format characters are visible.
+
+    Labels, file names and messages can hold characters that move the cursor of a terminal, change
+    its title, or reorder what is seen. Each is replaced by its escape sequence in Python's
+    notation; letters of all scripts stay.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+
+    Returns
+    -------
+    str
+        The text with control characters, format characters, line separators and lone surrogates as
+        ``\xHH``, ``\uHHHH`` or ``\UHHHHHHHH`` (``\t``, ``\n`` and ``\r`` for these three).
+
+    Examples
+    --------
+    >>> print(escaped("LKNE" + chr(27) + "[31m"))
+    LKNE\x1b[31m
+
+    See Also
+    --------
+    priorfill.runtime.display.csv_cell : A text as a cell of a CSV file.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        character.encode("unicode_escape", "surrogatepass").decode("ascii")
+        if unicodedata.category(character) in _HIDDEN
+        else character
+        for character in text
+    )
 
 
 class PriorfillError(Exception):
@@ -63,6 +107,10 @@ class PriorfillError(Exception):
     --------
     priorfill.errors : The tree of errors.
     """
+
+    def __str__(self) -> str:
+        """Return the message in one line, whatever the file it quotes contains."""
+        return escaped(super().__str__())
 
 
 class FormatError(PriorfillError, ValueError):

@@ -6,7 +6,6 @@ Each has a definition in ``database/datasets``; the README there describes the f
 from __future__ import annotations
 
 import re
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -14,6 +13,7 @@ from urllib.parse import urlsplit
 
 from priorfill.errors import FetchError
 from priorfill.runtime.resources import resource_path
+from priorfill.runtime.toml_file import read_toml
 
 __all__ = ["Dataset", "DatasetFile", "check_address", "find_dataset", "known_datasets"]
 
@@ -147,12 +147,7 @@ def check_address(address: str) -> str:
 
 def _read(path: Path) -> Dataset:
     """Read a definition."""
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise FetchError(f"{path}: cannot be read ({error.strerror}); check the name") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise FetchError(f"{path}: is not valid TOML ({error}); correct it") from error
+    content = read_toml(path, FetchError)
     texts = {key: _text(content, key, path) for key in _TEXT_FIELDS}
     subject = content.pop("subject", {"pattern": "", "name": ""})
     if not isinstance(subject, dict):

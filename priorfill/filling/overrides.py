@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from priorfill.gaps import runs
 from priorfill.methods import ALIASES, METHODS, resolve
 from priorfill.runtime.option_checks import check_not_text
 from priorfill.runtime.option_texts import close_or_all, parse_frames, parse_names
+from priorfill.runtime.toml_file import read_toml
 
 __all__ = ["LEAVE", "MISSING", "AppliedOverrides", "GapOverride", "Overrides", "read_overrides"]
 
@@ -292,12 +292,7 @@ def read_overrides(path: Path | str) -> Overrides:
     ('LKNE',)
     """
     path = Path(path)
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise OptionError(f"{path}: cannot be read ({error.strerror}); check the name") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise OptionError(f"{path}: is not valid TOML ({error}); correct it") from error
+    content = read_toml(path, OptionError)
     entries = content.pop("gap", [])
     if content:
         raise OptionError(f"{path}: unknown key {next(iter(content))!r}; write [[gap]] tables")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any, cast
 from priorfill.errors import MarkerSetError
 from priorfill.markers.marker_set import Joint, MarkerSet
 from priorfill.runtime.resources import resource_path
+from priorfill.runtime.toml_file import read_toml
 
 __all__ = ["available", "load", "recognise"]
 
@@ -181,16 +181,7 @@ def _read(path: Path) -> MarkerSet:
 @lru_cache(maxsize=256)
 def _read_cached(path: Path, stamp: int) -> MarkerSet:
     """Read a definition. ``stamp``, its modification time, makes edited files be read again."""
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise MarkerSetError(
-            f"{path}: cannot be read ({error.strerror}); check the file's permissions"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        reason = str(error).splitlines()[0]
-        raise MarkerSetError(f"{path}: is not valid TOML: {reason}; correct the file") from error
-    return _parse(content, path)
+    return _parse(read_toml(path, MarkerSetError), path)
 
 
 def _parse(content: dict[str, Any], path: Path) -> MarkerSet:

@@ -2,54 +2,12 @@
 
 from __future__ import annotations
 
-import unicodedata
+from priorfill.errors import escaped
 
 __all__ = ["csv_cell", "escaped", "escaped_lines"]
 
-_HIDDEN = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
-"""Unicode categories without a glyph: control characters (C0, DEL, C1), format characters
-(bidirectional controls, zero-width characters, tags), lone surrogates (bytes of a file name that is
-not UTF-8), line and paragraph separators."""
-
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
 """First characters by which spreadsheets take a cell for a formula (OWASP, CSV Injection)."""
-
-
-def escaped(text: str) -> str:
-    r"""Return a text in one line in which control and format characters are visible.
-
-    Labels, file names and messages can hold characters that move the cursor of a terminal, change
-    its title, or reorder what is seen. Each is replaced by its escape sequence in Python's
-    notation; letters of all scripts stay.
-
-    Parameters
-    ----------
-    text : str
-        The text.
-
-    Returns
-    -------
-    str
-        The text with control characters, format characters, line separators and lone surrogates as
-        ``\xHH``, ``\uHHHH`` or ``\UHHHHHHHH`` (``\t``, ``\n`` and ``\r`` for these three).
-
-    Examples
-    --------
-    >>> print(escaped("LKNE" + chr(27) + "[31m"))
-    LKNE\x1b[31m
-
-    See Also
-    --------
-    csv_cell : A text as a cell of a CSV file.
-    """
-    if text.isprintable():
-        return text
-    return "".join(
-        character.encode("unicode_escape", "surrogatepass").decode("ascii")
-        if unicodedata.category(character) in _HIDDEN
-        else character
-        for character in text
-    )
 
 
 def escaped_lines(text: str) -> str:

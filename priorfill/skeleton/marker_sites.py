@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.errors import MarkerSetError
+from priorfill.errors import MarkerSetError, PriorfillError
 from priorfill.runtime.resources import resource_path
+from priorfill.runtime.toml_file import read_toml
 from priorfill.skeleton.joints import JointPoses
 from priorfill.skeleton.part_names import PARTS
 from priorfill.skeleton.skeleton_body import SkeletonBody, part_frames
@@ -59,12 +59,14 @@ def known_sites(file: Path | None = None) -> dict[str, tuple[MarkerSite, ...]]:
     """
     file = resource_path("skeletons", "markers.toml") if file is None else file
     try:
-        content: dict[str, Any] = tomllib.loads(file.read_text(encoding="utf-8"))
+        content = read_toml(file, MarkerSetError)
         sites = {label: tuple(map(_site, rows)) for label, rows in content["markers"].items()}
         for label, of_marker in sites.items():
             total = sum(site.weight for site in of_marker)
             if not of_marker or not math.isclose(total, 1.0, abs_tol=1e-3):
                 raise ValueError(f"the weights of {label} do not sum to 1")
+    except PriorfillError:  # some are ValueErrors
+        raise
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise MarkerSetError(
             f"{file}: is not a valid file of marker sites ({error}); correct it"

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
-from priorfill.errors import ClipError, MarkerSetError
+from priorfill.errors import ClipError, MarkerSetError, PriorfillError
 from priorfill.runtime.resources import resource_path
+from priorfill.runtime.toml_file import read_toml
 
 __all__ = [
     "FALLBACK_PARTS",
@@ -90,7 +89,7 @@ def skeleton_kinds() -> tuple[SkeletonKind, ...]:
 def _read(file: Path) -> SkeletonKind:
     """Read a definition."""
     try:
-        content: dict[str, Any] = tomllib.loads(file.read_text(encoding="utf-8"))
+        content = read_toml(file, MarkerSetError)
         parts, sides = dict(content["parts"]), dict(zip(SIDES, content["sides"], strict=True))
         joints = {part: str(parts.pop(part)) for part in TRUNK if part in parts}
         for limb, joint in parts.items():
@@ -99,6 +98,8 @@ def _read(file: Path) -> SkeletonKind:
         if unknown:
             raise ValueError(f"part {unknown[0]} is unknown")
         return SkeletonKind(str(content["name"]), str(content["title"]), joints)
+    except PriorfillError:  # some are ValueErrors
+        raise
     except (OSError, ValueError, KeyError, AttributeError) as error:
         raise MarkerSetError(
             f"{file}: is not a valid kind of skeleton ({error}); correct it"
