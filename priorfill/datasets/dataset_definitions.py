@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import urlsplit
@@ -63,7 +64,7 @@ class Dataset:
     marker_set : str
         Name of the marker set of its recordings; empty if they have several.
     subject_pattern, subject_name : str
-        Regular expression that finds the subject at the beginning of a recording's name, and the
+        Regular expression (RE2) that finds the subject at the start of a recording's name, and the
         name to give the subject: ``{}`` stands for its first group.
     files : tuple of DatasetFile
         The files to download.
@@ -83,8 +84,11 @@ class Dataset:
 
     def subject(self, recording: str) -> str:
         """Return the subject of a recording by its name; empty if the name does not contain it."""
-        found = re.match(self.subject_pattern, recording) if self.subject_pattern else None
-        return self.subject_name.format(found[1]) if found else ""
+        if not self.subject_pattern:
+            return ""
+        text = recording.encode("utf-8", "replace").decode("utf-8")  # names of no encoding
+        found = _compiled(self.subject_pattern).match(text)
+        return self.subject_name.replace("{}", found[1]) if found and found[1] else ""
 
 
 def known_datasets() -> tuple[Dataset, ...]:
@@ -160,10 +164,7 @@ def _read(path: Path) -> Dataset:
         unknown = next(iter([*content, *subject]))
         raise FetchError(f"{path}: field {unknown!r} is unknown; remove it")
     texts["base"] = check_address(texts["base"])
-    try:
-        groups = re.compile(pattern).groups
-    except re.error as error:
-        raise FetchError(f"{path}: subject.pattern is invalid ({error}); correct it") from error
+    groups = _groups(pattern, path)
     if pattern and (groups != 1 or name.count("{}") != 1):
         raise FetchError(
             f"{path}: subject.pattern needs one group, and subject.name one {{}} for it"
@@ -174,6 +175,26 @@ def _read(path: Path) -> Dataset:
         subject_name=name,
         files=tuple(_file(one, path) for one in files),
     )
+
+
+@cache
+def _compiled(pattern: str) -> Any:
+    """Return a regular expression of RE2, which matches in a time linear in the text."""
+    import re2  # used by few commands
+
+    options = re2.Options()
+    options.log_errors = False  # on stderr
+    return re2.compile(pattern, options)
+
+
+def _groups(pattern: str, path: Path) -> int:
+    """Return the number of groups of a regular expression."""
+    try:
+        return int(_compiled(pattern).groups)
+    except Exception as error:  # of re2 or of the encoding
+        reason = error.args[0] if error.args else error
+        text = reason.decode("utf-8", "replace") if isinstance(reason, bytes) else str(error)
+        raise FetchError(f"{path}: subject.pattern is invalid ({text}); correct it") from error
 
 
 def _text(content: dict[str, Any], key: str, path: Path) -> str:

@@ -343,6 +343,8 @@ GOOD = (
         ('path = "a.zip"', 'path = "a.zip"\nbytes = 0', "above 0"),
         ("[[files]]", 'subject = {pattern = "a", name = "{}"}\n[[files]]', "one group"),
         ("[[files]]", 'subject = {pattern = "(", name = "{}"}\n[[files]]', "is invalid"),
+        ("[[files]]", 'subject = {pattern = "(?=a)", name = "{}"}\n[[files]]', "is invalid"),
+        ("[[files]]", 'subject = {pattern = "((a{99}){99})", name = "{}"}\n[[files]]', "invalid"),
         ("name", "name name", "is not valid TOML"),
     ],
 )
@@ -356,6 +358,17 @@ def test_definitions(tmp_path, old, new, words):
         find_dataset(str(path))
     with pytest.raises(FetchError, match="use one of cmu hdm05"):
         find_dataset("x")
+
+
+def test_no_pattern_of_a_definition_takes_long(tmp_path, capfd):
+    path = tmp_path / "x.toml"
+    pattern = "((?:a+)+)$"  # Python tries 2 ** 40 divisions of the name
+    path.write_text(f'{GOOD}[subject]\npattern = "{pattern}"\nname = "{{0.x}}-{{}}"')
+    dataset = find_dataset(str(path))
+    assert dataset.subject("a" * 40 + "b") == ""
+    assert dataset.subject("aaa") == "{0.x}-aaa"
+    assert dataset.subject("\udcff") == ""
+    assert capfd.readouterr() == ("", "")
 
 
 # folders
