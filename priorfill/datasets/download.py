@@ -377,7 +377,7 @@ def _size_of(path: Path) -> int:
 
 def _read_version(path: Path) -> _FileVersion | None:
     """Return the version that a part belongs to; None if unknown."""
-    with suppress(OSError, ValueError, TypeError, KeyError):
+    with suppress(OSError, ValueError, TypeError, KeyError, RecursionError):
         content: Any = json.loads(path.read_text(encoding="utf-8"))
         return _FileVersion(str(content["url"]), str(content["validator"]), content["size"])
     return None

@@ -299,7 +299,7 @@ def _read_record(folder: Path, name: str) -> dict[str, _RecordedFile]:
         If the record is of another data set.
     """
     content: Any = {}
-    with suppress(OSError, ValueError):
+    with suppress(OSError, ValueError, RecursionError):
         content = json.loads((folder / RECORD).read_text(encoding="utf-8"))
     if not isinstance(content, dict) or content.get("version") != _RECORD_VERSION:
         return {}

@@ -159,7 +159,7 @@ def check_folder(folder: Path) -> dict[str, Any] | None:
         return None
     try:
         settings = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise OutputError(f"{file}: cannot be read; give another folder") from error
     if not isinstance(settings, dict):
         raise OutputError(f"{file}: is not of an evaluation; give another folder")
