@@ -445,7 +445,8 @@ class Catalogue:
         self._may_write_checksum = False
 
     def reopen(self) -> None:
-        """Read the state of the file again: a change that failed may have been committed."""
+        """Read the state on the disk again: a change that failed may have been committed."""
+        self.path = find_catalogue(self.path.parent)
         self._open()
 
     def replace(self, rows: Iterable[CatalogueRow], segments: SegmentList) -> None:

@@ -79,12 +79,12 @@ def _write_anew(old: PriorDatabase, new: Manifest, catalogue: Catalogue) -> None
         moved = replace(record, segment=place.segment, offset=place.offset)
         rows.append(replace(catalogue.row(record), record=moved))
     before = {number: Segment(end, 0, "") for number, end in catalogue.end().items()}
-    segments = replaced_segments(folder, before, writer.listed, catalogue.path.name)
+    segments = replaced_segments(folder, before, writer.listed.segments, catalogue.path.name)
     create_catalogue(successor(catalogue.path), new, rows, segments)
 
 
 def replaced_segments(
-    folder: Path, old: Mapping[int, Segment], new: SegmentList, catalogue: str
+    folder: Path, old: Mapping[int, Segment], new: Mapping[int, Segment], catalogue: str
 ) -> SegmentList:
     """Return a list of new segments that names the old ones, and their catalogue, as unused.
 
@@ -94,7 +94,7 @@ def replaced_segments(
         The folder of the segments.
     old : mapping of int to Segment
         The segments that are replaced.
-    new : SegmentList
+    new : mapping of int to Segment
         The segments that replace them.
     catalogue : str
         Name of the catalogue that is replaced.
@@ -103,7 +103,7 @@ def replaced_segments(
         number: Unused(segment.size, zlib.crc32(_first_bytes(segment_path(folder, number))))
         for number, segment in old.items()
     }
-    return SegmentList(new.segments, unused, (catalogue,))
+    return SegmentList(new, unused, (catalogue,))
 
 
 def unaccounted_bytes(folder: Path, ends: Mapping[int, int]) -> list[str]:

@@ -127,7 +127,8 @@ class PriorDatabase:
             if not catalogue.identity:
                 problems = reader.verify()
             else:
-                problems = find_problems(self._folder, catalogue.identity, catalogue.segments_list)
+                listed = catalogue.segments_list
+                problems = [*find_problems(self._folder, catalogue.identity, listed).values()]
         if problems:
             raise DatabaseCorruptError(problems[0])
 
@@ -152,7 +153,7 @@ class PriorDatabase:
                 if catalogue.exists() or attempt == MAX_OPEN_ATTEMPTS:
                     raise
                 continue
-            self._reader = SegmentReader(self._folder, self._catalogue.identity)
+            self._reader = SegmentReader(self._folder)
             if write or self._reader.hold(self._catalogue.segments()):
                 return
             if catalogue.exists() or attempt == MAX_OPEN_ATTEMPTS:
@@ -166,7 +167,7 @@ class PriorDatabase:
         identity = self._manifest.identity
         problems = find_problems(self._folder, identity, listed)
         if problems:
-            raise DatabaseCorruptError(problems[0])
+            raise DatabaseCorruptError(next(iter(problems.values())))
         if not listed.is_clean:
             remove_unused(self._folder, identity, listed)
             self._catalogue.announce(SegmentList(listed.segments))
@@ -410,7 +411,7 @@ class PriorDatabase:
             self._lock.check()
             self._catalogue.reopen()
             self._reader.close()
-            self._reader = SegmentReader(self._folder, self._catalogue.identity)
+            self._reader = SegmentReader(self._folder)
             self._prepare_to_write()
 
     def _versions_to_replace(self, row: CatalogueRow, *, accepted: bool) -> tuple[ClipRecord, ...]:
@@ -578,11 +579,11 @@ class PriorDatabase:
             rows.append(replace(row, record=moved))
             if progress is not None:
                 progress(done, len(records))
-        self._catalogue.replace(
-            rows, replaced_segments(self._folder, old, writer.listed, self._catalogue.path.name)
-        )
+        new = {n: one for n, one in writer.listed.segments.items() if n not in old}
+        name = self._catalogue.path.name
+        self._catalogue.replace(rows, replaced_segments(self._folder, old, new, name))
         self._reader.close()
-        self._reader = SegmentReader(self._folder, self._catalogue.identity)
+        self._reader = SegmentReader(self._folder)
         self._prepare_to_write()
 
     def merge(
@@ -874,11 +875,11 @@ class PriorDatabase:
         listed = self._catalogue.present_segments()
         while listed is not None:
             found = find_problems(self._folder, identity, listed)
-            found = [one for one in found if not any(f"{n:06d}.f32" in one for n in damaged)]
-            found += check_checksums(self._folder, listed, damaged)
+            problems = [text for number, text in found.items() if number not in damaged]
+            problems += check_checksums(self._folder, listed, damaged | set(found))
             before, listed = listed, self._catalogue.present_segments()
-            if not found or listed == before:
-                return found
+            if not problems or listed == before:
+                return problems
         return []
 
     def _segment_bytes(self) -> int:

@@ -26,7 +26,7 @@ from priorfill.errors import DatabaseCorruptError
 __all__ = ["check_checksums", "find_problems", "remove_unused"]
 
 
-def find_problems(folder: Path, identity: str, listed: SegmentList) -> list[str]:
+def find_problems(folder: Path, identity: str, listed: SegmentList) -> dict[int, str]:
     """Return how the segments differ from the list, without reading all of them.
 
     Parameters
@@ -40,34 +40,33 @@ def find_problems(folder: Path, identity: str, listed: SegmentList) -> list[str]
 
     Returns
     -------
-    list of str
-        One message for each damage.
+    dict of int to str
+        A message for each segment that differs, by its number.
     """
-    problems = []
+    problems = {}
     for number, entry in listed.segments.items():
         path = segment_path(folder, number)
         try:
             with path.open("rb") as file:
                 size = check_end(file, path, header(identity, number), entry)
         except FileNotFoundError:
-            problems.append(f"{path}: is missing; restore the database from a copy")
+            problems[number] = f"{path}: is missing; restore the database from a copy"
             continue
         except DatabaseCorruptError as error:
-            problems.append(str(error))
+            problems[number] = str(error)
             continue
         unused = listed.unused.get(number)
         if size > (entry.size if unused is None else max(entry.size, unused.size)):
-            problems.append(
+            problems[number] = (
                 f"{path}: has {size} bytes, but the catalogue counts {entry.size}: the catalogue "
                 "is older than the segment; restore both from the same copy, or merge the clips "
                 "into a new database"
             )
-    problems.extend(_unlisted(folder, identity, listed))
-    return problems
+    return problems | dict(_unlisted(folder, identity, listed))
 
 
-def _unlisted(folder: Path, identity: str, listed: SegmentList) -> Iterator[str]:
-    """Yield a message for each segment of this database that its catalogue does not list.
+def _unlisted(folder: Path, identity: str, listed: SegmentList) -> Iterator[tuple[int, str]]:
+    """Yield number and message for each segment of this database that its catalogue does not list.
 
     Other files are none of its business.
     """
@@ -76,9 +75,10 @@ def _unlisted(folder: Path, identity: str, listed: SegmentList) -> Iterator[str]
             continue
         if _first_bytes(path) == header(identity, number):
             yield (
+                number,
                 f"{path}: is a segment of this database that the catalogue does not list: the "
                 "catalogue is older than the segment; restore both from the same copy, or merge "
-                "the clips into a new database"
+                "the clips into a new database",
             )
 
 

@@ -198,13 +198,10 @@ class SegmentReader:
     ----------
     folder : Path
         The folder of the segments.
-    identity : str
-        The database's identity; empty in older versions, whose segments have no header.
     """
 
-    def __init__(self, folder: Path, identity: str) -> None:
+    def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._identity = identity
         self._files: dict[int, BinaryIO] = {}
         self._maps: dict[int, NDArray[np.float32]] = {}
         self._opening = threading.Lock()
@@ -236,7 +233,7 @@ class SegmentReader:
         Raises
         ------
         DatabaseCorruptError
-            If the segment does not exist, belongs to another database, or is too short.
+            If the segment does not exist or is too short.
         """
         first = offset // DTYPE.itemsize
         values = self._maps.get(segment)
@@ -291,7 +288,7 @@ class SegmentReader:
         try:
             with self._opening:  # a second file would replace, and close, one another thread reads
                 if segment not in self._files:
-                    self._files[segment] = self._open(path, segment)
+                    self._files[segment] = path.open("rb")
                 file = self._files[segment]
             count = os.fstat(file.fileno()).st_size // DTYPE.itemsize
             # an empty file cannot be mapped
@@ -302,18 +299,6 @@ class SegmentReader:
             ) from error
         self._maps[segment] = values
         return values
-
-    def _open(self, path: Path, segment: int) -> BinaryIO:
-        file = path.open("rb")
-        if self._identity and read_at(file, 0, HEADER_BYTES) != header(self._identity, segment):
-            is_empty = os.fstat(file.fileno()).st_size == 0
-            file.close()
-            if is_empty:
-                raise ValueError("empty")
-            raise DatabaseCorruptError(
-                f"{path}: is not the segment of this database; restore the database from a copy"
-            )
-        return file
 
 
 def read_at(file: BinaryIO, offset: int, size: int) -> bytes:

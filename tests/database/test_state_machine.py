@@ -503,7 +503,7 @@ def test_a_writer_goes_on_after_any_failed_call(
 ) -> None:
     """For each call: the clip added next exists, as do all that were committed."""
     script = load_script("torture_database")
-    for at in range(1, 60):
+    for at in range(1, 80):
         folder = in_memory / f"{operation}-{late}-{at}"
         with script.Faults(folder) as faults:
             faults.disarm()

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from priorfill.clip import Clip
 from priorfill.database import ClipOrigin, PriorDatabase, Selection
+from priorfill.database.segments import MARK_BYTES
 from priorfill.database.sketch import (
     MIN_HASHES,
     MIN_SHARED_HASHES,
@@ -244,10 +245,10 @@ def test_remove_and_compact(folder: Path) -> None:
     before = state(folder)
     assert len(before) == 2
     with PriorDatabase.open(folder) as reader, PriorDatabase.open(folder, write=True) as database:
-        assert database.info().removed_bytes == 2 * records[0].nbytes
+        assert database.info().removed_bytes == 2 * (records[0].nbytes + MARK_BYTES)
         calls: list[tuple[int, int]] = []
         freed = database.compact(lambda done, total: calls.append((done, total)))
-        assert freed == 2 * records[0].nbytes
+        assert freed == 2 * (records[0].nbytes + MARK_BYTES)
         assert calls == [(1, 2), (2, 2)]
         assert database.info().removed_bytes == 0
         assert database.compact() == 0
@@ -391,8 +392,17 @@ def test_a_database_of_format_version_1_is_read(tmp_path: Path) -> None:
     shutil.copytree(FIXTURE, copy)
     before = state(copy)
     with PriorDatabase.open(copy, write=True) as database:
-        assert database.compact() > 0
+        assert database.info().version == 3  # converted, without the removed clip
+        assert database.compact() == 0
+        assert database.verify() == []
     assert state(copy) == before
+    assert sorted(path.name for path in copy.iterdir()) == [
+        "catalogue-2.checksum",
+        "catalogue-2.sqlite",
+        "lock",
+        "priorfill-database.json",
+        "segments",
+    ]
 
 
 def test_the_same_recording_in_another_format(tmp_path: Path) -> None:
