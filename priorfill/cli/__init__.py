@@ -14,6 +14,12 @@ from typing import Any
 import click
 
 from priorfill.cli.output import print_line
+from priorfill.cli.system import (
+    TerminatedError,
+    end_on_signals,
+    finish_stdout,
+    open_closed_streams,
+)
 from priorfill.errors import OptionError, PriorfillError
 from priorfill.runtime.display import escaped
 
@@ -62,6 +68,17 @@ class _Main(click.Group):
         with formatter.section("Commands"):
             formatter.write_dl([(name, text) for name, (_, text) in _COMMANDS.items()])
 
+    def main(self, *args: Any, **extra: Any) -> Any:
+        open_closed_streams()
+        try:
+            with end_on_signals():
+                return super().main(*args, **extra)
+        except OSError as error:  # while printing a help page
+            print_line(f"priorfill: {_in_one_line(error)}", err=True)
+            sys.exit(EXIT_FAILED)
+        finally:
+            finish_stdout()
+
     def make_context(
         self,
         info_name: str | None,
@@ -86,9 +103,7 @@ class _Main(click.Group):
         except (click.exceptions.Exit, click.Abort):
             _print_cache_problem()
             raise
-        except BrokenPipeError:
-            # the reader of our output has closed it; send the last flush nowhere
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        except BrokenPipeError:  # the reader of our output has closed it
             ctx.exit(EXIT_BROKEN_PIPE)
         except (Exception, KeyboardInterrupt) as error:
             if os.environ.get(DEBUG):
@@ -123,6 +138,8 @@ def _print_cache_problem() -> None:
 
 def _exit_status(error: BaseException) -> int:
     """Return the exit status of an error."""
+    if isinstance(error, TerminatedError):
+        return error.exit_status
     if isinstance(error, KeyboardInterrupt):
         return EXIT_INTERRUPTED
     return EXIT_USAGE if isinstance(error, OptionError) else EXIT_FAILED
@@ -131,7 +148,7 @@ def _exit_status(error: BaseException) -> int:
 def _in_one_line(error: BaseException) -> str:
     """Return the message of an error in one line."""
     if isinstance(error, KeyboardInterrupt):
-        return "interrupted"
+        return str(error) or "interrupted"
     if isinstance(error, PriorfillError):
         text = str(error)
     elif isinstance(error, OSError):

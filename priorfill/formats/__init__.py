@@ -36,7 +36,7 @@ from priorfill.formats.c3d.create import create_c3d
 from priorfill.formats.c3d.patch import write_c3d
 from priorfill.formats.c3d.read import parse_c3d, read_c3d, read_c3d_bytes
 from priorfill.formats.c3d.rewrite import rewrite_c3d
-from priorfill.formats.file_bytes import read_bounded
+from priorfill.formats.file_bytes import check_regular, os_errors_explained, read_bounded
 from priorfill.formats.recording import ReadOptions, Recording, clip_from_file
 from priorfill.formats.tables.motive_csv import parse_motive, recognise_motive
 from priorfill.formats.tables.nexus_csv import parse_nexus, recognise_nexus
@@ -44,7 +44,7 @@ from priorfill.formats.tables.qualisys_tsv import parse_qualisys, recognise_qual
 from priorfill.formats.tables.text_table import TableRecording, write_table
 from priorfill.formats.tables.trc import create_trc, parse_trc, recognise_trc
 from priorfill.formats.write_report import WriteReport
-from priorfill.runtime.atomic_file import check_target
+from priorfill.runtime.atomic_file import check_target, check_writable
 from priorfill.runtime.npz_file import create_npz
 
 __all__ = [
@@ -107,9 +107,9 @@ def _by_head(recognise: Callable[[bytes], bool]) -> Callable[[Path], bool]:
 
     def look(path: Path) -> bool:
         try:
-            with path.open("rb") as file:
+            with os_errors_explained(path), path.open("rb") as file:
                 return recognise(file.read(_HEAD_BYTES))
-        except OSError:
+        except FormatError:
             return False  # reading reports the reason
 
     return look
@@ -317,6 +317,7 @@ def read(
         raise FormatError(f"{path}: is a folder; give the name of a file")
     if not path.exists():
         raise FormatError(f"{path}: there is no such file; check the name")
+    check_regular(path)
     options = ReadOptions(zeros_missing, up, rate, unit, subject, ignore_residuals)
     return FORMATS[format_of(path)].read(path, options)
 
@@ -423,13 +424,15 @@ def check_output(
     OptionError
         If it cannot be rewritten.
     OutputError
-        If the folder does not exist, or the file exists already or is the source.
+        If the folder does not exist, takes no files or is too full, or the file exists already or
+        is the source.
     """
     source_format = format_of(source) if source.is_file() else None
     form = _output_format(Path(path), source_format)
     if rewrite and source_format is not None:
         _check_rewriting(Path(path), form, source_format)
     check_target(path, overwrite=overwrite, source=source)
+    check_writable(path, source.stat().st_size if source.is_file() else 0)
 
 
 def _check_rewriting(path: Path, form: str, source: str | None) -> None:

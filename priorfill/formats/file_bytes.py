@@ -14,6 +14,7 @@ from priorfill.errors import FormatError, OutputError, PriorfillError
 __all__ = [
     "HEAD_BYTES",
     "MAX_BYTES",
+    "check_regular",
     "check_size",
     "check_unchanged",
     "os_errors_explained",
@@ -45,6 +46,12 @@ def check_size(size: int, name: str) -> None:
         )
 
 
+def check_regular(path: Path) -> None:
+    """Raise FormatError if a path is a pipe or device, which might block or never end."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise FormatError(f"{path}: is not a regular file; give the name of one")
+
+
 @contextmanager
 def os_errors_explained(path: Path) -> Iterator[None]:
     """Turn an OSError from opening or reading a file into a FormatError of one line.
@@ -55,9 +62,7 @@ def os_errors_explained(path: Path) -> Iterator[None]:
         If the file does not exist, is not a regular file, or cannot be read.
     """
     try:
-        if path.exists() and not (path.is_file() or path.is_dir()):
-            # reading a pipe might block for ever
-            raise FormatError(f"{path}: is not a regular file; give the name of one")
+        check_regular(path)
         yield
     except PriorfillError:  # an OutputError is an OSError
         raise

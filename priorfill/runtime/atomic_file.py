@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import re
 import secrets
+import shutil
+import socket
+import time
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from priorfill.errors import OutputError, PriorfillError
 
-__all__ = ["check_target", "finish_file", "flush_folder", "replace_file"]
+__all__ = ["check_target", "check_writable", "finish_file", "flush_folder", "replace_file"]
 
 _TOKEN_BYTES = 6
 """Random bytes in a temporary name, so that two writers of one target do not collide."""
+
+_TEMPORARY = re.compile(r"\.priorfill-([0-9a-f]{8})-([0-9]+)-[0-9a-f]{12}\.part(\.[^.]*)?")
+"""Name of a temporary file: checksum of the computer's name, process, random bytes, suffix."""
+
+_MAX_IDLE_S = 24 * 3600.0
+"""Time after which a temporary file of another computer, whose processes are unknown, counts as
+abandoned. Writing a file takes seconds."""
 
 
 def check_target(path: Path | str, *, overwrite: bool = False, source: Path | None = None) -> Path:
@@ -31,8 +44,8 @@ def check_target(path: Path | str, *, overwrite: bool = False, source: Path | No
     Raises
     ------
     OutputError
-        If the path is the source, a folder, or an existing file (without `overwrite`), or if its
-        folder does not exist.
+        If the path is the source, no regular file, write-protected, or an existing file (without
+        `overwrite`), or if its folder does not exist.
     """
     given = Path(path)
     target = Path(os.path.realpath(given))
@@ -42,9 +55,43 @@ def check_target(path: Path | str, *, overwrite: bool = False, source: Path | No
         raise OutputError(f"{given}: the folder {target.parent} does not exist; create it first")
     if target.is_dir():
         raise OutputError(f"{given}: is a folder; give the name of a file")
+    if target.exists() and not target.is_file():
+        raise OutputError(f"{given}: is not a regular file; give the name of one")
     if target.exists() and not overwrite:
         raise OutputError(f"{given}: exists already; choose another name or use `overwrite`")
+    if target.exists() and not os.access(target, os.W_OK):
+        raise OutputError(f"{given}: is write-protected; choose another name")
     return target
+
+
+def check_writable(path: Path | str, size: int) -> None:
+    """Check that a folder takes a new file, by creating and removing one.
+
+    Parameters
+    ----------
+    path : Path or str
+        The file to write later, in an existing folder.
+    size : int
+        Its approximate size (bytes).
+
+    Raises
+    ------
+    OutputError
+        If the folder does not take files, or has less space than that.
+    """
+    folder = Path(os.path.realpath(path)).parent
+    temporary = folder / _temporary_name("")
+    try:
+        temporary.open("xb").close()
+        temporary.unlink()
+        free = shutil.disk_usage(folder).free
+    except OSError as error:
+        raise _cannot_write(path, error) from error
+    if free < size:
+        raise OutputError(
+            f"{path}: takes about {size / 1e6:.1f} MB, but only {free / 1e6:.1f} MB are free in "
+            f"{folder}; free some space, or choose another folder"
+        )
 
 
 @contextmanager
@@ -54,8 +101,9 @@ def replace_file(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]
     The temporary file is in the target's folder (a rename is atomic only within one file system)
     and has the target's suffix in lower case (otherwise ezc3d appends one). On success it is
     flushed to the disk and renamed, and the folder is flushed too. After any exception, including
-    an interrupt, it is removed and `path` is unchanged. If the target is a symbolic link, the file
-    it points to is replaced.
+    an interrupt, it is removed and `path` is unchanged; that of a killed process is removed by the
+    next one that writes to the folder. If the target is a symbolic link, the file it points to is
+    replaced. A file that is replaced hands on its permissions and its owner.
 
     Parameters
     ----------
@@ -72,35 +120,101 @@ def replace_file(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]
     Raises
     ------
     OutputError
-        If the folder does not exist, `path` is a folder or an existing file (without
+        If `path` is no possible target (see `check_target`), appears while the block runs (without
         `overwrite`), or the system refuses to write.
     """
     given = Path(path)
     target = check_target(given, overwrite=overwrite)
-    folder = target.parent
-    temporary = folder / (
-        f".{target.stem}.{secrets.token_hex(_TOKEN_BYTES)}.part{target.suffix.lower()}"
-    )
+    temporary = target.parent / _temporary_name(target.suffix.lower())
     try:
+        _remove_abandoned(target.parent)
         # not tempfile, whose files are private (0600): results follow the umask
         temporary.open("xb").close()
         yield temporary
-        # flushing is slow, so the second check follows it, right before the rename: another process
-        # may have written the target since the first check
-        _flush(temporary)
-        if target.exists() and not overwrite:
+        if overwrite and target.exists():
+            _hand_on_permissions(target, temporary)
+        if overwrite:
+            finish_file(temporary, target)
+        elif not _finish_new_file(temporary, target):
             raise OutputError(f"{given}: appeared while writing; choose another name")
-        finish_file(temporary, target)
     except PriorfillError:
         raise
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise OutputError(
-            f"{given}: cannot be written ({reason}); check the folder's permissions and space"
-        ) from error
+        raise _cannot_write(given, error) from error
     finally:
         with suppress(OSError):
             temporary.unlink()
+
+
+def _cannot_write(path: Path | str, error: OSError) -> OutputError:
+    reason = error.strerror or str(error)
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return OutputError(f"{path}: cannot be written ({reason}); free some space")
+    return OutputError(
+        f"{path}: cannot be written ({reason}); check the folder's permissions and space"
+    )
+
+
+def _temporary_name(suffix: str) -> str:
+    return f".priorfill-{_computer()}-{os.getpid()}-{secrets.token_hex(_TOKEN_BYTES)}.part{suffix}"
+
+
+def _computer() -> str:
+    return f"{zlib.crc32(socket.gethostname().encode()):08x}"
+
+
+def _remove_abandoned(folder: Path) -> None:
+    """Remove temporary files in a folder whose process has been killed."""
+    with suppress(OSError):
+        for entry in os.scandir(folder):
+            name = _TEMPORARY.fullmatch(entry.name)
+            if name is not None and _is_abandoned(entry, name[1], int(name[2])):
+                with suppress(OSError):
+                    Path(entry.path).unlink()
+
+
+def _is_abandoned(entry: os.DirEntry[str], computer: str, process: int) -> bool:
+    """Check whether the process that wrote a temporary file has ended, as far as can be known."""
+    # on Windows, signal 0 would end the process
+    if computer == _computer() and os.name != "nt":
+        try:
+            os.kill(process, 0)
+        except ProcessLookupError:
+            return True
+        except (OSError, OverflowError):  # it belongs to another user; the number is too large
+            pass
+        return False
+    return time.time() - entry.stat(follow_symlinks=False).st_mtime > _MAX_IDLE_S
+
+
+def _hand_on_permissions(target: Path, temporary: Path) -> None:
+    """Give a file the permissions, and where possible the owner, of the one that it replaces."""
+    shutil.copymode(target, temporary)
+    if os.name == "nt":
+        return
+    there, ours = target.stat(), temporary.stat()
+    if (there.st_uid, there.st_gid) != (ours.st_uid, ours.st_gid):
+        try:
+            os.chown(temporary, there.st_uid, there.st_gid)
+        except PermissionError:  # only the superuser gives files away
+            with suppress(PermissionError):
+                os.chown(temporary, -1, there.st_gid)
+        shutil.copymode(target, temporary)  # a change of the owner clears some of them
+
+
+def _finish_new_file(temporary: Path, target: Path) -> bool:
+    """Rename a complete file to a name that must be free; return False if it is not."""
+    _flush(temporary)
+    try:
+        os.link(temporary, target)  # fails if the name is taken; a rename would replace the file
+    except FileExistsError:
+        return False
+    except OSError:  # the file system has no hard links
+        if target.exists():
+            return False
+        temporary.rename(target)
+    flush_folder(target.parent)
+    return True
 
 
 def finish_file(temporary: Path, target: Path) -> None:

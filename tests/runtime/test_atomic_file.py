@@ -1,11 +1,18 @@
 from __future__ import annotations
 
+import errno
 import os
+import subprocess
+import sys
+import time
 
 import pytest
 
 from priorfill.errors import OutputError
-from priorfill.runtime.atomic_file import replace_file
+from priorfill.runtime import atomic_file
+from priorfill.runtime.atomic_file import check_writable, replace_file
+
+posix = pytest.mark.skipif(os.name == "nt", reason="POSIX only")
 
 
 def test_the_file_appears_complete(tmp_path):
@@ -83,3 +90,111 @@ def test_system_errors_become_output_errors(tmp_path):
     with pytest.raises(OutputError, match="No space left"), replace_file(tmp_path / "out"):
         raise OSError(28, os.strerror(28))
     assert not list(tmp_path.iterdir())
+
+
+def leftover(folder, process, computer=None, idle=0.0):
+    """Return a temporary file of some process."""
+    computer = atomic_file._computer() if computer is None else computer
+    path = folder / f".priorfill-{computer}-{process}-0123456789ab.part.c3d"
+    path.write_bytes(b"half")
+    written = time.time() - idle
+    os.utime(path, (written, written))
+    return path
+
+
+@posix
+def test_files_of_killed_processes_are_removed(tmp_path):
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    killed = leftover(tmp_path, ended.pid)
+    too_large = leftover(tmp_path, 10**30)
+    running = leftover(tmp_path, os.getppid())
+    elsewhere = leftover(tmp_path, ended.pid, "ffffffff", idle=3600)
+    long_ago = leftover(tmp_path, ended.pid, "fffffffe", idle=25 * 3600)
+    other = tmp_path / ".walk.part.c3d"
+    other.write_bytes(b"not ours")
+    with replace_file(tmp_path / "out.c3d"):
+        assert not killed.exists()
+        assert not long_ago.exists()
+    assert running.exists()
+    assert elsewhere.exists()
+    assert too_large.exists()
+    assert other.exists()
+
+
+def test_a_long_name_leaves_room_for_the_temporary_one(tmp_path):
+    target = tmp_path / ("x" * 250 + ".c3d")
+    with replace_file(target) as temporary:
+        temporary.write_bytes(b"new")
+    assert target.read_bytes() == b"new"
+
+
+@pytest.mark.parametrize("links", [True, False])
+def test_of_two_writers_of_a_new_file_the_second_is_refused(tmp_path, monkeypatch, links):
+    if not links:
+
+        def refuse(*_: object) -> None:
+            raise OSError(errno.EPERM, "Operation not permitted")
+
+        monkeypatch.setattr("os.link", refuse)
+    target = tmp_path / "out.c3d"
+    with (
+        pytest.raises(OutputError, match="appeared while writing"),
+        replace_file(target) as second,
+    ):
+        second.write_bytes(b"second")
+        with replace_file(target) as first:
+            first.write_bytes(b"first")
+    assert target.read_bytes() == b"first"
+    assert [path.name for path in tmp_path.iterdir()] == ["out.c3d"]
+
+
+@posix
+def test_a_replaced_file_hands_on_permissions_and_owner(tmp_path):
+    target = tmp_path / "out.c3d"
+    target.write_bytes(b"old")
+    target.chmod(0o640)
+    if os.geteuid() == 0:
+        os.chown(target, 1234, 5678)
+    before = target.stat()
+    with replace_file(target, overwrite=True) as temporary:
+        temporary.write_bytes(b"new")
+    after = target.stat()
+    assert (after.st_mode, after.st_uid, after.st_gid) == (
+        before.st_mode,
+        before.st_uid,
+        before.st_gid,
+    )
+
+
+def test_a_write_protected_file_is_kept(tmp_path, monkeypatch):
+    target = tmp_path / "out.c3d"
+    target.write_bytes(b"old")
+    monkeypatch.setattr("os.access", lambda path, mode: False)  # the superuser writes everything
+    with pytest.raises(OutputError, match="write-protected"), replace_file(target, overwrite=True):
+        pass
+    assert target.read_bytes() == b"old"
+
+
+@posix
+def test_a_device_is_no_target(tmp_path):
+    os.mkfifo(tmp_path / "pipe.c3d")
+    with (
+        pytest.raises(OutputError, match="is not a regular file"),
+        replace_file(tmp_path / "pipe.c3d", overwrite=True),
+    ):
+        pass
+
+
+def test_whether_a_folder_takes_files_is_checked_beforehand(tmp_path, monkeypatch):
+    check_writable(tmp_path / "out.c3d", 1000)
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(OutputError, match=r"takes about .* MB, but only .* MB are free"):
+        check_writable(tmp_path / "out.c3d", 10**18)
+
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr("pathlib.Path.open", refuse)
+    with pytest.raises(OutputError, match=r"cannot be written \(Read-only file system\)"):
+        check_writable(tmp_path / "out.c3d", 0)

@@ -1,0 +1,132 @@
+"""Signals, and output streams that are closed or full."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from priorfill import write
+from priorfill.cli import main
+from priorfill.cli.system import TerminatedError, end_on_signals
+from priorfill.synthetic.demo import make_demo_clip
+
+posix = pytest.mark.skipif(os.name == "nt", reason="POSIX only")
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("clips") / "walk.npz"
+    write(path, make_demo_clip()[1])
+    return path
+
+
+def program(*arguments: object) -> list[str]:
+    return [
+        sys.executable,
+        "-c",
+        "from priorfill.cli import main; main()",
+        *map(str, arguments),
+    ]
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_a_signal_ends_the_block_like_ctrl_c(name):
+    number = getattr(signal, name, None)
+    if number is None:
+        pytest.skip(f"no {name} here")
+    before = signal.getsignal(number)
+    with pytest.raises(TerminatedError) as caught, end_on_signals():
+        signal.raise_signal(number)
+    assert isinstance(caught.value, KeyboardInterrupt)
+    assert caught.value.exit_status == 128 + number
+    assert signal.getsignal(number) is before
+
+
+@posix
+def test_an_ignored_signal_stays_ignored():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with end_on_signals():
+            signal.raise_signal(signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@posix
+def test_a_signal_while_writing_leaves_no_file(tmp_path, walk):
+    script = (
+        "import priorfill.runtime.atomic_file as files, time\n"
+        "def wait(path):\n"
+        "    open('started', 'w').close()\n"
+        "    time.sleep(60)\n"
+        "files._flush = wait\n"
+        "from priorfill.cli import main; main()"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", script, "fill", walk, "-o", "out.npz", "--method", "linear"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    deadline = time.monotonic() + 60
+    while not (tmp_path / "started").exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert [path for path in tmp_path.iterdir() if ".part" in path.name]
+    process.send_signal(signal.SIGTERM)
+    _, errors = process.communicate()
+    assert process.returncode == 128 + signal.SIGTERM
+    assert errors.splitlines()[-1] == f"priorfill: ended by signal {int(signal.SIGTERM)}"
+    assert [path.name for path in tmp_path.iterdir()] == ["started"]
+
+
+@posix
+@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+def test_a_closed_stream_does_not_matter(tmp_path, walk, stream):
+    number = {"stdout": 1, "stderr": 2}[stream]
+    done = subprocess.run(
+        program("fill", walk, "-o", tmp_path / "out.npz", "--method", "linear"),
+        preexec_fn=lambda: os.close(number),
+        capture_output=stream != "stdout",
+        check=False,
+    )
+    assert done.returncode == 0
+    assert (tmp_path / "out.npz").exists()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+def test_a_full_stream(tmp_path, walk):
+    fill = program("fill", walk, "-o", tmp_path / "out.npz", "--method", "linear")
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(fill, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+        assert done.returncode == 1
+        (line,) = [line for line in done.stderr.splitlines() if "standard output" in line]
+        assert "what the command has written to files is complete" in line
+        assert (tmp_path / "out.npz").exists()
+        done = subprocess.run(
+            [*fill, "--overwrite"], stdout=subprocess.PIPE, stderr=full, check=False
+        )
+        assert done.returncode == 0
+        done = subprocess.run(
+            program("--help"), stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+        assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)
+
+
+@posix
+def test_pipes_are_neither_read_nor_replaced(tmp_path, walk):
+    for name in ("in.csv", "in.c3d", "out.npz"):
+        os.mkfifo(tmp_path / name)
+    for source, target in (("in.csv", "x.c3d"), ("in.c3d", "x.c3d"), (walk, "out.npz")):
+        arguments = ["fill", str(tmp_path / source), "-o", str(tmp_path / target), "--overwrite"]
+        done = CliRunner().invoke(main, arguments)
+        assert done.exit_code == 1
+        assert "is not a regular file" in done.stderr
+    assert (tmp_path / "out.npz").is_fifo()
