@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -11,7 +12,12 @@ from numpy.typing import NDArray
 from priorfill.errors import ClipError
 from priorfill.geometry.axes import UP_AXES
 
-__all__ = ["Clip", "Source", "blank_incomplete_samples"]
+__all__ = ["MAX_RATE", "MIN_RATE", "Clip", "Source", "blank_incomplete_samples"]
+
+MIN_RATE = 0.01
+MAX_RATE = 1e6
+"""Hz. No motion of a body is recorded more slowly or faster; such a rate is a slip, and durations
+would overflow."""
 
 
 @dataclass(frozen=True)
@@ -134,13 +140,13 @@ class Clip:
             raise ClipError(f"{self.name}: has no frames; there is nothing to fill")
         if positions.shape[1] == 0:
             raise ClipError(f"{self.name}: has no markers; there is nothing to fill")
-        twice = sorted({label for label in labels if labels.count(label) > 1})
+        twice = sorted(label for label, count in Counter(labels).items() if count > 1)
         if twice:
             raise ClipError(
                 f"{self.name}: label {twice[0]} occurs {labels.count(twice[0])} times; "
                 "rename the markers so that each label is unique"
             )
-        if not (np.isfinite(self.rate) and self.rate > 0):
+        if not MIN_RATE <= self.rate <= MAX_RATE:
             raise ClipError(
                 f"{self.name}: the frame rate is {self.rate:g} Hz; give the right one (`rate`)"
             )

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.clip import MAX_RATE, MIN_RATE
 from priorfill.errors import FormatError
 from priorfill.formats.tables.cells import content_of, line_number
 from priorfill.formats.tables.numbers import header_number, plain_number, shown
@@ -20,10 +21,6 @@ _FRAME_NUMBER = re.compile(rb"[+-]?\d{1,15}(?:[.,]0*)?")
 _RATE_TOLERANCE = 0.01
 """Relative difference between the frame rates of header and time column above which one of them is
 wrong. Times are rounded to milliseconds in many files."""
-
-_MIN_RATE = 0.01
-_MAX_RATE = 1e6
-"""Hz. No camera is slower or faster; such a rate is a slip."""
 
 _MS = 1000.0
 """Milliseconds per second: some programs write times in milliseconds."""
@@ -141,7 +138,7 @@ def find_rate(stated: float | None, times: Sequence[bytes]) -> tuple[float | Non
         What the user should know.
     """
     even, mean, step = _even_rate(times)
-    if stated is None or not _MIN_RATE <= stated <= _MAX_RATE:
+    if stated is None or not MIN_RATE <= stated <= MAX_RATE:
         if mean is None or step == 1:
             return None, []
         uneven = "" if even is not None else ", although its times are uneven"
@@ -151,17 +148,17 @@ def find_rate(stated: float | None, times: Sequence[bytes]) -> tuple[float | Non
     if even is None:
         return stated, [
             f"The header states {stated:g} Hz; the times in the time column are uneven "
-            f"({mean:.4g} Hz on average). The header's rate is used (see --rate)."
+            f"({mean:.4g} Hz on average). The header's rate is used (see `rate`)."
         ]
     if abs(even * _MS / stated - 1) <= _RATE_TOLERANCE:
         return stated, []  # times in milliseconds
     if step == 1:
         return stated, [
-            f"The time column counts rows; the header's rate of {stated:g} Hz is used (see --rate)."
+            f"The time column counts rows; the header's rate of {stated:g} Hz is used (see `rate`)."
         ]
     return even, [
         f"The header states {stated:g} Hz, the time column {even:.6g} Hz, evenly; "
-        "the rate of the time column is used (see --rate)."
+        "the rate of the time column is used (see `rate`)."
     ]
 
 
@@ -173,7 +170,7 @@ def _even_rate(times: Sequence[bytes]) -> tuple[float | None, float | None, floa
     if len(known) < 2 or not known[-1] > known[0]:
         return None, None, 0.0
     step = float(known[-1] - known[0]) / (len(known) - 1)
-    mean = 1 / step if step > 1 / _MAX_RATE else None
+    mean = 1 / step if step > 1 / MAX_RATE else None
     if mean is None or len(known) < len(found):
         return None, mean, step
     line: NDArray[np.float64] = known[0] + step * np.arange(len(known))

@@ -55,6 +55,9 @@ _WORD = re.compile(r"[A-Z0-9_]+")
 
 _TITLES = re.compile(rb"\s*(?:Frame|Time)\b|[^\t]*[ _]X\t", re.IGNORECASE)
 
+_MAX_HEADER_LINES = 10_000
+"""Lines in which the header is searched; each event has one."""
+
 _DELIMITER = b"\t"
 
 _COMPUTED_TYPES = {"virtual": "virtual trajectory"}
@@ -128,7 +131,8 @@ def _header(lines: list[bytes]) -> tuple[dict[str, list[str]], int]:
     """Return the values of the header lines by key, and the first line after them."""
     header: dict[str, list[str]] = {}
     row = 0
-    while row < len(lines) and (not lines[row].strip() or _KEY.match(lines[row])):
+    last = min(len(lines), _MAX_HEADER_LINES)
+    while row < last and (not lines[row].strip() or _KEY.match(lines[row])):
         if lines[row].strip() and _TITLES.match(lines[row]):
             break
         key, *values = texts_of(lines[row], _DELIMITER)
