@@ -7,7 +7,7 @@
     ├── ClipError (ValueError)            the contents of a clip are unusable
     │   └── MultipleSubjectsError         a file holds several subjects, and none is chosen
     ├── OptionError (ValueError)          an option is out of range or contradicts another
-    ├── MarkerSetError (ValueError)       a marker-set definition is malformed or unknown
+    ├── MarkerSetError (ValueError)       a marker-set definition is malformed
     ├── MethodError (ValueError)          a method is not applicable to a clip
     ├── EvaluationError (RuntimeError)    an evaluation cannot continue
     ├── OutputError (OSError)             a result cannot be written to its destination
@@ -47,6 +47,9 @@ __all__ = [
     "PriorfillError",
     "escaped",
 ]
+
+MAX_MESSAGE = 2000
+"""Maximum number of characters of a message; what a file contains can be any length, and is cut."""
 
 _HIDDEN = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
 """Unicode categories without a glyph: control characters (C0, DEL, C1), format characters
@@ -110,7 +113,9 @@ class PriorfillError(Exception):
 
     def __str__(self) -> str:
         """Return the message in one line, whatever the file it quotes contains."""
-        return escaped(super().__str__())
+        text = escaped(super().__str__())
+        half = MAX_MESSAGE // 2
+        return text if len(text) <= MAX_MESSAGE else f"{text[:half]} ... {text[-half:]}"
 
 
 class FormatError(PriorfillError, ValueError):
@@ -142,7 +147,7 @@ class OptionError(PriorfillError, ValueError):
 
 
 class MarkerSetError(PriorfillError, ValueError):
-    """A marker-set definition is malformed or unknown."""
+    """A marker-set definition is malformed."""
 
 
 class MethodError(PriorfillError, ValueError):

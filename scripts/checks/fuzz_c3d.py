@@ -19,10 +19,8 @@ import argparse
 import re
 import struct
 import sys
-import tempfile
 import time
 import warnings
-from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
@@ -37,16 +35,7 @@ from priorfill.formats import read, write
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 sys.path.append(str(Path(__file__).resolve().parents[2] / "tests" / "support"))
 from c3d_bytes import BLOCK, DEC, INTEL, LABELS, MIPS, C3DFile, standing
-from worker import DONE, Worker
-
-SECONDS = 5.0
-"""CPU time that a file may take; wall time would depend on the load of the machine."""
-
-TIMEOUT = 60.0
-"""Wall time after which a file counts as hung."""
-
-MEMORY = 2**30
-"""Memory limit per file in addition to the program itself, bytes."""
+from fuzzing import Tally, run_cases
 
 PRELOADED = ("priorfill.filling.fill_clip", "priorfill.formats", "priorfill.methods.interpolation")
 """Modules that a new process finds imported."""
@@ -259,33 +248,22 @@ def fuzz(
     minutes: float = float("inf"),
     keep: Path | None = None,
     rewrite: bool = False,
-) -> tuple[Counter[str], list[str], float]:
-    """Run cases; return how they ended, the faults, and the longest processor time (s)."""
-    ends: Counter[str] = Counter()
-    faults = []
-    slowest = 0.0
-    stop = time.monotonic() + 60 * minutes
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        Worker(run_case, seconds=TIMEOUT, memory=MEMORY, preload=PRELOADED) as worker,
-    ):
-        for number in range(count):
-            if time.monotonic() > stop:
-                break
-            outcome = worker.do(Case(seed, number, folder, rewrite))
-            fault = "" if outcome.kind == DONE else f"{outcome.kind}: {outcome.value}"
-            if not fault:
-                end, seconds = outcome.value
-                slowest = max(slowest, seconds)
-                fault = f"slow: {seconds:.1f} s" if seconds > SECONDS else ""
-            ends[f"FAULT {fault}" if fault else end] += 1
-            if fault:
-                faults.append(f"seed {seed}, number {number}: {fault}")
-                for path in Path(folder).iterdir():
-                    path.unlink()
-                if keep is not None:
-                    (keep / f"{seed}-{number}.c3d").write_bytes(mutate(seed, number))
-    return ends, faults, slowest
+) -> Tally:
+    """Run cases."""
+
+    def save(case: Case) -> None:
+        if keep is not None:
+            path = keep / f"{case.seed}-{case.number}.c3d"
+            path.write_bytes(mutate(case.seed, case.number))
+
+    return run_cases(
+        run_case,
+        lambda number, folder: Case(seed, number, folder, rewrite),
+        count,
+        save,
+        minutes=minutes,
+        preload=PRELOADED,
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -300,21 +278,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.keep is not None:
         options.keep.mkdir(parents=True, exist_ok=True)
     start = time.monotonic()
-    ends, faults, slowest = fuzz(
+    tally = fuzz(
         options.count,
         options.seed,
         minutes=options.minutes,
         keep=options.keep,
         rewrite=options.rewrite,
     )
-    for end, times in ends.most_common():
-        print(f"{times:7}  {end}")
-    print(
-        f"\n{ends.total()} damaged files in {time.monotonic() - start:.0f} s, the slowest "
-        f"{slowest:.2f} s of computing; {len(faults)} faults"
-    )
-    print("\n".join(faults[:20]))
-    return int(bool(faults))
+    tally.show(time.monotonic() - start)
+    return int(bool(tally.faults))
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from priorfill.errors import FormatError, OutputError
 from priorfill.runtime.display import csv_cell, escaped, escaped_lines
 
 
@@ -57,3 +58,10 @@ def test_a_cell_survives_the_csv_module() -> None:
     file = io.StringIO()
     csv.writer(file).writerow([csv_cell('=HYPERLINK("x","y")'), csv_cell("a,b\x1b")])
     assert next(csv.reader(io.StringIO(file.getvalue()))) == ['\'=HYPERLINK("x","y")', "a,b\\x1b"]
+
+
+def test_messages_of_errors_are_one_line_of_bounded_length():
+    assert str(OutputError("a\nb\x1b")) == r"a\nb\x1b"
+    text = str(FormatError("a" * 10**6 + "; remedy"))
+    assert len(text) < 2100
+    assert text.endswith("a; remedy")

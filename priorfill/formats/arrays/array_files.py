@@ -203,12 +203,13 @@ def _strings(value: Any, name: str) -> tuple[str, ...]:
             one.decode("utf-8") if isinstance(one, bytes) else str(one)
             for one in array.ravel().tolist()
         ]
+        # a lone surrogate is no character and could not be written
+        texts = [one.encode("utf-8", "replace").decode("utf-8").strip() for one in texts]
     except ValueError as error:  # bytes of another encoding, numbers that are no characters
         raise FormatError(
             f"{name}: has text that is not Unicode; save the labels as strings"
         ) from error
-    # a lone surrogate is no character and could not be written
-    return tuple(one.encode("utf-8", "replace").decode("utf-8").strip() for one in texts)
+    return tuple(texts)
 
 
 def _rate(arrays: Mapping[str, Any], known: Mapping[str, str], name: str) -> float | None:
