@@ -22,9 +22,6 @@ __all__ = [
     "warn_of_artefacts",
 ]
 
-MAX_ROWS = 40
-"""Number of rows in the table; ``--json`` has all."""
-
 MAX_WARNINGS = 5
 """Number of warnings; `inspect` shows more."""
 
@@ -57,7 +54,7 @@ def artefact_facts(artefacts: Sequence[Artefact], clip: Clip) -> list[dict[str, 
     ]
 
 
-def print_artefacts(facts: Sequence[dict[str, Any]], title: str) -> None:
+def print_artefacts(facts: Sequence[dict[str, Any]], title: str, most: int | None) -> None:
     """Print a table of artefacts.
 
     Parameters
@@ -66,14 +63,16 @@ def print_artefacts(facts: Sequence[dict[str, Any]], title: str) -> None:
         As from `artefact_facts`.
     title : str
         Printed above the table.
+    most : int or None
+        Number of rows; None: all.
     """
     rows = (
         [one["kind"], " ".join(one["markers"]), _frames(one), one["evidence"]]
-        for one in facts[:MAX_ROWS]
+        for one in facts[:most]
     )
     print_table(("kind", "marker", "frames", "evidence"), rows, title=title)
-    if len(facts) > MAX_ROWS:
-        print_line(f"... and {len(facts) - MAX_ROWS} more (--json lists all)")
+    if most is not None and len(facts) > most:
+        print_line(f"... and {len(facts) - most} more (--all prints them)")
 
 
 def warn_of_artefacts(facts: Sequence[dict[str, Any]], file: str) -> None:

@@ -10,9 +10,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from priorfill.cli.batch import read_one_of_many, with_path
-from priorfill.cli.output import duration, print_json, print_line, print_table
+from priorfill.cli.option_types import DURATION, as_names
+from priorfill.cli.output import duration, print_json, print_line, print_table, print_wrapped
 from priorfill.cli.progress import progress
 from priorfill.cli.reading import excluding_options, read_clip, reading_options
+from priorfill.errors import OptionError
+from priorfill.runtime.option_texts import parse_duration
 
 if TYPE_CHECKING:
     from priorfill.clip import Clip
@@ -26,14 +29,16 @@ __all__ = ["EXIT_REFUSED", "evaluate"]
 EXIT_REFUSED = 3
 """Exit status: done, but a method could not work on some of the clips."""
 
-_OF_PROTOCOL = ("copies", "seconds", "number", "share", "period", "markers", "groups")
+_OF_PROTOCOL = (
+    *("copies", "seconds", "number", "share", "period", "max_missing", "markers", "groups"),
+)
 """Parameters that are options of the protocol."""
 
 MAX_NAMES = 6
 """Maximum number of clips with a column of their own in the table."""
 
 
-def _as_range(number: type[int] | type[float]) -> Callable[[Any, Any, str | None], Any]:
+def _as_range(number: Callable[[str], Any]) -> Callable[[Any, Any, str | None], Any]:
     """Return a callback that parses ``LOW-HIGH``, or one number for both."""
 
     def read(ctx: Any, param: Any, value: str | None) -> tuple[Any, Any] | None:
@@ -42,19 +47,15 @@ def _as_range(number: type[int] | type[float]) -> Callable[[Any, Any, str | None
         low, _, high = value.partition("-")
         try:
             return number(low), number(high or low)
+        except OptionError as error:
+            raise click.BadParameter(str(error), ctx, param) from None
         except ValueError:
             raise click.BadParameter(f"{value!r} is not like 3 or 1-5", ctx, param) from None
 
     return read
 
 
-def _as_names(ctx: Any, param: Any, value: str | None) -> tuple[str, ...] | None:
-    """Parse names separated by commas."""
-    del ctx, param
-    return None if value is None else tuple(n.strip() for n in value.split(",") if n.strip())
-
-
-def _ranged(name: str, target: str, number: type[int] | type[float], text: str) -> Any:
+def _ranged(name: str, target: str, number: Callable[[str], Any], text: str) -> Any:
     """Return an option whose value is a range."""
     return click.option(name, target, metavar="LOW-HIGH", callback=_as_range(number), help=text)
 
@@ -82,17 +83,33 @@ def _ranged(name: str, target: str, number: type[int] | type[float], text: str) 
 @click.option(
     "--copies", metavar="N", type=int, help="Number of copies of each case; 10 for random."
 )
-@_ranged("--length", "seconds", float, "Length of the gaps (s).")
+@_ranged("--length", "seconds", parse_duration, "Length of the gaps (s, or frames as 10f).")
 @_ranged("--number", "number", int, "Number of gaps; for periodic, of markers.")
 @_ranged("--share", "share", float, "For random: share of the samples to remove.")
 @click.option(
-    "--period", metavar="S", type=float, help="For periodic: time between the starts of gaps (s)."
+    "--period",
+    metavar="SECONDS",
+    type=DURATION,
+    help="For periodic: time between the starts of gaps (s, or frames as 10f).",
 )
-@click.option("--markers", metavar="A,B,...", callback=_as_names, help="For markers: these only.")
+@click.option(
+    "--max-missing",
+    metavar="N",
+    type=int,
+    help="For random: number of markers missing in the same frame at most; 7 by default.",
+)
+@click.option(
+    "--markers",
+    metavar="A,B,...",
+    multiple=True,
+    callback=as_names,
+    help="For markers: these only; labels, or patterns, in any case. Can be repeated.",
+)
 @click.option(
     "--groups",
     metavar="A,B,...",
-    callback=_as_names,
+    multiple=True,
+    callback=as_names,
     help="For groups: some of arms legs both left_arm right_arm left_leg right_leg.",
 )
 @click.option(
@@ -164,6 +181,7 @@ def evaluate(
     from priorfill.database import Selection
     from priorfill.evaluation import EvaluationOptions
     from priorfill.evaluation import evaluate as run
+    from priorfill.evaluation.evaluation_plan import choose_methods
     from priorfill.evaluation.plots import draw_plots
 
     protocol_options = {name: options.pop(name) for name in _OF_PROTOCOL}
@@ -183,7 +201,7 @@ def evaluate(
                 overwrite=overwrite,
                 marker_set=read[0][1],
                 selection=Selection(not_names=not_names, not_subjects=not_subjects),
-                progress=show,
+                progress=_announced(show, len(choose_methods(methods)), jobs),
             ),
         )
     drawn = draw_plots(output, evaluation) if plots and output is not None else []
@@ -219,11 +237,32 @@ def _check_options(
         raise click.UsageError("--exclude-... needs a database; give one (--database)")
 
 
+def _announced(
+    show: Callable[[int, int | None], None], methods: int, jobs: int
+) -> Callable[[int, int], None]:
+    """Return a function that shows progress, and prints first how many fills there will be."""
+    first = True
+
+    def report(done: int, total: int) -> None:
+        nonlocal first
+        if first:
+            first = False
+            cases = total // methods
+            print_line(
+                f"{_count(total, 'fill')}: {_count(methods, 'method')} on {_count(cases, 'case')}"
+                + (f", {done} done before" if done else "")
+                + (f"; up to {jobs} at a time" if jobs > 1 else ""),
+                err=True,
+            )
+        show(done, total)
+
+    return report
+
+
 def _make_protocol(
     name: str | None, like: Path | None, given: dict[str, Any], options: dict[str, Any]
 ) -> GapProtocol:
     """Return the protocol that the options describe; `options` are those of reading files."""
-    from priorfill.errors import OptionError
     from priorfill.evaluation.protocols import DEFAULT_PROTOCOL, PROTOCOLS, make_protocol
 
     if name is None:
@@ -231,10 +270,13 @@ def _make_protocol(
     if name not in PROTOCOLS:
         make_protocol(name)  # raises the error
     if like is not None and name != "like":
-        raise OptionError(f"--like needs the protocol like, not {name}")
+        raise OptionError(f"--like needs the protocol like, not {name}; leave one of them out")
     if like is not None:
         given["pattern"] = read_clip(like, **options)[0]
-    return make_protocol(name, **given)
+    # names that are not given are empty
+    return make_protocol(
+        name, **{key: None if value == () else value for key, value in given.items()}
+    )
 
 
 def _read_files(
@@ -292,7 +334,7 @@ def _print(evaluation: Evaluation) -> None:
     if len(lengths) > 1:
         print_line()
         counts = {length: count for (length, _), (count, _) in evaluation.lengths.items()}
-        columns = ("method", *(f"{length} ({counts[length]})>" for length in lengths))
+        columns = ("method", *(f"{length}\n({counts[length]})>" for length in lengths))
         rows = [
             (method, *(_with_share(evaluation.lengths[n, method][1]) for n in lengths))
             for method in evaluation.methods
@@ -305,8 +347,9 @@ def _print(evaluation: Evaluation) -> None:
 def _print_methods(evaluation: Evaluation) -> None:
     """Print the table of methods."""
     columns = [
-        *("method", "filled>", "mean mm>", "rmse>", "median>", "95 %>", "max>", "MAE>"),
-        *("velocity mm/s>", "acceleration m/s²>", "joint °>", "expected>", "in bound>", "time>"),
+        *("method", "filled>", "mean\nmm>", "rmse\nmm>", "median\nmm>", "p95\nmm>", "max\nmm>"),
+        *("mae\nmm>", "time>", "velocity\nmm/s>", "acceleration\nm/s²>", "joint angle\n°>"),
+        *("expected mean\nerror mm>", "error bound 90\ncoverage>"),
     ]
     rows = []
     for method, row in evaluation.methods.items():
@@ -317,10 +360,10 @@ def _print_methods(evaluation: Evaluation) -> None:
                 method,
                 _percent(errors.share),
                 *(_number(value) for value in mm),
+                duration(row.seconds),
                 *(_number(v) for v in (errors.velocity, errors.acceleration, row.joint_angle)),
                 _number(errors.expected_mean_error_mm),
                 _percent(errors.error_bound_90_coverage),
-                duration(row.seconds),
             ]
         )
     # columns without a value are left out
@@ -342,7 +385,7 @@ def _print_comparison(evaluation: Evaluation) -> None:
     if comparison.samples == comparison.of:
         over = "all samples"
     print_line()
-    print_line(
+    print_wrapped(
         f"Mean error (mm) over {over}, best first: "
         f"{ranking}{left_out if comparison.left_out else ''}"
     )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from priorfill.cli.fill_report import fill_facts, print_fill, print_fill_notes
-from priorfill.cli.option_types import DURATION, FRAMES, as_names
+from priorfill.cli.option_types import DURATION, FRAMES, as_names, every_row_option
 from priorfill.cli.output import print_json
 from priorfill.cli.progress import progress
 from priorfill.cli.reading import excluding_options, reading_options
@@ -143,6 +143,7 @@ def _values(
     type=click.IntRange(min=1),
     help="Maximum number of threads; all cores by default. The result does not depend on it.",
 )
+@every_row_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @reading_options
 def fill(
@@ -186,7 +187,7 @@ def fill(
     if as_json:
         print_json(fill_facts(done))
     else:
-        print_fill(done)
+        print_fill(done, every_row=given["every_row"])
     print_fill_notes(done)
     _end(done)
 

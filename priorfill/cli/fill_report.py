@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from itertools import count
+from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
 
 from priorfill.cli.artefacts import (
@@ -11,20 +14,22 @@ from priorfill.cli.artefacts import (
     print_left_as_measured,
     warn_of_artefacts,
 )
-from priorfill.cli.output import json_number, print_line, print_table, some_names
+from priorfill.cli.option_names import with_options
+from priorfill.cli.output import MAX_ROWS, json_number, print_line, print_table, some_names
 
 if TYPE_CHECKING:
     from priorfill.filling.add_result import AddedClip
     from priorfill.filling.fill_file import FileResult
     from priorfill.filling.result import FilledGap, Result
+    from priorfill.filling.result_summary import MarkerSummary
 
 __all__ = ["fill_facts", "print_fill", "print_fill_notes", "print_unfilled"]
 
-MAX_GAPS = 40
-"""Number of gaps in the table; ``--json`` has all."""
-
 MIN_ROUNDING = 0.001
 """Smallest rounding error of a coordinate (mm) worth a line."""
+
+_ERRORS = ("expected mean\nerror mm>", "error bound\n90 mm>")
+"""Columns of `expected_mean_error_mm` and `error_bound_90_mm`."""
 
 
 def fill_facts(done: FileResult) -> dict[str, Any]:
@@ -35,6 +40,8 @@ def fill_facts(done: FileResult) -> dict[str, Any]:
     done : FileResult
         The fill.
     """
+    from priorfill.filling.result_summary import summarise_markers
+
     result, report = done.result, done.report
     gaps = [(one, gap) for one in result.by_subject for gap in one.gaps]
     added = [_added_facts(one) for one in done.added]
@@ -50,7 +57,7 @@ def fill_facts(done: FileResult) -> dict[str, Any]:
         "rejected_samples": int(result.rejected.sum()),
         "missing_samples": int(result.clip.missing.sum()),
         "complete": result.complete,
-        "notes": list(result.notes),
+        "notes": [with_options(note) for note in result.notes],
         "rounding_mm": report.rounding_mm,
         "rewriting_changed": list(report.changes),
         **(added[0] if len(added) == 1 else {}),
@@ -59,22 +66,33 @@ def fill_facts(done: FileResult) -> dict[str, Any]:
             for number, one in enumerate(result.by_subject)
         ],
         "gaps": [_gap_facts(one, gap) for one, gap in sorted(gaps, key=lambda pair: pair[1].start)],
+        "markers": [
+            _marker_facts(one, summary)
+            for one in result.by_subject
+            for summary in summarise_markers(one.gaps)
+        ],
         "artefacts": artefact_facts(done.artefacts, result.clip),
         "provenance": result.provenance.to_dict(),
     }
 
 
-def print_fill(done: FileResult) -> None:
+def print_fill(done: FileResult, *, every_row: bool = False) -> None:
     """Print what was done.
 
     Parameters
     ----------
     done : FileResult
         The fill.
+    every_row : bool
+        Print all rows of long tables.
     """
     result = done.result
+    rows = None if every_row else MAX_ROWS
     if result.gaps:
-        _print_gaps(result)
+        _print_gaps(result, rows)
+        if len(result.gaps) > len({gap.label for gap in result.gaps}):
+            print_line()
+            _print_markers(result, rows)
         print_line()
         print_line(f"{_summary(result)}; written to {done.output}")
         if done.report.rounding_mm > MIN_ROUNDING:
@@ -87,7 +105,7 @@ def print_fill(done: FileResult) -> None:
     if result.rejected.any():
         print_line()
         facts = artefact_facts(done.artefacts, result.clip)
-        print_artefacts(facts, "Artefacts, treated as missing")
+        print_artefacts(facts, "Artefacts, treated as missing", rows)
     if done.uncertainty is not None:
         print_line(f"expected error of each filled sample: {done.uncertainty}")
     for added in done.added:
@@ -141,29 +159,74 @@ def print_unfilled(result: Result) -> None:
         )
 
 
-def _print_gaps(result: Result) -> None:
-    """Print the table of a result's gaps."""
+def _print_gaps(result: Result, rows: int | None) -> None:
+    """Print the table of a result's gaps, the worst first, and what they were filled from."""
+    from priorfill.filling.result_summary import worst_first
+
     clip = result.clip
-    rows = [
-        (
-            gap.label,
-            f"{clip.first_frame + gap.start}-{clip.first_frame + gap.stop - 1}",
-            f"{gap.frames / clip.rate:.2f}",
-            f"{100 * gap.filled / gap.frames:.0f} %",
-            *(
-                f"{value:.1f}" if math.isfinite(value) else "-"
-                for value in (gap.expected_mean_error_mm, gap.error_bound_90_mm)
-            ),
-            "; ".join(
-                [*gap.sources, *dict.fromkeys(f"unfilled: {s.reason}" for s in gap.unfilled)]
-            ),
-        )
-        for gap in result.gaps[:MAX_GAPS]
-    ]
-    columns = ("marker", "frames", "s>", "filled>", "mean error mm>", "90 % below mm>", "sources")
-    print_table(columns, rows)
-    if len(result.gaps) > MAX_GAPS:
-        print_line(f"... and {len(result.gaps) - MAX_GAPS} more gaps (--json lists all)")
+    shown = worst_first(result.gaps)[:rows]
+    letters = _letters(dict.fromkeys(source for gap in shown for source in gap.sources))
+    print_table(
+        ("marker", "frames", "s>", "filled>", *_ERRORS, "from"),
+        [
+            (
+                gap.label,
+                f"{clip.first_frame + gap.start}-{clip.first_frame + gap.stop - 1}",
+                f"{gap.frames / clip.rate:.2f}",
+                _share(gap.filled, gap.frames),
+                *map(_mm, (gap.expected_mean_error_mm, gap.error_bound_90_mm)),
+                " ".join(letters[source] for source in gap.sources) or "-",
+            )
+            for gap in shown
+        ],
+    )
+    if len(shown) < len(result.gaps):
+        print_line(f"... and {len(result.gaps) - len(shown)} more gaps (--all prints them)")
+    for source, letter in letters.items():
+        print_line(f"from {letter}: {source}")
+
+
+def _print_markers(result: Result, rows: int | None) -> None:
+    """Print a row for each marker, the worst first."""
+    from priorfill.filling.result_summary import summarise_markers
+
+    markers = summarise_markers(result.gaps)
+    print_table(
+        ("marker", "gaps>", "frames>", "filled>", *_ERRORS),
+        [
+            (
+                one.label,
+                str(one.gaps),
+                str(one.frames),
+                _share(one.filled, one.frames),
+                *map(_mm, (one.expected_mean_error_mm, one.error_bound_90_mm)),
+            )
+            for one in markers[:rows]
+        ],
+        title="By marker",
+    )
+    if rows is not None and len(markers) > rows:
+        print_line(f"... and {len(markers) - rows} more markers (--all prints them)")
+
+
+def _letters(sources: Iterable[str]) -> dict[str, str]:
+    """Return a letter for each source; numbers where there are many."""
+    names = list(sources)
+    signs = ascii_lowercase if len(names) <= len(ascii_lowercase) else map(str, count(1))
+    return dict(zip(names, signs, strict=False))
+
+
+def _share(filled: int, frames: int) -> str:
+    """Return a share in percent, which is 100 or 0 only where all or none were filled."""
+    percent = round(100 * filled / frames)
+    if 0 < filled < frames:
+        percent = min(max(percent, 1), 99)
+    return f"{percent} %"
+
+
+def _mm(value: float) -> str:
+    """Return a length for a table."""
+    return f"{value:.1f}" if math.isfinite(value) else "-"
 
 
 def _summary(result: Result) -> str:
@@ -197,6 +260,19 @@ def _subject_facts(result: Result) -> dict[str, Any]:
     }
 
 
+def _marker_facts(result: Result, one: MarkerSummary) -> dict[str, Any]:
+    """Return what became of the gaps of a marker."""
+    return {
+        "marker": one.label,
+        "subject": result.clip.subject,
+        "gaps": one.gaps,
+        "frames": one.frames,
+        "filled": one.filled,
+        "expected_mean_error_mm": json_number(one.expected_mean_error_mm, 3),
+        "error_bound_90_mm": json_number(one.error_bound_90_mm, 3),
+    }
+
+
 def _gap_facts(result: Result, gap: FilledGap) -> dict[str, Any]:
     """Return what became of a gap."""
     first = result.clip.first_frame
@@ -219,7 +295,7 @@ def _gap_facts(result: Result, gap: FilledGap) -> dict[str, Any]:
             {
                 "first_frame": first + span.start,
                 "last_frame": first + span.stop - 1,
-                "reason": span.reason,
+                "reason": with_options(span.reason),
                 "requested": span.requested,
             }
             for span in gap.unfilled

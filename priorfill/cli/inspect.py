@@ -4,14 +4,24 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from priorfill.cli.artefacts import artefact_facts, print_artefacts
-from priorfill.cli.output import duration, print_json, print_line, print_table
-from priorfill.cli.reading import read_clip, reading_options
+from priorfill.cli.option_names import with_options
+from priorfill.cli.option_types import every_row_option
+from priorfill.cli.output import (
+    MAX_ROWS,
+    duration,
+    print_json,
+    print_line,
+    print_table,
+    print_wrapped,
+)
+from priorfill.cli.reading import read_clips, reading_options
 
 if TYPE_CHECKING:
     from priorfill.clip import Clip
@@ -23,9 +33,6 @@ __all__ = ["inspect"]
 MIN_OTHERS = 3
 """Minimum number of other markers visible in a frame for it to determine where a marker is: three
 points define a frame of reference."""
-
-MAX_GROUPS = 20
-"""Number of gap groups in the table; ``--json`` has all."""
 
 MAX_NAMES = 8
 """Number of markers named in a line."""
@@ -55,36 +62,51 @@ _UP_FOUND_FROM = {
     type=click.Path(path_type=Path),
     help="Count for each marker the clips of this database that hold it.",
 )
+@every_row_option
 @reading_options
 def inspect(
     file: Path,
     as_json: bool,
     folder: Path | None,
+    every_row: bool,
     **reading: Any,
 ) -> None:
-    """Show the contents of FILE, its gaps, and what they could be filled from."""
+    """Show the contents of FILE, its gaps, and what they could be filled from.
+
+    The subjects of a file of several are shown one after the other.
+    """
     from priorfill.database import PriorDatabase
     from priorfill.markers.definitions import recognise
     from priorfill.markers.describe import describe
 
-    clip, definition = read_clip(file, **reading)
-    definition = definition or recognise(clip.labels)
-    facts = _facts(clip, file, describe(clip, definition), definition)
-    if folder is not None:
-        with PriorDatabase.open(folder) as database:
-            counts = _clips_with(
-                database,
-                clip,
-                [gap["marker"] for gap in facts["gaps"]],
-                definition,
-            )
-        facts["database"] = str(folder)
-        for gap in facts["gaps"]:
-            gap["database_clips"] = counts[gap["marker"]]
+    clips, given = read_clips(file, **reading)
+    subjects = []
+    with nullcontext() if folder is None else PriorDatabase.open(folder) as database:
+        for clip in clips:
+            definition = given or recognise(clip.labels)
+            facts = _facts(clip, file, describe(clip, definition), definition)
+            if database is not None:
+                _count_clips(facts, database, clip, definition)
+            subjects.append(facts)
     if as_json:
-        print_json(facts)
-    else:
-        _print(facts)
+        one = len(subjects) == 1
+        print_json(subjects[0] if one else {"file": str(file), "subjects": subjects})
+        return
+    print_line(str(file))
+    for number, facts in enumerate(subjects):
+        if number:
+            print_line()
+        _print(facts, None if every_row else MAX_ROWS)
+
+
+def _count_clips(
+    facts: dict[str, Any], database: PriorDatabase, clip: Clip, definition: MarkerSet | None
+) -> None:
+    """Add the number of clips of a database that hold each marker with gaps."""
+    facts["database"] = str(database.path)
+    counts = _clips_with(database, clip, [gap["marker"] for gap in facts["gaps"]], definition)
+    for gap in facts["gaps"]:
+        gap["database_clips"] = counts[gap["marker"]]
 
 
 def _facts(
@@ -128,7 +150,7 @@ def _facts(
         "reliable": [label for label in clip.labels if described.reliable[label]],
         "left_out": dict(Counter(left_out.values()).most_common()),
         "zero_samples": source.zero_samples if source is not None else 0,
-        "notes": list(source.notes) if source is not None else [],
+        "notes": [with_options(note) for note in source.notes] if source is not None else [],
         "missing_samples": int(missing.sum()),
         "missing_percent": round(100 * float(missing.mean()), 3),
         "blackout_frames": int(missing.all(axis=1).sum()),
@@ -208,26 +230,28 @@ def _clips_with(
     return counts
 
 
-def _print(facts: dict[str, Any]) -> None:
-    """Print the description of a clip."""
-    print_line(facts["file"])
+def _print(facts: dict[str, Any], rows: int | None) -> None:
+    """Print the description of a clip, with tables of so many rows."""
     for name, value in _summary(facts):
-        print_line(f"  {name:<11} {value}")
+        print_wrapped(f"  {name:<11} {value}", " " * 14)
     if facts["artefacts"]:
         print_line()
-        print_artefacts(facts["artefacts"], "Artefacts: measured samples that are probably wrong")
+        print_artefacts(
+            facts["artefacts"], "Artefacts: measured samples that are probably wrong", rows
+        )
     if facts["gaps"]:
         print_line()
-        _print_gaps(facts)
+        _print_gaps(facts, rows)
         print_line()
-        _print_groups(facts["gap_groups"])
+        _print_groups(facts["gap_groups"], rows)
         print_line()
         for line in _fillable(facts):
-            print_line(line)
+            print_wrapped(line)
 
 
-def _print_gaps(facts: dict[str, Any]) -> None:
-    """Print the table of markers with gaps."""
+def _print_gaps(facts: dict[str, Any], rows: int | None) -> None:
+    """Print the table of markers with gaps, those most often missing first."""
+    gaps = sorted(facts["gaps"], key=lambda gap: -int(gap["frames"]))
     with_database = "database" in facts
     columns = ["marker", "segment", "gaps>", "frames>", "%>", "longest s>", "clip frames>"]
     print_table(
@@ -243,15 +267,17 @@ def _print_gaps(facts: dict[str, Any]) -> None:
                 str(gap["clip_frames"]),
                 *([str(gap["database_clips"])] if with_database else []),
             ]
-            for gap in facts["gaps"]
+            for gap in gaps[:rows]
         ),
         title="Gaps by marker",
     )
+    if rows is not None and len(gaps) > rows:
+        print_line(f"... and {len(gaps) - rows} more markers (--all prints them)")
 
 
-def _print_groups(groups: list[dict[str, Any]]) -> None:
+def _print_groups(groups: list[dict[str, Any]], rows: int | None) -> None:
     """Print the table of gap groups."""
-    shown = sorted(groups, key=lambda group: -group["seconds"])[:MAX_GROUPS]
+    shown = sorted(groups, key=lambda group: -float(group["seconds"]))[:rows]
     print_table(
         ["frames>", "s>", "gaps>", "markers"],
         (
@@ -266,7 +292,11 @@ def _print_groups(groups: list[dict[str, Any]]) -> None:
             for group in sorted(shown, key=lambda group: group["first_frame"])
         ),
         title="Gap groups"
-        + (f", the {MAX_GROUPS} longest of {len(groups)}" if len(groups) > MAX_GROUPS else ""),
+        + (
+            f", the {rows} longest of {len(groups)} (--all: all)"
+            if len(shown) < len(groups)
+            else ""
+        ),
     )
 
 

@@ -1,4 +1,4 @@
-"""Types of options: frame ranges, durations, and names separated by commas."""
+"""Types of options: frame ranges, durations, and names separated by commas; and ``--all``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import click
 from priorfill.errors import OptionError
 from priorfill.runtime.option_texts import parse_duration, parse_frames, parse_names
 
-__all__ = ["DURATION", "FRAMES", "as_names"]
+__all__ = ["DURATION", "FRAMES", "as_names", "every_row_option"]
 
 
 class _ParsedText(click.ParamType[Any]):
@@ -34,6 +34,11 @@ FRAMES = _ParsedText("frames", parse_frames)
 
 DURATION = _ParsedText("duration", parse_duration)
 """``0.25`` or ``0.25s``: a float (s); ``10f``: text."""
+
+
+every_row_option = click.option(
+    "--all", "every_row", is_flag=True, help="Print all rows of long tables, not only the first."
+)
 
 
 def as_names(

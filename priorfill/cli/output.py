@@ -9,18 +9,42 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from priorfill.cli.option_names import with_options
+from priorfill.errors import OutputError
 from priorfill.runtime.display import escaped
 
-__all__ = ["duration", "json_number", "print_json", "print_line", "print_table", "some_names"]
+if TYPE_CHECKING:
+    from rich.table import Table
 
-MAX_WIDTH = 1000
-"""Width of output other than a terminal (columns), so that no cell is cut."""
+__all__ = [
+    "MAX_ROWS",
+    "duration",
+    "json_number",
+    "print_json",
+    "print_line",
+    "print_table",
+    "print_wrapped",
+    "some_names",
+]
+
+WIDTH = 80
+"""Width of text, and of tables where the output is no terminal (columns)."""
+
+MAX_WORD = 40
+"""Length of a word above which it is divided."""
+
+GAP = 2
+"""Blanks between the columns of a table."""
+
+MAX_ROWS = 20
+"""Number of rows of a long table; ``--all`` prints all."""
 
 MAX_NAMES = 6
 """Number of names in a line."""
@@ -44,12 +68,29 @@ def _write(line: str, *, err: bool = False) -> None:
     """Write a line; characters that the encoding of the output lacks as escape sequences."""
     stream = sys.stderr if err else sys.stdout
     encoding = getattr(stream, "encoding", None) or "utf-8"
-    click.echo(line.encode(encoding, "backslashreplace").decode(encoding), err=err)
+    with _errors_explained(err=err):
+        click.echo(line.encode(encoding, "backslashreplace").decode(encoding), err=err)
+
+
+@contextmanager
+def _errors_explained(*, err: bool = False) -> Iterator[None]:
+    """Turn an OSError from writing to stdout into an OutputError, and ignore one from stderr."""
+    try:
+        yield
+    except BrokenPipeError:
+        if not err:
+            raise
+    except OSError as error:
+        if not err:  # otherwise there is nowhere to report it
+            raise OutputError(
+                f"the standard output cannot be written ({error.strerror}); "
+                "what the command has written to files is complete"
+            ) from error
 
 
 def print_json(value: Any) -> None:
     """Print a value as JSON of ASCII characters, which no terminal interprets."""
-    click.echo(json.dumps(value, indent=2))
+    _write(json.dumps(value, indent=2))
 
 
 def json_number(value: float, digits: int) -> float | None:
@@ -62,36 +103,96 @@ def some_names(names: Sequence[str], separator: str = ", ") -> str:
     return separator.join([*names[:MAX_NAMES], *(["..."] if len(names) > MAX_NAMES else [])])
 
 
+def print_wrapped(text: str, indent: str = "") -> None:
+    """Print a text in lines of at most `WIDTH` columns.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    indent : str
+        Precedes each line but the first.
+    """
+    shown = escaped(with_options(text))
+    lines = wrap(
+        shown, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
+    for line in lines or [shown]:
+        _write(line)
+
+
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: str = "") -> None:
-    """Print a table.
+    r"""Print a table in `WIDTH` columns, or in the width of the terminal.
+
+    Long texts are wrapped. A table with too many columns is printed in parts, each with the first
+    column.
 
     Parameters
     ----------
     columns : sequence of str
-        Names of the columns; those that end in ``>`` are right-aligned.
+        Names of the columns, with ``\n`` between the lines of a long name; those that end in ``>``
+        are right-aligned.
     rows : iterable of sequence of str
         The cells.
     title : str
         Printed above the table.
     """
     from rich.console import Console
+
+    names = ["\n".join(escaped(line) for line in name.split("\n")) for name in columns]
+    cells = [[escaped(cell) for cell in row] for row in rows]
+    console = Console(file=sys.stdout, width=None if sys.stdout.isatty() else WIDTH)
+    if title:
+        print_line(title)
+    for number, part in enumerate(_parts(names, cells, console.width)):
+        if number:
+            print_line()
+        with _errors_explained(), console.capture() as capture:
+            console.print(
+                _table([names[i] for i in part], [[row[i] for i in part] for row in cells])
+            )
+        for line in capture.get().splitlines():
+            _write(line.rstrip())  # with the styles of the table's header on a terminal
+
+
+def _parts(names: Sequence[str], cells: Sequence[Sequence[str]], width: int) -> list[list[int]]:
+    """Divide the columns of a table so that each part fits the width; the first is in each."""
+    needed = [_needed(name, [row[i] for row in cells]) for i, name in enumerate(names)]
+    parts, used = [[0]], needed[0]
+    for i in range(1, len(names)):
+        if used + GAP + needed[i] > width and len(parts[-1]) > 1:
+            parts.append([0])
+            used = needed[0]
+        parts[-1].append(i)
+        used += GAP + needed[i]
+    return parts
+
+
+def _needed(name: str, cells: Sequence[str]) -> int:
+    """Return the least width of a column: numbers stay in one piece, texts are wrapped."""
+    from rich.cells import cell_len
+
+    pieces = name.removesuffix(">").split("\n")
+    pieces += cells if name.endswith(">") else [word for cell in cells for word in cell.split(" ")]
+    return min(max(cell_len(piece) for piece in pieces), MAX_WORD)
+
+
+def _table(names: Sequence[str], cells: Sequence[Sequence[str]]) -> Table:
+    """Return a table for the terminal, in which only texts are wrapped."""
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in columns:
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, GAP, 0, 0))
+    for i, name in enumerate(names):
         table.add_column(
-            Text(escaped(name.removesuffix(">"))), justify="right" if name.endswith(">") else "left"
+            Text(name.removesuffix(">")),
+            justify="right" if name.endswith(">") else "left",
+            min_width=_needed(name, [row[i] for row in cells]),
+            overflow="fold",
         )
-    for row in rows:
-        table.add_row(*(Text(escaped(cell)) for cell in row))
-    console = Console(file=sys.stdout, width=None if sys.stdout.isatty() else MAX_WIDTH)
-    if title:
-        print_line(title)
-    with console.capture() as capture:
-        console.print(table)
-    for line in capture.get().splitlines():
-        _write(line.rstrip())  # with the styles of the table's header on a terminal
+    for row in cells:
+        table.add_row(*(Text(cell) for cell in row))
+    return table
 
 
 def duration(seconds: float) -> str:

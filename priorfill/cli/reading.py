@@ -17,6 +17,7 @@ __all__ = [
     "excluding_options",
     "file_options",
     "read_clip",
+    "read_clips",
     "reading_options",
 ]
 
@@ -120,6 +121,29 @@ def read_clip(
     definition = definitions.load(marker_set) if marker_set else None
     clip = (read or formats.read)(file, subject=subject, **as_reading(**reading))
     return clip, definition
+
+
+def read_clips(
+    file: Path, *, subject: str | None, marker_set: str | None, **reading: Any
+) -> tuple[tuple[Clip, ...], MarkerSet | None]:
+    """Read the clip of each subject of a file, and load the marker set if one is named.
+
+    Parameters
+    ----------
+    file : Path
+        The file.
+    subject : str or None
+        The only subject to read.
+    marker_set : str or None
+        Name of the marker set, or path of its definition.
+    **reading
+        The other values of `reading_options`.
+    """
+    from priorfill.filling.multi_subject import read_subjects
+    from priorfill.markers import definitions
+
+    definition = definitions.load(marker_set) if marker_set else None
+    return read_subjects(file, subject=subject, **as_reading(**reading)), definition
 
 
 def _with(

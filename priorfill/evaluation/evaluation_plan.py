@@ -17,16 +17,22 @@ from priorfill.evaluation.gap_case import EvaluatedClip, GapCase
 from priorfill.evaluation.protocols import (
     GapMask,
     GapProtocol,
+    GroupGaps,
+    MarkerGaps,
+    at_rate,
     draw_for,
+    groups_of,
     make_protocol,
     name_of,
     settings_of,
 )
+from priorfill.filling.gap_filter import GapFilter
 from priorfill.filling.provenance import package_versions
 from priorfill.gaps import find_gaps
 from priorfill.markers.describe import describe
 from priorfill.markers.marker_set import MarkerSet
 from priorfill.methods import METHODS, resolve
+from priorfill.runtime.option_texts import close_or_all
 
 __all__ = [
     "ALL_METHODS",
@@ -225,12 +231,17 @@ def _cases(
     marker_set: MarkerSet | None,
 ) -> tuple[tuple[GapCase, ...], tuple[str, ...]]:
     """Return the cases of all clips, and a note for those that cannot be made."""
+    if isinstance(protocol, MarkerGaps):
+        GapFilter(protocol.markers).for_subjects(clips)  # refuses what no clip has
     cases: list[GapCase] = []
     notes: list[str] = []
+    groups: dict[str, None] = {}
     for number, clip in enumerate(clips):
         parts = parts_of(clip, marker_set)
+        groups |= dict.fromkeys(groups_of(parts))
         skipped: dict[str, list[str]] = {}
-        for made in protocol.cases(clip, parts, draw_for(seed, protocol_name, clip.name)):
+        draw = draw_for(seed, protocol_name, clip.name)
+        for made in at_rate(protocol, clip.rate).cases(clip, parts, draw):
             if isinstance(made, GapMask):
                 gaps = tuple(find_gaps(made.mask))
                 cases.append(GapCase(number, made.name, made.copy, gaps))
@@ -238,6 +249,9 @@ def _cases(
                 skipped.setdefault(made.reason, []).append(made.name)
         for reason, names in skipped.items():
             notes.append(f"{clip.name}: no gap for {' '.join(dict.fromkeys(names))}: {reason}")
+    for name in protocol.groups if isinstance(protocol, GroupGaps) else ():
+        if name not in groups:
+            raise OptionError(f"no clip has the group {name!r}; {close_or_all(name, [*groups])}")
     return tuple(cases), tuple(notes)
 
 

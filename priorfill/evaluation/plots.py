@@ -62,8 +62,7 @@ def check_plots() -> None:
     """
     if find_spec("matplotlib") is None:
         raise OptionError(
-            "plots need matplotlib, which is not installed; "
-            'install it with: pip install "priorfill[plots]"'
+            "plots need matplotlib, which is not installed; install it with: pip install matplotlib"
         )
 
 

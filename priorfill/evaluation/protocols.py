@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Protocol, cast
 
 import numpy as np
@@ -34,7 +34,9 @@ from priorfill.evaluation.gap_generator import (
     Mask,
     measured_in,
 )
+from priorfill.filling.gap_filter import matching_markers
 from priorfill.gaps import find_gaps
+from priorfill.runtime.option_texts import close_or_all, seconds_of
 
 __all__ = [
     "DEFAULT_PROTOCOL",
@@ -45,6 +47,7 @@ __all__ = [
     "GapMask",
     "GapProtocol",
     "SkippedCase",
+    "at_rate",
     "make_protocol",
     "name_of",
     "settings_of",
@@ -224,7 +227,7 @@ class MarkerGaps:
     seconds : (float, float)
         Minimum and maximum length (s).
     markers : tuple of str
-        Labels of the markers; all of them if empty.
+        Labels of the markers, or shell patterns of labels, in any case; all of them if empty.
     """
 
     copies: int = 1
@@ -234,14 +237,17 @@ class MarkerGaps:
     def cases(self, clip: Clip, parts: BodyParts, draw: Draw) -> Iterator[GapMask | SkippedCase]:
         """Yield the cases of a clip."""
         del parts
-        unknown = [label for label in self.markers if label not in clip.labels]
-        for label in unknown:
-            yield SkippedCase(label, 1, "the clip has no such marker")
-        for label in self.markers or clip.labels:
+        found = {pattern: matching_markers(clip, pattern) for pattern in self.markers}
+        for pattern, markers in found.items():
+            if not markers:
+                reason = f"the clip has no such marker; {close_or_all(pattern, clip.labels)}"
+                yield SkippedCase(pattern, 1, reason)
+        everything = range(len(clip.labels))
+        chosen = [i for markers in found.values() for i in markers] if found else everything
+        for i in dict.fromkeys(chosen):
+            label = clip.labels[i]
             for copy in range(1, self.copies + 1):
-                if label not in unknown:
-                    marker = [clip.labels.index(label)]
-                    yield _cut_out(clip, marker, self.seconds, draw(label, copy), label, copy)
+                yield _cut_out(clip, [i], self.seconds, draw(label, copy), label, copy)
 
 
 BOTH = "both"
@@ -324,10 +330,13 @@ class PeriodicGaps:
     period: float = 2.0
 
     def __post_init__(self) -> None:
+        lengths: tuple[Any, ...] = (self.seconds[1], self.period)
+        if any(isinstance(length, str) for length in lengths):
+            return  # frames, whose length depends on the clip
         if self.seconds[1] >= self.period:
             raise OptionError(
                 f"gaps of {self.seconds[1]:g} s do not fit into a period of {self.period:g} s; "
-                "give shorter ones, or a longer period"
+                "give shorter ones (`seconds`), or a longer period (`period`)"
             )
 
     def cases(self, clip: Clip, parts: BodyParts, draw: Draw) -> Iterator[GapMask | SkippedCase]:
@@ -483,7 +492,8 @@ def make_protocol(name: str, **options: Any) -> GapProtocol:
     name : str
         A name in `PROTOCOLS`.
     **options
-        Fields of the protocol's class.
+        Fields of the protocol's class. Lengths of time are in seconds, or in frames as text
+        (``"10f"``); `at_rate` returns them in seconds.
 
     Returns
     -------
@@ -505,17 +515,33 @@ def make_protocol(name: str, **options: Any) -> GapProtocol:
     FrameGaps(copies=2, number=(1, 1), seconds=(0.1, 0.5))
     """
     if name not in PROTOCOLS:
-        raise OptionError(f"there is no protocol {name!r}; use one of {' '.join(PROTOCOLS)}")
+        raise OptionError(f"there is no protocol {name!r}; {close_or_all(name, [*PROTOCOLS])}")
     given = {key: value for key, value in options.items() if value is not None}
     known = [field.name for field in fields(PROTOCOLS[name])]
     for key in given:
         if key not in known:
-            raise OptionError(f"protocol {name} has no option {key!r}; it has {' '.join(known)}")
+            has = " ".join(f"`{option}`" for option in known)
+            raise OptionError(f"protocol {name} has no option `{key}`; it has {has}")
     if name == "like" and "pattern" not in given:
         raise OptionError("protocol like copies the gaps of a file; give the file (`pattern`)")
     _check(given)
     return cast(GapProtocol, PROTOCOLS[name](**given))
 
+
+def at_rate(protocol: GapProtocol, rate: float) -> GapProtocol:
+    """Return a protocol whose lengths of time are in seconds, for clips of a frame rate (Hz)."""
+    changed: dict[str, Any] = {}
+    for key in _TIMES:
+        value = getattr(protocol, key, None)
+        if isinstance(value, tuple):
+            changed[key] = tuple(seconds_of(one, rate) for one in value)
+        elif value is not None:
+            changed[key] = seconds_of(value, rate)
+    return replace(cast(Any, protocol), **changed) if changed else protocol
+
+
+_TIMES = ("seconds", "period")
+"""Options that are lengths of time."""
 
 _MINIMA = {"copies": 1, "max_missing": 1, "number": 1, "seconds": 0, "share": 0, "period": 0}
 
@@ -527,13 +553,19 @@ def _check(given: dict[str, Any]) -> None:
             continue
         value = given[key]
         low, high = value if isinstance(value, tuple) else (value, value)
+        if key in _TIMES:  # frames are compared with frames here, and with seconds in `at_rate`
+            if isinstance(low, str) is not isinstance(high, str):
+                raise OptionError(f"`{key}` is {low} to {high}; give both in seconds or in frames")
+            low, high = seconds_of(low, 1.0), seconds_of(high, 1.0)
         if not (np.isfinite([low, high]).all() and high >= low >= least and high > 0):
             raise OptionError(
-                f"{key} is {low:g} to {high:g}; give numbers of {least} and more, "
+                f"`{key}` is {low:g} to {high:g}; give numbers of {least} and more, "
                 "the lower one first"
             )
     if "share" in given and given["share"][1] > MAX_CLIP_SHARE:
-        raise OptionError(f"share is up to {given['share'][1]:g}; give {MAX_CLIP_SHARE:g} at most")
+        raise OptionError(
+            f"`share` is up to {given['share'][1]:g}; give {MAX_CLIP_SHARE:g} at most"
+        )
 
 
 def name_of(protocol: GapProtocol) -> str:

@@ -9,8 +9,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, cast
 
-from priorfill.errors import MarkerSetError
+from priorfill.errors import MarkerSetError, OptionError
 from priorfill.markers.marker_set import Joint, MarkerSet
+from priorfill.runtime.option_texts import close_or_all
 from priorfill.runtime.resources import resource_path
 from priorfill.runtime.toml_file import read_toml
 
@@ -56,8 +57,10 @@ def load(name_or_path: str | Path) -> MarkerSet:
 
     Raises
     ------
+    OptionError
+        If there is no such set.
     MarkerSetError
-        If there is no such set, or its definition is malformed.
+        If its definition is malformed.
 
     See Also
     --------
@@ -74,9 +77,9 @@ def load(name_or_path: str | Path) -> MarkerSet:
         return _read(path)
     sets = available()
     if str(name_or_path) not in sets:
-        raise MarkerSetError(
-            f"marker set {name_or_path} is unknown; use one of {', '.join(sorted(sets))}, "
-            "or the path of a definition file"
+        raise OptionError(
+            f"marker set {name_or_path} is unknown; {close_or_all(str(name_or_path), sorted(sets))} "
+            "(or give the path of a definition, NAME.toml)"
         )
     return sets[str(name_or_path)]
 

@@ -40,7 +40,7 @@ _MAX_SUGGESTED = 3
 _MAX_LISTED = 40
 """Number of names in a message; a file can hold thousands of markers."""
 
-_SIMILAR = 0.6
+_SIMILAR = 0.7
 """Least ratio of `difflib` at which names are similar: a letter or two differ."""
 
 

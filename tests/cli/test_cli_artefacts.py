@@ -51,7 +51,7 @@ def test_inspect_has_a_table_and_json() -> None:
     assert (spike["first_frame"], spike["last_frame"]) == (1100, 1103)
     assert spike["size_mm"] == pytest.approx(70, abs=5)
     assert spike["reference_marker"] in TRUTH.labels
-    assert spike["evidence"] in output
+    assert spike["evidence"] in " ".join(output.split())
 
 
 def test_inspect_lists_no_artefacts_of_a_clean_clip() -> None:
@@ -89,7 +89,7 @@ def test_reject_artefacts_fills_and_lists_them() -> None:
     assert "warning" not in result.stderr
     lines = result.stdout.splitlines()
     title = lines.index("Artefacts, treated as missing")
-    kinds = [line.split()[:3] for line in lines[title + 2 : title + 2 + len(SPIKES)]]
+    kinds = [line.split()[:3] for line in lines[title + 2 :] if line.startswith("spike")]
     assert kinds == [
         ["spike", label, f"{1000 + start}-{1003 + start}"]
         for label, start in sorted(SPIKES, key=lambda spike: spike[1])

@@ -69,6 +69,6 @@ def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
 
 def test_unknown_method_leaves_nothing(tmp_path: Path) -> None:
     result = run("demo", "-o", tmp_path / "demo", "-m", "nonsense")
-    assert result.exit_code == 1
+    assert result.exit_code == 2
     assert result.stderr.count("\n") == 1
     assert not (tmp_path / "demo").exists()

@@ -80,8 +80,8 @@ def test_text(gappy: Path) -> None:
         " 1-200  2.00     4  LFIN LKNE RKNE (from the clip's start) (to the clip's end)\n"
         "\n"
         "From the clip itself (visible with 3 others or more): LKNE RKNE.\n"
-        "Never visible, so at best from the contralateral marker: LFIN; a database (--database) "
-        "or another recording of the subject (--same-subject) can help."
+        "Never visible, so at best from the contralateral marker: LFIN; a database\n"
+        "(--database) or another recording of the subject (--same-subject) can help."
     )
 
 
@@ -158,10 +158,10 @@ def test_blackout_and_barely_visible(tmp_path: Path) -> None:
     positions[50:60] = np.nan
     positions[20:, labels.index("C7")] = np.nan
     write(tmp_path / "x.c3d", Clip(positions, labels, RATE))
-    output = run("inspect", tmp_path / "x.c3d").output
+    output = " ".join(run("inspect", tmp_path / "x.c3d").output.split())
     assert "Barely from the clip itself (visible for less than 0.5 s): C7; a database" in output
     assert output.endswith(
-        "No marker is visible in 10 frames; the longer a blackout, the less certain its fill.\n"
+        "No marker is visible in 10 frames; the longer a blackout, the less certain its fill."
     )
 
 
@@ -171,8 +171,43 @@ def test_many_gap_groups_are_cut_short(tmp_path: Path) -> None:
         positions[8 * i : 8 * i + 1 + (i % 5), 0] = np.nan
     write(tmp_path / "x.c3d", Clip(positions, labels, RATE))
     output = run("inspect", tmp_path / "x.c3d").output
-    assert "Gap groups, the 20 longest of 25\n" in output
+    assert "Gap groups, the 20 longest of 25 (--all: all)\n" in output
+    everything = run("inspect", tmp_path / "x.c3d", "--all").output
+    assert "longest of" not in everything
+    assert len(everything.splitlines()) == len(output.splitlines()) + 5
     assert len(json.loads(run("inspect", tmp_path / "x.c3d", "--json").output)["gap_groups"]) == 25
+
+
+def test_several_subjects(here: Path) -> None:
+    positions, labels = person()
+    both = np.concatenate([positions, positions + 500.0], axis=1)
+    names = [f"{subject}:{label}" for subject in ("Anna", "Ben") for label in labels]
+    both[20:50, names.index("Ben:LKNE")] = np.nan
+    write("two.c3d", Clip(both, tuple(names), RATE))
+    result = run("inspect", "two.c3d")
+    assert result.exit_code == 0, result.output
+    lines = result.stdout.splitlines()
+    assert lines[0] == "two.c3d"
+    assert [line.split()[1] for line in lines if line.startswith("  subject")] == ["Anna", "Ben"]
+    facts = json.loads(run("inspect", "two.c3d", "--json").stdout)
+    assert [one["subject"] for one in facts["subjects"]] == ["Anna", "Ben"]
+    assert [len(one["gaps"]) for one in facts["subjects"]] == [0, 1]
+    alone = json.loads(run("inspect", "two.c3d", "--subject", "Ben", "--json").stdout)
+    assert alone == facts["subjects"][1]
+
+
+def test_the_worst_markers_come_first_in_80_columns(here: Path) -> None:
+    positions, labels = person()
+    for number in range(30):
+        positions[5 : 10 + number, number] = np.nan
+    names = tuple(f"A_rather_long_name_of_a_marker_{label}" for label in labels)
+    write("x.c3d", Clip(positions, names, RATE))
+    lines = run("inspect", "x.c3d").stdout.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert "... and 10 more markers (--all prints them)" in lines
+    table = lines[lines.index("Gaps by marker") + 2 :][:20]
+    assert table[0].startswith(names[29])
+    assert table[19].startswith(names[10])
 
 
 def test_no_gaps_and_no_known_set(tmp_path: Path) -> None:
@@ -198,17 +233,17 @@ def test_options(gappy: Path, tmp_path: Path) -> None:
 
 def test_bad_input(gappy: Path, tmp_path: Path) -> None:
     (tmp_path / "bad.c3d").write_bytes(b"rubbish")
-    for arguments in (
-        ["no.c3d"],
-        ["bad.c3d"],
-        [tmp_path],
-        [gappy, "--up", "Q"],
-        [gappy, "--rate", "0"],
-        [gappy, "--marker-set", "nonsense"],
-        [gappy, "--database", "no"],
+    for status, arguments in (
+        (1, ["no.c3d"]),
+        (1, ["bad.c3d"]),
+        (1, [tmp_path]),
+        (2, [gappy, "--up", "Q"]),
+        (2, [gappy, "--rate", "0"]),
+        (2, [gappy, "--marker-set", "nonsense"]),
+        (1, [gappy, "--database", "no"]),
     ):
         result = run("inspect", *arguments)
-        assert result.exit_code == 1, arguments
+        assert result.exit_code == status, arguments
         assert result.stdout == ""
         assert result.stderr.startswith("priorfill: ")
         assert result.stderr.count("\n") == 1

@@ -139,7 +139,10 @@ def test_each_marker_in_its_turn() -> None:
     assert [(one.name, one.copy) for one in some] == [
         ("LELB", 1), ("LELB", 2), ("LTOE", 1), ("LTOE", 2)
     ]  # fmt: skip
-    assert refusals("markers", clip, markers=("NOSE",))[0].reason == "the clip has no such marker"
+    spelt = cuts("markers", clip, markers=("lelb", "?TOE"))
+    assert [one.name for one in spelt] == ["LELB", "LTOE", "RTOE"]
+    reason = refusals("markers", clip, markers=("LTOES",))[0].reason
+    assert reason.startswith("the clip has no such marker; did you mean LTOE")
     missing = refusals("markers", broken())
     assert [one.name for one in missing] == ["LELB"]
     assert "nowhere measured throughout 1.00 s" in missing[0].reason
@@ -253,11 +256,19 @@ def test_samples_that_the_file_marks_as_interpolated_are_not_removed() -> None:
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
-        ("magic", {}, "no protocol 'magic'; use one of random markers groups periodic frames like"),
-        ("frames", {"period": 2.0}, "frames has no option 'period'; it has copies number seconds"),
-        ("random", {"copies": 0}, "copies is 0 to 0; give numbers of 1 and more"),
+        (
+            "magic",
+            {},
+            "no protocol 'magic'; use one of random, markers, groups",
+        ),
+        (
+            "frames",
+            {"period": 2.0},
+            "frames has no option `period`; it has `copies`",
+        ),
+        ("random", {"copies": 0}, "`copies` is 0 to 0; give numbers of 1 and more"),
         ("random", {"seconds": (2.0, 1.0)}, "the lower one first"),
-        ("random", {"share": (0.1, 0.9)}, "share is up to 0.9; give 0.5 at most"),
+        ("random", {"share": (0.1, 0.9)}, "`share` is up to 0.9; give 0.5 at most"),
         ("periodic", {"seconds": (2.0, 2.0)}, "do not fit into a period of 2 s"),
     ],
 )
@@ -538,7 +549,7 @@ def test_truth_is_not_left_in_the_database(tmp_path: Path, monkeypatch: pytest.M
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
-        ({"methods": "linear,magic"}, OptionError, "no method 'magic'; use one of auto gpr"),
+        ({"methods": "linear,magic"}, OptionError, "no method 'magic'; use one of auto, gpr"),
         ({"methods": []}, OptionError, "no method is named"),
         ({"protocol": "magic"}, OptionError, "no protocol 'magic'"),
         ({"seed": -1}, OptionError, "give 0 or more"),
@@ -734,7 +745,7 @@ def test_plots_of_nothing(tame: Clip, tmp_path: Path) -> None:
 
 def test_without_matplotlib(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plots, "find_spec", lambda name: None)
-    with pytest.raises(OptionError, match=r'pip install "priorfill\[plots\]"'):
+    with pytest.raises(OptionError, match="pip install matplotlib"):
         plots.check_plots()
 
 

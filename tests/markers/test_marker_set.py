@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from priorfill.clip import Clip
-from priorfill.errors import MarkerSetError
+from priorfill.errors import MarkerSetError, OptionError
 from priorfill.geometry.distances import pair_distances
 from priorfill.geometry.rigid_groups import MIN_COMMON, rigid_groups
 from priorfill.markers.definitions import available, load, recognise
@@ -255,7 +255,7 @@ def test_unreadable_definitions(tmp_path: Path) -> None:
         load(tmp_path / "no.toml")
     with pytest.raises(MarkerSetError, match="cannot be read"):
         load(tmp_path / "no" / "set")
-    with pytest.raises(MarkerSetError, match="is unknown; use one of baumann41, gait59"):
+    with pytest.raises(OptionError, match=r"is unknown; did you mean baumann41\?"):
         load("baumann42")
     (tmp_path / "empty.toml").write_text('name = "x"\ntitle = "y"\n')
     with pytest.raises(MarkerSetError, match="has no markers"):

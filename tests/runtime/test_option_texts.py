@@ -84,5 +84,5 @@ def test_names():
 def test_similar_names_come_first():
     names = [f"M{n}" for n in range(100)]
     assert close_or_all("lkne", ["LKNE", "RANK"]) == "did you mean LKNE?"
-    assert close_or_all("LKNEE", ["RKNE", "LKNE", "C7"]) == "did you mean LKNE or RKNE?"
+    assert close_or_all("KNE", ["RKNE", "LKNE", "C7"]) == "did you mean RKNE or LKNE?"
     assert close_or_all("xyz", names).endswith("M39 and 60 more")
