@@ -23,6 +23,7 @@ from priorfill.formats.recording import Recording
 from priorfill.formats.tables.cells import (
     cells_of,
     content_of,
+    is_blank,
     join_quoted,
     line_number,
     split_lines,
@@ -40,7 +41,7 @@ _SECTION = "Trajectories"
 _SECTIONS = rb"Trajectories|Devices|Joints|Model Outputs|Segments|Events|Trajectory Count"
 """First lines of the sections of a file."""
 
-_OLD_SECTION = re.compile(rb"^TRAJECTORIES[,;\t ]*\r?$", re.MULTILINE)
+_OLD_SECTION = re.compile(rb'(?:\A|[\r\n])(?:\xef\xbb\xbf)?"?TRAJECTORIES"?[,;\t ]*[\r\n]')
 """The section in a file of Vicon Workstation, which begins with facts about the trial."""
 
 _DELIMITERS = (b",", b"\t", b";")
@@ -84,7 +85,7 @@ def parse_nexus(data: bytes, name: str) -> TableRecording:
     names = texts_of(lines[axes_row - 1], delimiter)
     labels, notes = names_of_columns(names, columns, 1, f"{name}: line {line - 1}")
     units: list[str] = []
-    if axes_row + 1 < len(lines) and not cells_of(lines[axes_row + 1], delimiter)[0].strip():
+    if axes_row + 1 < len(lines) and is_blank(cells_of(lines[axes_row + 1], delimiter)[0]):
         units = texts_of(lines[axes_row + 1], delimiter)
     rows = _rows(lines, axes_row + 1 + bool(units), delimiter, name)
     if not rows:
