@@ -113,11 +113,11 @@ def _figure(width: float, height: float) -> tuple[Figure, Axes]:
 def _what(evaluation: Evaluation) -> str:
     """Return the clips and the protocol, for a title."""
     clips = list(evaluation.clips)
-    named = _plain(clips[0]) if len(clips) == 1 else f"{len(clips)} clips"
+    named = plain(clips[0]) if len(clips) == 1 else f"{len(clips)} clips"
     return f"{named}, protocol {evaluation.settings['protocol']['name']}"
 
 
-def _plain(name: str) -> str:
+def plain(name: str) -> str:
     """Return a name in which matplotlib finds no formula, and no control characters."""
     return escaped(name).replace("$", r"\$")
 
@@ -264,7 +264,7 @@ def _by_marker(evaluation: Evaluation, marker_set: str) -> Figure:
     norm = LogNorm(low, high) if high > LOG_RATIO * low else Normalize(0.0, high)
     image = axes.imshow(np.maximum(table, MIN_ERROR), aspect="auto", cmap="cividis", norm=norm)
     axes.set_facecolor("0.85")
-    axes.set_yticks(range(len(markers)), [_plain(name) for name in markers], fontsize=8)
+    axes.set_yticks(range(len(markers)), [plain(name) for name in markers], fontsize=8)
     axes.set_xticks(range(len(methods)), methods, rotation=45, ha="right", rotation_mode="anchor")
     size = 7 if len(methods) <= MAX_WIDE_COLUMNS else 6
     for i, j in np.argwhere(np.isfinite(table)):
@@ -277,6 +277,6 @@ def _by_marker(evaluation: Evaluation, marker_set: str) -> Figure:
         bar.ax.yaxis.set_major_locator(LogLocator(10, subs=STEPS, numticks=30))
         bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         bar.ax.yaxis.set_minor_formatter(NullFormatter())
-    axes.set_title(f"{_what(evaluation)}\nmarker set {_plain(marker_set)}; grey: nothing filled",
+    axes.set_title(f"{_what(evaluation)}\nmarker set {plain(marker_set)}; grey: nothing filled",
                    fontsize=10)  # fmt: skip
     return figure

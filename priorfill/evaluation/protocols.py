@@ -121,7 +121,9 @@ def draw_for(seed: int, protocol: str, clip: str) -> Draw:
     """Return a function that gives each case of a clip its own random generator."""
 
     def draw(name: str, copy: int) -> np.random.Generator:
-        words = [zlib.crc32(word.encode()) for word in (protocol, clip, name)]
+        words = [
+            zlib.crc32(word.encode("utf-8", "surrogatepass")) for word in (protocol, clip, name)
+        ]
         return np.random.default_rng([seed, *words, copy])
 
     return draw

@@ -79,6 +79,12 @@ def test_filled_samples_are_distinguished_from_measured_ones(path, tmp_path):
         formats.write(path, full, clip.missing, overwrite=True)
 
 
+def test_blanks_at_the_ends_of_labels_are_dropped(path):
+    clip = replace(clip_with_gap(), labels=(*LABELS[:4], " a\x85", "b\0"))
+    formats.write(path, clip)
+    assert formats.read(path).labels[4:] == ("a", "b")
+
+
 def test_missing_samples_are_not_declared_as_filled(path):
     positions = standing()
     positions[4:7, 2] = np.nan

@@ -119,7 +119,7 @@ def write_arrays(
     with replace_file(path, overwrite=overwrite) as temporary:
         save(temporary, arrays)
         again = parse(temporary.read_bytes(), temporary.name)
-        if again.labels != clip.labels or not np.array_equal(
+        if again.labels != _strings(np.array(clip.labels), temporary.name) or not np.array_equal(
             again.positions, clip.positions, equal_nan=True
         ):
             raise OutputError(
