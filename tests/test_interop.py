@@ -82,6 +82,21 @@ def test_round_trips(unit):
     assert same(interop.from_arrays(clip.positions.reshape(12, 18), LABELS, 120), clip)
 
 
+def test_angles_of_a_c3d_file_are_no_markers():
+    """Kinetics Toolkit takes angles for points, and the file's declaration is gone."""
+    clip = with_gap()
+    series = interop.to_timeseries(clip, TimeSeries)
+    angles = [side + name for side in "LR" for name in ("HPA", "KNA", "ANA", "FTA")]
+    angles += [f"{side}{name}" for side in "LR" for name in ("HFTBA", "FFHFA", "HXFFA", "TIBA")]
+    for name in (*angles, "PELAng", "LKneeAngles", "LKneeForce"):
+        series.data[name] = series.data[LABELS[0]] * 0.01
+    assert interop.from_timeseries(series).labels == LABELS
+    # without its company, such a name can be that of a marker
+    series = interop.to_timeseries(clip, TimeSeries)
+    series.data["LANA"] = series.data[LABELS[0]] + 0.01
+    assert "LANA" in interop.from_timeseries(series).labels
+
+
 def test_timeseries_is_homogeneous_and_other_data_are_left_out():
     series = interop.to_timeseries(with_gap(), TimeSeries)
     assert series.data["LTOE"].shape == (12, 4)

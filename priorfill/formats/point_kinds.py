@@ -52,6 +52,17 @@ _OXFORD_FOOT = re.compile(r"[LR](?:D1M0|HE1|PROXFF|DISTFF)")
 
 _OXFORD_FOREFOOT = re.compile(r"[LR]FOF[0-3]")
 
+_ANGLES = {
+    "Plug-in Gait": (("HPA", "KNA", "ANA"), ("FTA",)),
+    "the Oxford foot model": (("HFTBA", "FFHFA", "HXFFA"), ("FETBA", "TIBA", "HFTFL", "FFTBA")),
+}
+"""Names, after L or R, of angles whose names do not tell that they are any, by model. Files declare
+them; what is exported from files does not. The first ones must all be there for one to count,
+because LANA alone could be a marker."""
+
+_PELVIS_ANGLES = ("PELAng", "PELA")
+"""Names of the angles of the pelvis in Plug-in Gait."""
+
 _PLUG_IN_GAIT = ("O", "A", "L", "P")
 _NUMBERED = ("0", "1", "2", "3")
 """Suffixes of a segment's origin and of the ends of its three axes."""
@@ -131,7 +142,10 @@ def find_model_points(
         The reason for each point that is not a marker.
     """
     reasons: dict[int, str] = {}
-    present = set(names)
+    where: dict[str, list[int]] = {}
+    for point, name in enumerate(names):
+        where.setdefault(name, []).append(point)
+    present = set(where)
     for point, name in enumerate(names):
         reason = _reason(name, present)
         for known in (labels[point].strip(), name):
@@ -139,6 +153,9 @@ def find_model_points(
                 reason = declared[known]
         if reason:
             reasons[point] = reason
+    for name, reason in _angles(present).items():
+        for point in where[name]:
+            reasons.setdefault(point, reason)
     for point, reason in _axis_points(names, positions).items():
         reasons.setdefault(point, reason)
     return reasons
@@ -163,6 +180,18 @@ def _reason(name: str, present: set[str]) -> str:
     if _OXFORD_FOOT.fullmatch(name) and any(_OXFORD_FOREFOOT.fullmatch(n) for n in present):
         return "computed by the Oxford foot model"
     return ""
+
+
+def _angles(present: set[str]) -> dict[str, str]:
+    """Return the names of joint angles that are known by their company, with the reason."""
+    found: dict[str, str] = {}
+    for model, (needed, others) in _ANGLES.items():
+        for side in "LR":
+            if all(side + name in present for name in needed):
+                names = [side + name for name in (*needed, *others)]
+                names += _PELVIS_ANGLES if model == "Plug-in Gait" else ()
+                found |= {name: f"joint angle of {model}" for name in names if name in present}
+    return found
 
 
 def _axis_points(names: Sequence[str], positions: NDArray[np.float64]) -> dict[int, str]:
