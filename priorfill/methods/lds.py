@@ -202,10 +202,33 @@ def _updated(predicted: Array, information: Array) -> tuple[Array, float]:
     With P = L L' it is L (I + L' G L)^-1 L': symmetric and positive semidefinite, and the inverted
     matrix has no eigenvalue below 1.
     """
-    root = np.linalg.cholesky(predicted)
-    factor = np.linalg.cholesky(np.eye(len(root)) + root.T @ information @ root)
+    root, _ = _factor(predicted, 0.0)
+    factor, determinant = _factor(np.eye(len(root)) + root.T @ information @ root, 1.0)
     half = np.linalg.solve(factor, root.T)
-    return half.T @ half, 2.0 * float(np.log(np.diag(factor)).sum())
+    return half.T @ half, determinant
+
+
+def _factor(matrix: Array, min_eigenvalue: float) -> tuple[Array, float]:
+    """Return F with F F' = a symmetric matrix, and the logarithm of its determinant.
+
+    F is the Cholesky factor. Where rounding has made the matrix indefinite, as it does where
+    visible coordinates hardly vary, eigenvalues are raised to the least one that is possible.
+    """
+    try:
+        factor = np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(_symmetric(matrix))
+        values = np.maximum(values, max(min_eigenvalue, np.finfo(float).tiny))
+        return np.asarray(vectors * np.sqrt(values)), float(np.log(values).sum())
+    return np.asarray(factor), 2.0 * float(np.log(np.diag(factor)).sum())
+
+
+def _solved(matrix: Array, right: Array) -> Array:
+    """Solve symmetric systems; of those that rounding has made singular, the shortest solution."""
+    try:
+        return np.asarray(np.linalg.solve(matrix, right))
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.pinv(matrix, hermitian=True) @ right)
 
 
 def _converged(one: Array, other: Array) -> bool:
@@ -291,7 +314,7 @@ def smooth(model: LdsModel, observations: Observations) -> SmoothedStates:
         if here != step:
             step, converged = here, False
             updated = forward.updated[here[0]]
-            back = np.asarray(np.linalg.solve(forward.predicted[here[1]], a @ updated)).T
+            back = _solved(forward.predicted[here[1]], a @ updated).T
             rest = identity - back @ a
             # Joseph form: stays positive semidefinite despite rounding
             base = rest @ updated @ rest.T + back @ model.process @ back.T
@@ -319,7 +342,7 @@ def _maximise(
         before = means[:-1].T @ means[:-1] + total - smoothed.last
         after = means[1:].T @ means[1:] + total - smoothed.first
         lagged = means[1:].T @ means[:-1] + smoothed.lagged
-        transition = np.asarray(np.linalg.solve(before, lagged.T), dtype=np.float64).T
+        transition = _solved(before, lagged.T).T
         mixed = transition @ lagged.T
         spread = after - mixed - mixed.T + transition @ before @ transition.T
         process = _floored(spread / (frames - 1), min_variance)
@@ -333,9 +356,7 @@ def _maximise(
     seen = observations.patterns.T.astype(np.float64) @ outer.reshape(len(outer), -1)
     squares = seen.reshape(-1, k, k)
     products = values.T @ means
-    emission: Array = np.asarray(np.linalg.solve(squares, products[..., None]), dtype=np.float64)[
-        ..., 0
-    ]
+    emission: Array = _solved(squares, products[..., None])[..., 0]
     fitted = (emission * products).sum(axis=1)
     quadratic = np.einsum("di,dij,dj->d", emission, squares, emission)
     variances = (observations.squares - 2.0 * fitted + quadratic) / observations.counts

@@ -76,6 +76,17 @@ class Task:
         """Each marker's counterpart on the other side; see `ClipGeometry.contralateral`."""
         return self.geometry.contralateral
 
+    @cached_property
+    def speed(self) -> float:
+        """Rms speed of all markers, from each sample to the next (mm/s); 0 where unknown."""
+        square, count = 0.0, 0
+        for marker in range(self.positions.shape[1]):
+            known = np.flatnonzero(self.valid[:, marker])
+            step = np.diff(self.positions[known, marker], axis=0)
+            square += float(((step * (self.rate / np.diff(known)[:, None])) ** 2).sum())
+            count += len(step)
+        return float(np.sqrt(square / count)) if count else 0.0
+
     def and_sources(self, takes: Sequence[str], database: str) -> str:
         """Return text that continues a list of sources with some recordings.
 

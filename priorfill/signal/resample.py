@@ -309,18 +309,24 @@ def _interpolate_inner_gaps(run: NDArray[np.float64], valid: NDArray[np.intp]) -
     They continue the slope on either side. A straight line would have a kink at the edge of the
     gap, and the filter would spread it to measured samples.
     """
-    edges = np.flatnonzero(np.diff(valid) > 1)
-    for k in edges:
-        a, b = valid[k], valid[k + 1]
-        length = b - a
-        chord = (run[b] - run[a]) / length
-        slope_a = run[a] - run[a - 1] if k > 0 and valid[k - 1] == a - 1 else chord
-        next_is_valid = k + 2 < valid.size and valid[k + 2] == b + 1
-        slope_b = run[b + 1] - run[b] if next_is_valid else chord
-        s = (np.arange(1, length) / length)[:, None]
-        run[a + 1 : b] = (
-            run[a]
-            + chord * length * s**2 * (3 - 2 * s)
-            + slope_a * length * s * (1 - s) ** 2
-            - slope_b * length * s**2 * (1 - s)
-        )
+    inner = np.flatnonzero(np.diff(valid) > 1)  # the gaps, by the valid sample before them
+    if not len(inner):
+        return
+    a, b = valid[inner], valid[inner + 1]
+    length = (b - a)[:, None]
+    chord = (run[b] - run[a]) / length
+    steps = np.diff(valid) == 1
+    runs_on = np.concatenate([[False], steps])[inner][:, None]  # the sample before `a` is valid
+    slope_a = np.where(runs_on, run[a] - run[a - 1], chord)
+    runs_on = np.concatenate([steps, [False]])[inner + 1][:, None]
+    slope_b = np.where(runs_on, run[np.minimum(b + 1, len(run) - 1)] - run[b], chord)
+    gap = np.repeat(np.arange(len(inner)), b - a - 1)
+    frames = np.setdiff1d(np.arange(len(run)), valid, assume_unique=True)
+    length, chord, slope_a, slope_b = length[gap], chord[gap], slope_a[gap], slope_b[gap]
+    s = (frames - a[gap])[:, None] / length
+    run[frames] = (
+        run[a][gap]
+        + chord * length * s**2 * (3 - 2 * s)
+        + slope_a * length * s * (1 - s) ** 2
+        - slope_b * length * s**2 * (1 - s)
+    )

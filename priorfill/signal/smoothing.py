@@ -31,6 +31,10 @@ DIFFERENCE_ORDER = 3
 """Order of the differences. The response is 1 / (1 + (f / cutoff)^6), steep enough to preserve
 steps."""
 
+MAX_RATE_RATIO = 200.0
+"""Greatest ratio of frame rate and cut-off that the differences resolve: λ grows with the sixth
+power, and rounding errors with it."""
+
 
 @dataclass(frozen=True)
 class SmoothingOptions:
@@ -94,6 +98,8 @@ def low_pass(path: NDArray[np.float64], rate: float, cutoff: float) -> NDArray[n
     >>> bool(np.allclose(low_pass(line, 100.0, 10.0), line))
     True
     """
+    if rate / cutoff > MAX_RATE_RATIO:
+        return _low_pass_blocks(path, rate, cutoff)
     from scipy.linalg import solveh_banded
 
     order, frames = DIFFERENCE_ORDER, len(path)
@@ -109,6 +115,30 @@ def low_pass(path: NDArray[np.float64], rate: float, cutoff: float) -> NDArray[n
             columns = slice(i + offset, i + offset + frames - order)
             bands[order - offset, columns] += penalty * difference[i] * difference[i + offset]
     smooth: NDArray[np.float64] = solveh_banded(bands, path.reshape(frames, -1))
+    return smooth.reshape(path.shape)
+
+
+def _low_pass_blocks(path: NDArray[np.float64], rate: float, cutoff: float) -> NDArray[np.float64]:
+    """Return a trajectory without frequencies far below its rate, by the means of blocks.
+
+    A parabola, to which the low-pass tends for λ towards infinity, is fitted first. The means of
+    blocks of frames of the rest are low-passed, and a spline through them gives the frames.
+    """
+    from scipy.interpolate import CubicSpline
+
+    frames = len(path)
+    flat = path.reshape(frames, -1)
+    unit = np.linspace(-1.0, 1.0, frames)
+    basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(unit, DIFFERENCE_ORDER - 1))
+    smooth = basis @ (basis.T @ flat)
+    block = int(np.ceil(rate / cutoff / MAX_RATE_RATIO))
+    first = np.arange(0, frames - block + 1, block)
+    if len(first) > DIFFERENCE_ORDER:
+        used = len(first) * block  # the rest, shorter than a block, is extrapolated
+        means = (flat - smooth)[:used].reshape(len(first), block, -1).mean(axis=1)
+        nodes = low_pass(means, rate / block, cutoff)
+        spline = CubicSpline(first + 0.5 * (block - 1), nodes, bc_type="natural")
+        smooth += spline(np.arange(frames))
     return smooth.reshape(path.shape)
 
 

@@ -378,3 +378,18 @@ def test_walking_as_published(method, data):
     # the authors' program has 4.3 and 1.7 mm with this mask
     found = error(result.clip.positions, clip.positions, missing)
     assert found < {"r1": 4.4, "r2": 1.75}[method]
+
+
+@pytest.mark.parametrize("method", ["r1", "r2"])
+def test_a_marker_that_no_usable_frame_shows_is_left(method):
+    clip = with_gaps(person(), (0, 235, ("C7",)))
+    gappy = clip.positions.copy()
+    for frame in range(235, 240):  # too few markers to be used
+        gappy[frame, np.arange(len(clip.labels)) != clip.labels.index("C7")] = np.nan
+    for frame in range(0, 200, 2):
+        gappy[frame, 5 + frame // 2 % 3] = np.nan
+    result = fill(clip.with_positions(gappy), method=method)
+    assert result.filled.any()
+    never = [gap for gap in result.gaps if gap.label == "C7"]
+    assert [gap.filled for gap in never] == [0]
+    assert "fewer than two frames show it" in never[0].unfilled[0].reason

@@ -221,3 +221,23 @@ def test_diverging_samples_stay_missing(monkeypatch):
     gap = result.gaps[0]
     assert gap.filled
     assert all("diverges by more than a metre" in part.reason for part in gap.unfilled)
+
+
+def test_coordinates_that_hardly_vary_and_others_that_vary_by_metres():
+    """Rounding makes matrices indefinite or singular that are neither."""
+    rng = np.random.default_rng(1)
+    for scale in (1.0, 1e4, 1e6):
+        positions = np.repeat(rng.normal(0.0, 1000.0, (1, 8, 3)), 30, axis=0)
+        positions[:, 0] += scale * np.arange(30.0)[:, None] ** 2
+        positions[rng.random((30, 8)) < 0.9] = np.nan
+        clip = Clip(positions, tuple("ABCDEFGH"), 1000.0)
+        result = fill(clip, method="lds")
+        assert np.isfinite(result.clip.positions[result.filled]).all()
+
+
+def test_factors_of_matrices_that_rounding_made_indefinite():
+    factor, determinant = lds._factor(np.diag([4.0, 1.0, -1e-9]), 1.0)
+    np.testing.assert_allclose(factor @ factor.T, np.diag([4.0, 1.0, 1.0]), atol=1e-12)
+    np.testing.assert_allclose(determinant, np.log(4.0))
+    singular = np.diag([2.0, 0.0])
+    np.testing.assert_allclose(lds._solved(singular, np.array([4.0, 0.0])), [2.0, 0.0])

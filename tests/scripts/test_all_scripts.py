@@ -26,6 +26,7 @@ from priorfill.skeleton.virtual_markers import compute_virtual_markers
 TESTED_ELSEWHERE = {
     "checks/fuzz_c3d.py": "scripts/test_fuzz_c3d.py",
     "checks/fuzz_formats.py": "scripts/test_fuzz_formats.py",
+    "checks/fuzz_methods.py": "scripts/test_fuzz_methods.py",
     "checks/survey.py": "scripts/test_survey.py",
     "checks/torture_database.py": "database/test_torture.py",
     "golden.py": "test_golden.py",

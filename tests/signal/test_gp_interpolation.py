@@ -142,3 +142,21 @@ def test_options_set_the_length_and_the_time_scale():
     with_short_scale, less_certain = interpolate_gap(gappy, 80, 90, RATE, short)
     assert np.abs(found - with_short_scale).max() > 0.01
     assert less_certain.max() > 2.0 * expected_rms.max()
+
+
+def test_at_high_rates_the_samples_are_thinned(monkeypatch):
+    time = np.arange(12_000)[:, None] / 20_000.0
+    path = 100.0 * np.sin(3.0 * time + [0.0, 1.0, 2.0])
+    gappy = path.copy()
+    gappy[5900:6100] = np.nan
+    samples = []
+    fit = GaussianProcess.fit
+
+    def counted(self, train, targets, **options):
+        samples.append(len(targets))
+        return fit(self, train, targets, **options)
+
+    monkeypatch.setattr(GaussianProcess, "fit", counted)
+    found, _ = interpolate_gap(gappy, 5900, 6100, 20_000.0)
+    assert samples == [600]
+    np.testing.assert_allclose(found, path[5900:6100], atol=0.1)

@@ -183,3 +183,19 @@ def test_without_cutoffs_nothing_is_smoothed():
     measured = np.array([1e-6])
     found = smooth_jitter(jittery, LARGE_RMS, measured, RATE, none)
     np.testing.assert_array_equal(found, jittery)
+
+
+@pytest.mark.parametrize("rate", [5_000.0, 20_000.0, 1e6])
+def test_high_rates(rate):
+    """λ is too large there for the differences of single frames."""
+    for frames in (12, 200, 5000):
+        time = np.arange(frames)[:, None] / frames
+        parabola = 900.0 + np.hstack([time, time**2, -time])
+        smooth = low_pass(parabola, rate, 10.0)
+        np.testing.assert_allclose(smooth, parabola, atol=1e-2)
+        noise = np.random.default_rng(0).normal(0.0, 1.0, (frames, 3))
+        assert (low_pass(noise, rate, 10.0) ** 2).mean() < 0.5
+        # a constant has no jitter
+        assert jitter_power(np.full((frames, 3), 900.0), rate) < 1e-15
+        power = jitter_power(noise, rate)
+        assert 0.5 * 18 < power < 1.5 * 18

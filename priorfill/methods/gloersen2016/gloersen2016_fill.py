@@ -75,11 +75,14 @@ def _filled(
     """Fill a task by a strategy, and give the reason for what stays missing."""
     positions = task.positions.copy()
     untrained = np.zeros(positions.shape[1], dtype=bool)
+    unused = untrained  # visible only in frames that are left out
     if task.valid.any() and not task.valid.all():
         markers = np.flatnonzero(task.valid.any(axis=0))
         rows = np.flatnonzero(_usable_frames(task.valid[:, markers]))
         if not len(rows):
             raise MethodError(NO_ANCHOR.format(task.name))
+        unused = np.asarray(task.valid.any(axis=0) & ~task.valid[rows].any(axis=0))
+        markers = markers[~unused[markers]]
         clip = positions[np.ix_(rows, markers)]
         constant = task.valid[np.ix_(rows, markers)].all(axis=0)
         origin = clip[:, constant].mean(axis=1, keepdims=True)
@@ -99,7 +102,7 @@ def _filled(
     def reason(gap: Gap) -> str:
         if not task.valid[:, gap.marker].any():
             return NEVER_VISIBLE
-        if untrained[gap.marker]:
+        if untrained[gap.marker] or unused[gap.marker]:
             return NEVER_TOGETHER
         return TOO_FEW_MARKERS if task.valid[gap.start : gap.stop].any() else NO_MARKER
 

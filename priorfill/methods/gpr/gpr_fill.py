@@ -95,6 +95,7 @@ def fill(
         predictions = _second_pass(setup, estimate, predictions, map_segments)
     predictions = _interpolate_over_time(setup, estimate, predictions)
     predictions = _fill_blackouts(setup, estimate, predictions)
+    predictions = _interpolate_remaining(setup, estimate, predictions)
     for segment, parts in zip(setup.segments, predictions, strict=True):
         predicted = {int(marker) for part in parts for marker in part.segment.markers}
         estimate.notes.extend(note for part in parts for note in part.notes)
@@ -170,6 +171,8 @@ class _Setup:
         """Minimise the energy of a gap group, into the estimate."""
         group = self.task.groups[number]
         parts = [part for parts in predictions[self.group_slices[number]] for part in parts]
+        if not parts:
+            return
         targets = targets_from(parts, group, self.options.joining)
         solution = solve_levels(self.levels, group, targets, minimise)
         estimate.positions[group.start : group.stop, list(group.markers)] = solution
@@ -252,6 +255,24 @@ def _fill_blackouts(setup: _Setup, estimate: Estimate, predictions: _Predictions
                 )
     predictions = _replaced(predictions, changes)
     setup.solve(estimate, predictions, indices)
+    return predictions
+
+
+def _interpolate_remaining(
+    setup: _Setup, estimate: Estimate, predictions: _Predictions
+) -> _Predictions:
+    """Interpolate short gaps that nothing else predicts between single samples."""
+    changes: dict[int, tuple[SegmentPrediction, ...]] = {}
+    for i, segment in enumerate(setup.segments):
+        predicted = [part.segment.markers for part in predictions[i]]
+        rest = np.setdiff1d(segment.markers, np.concatenate([*predicted, [-1]]))
+        if len(rest):
+            remaining = replace(segment, markers=rest.astype(np.intp))
+            found = setup.predictor.interpolate_remaining(remaining, estimate.positions)
+            if found:
+                changes[i] = (*predictions[i], *found)
+    predictions = _replaced(predictions, changes)
+    setup.solve(estimate, predictions, changes)
     return predictions
 
 

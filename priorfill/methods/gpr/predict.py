@@ -22,6 +22,7 @@ from priorfill.methods.gpr.spline_nodes import interpolate_nodes
 from priorfill.methods.gpr.training.plan import TrainingPlan, TrainingPlanner
 from priorfill.methods.task import Task
 from priorfill.signal.gp_interpolation import interpolate_gap
+from priorfill.signal.lone_samples import interpolate_marker
 
 __all__ = ["SegmentPredictor"]
 
@@ -52,7 +53,9 @@ class SegmentPredictor:
         search = PoseSearch(task, options.search)
         self._planner = TrainingPlanner(task, search, margin, options)
         self._dropouts = DropoutPredictor(task, options.dropout)
-        self._blackouts = BlackoutPredictor(task, search, options.blackout, options.correlation)
+        self._blackouts = BlackoutPredictor(
+            task, search, options.blackout, options.correlation, options.interpolation
+        )
 
     def predict(
         self, segment: GapSegment, completed: NDArray[np.float64] | None
@@ -105,18 +108,27 @@ class SegmentPredictor:
             )
             if found is None:
                 continue
-            positions, expected_rms = found
-            predictions.append(
-                SegmentPrediction(
-                    replace(segment, markers=marker[None]),
-                    start,
-                    positions[:, None],
-                    expected_rms[:, None],
-                    complete=True,
-                    source="interpolation over time",
-                    source_clips=(self.task.name,),
-                )
+            predictions.append(SegmentPrediction.over_time(segment, marker, *found, self.task))
+        return predictions
+
+    def interpolate_remaining(
+        self, segment: GapSegment, positions: NDArray[np.float64]
+    ) -> list[SegmentPrediction]:
+        """Interpolate markers that nothing else predicts between single samples on both sides."""
+        predictions = []
+        for marker in segment.markers:
+            known = np.flatnonzero(~np.isnan(positions[:, marker, 0]))
+            if not len(known) or not known[0] < segment.start < segment.stop <= known[-1]:
+                continue
+            found = interpolate_marker(
+                positions[:, marker],
+                slice(segment.start, segment.stop),
+                self.task.rate,
+                self.task.speed,
+                self._options.interpolation,
             )
+            if found is not None:
+                predictions.append(SegmentPrediction.over_time(segment, marker, *found, self.task))
         return predictions
 
     def predict_blackout(

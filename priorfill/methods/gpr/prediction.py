@@ -11,7 +11,10 @@ from priorfill.gp.calibration import BOUND_FACTOR
 from priorfill.methods.gpr.gap_segments import GapSegment
 from priorfill.methods.task import Note, Task
 
-__all__ = ["SegmentPrediction", "notes_on_unfilled"]
+__all__ = ["OVER_TIME", "SegmentPrediction", "notes_on_unfilled"]
+
+OVER_TIME = "interpolation over time"
+"""Source of a marker that its own samples before and after predict."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +76,26 @@ class SegmentPrediction:
             for m in self.segment.markers
         ]
 
+    @classmethod
+    def over_time(
+        cls,
+        segment: GapSegment,
+        marker: np.intp,
+        positions: NDArray[np.float64],
+        expected_rms: NDArray[np.float64],
+        task: Task,
+    ) -> SegmentPrediction:
+        """Return one marker's interpolation [shapes=(frames, 3), (frames,), mm] over time."""
+        return cls(
+            replace(segment, markers=np.array([marker])),
+            segment.start,
+            positions[:, None],
+            expected_rms[:, None],
+            complete=True,
+            source=OVER_TIME,
+            source_clips=(task.name,),
+        )
+
     def for_markers(self, columns: NDArray[np.intp]) -> SegmentPrediction:
         """Return the prediction for some of the segment's markers, by their index in it."""
         return replace(
@@ -86,16 +109,27 @@ class SegmentPrediction:
 def notes_on_unfilled(segment: GapSegment, task: Task) -> list[Note]:
     """Return the reason why a segment stays missing, for each marker."""
     if not segment.has_enough_visible:
-        reason = "fewer than three other markers are visible, and it is not visible next to the gap"
-    else:
-        reason = "too few frames of the clip show it together with the visible markers, "
-        reason += "and no other recording does"
-        if all(take.same_subject for take in task.takes):
-            reason += ", and there is no database"
-        if not task.takes:
-            reason += (
-                "; give one (`database`), or another clip of the same subject (`same_subject`)"
-            )
+        return [_note_on_blackout(segment, int(marker), task) for marker in segment.markers]
+    reason = "too few frames of the clip show it together with the visible markers, "
+    reason += "and no other recording does"
+    if all(take.same_subject for take in task.takes):
+        reason += ", and there is no database"
+    if not task.takes:
+        reason += "; give one (`database`), or another clip of the same subject (`same_subject`)"
     return [
         Note(int(m), segment.start, segment.stop, reason, filled=False) for m in segment.markers
     ]
+
+
+def _note_on_blackout(segment: GapSegment, marker: int, task: Task) -> Note:
+    """Return the reason why a marker stays missing while fewer than three others are visible."""
+    shown = np.flatnonzero(task.valid[:, marker])
+    before, after = shown[shown < segment.start], shown[shown >= segment.stop]
+    reason = "fewer than three other markers are visible, and "
+    if len(shown):
+        first = before[-1] + 1 if len(before) else 0
+        last = after[0] if len(after) else len(task.valid)
+        reason += f"too little of it next to the gap of {(last - first) / task.rate:.3g} s"
+    else:
+        reason += "it is never visible"
+    return Note(marker, segment.start, segment.stop, reason, filled=False)

@@ -279,3 +279,75 @@ def test_no_more_windows_are_used_than_the_options_allow() -> None:
     few, many = fill(clip, options=options), fill(clip)
     # of the clip and of its mirror image
     assert few.gaps[0].training_poses == 20 < many.gaps[0].training_poses
+
+
+# --- frames between blackouts ---
+
+
+def between(*shown: int, frames: int = 60, markers: int = 13) -> tuple[Clip, Clip]:
+    """A walk of some markers, and the same with only some of its frames."""
+    clip = person(rate=100.0, seconds=frames / 100.0)
+    truth = Clip(clip.positions[:, :markers], clip.labels[:markers], clip.rate)
+    gappy = np.full_like(truth.positions, np.nan)
+    gappy[list(shown)] = truth.positions[list(shown)]
+    return truth, truth.with_positions(gappy)
+
+
+def test_every_second_frame() -> None:
+    truth, clip = between(*range(0, 60, 2))
+    result = fill(clip)
+    inside = clip.missing.copy()
+    inside[-1] = False  # at the end there is nothing to interpolate
+    assert result.filled[inside].all()
+    assert error(result.clip.positions, truth.positions, inside) < 0.4
+    assert 0.0 < result.expected_rms[inside].max() < 2.0
+
+
+def test_a_single_frame_is_an_edge_of_both_blackouts() -> None:
+    truth, clip = between(*range(20), 30, *range(41, 60))
+    result = fill(clip)
+    assert result.complete
+    off = np.linalg.norm(result.clip.positions - truth.positions, axis=2)
+    assert off[[29, 31]].mean() < 2.0  # next to the single frame
+    assert off[20:41].max() < 30.0
+
+
+def test_single_frames_alone() -> None:
+    truth, clip = between(10, 25, 40)
+    result = fill(clip)
+    assert result.filled[10:41].sum() == clip.missing[10:41].sum()
+    off = np.linalg.norm(result.clip.positions - truth.positions, axis=2)
+    inside = clip.missing & (np.arange(60) > 10)[:, None] & (np.arange(60) < 40)[:, None]
+    ratio = off[inside] / result.expected_rms[inside]
+    assert 0.02 < np.sqrt((ratio**2).mean()) < 1.5
+
+
+def test_few_markers_with_scattered_gaps_are_interpolated_over_time() -> None:
+    rng = np.random.default_rng(0)
+    truth, clip = between(*range(60), markers=3)
+    gappy = truth.positions.copy()
+    gappy[rng.random(gappy.shape[:2]) < 0.3] = np.nan
+    gappy[[0, -1]] = truth.positions[[0, -1]]
+    clip = truth.with_positions(gappy)
+    result = fill(clip)
+    assert result.complete
+    assert error(result.clip.positions, truth.positions, clip.missing) < 1.0
+
+
+def test_long_blackouts_between_single_frames_are_left_with_a_reason() -> None:
+    _, clip = between(5, 95, frames=100)
+    reasons = {span.reason for gap in fill(clip).gaps for span in gap.unfilled}
+    assert any("too little of it next to the gap of 0.89 s" in reason for reason in reasons)
+
+
+def test_single_samples_are_joined_where_there_is_too_little_to_learn_from() -> None:
+    clip = person(rate=100.0, seconds=0.04)
+    missing = np.zeros((4, 6), dtype=bool)
+    missing[[0, 0, 1, 1, 2, 2], [1, 5, 0, 3, 2, 4]] = True
+    missing[3, :5] = True
+    gappy = np.where(missing[..., None], np.nan, clip.positions[:, :6])
+    result = fill(Clip(gappy, tuple("ABCDEF"), clip.rate))
+    assert result.filled[1, [0, 3]].all()
+    sources = {s for gap in result.gaps for s in gap.sources}
+    assert sources == {"interpolation over time"}
+    assert (error(result.clip.positions, clip.positions[:, :6], result.filled)) < 20.0

@@ -36,6 +36,7 @@ from priorfill.methods.gpr.gap_segments import GapSegment
 from priorfill.methods.gpr.pose_search import PoseSearch, SearchOptions
 from priorfill.methods.gpr.training.subject_correlation import SubjectCorrelationOptions
 from priorfill.methods.task import Task
+from priorfill.signal.gp_interpolation import InterpolationOptions
 
 OPTIONS = BlackoutOptions()
 INSIDE = 3
@@ -376,7 +377,11 @@ def test_segments_shorter_than_the_blackout_are_joined_to_their_own_edges() -> N
     clip = with_gaps(truth, (50, 60, labels[1:]), (53, 57, labels[:1]))
     task = Task(clip.positions, labels, clip.rate, describe(clip), (), ())
     predictor = BlackoutPredictor(
-        task, PoseSearch(task, SearchOptions()), OPTIONS, SubjectCorrelationOptions()
+        task,
+        PoseSearch(task, SearchOptions()),
+        OPTIONS,
+        SubjectCorrelationOptions(),
+        InterpolationOptions(),
     )
     nothing = np.array([], dtype=np.intp)
     first, rest = np.array([0]), np.arange(1, len(labels))

@@ -14,12 +14,14 @@ from priorfill.methods.gpr.blackout.predict_blackout import predict_blackout
 from priorfill.methods.gpr.blackout.windows import MirrorImage, WindowSource
 from priorfill.methods.gpr.gap_segments import GapSegment
 from priorfill.methods.gpr.pose_search import PoseSearch
-from priorfill.methods.gpr.prediction import SegmentPrediction
+from priorfill.methods.gpr.prediction import OVER_TIME, SegmentPrediction
 from priorfill.methods.gpr.training.subject_correlation import (
     SubjectCorrelationOptions,
     take_correlations,
 )
 from priorfill.methods.task import Task
+from priorfill.signal.gp_interpolation import InterpolationOptions
+from priorfill.signal.lone_samples import interpolate_marker
 
 __all__ = ["BlackoutPredictor"]
 
@@ -37,6 +39,8 @@ class BlackoutPredictor:
         Windows and models.
     correlations : SubjectCorrelationOptions
         Of other subjects and of the mirror image with the clip's subject.
+    interpolation : InterpolationOptions
+        Of single markers over time.
 
     See Also
     --------
@@ -49,12 +53,14 @@ class BlackoutPredictor:
         search: PoseSearch,
         options: BlackoutOptions,
         correlations: SubjectCorrelationOptions,
+        interpolation: InterpolationOptions,
     ) -> None:
         self.task = task
         self._image = MirrorImage(task.contralateral, correlations.mirror_image)
         self._take_correlations = take_correlations(task.takes, search.subjects, correlations)
         self._search = search
         self._options = options
+        self._interpolation = interpolation
 
     def predict(
         self, segments: Sequence[GapSegment], completed: NDArray[np.float64]
@@ -71,8 +77,8 @@ class BlackoutPredictor:
         Returns
         -------
         list of SegmentPrediction
-            One for each segment, or for some of its markers; none for markers that are visible on
-            neither side.
+            Each for some markers of a segment; none for markers of which too little is visible on
+            both sides.
         """
         start, stop = min(s.start for s in segments), max(s.stop for s in segments)
         clip = completed
@@ -86,32 +92,75 @@ class BlackoutPredictor:
         positions, expected_rms, windows = self._predict_markers(
             [WindowSource(clip), *others], start, stop, wanted
         )
-        source, clips = "interpolation over time", [self.task.name]
+        source, clips = OVER_TIME, [self.task.name]
         if windows:
             source = "similar movements of the clip"
             source += self.task.and_sources(takes, "the database")
             clips += takes
-        predictions = []
+        predictions: list[SegmentPrediction] = []
         for segment in segments:
             inside = slice(segment.start - start, segment.stop - start)
             known = ~np.isnan(positions[inside, segment.markers, 0]).any(axis=0)
             markers = segment.markers[known]
-            if not len(markers):
-                continue
             offset = _edge_offsets(positions[:, markers], completed, segment, start, markers)
-            predictions.append(
-                SegmentPrediction(
-                    replace(segment, markers=markers),
-                    segment.start,
-                    positions[inside, markers] + offset,
-                    expected_rms[inside, markers],
-                    complete=True,
-                    source=source,
-                    source_clips=tuple(clips),
-                    training_poses=windows,
-                )
+            found = SegmentPrediction(
+                replace(segment, markers=markers),
+                segment.start,
+                positions[inside, markers] + offset,
+                expected_rms[inside, markers],
+                complete=True,
+                source=source,
+                source_clips=tuple(clips),
+                training_poses=windows,
             )
+            predictions += self._or_over_time(segment, found, completed, stop - start)
         return predictions
+
+    def _or_over_time(
+        self,
+        segment: GapSegment,
+        found: SegmentPrediction,
+        completed: NDArray[np.float64],
+        frames: int,
+    ) -> list[SegmentPrediction]:
+        """Interpolate markers of a segment over time where nothing better has been found.
+
+        Parameters
+        ----------
+        segment : GapSegment
+            Of a blackout.
+        found : SegmentPrediction
+            The prediction for some of its markers.
+        completed : ndarray [shape=(frames, markers, 3), mm]
+            The clip, filled except in blackouts.
+        frames : int
+            Length of the blackout.
+        """
+        wanted = segment.markers
+        if segment.stop - segment.start >= self._options.max_gap_share * frames:
+            wanted = np.setdiff1d(wanted, found.segment.markers)
+        over_time = []
+        for marker in wanted:
+            interpolated = interpolate_marker(
+                completed[:, marker],
+                slice(segment.start, segment.stop),
+                self.task.rate,
+                self.task.speed,
+                self._interpolation,
+            )
+            if interpolated is None:
+                continue
+            positions, expected_rms = interpolated
+            column = np.flatnonzero(found.segment.markers == marker)
+            if (
+                (found.expected_rms[:, column] ** 2).mean(axis=0) <= (expected_rms**2).mean()
+            ).any():
+                continue
+            found = found.for_markers(np.flatnonzero(found.segment.markers != marker))
+            over_time.append(
+                SegmentPrediction.over_time(segment, marker, positions, expected_rms, self.task)
+            )
+        return [found, *over_time] if len(found.segment.markers) else over_time
 
     def _predict_markers(
         self, sources: Sequence[WindowSource], start: int, stop: int, wanted: NDArray[np.intp]

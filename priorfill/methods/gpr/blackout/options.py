@@ -126,6 +126,9 @@ class BlackoutOptions:
         afterwards is added to the expected error.
     min_speed : float
         mm/s. Lower limit of the speed used for that distance.
+    max_gap_share : float
+        A marker whose own gap is shorter than this share of the blackout that it belongs to is also
+        interpolated over time by itself, and the prediction of the smaller expected error is used.
     """
 
     edge_seconds: float = 0.15
@@ -161,6 +164,7 @@ class BlackoutOptions:
     untrained_error_ratio: float = 1.5
     predictable_seconds: float = 0.25
     min_speed: float = 100.0
+    max_gap_share: float = 0.25
 
     def __post_init__(self) -> None:
         check_at_least(
@@ -203,4 +207,4 @@ class BlackoutOptions:
             "predictable_seconds",
             "min_speed",
         )
-        check_between(self, 0, 1, "nearest_share", "min_paired_share")
+        check_between(self, 0, 1, "nearest_share", "min_paired_share", "max_gap_share")

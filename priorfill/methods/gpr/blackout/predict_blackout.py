@@ -83,7 +83,7 @@ def predict_blackout(
     Returns
     -------
     BlackoutPrediction or None
-        None where neither side shows two frames.
+        None where neither side shows two frames, or no marker in all frames of both sides.
 
     See Also
     --------
@@ -97,6 +97,8 @@ def predict_blackout(
     complete = known[start + layout.first : start].all(axis=0)
     complete &= known[stop : start + layout.last].all(axis=0)
     markers = np.flatnonzero(complete)
+    if not np.isin(wanted, markers).any():
+        return None
     windows = None
     group = root(markers)
     if group is not None:

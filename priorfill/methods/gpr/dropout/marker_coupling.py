@@ -51,7 +51,7 @@ class MarkerCoupling:
         near = np.exp(-0.25 * (self.distance / options.shape_length_scale) ** 2)
         spread = self.visible_spread[one, other]
         weight = near[one] * near[other] / (1.0 + (spread / options.shape_rigidity_scale) ** 2)
-        weight /= weight.sum()
+        weight /= max(weight.sum(), np.finfo(float).tiny)  # metres away, all weights may be 0
         between = np.linalg.norm(visible[:, one] - visible[:, other], axis=2).mean(axis=0)
         result: NDArray[np.float64] = np.sqrt(weight) * between
         return result
