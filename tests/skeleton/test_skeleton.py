@@ -125,6 +125,11 @@ def test_errors_in_an_amc_file_are_reported_with_the_line(old: str, new: str, me
         ("0.0 25.0", "0.0 1e300", r"line \d+: '1e300' is not a number or too large"),
         ("MOTION", "", r"line \d+: 'Frames:' is not expected here"),
         ("Xrotation", "Wrotation", r"line \d+: 'wrotation' is not a channel"),
+        (
+            "CHANNELS 3 Zrotation Xrotation Yrotation",
+            "CHANNELS 3 Zrotation Xrotation Yrotation\nCHANNELS 3 Zrotation Xrotation Yrotation",
+            "line .*: joint .* has CHANNELS twice",
+        ),
     ],
 )
 def test_errors_in_a_bvh_file_are_reported(old: str, new: str, message: str) -> None:

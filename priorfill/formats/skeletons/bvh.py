@@ -163,6 +163,8 @@ def _hierarchy(lines: NumberedLines) -> list[_Joint]:
                 joints[above].tips.append(offset)
         elif key == "CHANNELS" and open_joints and open_joints[-1] >= 0:
             joint = joints[open_joints[-1]]
+            if joint.channels:
+                raise lines.error(f"joint {joint.name} has CHANNELS twice")
             joint.channels, joint.first = _channels(words, lines), columns
             columns += len(joint.channels)
         else:
