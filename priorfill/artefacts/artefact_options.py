@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from priorfill.artefacts.discontinuities import BreakOptions
 from priorfill.artefacts.distance_outliers import DistanceOutlierOptions
+from priorfill.artefacts.inconsistent_labels import InconsistentLabelOptions
 from priorfill.artefacts.label_swaps import MAX_MISS_RATIO
 from priorfill.artefacts.marker_path import OutlierRunOptions
 from priorfill.artefacts.reference_markers import ReferenceMarkerOptions
@@ -26,6 +27,7 @@ class ArtefactOptions:
     reference_markers : ReferenceMarkerOptions
     breaks : BreakOptions
     distance_outliers : DistanceOutlierOptions
+    inconsistent_labels : InconsistentLabelOptions
     outlier_runs : OutlierRunOptions
     stuck : StuckOptions
     max_miss_ratio : float
@@ -41,6 +43,7 @@ class ArtefactOptions:
     reference_markers: ReferenceMarkerOptions = field(default_factory=ReferenceMarkerOptions)
     breaks: BreakOptions = field(default_factory=BreakOptions)
     distance_outliers: DistanceOutlierOptions = field(default_factory=DistanceOutlierOptions)
+    inconsistent_labels: InconsistentLabelOptions = field(default_factory=InconsistentLabelOptions)
     outlier_runs: OutlierRunOptions = field(default_factory=OutlierRunOptions)
     stuck: StuckOptions = field(default_factory=StuckOptions)
     max_miss_ratio: float = MAX_MISS_RATIO

@@ -18,6 +18,7 @@ from priorfill.artefacts.artefact import (
 from priorfill.artefacts.artefact_options import DEFAULT_ARTEFACT_OPTIONS, ArtefactOptions
 from priorfill.artefacts.discontinuities import PathBreaks, find_breaks
 from priorfill.artefacts.distance_outliers import distance_outliers
+from priorfill.artefacts.inconsistent_labels import find_inconsistent_labels
 from priorfill.artefacts.label_swaps import find_label_swaps, swap_labels
 from priorfill.artefacts.marker_path import MarkerPath
 from priorfill.artefacts.mislabelled import find_mislabelled
@@ -75,9 +76,12 @@ def find_artefacts(
     if mislabelled:
         breaks = breaks_of(positions)
     elsewhere = _find_outlier_runs(clip, positions, references, breaks, options)
+    wrong = artefact_samples(elsewhere, clip.labels, clip.frames)
+    positions = np.where(wrong[..., None], np.nan, positions) if elsewhere else positions
+    inconsistent = _find_inconsistent(clip, positions, options)
     return tuple(
         sorted(
-            [*stuck, *swaps, *mislabelled, *elsewhere],
+            [*stuck, *swaps, *mislabelled, *inconsistent, *elsewhere],
             key=lambda artefact: (artefact.start, artefact.stop, artefact.markers),
         )
     )
@@ -197,6 +201,26 @@ def _find_outlier_runs(
         found = outlier_runs(path, breaks.size[:, marker], far.get(marker))
         artefacts += [_from_outlier_run(run, clip.labels, seen) for run in found]
     return artefacts
+
+
+def _find_inconsistent(
+    clip: Clip, positions: NDArray[np.float64], options: ArtefactOptions
+) -> list[Artefact]:
+    """Return the wrong labels next to blackouts that the other detectors leave."""
+    return [
+        Artefact(
+            MISLABELLED,
+            (clip.labels[run.marker],),
+            run.start,
+            run.stop,
+            0.0,
+            clip.labels[run.reference],
+            run.distance,
+            run.typical_distance,
+            run.spread,
+        )
+        for run in find_inconsistent_labels(positions, clip.rate, options.inconsistent_labels)
+    ]
 
 
 def _from_outlier_run(run: OutlierRun, labels: Sequence[str], seen: NDArray[np.intp]) -> Artefact:

@@ -117,7 +117,7 @@ def _swapped_spans(
     gain = _exchange_gains(positions, references, pair) - SWAPPED_FRAME_COST
     spans: list[tuple[int, int]] = []
     exchanged: list[bool] = []  # whether the state changes at the beginning of a span
-    for start, stop in runs(~np.isnan(positions[:, pair, 0]).any(axis=1)):
+    for start, stop in runs(np.isfinite(positions[:, pair[0], 0] + positions[:, pair[1], 0])):
         inner = [cut for cut in cuts if start < cut < stop]
         spans += pairwise([start, *inner, stop])
         exchanged += [False] + [True] * len(inner)

@@ -153,6 +153,29 @@ def stuck(shortest: int, longest: int) -> Callable[[Clip, np.random.Generator], 
     return plant
 
 
+def permuted(where: str) -> Callable[[Clip, np.random.Generator], Plant | None]:
+    """Return a planter of permuted labels in 1 to 30 frames next to a blackout or at an end."""
+
+    def plant(clip: Clip, rng: np.random.Generator) -> Plant | None:
+        length, gap = int(rng.integers(1, 31)), int(rng.integers(5, 61))
+        moved = clip.positions.copy()
+        start = {"first frames": 0, "last frames": clip.frames - length}.get(where, -1)
+        if start < 0:
+            begin = int(rng.integers(clip.frames // 4, clip.frames * 3 // 4 - gap))
+            moved[begin : begin + gap] = np.nan
+            start = begin + gap if where == "after a blackout" else begin - length
+        part = slice(start, start + length)
+        count = min(int(rng.choice([2, 3, 6, 15, 200])), len(clip.labels))
+        markers = rng.choice(len(clip.labels), count, replace=False)
+        order = np.roll(markers, 1)
+        moved[part, markers] = moved[part, order]
+        wrong = np.zeros(clip.missing.shape, dtype=bool)
+        wrong[part, markers] = ~np.isnan(moved[part, markers, 0])
+        return Plant(f"permuted, {where}", moved, wrong) if wrong.any() else None
+
+    return plant
+
+
 PLANTERS = (
     *(spike(size) for size in (20.0, 50.0, 100.0, 500.0)),
     *(ghost_marker(size) for size in (30.0, 50.0, 150.0, 500.0)),
@@ -164,6 +187,10 @@ PLANTERS = (
     swap("sides, to the end"),
     stuck(5, 20),
     stuck(21, 100),
+    permuted("first frames"),
+    permuted("last frames"),
+    permuted("before a blackout"),
+    permuted("after a blackout"),
 )
 
 

@@ -375,6 +375,31 @@ def test_labels_of_a_whole_body_permuted_after_a_blackout_are_found() -> None:
     assert (found & ~wrong).sum() < 10
 
 
+def test_labels_that_are_wrong_while_the_body_enters_the_volume_are_found() -> None:
+    """Markers appear one after the other; three labels of the arm are on others.
+
+    The paths are smooth, as some programs write them, so that no break shows the change.
+    """
+    rng = np.random.default_rng(6)
+    positions = CLEAN.positions.copy()
+    wrong = np.zeros((FRAMES, len(CLEAN.labels)), dtype=bool)
+    arm, others = column("LWRA", "LWRB", "LFIN"), column("LFHD", "RKNE", "LHEE")
+    fade = np.clip((np.arange(FRAMES) - 60.0) / 30.0, 0.0, 1.0)[:, None, None]
+    positions[:, arm] = (1 - fade) * CLEAN.positions[:, others] + fade * CLEAN.positions[:, arm]
+    wrong[:80, arm] = True
+    appears = rng.integers(20, 70, len(CLEAN.labels))
+    appears[arm] = 30
+    positions[np.arange(FRAMES)[:, None] < appears] = np.nan
+    clip = CLEAN.with_positions(positions)
+    found = artefact_samples(find_artefacts(clip), clip.labels, FRAMES)
+    assert found[wrong & ~clip.missing].mean() > 0.8
+    assert (found & ~wrong).sum() < 0.01 * (~clip.missing).sum()
+    right = np.where(
+        (appears[None] > np.arange(FRAMES)[:, None])[..., None], np.nan, CLEAN.positions
+    )
+    assert find_artefacts(CLEAN.with_positions(right)) == ()
+
+
 def test_a_label_moves_only_to_a_marker_that_goes_missing() -> None:
     clip = AFFECTED["mislabelled"]
     size = find_breaks(clip.positions, choose_reference_markers(clip.positions), RATE).broken
