@@ -105,11 +105,7 @@ def has_decimal_comma(
         If a coordinate has a thousands separator, some have commas and others points, or all
         commas might separate thousands.
     """
-    if delimiter == b",":
-        suspects = any(b'"' in lines[row] for row in rows)
-    else:
-        suspects = any(b"," in lines[row] for row in rows)
-    if not suspects:
+    if not any(_has_inner_comma(lines[row], delimiter) for row in rows):
         return False
     with_comma: tuple[int, int] | None = None
     has_point = sure = False
@@ -146,6 +142,13 @@ def has_decimal_comma(
         )
         + "; export with decimal points and without thousands separators"
     )
+
+
+def _has_inner_comma(line: bytes, delimiter: bytes) -> bool:
+    """Check whether a line has commas other than separators."""
+    if delimiter != b",":
+        return b"," in line
+    return b'"' in line and line.count(b",") >= len(cells_of(line, delimiter))
 
 
 def place_of(

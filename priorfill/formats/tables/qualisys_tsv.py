@@ -98,16 +98,16 @@ def parse_qualisys(data: bytes, name: str) -> TableRecording:
     if not rows:
         line = line_number(lines, row) - 1
         raise ClipError(f"{name}: has no frames after line {line}; export it again")
-    split = [cells_of(lines[k], _DELIMITER) for k in rows]
+    leads = [cells_of(lines[k], _DELIMITER)[:2] for k in rows]
     what = f"{name}: line {line_number(lines, rows[0])}"
-    before, labels, notes = _layout(header, titles, split, what)
+    before, labels, notes = _layout(header, titles, leads, _width(lines, rows), what)
     columns = [[before + 3 * k, before + 3 * k + 1, before + 3 * k + 2] for k in range(len(labels))]
     positions, table = read_table(lines, rows, columns, labels, _DELIMITER, name)
     has_frames = before == 2 or (before == 1 and titles[:1] != ["Time"])
     first = 1
     if has_frames:
-        first = frame_numbers([cells[0] for cells in split], rows, lines, name)
-    times = [cells[before - 1] for cells in split if before > has_frames and len(cells) >= before]
+        first = frame_numbers([cells[0] for cells in leads], rows, lines, name)
+    times = [cells[before - 1] for cells in leads if before > has_frames and len(cells) >= before]
     rate, rate_notes = find_rate(header_number(_field(header, "FREQUENCY")), times)  # may be EXT
     counts = count_notes(
         (_field(header, "NO_OF_FRAMES"), len(rows)), (_field(header, "NO_OF_MARKERS"), len(labels))
@@ -143,7 +143,11 @@ def _header(lines: list[bytes]) -> tuple[dict[str, list[str]], int]:
 
 
 def _layout(
-    header: dict[str, list[str]], titles: list[str], split: list[list[bytes]], what: str
+    header: dict[str, list[str]],
+    titles: list[str],
+    leads: list[list[bytes]],
+    widths: tuple[int, bool],
+    what: str,
 ) -> tuple[int, list[str], list[str]]:
     """Return the number of cells before the first coordinate, labels, and notes.
 
@@ -152,8 +156,7 @@ def _layout(
     """
     names = header["MARKER_NAMES"]
     named = _trimmed(names)
-    width = max(map(len, split))
-    last_blank = all(is_blank(cells[-1]) for cells in split if len(cells) == width)
+    width, last_blank = widths
     if titles:
         titles = _trimmed(titles)
         before = sum(title.lower() in ("frame", "time") for title in titles[:2])
@@ -164,13 +167,25 @@ def _layout(
     stated = int(header_number(_field(header, "NO_OF_MARKERS")) or 0)
     for points in dict.fromkeys((stated, len(named), len(names))):
         if len(named) <= points <= len(names):
-            spare = _columns_before(split, width - 3 * points, last_blank)
+            spare = _columns_before(leads, width - 3 * points, last_blank)
             if spare is not None:
                 return spare, [*named, *[""] * (points - len(named))], []
     raise _layout_error(len(named), width, what)
 
 
-def _columns_before(split: list[list[bytes]], spare: int, last_blank: bool) -> int | None:
+def _width(lines: list[bytes], rows: list[int]) -> tuple[int, bool]:
+    """Return the cells of the widest rows, and whether the last of them is blank in all rows."""
+    width, last_blank = 0, True
+    for row in rows:
+        cells = cells_of(lines[row], _DELIMITER)
+        if len(cells) > width:
+            width, last_blank = len(cells), True
+        if len(cells) == width:
+            last_blank = last_blank and is_blank(cells[-1])
+    return width, last_blank
+
+
+def _columns_before(leads: list[list[bytes]], spare: int, last_blank: bool) -> int | None:
     """Return how many of the spare cells of a row come before the coordinates; None if unclear.
 
     These are the frame and the time. Another one is after the last coordinate if rows end with a
@@ -179,8 +194,8 @@ def _columns_before(split: list[list[bytes]], spare: int, last_blank: bool) -> i
     if not last_blank:
         return spare if spare in (0, 1, 2) else None
     if spare in (1, 3):  # a tab at the end, or a frame before and the last marker is never seen
-        return spare - (spare == 3 or not count_frames([cells[0] for cells in split]))
-    if spare == 2 and not are_times([cells[1] for cells in split if len(cells) > 1]):
+        return spare - (spare == 3 or not count_frames([cells[0] for cells in leads]))
+    if spare == 2 and not are_times([cells[1] for cells in leads if len(cells) > 1]):
         return 1
     return spare if spare in (0, 2) else None
 

@@ -86,13 +86,13 @@ def parse_trc(data: bytes, name: str) -> TableRecording:
     if not rows:
         line = line_number(lines, names_row)
         raise ClipError(f"{name}: has no frames after line {line}; export it again")
-    cells = [cells_of(lines[row], delimiter) for row in rows]
+    leads = [cells_of(lines[row], delimiter)[:_FIRST_COORDINATE] for row in rows]
     titles = (names_row, axes_row)
-    labels, columns, label_notes = _markers(lines, titles, rows, cells, delimiter, name)
+    labels, columns, label_notes = _markers(lines, titles, rows, delimiter, name)
     positions, table = read_table(lines, rows, columns, labels, delimiter, name)
     header = _header(lines, names_row)
-    first = frame_numbers([row_cells[0] for row_cells in cells], rows, lines, name)
-    times = [row_cells[1] for row_cells in cells if len(row_cells) > 1]
+    first = frame_numbers([cells[0] for cells in leads], rows, lines, name)
+    times = [cells[1] for cells in leads if len(cells) > 1]
     _check_times(times, rows, lines, name)
     notes = count_notes(
         (header.get("numframes"), len(rows)), (header.get("nummarkers"), len(labels))
@@ -200,7 +200,7 @@ def _rows(lines: list[bytes], names_row: int) -> tuple[int | None, list[int]]:
         text = lines[row].strip(b' \t,;\r\n"')
         if not text:
             continue
-        if not rows and axes_row is None and text[:1] in b"Xx":
+        if not rows and axes_row is None and text[:1] in b"XxYyZz":
             axes_row = row
         else:
             rows.append(row)
@@ -270,7 +270,6 @@ def _markers(
     lines: list[bytes],
     titles: tuple[int, int | None],
     rows: list[int],
-    cells: list[list[bytes]],
     delimiter: bytes,
     name: str,
 ) -> tuple[list[str], list[list[int]], list[str]]:
@@ -294,24 +293,27 @@ def _markers(
         raise FormatError(f"{what} names no markers; export it again")
     in_order = [_triple(_FIRST_COORDINATE + 3 * k) for k in range(count or given)]
     if not count:
-        return _without_axes(names, in_order, cells, what)
-    used = _used_columns(cells)
-    separated = delimiter != BLANKS and _line_delimiter(lines[axes_row or 0]) == delimiter
-    fits = columns[0][0] >= _FIRST_COORDINATE and used <= set(np.ravel(columns).tolist())
-    if not (separated and fits):
-        columns = in_order
+        return _without_axes(names, in_order, _used_columns(lines, rows, delimiter), what)
+    if columns != in_order:
+        separated = delimiter != BLANKS and _line_delimiter(lines[axes_row or 0]) == delimiter
+        used = _used_columns(lines, rows, delimiter)
+        if not separated or not used <= set(np.ravel(columns).tolist()):
+            columns = in_order  # the row of the axes is shifted
     if given < count and len(names) <= columns[-1][-1]:
         line = line_number(lines, rows[0])
         raise FormatError(
-            f"{name}: line {line} has {len(cells[0])} cells, but line "
+            f"{name}: line {line} has {len(cells_of(lines[rows[0]], delimiter))} cells, but line "
             f"{line_number(lines, names_row)} names {given} markers, which take "
             f"{_FIRST_COORDINATE + 3 * given}; name all markers"
         )
-    if any(names[columns[-1][-1] + 1 :]):
+    if given > count and any(names[columns[-1][-1] + 1 :]):
         raise FormatError(
             f"{what} names {given} markers, but the next line has X, Y, Z for {count}; "
             "correct one of them"
         )
+    by_blanks = names == texts_of(lines[names_row], BLANKS)
+    if by_blanks and all(names) and given == count:
+        return names[_FIRST_COORDINATE:], columns, []
     labels, notes = names_of_columns(names, columns, _FIRST_COORDINATE, what)
     return labels, columns, notes
 
@@ -329,21 +331,21 @@ def _names(line: bytes, delimiter: bytes) -> list[str]:
 
 
 def _without_axes(
-    names: list[str], in_order: list[list[int]], cells: list[list[bytes]], what: str
+    names: list[str], in_order: list[list[int]], used: set[int], what: str
 ) -> tuple[list[str], list[list[int]], list[str]]:
     """Return labels, columns and notes for a file without a row of axes."""
     places = [cell for cell in range(_FIRST_COORDINATE, len(names)) if names[cell]]
-    used = max(_used_columns(cells), default=0)
+    last = max(used, default=0)
     labels = [names[place] for place in places]
     spread = len(places) > 1 and min(np.diff(places)) >= 3
-    if spread and places[0] == _FIRST_COORDINATE and used <= places[-1] + 2:
+    if spread and places[0] == _FIRST_COORDINATE and last <= places[-1] + 2:
         if all(place % 3 == _FIRST_COORDINATE for place in places):
             return labels, [_triple(place) for place in places], []
-    elif used <= in_order[-1][-1]:
+    elif last <= in_order[-1][-1]:
         return labels, in_order, []
     raise FormatError(
         f"{what} names {len(labels)} markers, which take {in_order[-1][-1] + 1} cells, but the "
-        f"rows have {used + 1}; name all markers, each above its X"
+        f"rows have {last + 1}; name all markers, each above its X"
     )
 
 
@@ -360,14 +362,14 @@ def _triple(start: int) -> list[int]:
     return [start, start + 1, start + 2]
 
 
-def _used_columns(cells: list[list[bytes]]) -> set[int]:
+def _used_columns(lines: list[bytes], rows: list[int], delimiter: bytes) -> set[int]:
     """Return the cells after the time that have content in some row."""
     used: set[int] = set()
-    for row_cells in cells:
-        if len(used) < len(row_cells) - _FIRST_COORDINATE:
-            used.update(
-                cell
-                for cell in range(_FIRST_COORDINATE, len(row_cells))
-                if cell not in used and not is_blank(row_cells[cell])
-            )
+    for row in rows:
+        cells = cells_of(lines[row], delimiter)
+        used.update(
+            cell
+            for cell in range(_FIRST_COORDINATE, len(cells))
+            if cell not in used and not is_blank(cells[cell])
+        )
     return used
