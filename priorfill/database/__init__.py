@@ -2,14 +2,14 @@
 
 A database is a directory::
 
-    priorfill-database.json   manifest: format version, rate, levels; written once
+    priorfill-database.json   manifest: identity, format version, rate, levels; written once
     catalogue.sqlite          one row per clip; a clip exists once its row is committed
     catalogue.checksum        checksum of the catalogue as its last writer closed it
     segments/000001.f32 ...   positions, little-endian float32, append-only, memory-mapped
     lock                      held by the one writer
 
-Bytes of a segment beyond the last committed row were left by a writer that did not reach its
-commit; the next writer overwrites them.
+The catalogue lists the segments, and announces what will be appended. Announced bytes that were
+never committed were left by a writer that was killed; the next writer cuts them off.
 """
 
 from priorfill.database.manifest import FORMAT_VERSION

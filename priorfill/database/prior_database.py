@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -43,7 +44,7 @@ from priorfill.database.segments import (
     SegmentWriter,
 )
 from priorfill.database.sketch import MIN_SHARED_HASHES, is_version, sketch
-from priorfill.database.versions import reason_to_keep
+from priorfill.database.versions import is_same_fill, reason_to_keep
 from priorfill.errors import (
     ClipError,
     DatabaseCorruptError,
@@ -117,6 +118,8 @@ class PriorDatabase:
             if write:
                 self._prepare_to_write()
         except BaseException:
+            if hasattr(self, "_catalogue"):
+                self._catalogue.suspend_checksum()
             self.close()
             raise
 
@@ -341,7 +344,7 @@ class PriorDatabase:
             source=row.record.source if origin.source is None else origin.source,
         )
         row = replace(row, record=record)
-        return self._store(blocks, row, self._versions_to_replace(row, accepted=False))
+        return self._store(blocks, row, self._versions_to_replace(row, blocks, accepted=False))
 
     def accept(
         self,
@@ -384,7 +387,7 @@ class PriorDatabase:
         origin = origin or ClipOrigin()
         self._ready_writer()
         blocks, row = ingest(clip, self.rate, self.levels, filled, filled_by)
-        replaced = self._versions_to_replace(row, accepted=True)
+        replaced = self._versions_to_replace(row, blocks, accepted=True)
         old = replaced[0] if replaced else row.record
         record = replace(
             row.record,
@@ -414,7 +417,9 @@ class PriorDatabase:
             self._reader = SegmentReader(self._folder)
             self._prepare_to_write()
 
-    def _versions_to_replace(self, row: CatalogueRow, *, accepted: bool) -> tuple[ClipRecord, ...]:
+    def _versions_to_replace(
+        self, row: CatalogueRow, blocks: Sequence[bytes], *, accepted: bool
+    ) -> tuple[ClipRecord, ...]:
         """Return the versions of a clip that it replaces; raise an error if one is to be kept."""
         new = row.record
         versions = {new.content: self._catalogue.find(new.content)}
@@ -427,10 +432,19 @@ class PriorDatabase:
                 versions[content] = old
         found = [old for _, old in sorted(versions.items()) if old is not None]
         for old in found:
-            reason = reason_to_keep(old, new, accepted=accepted)
+            same_fill = partial(self._is_same_fill, old, new, blocks)
+            reason = reason_to_keep(old, new, accepted=accepted, is_same_fill=same_fill)
             if reason:
                 raise DuplicateClipError(f"{new.name}: {reason}")
         return tuple(found)
+
+    def _is_same_fill(self, old: ClipRecord, new: ClipRecord, blocks: Sequence[bytes]) -> bool:
+        """Return whether the filled samples of a stored clip have the same values in a new one."""
+        filled = self.filled(old)
+        assert filled is not None
+        fine = np.frombuffer(blocks[0], dtype=DTYPE).reshape(-1, len(new.labels), 3)
+        order = [new.labels.index(label) for label in old.labels]
+        return is_same_fill(self.positions(old), filled, fine, order)
 
     def _store(
         self, blocks: Sequence[bytes], row: CatalogueRow, replaced: Iterable[ClipRecord]
@@ -622,9 +636,9 @@ class PriorDatabase:
         for done, record in enumerate(records, start=1):
             try:
                 other.check(record)
-                row = other._catalogue.row(record)
-                replaced = self._versions_to_replace(row, accepted=False)
-                added.append(self._store(other._blocks(record), row, replaced))
+                row, blocks = other._catalogue.row(record), other._blocks(record)
+                replaced = self._versions_to_replace(row, blocks, accepted=False)
+                added.append(self._store(blocks, row, replaced))
             except DuplicateClipError:
                 skipped.append(record)
             except DatabaseCorruptError as error:

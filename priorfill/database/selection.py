@@ -28,7 +28,9 @@ class Selection:
     subjects : tuple of str
         Shell patterns of the subject.
     markers : tuple of str
-        Markers that a clip must have.
+        Markers that a clip must have; case does not matter.
+    sessions : tuple of str
+        Shell patterns of the session.
     not_names, not_subjects : tuple of str
         Patterns, as above, of clips to exclude.
 
@@ -52,10 +54,13 @@ class Selection:
     markers: tuple[str, ...] = ()
     not_names: tuple[str, ...] = ()
     not_subjects: tuple[str, ...] = ()
+    sessions: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the fields."""
-        check_not_text(self, "names", "subjects", "markers", "not_names", "not_subjects")
+        check_not_text(
+            self, "names", "subjects", "markers", "not_names", "not_subjects", "sessions"
+        )
 
     def choose(self, records: Iterable[ClipRecord]) -> tuple[ClipRecord, ...]:
         """Return the selected records in their order."""
@@ -65,10 +70,15 @@ class Selection:
         return (
             (not self.names or _name_matches(record, self.names))
             and (not self.subjects or _matches(record.subject, self.subjects))
-            and set(self.markers) <= set(record.labels)
+            and (not self.sessions or _matches(record.session, self.sessions))
+            and _casefolded(self.markers) <= _casefolded(record.labels)
             and not _name_matches(record, self.not_names)
             and not _matches(record.subject, self.not_subjects)
         )
+
+
+def _casefolded(labels: Iterable[str]) -> set[str]:
+    return {label.casefold() for label in labels}
 
 
 def _matches(text: str, patterns: tuple[str, ...]) -> bool:

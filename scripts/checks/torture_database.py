@@ -1,13 +1,19 @@
 #!/usr/bin/env python
 """Check that a prior database loses nothing when writers are killed or the disk fails.
 
-    python scripts/checks/torture_database.py [--rounds 200] [--kind kill|full|fsync|all] [--seed 0]
+    python scripts/checks/torture_database.py [--rounds 200] [--kind KIND] [--seed 0]
 
 Two hundred small C3D files are made. In each round a process works on a database and is disturbed:
 
 kill    SIGKILL: at a random time, shortly after a line of output, when an unfinished file (such as
         a journal) appears in the database, or before, during or after a random call that writes,
         flushes, commits, renames or removes
+term    the same with SIGTERM
+hup     the same with SIGHUP
+swap    files are exchanged while no process is at work: the catalogue is emptied, removed, replaced
+        by that of another database or by its own older copy; segments are removed, emptied,
+        shortened, lengthened, replaced by those of another database or by older copies; files that
+        are not of the database are put next to them
 full    no file may grow beyond a random size, or the database is on a tmpfs that becomes full
 fsync   one call that writes, flushes, commits, renames or removes fails (a write after half of its
         bytes), fails although it was carried out, or fails like every later one
@@ -18,8 +24,9 @@ merges and adds by a random plan and prints what it has begun and finished.
 After each round a reader opens the database, verifies it, and compares every clip bit for bit with
 an independent computation: every reported clip is present, a change that was begun is present
 completely or not at all, and nothing else is present. Then the next writer (``db add``, or the rest
-of the plan) must succeed. Exit status 1 if data was lost or unexpected, or if a disturbed process
-ended without a clean message.
+of the plan) must succeed. After an exchange of files, commands must notice it, and change no byte.
+Exit status 1 if data was lost or unexpected, or if a disturbed process ended without a clean
+message.
 """
 
 from __future__ import annotations
@@ -44,8 +51,9 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext, redirect_stdout, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +88,18 @@ of the file size."""
 RESTING = re.compile(r"priorfill-database\.json|catalogue(-\d+)?\.(sqlite|checksum)|segments|lock")
 """Files of a database without a writer; anything else is unfinished."""
 
+NEW = {
+    "lock",
+    "segments",
+    "priorfill-database.json.new",
+    "catalogue.sqlite",
+    "catalogue.sqlite.new",
+    "catalogue.sqlite.new-journal",
+    "catalogue.checksum",
+    "catalogue.checksum.new",
+}
+"""Files of a database that was being made."""
+
 AT_A_CALL = 0.3
 """Share of kills at a random call that writes, flushes, ... instead of at a random time."""
 
@@ -89,7 +109,11 @@ COMMIT = 0.003
 TIMEOUT = 120.0
 """Seconds after which a disturbed process counts as hung."""
 
-ADD = ("-c", "from priorfill.cli import main; main()", "db", "add", "-d")
+ADD = ("-c", "from priorfill.cli import main; main()", "db", "add", "--verbose", "-d")
+
+
+SIGNALS = {"kill": signal.SIGKILL, "term": signal.SIGTERM, "hup": signal.SIGHUP}
+KINDS = (*SIGNALS, "swap", "full", "fsync")
 
 
 # --- faults ---
@@ -364,7 +388,7 @@ def contents(folder: Path, known: dict[str, dict[str, Stored]]) -> dict[str, str
 
     if not (folder / "priorfill-database.json").exists():
         left = [path.name for path in folder.iterdir()] if folder.exists() else []
-        if set(left) <= {"priorfill-database.json.new"}:
+        if set(left) <= NEW and not any(folder.glob("segments/*")):
             return {}
         raise WrongError(f"there is no database, but {left}")
     found: dict[str, str] = {}
@@ -466,9 +490,9 @@ def drive(folder: Path, plan: Path, files: Path, other: Path) -> None:
             print("done", number, flush=True)
 
 
-def kill_myself() -> None:
-    """End this process immediately."""
-    os.kill(os.getpid(), signal.SIGKILL)
+def kill_myself(number: int) -> None:
+    """Send this process a signal; SIGKILL ends it immediately."""
+    os.kill(os.getpid(), number)
 
 
 def child(options: dict[str, Any], arguments: list[str]) -> None:
@@ -483,7 +507,7 @@ def child(options: dict[str, Any], arguments: list[str]) -> None:
         options.get("at", 0),
         late=options.get("late", False),
         for_ever=options.get("for_ever", False),
-        strike=kill_myself if options.get("kill") else None,
+        strike=partial(kill_myself, options["kill"]) if options.get("kill") else None,
     )
     faults = Faults(Path(options["folder"]), fault)
     try:
@@ -507,6 +531,112 @@ def is_unfinished(folder: Path) -> bool:
         return False
     catalogues = sum(name.endswith(".sqlite") for name in names)
     return catalogues > 1 or not all(RESTING.fullmatch(name) for name in names)
+
+
+# --- exchanged files ---
+
+FOREIGN = ("catalogue.sqlite.bak", "notes.txt", "segments/notes.txt", "segments/000777.f32")
+"""Files that are not of the database."""
+
+
+def fingerprint(folder: Path) -> dict[str, bytes]:
+    """Return the bytes of all files of a database, except the lock."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.name != "lock"
+    }
+
+
+def _catalogue(folder: Path) -> Path:
+    """Return the catalogue in use."""
+    return max(folder.glob("catalogue*.sqlite"), key=lambda path: (len(path.name), path.name))
+
+
+def empty_catalogue(folder: Path, older: Path, other: Path, rng: random.Random) -> bool:
+    """Empty the catalogue, with or without its checksum file."""
+    if rng.random() < 0.5:
+        _catalogue(folder).with_suffix(".checksum").unlink()
+    _catalogue(folder).write_bytes(b"")
+    return True
+
+
+def remove_catalogue(folder: Path, older: Path, other: Path, rng: random.Random) -> bool:
+    """Remove the catalogue."""
+    _catalogue(folder).unlink()
+    return True
+
+
+def foreign_catalogue(folder: Path, older: Path, other: Path, rng: random.Random) -> bool:
+    """Replace the catalogue by that of another database, with or without its checksum file."""
+    there = _catalogue(folder)
+    shutil.copyfile(_catalogue(other), there)
+    if rng.random() < 0.5:
+        checksum = _catalogue(other).with_suffix(".checksum")
+        shutil.copyfile(checksum, there.with_suffix(".checksum"))
+    return True
+
+
+def new_catalogue(folder: Path, older: Path, other: Path, rng: random.Random) -> bool:
+    """Replace the catalogue by that of a new database without clips."""
+    made = folder.parent / "made"
+    shutil.rmtree(made, ignore_errors=True)
+    PriorDatabase.create(made).close()
+    return foreign_catalogue(folder, older, made, rng)
+
+
+def older_catalogue(folder: Path, older: Path, other: Path, rng: random.Random) -> bool:
+    """Replace the catalogue by its older copy, with its checksum file or without any."""
+    there, copy = _catalogue(folder), _catalogue(older)
+    if there.name != copy.name or fingerprint(older) == fingerprint(folder):
+        return remove_catalogue(folder, older, other, rng)
+    sizes = [
+        {path.name: path.stat().st_size for path in one.glob("segments/*")}
+        for one in (folder, older)
+    ]
+    shutil.copyfile(copy, there)
+    if sizes[0] != sizes[1]:
+        if rng.random() < 0.5:
+            shutil.copyfile(copy.with_suffix(".checksum"), there.with_suffix(".checksum"))
+        else:
+            there.with_suffix(".checksum").unlink()
+    return True
+
+
+def spoilt_segment(folder: Path, older: Path, other: Path, rng: random.Random) -> bool:
+    """Remove, empty, shorten, lengthen or exchange a segment."""
+    segment = rng.choice(sorted(folder.glob("segments/*.f32")))
+    data = segment.read_bytes()
+    foreign = next(iter(sorted(other.glob("segments/*.f32")))).read_bytes()
+    copies = [path.read_bytes() for path in older.glob(f"segments/{segment.name}")]
+    choices = [None, b"", data[:-4], data[: len(data) // 2], data + bytes(400), foreign]
+    choices += [copy for copy in copies if copy != data]
+    chosen = rng.choice(choices)
+    if chosen is None:
+        segment.unlink()
+    else:
+        segment.write_bytes(chosen)
+    return True
+
+
+def foreign_files(folder: Path, older: Path, other: Path, rng: random.Random) -> bool:
+    """Put files that are not of the database into its folder; this is no damage."""
+    for name in FOREIGN:
+        source = rng.choice([*other.glob("segments/*.f32"), _catalogue(older)])
+        shutil.copyfile(source, folder / name)
+    return False
+
+
+SWAPS = (
+    empty_catalogue,
+    remove_catalogue,
+    foreign_catalogue,
+    new_catalogue,
+    older_catalogue,
+    spoilt_segment,
+    spoilt_segment,
+    foreign_files,
+)
 
 
 # --- processes, and how they are disturbed ---
@@ -573,8 +703,12 @@ class Fork:
 
     def kill(self) -> None:
         """Send SIGKILL."""
+        self.send_signal(signal.SIGKILL)
+
+    def send_signal(self, number: int) -> None:
+        """Send a signal."""
         if self.poll() is None:
-            os.kill(self._pid, signal.SIGKILL)
+            os.kill(self._pid, number)
 
     def wait(self, timeout: float | None = None) -> int:
         """Wait until it has ended."""
@@ -671,10 +805,10 @@ class Run:
             if is_unfinished(folder):
                 return
 
-    def end(self, *, kill: bool = False) -> int:
-        """Wait until it has ended, and return its exit status."""
+    def end(self, *, kill: int = 0) -> int:
+        """Send a signal, unless it is 0; wait for the end, and return the exit status."""
         if kill:
-            self._process.kill()
+            self._process.send_signal(kill)
         try:
             status = self._process.wait(TIMEOUT)
         except subprocess.TimeoutExpired:
@@ -695,7 +829,9 @@ class Run:
         return time.monotonic() - self.began
 
 
-def kill_some_time(run: Run, job: Job, rng: random.Random, share: float) -> bool:
+def kill_some_time(
+    run: Run, job: Job, rng: random.Random, share: float, number: int = signal.SIGKILL
+) -> bool:
     """Kill a process at a random moment; return whether it was still running.
 
     Parameters
@@ -708,6 +844,8 @@ def kill_some_time(run: Run, job: Job, rng: random.Random, share: float) -> bool
         Chooses the moment.
     share : float
         Share of the work that remains.
+    number : int
+        The signal.
     """
     how = rng.choice(("time", "line", "file", "file"))
     working = (job.seconds - job.starting) * share
@@ -720,7 +858,7 @@ def kill_some_time(run: Run, job: Job, rng: random.Random, share: float) -> bool
         else:
             run.wait_for_unfinished(job.folder)
             time.sleep(rng.uniform(0, COMMIT) * rng.randint(0, 1))
-    return run.end(kill=True) == -signal.SIGKILL
+    return run.end(kill=number) != 0
 
 
 @dataclass
@@ -776,6 +914,7 @@ class Torture:
         self._mounts = mounts
         self._forks = forks
         self.rows: list[Row] = []
+        self._signal = signal.SIGKILL
         self.known: dict[str, dict[str, Stored]] = {}
         self._files = work / "files"
         self._files.mkdir()
@@ -801,10 +940,14 @@ class Torture:
                     database.add(formats.read(self._files / f"{name}.c3d"))
 
     def run(self, kind: str, rounds: int) -> None:
-        """Run the rounds of ``kill``, ``full`` or ``fsync``; ``none`` disturbs nothing."""
-        if kind == "kill":
-            self._adding("SIGKILL in db add", rounds, self._killed)
-            self._planned("SIGKILL in remove, accept, compact, merge", rounds, self._killed)
+        """Run the rounds of one of `KINDS`; ``none`` disturbs nothing."""
+        if kind in SIGNALS:
+            self._signal = SIGNALS[kind]
+            name = self._signal.name
+            self._adding(f"{name} in db add", rounds, self._killed)
+            self._planned(f"{name} in remove, accept, compact, merge", rounds, self._killed)
+        elif kind == "swap":
+            self._swapped("exchanged files", rounds)
         elif kind == "full":
             self._adding("file-size limit in db add", rounds, self._limited)
             self._planned("file-size limit in remove, ...", rounds, self._limited)
@@ -821,10 +964,11 @@ class Torture:
     def _killed(self, job: Job, rng: random.Random) -> tuple[Run, bool]:
         if rng.random() < AT_A_CALL:
             at = rng.randint(1, max(1, int(job.calls * job.share)))
-            run = Run(job.with_faults(at=at, late=rng.random() < 0.5, kill=True), fork=True)
-            return run, run.end() == -signal.SIGKILL
+            late = rng.random() < 0.5
+            run = Run(job.with_faults(at=at, late=late, kill=int(self._signal)), fork=True)
+            return run, run.end() != 0
         run = Run(job.plain(), fork=job.forks)
-        return run, kill_some_time(run, job, rng, job.share)
+        return run, kill_some_time(run, job, rng, job.share, self._signal)
 
     def _limited(self, job: Job, rng: random.Random) -> tuple[Run, bool]:
         small = rng.random() < 0.5
@@ -1001,6 +1145,70 @@ class Torture:
         now = contents(job.folder, self.known)
         if now != plan[-1].after:
             raise WrongError(f"the next writer left {_difference(now, plan[-1].after)}")
+
+    def _swapped(self, title: str, rounds: int) -> None:
+        """Exchange files of a database; nothing may change, and nothing be lost."""
+        row = Row(title)
+        self.rows.append(row)
+        rng = random.Random(f"{title} {self._seed}")
+        began = time.monotonic()
+        folder = self.work / "swapped"
+        for number in range(rounds):
+            shutil.rmtree(folder, ignore_errors=True)
+            row.rounds += 1
+            try:
+                self._swap_round(row, folder, rng)
+            except WrongError as error:
+                self._failed(row, number, folder, error)
+            self._say(f"{title}: {row.rounds} of {rounds}, {len(row.faults)} faults")
+        row.seconds = time.monotonic() - began
+
+    def _swap_round(self, row: Row, folder: Path, rng: random.Random) -> None:
+        """Exchange a file, run commands, put it back."""
+        older = self.work / "older"
+        shutil.rmtree(older, ignore_errors=True)
+        shutil.copytree(self._start, folder)
+        plan = make_plan(rng, self.own, self._other)[: rng.randint(1, 6)]
+        middle = rng.randint(0, len(plan))
+        for steps in (plan[:middle], plan[middle:]):
+            if not older.exists():
+                shutil.copytree(folder, older)
+            file = self.work / "plan.json"
+            file.write_text(json.dumps([(step.kind, step.names) for step in steps]))
+            with redirect_stdout(io.StringIO()):
+                drive(folder, file, self._files, self._to_merge)
+            if steps is plan[:middle]:
+                shutil.rmtree(older)
+                shutil.copytree(folder, older)
+        wanted = plan[-1].after
+        sound = fingerprint(folder)
+        swap = rng.choice(SWAPS)
+        is_damage = swap(folder, older, self._to_merge, rng)
+        if fingerprint(folder) == sound:
+            is_damage = False
+        row.disturbed += is_damage
+        before = fingerprint(folder)
+        new = next(path for path in reversed(self._paths) if path.stem not in wanted)
+        for command in (["compact"], ["remove", sorted(wanted)[0]], ["verify"], ["add", str(new)]):
+            if not is_damage and command[0] not in ("verify", "compact"):
+                continue
+            run = Run(("-c", "", "db", command[0], "-d", str(folder), *command[1:]), fork=True)
+            self._check_end(run, killed=False)
+            if is_damage and run.end() == 0:
+                raise WrongError(f"{swap.__name__}: db {command[0]} did not notice it")
+            if is_damage and fingerprint(folder) != before:
+                raise WrongError(f"{swap.__name__}: db {command[0]} changed the files")
+        if not is_damage:
+            row.found += len(self._same(folder, wanted, swap.__name__))
+            lost = [name for name in before if name not in fingerprint(folder) and name in FOREIGN]
+            if lost:
+                raise WrongError(f"{swap.__name__}: {lost} were removed")
+
+    def _same(self, folder: Path, wanted: dict[str, str], what: str) -> dict[str, str]:
+        found = contents(folder, self.known)
+        if found != wanted:
+            raise WrongError(f"{what}: {_difference(found, wanted)}")
+        return found
 
     def _check_end(self, run: Run, *, killed: bool) -> None:
         """Raise an error if a process that was not killed ended without a clean message."""
@@ -1193,7 +1401,7 @@ def main() -> int:
     assert __doc__ is not None
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=200, help="number per row of the table")
-    parser.add_argument("--kind", choices=("kill", "full", "fsync", "all"), default="all")
+    parser.add_argument("--kind", choices=(*KINDS, "all"), default="all")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--files", type=int, default=FILES, help="number of clips for db add")
     parser.add_argument("--quiet", action="store_true", help="only the table")
@@ -1205,7 +1413,7 @@ def main() -> int:
             print(line, file=sys.stderr, flush=True)
 
     torture = Torture(work, arguments.seed, arguments.files, say)
-    kinds = ("kill", "full", "fsync") if arguments.kind == "all" else (arguments.kind,)
+    kinds = KINDS if arguments.kind == "all" else (arguments.kind,)
     try:
         for kind in kinds:
             torture.run(kind, arguments.rounds)

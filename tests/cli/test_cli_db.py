@@ -37,18 +37,27 @@ def test_list(here: Path) -> None:
     make_database(here / "db")
     with PriorDatabase.open(here / "db") as database:
         ids = {(record.name, record.subject): record.content[:8] for record in database.clips()}
+        (date,) = {record.added[:10] for record in database.clips()}
     lines = run("db", "list", "-d", "db").output.splitlines()
     assert lines[0] == (
-        "name  id        subject  session  marker set  markers     s   Hz  measured  licence"
+        "name  id        subject  session  marker set  markers     s   Hz  measured  added       "
+        "licence"
     )
     rest = "-                 4"
     assert lines[1:] == [
-        f"jump  {ids['jump', '']}  -        -        {rest}  2.00   60   100.0 %  -",
-        f"run   {ids['run', 'anna']}  anna     2        {rest}  2.00  120   100.0 %  -",
-        f"walk  {ids['walk', 'anna']}  anna     -        {rest}  1.00  120   100.0 %  CC0",
-        f"walk  {ids['walk', 'ben']}  ben      -        {rest}  1.00  120    91.7 %  -"
+        f"jump  {ids['jump', '']}  -        -        {rest}  2.00   60   100.0 %  {date}  -",
+        f"run   {ids['run', 'anna']}  anna     2        {rest}  2.00  120   100.0 %  {date}  -",
+        f"walk  {ids['walk', 'anna']}  anna     -        {rest}  1.00  120   100.0 %  {date}  CC0",
+        f"walk  {ids['walk', 'ben']}  ben      -        {rest}  1.00  120    91.7 %  {date}  -"
         "        filled: gpr",
     ]
+
+
+def test_list_of_a_session_and_of_markers_in_any_case(here: Path) -> None:
+    make_database(here / "db")
+    assert listed("--session", "2") == [("run", "anna")]
+    assert len(listed("--marker", "lasi,c7")) == 3
+    assert listed("--marker", "LASI,LKNE") == []
 
 
 def test_list_as_json(here: Path) -> None:
@@ -107,7 +116,7 @@ def test_info_and_verify(here: Path) -> None:
     lines = run("db", "info", "-d", "db").output.splitlines()
     assert lines[:-1] == [
         "database     db",
-        "format       version 1",
+        "format       version 3",
         "clips        4",
         "subjects     2",
         "length       6.00 s, 180 frames at 30 Hz",
@@ -132,7 +141,7 @@ def test_verify_names_the_damaged_clip(here: Path) -> None:
     run("db", "add", "-d", "db", write_clip(here / "a.c3d", 1), write_clip(here / "b.c3d", 2))
     segment = here / "db" / "segments" / "000001.f32"
     data = bytearray(segment.read_bytes())
-    data[10] ^= 4
+    data[100] ^= 4  # behind the header
     segment.write_bytes(bytes(data))
     result = run("db", "verify", "-d", "db")
     assert result.exit_code == 1
@@ -155,7 +164,7 @@ def test_a_damaged_row_is_named(here: Path) -> None:
     assert len(json.loads(result.stdout)) == 3
     result = run("db", "export", "-d", "db", "-o", "out", "--measured-only")
     assert (result.exit_code, result.stderr) == (1, text)
-    assert result.stdout.endswith("exported 3 clips (4.00 s), could not export 1\n")
+    assert result.stdout.endswith("exported 3 clips, 4.00 s of motion, could not export 1\n")
     result = run("db", "verify", "-d", "db")
     assert result.exit_code == 1
     assert "row of clip run is damaged" in result.stderr

@@ -49,7 +49,7 @@ def test_by_the_original(here: Path, pair: object) -> None:
     )
     assert (result.exit_code, result.stderr) == (0, "")
     assert result.stdout == (
-        "accepted filled.c3d: 40 samples filled (8.3 %)\naccepted 1 clip (1.00 s)\n"
+        "accepted filled.c3d: 40 samples filled (8.3 %)\naccepted 1 clip, 1.00 s of motion\n"
     )
     assert_mask()
     (record,) = clips()
@@ -75,7 +75,7 @@ def test_by_the_version_with_gaps(here: Path, pair: object) -> None:
     # of a gap only the frames of level 0 are known, and what is between them
     assert result.stdout == (
         "accepted filled.c3d: 37 samples filled (7.7 %), in place of gappy\n"
-        "accepted 1 clip (1.00 s)\n"
+        "accepted 1 clip, 1.00 s of motion\n"
     )
     assert_mask()
     (record,) = clips()
@@ -118,7 +118,7 @@ def test_unknown_filled_samples(here: Path, pair: object) -> None:
     )
     result = run("db", "accept", "-d", "db", "filled.c3d")
     assert (result.exit_code, result.stderr) == (1, text)
-    assert result.stdout == "accepted 0 clips (0.00 s), could not accept 1\n"
+    assert result.stdout == "accepted 0 clips, could not accept 1\n"
     assert not (here / "db").exists()
     # nor if the database has another recording, or only a part of this one
     run("db", "add", "-d", "db", write_clip(here / "other.c3d", 5))
@@ -159,7 +159,9 @@ def test_many_with_a_folder_of_originals(here: Path) -> None:
         "priorfill: filled/c.c3d: there is no takes/c.c3d, the original it was filled from; "
         "give that file with --original\n"
     )
-    assert result.stdout.splitlines()[-1] == "accepted 2 clips (2.00 s), could not accept 1"
+    assert (
+        result.stdout.splitlines()[-1] == "accepted 2 clips, 2.00 s of motion, could not accept 1"
+    )
     assert sorted(record.name for record in clips()) == ["a", "b"]
 
 
@@ -177,7 +179,7 @@ def test_twice(here: Path, pair: object) -> None:
     assert result.exit_code == 0
     assert result.stdout == (
         "skipped filled.c3d: is in the database already (as filled); nothing to do\n"
-        "accepted 0 clips (0.00 s), skipped 1 that is there already\n"
+        "accepted 0 clips, skipped 1 that is there already\n"
     )
 
 
@@ -257,7 +259,7 @@ def test_wrong_originals_and_methods(here: Path, pair: object) -> None:
     assert "no.c3d: there is no such file; check the name" in result.stderr
     assert result.stderr.count("\n") == 1
     result = run("db", "accept", "-d", "db", "filled.c3d", "--method", " ")
-    assert result.exit_code == 1
+    assert result.exit_code == 2
     assert result.stderr == (
         "priorfill: --method is empty; name the method that filled the gaps, or omit it\n"
     )

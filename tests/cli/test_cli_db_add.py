@@ -37,21 +37,25 @@ def test_files_and_folders(here: Path) -> None:
     (here / "clips" / "folder.c3d").mkdir()
     write_clip(here / "jump.c3d", 3)
 
-    result = run("db", "add", "--database", "db", "--subject", "anna", "--licence", "CC0", "clips")
+    result = run(
+        "db", "add", "-v", "--database", "db", "--subject", "anna", "--licence", "CC0", "clips"
+    )
     assert (result.exit_code, result.stderr) == (0, "")
     assert result.stdout == (
-        "added clips/deep/run.C3D\nadded clips/walk.c3d\nadded 2 clips (2.00 s)\n"
+        "added clips/deep/run.C3D\nadded clips/walk.c3d\nadded 2 clips, 2.00 s of motion\n"
     )
-    result = run("db", "add", "-d", "db", "--credit", "me", "--session", "2", "clips", "jump.c3d")
+    result = run(
+        "db", "add", "-v", "-d", "db", "--credit", "me", "--session", "2", "clips", "jump.c3d"
+    )
     assert (result.exit_code, result.stderr) == (0, "")
     assert result.stdout == (
         "skipped clips/deep/run.C3D: is in the database already (as run); nothing to do\n"
         "skipped clips/walk.c3d: is in the database already (as walk); nothing to do\n"
         "added jump.c3d\n"
-        "added 1 clip (1.00 s), skipped 2 that are there already\n"
+        "added 1 clip, 1.00 s of motion, skipped 2 that are there already\n"
     )
-    result = run("db", "add", "-d", "db", "jump.c3d")
-    assert result.stdout.endswith("added 0 clips (0.00 s), skipped 1 that is there already\n")
+    result = run("db", "add", "-v", "-d", "db", "jump.c3d")
+    assert result.stdout.endswith("added 0 clips, skipped 1 that is there already\n")
     clips = json.loads(run("db", "list", "-d", "db", "--json").output)
     known = [
         tuple(clip[key] for key in ("name", "subject", "session", "licence", "credit", "source"))
@@ -68,14 +72,14 @@ def test_patterns_that_the_shell_did_not_expand(here: Path) -> None:
     for seed, name in enumerate(["a/walk1.c3d", "a/walk2.c3d", "a/run1.c3d", "b/c/walk3.c3d"]):
         write_clip(here / name, seed)
     write_clip(here / "walk[1].c3d", 9)
-    result = run("db", "add", "-d", "db", "a/walk?.c3d", "**/walk3.*", "walk[1].c3d")
+    result = run("db", "add", "-v", "-d", "db", "a/walk?.c3d", "**/walk3.*", "walk[1].c3d")
     assert result.exit_code == 0
     assert names() == ["walk1", "walk2", "walk3", "walk[1]"]
-    result = run("db", "add", "-d", "all", str(here / "*"))
+    result = run("db", "add", "-v", "-d", "all", str(here / "*"))
     assert result.exit_code == 1  # the pattern also matches the database
     assert result.stderr == f"priorfill: {here / 'db'}: has no files that can be read ({READ})\n"
     assert len(names("all")) == 5
-    result = run("db", "add", "-d", "db", "jump*.c3d")
+    result = run("db", "add", "-v", "-d", "db", "jump*.c3d")
     assert result.exit_code == 1
     assert result.stderr == (
         "priorfill: jump*.c3d: no file or folder matches this pattern; check it\n"
@@ -88,10 +92,20 @@ def test_files_that_cannot_be_added_are_reported(here: Path) -> None:
     (here / "bad.c3d").write_bytes(b"rubbish")
     (here / "empty").mkdir()
     result = run(
-        "db", "add", "-d", "db", "no.c3d", "empty", "bad.c3d", "still.c3d", "good.c3d", "good.c3d"
+        "db",
+        "add",
+        "-v",
+        "-d",
+        "db",
+        "no.c3d",
+        "empty",
+        "bad.c3d",
+        "still.c3d",
+        "good.c3d",
+        "good.c3d",
     )
     assert result.exit_code == 1
-    assert result.stdout == "added good.c3d\nadded 1 clip (1.00 s), could not add 4\n"
+    assert result.stdout == "added good.c3d\nadded 1 clip, 1.00 s of motion, could not add 4\n"
     errors = result.stderr.splitlines()
     assert errors[0] == "priorfill: no.c3d: no such file or folder; check the name"
     assert errors[1] == f"priorfill: empty: has no files that can be read ({READ})"
@@ -104,14 +118,14 @@ def test_files_that_cannot_be_added_are_reported(here: Path) -> None:
 
 def test_nothing_is_created_without_clips(here: Path) -> None:
     (here / "bad.c3d").write_bytes(b"rubbish")
-    result = run("db", "add", "-d", "db", "no.c3d", "bad.c3d")
+    result = run("db", "add", "-v", "-d", "db", "no.c3d", "bad.c3d")
     assert result.exit_code == 1
     assert not (here / "db").exists()
 
 
 def test_a_folder_with_other_files_is_not_changed(here: Path) -> None:
     write_clip(here / "clips" / "good.c3d")
-    result = run("db", "add", "-d", "clips", "clips/good.c3d")
+    result = run("db", "add", "-v", "-d", "clips", "clips/good.c3d")
     assert result.exit_code == 1
     assert result.stderr == (
         "priorfill: clips: contains other files (good.c3d); "
@@ -124,14 +138,16 @@ def test_a_file_of_two_subjects(here: Path) -> None:
     records = np.concatenate([standing(120, seed=1), standing(120, seed=2)], axis=1)
     labels = [f"{who}:{label}" for who in ("Ben", "Anna") for label in LABELS]
     (here / "two.c3d").write_bytes(C3DFile(records, labels).bytes())
-    result = run("db", "add", "-d", "db", "two.c3d")
+    result = run("db", "add", "-v", "-d", "db", "two.c3d")
     assert result.exit_code == 1
     assert result.stderr == (
-        "priorfill: two.c3d: holds 2 subjects (Anna, Ben); choose one (--subject NAME)\n"
+        "priorfill: two.c3d: holds 2 subjects (Anna, Ben); choose one (--subject)\n"
     )
-    assert run("db", "add", "-d", "db", "--subject", "carl", "two.c3d").stderr == result.stderr
-    assert run("db", "add", "-d", "db", "--subject", "Anna", "two.c3d").exit_code == 0
-    assert run("db", "add", "-d", "db", "--subject", "Ben", "two.c3d").exit_code == 0
+    assert (
+        run("db", "add", "-v", "-d", "db", "--subject", "carl", "two.c3d").stderr == result.stderr
+    )
+    assert run("db", "add", "-v", "-d", "db", "--subject", "Anna", "two.c3d").exit_code == 0
+    assert run("db", "add", "-v", "-d", "db", "--subject", "Ben", "two.c3d").exit_code == 0
     clips = json.loads(run("db", "list", "-d", "db", "--json").output)
     assert [clip["subject"] for clip in clips] == ["Anna", "Ben"]
 
@@ -141,11 +157,11 @@ def test_options_for_reading(here: Path) -> None:
     records[:, :, :3] /= 1000
     records[0, 0, :3] = 0
     (here / "odd.c3d").write_bytes(C3DFile(records, LABELS, rate=0.0).bytes())
-    assert "(--unit m)" in run("db", "add", "-d", "db", "odd.c3d").stderr
-    assert "(--rate)" in run("db", "add", "-d", "db", "--unit", "m", "odd.c3d").stderr
+    assert "(--unit m)" in run("db", "add", "-v", "-d", "db", "odd.c3d").stderr
+    assert "(--rate)" in run("db", "add", "-v", "-d", "db", "--unit", "m", "odd.c3d").stderr
     # one frame at the origin is a spike
     options = ["--unit", "m", "--rate", "60", "--up", "+Z", "--keep-zeros", "--keep-artefacts"]
-    assert run("db", "add", "-d", "db", *options, "odd.c3d").exit_code == 0
+    assert run("db", "add", "-v", "-d", "db", *options, "odd.c3d").exit_code == 0
     (clip,) = json.loads(run("db", "list", "-d", "db", "--json").output)
     assert clip["original_rate"] == 60
     assert clip["present"][0] == clip["frames"][0]
@@ -153,7 +169,7 @@ def test_options_for_reading(here: Path) -> None:
     # an invalid option concerns all files, and is reported once
     for option, value in (("--up", "sideways"), ("--unit", "parsec"), ("--rate", "-5")):
         rest = options if option == "--up" else []
-        result = run("db", "add", "-d", "new", *rest, option, value, "odd.c3d", "odd2.c3d")
+        result = run("db", "add", "-v", "-d", "new", *rest, option, value, "odd.c3d", "odd2.c3d")
         assert result.exit_code == 1
         assert value in result.stderr
         assert result.stderr.count("\n") == 1
@@ -163,7 +179,7 @@ def test_options_for_reading(here: Path) -> None:
 def test_interpolated_samples_are_not_measured(here: Path) -> None:
     _, filled, mask = gappy_and_filled(small_clip())
     with_residuals(here / "walk.c3d", filled, mask)
-    assert run("db", "add", "-d", "db", "walk.c3d").exit_code == 0
+    assert run("db", "add", "-v", "-d", "db", "walk.c3d").exit_code == 0
     (clip,) = json.loads(run("db", "list", "-d", "db", "--json").output)
     assert clip["has_filled"]
     assert clip["measured"] == [30, 30, 30, 20]
@@ -173,8 +189,8 @@ def test_versions_of_a_recording_are_added_once(here: Path) -> None:
     gappy, filled, _ = gappy_and_filled(small_clip())
     write("gappy.c3d", gappy)
     write("filled.c3d", filled)
-    assert run("db", "add", "-d", "db", "gappy.c3d").exit_code == 0
-    result = run("db", "add", "-d", "db", "filled.c3d")
+    assert run("db", "add", "-v", "-d", "db", "gappy.c3d").exit_code == 0
+    result = run("db", "add", "-v", "-d", "db", "filled.c3d")
     assert result.exit_code == 0
     assert result.stdout.startswith("skipped filled.c3d: ")
     assert "priorfill db accept" in result.stdout
@@ -193,7 +209,7 @@ def add_until(error: BaseException, monkeypatch: pytest.MonkeyPatch, times: int 
         return add(*arguments, **options)
 
     monkeypatch.setattr(PriorDatabase, "add", failing)
-    return run("db", "add", "-d", "db", *(f"{number}.c3d" for number in range(4)))
+    return run("db", "add", "-v", "-d", "db", *(f"{number}.c3d" for number in range(4)))
 
 
 @pytest.mark.parametrize(
@@ -220,7 +236,7 @@ def test_a_database_that_fails_stops_it(
     monkeypatch.undo()
     os.chdir(here)
     assert names() == ["0", "1"]
-    result = run("db", "add", "-d", "db", *(f"{number}.c3d" for number in range(4)))
+    result = run("db", "add", "-v", "-d", "db", *(f"{number}.c3d" for number in range(4)))
     assert result.exit_code == 0
     assert names() == ["0", "1", "2", "3"]
 
@@ -229,7 +245,7 @@ def test_a_locked_database_stops_it(here: Path) -> None:
     write_clip(here / "a.c3d", 1)
     write_clip(here / "b.c3d", 2)
     with PriorDatabase.create("db"):
-        result = run("db", "add", "-d", "db", "a.c3d", "b.c3d")
+        result = run("db", "add", "-v", "-d", "db", "a.c3d", "b.c3d")
     assert result.exit_code == 1
     assert result.stdout == ""
     assert "is writing to this database; wait until it has ended\n" in result.stderr
@@ -254,10 +270,10 @@ def test_a_file_that_may_not_be_read(here: Path, monkeypatch: pytest.MonkeyPatch
         return read(path, **options)
 
     monkeypatch.setattr("priorfill.formats.read", refuse)
-    result = run("db", "add", "-d", "db", "a.c3d", "b.c3d")
+    result = run("db", "add", "-v", "-d", "db", "a.c3d", "b.c3d")
     assert result.exit_code == 1
     assert result.stderr == "priorfill: a.c3d: cannot be read (Permission denied)\n"
-    assert result.stdout == "added b.c3d\nadded 1 clip (1.00 s), could not add 1\n"
+    assert result.stdout == "added b.c3d\nadded 1 clip, 1.00 s of motion, could not add 1\n"
 
 
 PROGRAM = (
@@ -278,7 +294,7 @@ def test_every_reported_clip_is_in_the_database(how: signal.Signals, here: Path)
     for number in range(CLIPS):
         write_clip(here / "clips" / f"{number:03}.c3d", number)
     process = subprocess.Popen(
-        [sys.executable, "-c", PROGRAM, "db", "add", "-d", "db", "clips"],
+        [sys.executable, "-c", PROGRAM, "db", "add", "-v", "-d", "db", "clips"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -306,9 +322,9 @@ def test_results_go_to_stdout_despite_a_progress_bar(
     write_clip(here / "a.c3d", 1)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     monkeypatch.setenv("TERM", "xterm")
-    main(["db", "add", "-d", "db", "a.c3d"], standalone_mode=False)
+    main(["db", "add", "-v", "-d", "db", "a.c3d"], standalone_mode=False)
     out, err = capfd.readouterr()
-    assert out == "added a.c3d\nadded 1 clip (1.00 s)\n"
+    assert out == "added a.c3d\nadded 1 clip, 1.00 s of motion\n"
     assert "Adding clips" in err
 
 
@@ -331,11 +347,11 @@ def test_a_file_that_breaks_its_parser_does_not_stop_the_others(
         return read(path, **options)
 
     monkeypatch.setattr("priorfill.formats.read", failing)
-    result = run("db", "add", "-d", "db", "a.c3d", "b.c3d", "c.c3d")
+    result = run("db", "add", "-v", "-d", "db", "a.c3d", "b.c3d", "c.c3d")
     assert result.exit_code == 1
     assert result.stdout.splitlines() == [
         *("added a.c3d", "added c.c3d"),
-        "added 2 clips (2.00 s), could not add 1",
+        "added 2 clips, 2.00 s of motion, could not add 1",
     ]
     assert result.stderr.startswith("priorfill: b.c3d: ")
     assert words in result.stderr

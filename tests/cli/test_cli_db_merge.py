@@ -28,7 +28,8 @@ def test_merge(here: Path) -> None:
     result = run("db", "merge", "-d", "a", "b", "c")
     assert (result.exit_code, result.stderr) == (0, "")
     assert result.stdout == (
-        "b: added 1 clip (1.00 s), skipped 1 that is there already\nc: added 1 clip (1.00 s)\n"
+        "b: added 1 clip, 1.00 s of motion, skipped 1 that is there already\n"
+        "c: added 1 clip, 1.00 s of motion\n"
     )
     assert [record.name for record in clips("a")] == ["clip1", "clip2", "clip3", "clip4"]
     assert {record.licence for record in clips("a")} == {"CC0"}
@@ -61,7 +62,7 @@ def test_other_levels(here: Path) -> None:
     make("a", 1)
     make("b", 2, rate=40.0)
     result = run("db", "merge", "-d", "a", "b")
-    assert (result.exit_code, result.stdout) == (1, "")
+    assert (result.exit_code, result.stdout) == (2, "")
     assert "b: has 3 levels from 40 Hz on" in result.stderr
     assert result.stderr.count("\n") == 1
 
@@ -75,7 +76,8 @@ def test_nothing_is_merged_if_one_is_wrong(here: Path) -> None:
         (["b", "../" + here.name + "/a"], "is the database to merge into; leave it out"),
     ):
         result = run("db", "merge", "-d", "a", *line)
-        assert (result.exit_code, result.stdout) == (1, "")
+        assert result.exit_code in (1, 2)
+        assert result.stdout == ""
         assert text in result.stderr
     assert len(clips("a")) == 1
     assert run("db", "merge", "-d", "new", "no").exit_code == 1
@@ -88,10 +90,10 @@ def test_a_damaged_clip_is_left_out(here: Path) -> None:
     make("b", 2, 3)
     segment = here / "b" / "segments" / "000001.f32"
     data = bytearray(segment.read_bytes())
-    data[10] ^= 4
+    data[100] ^= 4  # behind the header
     segment.write_bytes(bytes(data))
     result = run("db", "merge", "-d", "a", "b")
     assert result.exit_code == 1
-    assert result.stdout == "b: added 1 clip (1.00 s), left out 1 damaged\n"
+    assert result.stdout == "b: added 1 clip, 1.00 s of motion, left out 1 damaged\n"
     assert result.stderr.startswith("priorfill: b: positions of clip clip2 are damaged")
     assert [record.name for record in clips("a")] == ["clip1", "clip3"]

@@ -33,7 +33,7 @@ def test_by_name(ids: dict[tuple[str, str], str]) -> None:
     assert result.stdout == (
         f"removed walk1 (anna, 1.00 s, {ids['walk1', 'anna']})\n"
         f"removed walk1 (ben, 1.00 s, {ids['walk1', 'ben']})\n"
-        "removed 2 clips (2.00 s)\n"
+        "removed 2 clips, 2.00 s of motion\n"
     )
     assert left() == [("run[1]", ""), ("walk2", "anna")]
     assert run("db", "verify", "-d", "db").exit_code == 0
@@ -55,7 +55,7 @@ def test_dry_run(ids: dict[tuple[str, str], str]) -> None:
     assert result.exit_code == 0
     lines = result.stdout.splitlines()
     assert lines[0].startswith("would remove walk1 (anna, 1.00 s, ")
-    assert lines[3:] == ["would remove 3 clips (3.00 s)"]
+    assert lines[3:] == ["would remove 3 clips, 3.00 s of motion"]
     assert before == {path: path.read_bytes() for path in Path("db").rglob("*") if path.is_file()}
 
 
@@ -73,7 +73,7 @@ def test_a_name_without_a_match_removes_nothing(
     arguments: list[str], text: str, ids: object
 ) -> None:
     result = run("db", "remove", "-d", "db", *arguments)
-    assert (result.exit_code, result.stdout) == (1, "")
+    assert (result.exit_code, result.stdout) == (2, "")
     assert result.stderr == f"priorfill: {text}; see: priorfill db list --database db\n"
     assert len(left()) == 4
 
@@ -102,7 +102,7 @@ def test_compact(ids: object) -> None:
         (record,) = reader.clips()
         positions = reader.positions(record)
         result = run("db", "compact", "-d", "db")
-        assert (result.exit_code, result.stdout) == (0, "7.6 kB freed\n")
+        assert (result.exit_code, result.stdout) == (0, "7.7 kB freed\n")
         assert (reader.positions(record) == positions).all()
     left = sum(path.stat().st_size for path in Path("db/segments").iterdir())
     assert left - HEADER_BYTES == (size - HEADER_BYTES) / 4

@@ -10,7 +10,7 @@ import pytest
 from scripted import load_script
 
 FILES = 24
-ROUNDS = 2
+ROUNDS = 1
 """Rounds of each kind; the script itself runs hundreds."""
 
 
@@ -24,13 +24,20 @@ def torture(script: ModuleType, in_memory: Path) -> Any:
     return script.Torture(in_memory, seed=7, files=FILES, mounts=False, forks=True)
 
 
-@pytest.mark.parametrize("kind", ["kill", "full", "fsync"])
+@pytest.mark.parametrize("kind", ["kill", "term", "hup", "full", "fsync"])
 def test_nothing_is_lost(torture: Any, kind: str) -> None:
     torture.rows.clear()
     torture.run(kind, ROUNDS)
     assert [fault for row in torture.rows for fault in row.faults] == []
     assert all(row.rounds == ROUNDS for row in torture.rows if not row.skipped)
     assert sum(row.found for row in torture.rows) > 0
+
+
+def test_exchanged_files_are_noticed(torture: Any) -> None:
+    torture.rows.clear()
+    torture.run("swap", 6)
+    (row,) = torture.rows
+    assert (row.faults, row.rounds) == ([], 6)
 
 
 def test_losses_and_damage_are_noticed(script: ModuleType, tmp_path: Path) -> None:

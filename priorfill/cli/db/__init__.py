@@ -7,6 +7,7 @@ import click
 from priorfill.cli.db.accept import accept
 from priorfill.cli.db.add import add
 from priorfill.cli.db.compact import compact
+from priorfill.cli.db.edit import edit
 from priorfill.cli.db.export import export
 from priorfill.cli.db.fetch import fetch
 from priorfill.cli.db.info import info
@@ -23,5 +24,17 @@ def db() -> None:
     """Build, inspect and maintain prior databases."""
 
 
-for _command in (add, fetch, accept, list_clips, info, verify, remove, compact, export, merge):
+for _command in (
+    add,
+    fetch,
+    accept,
+    list_clips,
+    info,
+    verify,
+    edit,
+    remove,
+    compact,
+    export,
+    merge,
+):
     db.add_command(_command)

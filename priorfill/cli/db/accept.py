@@ -85,7 +85,7 @@ def accept(
         text = f": {mask.sum()} samples filled ({100 * mask.sum() / (~clip.missing).sum():.1f} %)"
         return accepted.record, text + (f", in place of {replaced}" if replaced else "")
 
-    put_files(folder, paths, put, Verb("accept", "accepted", "Accepting"))
+    put_files(folder, paths, put, Verb("accept", "accepted", "Accepting"), verbose=True)
 
 
 def _check_method(method: str) -> None:

@@ -41,6 +41,7 @@ __all__ = ["add"]
     type=click.Path(path_type=Path),
     help="With --as: the skeleton of AMC files; by default the ASF file of the same name.",
 )
+@click.option("--verbose", "-v", is_flag=True, help="Print a line for each file.")
 @click.argument(
     "paths", metavar="PATH...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
@@ -53,6 +54,7 @@ def add(
     keep_artefacts: bool,
     placed_as: str | None,
     skeleton: Path | None,
+    verbose: bool,
     paths: tuple[Path, ...],
     **reading: Any,
 ) -> None:
@@ -91,7 +93,7 @@ def add(
         return target.open().add(clip, origin), placed + left_out
 
     suffixes = None if marker_set is None else skeletons.SUFFIXES
-    put_files(folder, paths, put, ADD, suffixes=suffixes)
+    put_files(folder, paths, put, ADD, suffixes=suffixes, verbose=verbose)
 
 
 def _read_with_virtual_markers(

@@ -72,6 +72,7 @@ class Target:
         from priorfill.database import PriorDatabase
 
         if self._database is None:
+            self.folder.parent.mkdir(parents=True, exist_ok=True)
             self._database = PriorDatabase.open_or_create(self.folder)
         return self._database
 
@@ -88,8 +89,9 @@ def put_files(
     verb: Verb,
     *,
     suffixes: Sequence[str] | None = None,
+    verbose: bool = False,
 ) -> None:
-    """Put files into a database and print the result of each; exit with 1 if one failed.
+    """Put files into a database and print how many; exit with 1 if one failed.
 
     A file that cannot be used is named, and the others are processed. If the database itself
     fails, the rest is not tried, as it would fail too.
@@ -106,6 +108,8 @@ def put_files(
         What `put` does.
     suffixes : sequence of str, optional
         Lower-case suffixes of the files taken from folders; by default, recordings are taken.
+    verbose : bool
+        Whether to print a line for each file.
 
     Raises
     ------
@@ -122,7 +126,7 @@ def put_files(
         print_line(f"priorfill: {reason}", err=True)
     failures = len(failed)
     records: list[ClipRecord] = []
-    duplicates = 0
+    duplicates = partial = 0
     target = Target(folder)
     try:
         with progress(len(files), f"{verb.gerund} clips") as show:
@@ -144,13 +148,16 @@ def put_files(
                     raise _stopped(target, error, path, done) from error
                 else:
                     records.append(record)
+                    partial += bool(text)
                     line = f"{verb.participle} {path}{text}"
-                # click flushes: once the line is out, the clip is on the disk
-                print_line(line)
+                if verbose:  # click flushes: once the line is out, the clip is on the disk
+                    print_line(line)
     finally:
         target.close()
     print_line(
-        f"{verb.participle} {total(records)}{skipped(duplicates)}"
+        f"{verb.participle} {total(records)}"
+        + (f" ({partial} of them in part: see --verbose)" if partial and not verbose else "")
+        + skipped(duplicates)
         + (f", could not {verb.infinitive} {failures}" if failures else "")
     )
     if failures:

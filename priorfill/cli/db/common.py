@@ -23,11 +23,13 @@ __all__ = [
     "json_option",
     "marker_labels",
     "origin_options",
+    "session_patterns",
     "size",
     "skipped",
     "subject_patterns",
     "title",
     "total",
+    "warn",
     "warn_damaged",
 ]
 
@@ -54,11 +56,28 @@ subject_patterns = click.option(
     multiple=True,
     help="Only clips of these subjects; can be repeated.",
 )
+session_patterns = click.option(
+    "--session",
+    "sessions",
+    metavar="PATTERN",
+    multiple=True,
+    help="Only clips of these sessions; can be repeated.",
+)
+
+
+def _split_labels(
+    context: click.Context, option: click.Parameter, texts: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Return labels that are separated by commas one by one."""
+    return tuple(label.strip() for text in texts for label in text.split(",") if label.strip())
+
+
 marker_labels = click.option(
     "--marker",
     "markers",
     metavar="LABEL",
     multiple=True,
+    callback=_split_labels,
     help="Only clips that have this marker; if repeated, clips that have all of them.",
 )
 
@@ -92,9 +111,18 @@ def title(record: ClipRecord) -> str:
 
 
 def total(records: Iterable[ClipRecord]) -> str:
-    """Return the number of clips and their total length."""
+    """Return the number of clips and their total length: ``23 clips, 1 min 03 s of motion``."""
     records = tuple(records)
-    return f"{count(len(records), 'clip')} ({duration(sum(r.duration for r in records))})"
+    number = count(len(records), "clip")
+    if not records:
+        return number
+    return f"{number}, {duration(sum(r.duration for r in records))} of motion"
+
+
+def warn(database: PriorDatabase) -> None:
+    """Print notes on the state in which a database was found."""
+    for note in database.notes:
+        print_line(f"note: {note}", err=True)
 
 
 def warn_damaged(database: PriorDatabase) -> int:

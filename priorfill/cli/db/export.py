@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,9 +17,11 @@ from priorfill.cli.db.common import (
     count,
     database_option,
     marker_labels,
+    session_patterns,
     subject_patterns,
     title,
     total,
+    warn,
     warn_damaged,
 )
 from priorfill.cli.output import print_line
@@ -35,6 +38,11 @@ __all__ = ["export"]
 
 _NOT_IN_NAMES = re.compile(r'[\x00-\x1f\x7f<>:"/\\|?*]')
 """Characters that some file systems do not allow in names."""
+
+_RESERVED = frozenset(["CON", "PRN", "AUX", "NUL", "CONIN$", "CONOUT$"]) | frozenset(
+    f"{device}{digit}" for device in ("COM", "LPT") for digit in "0123456789¹²³"
+)
+"""Names of devices on Windows, whatever follows after a dot."""
 
 _MAX_NAME_BYTES = 150
 """Maximum bytes of a clip's name in its file's name: file systems allow 255, and the names of
@@ -63,6 +71,7 @@ temporary files are longer."""
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")
 @click.option("--measured-only", is_flag=True, help="Leave out samples that were filled.")
 @subject_patterns
+@session_patterns
 @marker_labels
 @click.argument("names", metavar="[NAME]...", nargs=-1)
 def export(
@@ -72,6 +81,7 @@ def export(
     overwrite: bool,
     measured_only: bool,
     subjects: tuple[str, ...],
+    sessions: tuple[str, ...],
     markers: tuple[str, ...],
     names: tuple[str, ...],
 ) -> None:
@@ -85,8 +95,9 @@ def export(
     from priorfill.database import PriorDatabase
 
     with PriorDatabase.open(folder) as database:
+        warn(database)
         known = database.clips()
-        records = choose(folder, known, names, subjects, markers)
+        records = choose(folder, known, names, subjects, markers, sessions)
         stems = _file_stems(known)
         files = {record.content: output / f"{stems[record.content]}.{suffix}" for record in records}
         _prepare(output, folder, list(files.values()), overwrite=overwrite)
@@ -128,6 +139,9 @@ def _prepare(output: Path, folder: Path, files: Sequence[Path], *, overwrite: bo
     """
     if output.resolve().is_relative_to(folder.resolve()):
         raise OutputError(f"{output}: is inside the database; choose another folder (-o)")
+    for path in files:  # a link may lead out of the folder
+        if path.is_symlink() or path.parent != output or path.name in ("", ".", ".."):
+            raise OutputError(f"{path}: is a link; remove it, or choose another folder (-o)")
     there = [path for path in files if path.exists()]
     if there and not overwrite:
         raise OutputError(
@@ -161,8 +175,13 @@ def _file_stems(records: Sequence[ClipRecord]) -> dict[str, str]:
 
 def _safe(name: str) -> str:
     """Return a file name that is valid on all systems and not hidden."""
-    short = _NOT_IN_NAMES.sub("_", name).encode()[:_MAX_NAME_BYTES].decode(errors="ignore")
+    from priorfill.database.record_checks import printable
+
+    text = unicodedata.normalize("NFC", printable(name))  # as some file systems store names
+    short = _NOT_IN_NAMES.sub("_", text).encode()[:_MAX_NAME_BYTES].decode(errors="ignore")
     stem = short.strip(" .")
+    if stem.partition(".")[0].strip().upper() in _RESERVED:
+        stem = f"_{stem}"
     return stem or "clip"
 
 

@@ -67,6 +67,12 @@ def _inside(
         for path in folder.rglob("*")
         if path.suffix.lower() in suffixes
         and not path.name.startswith(".")
-        and path.is_file()
-        and recognised(path)
+        and _is_recording(path, recognised)
     )
+
+
+def _is_recording(path: Path, recognised: Callable[[Path], bool]) -> bool:
+    try:
+        return path.is_file() and recognised(path)
+    except OSError:  # reading it reports the reason
+        return True

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from priorfill.cli.db.common import database_option, json_option, size
+from priorfill.cli.db.common import database_option, json_option, size, warn
 from priorfill.cli.output import duration, print_json, print_line
 
 __all__ = ["info"]
@@ -22,6 +22,7 @@ def info(folder: Path, as_json: bool) -> None:
     from priorfill.database import PriorDatabase
 
     with PriorDatabase.open(folder) as database:
+        warn(database)
         facts = database.info()
     if as_json:
         print_json(asdict(facts) | {"path": str(facts.path)})

@@ -13,7 +13,9 @@ from priorfill.cli.db.common import (
     database_option,
     json_option,
     marker_labels,
+    session_patterns,
     subject_patterns,
+    warn,
     warn_damaged,
 )
 from priorfill.cli.output import print_json, print_line, print_table
@@ -25,6 +27,9 @@ if TYPE_CHECKING:
 
 __all__ = ["list_clips"]
 
+DATE_CHARACTERS = 10
+"""Characters of the date in an ISO 8601 time."""
+
 _COLUMNS = (
     "name",
     "id",
@@ -35,6 +40,7 @@ _COLUMNS = (
     "s>",
     "Hz>",
     "measured>",
+    "added",
     "licence",
     "",
 )
@@ -50,12 +56,14 @@ _COLUMNS = (
     help="Only clips of these names (or ids); can be repeated.",
 )
 @subject_patterns
+@session_patterns
 @marker_labels
 @json_option
 def list_clips(
     folder: Path,
     names: tuple[str, ...],
     subjects: tuple[str, ...],
+    sessions: tuple[str, ...],
     markers: tuple[str, ...],
     as_json: bool,
 ) -> None:
@@ -66,9 +74,10 @@ def list_clips(
     """
     from priorfill.database import PriorDatabase, Selection
 
-    selection = Selection(names=names, subjects=subjects, markers=markers)
+    selection = Selection(names=names, subjects=subjects, sessions=sessions, markers=markers)
     with PriorDatabase.open(folder) as database:
         known = database.clips()
+        warn(database)
         warn_damaged(database)
     records = sorted(
         selection.choose(known), key=lambda record: (record.subject, record.name, record.content)
@@ -94,6 +103,7 @@ def _row(record: ClipRecord) -> Iterator[str]:
     yield f"{record.duration:.2f}"
     yield f"{record.original_rate:g}"
     yield f"{100 * _measured_share(record):.1f} %"
+    yield record.added[:DATE_CHARACTERS]
     yield record.licence or "-"
     yield ", ".join(
         word

@@ -36,6 +36,7 @@ def merge(folder: Path, others: tuple[Path, ...]) -> None:
                 raise OptionError(f"{other}: is the database to merge into; leave it out")
             sources.append(stack.enter_context(PriorDatabase.open(other)))
         first = sources[0]
+        folder.parent.mkdir(parents=True, exist_ok=True)
         database = stack.enter_context(
             PriorDatabase.open_or_create(folder, rate=first.rate, levels=first.levels)
         )

@@ -9,6 +9,7 @@ import click
 
 from priorfill.cli.db.common import (
     database_option,
+    session_patterns,
     subject_patterns,
     title,
     total,
@@ -27,9 +28,16 @@ __all__ = ["choose", "remove"]
 @click.command(short_help="Remove clips from a database.")
 @database_option
 @subject_patterns
+@session_patterns
 @click.option("--dry-run", is_flag=True, help="Only show what would be removed.")
 @click.argument("names", metavar="[NAME]...", nargs=-1)
-def remove(folder: Path, subjects: tuple[str, ...], dry_run: bool, names: tuple[str, ...]) -> None:
+def remove(
+    folder: Path,
+    subjects: tuple[str, ...],
+    sessions: tuple[str, ...],
+    dry_run: bool,
+    names: tuple[str, ...],
+) -> None:
     """Remove clips from a database, all of them or none.
 
     NAME is a clip's name, a pattern of names (in quotes: 'walk*'), or its id as db list shows it.
@@ -37,10 +45,10 @@ def remove(folder: Path, subjects: tuple[str, ...], dry_run: bool, names: tuple[
     """
     from priorfill.database import PriorDatabase
 
-    if not names and not subjects:
-        raise click.UsageError("name the clips: NAME... or --subject PATTERN")
+    if not (names or subjects or sessions):
+        raise click.UsageError("name the clips: NAME... or --subject PATTERN or --session PATTERN")
     with PriorDatabase.open(folder, write=not dry_run) as database:
-        records = choose(folder, database.clips(), names, subjects)
+        records = choose(folder, database.clips(), names, subjects, sessions=sessions)
         if not dry_run:
             database.remove(records)
     done = "would remove" if dry_run else "removed"
@@ -55,6 +63,7 @@ def choose(
     names: Sequence[str],
     subjects: Sequence[str],
     markers: Sequence[str] = (),
+    sessions: Sequence[str] = (),
 ) -> tuple[ClipRecord, ...]:
     """Return the clips that arguments select, ordered by subject and name.
 
@@ -64,7 +73,7 @@ def choose(
         The database's folder, for messages.
     records : sequence of ClipRecord
         All of its clips.
-    names, subjects, markers : sequence of str
+    names, subjects, markers, sessions : sequence of str
         As in `priorfill.database.Selection`.
 
     Raises
@@ -74,10 +83,14 @@ def choose(
     """
     from priorfill.database import Selection
 
-    among = Selection(subjects=tuple(subjects), markers=tuple(markers)).choose(records)
+    among = Selection(
+        subjects=tuple(subjects), markers=tuple(markers), sessions=tuple(sessions)
+    ).choose(records)
     rest = []
     if subjects:
         rest.append(f"subject {' or '.join(subjects)}")
+    if sessions:
+        rest.append(f"session {' or '.join(sessions)}")
     if markers:
         rest.append(f"marker {' and '.join(markers)}")
     of = f" of {' and '.join(rest)}" if rest else ""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from priorfill.cli.db.common import count, database_option
+from priorfill.cli.db.common import count, database_option, warn
 from priorfill.cli.output import print_line
 from priorfill.cli.progress import progress
 
@@ -20,6 +20,7 @@ def verify(folder: Path) -> None:
     from priorfill.database import PriorDatabase
 
     with PriorDatabase.open(folder) as database, progress(None, "Checking clips") as show:
+        warn(database)
         problems = database.verify(show)
         number = len(database.clips())
     for problem in problems:
