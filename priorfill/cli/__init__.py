@@ -16,12 +16,14 @@ import click
 from priorfill.cli.output import print_line
 from priorfill.cli.system import (
     TerminatedError,
+    check_memory_limit,
     end_on_signals,
     finish_stdout,
     open_closed_streams,
 )
 from priorfill.errors import OptionError, PriorfillError
 from priorfill.runtime.display import escaped
+from priorfill.runtime.option_texts import close_or_all
 
 __all__ = ["DEBUG", "main"]
 
@@ -64,6 +66,18 @@ class _Main(click.Group):
         assert isinstance(command, click.Command)
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        try:
+            return super().resolve_command(ctx, args)
+        except click.NoSuchOption:
+            raise
+        except click.UsageError:
+            raise click.UsageError(
+                f"there is no command {args[0]!r}; {close_or_all(args[0], list(_COMMANDS))}", ctx
+            ) from None
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             formatter.write_dl([(name, text) for name, (_, text) in _COMMANDS.items()])
@@ -94,6 +108,7 @@ class _Main(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
+            check_memory_limit()
             result = super().invoke(ctx)
             _print_cache_problem()
             sys.stdout.flush()

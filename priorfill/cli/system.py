@@ -1,4 +1,4 @@
-"""Signals that end the program, and output streams that are closed or full."""
+"""Signals that end the program, closed or full output streams, and limits on memory."""
 
 from __future__ import annotations
 
@@ -10,13 +10,27 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-__all__ = ["TerminatedError", "end_on_signals", "finish_stdout", "open_closed_streams"]
+from priorfill.errors import PriorfillError
+
+__all__ = [
+    "TerminatedError",
+    "check_memory_limit",
+    "end_on_signals",
+    "finish_stdout",
+    "open_closed_streams",
+]
 
 _SIGNALS = ("SIGTERM", "SIGHUP", "SIGBREAK")
 """Requests to end: by the system or a scheduler, by a terminal that closes, by Windows."""
 
 _EXIT_SIGNAL = 128
 """Exit status of a program ended by signal 0, as shells count."""
+
+
+_MIN_MEMORY = 1 << 30
+"""Address space (bytes) below which a fill of a minute of 50 markers fails."""
+
+_BLAS_THREADS = "OPENBLAS_NUM_THREADS"
 
 
 class TerminatedError(KeyboardInterrupt):
@@ -73,3 +87,29 @@ def finish_stdout() -> None:
     except OSError:
         with suppress(OSError, ValueError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def check_memory_limit() -> None:
+    """Prepare the libraries for a limit on the address space, as ``ulimit -v`` sets it.
+
+    OpenBLAS reserves memory for a thread on each core when it is loaded, and retries for ever if it
+    gets none. Fills need one such thread only: they distribute gaps over cores, not matrices.
+
+    Raises
+    ------
+    PriorfillError
+        If the limit is too low.
+    """
+    try:
+        import resource
+    except ImportError:  # Windows has no such limit
+        return
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit == resource.RLIM_INFINITY:
+        return
+    if limit < _MIN_MEMORY:
+        raise PriorfillError(
+            f"the address space is limited to {limit / 2**20:.0f} MB; priorfill needs at least "
+            f"{_MIN_MEMORY / 2**20:.0f} MB: raise the limit (ulimit -v)"
+        )
+    os.environ.setdefault(_BLAS_THREADS, "1")

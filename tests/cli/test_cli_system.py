@@ -130,3 +130,25 @@ def test_pipes_are_neither_read_nor_replaced(tmp_path, walk):
         assert done.exit_code == 1
         assert "is not a regular file" in done.stderr
     assert (tmp_path / "out.npz").is_fifo()
+
+
+@posix
+@pytest.mark.parametrize("megabytes", [200, 1200])
+def test_a_limit_on_memory(tmp_path, walk, megabytes):
+    import resource
+
+    limit = megabytes * 2**20
+    done = subprocess.run(
+        program("fill", walk, "-o", tmp_path / "out.npz"),
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
+        env={name: value for name, value in os.environ.items() if "NUM_THREADS" not in name},
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    if megabytes > 1000:
+        assert (done.returncode, done.stderr) == (0, "")
+    else:
+        assert done.returncode == 1
+        assert done.stderr.startswith("priorfill: the address space is limited to 200 MB")
