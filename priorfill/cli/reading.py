@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from priorfill.cli.option_names import with_options
+from priorfill.errors import OptionError
+
 if TYPE_CHECKING:
     from priorfill.clip import Clip
     from priorfill.markers.marker_set import MarkerSet
@@ -21,8 +24,46 @@ __all__ = [
     "reading_options",
 ]
 
-_UP = click.option("--up", metavar="AXIS", help="The axis that points up: +X -X +Y -Y +Z -Z.")
-_RATE = click.option("--rate", metavar="HZ", type=float, help="Frame rate, instead of the file's.")
+
+def _checked_up(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
+    """Refuse what is no axis before any file is read."""
+    if value is not None:
+        from priorfill.formats.up_axis import check_up
+
+        _as_usage(lambda: check_up(value), ctx, param)
+    return value
+
+
+def _checked_rate(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:
+    """Refuse what is no frame rate before any file is read."""
+    if value is not None:
+        from priorfill.formats.recording import ReadOptions
+
+        _as_usage(lambda: ReadOptions(rate=value), ctx, param)
+    return value
+
+
+def _as_usage(check: Callable[[], object], ctx: click.Context, param: click.Parameter) -> None:
+    """Run a check of the library; its error becomes one about an option."""
+    try:
+        check()
+    except OptionError as error:
+        raise click.BadParameter(with_options(str(error)), ctx, param) from None
+
+
+_UP = click.option(
+    "--up",
+    metavar="AXIS",
+    callback=_checked_up,
+    help="The axis that points up: +X -X +Y -Y +Z -Z.",
+)
+_RATE = click.option(
+    "--rate",
+    metavar="HZ",
+    type=float,
+    callback=_checked_rate,
+    help="Frame rate, instead of the file's.",
+)
 _UNIT = click.option(
     "--unit", metavar="UNIT", help="Unit of length (mm, cm, m), instead of the file's."
 )

@@ -114,7 +114,7 @@ def evaluate(
     5699
     """
     if seed < 0 or jobs < 0:
-        raise OptionError(f"seed {seed} and jobs {jobs}: give 0 or more")
+        raise OptionError(f"`seed` {seed} and `jobs` {jobs}: give 0 or more")
     options = options or EvaluationOptions()
     path = database.path if isinstance(database, PriorDatabase) else database
     plan = make_plan(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from priorfill.errors import FormatError, OutputError
+from priorfill.errors import OptionError, OutputError
 from priorfill.runtime.atomic_file import check_target, replace_file
 from priorfill.runtime.display import csv_cell
 from priorfill.runtime.npz_file import save_arrays
@@ -44,7 +44,7 @@ def check_uncertainty(
 
     Raises
     ------
-    FormatError
+    OptionError
         If the format is unknown.
     OutputError
         If the folder is missing, the file exists already, or is one of the others.
@@ -76,7 +76,7 @@ def uncertainty_file(
 
     Raises
     ------
-    FormatError
+    OptionError
         If the suffix is another one.
     OutputError
         If the file exists already or cannot be written.
@@ -94,7 +94,7 @@ def uncertainty_file(
 def write_uncertainty(path: Path | str, result: Result, *, overwrite: bool = False) -> None:
     """Write the expected error of each filled sample of a result.
 
-    An .npz file has arrays ``expected_rms_mm`` and ``error_bound_90_mm`` [shape=(frames, markers), mm],
+    An .npz file has arrays ``expected_rms_mm`` and ``error_bound_90_mm`` [shape=(frames, markers)],
     ``filled``, ``labels``, ``frames``, ``rate``, ``unit`` and the provenance as JSON; a .csv file
     has a row for each filled sample. docs/cli.md describes both.
 
@@ -109,7 +109,7 @@ def write_uncertainty(path: Path | str, result: Result, *, overwrite: bool = Fal
 
     Raises
     ------
-    FormatError
+    OptionError
         If the suffix is another one.
     OutputError
         If the file exists already or cannot be written.
@@ -136,9 +136,9 @@ def write_uncertainty(path: Path | str, result: Result, *, overwrite: bool = Fal
 
 
 def _check_suffix(path: Path) -> None:
-    """Raise FormatError if the uncertainty cannot be written with this suffix."""
+    """Raise OptionError if the uncertainty cannot be written with this suffix."""
     if path.suffix.lower() not in UNCERTAINTY_SUFFIXES:
-        raise FormatError(
+        raise OptionError(
             f"{path}: uncertainty cannot be written with suffix {path.suffix or '(none)'!r}; "
             f"use {' or '.join(UNCERTAINTY_SUFFIXES)}"
         )

@@ -33,7 +33,7 @@ from priorfill.errors import FormatError, OptionError
 from priorfill.formats.arrays.mat import create_mat, parse_mat, recognise_mat
 from priorfill.formats.arrays.npz import create_npz_clip, parse_npz, recognise_npz
 from priorfill.formats.c3d.create import create_c3d
-from priorfill.formats.c3d.patch import write_c3d
+from priorfill.formats.c3d.patch import beyond_range, write_c3d
 from priorfill.formats.c3d.read import parse_c3d, read_c3d, read_c3d_bytes
 from priorfill.formats.c3d.rewrite import rewrite_c3d
 from priorfill.formats.file_bytes import check_regular, os_errors_explained, read_bounded
@@ -60,6 +60,7 @@ __all__ = [
     "read",
     "read_c3d",
     "rewrite_c3d",
+    "samples_out_of_range",
     "write",
     "write_c3d",
 ]
@@ -88,6 +89,8 @@ class FileFormat:
         Writes a clip as a new file.
     rewrite : callable or None
         Like `copy`, but writes the whole source through a library, and reports the differences.
+    beyond_range : callable or None
+        Returns the filled samples of a clip that a copy cannot hold; None: it can hold all.
     exclusive : bool
         Whether the suffixes are used for recordings only, so that the contents need no check.
     """
@@ -99,6 +102,7 @@ class FileFormat:
     copy: Callable[..., WriteReport] | None = None
     create: Callable[..., WriteReport] | None = None
     rewrite: Callable[..., WriteReport] | None = None
+    beyond_range: Callable[[Clip, NDArray[np.bool_]], NDArray[np.bool_]] | None = None
     exclusive: bool = False
 
 
@@ -159,6 +163,7 @@ FORMATS = {
         write_c3d,
         create_c3d,
         rewrite_c3d,
+        beyond_range,
         exclusive=True,
     ),
     "trc": _text_format(
@@ -214,7 +219,7 @@ def format_of(path: Path | str) -> str:
     'c3d'
     """
     path = Path(path)
-    _check_suffix(path)
+    _check_suffix(path, FormatError)
     names = [name for name, one in FORMATS.items() if path.suffix.lower() in one.suffixes]
     if len(names) == 1:
         return names[0]
@@ -357,9 +362,10 @@ def write(
     Raises
     ------
     FormatError
-        If the format is unknown, or the source can no longer be read.
+        If the source can no longer be read.
     OptionError
-        If `filled` is missing for a copy, or `rewrite` does not apply.
+        If the format is unknown or cannot be written, `filled` is missing for a copy, or `rewrite`
+        does not apply.
     OutputError
         If the file cannot be written, exists already, or is the clip's source; if the source has
         changed since it was read; or if a filled sample has no position or does not fit the file's
@@ -401,6 +407,34 @@ def write(
     return create(path, clip, filled=filled, overwrite=overwrite)
 
 
+def samples_out_of_range(
+    path: Path | str, clip: Clip, filled: NDArray[np.bool_], *, rewrite: bool = False
+) -> NDArray[np.bool_]:
+    """Return the filled samples that do not fit the number format of the file to be written.
+
+    Parameters
+    ----------
+    path, clip, filled, rewrite
+        As for `write`, which refuses such samples.
+
+    Returns
+    -------
+    ndarray of bool [shape=(frames, markers)]
+        Samples beyond the range of the integers of a C3D file.
+
+    Raises
+    ------
+    FormatError, OutputError
+        As in `write`.
+    """
+    source = clip.source
+    form = _output_format(Path(path), source.format if source is not None else None)
+    find = FORMATS[form].beyond_range
+    if source is None or form != source.format or rewrite or find is None:
+        return np.zeros_like(filled)
+    return find(clip, filled)
+
+
 def check_output(
     path: Path | str, *, source: Path, overwrite: bool = False, rewrite: bool = False
 ) -> None:
@@ -419,10 +453,8 @@ def check_output(
 
     Raises
     ------
-    FormatError
-        If the format is unknown, or cannot be written.
     OptionError
-        If it cannot be rewritten.
+        If the format is unknown, cannot be written, or the source cannot be rewritten.
     OutputError
         If the folder does not exist, takes no files or is too full, or the file exists already or
         is the source.
@@ -445,7 +477,7 @@ def _check_rewriting(path: Path, form: str, source: str | None) -> None:
 
 def _output_format(path: Path, source: str | None) -> str:
     """Return the format to write: the source's if the suffix fits, else that of a new file."""
-    _check_suffix(path)
+    _check_suffix(path, OptionError)
     suffix = path.suffix.lower()
     if source is not None and suffix in FORMATS[source].suffixes:
         return source
@@ -453,16 +485,16 @@ def _output_format(path: Path, source: str | None) -> str:
         if suffix in one.suffixes and one.create is not None:
             return name
     new = [suffix for one in FORMATS.values() if one.create is not None for suffix in one.suffixes]
-    raise FormatError(
+    raise OptionError(
         f"{path}: {suffix} is written only as a copy of a {suffix} file with its gaps filled; "
         f"a new file can be {', '.join(new)}"
     )
 
 
-def _check_suffix(path: Path) -> None:
-    """Raise FormatError if no format has the suffix."""
+def _check_suffix(path: Path, error: type[FormatError] | type[OptionError]) -> None:
+    """Raise an error if no format has the suffix."""
     if path.suffix.lower() not in SUFFIXES:
-        raise FormatError(
+        raise error(
             f"{path}: the suffix {path.suffix or '(none)'!r} is unknown; "
             f"known are {', '.join(SUFFIXES)}"
         )

@@ -70,7 +70,7 @@ class ReadOptions:
 
     def __post_init__(self) -> None:
         if self.rate is not None and not (np.isfinite(self.rate) and self.rate > 0):
-            raise OptionError(f"rate {self.rate:g} Hz is not positive; give the frames per second")
+            raise OptionError(f"`rate` is {self.rate:g} Hz; give the frames per second, above 0")
 
 
 @dataclass

@@ -101,10 +101,7 @@ def find_up_axis(
         If `option` is unknown.
     """
     if option is not None:
-        up = _axis_name(option)
-        if up is None:
-            raise OptionError(f"up axis {option!r} is unknown; use one of {' '.join(UP_AXES)}")
-        return up, "option", []
+        return check_up(option), "option", []
     from_file = _axis_name(declared)
     from_names = up_from_names(positions, labels)
     if from_file is not None:
@@ -266,6 +263,20 @@ def _level(label: str) -> int:
         ),
         -1,
     )
+
+
+def check_up(text: str) -> str:
+    """Return an axis given by the user as spelled in `UP_AXES`.
+
+    Raises
+    ------
+    OptionError
+        If there is no such axis.
+    """
+    up = _axis_name(text)
+    if up is None:
+        raise OptionError(f"up axis {text!r} is unknown; use one of {' '.join(UP_AXES)}")
+    return up
 
 
 def _axis_name(text: str) -> str | None:

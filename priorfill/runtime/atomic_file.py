@@ -45,14 +45,15 @@ def check_target(path: Path | str, *, overwrite: bool = False, source: Path | No
     ------
     OutputError
         If the path is the source, no regular file, write-protected, or an existing file (without
-        `overwrite`), or if its folder does not exist.
+        `overwrite`), or if its folder neither exists nor can be created.
     """
     given = Path(path)
     target = Path(os.path.realpath(given))
     if source is not None and target.exists() and source.exists() and target.samefile(source):
         raise OutputError(f"{given}: is the file that the clip was read from; choose another name")
-    if not target.parent.is_dir():
-        raise OutputError(f"{given}: the folder {target.parent} does not exist; create it first")
+    existing = _existing_folder(target)
+    if not existing.is_dir():
+        raise OutputError(f"{given}: {existing} is a file, no folder; choose another name")
     if target.is_dir():
         raise OutputError(f"{given}: is a folder; give the name of a file")
     if target.exists() and not target.is_file():
@@ -64,13 +65,18 @@ def check_target(path: Path | str, *, overwrite: bool = False, source: Path | No
     return target
 
 
+def _existing_folder(target: Path) -> Path:
+    """Return the folder of a file, or the first above it that exists."""
+    return next(folder for folder in target.parents if folder.exists() or folder == folder.parent)
+
+
 def check_writable(path: Path | str, size: int) -> None:
     """Check that a folder takes a new file, by creating and removing one.
 
     Parameters
     ----------
     path : Path or str
-        The file to write later, in an existing folder.
+        The file to write later.
     size : int
         Its approximate size (bytes).
 
@@ -79,7 +85,7 @@ def check_writable(path: Path | str, size: int) -> None:
     OutputError
         If the folder does not take files, or has less space than that.
     """
-    folder = Path(os.path.realpath(path)).parent
+    folder = _existing_folder(Path(os.path.realpath(path)))
     temporary = folder / _temporary_name("")
     try:
         temporary.open("xb").close()
@@ -98,10 +104,10 @@ def check_writable(path: Path | str, size: int) -> None:
 def replace_file(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]:
     """Provide a temporary file that replaces `path` if the block succeeds.
 
-    The temporary file is in the target's folder (a rename is atomic only within one file system)
-    and has the target's suffix in lower case (otherwise ezc3d appends one). On success it is
-    flushed to the disk and renamed, and the folder is flushed too. After any exception, including
-    an interrupt, it is removed and `path` is unchanged; that of a killed process is removed by the
+    The folder of `path` is created if it does not exist. The temporary file is in it (a rename is
+    atomic only within one file system) and has the target's suffix in lower case (otherwise ezc3d
+    appends one). On success it is flushed to the disk and renamed, and the folder is flushed too.
+    After any exception, including an interrupt, it is removed and `path` is unchanged; that of a killed process is removed by the
     next one that writes to the folder. If the target is a symbolic link, the file it points to is
     replaced. A file that is replaced hands on its permissions and its owner.
 
@@ -127,6 +133,7 @@ def replace_file(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]
     target = check_target(given, overwrite=overwrite)
     temporary = target.parent / _temporary_name(target.suffix.lower())
     try:
+        target.parent.mkdir(parents=True, exist_ok=True)
         _remove_abandoned(target.parent)
         # not tempfile, whose files are private (0600): results follow the umask
         temporary.open("xb").close()

@@ -22,7 +22,7 @@ import priorfill as pf
 from priorfill.cli import main
 from priorfill.clip import Clip
 from priorfill.database import ClipOrigin, PriorDatabase
-from priorfill.errors import FormatError, OutputError
+from priorfill.errors import OptionError, OutputError
 from priorfill.formats import read, write
 from priorfill.methods.gpr.dropout import DropoutOptions
 
@@ -99,27 +99,21 @@ def test_text(folder: Path) -> None:
     assert result.exit_code == 0
     assert result.stderr == ""
     lines = result.stdout.splitlines()
-    assert lines[0].split() == [
-        "marker",
-        "frames",
-        "s",
-        "filled",
-        "mean",
-        "error",
-        "mm",
-        "90",
-        "%",
-        "below",
-        "mm",
-        "sources",
+    assert max(map(len, lines)) <= 80
+    assert lines[0].split() == ["expected", "mean", "error", "bound"]
+    assert lines[1].split() == [
+        *("marker", "frames", "s", "filled", "error", "mm", "90", "mm", "from")
     ]
     first = read("walk.c3d").first_frame
-    assert [line.split()[:4] for line in lines[1:8]] == [
-        *([label, f"{first + 60}-{first + 89}", "0.50", "100"] for label in ARM),
-        ["LKNE", f"{first + 200}-{first + 239}", "0.67", "100"],
-    ]
-    assert all(line.endswith("the clip's own frames") for line in lines[1:8])
-    assert lines[8:] == [
+    assert {tuple(line.split()[:4]) for line in lines[2:9]} == {
+        *((label, f"{first + 60}-{first + 89}", "0.50", "100") for label in ARM),
+        ("LKNE", f"{first + 200}-{first + 239}", "0.67", "100"),
+    }
+    errors = [float(line.split()[5]) for line in lines[2:9]]
+    assert errors == sorted(errors, reverse=True)
+    assert all(line.endswith("  a") for line in lines[2:9])
+    assert lines[9:] == [
+        "from a: the clip's own frames",
         "",
         "filled 220 samples with gpr; 7 of 7 gaps complete; written to out.c3d",
     ]
@@ -205,7 +199,7 @@ def test_bad_other_clips(folder: Path) -> None:
         ("thing.c3d", "thing: no marker in common with the clip"),
     ):
         result = run("fill", "drop.c3d", "-o", "out.c3d", "--same-subject", other)
-        assert result.exit_code == 1
+        assert result.exit_code == (2 if other == "drop.c3d" else 1)
         assert words in result.stderr
         assert result.stderr.count("\n") == 1
         assert not Path("out.c3d").exists()
@@ -427,7 +421,7 @@ def test_uncertainty_from_python(folder: Path) -> None:
     with pytest.raises(OutputError, match="exists already"):
         pf.write_uncertainty("out.npz", result)
     pf.write_uncertainty("out.npz", result, overwrite=True)
-    with pytest.raises(FormatError, match=r"cannot be written with suffix '\.xlsx'"):
+    with pytest.raises(OptionError, match=r"cannot be written with suffix '\.xlsx'"):
         pf.write_uncertainty("out.xlsx", result)
     assert "out.xlsx" not in listing()
 
@@ -724,18 +718,9 @@ def test_other_files(folder: Path) -> None:
         (["no.c3d", "-o", "out.c3d"], "no such file"),
         (["folder.c3d", "-o", "out.c3d"], "folder"),
         (["text.txt", "-o", "out.c3d"], "is none of the known .txt files"),
-        (["walk.c3d", "-o", "out.txt"], "only as a copy of a .txt file"),
-        (["walk.c3d", "-o", "out.doc"], "suffix"),
         (["walk.c3d", "-o", "folder.c3d"], "folder.c3d"),
         (["walk.c3d", "-o", "folder.c3d", "--overwrite"], "folder.c3d"),
-        (["walk.c3d", "-o", "nowhere/out.c3d"], "nowhere"),
         (["walk.c3d", "-o", "text.txt/out.c3d"], "text.txt"),
-        (["walk.c3d", "-o", "out.c3d", "-m", "splien"], "splien"),
-        (["walk.c3d", "-o", "out.c3d", "--up", "sideways"], "sideways"),
-        (["walk.c3d", "-o", "out.c3d", "--rate", "-5"], "-5"),
-        (["walk.c3d", "-o", "out.c3d", "--rate", "nan"], "nan"),
-        (["walk.c3d", "-o", "out.c3d", "--unit", "parsec"], "parsec"),
-        (["walk.c3d", "-o", "out.c3d", "--marker-set", "nonsense"], "nonsense"),
         (["walk.c3d", "-o", "out.c3d", "--subject", "nobody"], "nobody"),
     ):
         before = Path("walk.c3d").read_bytes()

@@ -170,15 +170,15 @@ def test_the_source_is_never_written(tmp_path, source):
     assert (tmp_path / "in.c3d").read_bytes() == file.bytes()
 
 
-def test_existing_file_and_missing_folder(tmp_path, source):
+def test_existing_file_and_new_folder(tmp_path, source):
     clip, _ = source()
     clip, filled = fill(clip, GAP, VALUES)
     write_c3d(tmp_path / "out.c3d", clip, filled)
     with pytest.raises(OutputError, match="exists already"):
         write_c3d(tmp_path / "out.c3d", clip, filled)
     write_c3d(tmp_path / "out.c3d", clip, filled, overwrite=True)
-    with pytest.raises(OutputError, match="does not exist; create it"):
-        write_c3d(tmp_path / "no" / "out.c3d", clip, filled)
+    write_c3d(tmp_path / "new" / "out.c3d", clip, filled)
+    assert (tmp_path / "new" / "out.c3d").read_bytes() == (tmp_path / "out.c3d").read_bytes()
 
 
 def test_changed_source(tmp_path, source):
@@ -301,8 +301,6 @@ def test_new_file_refusals(tmp_path):
     long = Clip(np.ones((65536, 1, 3)), ("A",), 100)
     with pytest.raises(OutputError, match="C3D holds 65535"):
         create_c3d(tmp_path / "new.c3d", long)
-    with pytest.raises(OutputError, match="does not exist"):
-        create_c3d(tmp_path / "no" / "new.c3d", clip)
     create_c3d(tmp_path / "new.c3d", clip)
     with pytest.raises(OutputError, match="exists already"):
         create_c3d(tmp_path / "new.c3d", clip)
@@ -317,9 +315,11 @@ def test_write_chooses_copy_or_new_file(tmp_path, source):
     clip, filled = fill(clip, GAP, VALUES)
     assert formats.write(tmp_path / "out.c3d", clip, filled).samples == 3
     assert len((tmp_path / "out.c3d").read_bytes()) == len(file.bytes())
-    with pytest.raises(OptionError, match="needs the mask of filled samples; give filled"):
+    with pytest.raises(
+        OptionError, match="needs the mask of filled samples; give `filled`, or, for a new file"
+    ):
         formats.write(tmp_path / "out2.c3d", clip)
-    with pytest.raises(FormatError, match=r"is unknown; known are \.c3d"):
+    with pytest.raises(OptionError, match=r"is unknown; known are \.c3d"):
         formats.write(tmp_path / "out.xyz", clip, filled)
     in_memory = replace(clip, source=None)
     assert formats.write(tmp_path / "new.c3d", in_memory, filled).samples == 3

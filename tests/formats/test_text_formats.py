@@ -15,6 +15,7 @@ from priorfill import formats
 from priorfill.errors import (
     ClipError,
     FormatError,
+    OptionError,
     OutputError,
     PriorfillError,
 )
@@ -440,9 +441,9 @@ def test_csv_cannot_be_a_new_file(tmp_path):
     path.write_bytes(files.trc(with_gap(1)))
     clip, filled = filled_in(formats.read(path), 1.0)
     message = r"out.csv: .csv is written only as a copy of a .csv file .* .c3d, .trc, .npz, .mat"
-    with pytest.raises(FormatError, match=message):
+    with pytest.raises(OptionError, match=message):
         formats.write(tmp_path / "out.csv", clip, filled)
-    with pytest.raises(FormatError, match=message):
+    with pytest.raises(OptionError, match=message):
         formats.check_output(tmp_path / "out.csv", source=path)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from priorfill.errors import OutputError
 from priorfill.runtime import atomic_file
-from priorfill.runtime.atomic_file import check_writable, replace_file
+from priorfill.runtime.atomic_file import check_target, check_writable, replace_file
 
 posix = pytest.mark.skipif(os.name == "nt", reason="POSIX only")
 
@@ -37,12 +37,20 @@ def test_an_exception_changes_nothing(tmp_path, fault):
     assert [p.name for p in tmp_path.iterdir()] == ["out.c3d"]
 
 
-def test_a_missing_folder_is_reported(tmp_path):
-    with (
-        pytest.raises(OutputError, match=r"nowhere does not exist; create it"),
-        replace_file(tmp_path / "nowhere" / "out.c3d"),
-    ):
-        pass
+def test_a_missing_folder_is_made(tmp_path):
+    target = tmp_path / "new" / "folder" / "out.c3d"
+    check_target(target)
+    check_writable(target, 100)
+    assert not (tmp_path / "new").exists()
+    with replace_file(target) as temporary:
+        temporary.write_bytes(b"new")
+    assert target.read_bytes() == b"new"
+
+
+def test_a_file_in_place_of_a_folder_is_reported(tmp_path):
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(OutputError, match="file is a file, no folder"):
+        check_target(tmp_path / "file" / "sub" / "out.c3d")
 
 
 def test_a_folder_is_no_target(tmp_path):
