@@ -113,6 +113,8 @@ def test_layouts_of_other_programs(path):
 WRONG = {
     "no labels": ({"positions": standing(), "rate": 100.0},
                   r"no variable with the markers' names; .* there are positions \(12, 6, 3\)"),
+    "truth values": ({"labels": list(LABELS), "positions": standing() > 0},
+                     r"positions \(12, 6, 3\) (bool|uint8)|no frame rate"),
     "no positions": ({"labels": list(LABELS), "a": np.zeros((12, 5)), "b": np.zeros(3)},
                      r"clearly holds the positions of 6 markers; name one 'positions', of shape "
                      r"\(frames, 6, 3\) or \(frames, 18\); there are .*a \(12, 5\)"),
@@ -523,3 +525,32 @@ def test_unusual_values_are_read(tmp_path):
     codes = np.array([*LABELS[:5], "a\udc80b"]).view(np.uint32)  # no writer can encode it
     np.savez(path, **SOUND | {"labels": codes.view(f"<U{len(codes) // 6}")})
     assert formats.read(path).labels[5] == "a?b"
+
+
+def test_structures_of_other_shapes(tmp_path):
+    """Structures in structures, and those with a field for each marker."""
+    path = tmp_path / "a.mat"
+    cells, positions = np.array(LABELS, dtype=object), standing()
+    trial = {"markers": positions, "labels": cells, "rate": 100.0}
+    by_marker = {label: positions[:, i] for i, label in enumerate(LABELS)}
+    for variables_ in (
+        {"s": {"trial": trial, "notes": "x"}, "k": 3.0},
+        {"markers": by_marker, "rate": 100.0},
+        {"s": {"Markers": by_marker, "fs": 100.0}},
+    ):
+        savemat(path, variables_)
+        clip = formats.read(path)
+        assert clip.labels == LABELS
+        assert np.array_equal(clip.positions, positions)
+        assert formats.is_recording(path)
+    two = np.empty(2, dtype=object)
+    two[:] = [trial, trial]
+    savemat(path, {"d": two})
+    with pytest.raises(FormatError, match=r"holds 2 recordings \(d\(1\), d\(2\)\); save each"):
+        formats.read(path)
+
+
+def test_names_that_differ_in_case_only(path):
+    save(path, labels=list(LABELS), positions=standing(), rate=1.0, Positions=standing())
+    with pytest.raises(FormatError, match=r"has variables .ositions and .ositions; delete"):
+        formats.read(path)

@@ -34,6 +34,8 @@ RATES = ("rate", "fs", "frame_rate", "framerate", "frequency", "freq", "sampling
 _UNITS = ("unit", "units")
 """Names of each variable, in any case; the first one present is used."""
 
+_NAMES = frozenset((*POSITIONS, *LABELS, *RATES, *_UNITS, "up", "subject", "first_frame", "filled"))
+
 _MAX_LISTED = 12
 """Variables named in a message."""
 
@@ -145,7 +147,11 @@ def as_recording(arrays: Mapping[str, Any], name: str) -> Recording:
     FormatError
         If positions or labels are not found, or do not fit each other.
     """
-    known = {key.lower(): key for key in arrays}
+    known: dict[str, str] = {}
+    for one in arrays:
+        other = known.setdefault(one.lower(), one)
+        if other != one and one.lower() in _NAMES:
+            raise FormatError(f"{name}: has variables {other} and {one}; delete or rename one")
     labels = _labels(arrays, known, name)
     key = _first(known, POSITIONS)
     candidates = [key] if key else [k for k in arrays if _shaped(arrays[k], len(labels))]
@@ -280,8 +286,9 @@ def _listing(arrays: Mapping[str, Any]) -> str:
             found.append(f"{key} ({value.what})")
         else:
             array = np.asarray(value)
-            kind = "" if array.dtype.kind in "bfiuUSO" else f" {array.dtype.name}"
-            found.append(f"{key} {array.shape}{kind}")
+            kind = array.dtype.kind
+            what = " text" if kind in "US" else "" if kind in "fiuO" else f" {array.dtype.name}"
+            found.append(f"{key} {array.shape}{what}")
         if len(found) > _MAX_LISTED:
             return ", ".join([*found[:_MAX_LISTED], "..."])
     return ", ".join(found) or "none"

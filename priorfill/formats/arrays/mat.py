@@ -9,7 +9,7 @@ with markerName, data of shape (frames, 3 * markers) and freq.
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +49,7 @@ def recognise_mat(path: Path) -> bool:
         values = variables(data, path.name)
     except FormatError:
         return False
-    return any(_holds_recording(value) for value in values.values() if isinstance(value, dict))
+    return any(True for _ in _recordings(values))
 
 
 def create_mat(
@@ -95,17 +95,17 @@ def parse_mat(data: bytes, name: str) -> Recording:
         If it is damaged, too large, or of unknown layout.
     """
     _check_version(data, name)
-    values = variables(data, name)
-    if not _holds_recording(values):
-        structures = {key: one for key, one in values.items() if isinstance(one, dict)}
-        held = [key for key, one in structures.items() if _holds_recording(one)]
-        if len(held) > 1:
-            raise FormatError(
-                f"{name}: holds {len(held)} recordings ({', '.join(held[:_MAX_LISTED])}); save "
-                "each in a file of its own"
-            )
-        if held or len(structures) == len(values) == 1:
-            values = structures[held[0] if held else next(iter(structures))]
+    values: Mapping[str, Any] = variables(data, name)
+    held = dict(_recordings(values))
+    if len(held) > 1:
+        some = ", ".join([*list(held)[:_MAX_LISTED], *["..."] * (len(held) > _MAX_LISTED)])
+        raise FormatError(
+            f"{name}: holds {len(held)} recordings ({some}); save each in a file of its own"
+        )
+    if held:
+        (values,) = held.values()
+    elif len(values) == 1 and isinstance(only := _inner(next(iter(values.values()))), dict):
+        values = only  # whose fields the message lists
     if isinstance(_field(values, "Trajectories"), dict):
         return _qualisys_recording(values, name)
     derivatives = np.ravel(np.asarray(_field(values, "timederOrder")))
@@ -113,7 +113,44 @@ def parse_mat(data: bytes, name: str) -> Recording:
         raise FormatError(
             f"{name}: holds time derivatives of positions (timederOrder); save the positions"
         )
-    return as_recording({key: _plain(_inner(value)) for key, value in values.items()}, name)
+    arrays = {key: _plain(_inner(value)) for key, value in values.items()}
+    for key, value in arrays.items():
+        if _is_by_marker(key, value):
+            positions = np.stack([np.asarray(one) for one in value.values()], axis=1)
+            return as_recording(arrays | {key: positions, "labels": np.array(list(value))}, name)
+    return as_recording(arrays, name)
+
+
+def _recordings(
+    values: Mapping[str, Any], place: str = ""
+) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield the structures that hold a recording, and where they are; the outermost ones."""
+    if _holds_recording(values) or any(_is_by_marker(key, one) for key, one in values.items()):
+        yield place, values
+        return
+    for key, value in values.items():
+        inner = _inner(value)
+        is_list = isinstance(inner, np.ndarray) and inner.dtype == object
+        parts = inner.ravel().tolist() if is_list else [inner]
+        for number, part in enumerate(parts, start=1):
+            if isinstance(part, dict):
+                index = f"({number})" if len(parts) > 1 else ""
+                yield from _recordings(part, f"{place}.{key}{index}".lstrip("."))
+
+
+def _is_by_marker(key: str, value: Any) -> bool:
+    """Check whether a variable is a structure of positions (frames, 3), a field per marker."""
+    if key.lower() not in POSITIONS or not isinstance(value, dict) or not value:
+        return False
+    fields = list(value.values())
+    return all(
+        isinstance(one, np.ndarray)
+        and one.dtype.kind in "fiu"
+        and one.ndim == 2
+        and one.shape[1] == 3
+        and len(one) == len(fields[0])
+        for one in fields
+    )
 
 
 def _holds_recording(names: Iterable[str]) -> bool:
