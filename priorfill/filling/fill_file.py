@@ -16,6 +16,7 @@ from priorfill.errors import ClipError, DatabaseError, OptionError, PriorfillErr
 from priorfill.filling.add_result import AddedClip, add_subject, can_create_database
 from priorfill.filling.fill_clip import fill
 from priorfill.filling.fill_options import FillKeywords
+from priorfill.filling.leave_missing import leave_missing
 from priorfill.filling.multi_subject import merge_artefacts, read_subjects
 from priorfill.filling.overrides import Overrides, read_overrides
 from priorfill.filling.result import Result
@@ -193,7 +194,7 @@ def fill_file(
         found = merge_artefacts(subjects, [find_artefacts(clip) for clip in clips])
     arguments["overrides"] = overrides
     result = fill(clips, database=prior, same_subject=others, **arguments)
-    result = _with_reading(result, files.reading)
+    result = _within_range(_with_reading(result, files.reading), clips, output, files)
     done = FileResult(
         source,
         output,
@@ -279,6 +280,18 @@ def _with_reading(result: Result, reading: dict[str, Any]) -> Result:
             _with_reading(one, reading | {"subject": one.clip.subject}) for one in result.subjects
         ),
     )
+
+
+def _within_range(
+    result: Result, clips: Sequence[Clip], output: Path, files: FileOptions
+) -> Result:
+    """Return a result without the samples that its output file cannot hold."""
+    beyond = formats.samples_out_of_range(output, result.clip, result.filled, rewrite=files.rewrite)
+    reason = (
+        "its position is beyond the range of the integers of the file; write a file of floats "
+        "(`rewrite`)"
+    )
+    return leave_missing(result, clips, beyond, reason)
 
 
 def _write(output: Path, result: Result, files: FileOptions) -> WriteReport:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from c3d_bytes import C3DFile
 from gappy import ARM, person, with_gaps
 
 import priorfill as pf
@@ -118,3 +119,41 @@ def test_other_recordings_must_be_of_a_subject_of_the_file(two):
         pf.fill(two, method="linear", same_subject=[two[1]])
     with pytest.raises(OptionError, match="there is no clip to fill"):
         pf.fill([])
+
+
+@pytest.fixture
+def integers(here: Path) -> Path:
+    """A file of integers up to 2949 mm and of two subjects; a marker passes that in its gap."""
+    frames = np.arange(60)
+    records = np.zeros((60, 6, 4))
+    records[:, :, :3] = 1000 + 100 * np.arange(18).reshape(6, 3)
+    records[:, 1, 0] = 3200 - 0.5 * (frames - 30) ** 2  # at most 2949 in frames 0-7 and 53-59
+    records[5:55, [1, 4], :] = 0, 0, 0, -1
+    labels = [f"{subject}:{name}" for subject in ("Anna", "Ben") for name in "ABC"]
+    stored = np.rint(records / [0.09, 0.09, 0.09, 1])
+    path = Path("integers.c3d")
+    path.write_bytes(C3DFile(stored, labels, is_float=False, scale=0.09).bytes())
+    return path
+
+
+def test_samples_beyond_the_integers_of_a_file_stay_missing(integers):
+    options = pf.FileOptions(uncertainty="how.npz")
+    done = pf.fill_file(integers, "out.c3d", method="spline", files=options)
+    beyond, other = (gap for gap in done.result.gaps if gap.frames == 50)
+    assert (beyond.label, other.label) == ("Anna:B", "Ben:B")
+    assert other.complete and not beyond.complete
+    (span,) = beyond.unfilled
+    assert (span.start, span.stop, span.requested) == (8, 53, True)
+    assert "beyond the range of the integers" in span.reason
+    assert beyond.filled == 5
+    clip = read("out.c3d", subject="Anna")
+    assert np.flatnonzero(clip.missing[:, 1]).tolist() == list(range(8, 53))
+    np.testing.assert_array_equal(done.result.clip.missing[:, 1], clip.missing[:, 1])
+    np.testing.assert_array_equal(done.result.subjects[0].filled, done.result.filled[:, :3])
+    assert not np.load("how.npz")["filled"][8:53, 1].any()
+    assert np.isnan(done.result.expected_rms_mm[8:53, 1]).all()
+    whole = pf.fill_file(
+        integers, "floats.c3d", method="spline", files=pf.FileOptions(rewrite=True)
+    )
+    assert whole.result.complete
+    assert pf.fill_file(integers, "new.npz", method="spline").result.complete

@@ -30,7 +30,7 @@ from priorfill.formats.file_bytes import check_unchanged, os_errors_explained
 from priorfill.formats.write_report import WriteReport, check_filled
 from priorfill.runtime.atomic_file import check_target, replace_file
 
-__all__ = ["PatchPlan", "plan_patch", "write_c3d"]
+__all__ = ["PatchPlan", "beyond_range", "plan_patch", "write_c3d"]
 
 _INTEGERS = np.iinfo(np.int16)
 
@@ -173,12 +173,46 @@ def _layout(source: Source) -> tuple[C3DLayout, int]:
         return parse_layout(contents, source.path.name), len(contents)
 
 
+def beyond_range(clip: Clip, filled: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the filled samples that a copy of the clip's source cannot hold.
+
+    Parameters
+    ----------
+    clip : Clip
+        The clip, read from a C3D file, with positions for the filled samples.
+    filled : ndarray [shape=(frames, markers), bool]
+        Which samples were filled.
+
+    Returns
+    -------
+    ndarray of bool [shape=(frames, markers)]
+        Samples with a coordinate beyond the range of the file's integers; none if it holds floats.
+
+    Raises
+    ------
+    OutputError, FormatError
+        If the source has changed, or cannot be read.
+    """
+    assert clip.source is not None  # it is to be copied
+    layout, _ = _layout(clip.source)
+    beyond = np.zeros_like(filled)
+    if not layout.is_float:
+        in_units = clip.positions[filled] / clip.source.mm_per_unit
+        beyond[filled] = _beyond_integers(in_units, layout)
+    return beyond
+
+
+def _beyond_integers(in_units: NDArray[np.float64], layout: C3DLayout) -> NDArray[np.bool_]:
+    """Return which positions [shape=(samples, 3), file units] exceed the range of integers."""
+    steps = np.rint(in_units / layout.scale)
+    return np.asarray(((steps < _INTEGERS.min) | (steps > _INTEGERS.max)).any(axis=1))
+
+
 def _check_range(plan: PatchPlan, clip: Clip) -> None:
     """Raise OutputError at the first coordinate beyond the range of the file's integers."""
     if plan.layout.is_float:
         return
-    steps = np.rint(plan.in_units / plan.layout.scale)
-    beyond = ((steps < _INTEGERS.min) | (steps > _INTEGERS.max)).any(axis=1)
+    beyond = _beyond_integers(plan.in_units, plan.layout)
     if beyond.any():
         first = int(np.argmax(beyond))
         limit = plan.layout.scale * _INTEGERS.max
