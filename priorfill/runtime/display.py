@@ -4,15 +4,10 @@ from __future__ import annotations
 
 from priorfill.errors import escaped
 
-__all__ = ["csv_cell", "escaped", "escaped_lines"]
+__all__ = ["csv_cell", "escaped"]
 
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
 """First characters by which spreadsheets take a cell for a formula (OWASP, CSV Injection)."""
-
-
-def escaped_lines(text: str) -> str:
-    """Return a text of several lines, each of them escaped."""
-    return "\n".join(escaped(line) for line in text.split("\n"))
 
 
 def csv_cell(text: str) -> str:

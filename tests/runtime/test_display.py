@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from priorfill.errors import FormatError, OutputError
-from priorfill.runtime.display import csv_cell, escaped, escaped_lines
+from priorfill.runtime.display import csv_cell, escaped
 
 
 @pytest.mark.parametrize(
@@ -40,10 +40,6 @@ def test_nothing_hidden_is_left_and_nothing_visible_is_lost(text: str) -> None:
     visible = [character for character in text if unicodedata.category(character) not in hidden]
     assert not visible or all(character in shown for character in visible)
     assert escaped(shown) == shown
-
-
-def test_lines_stay_lines() -> None:
-    assert escaped_lines("a\x1b\nb") == "a\\x1b\nb"
 
 
 @pytest.mark.parametrize("text", ["=1+1", "+1", "-1+2", "@SUM(A1)", "\t=1", "\r=1", " =1", "\n=1"])
