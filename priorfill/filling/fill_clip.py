@@ -33,13 +33,14 @@ from priorfill.filling.provenance import (
     source_clips,
 )
 from priorfill.filling.result import Result
+from priorfill.filling.same_subject_takes import same_subject_takes
 from priorfill.geometry.axes import to_upright
 from priorfill.markers.clip_geometry import ClipGeometry
 from priorfill.markers.definitions import recognise
 from priorfill.methods import get_method, get_options, resolve
 from priorfill.methods.options import differing, with_values
 from priorfill.methods.task import Estimate, Task
-from priorfill.search.takes import Take, same_subject_take
+from priorfill.search.takes import Take
 
 __all__ = ["fill"]
 
@@ -68,7 +69,8 @@ def fill(
         ``auto``, or one of `priorfill.methods.METHODS`.
     same_subject : sequence of Clip
         Other recordings of the same subject with the same markers attached: a static trial, other
-        takes of the session. They are the best source for a marker that the clip never shows. For
+        takes of the session. They are the best source for a marker that the clip never shows. One
+        whose body measures are those of another subject is not learnt from (`Result.notes`). For
         several clips, each goes to the clip with the same name of the subject.
     gap_filter : GapFilter, optional
         Which gaps to fill; all by default.
@@ -195,7 +197,9 @@ class _Plan:
     same_subject : tuple of Clip
         Other recordings of the subject.
     takes : tuple of Take
-        The same, in the clip's order of markers.
+        Those that may be learnt from, in the clip's order of markers.
+    notes : tuple of str
+        Why others of `same_subject` are not learnt from.
     geometry : ClipGeometry
         Of `clip`.
     runs : tuple of MethodRun
@@ -209,6 +213,7 @@ class _Plan:
     applied: AppliedOverrides | None
     same_subject: tuple[Clip, ...]
     takes: tuple[Take, ...]
+    notes: tuple[str, ...]
     geometry: ClipGeometry
     runs: tuple[MethodRun, ...]
 
@@ -224,17 +229,7 @@ def _plan(measured: Clip, same_subject: tuple[Clip, ...], settings: _Settings) -
     runs = plan_runs(clip, settings.method, settings.gap_filter, applied, settings.overrides)
     definition = settings.options.marker_set or recognise(clip.labels)
     geometry = ClipGeometry(to_upright(clip.positions, clip.up), clip.labels, definition)
-    takes = []
-    for other in same_subject:
-        if other is measured or (
-            other.labels == measured.labels
-            and np.array_equal(other.positions, measured.positions, equal_nan=True)
-        ):
-            raise OptionError(
-                f"{other.name}: is the clip to be filled; give another recording of the same "
-                "subject"
-            )
-        takes.append(same_subject_take(other, clip.labels, definition, clip.subject))
+    takes, notes = same_subject_takes(measured, same_subject, definition)
     return _Plan(
         measured,
         cleaned,
@@ -242,7 +237,8 @@ def _plan(measured: Clip, same_subject: tuple[Clip, ...], settings: _Settings) -
         clip,
         applied,
         same_subject,
-        tuple(takes),
+        takes,
+        notes,
         geometry,
         runs,
     )
@@ -330,7 +326,7 @@ class _Filling:
             np.zeros_like(samples.filled),
             replace(provenance, source_clips=source_clips(prior.records, names)),
             database=None if self.database is None else self.database.path,
-            notes=prior.notes,
+            notes=(*plan.notes, *prior.notes),
         )
 
     def _estimate(self, plan: _Plan, run: MethodRun, takes: tuple[Take, ...]) -> Estimate:
