@@ -12,10 +12,11 @@ from __future__ import annotations
 
 import json
 import re
+import secrets
 import sqlite3
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -205,6 +206,7 @@ class Catalogue:
         except OSError:
             is_same = False
         if not is_same:
+            self.suspend_checksum()
             raise DatabaseError(
                 f"{self.path}: was moved or replaced while it was open, so nothing was written; "
                 "open the database again"
@@ -221,6 +223,7 @@ class Catalogue:
                 state > self._state or (state == self._state and _gist(meta) == _gist(self._meta))
             )
         if not is_same:
+            self.suspend_checksum()
             raise DatabaseError(
                 f"{self.path}: was exchanged while it was open; open the database again, and "
                 "restore it from a copy if that fails"
@@ -231,8 +234,10 @@ class Catalogue:
         if self._connection is None:
             return
         # if this fails (the disk is full), the next one to open it checks row by row
-        with suppress(OSError, sqlite3.Error):
+        with suppress(OSError, sqlite3.Error, DatabaseError):
             if self._may_write_checksum and not self._connection.in_transaction:
+                self.check_place()
+                self._check_disk()
                 self._checksum_file.write(self._connection)
         self._connection.close()
         self._connection = None
@@ -430,15 +435,28 @@ class Catalogue:
         """Change the file in one transaction, if it is the one that was opened."""
         assert self._connection is not None and self._write
         self.check_place()
+        self._check_disk()
         with self._reporting_damage(), self._transaction("IMMEDIATE") as connection:
             self._check_unchanged(connection)
-            changed = self._meta | meta
+            changed = self._meta | meta | {"commit": secrets.token_hex(8)}
             put(connection, self._state + 1, changed)
             for name, value in changed.items():
                 if value != self._meta.get(name):
                     connection.execute("UPDATE meta SET value = ? WHERE name = ?", (value, name))
         self._meta, self._state = changed, int(changed["state"])
         self.check_place()
+
+    def _check_disk(self) -> None:
+        """Check that the file has what this writer committed last.
+
+        A connection may answer from its memory; a new one reads the file.
+        """
+        address = f"{self.path.resolve().as_uri()}?mode=ro"
+        with (
+            self._reporting_damage(),
+            closing(sqlite3.connect(address, uri=True, timeout=BUSY_SECONDS)) as connection,
+        ):
+            self._check_unchanged(connection)
 
     def suspend_checksum(self) -> None:
         """Write no checksum until the file is reopened: a change failed, perhaps midway."""
@@ -492,6 +510,8 @@ class Catalogue:
         """
         if self._connection is None:
             return
+        if not self.note and find_catalogue(self.path.parent) == self.path:
+            self._check_disk()
         with self._reporting_damage():
             self._check_structure()
             with self._transaction("DEFERRED") as connection:
@@ -548,7 +568,10 @@ class Catalogue:
         """Turn errors of SQLite, and of invalid values, into errors of the database."""
         try:
             yield
-        except sqlite3.OperationalError as error:  # full, locked, read-only: not damage
+        except sqlite3.OperationalError as error:
+            if error.sqlite_errorname == "SQLITE_ERROR":  # no such table
+                raise self._damaged(str(error)) from error
+            # full, locked, read-only: not damage
             raise DatabaseError(
                 f"{self.path}: cannot be used now ({error}); "
                 "check free space and permissions, and try again"
@@ -595,8 +618,11 @@ def _number(path: Path) -> int:
 
 
 def successor(path: Path) -> Path:
-    """Return the path of the catalogue that replaces another."""
-    return path.with_name(f"{_STEM}-{_number(path) + 1}{_SUFFIX}")
+    """Return the path of the catalogue that replaces another; there is no such file."""
+    number = _number(path) + 1
+    while (after := path.with_name(f"{_STEM}-{number}{_SUFFIX}")).exists():
+        number += 1
+    return after
 
 
 def _needs_rollback(error: BaseException | None) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 import sqlite3
 from collections.abc import Iterable
 from contextlib import closing
@@ -57,6 +58,7 @@ def create_catalogue(
                 "rows": 0,
                 "digest": 0,
                 "segments": segments.to_text(),
+                "commit": secrets.token_hex(8),
             }
             for row in rows:
                 meta["digest"] ^= insert_row(connection, row, 1)

@@ -44,6 +44,7 @@ from priorfill.database.segments import (
     SegmentWriter,
 )
 from priorfill.database.sketch import MIN_SHARED_HASHES, is_version, sketch
+from priorfill.database.subject_names import subject_name
 from priorfill.database.versions import is_same_fill, reason_to_keep
 from priorfill.errors import (
     ClipError,
@@ -335,7 +336,7 @@ class PriorDatabase:
         blocks, row = ingest(clip, self.rate, self.levels, filled, filled_by)
         record = replace(
             row.record,
-            subject=clip.subject if origin.subject is None else origin.subject,
+            subject=subject_name(clip.subject) if origin.subject is None else origin.subject,
             session=origin.session,
             licence=origin.licence,
             credit=origin.credit,
@@ -391,7 +392,11 @@ class PriorDatabase:
         old = replaced[0] if replaced else row.record
         record = replace(
             row.record,
-            subject=(old.subject or clip.subject) if origin.subject is None else origin.subject,
+            subject=(
+                (old.subject or subject_name(clip.subject))
+                if origin.subject is None
+                else origin.subject
+            ),
             session=origin.session or old.session,
             licence=origin.licence or old.licence,
             credit=origin.credit or old.credit,
@@ -404,6 +409,7 @@ class PriorDatabase:
     def _ready_writer(self) -> SegmentWriter:
         if self._lock is None:
             raise DatabaseError(f"{self.path}: is open for reading; open it with write=True")
+        self._lock.check()
         self._recover()
         assert self._writer is not None
         return self._writer
@@ -415,7 +421,11 @@ class PriorDatabase:
             self._catalogue.reopen()
             self._reader.close()
             self._reader = SegmentReader(self._folder)
-            self._prepare_to_write()
+            try:
+                self._prepare_to_write()
+            except BaseException:
+                self._catalogue.suspend_checksum()
+                raise
 
     def _versions_to_replace(
         self, row: CatalogueRow, blocks: Sequence[bytes], *, accepted: bool
@@ -453,6 +463,7 @@ class PriorDatabase:
         row = replace(row, record=with_printable_texts(row.record))
         with self._one_change():
             place = writer.place(row.record.nbytes)
+            writer.check(place)
             self._catalogue.announce(writer.announcing([place]))
             writer.append(blocks, place)
             record = replace(row.record, segment=place.segment, offset=place.offset)
@@ -877,7 +888,7 @@ class PriorDatabase:
         try:
             self._catalogue.check_file()
             problems += self._check_segments(in_segments)
-        except DatabaseCorruptError as error:
+        except DatabaseError as error:
             problems.append(str(error))
         return problems
 

@@ -13,7 +13,7 @@ import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,6 +126,20 @@ class SegmentWriter:
         }
         return replace(self.listed, unused=unused, files=files)
 
+    def check(self, place: Place) -> None:
+        """Check that the segment of a place is as the list describes it.
+
+        Raises
+        ------
+        DatabaseCorruptError
+            If it was exchanged.
+        """
+        before = self.listed.segments.get(place.segment)
+        if before is not None:
+            path = segment_path(self._folder, place.segment)
+            with _opened(path, "rb") as file:
+                check_end(file, path, header(self._identity, place.segment), before)
+
     def append(self, blocks: Sequence[bytes], place: Place) -> None:
         """Write blocks one after the other to a place, and flush them to the disk.
 
@@ -143,7 +157,7 @@ class SegmentWriter:
         mark = secrets.token_bytes(MARK_BYTES)
         checksum = before.checksum
         # "x" never replaces a file that another program has put there
-        with path.open("x+b" if is_new else "r+b") as file:
+        with _opened(path, "x+b" if is_new else "r+b") as file:
             if is_new:
                 file.write(start)
             else:
@@ -159,6 +173,15 @@ class SegmentWriter:
         entry = Segment(place.end, checksum, mark.hex())
         self.listed = SegmentList({**self.listed.segments, place.segment: entry})
         self._last = place.segment
+
+
+def _opened(path: Path, mode: str) -> BinaryIO:
+    try:
+        return cast(BinaryIO, path.open(mode))
+    except FileNotFoundError:
+        raise DatabaseCorruptError(
+            f"{path}: is missing; restore the database from a copy"
+        ) from None
 
 
 def check_end(file: BinaryIO, path: Path, start: bytes, entry: Segment) -> int:

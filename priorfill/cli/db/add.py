@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from priorfill.cli.db.common import database_option, origin_options
+from priorfill.cli.db.common import count, database_option, origin_options
+from priorfill.cli.output import print_line
 from priorfill.cli.reading import file_options
 
 if TYPE_CHECKING:
@@ -41,6 +43,12 @@ __all__ = ["add"]
     type=click.Path(path_type=Path),
     help="With --as: the skeleton of AMC files; by default the ASF file of the same name.",
 )
+@click.option(
+    "--joints",
+    metavar="FILE.toml",
+    type=click.Path(path_type=Path),
+    help="With --as: the names of joints by part of the body, where they are not recognised.",
+)
 @click.option("--verbose", "-v", is_flag=True, help="Print a line for each file.")
 @click.argument(
     "paths", metavar="PATH...", nargs=-1, required=True, type=click.Path(path_type=Path)
@@ -54,6 +62,7 @@ def add(
     keep_artefacts: bool,
     placed_as: str | None,
     skeleton: Path | None,
+    joints: Path | None,
     verbose: bool,
     paths: tuple[Path, ...],
     **reading: Any,
@@ -71,12 +80,19 @@ def add(
 
     if skeleton is not None and placed_as is None:
         raise OptionError("--skeleton needs --as; name the marker set to compute (--as 41)")
+    if joints is not None and placed_as is None:
+        raise OptionError("--joints needs --as; name the marker set to compute (--as 41)")
     marker_set = None if placed_as is None else skeletons.find_set(placed_as)
+    options = reading | {
+        "skeleton": skeleton,
+        "joints": None if joints is None else skeletons.read_joints(joints),
+    }
+    notes: Counter[str] = Counter()
 
     def put(target: Target, path: Path) -> tuple[ClipRecord, str]:
         placed = left_out = ""
         if marker_set is not None:
-            clip, placed = _read_with_virtual_markers(path, marker_set, skeleton, reading)
+            clip, placed = _read_with_virtual_markers(path, marker_set, options, notes)
         else:
             _refuse_skeleton(path)
             clip = read_file(path, subject, **reading)
@@ -90,16 +106,23 @@ def add(
             source=path.name if marker_set is not None else None,
             virtual_markers=marker_set is not None,
         )
-        return target.open().add(clip, origin), placed + left_out
+        return target.add(clip, origin), placed + left_out
 
     suffixes = None if marker_set is None else skeletons.SUFFIXES
-    put_files(folder, paths, put, ADD, suffixes=suffixes, verbose=verbose)
+    try:
+        put_files(folder, paths, put, ADD, suffixes=suffixes, verbose=verbose)
+    finally:
+        for note, number in notes.items():
+            print_line(f"note: {note}: {count(number, 'file')}", err=True)
 
 
 def _read_with_virtual_markers(
-    path: Path, marker_set: MarkerSet, skeleton: Path | None, reading: dict[str, Any]
+    path: Path, marker_set: MarkerSet, options: dict[str, Any], notes: Counter[str]
 ) -> tuple[Clip, str]:
-    """Read a skeleton motion; also return text to print if it lacks some markers."""
+    """Read a skeleton motion; also return text to print if it lacks some markers.
+
+    What was assumed about it is counted in ``notes``.
+    """
     from priorfill.cli.db import skeletons
     from priorfill.errors import FormatError
 
@@ -108,7 +131,8 @@ def _read_with_virtual_markers(
             f"{path}: is no .amc or .bvh file, and --as computes markers from skeletons only; "
             "add it without --as"
         )
-    clip = skeletons.read_skeleton(path, marker_set, skeleton, **reading)
+    clip, about = skeletons.read_skeleton(path, marker_set, **options)
+    notes.update(about)
     if len(clip.labels) == len(marker_set.labels):
         return clip, ""
     return clip, f" ({len(clip.labels)} of {len(marker_set.labels)} markers computed)"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +26,7 @@ from priorfill.errors import (
 
 if TYPE_CHECKING:
     from priorfill.clip import Clip
-    from priorfill.database import ClipRecord, PriorDatabase
+    from priorfill.database import ClipOrigin, ClipRecord, PriorDatabase
 
 __all__ = ["ADD", "Target", "Verb", "put_files", "read_file", "without_artefacts"]
 
@@ -55,6 +56,7 @@ class Target:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self.no_names: Counter[str] = Counter()  # subjects of files that are no names
         self._database: PriorDatabase | None = None
 
     @property
@@ -75,6 +77,13 @@ class Target:
             self.folder.parent.mkdir(parents=True, exist_ok=True)
             self._database = PriorDatabase.open_or_create(self.folder)
         return self._database
+
+    def add(self, clip: Clip, origin: ClipOrigin) -> ClipRecord:
+        """Add a clip; count its subject in `no_names` if it is none."""
+        record = self.open().add(clip, origin)
+        if origin.subject is None and clip.subject and not record.subject:
+            self.no_names[clip.subject] += 1
+        return record
 
     def close(self) -> None:
         """Close the database."""
@@ -160,6 +169,13 @@ def put_files(
         + skipped(duplicates)
         + (f", could not {verb.infinitive} {failures}" if failures else "")
     )
+    if target.no_names:
+        print_line(
+            f"note: {some_names(sorted(target.no_names), ', ')} is no name of a subject; "
+            f"{count(target.no_names.total(), 'clip')} added without one. Name the subject "
+            "(--subject, or: priorfill db edit)",
+            err=True,
+        )
     if failures:
         click.get_current_context().exit(1)
 

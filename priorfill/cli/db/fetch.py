@@ -183,7 +183,7 @@ def _add(dataset: Dataset, database: Path, recordings: list[Path]) -> None:
             licence=dataset.licence,
             credit=dataset.credit,
         )
-        return target.open().add(clip, origin), text
+        return target.add(clip, origin), text
 
     put_files(database, recordings, put, ADD)
 
