@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,6 +14,7 @@ __all__ = [
     "SkeletonMotion",
     "euler_rotations",
     "forward_kinematics",
+    "part_of_motion",
 ]
 
 _AXES = "XYZ"
@@ -28,11 +30,11 @@ class Skeleton:
     Attributes
     ----------
     names : tuple of str
-        The joints' names, parents before children; the first is the root.
+        The joints' names, parents before children; the first is a root.
     parents : tuple of int
-        The number of each joint's parent; -1 for the root.
+        The number of each joint's parent; -1 for a root.
     offsets : ndarray [shape=(joints, 3), file units]
-        From the parent to the joint, in the rest pose; 0 for the root.
+        From the parent to the joint, in the rest pose; 0 for a root.
     ends : ndarray [shape=(joints, 3), file units]
         From the joint to the end of its bone, in the rest pose.
     mm_per_unit : float or None
@@ -44,14 +46,6 @@ class Skeleton:
     offsets: NDArray[np.float64]
     ends: NDArray[np.float64]
     mm_per_unit: float | None = None
-
-    def rest_positions(self) -> NDArray[np.float64]:
-        """Return the joints in the rest pose, relative to the root [shape=(joints, 3)]."""
-        positions = self.offsets.copy()
-        for joint, parent in enumerate(self.parents):
-            if parent >= 0:
-                positions[joint] += positions[parent]
-        return positions
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +62,8 @@ class SkeletonMotion:
         Rotation of joints from the rest pose, in their parent's frame; other joints are not
         rotated.
     moves : dict of int to ndarray [shape=(frames, 3), file units]
-        Offsets of joints that also translate, in place of the skeleton's.
+        Offsets of joints that also translate, in place of the skeleton's; positions of further
+        roots.
     rate : float or None
         Frames per second (Hz); None if the file does not state it.
     """
@@ -94,6 +89,36 @@ class JointPoses:
 
     positions: NDArray[np.float64]
     rotations: NDArray[np.float64]
+
+
+def part_of_motion(motion: SkeletonMotion, joints: Sequence[int]) -> SkeletonMotion:
+    """Return the motion of some joints of a skeleton.
+
+    Parameters
+    ----------
+    motion : SkeletonMotion
+        The motion.
+    joints : sequence of int
+        The joints, in ascending order; the parent of each is among them, or it is a root.
+
+    Returns
+    -------
+    SkeletonMotion
+        With the joints in the same order.
+    """
+    skeleton, number = motion.skeleton, {joint: k for k, joint in enumerate(joints)}
+    rows = np.array(joints)
+    part = Skeleton(
+        tuple(skeleton.names[joint] for joint in joints),
+        tuple(number.get(skeleton.parents[joint], -1) for joint in joints),
+        skeleton.offsets[rows],
+        skeleton.ends[rows],
+        skeleton.mm_per_unit,
+    )
+    turns = {number[joint]: turn for joint, turn in motion.turns.items() if joint in number}
+    moves = {number[joint]: move for joint, move in motion.moves.items() if joint in number}
+    root = motion.moves.get(joints[0], motion.root)
+    return SkeletonMotion(part, root, turns, moves, motion.rate)
 
 
 def euler_rotations(order: str, angles: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -149,7 +174,7 @@ def forward_kinematics(motion: SkeletonMotion) -> JointPoses:
     rotations = np.empty((*positions.shape, 3))
     for joint, parent in enumerate(skeleton.parents):
         if parent < 0:
-            positions[:, joint] = motion.root
+            positions[:, joint] = motion.moves.get(joint, motion.root)
             above = np.broadcast_to(np.eye(3), (frames, 3, 3))
         else:
             above = rotations[:, parent]

@@ -7,10 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.skeleton.joints import JointPoses
 from priorfill.skeleton.marker_sites import MarkerSite
-from priorfill.skeleton.part_names import NEIGHBOURS, PARTS, TRUNK
-from priorfill.skeleton.skeleton_body import SkeletonBody, part_frames
+from priorfill.skeleton.part_names import NEIGHBOURS, TRUNK
+from priorfill.skeleton.skeleton_body import PartFrame
 
 __all__ = ["learn_sites"]
 
@@ -24,17 +23,18 @@ NOISE = 10.0
 INDEPENDENT_SECONDS = 0.25
 """s. Time after which frames are about independent."""
 
+MIN_SCALE = 1e-3
+"""mm. Least scale of a column."""
+
 MAX_ERROR_RATIO = 0.93
 """Maximum held-out error of two parts, relative to that of the best single part."""
 
 _Floats = NDArray[np.float64]
-_Frames = Mapping[str, tuple[_Floats, _Floats]]
+_Frames = Mapping[str, PartFrame]
 
 
 def learn_sites(
-    body: SkeletonBody,
-    poses: JointPoses,
-    mm_per_unit: float,
+    frames: Mapping[str, PartFrame],
     positions: _Floats,
     segments: Sequence[str],
     contralateral: Sequence[int],
@@ -47,12 +47,8 @@ def learn_sites(
 
     Parameters
     ----------
-    body : SkeletonBody
-        The skeleton's body.
-    poses : JointPoses
-        The skeleton's joints.
-    mm_per_unit : float
-        Millimetres in the skeleton's unit of length.
+    frames : mapping of str to PartFrame
+        The frames of the skeleton's parts (`SkeletonBody.frames`).
     positions : ndarray [shape=(frames, markers, 3), mm]
         The markers in the same frames, in the skeleton's axes; NaN where missing.
     segments : sequence of str
@@ -67,7 +63,6 @@ def learn_sites(
     list of tuple of MarkerSite
         The sites of each marker.
     """
-    frames = {part: part_frames(body.parts[part], poses, mm_per_unit) for part in PARTS}
     penalty = NOISE**2 * INDEPENDENT_SECONDS * rate
     learnt: list[tuple[MarkerSite, ...]] = []
     for marker, segment in enumerate(segments):
@@ -123,7 +118,7 @@ def _held_out_error(
     halves = np.array_split(seen, 2)
     square = 0.0
     for train, test in (halves, halves[::-1]):
-        train_frames = {part: (frames[part][0][train], frames[part][1][train]) for part in parts}
+        train_frames = {part: frames[part].rows(train) for part in parts}
         design, base = _design(frames, parts, test)
         coefficients = _fit(train_frames, marker[train], parts, penalty)
         error = base + design @ coefficients - marker[test]
@@ -135,10 +130,10 @@ def _design(
     frames: _Frames, parts: tuple[str, ...], rows: NDArray[np.intp] | slice = slice(None)
 ) -> tuple[_Floats, _Floats]:
     """Return the design matrix of a marker's positions and weight, and the constant term."""
-    origin = frames[parts[0]][0][rows]
-    columns = [frames[parts[0]][1][rows]]
+    origin = frames[parts[0]].origin[rows]
+    columns = [frames[parts[0]].axes[rows]]
     for part in parts[1:]:
-        columns += [frames[part][1][rows], (frames[part][0][rows] - origin)[:, :, None]]
+        columns += [frames[part].axes[rows], (frames[part].origin[rows] - origin)[:, :, None]]
     return np.concatenate(columns, axis=2), origin
 
 
@@ -155,6 +150,8 @@ def _fit(frames: _Frames, marker: _Floats, parts: tuple[str, ...], penalty: floa
         flat = design.reshape(-1, design.shape[2])
         # the penalty is in mm, whatever the unit of a column
         scale = np.sqrt((design**2).sum(axis=1).mean(axis=0))
+        # the origins of both parts may coincide
+        scale = np.maximum(scale, MIN_SCALE)
         ridge = np.diag((scale / STRETCH) ** 2) * penalty
         coefficients += np.linalg.solve(flat.T @ flat + ridge, flat.T @ residual)
     return coefficients

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,8 @@ from numpy.typing import NDArray
 from priorfill.errors import MarkerSetError, PriorfillError
 from priorfill.runtime.resources import resource_path
 from priorfill.runtime.toml_file import read_toml
-from priorfill.skeleton.joints import JointPoses
 from priorfill.skeleton.part_names import PARTS
-from priorfill.skeleton.skeleton_body import SkeletonBody, part_frames
+from priorfill.skeleton.skeleton_body import PartFrame
 
 __all__ = ["MarkerSite", "known_sites", "marker_positions"]
 
@@ -82,34 +82,25 @@ def _site(row: dict[str, Any]) -> MarkerSite:
 
 
 def marker_positions(
-    sites: dict[str, tuple[MarkerSite, ...]],
-    body: SkeletonBody,
-    poses: JointPoses,
-    mm_per_unit: float,
+    sites: Mapping[str, tuple[MarkerSite, ...]], frames: Mapping[str, PartFrame]
 ) -> NDArray[np.float64]:
     """Compute the positions of markers.
 
     Parameters
     ----------
-    sites : dict of str to tuple of MarkerSite
+    sites : mapping of str to tuple of MarkerSite
         The sites of each marker.
-    body : SkeletonBody
-        The skeleton's body, in mm.
-    poses : JointPoses
-        The skeleton's joints.
-    mm_per_unit : float
-        Millimetres in its unit of length.
+    frames : mapping of str to PartFrame
+        The frames of the skeleton's parts (`SkeletonBody.frames`).
 
     Returns
     -------
     ndarray [shape=(frames, markers, 3), mm]
         In the order of `sites`.
     """
-    used = {site.part for of_marker in sites.values() for site in of_marker}
-    frames = {part: part_frames(body.parts[part], poses, mm_per_unit) for part in used}
-    positions = np.zeros((len(poses.positions), len(sites), 3))
+    positions = np.zeros((len(frames["pelvis"].origin), len(sites), 3))
     for marker, of_marker in enumerate(sites.values()):
         for site in of_marker:
-            origin, axes = frames[site.part]
-            positions[:, marker] += site.weight * origin + axes @ np.array(site.position)
+            frame = frames[site.part]
+            positions[:, marker] += site.weight * frame.origin + frame.axes @ site.position
     return positions

@@ -2,36 +2,59 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.clip import Clip
 from priorfill.errors import ClipError
-from priorfill.geometry.axes import UP_AXES
 from priorfill.markers.marker_set import MarkerSet, same_markers
-from priorfill.skeleton.joints import SkeletonMotion, forward_kinematics
+from priorfill.skeleton.body_checks import (
+    check_body,
+    check_markers,
+    find_unit,
+    is_mirrored,
+    knees_bend_forwards,
+)
+from priorfill.skeleton.find_joints import BodyJoints, find_joints
+from priorfill.skeleton.joints import SkeletonMotion, forward_kinematics, part_of_motion
 from priorfill.skeleton.marker_sites import known_sites, marker_positions
+from priorfill.skeleton.part_names import LIMBS
 from priorfill.skeleton.skeleton_body import SkeletonBody
 
-__all__ = ["DEFAULT_RATE", "compute_virtual_markers"]
+__all__ = ["DEFAULT_RATE", "VirtualMarkers", "body_of", "compute_virtual_markers"]
 
 DEFAULT_RATE = 120.0
 """Hz. AMC files do not state their rate; those of CMU and HDM05 have this one."""
-
-ADULT_LEG = 830.0
-"""mm. Length from an adult's hip to the ankle."""
-
-MIN_LEG_RATIO, MAX_LEG_RATIO = 0.5, 1.35
-"""Range of leg lengths, from a child's to a very tall person's, relative to `ADULT_LEG`."""
-
-UNITS = {"mm": 1.0, "cm": 10.0, "inches": 25.4, "ASF's": 25.4 / 0.45, "dm": 100.0, "m": 1000.0}
-"""Millimetres in the units of length that a BVH file may have; no file states it."""
 
 MIN_MARKERS = 10
 """Minimum number of markers of a useful clip."""
 
 MAX_SPEED = 20_000.0
 """mm/s. Faster than any body part: a first frame this far from the second is a calibration pose."""
+
+MAX_SAMPLES = 20_000_000
+"""Maximum number of positions of joints, for 4 GB of memory; an hour at 120 Hz has half as many."""
+
+USUAL_UP = ("+Y", "+Z")
+"""Axes that point up in skeleton files, the most common first."""
+
+
+class VirtualMarkers(NamedTuple):
+    """Markers computed from a skeleton's motion.
+
+    Attributes
+    ----------
+    clip : Clip
+        The markers, in the order of the marker set.
+    notes : tuple of str
+        What was assumed about the file.
+    """
+
+    clip: Clip
+    notes: tuple[str, ...]
 
 
 def compute_virtual_markers(
@@ -43,9 +66,11 @@ def compute_virtual_markers(
     rate: float | None = None,
     mm_per_unit: float | None = None,
     up: str | None = None,
-    subject: str = "",
-) -> Clip:
+    joints: Mapping[str, str] | None = None,
+) -> VirtualMarkers:
     """Compute the markers of a marker set from a skeleton's motion.
+
+    Nothing depends on the skeleton's rest pose.
 
     Parameters
     ----------
@@ -60,64 +85,183 @@ def compute_virtual_markers(
     rate : float, optional
         Frames per second (Hz); by default the motion's, or `DEFAULT_RATE`.
     mm_per_unit : float, optional
-        Millimetres in the skeleton's unit of length; by default the skeleton's, or the one of
-        `UNITS` that makes the legs most similar to an adult's.
+        Millimetres in the skeleton's unit of length; by default the skeleton's, or a usual unit
+        that gives the body the height of a person.
     up : str, optional
-        The axis that points up; by default the one along which the rest pose stands.
-    subject : str
-        The person recorded.
+        The axis that points up; by default the one along which the body stands.
+    joints : mapping of str to str, optional
+        The names of joints by part of the body (`priorfill.skeleton.part_names.PARTS`); others are
+        recognised.
 
     Returns
     -------
-    Clip
-        With the markers in the order of the marker set.
+    VirtualMarkers
 
     Raises
     ------
     ClipError
-        If the skeleton is of no known kind or does not have the size of a person, or if the sites
-        of too few markers are known.
+        If joints are not recognised, the body is not that of a person, or the sites of too few
+        markers are known.
     """
     sites = known_sites()
     here, there = same_markers(marker_set.labels, tuple(sites), marker_set)
     if len(here) < MIN_MARKERS:
         raise ClipError(
             f"{file}: only {len(here)} markers of marker set {marker_set.name} can be computed "
-            "from skeletons; take another set, such as baumann41 (--as 41)"
+            "from skeletons; take another set, such as baumann41"
         )
     known = list(sites.values())
     wanted = {marker_set.labels[i]: known[j] for i, j in zip(here, there, strict=True)}
-    skeleton = motion.skeleton
-    scale = mm_per_unit or skeleton.mm_per_unit or _guess_unit(SkeletonBody(skeleton, file).leg)
-    body = SkeletonBody(skeleton, file, scale)
-    if not MIN_LEG_RATIO < body.leg / ADULT_LEG < MAX_LEG_RATIO:
-        raise ClipError(
-            f"{file}: the skeleton's legs are {body.leg:.4g} mm long from hip to ankle if a unit "
-            f"is {scale:.4g} mm; give the right unit (`unit`)"
-        )
     hertz = rate or motion.rate or DEFAULT_RATE
-    positions = marker_positions(wanted, body, forward_kinematics(motion), scale)
+    body, notes = body_of(motion, file, joints=joints, mm_per_unit=mm_per_unit)
+    if not (rate or motion.rate):
+        notes = (*notes, f"{hertz:g} Hz assumed (else give `rate`)")
+    check_body(body, hertz, file)
+    positions = marker_positions(wanted, body.frames)
+    check_markers(positions, wanted, body, file)
+    if knees_bend_forwards(body):
+        notes = (*notes, "the knees bend forwards, check the file")
+    if up is None:
+        up, about_up = _find_up(body)
+        notes = (*notes, *about_up)
     positions = positions[_first_frame(positions, hertz) :]
-    return Clip(
-        positions,
-        tuple(wanted),
-        hertz,
-        up=up or _nearest_axis(body.up),
-        name=name,
-        subject=subject,
+    return VirtualMarkers(Clip(positions, tuple(wanted), hertz, up=up, name=name), notes)
+
+
+def body_of(
+    motion: SkeletonMotion,
+    file: str,
+    *,
+    joints: Mapping[str, str] | None = None,
+    mm_per_unit: float | None = None,
+) -> tuple[SkeletonBody, tuple[str, ...]]:
+    """Return the body of a skeleton in motion, in mm.
+
+    Parameters
+    ----------
+    motion : SkeletonMotion
+        The motion.
+    file : str
+        Name of the file for messages.
+    joints : mapping of str to str, optional
+        The names of joints by part of the body; others are recognised.
+    mm_per_unit : float, optional
+        Millimetres in the skeleton's unit of length.
+
+    Returns
+    -------
+    body : SkeletonBody
+        The body.
+    notes : tuple of str
+        What was assumed about the file.
+
+    Raises
+    ------
+    ClipError
+        If joints are not recognised, or the body does not have the size of a person.
+    """
+    motion, found, notes = _person(motion, file, joints)
+    skeleton = motion.skeleton
+    if len(motion.root) * len(skeleton.names) > MAX_SAMPLES:
+        raise ClipError(
+            f"{file}: {len(motion.root)} frames of {len(skeleton.names)} joints are too many; "
+            "export it in parts"
+        )
+    poses = forward_kinematics(motion)
+
+    def body(scale: float, found: BodyJoints) -> SkeletonBody:
+        positions = poses.positions if scale == 1.0 else poses.positions * scale
+        return SkeletonBody(
+            found, positions, poses.rotations, skeleton.parents, skeleton.ends * scale
+        )
+
+    in_units = body(1.0, found)
+    scale, note = find_unit(in_units, mm_per_unit or skeleton.mm_per_unit, file)
+    if not found.sides_named:
+        found = _with_sides(found, in_units, body)
+    return body(scale, found), (*notes, note) if note else notes
+
+
+def _person(
+    motion: SkeletonMotion, file: str, joints: Mapping[str, str] | None
+) -> tuple[SkeletonMotion, BodyJoints, tuple[str, ...]]:
+    """Return the joints of a body, alone, with notes about other skeletons of the file."""
+    parents = motion.skeleton.parents
+    root_of = list(range(len(parents)))
+    for joint, parent in enumerate(parents):
+        root_of[joint] = joint if parent < 0 else root_of[parent]
+    roots = sorted(set(root_of))
+    people: list[tuple[SkeletonMotion, BodyJoints, tuple[str, ...]]] = []
+    errors: list[ClipError] = []
+    for root in roots:
+        own = [joint for joint in range(len(parents)) if root_of[joint] == root]
+        one = part_of_motion(motion, own)
+        try:
+            found = find_joints(one.skeleton, _bone_lengths(one), file, joints)
+        except ClipError as error:
+            errors.append(error)
+            continue
+        if found.parts["head"] in one.skeleton.parents:
+            # the joints on a head, such as its eyes, are not its top
+            one.skeleton.ends[found.parts["head"]] = 0.0
+        used = _with_ancestors({*found.parts.values(), *found.tips.values()}, one.skeleton.parents)
+        note = (f"only the skeleton {one.skeleton.names[0]} of {len(roots)}",)
+        people.append(
+            (part_of_motion(one, used), found.numbered(used), note if len(roots) > 1 else ())
+        )
+    if not people:
+        raise errors[0]
+    if len(people) > 1:
+        raise ClipError(
+            f"{file}: has the skeletons of {len(people)} people; export each separately"
+        )
+    return people[0]
+
+
+def _with_ancestors(joints: set[int], parents: tuple[int, ...]) -> list[int]:
+    """Return joints and all above them, in ascending order."""
+    for joint in range(len(parents) - 1, -1, -1):
+        if joint in joints and parents[joint] >= 0:
+            joints = {*joints, parents[joint]}
+    return sorted(joints)
+
+
+def _bone_lengths(motion: SkeletonMotion) -> NDArray[np.float64]:
+    """Return the distance of each joint from its parent."""
+    lengths: NDArray[np.float64] = np.linalg.norm(motion.skeleton.offsets, axis=1)
+    for joint, move in motion.moves.items():
+        if motion.skeleton.parents[joint] >= 0:
+            lengths[joint] = np.median(np.linalg.norm(move, axis=1))
+    return lengths
+
+
+def _with_sides(
+    found: BodyJoints, body: SkeletonBody, make: Callable[[float, BodyJoints], SkeletonBody]
+) -> BodyJoints:
+    """Return joints with left and right as the body's posture shows them."""
+    arms, legs = (*LIMBS[:5], "thumb"), LIMBS[5:]
+    hips = body.at("left_thigh") - body.at("right_thigh")
+    shoulders = body.at("left_upper_arm") - body.at("right_upper_arm")
+    if np.einsum("fi,fi->f", hips, shoulders).mean() < 0.0:
+        found = found.exchanged(*arms)
+        body = make(1.0, found)
+    return found.exchanged(*arms, *legs) if is_mirrored(body) else found
+
+
+def _find_up(body: SkeletonBody) -> tuple[str, tuple[str, ...]]:
+    """Return the axis that points up, and a note if it is not the usual one.
+
+    No file has its first axis up, or another one down: then the body lies.
+    """
+    axis = int(np.argmax(np.abs(body.upward)))
+    up = ("+" if body.upward[axis] > 0.0 else "-") + "XYZ"[axis]
+    if up == USUAL_UP[0]:
+        return up, ()
+    if up in USUAL_UP:
+        return up, (f"{up} up, along which the body stands (else give `up`)",)
+    return USUAL_UP[0], (
+        f"{USUAL_UP[0]} up, as usual, as the body does not stand (else give `up`)",
     )
-
-
-def _guess_unit(leg: float) -> float:
-    """Return the millimetres in the unit that makes a leg most similar to an adult's."""
-    return min(UNITS.values(), key=lambda mm: abs(np.log(leg * mm / ADULT_LEG)))
-
-
-def _nearest_axis(direction: NDArray[np.float64]) -> str:
-    """Return the axis nearest to a direction."""
-    cosines = [(1.0 if axis[0] == "+" else -1.0) * direction["XYZ".index(axis[1])]
-               for axis in UP_AXES]  # fmt: skip
-    return UP_AXES[int(np.argmax(cosines))]
 
 
 def _first_frame(positions: NDArray[np.float64], rate: float) -> int:

@@ -20,10 +20,9 @@ from priorfill.formats import read
 from priorfill.formats.skeletons.asf_amc import find_asf, read_amc, read_asf
 from priorfill.markers.definitions import recognise
 from priorfill.runtime.atomic_file import replace_file
-from priorfill.skeleton.joints import JointPoses, forward_kinematics
 from priorfill.skeleton.learn_sites import learn_sites
 from priorfill.skeleton.marker_sites import MarkerSite, marker_positions
-from priorfill.skeleton.skeleton_body import SkeletonBody
+from priorfill.skeleton.virtual_markers import body_of
 
 FROM_C3D = [1, 2, 0]
 """Which coordinates of the C3D file are x, y and z of the AMC file."""
@@ -35,7 +34,8 @@ HEAD = """# Sites of the 41 markers of baumann41 on a body.
 # Krueger, Weber, Documentation: Mocap Database HDM05, CG-2007-2, Universitaet Bonn 2007).
 #
 # A marker is the sum over its parts of weight * (origin of the part's frame) + frame * at, with
-# `at` in the part's sizes: up, left, ahead in the rest pose (priorfill/skeleton/skeleton_body.py).
+# `at` in the part's sizes: up, left, ahead, for limbs that hang down
+# (priorfill/skeleton/skeleton_body.py).
 
 [markers]
 """
@@ -55,13 +55,12 @@ def main() -> None:
             f"{options.amc}: its folder has no skeleton of the same name; give one (--skeleton)"
         )
     asf = read_asf(asf_file)
-    poses = forward_kinematics(read_amc(options.amc, asf))
+    motion = read_amc(options.amc, asf)
     clip = read(options.c3d)
     markers = clip.positions[..., FROM_C3D]
     marker_set = recognise(clip.labels)
-    scale = asf.skeleton.mm_per_unit
-    assert marker_set is not None and scale is not None
-    body = SkeletonBody(asf.skeleton, str(asf_file), scale)
+    assert marker_set is not None
+    frames = body_of(motion, str(asf_file))[0].frames
     labels = [label for label in clip.labels if label in marker_set.segment]
     columns = [clip.labels.index(label) for label in labels]
     markers = markers[:, columns]
@@ -69,13 +68,13 @@ def main() -> None:
     segments = [marker_set.segment[label] for label in labels]
 
     def learn(rows: slice) -> dict[str, tuple[MarkerSite, ...]]:
-        some = JointPoses(poses.positions[rows], poses.rotations[rows])
-        found = learn_sites(body, some, scale, markers[rows], segments, contralateral, clip.rate)
+        some = {part: frame.rows(rows) for part, frame in frames.items()}
+        found = learn_sites(some, markers[rows], segments, contralateral, clip.rate)
         return dict(zip(labels, found, strict=True))
 
     def square(sites: dict[str, tuple[MarkerSite, ...]], rows: slice) -> NDArray[np.float64]:
-        some = JointPoses(poses.positions[rows], poses.rotations[rows])
-        away = marker_positions(sites, body, some, scale) - markers[rows]
+        some = {part: frame.rows(rows) for part, frame in frames.items()}
+        away = marker_positions(sites, some) - markers[rows]
         return np.nanmean((away**2).sum(axis=2), axis=0)
 
     middle = len(markers) // 2

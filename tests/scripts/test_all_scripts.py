@@ -203,7 +203,7 @@ def write_skeleton(data: Path) -> None:
     motion = read_amc(data / "skeleton.amc", read_asf(data / "skeleton.asf"))
     clip = compute_virtual_markers(
         motion, definitions.load("baumann41"), name="skeleton", file="skeleton.amc"
-    )
+    ).clip
     x, y, z = np.moveaxis(clip.positions, 2, 0)
     turned = replace(clip, positions=np.stack([z, x, y], axis=2), up="+Z")
     pf.write(data / "skeleton.c3d", turned)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ if TYPE_CHECKING:
     from priorfill.clip import Clip
     from priorfill.markers.marker_set import MarkerSet
 
-__all__ = ["SUFFIXES", "find_set", "is_skeleton", "read_skeleton"]
+__all__ = ["SUFFIXES", "find_set", "is_skeleton", "read_joints", "read_skeleton"]
 
 SUFFIXES = (".amc", ".bvh")
 """Lower-case suffixes of files with skeleton motions."""
@@ -45,17 +46,24 @@ def find_set(name: str) -> MarkerSet:
     return definitions.load(ending[0])
 
 
+def read_joints(file: Path) -> dict[str, str]:
+    """Return the names of joints by part of the body, as the user's file gives them."""
+    from priorfill.skeleton.joints_file import read_joint_names
+
+    return read_joint_names(file)
+
+
 def read_skeleton(
     path: Path,
     marker_set: MarkerSet,
     skeleton: Path | None,
+    joints: dict[str, str] | None = None,
     *,
     up: str | None,
     rate: float | None,
     unit: str | None,
-    keep_zeros: bool = False,
-    ignore_residuals: bool = False,
-) -> Clip:
+    **without_effect: bool,
+) -> tuple[Clip, tuple[str, ...]]:
     """Read a skeleton motion and compute virtual markers from it.
 
     Parameters
@@ -66,9 +74,19 @@ def read_skeleton(
         The markers to compute.
     skeleton : Path or None
         The ASF file of AMC files, in place of the one of the same name.
-    up, rate, unit, keep_zeros, ignore_residuals
-        The options of `priorfill.cli.reading.file_options`. The unit may be a number of mm;
-        `keep_zeros` and `ignore_residuals` have no effect.
+    joints : dict of str to str, optional
+        Names of joints by part of the body.
+    up, rate, unit
+        Options of `priorfill.cli.reading.file_options`. The unit may be a number of mm.
+    **without_effect
+        The other options.
+
+    Returns
+    -------
+    clip : Clip
+        The markers.
+    notes : tuple of str
+        What was assumed about the file.
 
     Raises
     ------
@@ -84,7 +102,12 @@ def read_skeleton(
 
     if up is not None and up not in UP_AXES:
         raise PriorfillError(f"up axis {up!r} is unknown; use one of {' '.join(UP_AXES)}")
-    options: dict[str, Any] = {"rate": rate, "up": up, "mm_per_unit": _millimetres(unit)}
+    options: dict[str, Any] = {
+        "rate": rate,
+        "up": up,
+        "joints": joints,
+        "mm_per_unit": _millimetres(unit),
+    }
     if path.suffix.lower() == ".bvh":
         motion = read_bvh(path)
         subject = ""
@@ -96,9 +119,10 @@ def read_skeleton(
             )
         motion = read_amc(path, read_asf(asf))
         subject = asf.stem
-    return compute_virtual_markers(
-        motion, marker_set, name=path.stem, file=str(path), subject=subject, **options
+    clip, notes = compute_virtual_markers(
+        motion, marker_set, name=path.stem, file=str(path), **options
     )
+    return replace(clip, subject=subject), notes
 
 
 def _millimetres(unit: str | None) -> float | None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from priorfill.errors import FormatError
 from priorfill.formats.file_bytes import read_bytes
-from priorfill.formats.skeletons.numbered_lines import MAX_NUMBER, NumberedLines
+from priorfill.formats.skeletons.numbered_lines import MAX_JOINTS, NumberedLines, NumberRows
 from priorfill.skeleton.joints import Skeleton, SkeletonMotion, euler_rotations
 
 __all__ = ["AsfSkeleton", "find_asf", "parse_amc", "parse_asf", "read_amc", "read_asf"]
@@ -22,12 +22,16 @@ MAX_AMC_BYTES = 1 << 30
 INCH = 25.4
 """mm."""
 
+MIN_LENGTH_UNIT = 1e-4
+"""Smallest unit of length; its inverse is the largest."""
+
 ROOT = "root"
 
 _ROTATIONS = {"rx": "X", "ry": "Y", "rz": "Z"}
 _TRANSLATIONS = {"tx": 0, "ty": 1, "tz": 2}
 _LENGTH = "l"
-_NO_DATA = ("#", ":")
+_COMMENT = "#"
+_FLAG = ":"
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +57,16 @@ class AsfSkeleton:
     axes: NDArray[np.float64]
     degrees: bool
     root: NDArray[np.float64]
+
+
+@dataclass(eq=False)
+class _Root:
+    """The root of an ASF file."""
+
+    order: tuple[str, ...] = ("tx", "ty", "tz", "rx", "ry", "rz")
+    axis: str = "XYZ"
+    position: tuple[float, ...] = (0.0, 0.0, 0.0)
+    orientation: tuple[float, ...] = (0.0, 0.0, 0.0)
 
 
 @dataclass(eq=False)
@@ -132,16 +146,14 @@ def parse_asf(data: bytes, name: str) -> AsfSkeleton:
     FormatError
         If the file is not ASF, or is damaged.
     """
-    lines = NumberedLines(data, name)
+    lines = NumberedLines(data, name, _COMMENT)
     length, angle = 1.0, "deg"
-    root: dict[str, list[str]] = {}
+    root = _Root()
     bones: dict[str, _Bone] = {}
     children: dict[str, list[str]] = {}
     section = ""
     for words in lines:
         key = words[0].lower()
-        if key.startswith("#"):
-            continue
         if key.startswith(":"):
             section = key
         elif section == ":units":
@@ -150,13 +162,13 @@ def parse_asf(data: bytes, name: str) -> AsfSkeleton:
             elif key == "angle" and len(words) > 1:
                 angle = words[1].lower()
         elif section == ":root":
-            root[key] = words[1:]
-            if key in ("position", "orientation"):
-                lines.numbers(words[1:], 3, f"the root's {key}")
+            _read_root(root, key, words, lines)
         elif section == ":bonedata" and key == "begin":
             bone = _read_bone(lines)
             if bone.name in bones or bone.name.lower() == ROOT:
                 raise lines.error(f"bone {bone.name} occurs twice", at=bone.line)
+            if len(bones) >= MAX_JOINTS:
+                raise lines.error(f"more than {MAX_JOINTS} bones", at=bone.line)
             bones[bone.name] = bone
         elif section == ":hierarchy" and key not in ("begin", "end"):
             if words[0] != ROOT and words[0] not in bones:
@@ -170,9 +182,24 @@ def parse_asf(data: bytes, name: str) -> AsfSkeleton:
             f"{name}: has no {':hierarchy' if bones else ':bonedata'}, so it is not a complete ASF "
             "file; download it again"
         )
-    if length <= 0.0:
+    if not MIN_LENGTH_UNIT <= length <= 1.0 / MIN_LENGTH_UNIT:
         raise FormatError(f"{name}: the unit of length is {length:g}; correct it")
     return _assemble(name, length, not angle.startswith("rad"), root, bones, children)
+
+
+def _read_root(root: _Root, key: str, words: list[str], lines: NumberedLines) -> None:
+    """Parse a line of the root."""
+    if key == "order":
+        root.order = tuple(word.lower() for word in words[1:])
+        _check_channels(root.order, lines)
+        if _LENGTH in root.order:
+            raise lines.error("the root's order has 'l' instead of tx ty tz rx ry rz")
+    elif key == "axis":
+        root.axis = _order(words[1] if len(words) > 1 else "", lines)
+    elif key == "position":
+        root.position = lines.numbers(words[1:], 3, "the root's position")
+    elif key == "orientation":
+        root.orientation = lines.numbers(words[1:], 3, "the root's orientation")
 
 
 def _read_bone(lines: NumberedLines) -> _Bone:
@@ -215,22 +242,24 @@ def _check_channels(channels: Sequence[str], lines: NumberedLines) -> None:
     for channel in channels:
         if channel not in _ROTATIONS and channel not in _TRANSLATIONS and channel != _LENGTH:
             raise lines.error(f"{channel!r} is not a degree of freedom (rx ry rz tx ty tz l)")
+        if channels.count(channel) > 1:
+            raise lines.error(f"degree of freedom {channel} occurs twice")
 
 
 def _assemble(
     name: str,
     length: float,
     degrees: bool,
-    root: dict[str, list[str]],
+    root: _Root,
     bones: dict[str, _Bone],
     children: dict[str, list[str]],
 ) -> AsfSkeleton:
     """Assemble the skeleton, parents before their children."""
-    order = [ROOT]
+    order, placed = [ROOT], {ROOT}
     parents, ends, offsets = [-1], [np.zeros(3)], [np.zeros(3)]
     for number, parent in enumerate(order):  # grows in the loop
         for child in children.get(parent, ()):
-            if child in order:
+            if child in placed:
                 raise FormatError(
                     f"{name}: bone {child} has two parents in :hierarchy; correct the file"
                 )
@@ -238,24 +267,15 @@ def _assemble(
             assert bone.direction is not None and bone.length is not None
             direction = np.array(bone.direction)
             size = float(np.linalg.norm(direction))
+            placed.add(child)
             order.append(child)
             parents.append(number)
             offsets.append(ends[number])
             ends.append(direction / size * bone.length if size else np.zeros(3))
-    root_order = (root.get("axis") or ["XYZ"])[0].upper()
-    if sorted(root_order) != ["X", "Y", "Z"]:
-        raise FormatError(
-            f"{name}: the root's axis {root_order!r} is not an order of axes such as XYZ"
-        )
-    axes = [_turn(root_order, _floats(root, "orientation"), degrees)]
+    axes = [_turn(root.axis, root.orientation, degrees)]
     axes += [_turn(bones[n].order, bones[n].axis, degrees) for n in order[1:]]
     channels = {n: bones[n].channels for n in order[1:] if bones[n].channels}
-    channels[ROOT] = tuple(word.lower() for word in root.get("order", _ROOT_ORDER))
-    unknown = [c for c in channels[ROOT] if c not in _ROTATIONS and c not in _TRANSLATIONS]
-    if unknown:
-        raise FormatError(
-            f"{name}: the root's order has {unknown[0]!r} instead of tx ty tz rx ry rz"
-        )
+    channels[ROOT] = root.order
     skeleton = Skeleton(
         tuple(order),
         tuple(parents),
@@ -264,16 +284,7 @@ def _assemble(
         # lengths are inches times the unit
         INCH / length,
     )
-    return AsfSkeleton(
-        skeleton, channels, np.array(axes), degrees, np.array(_floats(root, "position"))
-    )
-
-
-_ROOT_ORDER = ["tx", "ty", "tz", "rx", "ry", "rz"]
-
-
-def _floats(root: dict[str, list[str]], key: str) -> tuple[float, ...]:
-    return tuple(float(word) for word in root.get(key, ["0", "0", "0"]))
+    return AsfSkeleton(skeleton, channels, np.array(axes), degrees, np.array(root.position))
 
 
 def _turn(order: str, angles: Sequence[float], degrees: bool) -> NDArray[np.float64]:
@@ -304,20 +315,22 @@ def parse_amc(data: bytes, asf: AsfSkeleton, name: str) -> SkeletonMotion:
     FormatError
         If the file is damaged, or does not fit the skeleton.
     """
-    lines = NumberedLines(data, name)
+    lines = NumberedLines(data, name, _COMMENT)
     degrees = asf.degrees
-    values: dict[str, list[list[str]]] = {bone: [] for bone in asf.channels}
-    number: dict[str, list[int]] = {bone: [] for bone in asf.channels}
-    frames = 0
+    values = {bone: NumberRows(lines, f"a value of bone {bone}") for bone in asf.channels}
+    frames = last = 0
     for words in lines:
         first = words[0]
-        if first.startswith(_NO_DATA):
+        if first.startswith(_FLAG):
             flag = first.upper()
             degrees = True if flag == ":DEGREES" else False if flag == ":RADIANS" else degrees
-        elif len(words) == 1 and first.isdigit():
+        elif len(words) == 1 and first.isascii() and first.isdigit():
+            number = int(lines.numbers(words, 1, "a frame number")[0])
             if frames:
                 _check_frame(lines, values, frames)
-            frames += 1
+                if number != last + 1:
+                    raise lines.error(f"frame {number} follows frame {last}", "export it again")
+            frames, last = frames + 1, number
         elif not frames:
             raise lines.error("values precede the first frame number", "give an AMC file")
         else:
@@ -334,44 +347,26 @@ def parse_amc(data: bytes, asf: AsfSkeleton, name: str) -> SkeletonMotion:
                 )
             if len(values[first]) == frames:
                 raise lines.error(f"bone {first} occurs twice in one frame")
-            values[first].append(words[1:])
-            number[first].append(lines.line)
+            values[first].add(words[1:])
     if not frames:
         raise FormatError(
             f"{name}: has no frames; it is not a complete AMC file; download it again"
         )
     _check_frame(lines, values, frames)
-    columns = {
-        bone: _array(rows, number[bone], lines, bone) for bone, rows in values.items() if rows
-    }
+    columns = {bone: rows.array() for bone, rows in values.items() if len(rows)}
     return _motion(asf, columns, frames, degrees)
 
 
-def _check_frame(lines: NumberedLines, values: dict[str, list[list[str]]], frames: int) -> None:
+def _check_frame(lines: NumberedLines, values: dict[str, NumberRows], frames: int) -> None:
     """Raise FormatError if a bone with values in earlier frames has none in the last one."""
     for bone, rows in values.items():
         # some files omit bones that never move
-        if len(rows) != frames and (rows or bone == ROOT):
+        if len(rows) != frames and (len(rows) or bone == ROOT):
             raise lines.error(
                 f"bone {bone} has no values in frame {frames} of the file, which ends before "
                 "this line",
                 "the file is cut short or damaged, download it again",
             )
-
-
-def _array(
-    rows: list[list[str]], number: list[int], lines: NumberedLines, bone: str
-) -> NDArray[np.float64]:
-    """Convert rows of words to numbers, all at once; on failure, find the invalid one."""
-    try:
-        values = np.array(rows, dtype=np.float64)
-        if (np.abs(values) <= MAX_NUMBER).all():
-            return values
-    except ValueError:
-        pass
-    for words, line in zip(rows, number, strict=True):
-        lines.numbers(words, len(words), f"a value of bone {bone}", at=line)
-    raise AssertionError("the invalid number was not found")
 
 
 def _motion(

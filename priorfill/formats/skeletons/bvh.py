@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from priorfill.errors import FormatError
 from priorfill.formats.file_bytes import read_bytes
-from priorfill.formats.skeletons.numbered_lines import MAX_NUMBER, NumberedLines
+from priorfill.formats.skeletons.numbered_lines import MAX_JOINTS, NumberedLines, NumberRows
 from priorfill.skeleton.joints import Skeleton, SkeletonMotion, euler_rotations
 
 __all__ = ["parse_bvh", "read_bvh"]
@@ -86,6 +87,7 @@ def parse_bvh(data: bytes, name: str) -> SkeletonMotion:
     width = sum(len(joint.channels) for joint in joints)
     values, rate = _values(lines, width)
     root = np.zeros((len(values), 3))
+    adds = _positions_add(joints, values)
     turns: dict[int, NDArray[np.float64]] = {}
     moves: dict[int, NDArray[np.float64]] = {}
     for number, joint in enumerate(joints):
@@ -95,16 +97,36 @@ def parse_bvh(data: bytes, name: str) -> SkeletonMotion:
             order = "".join(joint.channels[k][0].upper() for k in turning)
             turns[number] = euler_rotations(order, np.deg2rad(columns[:, turning]))
         sliding = [k for k, c in enumerate(joint.channels) if c.endswith(_POSITION)]
-        if sliding:
-            # replaces the offset, as in common programs
+        if sliding or (number and joint.parent < 0):
             place = np.broadcast_to(np.array(joint.offset), (len(values), 3)).copy()
             for column in sliding:
-                place[:, "xyz".index(joint.channels[column][0])] = columns[:, column]
+                axis = "xyz".index(joint.channels[column][0])
+                if adds and joint.parent >= 0:
+                    place[:, axis] += columns[:, column]
+                else:
+                    place[:, axis] = columns[:, column]
             if number:
                 moves[number] = place
             else:
                 root = place
     return SkeletonMotion(skeleton, root, turns, moves, rate)
+
+
+def _positions_add(joints: list[_Joint], values: NDArray[np.float64]) -> bool:
+    """Return whether positions of joints below a root add to their offsets.
+
+    In most files they replace them, and are then similar to them.
+    """
+    replacing = adding = 0.0
+    for joint in joints:
+        sliding = [k for k, c in enumerate(joint.channels) if c.endswith(_POSITION)]
+        if joint.parent < 0 or not sliding or joint.offset is None:
+            continue
+        given = values[:, [joint.first + k for k in sliding]]
+        offset = np.array([joint.offset["xyz".index(joint.channels[k][0])] for k in sliding])
+        replacing += float(np.median(np.linalg.norm(given - offset, axis=1)))
+        adding += float(np.median(np.linalg.norm(given, axis=1)))
+    return adding < replacing
 
 
 def _hierarchy(lines: NumberedLines) -> list[_Joint]:
@@ -114,7 +136,7 @@ def _hierarchy(lines: NumberedLines) -> list[_Joint]:
     named: int | None = None  # the joint whose { comes next
     columns = 0
     begun = False
-    for words in lines:
+    for words in _split_braces(lines):
         key = words[0].upper()
         if not begun:
             if key != "HIERARCHY":
@@ -128,16 +150,15 @@ def _hierarchy(lines: NumberedLines) -> list[_Joint]:
                     raise lines.error(f"joint {joint.name} has no OFFSET", at=joint.line)
             return joints
         elif key in ("ROOT", "JOINT"):
-            if (key == "ROOT") != (not joints):
-                raise lines.error(
-                    "a file with two skeletons cannot be read", "export each separately"
-                )
-            if joints and (not open_joints or open_joints[-1] < 0):
-                raise lines.error("a joint has no parent")
+            is_root = key == "ROOT"
+            if is_root == bool(open_joints) or (open_joints and open_joints[-1] < 0):
+                raise lines.error("a root inside a joint" if is_root else "a joint has no parent")
+            if len(joints) >= MAX_JOINTS:
+                raise lines.error(f"more than {MAX_JOINTS} joints")
             if len(open_joints) >= MAX_CHAIN_JOINTS:
                 raise lines.error(f"more than {MAX_CHAIN_JOINTS} joints in a chain")
             joints.append(
-                _Joint(" ".join(words[1:]), open_joints[-1] if joints else -1, lines.line)
+                _Joint(" ".join(words[1:]), -1 if is_root else open_joints[-1], lines.line)
             )
             named = len(joints) - 1
         elif key == "END":
@@ -154,13 +175,7 @@ def _hierarchy(lines: NumberedLines) -> list[_Joint]:
                 raise lines.error("'}' without '{'")
             open_joints.pop()
         elif key == "OFFSET" and open_joints:
-            offset = lines.numbers(words[1:], 3, "an offset")
-            here = open_joints[-1]
-            above = open_joints[-2] if here < 0 else joints[here].parent
-            if here >= 0:
-                joints[here].offset = offset
-            if above >= 0:
-                joints[above].tips.append(offset)
+            _set_offset(joints, open_joints, words, lines)
         elif key == "CHANNELS" and open_joints and open_joints[-1] >= 0:
             joint = joints[open_joints[-1]]
             if joint.channels:
@@ -172,12 +187,46 @@ def _hierarchy(lines: NumberedLines) -> list[_Joint]:
     raise lines.error("ends before MOTION", "the file is cut short, download it again")
 
 
+def _set_offset(
+    joints: list[_Joint], open_joints: list[int], words: list[str], lines: NumberedLines
+) -> None:
+    """Parse the offset of a joint or end site."""
+    offset = lines.numbers(words[1:], 3, "an offset")
+    here = open_joints[-1]
+    if here >= 0 and joints[here].offset is not None:
+        raise lines.error(f"joint {joints[here].name} has a second OFFSET")
+    above = open_joints[-2] if here < 0 else joints[here].parent
+    if here >= 0:
+        joints[here].offset = offset
+    if above >= 0:
+        joints[above].tips.append(offset)
+
+
+def _split_braces(lines: NumberedLines) -> Iterator[list[str]]:
+    """Return lines of words, with braces on lines of their own."""
+    for words in lines:
+        if len(words) == 1 or ("{" not in words and "}" not in words):
+            yield words
+            continue
+        begin = 0
+        for at, word in enumerate([*words, "{"]):
+            if word in ("{", "}"):
+                if at > begin:
+                    yield words[begin:at]
+                if at < len(words):
+                    yield [word]
+                begin = at + 1
+
+
 def _channels(words: list[str], lines: NumberedLines) -> tuple[str, ...]:
     """Return the names of a joint's channels, such as ``xrotation``."""
     count = lines.numbers(words[1:], 1, "the number of channels")[0]
     channels = tuple(word.lower() for word in words[2:])
     if count != len(channels):
         raise lines.error(f"states {words[1]} channels but names {len(channels)}")
+    for kind in (_POSITION, _ROTATION):
+        if sum(channel.endswith(kind) for channel in channels) > len("xyz"):
+            raise lines.error(f"names more than 3 channels of {kind}")
     for channel in channels:
         if channel[0] not in "xyz" or channel[1:] not in (_POSITION, _ROTATION):
             raise lines.error(f"{channel!r} is not a channel such as Xposition or Xrotation")
@@ -187,33 +236,25 @@ def _channels(words: list[str], lines: NumberedLines) -> tuple[str, ...]:
 def _values(lines: NumberedLines, width: int) -> tuple[NDArray[np.float64], float | None]:
     """Parse the part after MOTION: values [shape=(frames, channels)] and rate (Hz)."""
     frames, seconds = -1, 0.0
-    rows: list[list[str]] = []
-    numbers: list[int] = []
+    rows = NumberRows(lines, "a value of a channel")
     for words in lines:
         key = words[0].lower()
         if key.startswith("frames"):
-            frames = int(lines.numbers([words[-1]], 1, "the number of frames")[0])
+            last = words[-1].rpartition(":")[2]
+            frames = int(lines.numbers([last], 1, "the number of frames")[0])
         elif key == "frame" and len(words) > 1 and words[1].lower().startswith("time"):
-            seconds = lines.numbers([words[-1]], 1, "the time of a frame")[0]
+            last = words[-1].rpartition(":")[2]
+            seconds = lines.numbers([last], 1, "the time of a frame")[0]
         elif len(words) != width:
             raise lines.error(f"has {len(words)} values, but the joints have {width} channels")
         else:
-            rows.append(words)
-            numbers.append(lines.line)
+            rows.add(words)
     if frames != len(rows):
         raise FormatError(
             f"{lines.name}: states {frames} frames but has {len(rows)}; the file is cut short or "
             "damaged, download it again"
         )
-    if not rows:
+    if not len(rows):
         raise FormatError(f"{lines.name}: has no frames; export it again")
     rate = round(1.0 / seconds, RATE_DECIMALS) if 0.0 < seconds < MAX_FRAME_SECONDS else None
-    try:
-        values = np.array(rows, dtype=np.float64)
-        if (np.abs(values) <= MAX_NUMBER).all():
-            return values, rate
-    except ValueError:
-        pass
-    for row, line in zip(rows, numbers, strict=True):
-        lines.numbers(row, width, "a value of a channel", at=line)
-    raise AssertionError("the invalid number was not found")
+    return rows.array(), rate
