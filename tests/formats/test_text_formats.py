@@ -234,10 +234,10 @@ def test_trc_header_that_is_wrong(tmp_path):
 @pytest.mark.parametrize(
     ("number", "message"),
     [
-        ("19", r"after frame 8 \(line 14\) comes frame 19 \(line 15\); insert rows .* for 9-18"),
+        ("19", r"after frame 8 \(line 14\) comes frame 19 \(line 15\); insert rows .* for frames 9-18"),
         (
             "10",
-            r"after frame 8 \(line 14\) comes frame 10 \(line 15\); insert rows .* for 9, or cut",
+            r"after frame 8 \(line 14\) comes frame 10 \(line 15\); insert rows .* for frame 9, or cut",
         ),
         ("8", r"frame 8 is there twice \(lines 14 and 15\); delete one"),
         ("3", r"after frame 8 \(line 14\) comes frame 3 \(line 15\); sort the rows"),
@@ -461,3 +461,15 @@ def test_a_failed_write_leaves_no_file(tmp_path, monkeypatch):
     with pytest.raises(OutputError, match="does not read back as intended"):
         formats.write(tmp_path / "out.trc", clip, filled)
     assert [p.name for p in tmp_path.iterdir()] == ["walk.trc"]
+
+
+@pytest.mark.parametrize("cell", [b"inf", b"-inf", b"1e300"])
+def test_a_coordinate_beyond_all_bounds_beside_a_blank_one_is_refused(tmp_path, cell):
+    """The cell would stay in the copy, which could not be read."""
+    path = tmp_path / "walk.trc"
+    text = files.trc(standing()).split(b"\r\n")
+    cells = text[8].split(b"\t")
+    cells[2:5] = [b"", cell, b"5.0"]
+    path.write_bytes(b"\r\n".join([*text[:8], b"\t".join(cells), *text[9:]]))
+    with pytest.raises(FormatError, match=r"walk\.trc: line 9.*LTOE.*farther than any marker"):
+        formats.read(path)

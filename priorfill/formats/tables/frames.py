@@ -71,7 +71,8 @@ def frame_numbers(first_cells: Sequence[bytes], rows: Sequence[int], lines: list
         before, after = numbers[jump], numbers[jump + 1]
         at = [line_number(lines, rows[k]) for k in (jump, jump + 1)]
         if after > before:
-            absent = str(before + 1) if after == before + 2 else f"{before + 1}-{after - 1}"
+            one = after == before + 2
+            absent = f"frame {before + 1}" if one else f"frames {before + 1}-{after - 1}"
             fault = f"after frame {before} (line {at[0]}) comes frame {after} (line {at[1]})"
             remedy = f"insert rows with blank cells for {absent}, or cut the file there"
         elif after == before:

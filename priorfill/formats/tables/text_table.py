@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from priorfill.clip import Clip
 from priorfill.errors import FormatError, OutputError, PriorfillError
 from priorfill.formats.file_bytes import read_source
-from priorfill.formats.recording import Recording
+from priorfill.formats.recording import MAX_COORDINATE, Recording
 from priorfill.formats.tables.cells import (
     BLANKS,
     cells_of,
@@ -171,7 +171,9 @@ def read_table(
                 for number, cell in enumerate(flat)
             ]
     table = TextTable(lines, np.array(rows, dtype=np.intp), where, delimiter, comma)
-    return values.reshape(len(rows), len(where), 3), table
+    positions = values.reshape(len(rows), len(where), 3)
+    _check_partial(positions, table, labels, name)
+    return positions, table
 
 
 def partial_notes(positions: NDArray[np.float64]) -> list[str]:
@@ -359,6 +361,22 @@ def _number(
         place = place_of(lines, row, column, number, labels, name)
         raise FormatError(f"{place} is {shown(cell)}, {why_no_number(cell)}")
     return value
+
+
+def _check_partial(
+    positions: NDArray[np.float64], table: TextTable, labels: Sequence[str], name: str
+) -> None:
+    """Raise FormatError at a coordinate beyond `MAX_COORDINATE` beside a blank one.
+
+    Its cell would stay in a copy whose blank cells are filled, which could not be read.
+    """
+    beyond = np.abs(positions) > MAX_COORDINATE  # False for NaN
+    beyond &= np.isnan(positions).any(axis=2, keepdims=True)
+    if beyond.any():
+        frame, marker, axis = np.argwhere(beyond)[0]
+        row, column = int(table.rows[frame]), int(table.columns[marker, axis])
+        place = place_of(table.lines, row, column, 3 * int(marker) + int(axis), labels, name)
+        raise FormatError(f"{place} is infinite or farther than any marker; leave the cell blank")
 
 
 def _decimals(table: TextTable, mm_per_unit: float) -> int:
