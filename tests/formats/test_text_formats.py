@@ -234,7 +234,10 @@ def test_trc_header_that_is_wrong(tmp_path):
 @pytest.mark.parametrize(
     ("number", "message"),
     [
-        ("19", r"after frame 8 \(line 14\) comes frame 19 \(line 15\); insert rows .* for frames 9-18"),
+        (
+            "19",
+            r"after frame 8 \(line 14\) comes frame 19 \(line 15\); insert rows .* for frames 9-18",
+        ),
         (
             "10",
             r"after frame 8 \(line 14\) comes frame 10 \(line 15\); insert rows .* for frame 9, or cut",
