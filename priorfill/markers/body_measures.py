@@ -21,8 +21,8 @@ __all__ = ["MAX_DIFFERENCE", "BodyComparison", "compare_bodies"]
 MAX_DIFFERENCE = 14.0
 """mm. Largest median difference of the measures of one subject. In 25 gait, 10 CMU and 3 HDM05
 takes it is at most 4.3 mm within a session (17 pairs). With all markers attached anew 10 to 20 mm
-away it is at most 12.4 mm in 33 of 34 pairs, and 14.5 mm in one. Between two subjects it is above
-14 mm in 94 % of 331 pairs, with a median of 32 mm."""
+away it is at most 14 mm in 33 of 34 pairs, and 14.5 mm in one. Between two subjects it is above
+14 mm in 95 % of 331 pairs, with a median of 30 mm."""
 
 MIN_DISTANCE, MAX_DISTANCE = 150.0, 500.0
 """mm. Shorter distances differ little between people; longer ones are rarely of one segment."""
