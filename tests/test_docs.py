@@ -1,0 +1,100 @@
+"""What the documents show is what the program reads and prints."""
+
+from __future__ import annotations
+
+import ast
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+from gappy import person, with_gaps
+
+from priorfill.cli import main
+from priorfill.filling.overrides import read_overrides
+from priorfill.formats import write
+from priorfill.markers.definitions import load
+
+ROOT = Path(__file__).parents[1]
+COMMAND_LINE = (ROOT / "docs/cli.md").read_text(encoding="utf-8")
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def blocks(path: Path, language: str) -> list[str]:
+    """Return the examples of a page in a language."""
+    text = path.read_text(encoding="utf-8")
+    fenced = re.findall(r"^```(\w*)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    return [example for name, example in fenced if name == language]
+
+
+def commands(group: click.Group, name: str = "") -> dict[str, click.Command]:
+    """Return every command by its name, those of groups too."""
+    context = click.Context(group)
+    found = {}
+    for part in group.list_commands(context):
+        command = group.get_command(context, part)
+        assert command is not None
+        full = f"{name} {part}".strip()
+        found |= commands(command, full) if isinstance(command, click.Group) else {full: command}
+    return found
+
+
+def test_the_example_of_a_marker_set_loads(tmp_path: Path) -> None:
+    (example,) = blocks(ROOT / "database/markersets/README.md", "toml")
+    path = tmp_path / "our-lower-body.toml"
+    path.write_text(example, encoding="utf-8")
+    marker_set = load(path)
+    assert marker_set.name == "our-lower-body"
+    needed = [label for label in marker_set.labels if label not in marker_set.optional]
+    assert f"{len(needed)} markers" in marker_set.title
+
+
+def test_the_example_of_overrides_is_read(tmp_path: Path) -> None:
+    (example,) = blocks(ROOT / "docs/cli.md", "toml")
+    path = tmp_path / "gaps.toml"
+    path.write_text(example, encoding="utf-8")
+    frames = [(entry.first, entry.last) for entry in read_overrides(path).entries]
+    assert frames == [(120, 180), (None, None), (301, 304)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_examples_in_python_use_names_that_exist(page: Path) -> None:
+    import priorfill as pf
+
+    for example in blocks(page, "python"):
+        for node in ast.walk(ast.parse(example)):
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+                if node.value.id == "pf":
+                    assert hasattr(pf, node.attr), node.attr
+                if node.value.id in ("gap", "result"):
+                    kind = {"gap": pf.FilledGap, "result": pf.Result}[node.value.id]
+                    assert node.attr in kind.__dataclass_fields__, node.attr
+
+
+def test_every_option_is_documented() -> None:
+    missing = [
+        f"{name} {option}"
+        for name, command in commands(main).items()
+        for parameter in command.params
+        if isinstance(parameter, click.Option)
+        for option in parameter.opts
+        if option.startswith("--") and not re.search(rf"`{option}\b", COMMAND_LINE)
+    ]
+    assert missing == []
+
+
+def test_the_table_of_a_fill_is_what_is_printed(here: Path) -> None:
+    """The numbers of the example are those of another clip."""
+    clip = replace(with_gaps(person(seconds=2.0), (60, 120, ["LKNE"])), first_frame=1)
+    write("walk.c3d", clip)
+    printed = CliRunner().invoke(main, ["fill", "walk.c3d", "-o", "walk_filled.c3d"]).stdout
+    assert without_numbers(printed) in [
+        without_numbers(one) for one in blocks(ROOT / "docs/cli.md", "")
+    ]
+
+
+def without_numbers(text: str) -> str:
+    """Return a text with its lengths in mm replaced, where widths may differ."""
+    return re.sub(r" +[0-9]+\.[0-9](?![0-9])", " #", text)
