@@ -49,7 +49,9 @@ def compiled(options: dict[str, Any], **more: Any) -> Callable[[_Function], _Fun
         try:
             # what njit(cache=True) does with numba's own class
             dispatcher._cache = _TolerantCache(function)  # type: ignore[attr-defined]
-        except (OSError, RuntimeError) as error:  # RuntimeError: there is no folder to write to
+        except RuntimeError:
+            _problems.append("neither the program's folder nor the user's can be written")
+        except OSError as error:
             _report(error)
         return dispatcher
 
@@ -61,11 +63,9 @@ def cache_problem() -> str:
     return _problems[0] if _problems else ""
 
 
-def _report(error: Exception) -> None:
-    reason = " ".join(str(error).split())
-    if isinstance(error, OSError) and error.filename is not None:
-        reason = f"{Path(error.filename).parent}: {error.strerror}"
-    _problems.append(reason)
+def _report(error: OSError) -> None:
+    where = f"{Path(error.filename).parent}: " if error.filename is not None else ""
+    _problems.append(f"{where}{error.strerror or error}")
 
 
 class _CheckedFile(IndexDataCacheFile):
@@ -108,5 +108,5 @@ class _TolerantCache(FunctionCache):
     def save_overload(self, sig: Any, data: Any) -> None:
         try:
             super().save_overload(sig, data)
-        except (OSError, RuntimeError) as error:
+        except OSError as error:
             _report(error)

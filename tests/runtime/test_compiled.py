@@ -89,4 +89,4 @@ def test_no_folder_to_write_to(load, tmp_path, monkeypatch):
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "cache"))
     monkeypatch.setattr("sys.dont_write_bytecode", True)
     assert load() == 0
-    assert "no locator available" in cache_problem()
+    assert "can be written" in cache_problem()
