@@ -203,3 +203,11 @@ def test_one_module_prints(module: Path) -> None:
 def test_printing_is_seen() -> None:
     source = "import click, sys\nclick.echo('a')\nprint('b')\nsys.stdout.write('c')\nsay('d')"
     assert [found.partition(":")[0] for found in printers(source)] == ["line 2", "line 3", "line 4"]
+
+
+def test_writers_of_tables_escape_cells() -> None:
+    """A text from a file must not become a formula of a spreadsheet."""
+    texts = {relative(module): module.read_text(encoding="utf-8") for module in modules()}
+    writers = [name for name, text in texts.items() if re.search(r"csv\.(writer|DictWriter)", text)]
+    assert writers
+    assert [name for name in writers if "csv_cell(" not in texts[name]] == []
