@@ -94,6 +94,7 @@ class DatabaseTakes:
         damaged: Mapping[str, DatabaseCorruptError],
     ) -> tuple[ClipRecord, ...]:
         """Return the rows of the clips that may be learnt from."""
+        self._notes += database.notes
         self._notes += [
             f"{database.path}: the row of clip {name} is damaged; not learnt from"
             for name in database.damaged
