@@ -569,7 +569,7 @@ class Catalogue:
         try:
             yield
         except sqlite3.OperationalError as error:
-            if error.sqlite_errorname == "SQLITE_ERROR":  # no such table
+            if getattr(error, "sqlite_errorname", "") == "SQLITE_ERROR":  # no such table
                 raise self._damaged(str(error)) from error
             # full, locked, read-only: not damage
             raise DatabaseError(

@@ -25,6 +25,8 @@ class DatabaseLock:
     ------
     DatabaseLockedError
         If another process holds it.
+    DatabaseError
+        If the folder cannot be written to.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -35,6 +37,11 @@ class DatabaseLock:
             raise DatabaseLockedError(
                 f"{folder}: {error.holder} is writing to this database; wait until it has ended"
             ) from None
+        except OSError as error:
+            raise DatabaseError(
+                f"{folder}: cannot be written to ({error.strerror or error}); check its "
+                "permissions, or copy it to a place where you may write"
+            ) from error
         self._file = self._identity()
 
     def check(self) -> None:

@@ -533,7 +533,7 @@ class PriorDatabase:
             If one of them no longer exists, or the database was opened for reading.
         """
         self._ready_writer()
-        records = tuple(records)
+        records = tuple(map(self._present, records))
         edited = tuple(
             replace(
                 record,
@@ -546,6 +546,13 @@ class PriorDatabase:
         with self._one_change():
             self._catalogue.edit(pairs)
         return edited
+
+    def _present(self, record: ClipRecord) -> ClipRecord:
+        """Return a clip's record as it is at present."""
+        found = self._catalogue.find(record.content)
+        if found is None:
+            raise DatabaseError(f"{record.name}: is not in the database; list its clips again")
+        return found
 
     def compact(self, progress: Callable[[int, int], None] | None = None) -> int:
         """Free the disk space of removed clips.

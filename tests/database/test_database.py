@@ -367,7 +367,7 @@ def test_read_only_folder(folder: Path) -> None:
         path.chmod(stat.S_IRUSR | (stat.S_IXUSR if path.is_dir() else 0))
     try:
         assert snapshot(folder) == before
-        with pytest.raises(PermissionError):
+        with pytest.raises(DatabaseError, match="cannot be written to"):
             PriorDatabase.open(folder, write=True)
     finally:
         for path in paths:
@@ -490,6 +490,50 @@ def test_hot_journal_is_rolled_back_by_a_reader(folder: Path) -> None:
     run_and_die(lambda: _spoil(folder / "catalogue.sqlite"))
     assert (folder / "catalogue.sqlite-journal").exists()
     assert snapshot(folder) == before
+
+
+def test_hot_journal_on_read_only_media(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The catalogue is read as it was before the change that was not completed."""
+    with PriorDatabase.create(folder) as database:
+        database.add(make_clip(0))
+    before = snapshot(folder)
+    run_and_die(lambda: _spoil(folder / "catalogue.sqlite"))
+    files = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    really = sqlite3.connect
+
+    def read_only(address: Any, *given: Any, **more: Any) -> Any:
+        return really(str(address).replace("?mode=rw", "?mode=ro"), *given, **more)
+
+    monkeypatch.setattr(sqlite3, "connect", read_only)
+    assert snapshot(folder) == before
+    with PriorDatabase.open(folder) as database:
+        assert "a writer was killed here" in database.notes[0]
+        assert database.verify() == []
+    assert {path: path.read_bytes() for path in files} == files
+
+
+def test_several_processes_create_one_database(folder: Path) -> None:
+    """Each adds its clip, or is told that another one is writing."""
+    context = multiprocessing.get_context("fork")
+
+    def add(seed: int) -> None:
+        try:
+            with PriorDatabase.open_or_create(folder) as database:
+                database.add(make_clip(seed))
+        except DatabaseLockedError:
+            os._exit(7)
+        os._exit(0)
+
+    processes = [context.Process(target=add, args=(seed,)) for seed in range(6)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # as above
+        for process in processes:
+            process.start()
+    for process in processes:
+        process.join()
+    codes = [process.exitcode for process in processes]
+    assert set(codes) <= {0, 7}
+    assert len(snapshot(folder)) == codes.count(0) >= 1
 
 
 def test_a_reader_that_is_open_when_a_writer_is_killed(folder: Path) -> None:

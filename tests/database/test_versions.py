@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ from db_cli import small_clip
 from gappy import person, with_gaps
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scripted import load_script
 
 from priorfill.clip import Clip
 from priorfill.database import ClipOrigin, PriorDatabase, Selection
@@ -403,6 +406,99 @@ def test_a_database_of_format_version_1_is_read(tmp_path: Path) -> None:
         "priorfill-database.json",
         "segments",
     ]
+
+
+@pytest.mark.parametrize("late", [False, True], ids=["not done", "done"])
+def test_a_conversion_that_is_interrupted_anywhere(in_memory: Path, late: bool) -> None:
+    """The old or the new version is there, and the next writer completes it."""
+    script = load_script("torture_database")
+    for at in range(1, 90):
+        folder = in_memory / f"converted-{late}-{at}"
+        shutil.copytree(FIXTURE, folder)
+        with script.Faults(folder, script.Fault(at, late=late, for_ever=True)) as faults:
+            with suppress(OSError, DatabaseError):
+                PriorDatabase.open(folder, write=True).close()
+            struck = faults.struck
+        assert state(folder) == state(FIXTURE), f"call {at}: {struck}"
+        with PriorDatabase.open(folder, write=True) as database:
+            assert database.verify() == [], f"call {at}: {struck}"
+            assert database.info().version == 3
+        assert state(folder) == state(FIXTURE)
+        assert len([*folder.glob("segments/*"), *folder.glob("*.sqlite")]) == 2
+        shutil.rmtree(folder)
+        if not struck:
+            return
+    raise AssertionError("a conversion makes more calls than expected")
+
+
+def test_an_older_version_with_bytes_of_no_clip_is_not_converted(tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(FIXTURE, copy)
+    (segment,) = copy.glob("segments/*")
+    with segment.open("ab") as file:
+        file.write(bytes(40))
+    with pytest.raises(DatabaseError, match="but the catalogue counts"):
+        PriorDatabase.open(copy, write=True)
+    with PriorDatabase.create(tmp_path / "new") as database, PriorDatabase.open(copy) as old:
+        assert "but the catalogue counts" in old.verify()[0]
+        assert len(database.merge(old).added) == 4
+
+
+def test_measured_samples_replace_filled_ones(folder: Path) -> None:
+    """A version that measured all of them does; one that repeats the fill does not."""
+    measured = small_clip("walk", 1, frames=240)
+    filled = np.zeros(measured.missing.shape, dtype=bool)
+    filled[40:80, 2] = True
+    moved = measured.positions + 5 * filled[:, :, None]
+    with PriorDatabase.create(folder) as database:
+        database.add(replace(measured, positions=moved, name="fill"), filled=filled)
+        again = moved + 0.001 * filled[:, :, None]
+        with pytest.raises(DuplicateClipError, match="filled"):
+            database.add(replace(measured, positions=again, name="again"))
+        gappy = np.where(filled[:, :, None], np.nan, measured.positions)
+        with pytest.raises(DuplicateClipError, match="filled"):
+            database.add(replace(measured, positions=gappy, name="gappy"))
+        database.add(measured)
+        (record,) = database.clips()
+        assert (record.name, record.has_filled) == ("walk", False)
+
+
+def test_edit(folder: Path) -> None:
+    with PriorDatabase.create(folder) as database:
+        filled = np.zeros((240, 4), dtype=bool)
+        filled[40:80, 2] = True
+        database.add(small_clip("a", 1, frames=240), ClipOrigin(subject="male"), filled=filled)
+        database.add(small_clip("b", 2, frames=240))
+    with PriorDatabase.open(folder, write=True) as database:
+        (old,) = (record for record in database.clips() if record.name == "a")
+        (new,) = database.edit([old], subject="anna", session="2\n")
+        assert (new.subject, new.session) == ("anna", "2_")
+        assert replace(new, subject=old.subject, session=old.session) == old
+        assert database.edit([new]) == (new,)
+        (other,) = (record for record in database.clips() if record.name == "b")
+        database.remove([other])
+        with pytest.raises(DatabaseError, match="is not in the database"):
+            database.edit([new, other], subject="x")
+        assert database.edit([old], subject="anna") == (new,)  # the session stays
+        assert database.verify() == []
+        assert database.versions(small_clip("a", 1, frames=240)) == (new,)
+        mask = database.filled(new)
+        assert mask is not None and mask.any()
+    with PriorDatabase.open(folder, write=True) as database:
+        database.compact()
+        assert database.verify() == []
+        assert sorted(record.subject for record in database.clips()) == ["anna"]
+
+
+def test_words_that_are_no_names_of_subjects(folder: Path) -> None:
+    with PriorDatabase.create(folder) as database:
+        for seed, word in enumerate(("male", "Female", "New Patient", "subject", " test ")):
+            clip = replace(small_clip(f"c{seed}", seed), subject=word)
+            assert database.add(clip).subject == ""
+        clip = replace(small_clip("named", 9), subject="Subject 7")
+        assert database.add(clip).subject == "Subject 7"
+        said = database.add(small_clip("said", 10), ClipOrigin(subject="male"))
+        assert said.subject == "male"
 
 
 def test_the_same_recording_in_another_format(tmp_path: Path) -> None:
