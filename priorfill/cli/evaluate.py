@@ -68,9 +68,11 @@ def _ranged(name: str, target: str, number: Callable[[str], Any], text: str) -> 
     "--methods",
     "-m",
     metavar="A,B,...",
-    default="all",
+    multiple=True,
+    default=["all"],
     show_default=True,
-    help="Methods to compare, as `priorfill methods` lists them.",
+    callback=as_names,
+    help="Methods to compare, as `priorfill methods` lists them. Can be repeated.",
 )
 @click.option(
     "--protocol",
@@ -156,7 +158,7 @@ def _ranged(name: str, target: str, number: Callable[[str], Any], text: str) -> 
 @reading_options
 def evaluate(
     files: tuple[Path, ...],
-    methods: str,
+    methods: tuple[str, ...],
     protocol: str | None,
     like: Path | None,
     database: Path | None,
@@ -222,7 +224,11 @@ def evaluate(
 
 
 def _check_options(
-    methods: str, output: Path | None, plots: bool, database: Path | None, excluding: bool
+    methods: tuple[str, ...],
+    output: Path | None,
+    plots: bool,
+    database: Path | None,
+    excluding: bool,
 ) -> None:
     """Refuse invalid options before any work is done."""
     from priorfill.evaluation.evaluation_plan import choose_methods
@@ -289,7 +295,7 @@ def _read_files(
     for file in files:
         try:
             read.append(read_clip(file, **options, read=read_one_of_many))
-        except (ClipError, FormatError) as error:
+        except (ClipError, FormatError, OptionError) as error:
             if len(files) == 1:
                 raise
             print_line(f"priorfill: {with_path(file, error)}", err=True)

@@ -535,10 +535,10 @@ def at_rate(protocol: GapProtocol, rate: float) -> GapProtocol:
     changed: dict[str, Any] = {}
     for key in _TIMES:
         value = getattr(protocol, key, None)
-        if isinstance(value, tuple):
-            changed[key] = tuple(seconds_of(one, rate) for one in value)
-        elif value is not None:
+        if isinstance(value, str):
             changed[key] = seconds_of(value, rate)
+        elif isinstance(value, tuple) and any(isinstance(one, str) for one in value):
+            changed[key] = tuple(seconds_of(one, rate) for one in value)
     return replace(cast(Any, protocol), **changed) if changed else protocol
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from priorfill.errors import ClipError, MultipleSubjectsError
+from priorfill.errors import MultipleSubjectsError, OptionError
+from priorfill.runtime.option_texts import close_or_all
 
 __all__ = ["choose_subject"]
 
@@ -36,7 +37,7 @@ def choose_subject(
     ------
     MultipleSubjectsError
         If the file holds several subjects and none is requested.
-    ClipError
+    OptionError
         If the file does not hold the requested subject.
     """
     present = sorted({owner for owner in owners.values() if owner})
@@ -57,5 +58,5 @@ def choose_subject(
         }
     if not present and (subject in declared or not declared):
         return subject, {}
-    known = ", ".join(present or declared)
-    raise ClipError(f"{name}: has no subject {subject}; it holds {known}: choose one of them")
+    known = close_or_all(subject, present or declared)
+    raise OptionError(f"{name}: has no subject {subject!r}; {known}")

@@ -60,7 +60,7 @@ def test_fill_inspect_and_db_add(here, name):
     assert filled["added"]
     assert changed_lines(file, out) == 10
     assert not formats.read(out).missing.any()
-    assert run("db", "add", "-d", "other", file).stdout.startswith(f"added {file}")
+    assert run("db", "add", "-v", "-d", "other", file).stdout.startswith(f"added {file}")
 
 
 def test_a_new_file_of_another_format_joins_the_database(here):
@@ -76,7 +76,7 @@ def test_a_new_file_of_another_format_joins_the_database(here):
         formats.read("out.c3d").positions, formats.read("out.c3d", unit="mm").positions
     )
     refused = run(*line, "-o", "out.csv")
-    assert refused.exit_code == 1
+    assert refused.exit_code == 2
     assert "only as a copy of a .csv file" in refused.stderr
 
 
@@ -86,7 +86,7 @@ def test_a_folder_of_recordings_and_other_files(here):
     np.savez("in/weights.npz", weights=np.zeros(3))
     Path("in/notes.txt").write_text("felt unwell\n")
     Path("in/table.csv").write_text("a,b\n1,2\n")
-    result = run("db", "add", "-d", "db", "in")
+    result = run("db", "add", "-v", "-d", "db", "in")
     assert result.exit_code == 0, result.stderr
     assert result.stdout.splitlines()[0] == "added in/nexus.csv"
 

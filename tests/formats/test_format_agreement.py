@@ -143,7 +143,7 @@ ERRORS = {
     "minus infinity": (ClipError, "RKNE has an infinite coordinate in frame 35"),
     "absurd": (ClipError, r"RKNE has a coordinate of 2e\+20 in frame 35; mark the sample"),
     "no rate": (ClipError, r"no frame rate; give the frames per second \(`rate`\)"),
-    "a negative rate": (OptionError, "not positive"),
+    "a negative rate": (OptionError, "`rate` is"),
     "metres as mm": (ClipError, "`unit` m"),
     "an unknown unit option": (OptionError, "unit 'ell' is unknown"),
     "an unknown up axis": (OptionError, "'W' is unknown"),
