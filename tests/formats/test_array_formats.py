@@ -85,6 +85,14 @@ def test_blanks_at_the_ends_of_labels_are_dropped(path):
     assert formats.read(path).labels[4:] == ("a", "b")
 
 
+def test_text_that_is_not_unicode_is_written(path):
+    """Names of files that are not UTF-8 have lone surrogates."""
+    labels = (*LABELS[:5], "x\udcff")
+    formats.write(path, replace(clip_with_gap(), labels=labels, name="\udcff", subject="a\udcff"))
+    again = formats.read(path)
+    assert (again.labels[5], again.subject) == ("x?", "a?")
+
+
 def test_missing_samples_are_not_declared_as_filled(path):
     positions = standing()
     positions[4:7, 2] = np.nan

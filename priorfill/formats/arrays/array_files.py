@@ -66,13 +66,13 @@ def clip_arrays(clip: Clip, filled: NDArray[np.bool_]) -> dict[str, Any]:
     """Return the arrays that priorfill writes for a clip, positions in mm."""
     return {
         "positions": clip.positions,
-        "labels": np.array(clip.labels),
+        "labels": np.array([_storable(label) for label in clip.labels]),
         "rate": clip.rate,
         "unit": "mm",
         "up": clip.up,
         "first_frame": clip.first_frame,
-        "name": clip.name,
-        "subject": clip.subject,
+        "name": _storable(clip.name),
+        "subject": _storable(clip.subject),
         "filled": filled,
     }
 
@@ -209,13 +209,17 @@ def _strings(value: Any, name: str) -> tuple[str, ...]:
             one.decode("utf-8") if isinstance(one, bytes) else str(one)
             for one in array.ravel().tolist()
         ]
-        # a lone surrogate is no character and could not be written
-        texts = [one.encode("utf-8", "replace").decode("utf-8").strip() for one in texts]
+        texts = [_storable(one).strip() for one in texts]
     except ValueError as error:  # bytes of another encoding, numbers that are no characters
         raise FormatError(
             f"{name}: has text that is not Unicode; save the labels as strings"
         ) from error
     return tuple(texts)
+
+
+def _storable(text: str) -> str:
+    """Return a text without lone surrogates, as of a file name that is not UTF-8."""
+    return text.encode("utf-8", "replace").decode("utf-8")
 
 
 def _rate(arrays: Mapping[str, Any], known: Mapping[str, str], name: str) -> float | None:
