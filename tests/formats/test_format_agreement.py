@@ -148,7 +148,7 @@ ERRORS = {
     "an unknown unit option": (OptionError, "unit 'ell' is unknown"),
     "an unknown up axis": (OptionError, "'W' is unknown"),
     "two subjects": (MultipleSubjectsError, r"2 subjects \(Ann, Bob\)"),
-    "an unknown subject": (ClipError, "no subject Carl; it holds Ann, Bob"),
+    "an unknown subject": (OptionError, "no subject 'Carl'; use one of Ann, Bob"),
 }
 """The cases that are errors in every format; all others are clips in every format."""
 
