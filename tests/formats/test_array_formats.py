@@ -430,6 +430,12 @@ def test_crafted_matlab_files_take_no_memory(tmp_path, fault):
     assert "\n" not in str(caught.value)
 
 
+def test_shapes_and_names_of_other_programs():
+    head = element(6, struct.pack("<II", 6, 0)) + element(6, struct.pack("<2I", 1, 1))
+    data = mat_file(element(14, head + element(16, "é".encode()) + element(9, bytes(8))))
+    assert variables(data, "a.mat") == {"é": np.zeros((1, 1))}
+
+
 def test_nesting_to_the_limit_and_other_classes(tmp_path):
     assert "x" in variables(nested(MAX_DEPTH), "a.mat")
     string = matrix(17, (), element(1, b"MCOS"), element(1, b"string"), name=b"labels")

@@ -29,8 +29,8 @@ _ORDERS = {b"IM": "<", b"MI": ">"}
 """Version 5: size of the header; offset of the byte order mark in it, and its values."""
 
 _MATRIX, _COMPRESSED = 14, 15
-_INT8, _INT32, _UINT32 = 1, 5, 6
-"""Types of data elements."""
+_INT8, _INT32, _UINT32, _UTF8 = 1, 5, 6, 16
+"""Types of data elements. Some programs write shapes as `_UINT32` and names as `_UTF8`."""
 
 _NUMBERS = dict(
     [
@@ -40,7 +40,7 @@ _NUMBERS = dict(
 )
 """NumPy type of each numeric data element."""
 
-_TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
+_TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", _UTF8: "utf-8", 17: "utf-16", 18: "utf-32"}
 """Encoding of each data element that holds characters."""
 
 _CELL, _STRUCT, _CHAR = 1, 2, 4
@@ -281,7 +281,7 @@ class _Reader:
             return word, (), _name(name), name.end
         shape = self.element(content, flags.end)
         number, odd = divmod(len(shape.content), 4)
-        if shape.kind != _INT32 or odd or not 2 <= number <= MAX_DIMENSIONS:
+        if shape.kind not in (_INT32, _UINT32) or odd or not 2 <= number <= MAX_DIMENSIONS:
             raise _DamagedError("a variable has no shape")
         sizes = struct.unpack(f"{self._order}{number}i", shape.content)
         if min(sizes) < 0:
@@ -380,9 +380,10 @@ class _Reader:
 
 def _name(element: _Element) -> str:
     """Return the name of a matrix."""
-    if element.kind != _INT8:
+    if element.kind not in (_INT8, _UTF8):
         raise _DamagedError("a variable has no name")
-    return bytes(element.content).partition(b"\0")[0].decode("latin-1")
+    raw = bytes(element.content).partition(b"\0")[0]
+    return raw.decode("utf-8" if element.kind == _UTF8 else "latin-1")
 
 
 def _array(
