@@ -118,6 +118,7 @@ def _facts(
     missing = clip.missing
     source = clip.source
     left_out = source.left_out if source is not None else {}
+    read_notes = source.notes if source is not None else ()
     known: dict[str, Any] | None = None
     if definition is not None:
         match = definition.match(clip.labels)
@@ -150,7 +151,9 @@ def _facts(
         "reliable": [label for label in clip.labels if described.reliable[label]],
         "left_out": dict(Counter(left_out.values()).most_common()),
         "zero_samples": source.zero_samples if source is not None else 0,
-        "notes": [with_options(note) for note in source.notes] if source is not None else [],
+        "notes": [
+            with_options(note) for note in (*read_notes, *_recognition_notes(clip, definition))
+        ],
         "missing_samples": int(missing.sum()),
         "missing_percent": round(100 * float(missing.mean()), 3),
         "blackout_frames": int(missing.all(axis=1).sum()),
@@ -158,6 +161,18 @@ def _facts(
         "gap_groups": _groups(clip),
         "artefacts": artefact_facts(find_artefacts(clip), clip),
     }
+
+
+def _recognition_notes(clip: Clip, definition: MarkerSet | None) -> tuple[str, ...]:
+    """Return notes on a marker set that fits poorly, and on trajectories that are no markers."""
+    from priorfill.markers.marker_set_check import check_marker_set
+    from priorfill.markers.phantoms import find_phantoms, phantom_notes
+
+    known = () if definition is None else {*definition.labels, *definition.match(clip.labels)}
+    return (
+        *check_marker_set(clip.labels, clip.positions, definition, given=True),
+        *phantom_notes(clip, find_phantoms(clip, known)),
+    )
 
 
 def _gaps(clip: Clip, described: MarkerSet) -> list[dict[str, Any]]:

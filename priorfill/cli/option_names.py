@@ -12,10 +12,11 @@ import click
 
 __all__ = ["with_options"]
 
-_ARGUMENT = re.compile(r"`([a-z][a-z_]*)`")
+_ARGUMENT = re.compile(r"(?<![^\s(])`([a-z][a-z_]*)`(?![^\s.,:;)])")
+"""A word by itself, so that labels with backquotes are left alone."""
 
 _SPELT_ALIKE = (
-    *("database", "ignore_residuals", "marker_set", "overrides", "overwrite", "rate"),
+    *("database", "ignore_residuals", "marker_set", "markers", "overrides", "overwrite", "rate"),
     *("reject_artefacts", "rewrite", "same_subject", "subject", "uncertainty", "unit", "up"),
 )
 """Arguments that messages name also where the command that runs lacks the option."""

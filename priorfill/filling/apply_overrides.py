@@ -13,7 +13,8 @@ from priorfill.filling.assemble import expected_errors
 from priorfill.filling.gap_filter import GapFilter
 from priorfill.filling.overrides import LEAVE, AppliedOverrides, Overrides
 from priorfill.filling.result import FilledGap, Result
-from priorfill.gaps import Gap, GapGroup, gap_groups, runs
+from priorfill.gaps import Gap, GapGroup, find_gaps, gap_groups, runs
+from priorfill.markers.phantoms import Phantom
 
 __all__ = ["MethodRun", "join_runs", "plan_runs"]
 
@@ -47,6 +48,7 @@ def plan_runs(
     gap_filter: GapFilter,
     applied: AppliedOverrides | None = None,
     overrides: Overrides | None = None,
+    phantoms: Sequence[Phantom] = (),
 ) -> tuple[MethodRun, ...]:
     """Divide the gaps of a clip among methods.
 
@@ -60,6 +62,8 @@ def plan_runs(
         The gaps to fill; those that it leaves alone stay alone, whatever the overrides are.
     applied, overrides : AppliedOverrides, Overrides, optional
         What the overrides mean for the clip, and the overrides.
+    phantoms : sequence of Phantom
+        Trajectories to be left alone, unless the gap filter names markers.
 
     Returns
     -------
@@ -67,6 +71,12 @@ def plan_runs(
         At least one: a method also reports on clips without a gap to fill.
     """
     left_alone = gap_filter.left_alone(clip)
+    if phantoms and not gap_filter.markers:
+        reasons = {phantom.marker: phantom.reason for phantom in phantoms}
+        left_alone = [item for item in left_alone if item[0].marker not in reasons]
+        left_alone += [
+            (gap, reasons[gap.marker]) for gap in find_gaps(clip.missing) if gap.marker in reasons
+        ]
     if applied is None or overrides is None:
         return (_run(clip, method, left_alone),)
     actions = [method, *(entry.do for entry in overrides.entries)]

@@ -37,6 +37,8 @@ from priorfill.filling.same_subject_takes import same_subject_takes
 from priorfill.geometry.axes import to_upright
 from priorfill.markers.clip_geometry import ClipGeometry
 from priorfill.markers.definitions import recognise
+from priorfill.markers.marker_set_check import check_marker_set
+from priorfill.markers.phantoms import find_phantoms, phantom_notes
 from priorfill.methods import get_method, get_options, resolve
 from priorfill.methods.options import differing, with_values
 from priorfill.methods.task import Estimate, Task
@@ -131,10 +133,11 @@ def fill(
         options or FillOptions(),
     )
     others = assign_same_subject(clips, same_subject)
-    plans = [_plan(one, own, settings) for one, own in zip(clips, others, strict=True)]
     with ExitStack() as stack:
         if isinstance(database, (str, Path)):
             database = stack.enter_context(PriorDatabase.open(database))
+        shown = set() if database is None else {x for row in database.clips() for x in row.labels}
+        plans = [_plan(one, own, settings, shown) for one, own in zip(clips, others, strict=True)]
         # sums by several BLAS threads depend on their number; those by one thread do not
         stack.enter_context(threadpool_limits(1, user_api="blas"))
         groups = sum(len(run.groups) for plan in plans for run in plan.runs)
@@ -218,18 +221,28 @@ class _Plan:
     runs: tuple[MethodRun, ...]
 
 
-def _plan(measured: Clip, same_subject: tuple[Clip, ...], settings: _Settings) -> _Plan:
-    """Find what is to be done with a clip."""
+def _plan(
+    measured: Clip, same_subject: tuple[Clip, ...], settings: _Settings, shown: set[str]
+) -> _Plan:
+    """Find what is to be done with a clip; ``shown`` are markers of the database."""
     cleaned = measured
     artefacts: tuple[Artefact, ...] = ()
     if settings.reject_artefacts:
         cleaned, artefacts = without_artefacts(measured)
     applied = None if settings.overrides is None else settings.overrides.apply(cleaned)
     clip = cleaned if applied is None else applied.clip
-    runs = plan_runs(clip, settings.method, settings.gap_filter, applied, settings.overrides)
     definition = settings.options.marker_set or recognise(clip.labels)
+    known = {label for other in same_subject for label in other.labels} | shown
+    known |= set() if definition is None else {*definition.labels, *definition.match(clip.labels)}
+    phantoms = find_phantoms(measured, known)
+    runs = plan_runs(
+        clip, settings.method, settings.gap_filter, applied, settings.overrides, phantoms
+    )
     geometry = ClipGeometry(to_upright(clip.positions, clip.up), clip.labels, definition)
     takes, notes = same_subject_takes(measured, same_subject, definition)
+    notes += check_marker_set(
+        clip.labels, clip.positions, definition, given=settings.options.marker_set is not None
+    )
     return _Plan(
         measured,
         cleaned,
@@ -238,7 +251,7 @@ def _plan(measured: Clip, same_subject: tuple[Clip, ...], settings: _Settings) -
         applied,
         same_subject,
         takes,
-        notes,
+        (*notes, *(() if settings.gap_filter.markers else phantom_notes(measured, phantoms))),
         geometry,
         runs,
     )

@@ -77,8 +77,9 @@ def load(name_or_path: str | Path) -> MarkerSet:
         return _read(path)
     sets = available()
     if str(name_or_path) not in sets:
+        near = close_or_all(str(name_or_path), sorted(sets))
         raise OptionError(
-            f"marker set {name_or_path} is unknown; {close_or_all(str(name_or_path), sorted(sets))} "
+            f"marker set {name_or_path} is unknown; {near} "
             "(or give the path of a definition, NAME.toml)"
         )
     return sets[str(name_or_path)]
