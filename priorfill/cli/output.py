@@ -40,6 +40,12 @@ WIDTH = 80
 MAX_WORD = 40
 """Length of a word above which it is divided."""
 
+MIN_WORD = 16
+"""Length of a word above which it is divided if all columns then fit the width."""
+
+MIN_WORD = 16
+"""Length of a word above which it is divided if the whole table then fits the width."""
+
 GAP = 2
 """Blanks between the columns of a table."""
 
@@ -144,20 +150,36 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: st
     console = Console(file=sys.stdout, width=None if sys.stdout.isatty() else WIDTH)
     if title:
         print_line(title)
-    for number, part in enumerate(_parts(names, cells, console.width)):
+    parts, least = _layout(names, cells, console.width)
+    for number, part in enumerate(parts):
         if number:
             print_line()
+        shown = _table(
+            [names[i] for i in part],
+            [[row[i] for i in part] for row in cells],
+            [least[i] for i in part],
+        )
         with _errors_explained(), console.capture() as capture:
-            console.print(
-                _table([names[i] for i in part], [[row[i] for i in part] for row in cells])
-            )
+            console.print(shown)
         for line in capture.get().splitlines():
             _write(line.rstrip())  # with the styles of the table's header on a terminal
 
 
-def _parts(names: Sequence[str], cells: Sequence[Sequence[str]], width: int) -> list[list[int]]:
-    """Divide the columns of a table so that each part fits the width; the first is in each."""
-    needed = [_needed(name, [row[i] for row in cells]) for i, name in enumerate(names)]
+def _layout(
+    names: Sequence[str], cells: Sequence[Sequence[str]], width: int
+) -> tuple[list[list[int]], list[int]]:
+    """Divide the columns of a table so that each part fits the width; the first is in each.
+
+    Returns
+    -------
+    tuple of list of list of int, list of int
+        The columns of each part, and the least width of each column.
+    """
+    for longest in (MAX_WORD, MIN_WORD):
+        needed = [_needed(name, [row[i] for row in cells], longest) for i, name in enumerate(names)]
+        if sum(needed) + GAP * (len(needed) - 1) <= width:
+            return [list(range(len(names)))], needed
+    needed = [_needed(name, [row[i] for row in cells], MAX_WORD) for i, name in enumerate(names)]
     parts, used = [[0]], needed[0]
     for i in range(1, len(names)):
         if used + GAP + needed[i] > width and len(parts[-1]) > 1:
@@ -165,29 +187,31 @@ def _parts(names: Sequence[str], cells: Sequence[Sequence[str]], width: int) -> 
             used = needed[0]
         parts[-1].append(i)
         used += GAP + needed[i]
-    return parts
+    return parts, needed
 
 
-def _needed(name: str, cells: Sequence[str]) -> int:
+def _needed(name: str, cells: Sequence[str], longest: int) -> int:
     """Return the least width of a column: numbers stay in one piece, texts are wrapped."""
     from rich.cells import cell_len
 
-    pieces = name.removesuffix(">").split("\n")
-    pieces += cells if name.endswith(">") else [word for cell in cells for word in cell.split(" ")]
-    return min(max(cell_len(piece) for piece in pieces), MAX_WORD)
+    header = max(cell_len(piece) for piece in name.removesuffix(">").split("\n"))
+    if name.endswith(">"):
+        return min(max([header, *map(cell_len, cells)]), MAX_WORD)
+    words = [cell_len(word) for cell in cells for word in cell.split(" ")]
+    return max(header, min(max(words, default=0), longest))
 
 
-def _table(names: Sequence[str], cells: Sequence[Sequence[str]]) -> Table:
+def _table(names: Sequence[str], cells: Sequence[Sequence[str]], least: Sequence[int]) -> Table:
     """Return a table for the terminal, in which only texts are wrapped."""
     from rich.table import Table
     from rich.text import Text
 
     table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, GAP, 0, 0))
-    for i, name in enumerate(names):
+    for name, width in zip(names, least, strict=True):
         table.add_column(
             Text(name.removesuffix(">")),
             justify="right" if name.endswith(">") else "left",
-            min_width=_needed(name, [row[i] for row in cells]),
+            min_width=width,
             overflow="fold",
         )
     for row in cells:
