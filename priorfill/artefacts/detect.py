@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from priorfill.artefacts.outlier_runs import OutlierRun, outlier_runs
 from priorfill.artefacts.reference_markers import ReferenceMarkers, choose_reference_markers
 from priorfill.artefacts.stuck import find_stuck
 from priorfill.clip import Clip
+from priorfill.geometry.neighbourhoods import MAX_DENSE_MARKERS, neighbourhoods
 
 __all__ = ["artefact_samples", "find_artefacts", "without_artefacts"]
 
@@ -62,6 +64,8 @@ def find_artefacts(
     >>> spike.kind, spike.markers, spike.start, spike.stop
     ('spike', ('A',), 50, 53)
     """
+    if len(clip.labels) > MAX_DENSE_MARKERS:
+        return _find_in_parts(clip, options)
     references = choose_reference_markers(clip.positions, options.reference_markers)
 
     def breaks_of(positions: NDArray[np.float64]) -> PathBreaks:
@@ -79,12 +83,22 @@ def find_artefacts(
     wrong = artefact_samples(elsewhere, clip.labels, clip.frames)
     positions = np.where(wrong[..., None], np.nan, positions) if elsewhere else positions
     inconsistent = _find_inconsistent(clip, positions, options)
-    return tuple(
-        sorted(
-            [*stuck, *swaps, *mislabelled, *inconsistent, *elsewhere],
-            key=lambda artefact: (artefact.start, artefact.stop, artefact.markers),
-        )
-    )
+    return _in_order([*stuck, *swaps, *mislabelled, *inconsistent, *elsewhere])
+
+
+def _in_order(artefacts: Iterable[Artefact]) -> tuple[Artefact, ...]:
+    """Return artefacts in order of time."""
+    return tuple(sorted(artefacts, key=lambda found: (found.start, found.stop, found.markers)))
+
+
+def _find_in_parts(clip: Clip, options: ArtefactOptions) -> tuple[Artefact, ...]:
+    """Find the artefacts of very many markers neighbourhood by neighbourhood."""
+    found: list[Artefact] = []
+    for group in neighbourhoods(clip.positions):
+        labels = tuple(clip.labels[marker] for marker in group)
+        part = replace(clip, labels=labels, positions=clip.positions[:, group])
+        found += find_artefacts(part, options=options)
+    return _in_order(found)
 
 
 def artefact_samples(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from priorfill.clip import Clip
 from priorfill.geometry.distances import PairStatistics, pair_statistics
+from priorfill.geometry.neighbourhoods import MAX_DENSE_MARKERS
 from priorfill.geometry.rigid_groups import MIN_COMMON
 from priorfill.markers.definitions import recognise
 from priorfill.markers.discover import discover
@@ -79,7 +80,8 @@ def describe_markers(
     -------
     MarkerSet
         The definition, restricted to the markers given. Markers it does not contain are assigned to
-        the segment to which their distances vary least, as not reliable and without a mirror image.
+        the segment to which their distances vary least, as not reliable and without a mirror image;
+        among more than `MAX_DENSE_MARKERS` markers, each to a segment of its own.
         Without a definition, the result of `discover`.
 
     See Also
@@ -87,13 +89,16 @@ def describe_markers(
     describe : The same for a clip.
     discover : Used where there is no definition.
     """
+    many = len(labels) > MAX_DENSE_MARKERS
     if definition is None:
-        return discover(positions, labels, pairs())
+        return discover(positions, labels, None if many else pairs())
     match = definition.match(labels)
     own = {name: label for label, name in match.items()}
     segment = {label: definition.segment[name] for label, name in match.items()}
     extra = [label for label in labels if label not in match]
-    if extra:
+    if extra and many:
+        segment |= {label: label for label in extra}
+    elif extra:
         segment |= _nearest_segments(labels, pairs(), segment, extra)
     present = set(segment.values())
     return MarkerSet(

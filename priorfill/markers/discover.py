@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.geometry.distances import PairStatistics, pair_statistics
+from priorfill.geometry.neighbourhoods import MAX_DENSE_MARKERS, neighbourhoods
 from priorfill.geometry.rigid_groups import MIN_COMMON, rigid_groups
 from priorfill.markers.marker_set import DISCOVERED, MarkerSet
 
@@ -48,6 +49,8 @@ def discover(
     large, rigid and central they are. Mirror pairs follow from the labels, if at least half of
     them come in pairs of left and right.
 
+    More than `MAX_DENSE_MARKERS` markers are divided into neighbourhoods first.
+
     Parameters
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
@@ -75,6 +78,8 @@ def discover(
     >>> discover(positions, ("A", "B", "C", "D")).segments
     {'segment01': ('A', 'B', 'C', 'D')}
     """
+    if pairs is None and len(labels) > MAX_DENSE_MARKERS:
+        return _discover_in_parts(positions, labels)
     spread = (pairs or pair_statistics(positions)).of_common(MIN_COMMON)[1]
     groups = rigid_groups(spread)
     names = [f"segment{i + 1:02d}" for i in range(len(groups))]
@@ -103,6 +108,41 @@ def discover(
         reliable={label: bool(reliable[m]) for m, label in enumerate(labels)},
         mirror=_mirror_by_names(labels),
         root_segments=tuple(names[i] for i in roots or order),
+        title="found from the data",
+    )
+
+
+def _discover_in_parts(positions: NDArray[np.floating], labels: Sequence[str]) -> MarkerSet:
+    """Find a marker set neighbourhood by neighbourhood."""
+    parts = [
+        discover(positions[:, group], [labels[marker] for marker in group])
+        for group in neighbourhoods(positions)
+    ]
+    order = {label: place for place, label in enumerate(labels)}
+    groups = sorted(
+        (
+            (order[markers[0]], part, name)
+            for part, found in enumerate(parts)
+            for name, markers in found.segments.items()
+        )
+    )
+    name_of = {(part, name): f"segment{i + 1:02d}" for i, (_, part, name) in enumerate(groups)}
+    segment: dict[str, str] = {}
+    reliable: dict[str, bool] = {}
+    for number, part in enumerate(parts):
+        segment |= {label: name_of[number, name] for label, name in part.segment.items()}
+        reliable |= part.reliable
+    return MarkerSet(
+        name=DISCOVERED,
+        labels=tuple(labels),
+        segment={label: segment[label] for label in labels},
+        reliable={label: reliable[label] for label in labels},
+        mirror=_mirror_by_names(labels),
+        root_segments=tuple(
+            name_of[number, name]
+            for number, part in enumerate(parts)
+            for name in part.root_segments
+        ),
         title="found from the data",
     )
 

@@ -191,7 +191,11 @@ def get_method(name: str) -> Method:
     """
     module, function = METHODS[resolve(name)].place.split(":")
     method: Method = getattr(import_module(f"{__name__}.{module}"), function)
-    return method
+    if module == "interpolation":  # marker by marker anyway
+        return method
+    from priorfill.methods.many_markers import by_neighbourhoods
+
+    return by_neighbourhoods(method)
 
 
 def get_options(name: str) -> Any:

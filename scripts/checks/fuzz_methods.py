@@ -252,7 +252,7 @@ def check(clip: Clip, result: Result) -> None:
         raise AssertionError("a filled sample was measured, or is not finite")
     if not np.isnan(result.clip.positions[clip.missing & ~filled]).all():
         raise AssertionError("a sample that was not filled has a position")
-    for name in ("expected_rms", "error_bound_90"):
+    for name in ("expected_rms_mm", "error_bound_90_mm"):
         expected = getattr(result, name)[filled]
         if result.method == "gpr" and not np.isfinite(expected).all():
             raise AssertionError(f"{name} is not finite")

@@ -300,7 +300,7 @@ def test_every_second_frame() -> None:
     inside[-1] = False  # at the end there is nothing to interpolate
     assert result.filled[inside].all()
     assert error(result.clip.positions, truth.positions, inside) < 0.4
-    assert 0.0 < result.expected_rms[inside].max() < 2.0
+    assert 0.0 < result.expected_rms_mm[inside].max() < 2.0
 
 
 def test_a_single_frame_is_an_edge_of_both_blackouts() -> None:
@@ -318,7 +318,7 @@ def test_single_frames_alone() -> None:
     assert result.filled[10:41].sum() == clip.missing[10:41].sum()
     off = np.linalg.norm(result.clip.positions - truth.positions, axis=2)
     inside = clip.missing & (np.arange(60) > 10)[:, None] & (np.arange(60) < 40)[:, None]
-    ratio = off[inside] / result.expected_rms[inside]
+    ratio = off[inside] / result.expected_rms_mm[inside]
     assert 0.02 < np.sqrt((ratio**2).mean()) < 1.5
 
 
