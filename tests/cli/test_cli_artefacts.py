@@ -137,7 +137,7 @@ def test_rejected_samples_in_other_formats(suffix: str) -> None:
 
 
 def test_a_database_does_not_hold_artefacts() -> None:
-    added = run("db", "add", "-d", "db", "one.c3d", "clean.c3d").output.splitlines()
+    added = run("db", "add", "-v", "-d", "db", "one.c3d", "clean.c3d").output.splitlines()
     assert added[0] == (
         "added one.c3d, without 4 samples of LWRA that are artefacts (see: priorfill inspect)"
     )
