@@ -87,7 +87,7 @@ def parse_motive(data: bytes, name: str) -> TableRecording:
     rows = [row for row in range(frame_row + 1, len(lines)) if lines[row].strip(b' ,;\t\r\n"')]
     if not rows:
         raise ClipError(f"{name}: has no frames after line {line}; export it again")
-    width = max(map(len, titles.values()))
+    width = len(titles["axis"])
     positions, table = read_table(lines, rows, columns, labels, delimiter, name, width)
     split = [cells_of(lines[row], delimiter)[:2] for row in rows]
     first = frame_numbers([cells[0] for cells in split], rows, lines, name)
@@ -158,7 +158,22 @@ def _markers(titles: dict[str, list[str]], what: str) -> dict[str, list[tuple[st
                 "change within these cells; correct the shifted row of the header"
             )
         found.setdefault(kinds[0].lower(), []).append((names[0], where))
+    _check_complete(titles, 3 * sum(map(len, found.values())), what)
     return found
+
+
+def _check_complete(titles: dict[str, list[str]], used: int, what: str) -> None:
+    """Raise FormatError if there are positions of markers outside the columns X, Y, Z in use."""
+    pairs = zip(titles["type"], titles["measure"], strict=False)
+    stated = sum(
+        (kind.lower() == _MARKER or _SOLVED.fullmatch(kind.lower()) is not None)
+        and measure.lower() == "position"
+        for kind, measure in pairs
+    )
+    if stated != used:
+        raise FormatError(
+            f"{what} does not have X, Y, Z for each marker of the rows above; correct the line"
+        )
 
 
 def _choose(

@@ -52,6 +52,9 @@ _AXES_LINE = 3
 """Line with Frame, Sub Frame, X, Y, Z after that of the section's name; 2 after it are the names in
 a file of Nexus and the axes in one of Workstation."""
 
+_MAX_BEFORE = 2
+"""Cells before the first coordinate: frame and sub frame."""
+
 _BLANK = b' ,;\t\r\n"'
 
 
@@ -82,8 +85,9 @@ def parse_nexus(data: bytes, name: str) -> TableRecording:
     columns = axis_columns(axes, first=1)
     if not columns:
         raise FormatError(f"{name}: line {line} has no columns X, Y, Z; export trajectories")
+    _check_axes(axes, columns, f"{name}: line {line}")
     names = texts_of(lines[axes_row - 1], delimiter)
-    labels, notes = names_of_columns(names, columns, 1, f"{name}: line {line - 1}")
+    labels, notes = names_of_columns(names, columns, 0, f"{name}: line {line - 1}")
     units: list[str] = []
     if axes_row + 1 < len(lines) and is_blank(cells_of(lines[axes_row + 1], delimiter)[0]):
         units = texts_of(lines[axes_row + 1], delimiter)
@@ -92,7 +96,12 @@ def parse_nexus(data: bytes, name: str) -> TableRecording:
         raise ClipError(f"{name}: has no frames after line {line + 1}; export it again")
     positions, table = read_table(lines, rows, columns, labels, delimiter, name, len(axes))
     first = frame_numbers([cells_of(lines[row], delimiter)[0] for row in rows], rows, lines, name)
-    found_units = sorted({units[c[0]] for c in columns if c[0] < len(units) and units[c[0]]})
+    of_columns = [[*units, *[""] * len(axes)][cell] for where in columns for cell in where]
+    if units and not all(of_columns) and any(of_columns):
+        raise FormatError(
+            f"{name}: line {line + 1} lacks units of some columns; correct the shifted line"
+        )
+    found_units = sorted(set(of_columns) - {""}) if units else []
     if len(found_units) > 1:
         raise FormatError(
             f"{name}: line {line + 1} has several units ({', '.join(found_units)}); "
@@ -136,6 +145,18 @@ def _axes_row(lines: list[bytes], start: int, name: str) -> int:
         f"{name}: line {line_number(lines, start + _AXES_LINE)} should begin with Frame, Sub "
         "Frame, X, Y, Z, as Nexus exports it; export the trajectories as ASCII again"
     )
+
+
+def _check_axes(axes: list[str], columns: list[list[int]], what: str) -> None:
+    """Raise FormatError if titles of columns are absent."""
+    before = columns[0][0]
+    second = axes[1].lower()
+    plain = second == "sub frame" if axes[0].lower() == _FRAME_TITLES[0] else second == "x"
+    alone = sum(title.upper() in ("X", "Y", "Z") for title in axes) - 3 * len(columns)
+    if not plain or before > _MAX_BEFORE or alone or not all(axes[: columns[-1][-1] + 1]):
+        raise FormatError(
+            f"{what} should have Frame, Sub Frame, and X, Y, Z for each marker; correct the line"
+        )
 
 
 def _rows(lines: list[bytes], begin: int, delimiter: bytes, name: str) -> list[int]:

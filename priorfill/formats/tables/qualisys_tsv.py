@@ -107,6 +107,11 @@ def parse_qualisys(data: bytes, name: str) -> TableRecording:
     first = 1
     if has_frames:
         first = frame_numbers([cells[0] for cells in leads], rows, lines, name)
+    elif rows[-1] - rows[0] >= len(rows):
+        raise FormatError(
+            f"{name}: has an empty line between frames without numbers; delete it, or fill it with "
+            "blank cells"
+        )
     times = [cells[before - 1] for cells in leads if before > has_frames and len(cells) >= before]
     rate, rate_notes = find_rate(header_number(_field(header, "FREQUENCY")), times)  # may be EXT
     counts = count_notes(
@@ -191,6 +196,8 @@ def _columns_before(leads: list[list[bytes]], spare: int, last_blank: bool) -> i
     These are the frame and the time. Another one is after the last coordinate if rows end with a
     tab.
     """
+    if spare == 0 and len(leads) > 2 and count_frames([cells[0] for cells in leads]):
+        return None  # no coordinate counts the frames
     if not last_blank:
         return spare if spare in (0, 1, 2) else None
     if spare in (1, 3):  # a tab at the end, or a frame before and the last marker is never seen

@@ -291,11 +291,16 @@ def _check_widths(
     short = widths < needed
     if short.any():
         _check_short(lines, rows, columns, widths, ends_blank, delimiter, name)
-    full = np.flatnonzero(~short)
-    odd = full[np.maximum(widths[full], width) != max(int(widths[full[0]]), width)]
+    usual = int(np.bincount(widths[~short]).argmax())
+    if usual > width:  # rows end with separators; one without them lacks no cell
+        kept = (widths == width) & ~ends_blank
+    else:
+        kept = np.full(len(rows), not ends_blank[widths == usual].any())
+    odd = np.flatnonzero(~short & ((widths > usual) | ((widths < usual) & ~kept)))
     if odd.size:
-        first = f"line {line_number(lines, rows[full[0]])} has {widths[full[0]]}"
-        raise _width_error(lines, rows[odd[0]], int(widths[odd[0]]), first, name)
+        other = int(np.flatnonzero(widths == usual)[0])
+        has = f"line {line_number(lines, rows[other])} has {usual}"
+        raise _width_error(lines, rows[odd[0]], int(widths[odd[0]]), has, name)
 
 
 def _check_short(

@@ -168,7 +168,9 @@ def create_trc(
         for frame, row in enumerate(positions.reshape(frames, -1).tolist())
     ]
     with replace_file(path, overwrite=overwrite) as temporary:
-        temporary.write_bytes("".join(f"{line}\r\n" for line in head + body).encode())
+        temporary.write_bytes(
+            "".join(f"{line}\r\n" for line in head + body).encode("utf-8", "replace")
+        )
         again = parse_trc(temporary.read_bytes(), temporary.name).recording
         if again.labels != clip.labels or not np.allclose(
             again.positions, clip.positions, rtol=0, atol=2 * _STEP, equal_nan=True
