@@ -38,6 +38,18 @@ MAX_SPEED = 20_000.0
 MAX_SAMPLES = 20_000_000
 """Maximum number of positions of joints, for 4 GB of memory; an hour at 120 Hz has half as many."""
 
+NEAR_FLOOR = 0.08
+"""Distance of the lowest joint from the floor, relative to the body's size."""
+
+LYING_HEIGHT = 0.4
+"""Height of the highest joint of a body that lies, relative to its size."""
+
+MAX_STILL = 3
+"""Ratio of all joints to those that move above which a small file would take much memory ..."""
+
+MAX_STILL_SAMPLES = 2_000_000
+"""... and the maximum number of positions of joints in such a file."""
+
 USUAL_UP = ("+Y", "+Z")
 """Axes that point up in skeleton files, the most common first."""
 
@@ -162,7 +174,9 @@ def body_of(
     """
     motion, found, notes = _person(motion, file, joints)
     skeleton = motion.skeleton
-    if len(motion.root) * len(skeleton.names) > MAX_SAMPLES:
+    samples = len(motion.root) * len(skeleton.names)
+    moving = len(motion.turns) + len(motion.moves) + 1
+    if samples > (MAX_SAMPLES if len(skeleton.names) <= MAX_STILL * moving else MAX_STILL_SAMPLES):
         raise ClipError(
             f"{file}: {len(motion.root)} frames of {len(skeleton.names)} joints are too many; "
             "export it in parts"
@@ -257,11 +271,20 @@ def _find_up(body: SkeletonBody) -> tuple[str, tuple[str, ...]]:
     up = ("+" if body.upward[axis] > 0.0 else "-") + "XYZ"[axis]
     if up == USUAL_UP[0]:
         return up, ()
-    if up in USUAL_UP:
+    if up in USUAL_UP and not _lies_on(body, "XYZ".index(USUAL_UP[0][1]), axis):
         return up, (f"{up} up, along which the body stands (else give `up`)",)
     return USUAL_UP[0], (
         f"{USUAL_UP[0]} up, as usual, as the body does not stand (else give `up`)",
     )
+
+
+def _lies_on(body: SkeletonBody, usual: int, along: int) -> bool:
+    """Return whether a body lies on a floor at 0 of the usual axis rather than stands on one."""
+    joints = np.stack([body.at(part) for part in body.joints.parts], axis=1)
+    lowest, highest = joints[:, :, usual].min(), joints[:, :, usual].max()
+    lies = lowest > -NEAR_FLOOR * body.size and highest < LYING_HEIGHT * body.size
+    feet = joints[:, :, along].min() / body.size
+    return bool(lies and not -NEAR_FLOOR < feet < 2.0 * NEAR_FLOOR)
 
 
 def _first_frame(positions: NDArray[np.float64], rate: float) -> int:

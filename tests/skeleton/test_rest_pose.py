@@ -269,3 +269,60 @@ def test_markers_off_their_bones_are_refused() -> None:
     check_markers(near, sites, body, "a.bvh")
     with pytest.raises(ClipError, match=r"frame \d+: marker LKNE would be 400 mm from the bone"):
         check_markers(near + body.upward * 400.0, sites, body, "a.bvh")
+
+
+def test_the_up_axis_is_that_along_which_the_body_stands() -> None:
+    motion = motion_of_bvh()
+    expected = {(0, 0, 0): "+Y", (90, 0, 0): "+Z", (0, 0, 90): "+Y", (180, 0, 0): "+Y"}
+    for turn, up in expected.items():
+        world = Rotation.from_euler("xyz", turn, degrees=True).as_matrix()
+        turned = replace(
+            motion, root=motion.root @ world.T, turns=motion.turns | {0: world @ motion.turns[0]}
+        )
+        found = compute_virtual_markers(turned, load("baumann41"), name="a", file="a.bvh")
+        assert found.clip.up == up
+        assert any("else give `up`" in note for note in found.notes) == any(turn)
+
+
+def test_a_body_that_lies_on_the_floor_does_not_stand_on_its_head() -> None:
+    motion = motion_of_bvh()
+    lying = Rotation.from_euler("x", 90, degrees=True).as_matrix()
+    still = np.broadcast_to(lying, (FRAMES, 3, 3))
+    root = np.tile([0.0, 12.0, 300.0], (FRAMES, 1))
+    found = compute_virtual_markers(
+        replace(motion, root=root, turns={0: still}), load("baumann41"), name="a", file="a.bvh"
+    )
+    assert found.clip.up == "+Y"
+
+
+def test_many_frames_of_joints_that_do_not_move_are_refused_before_memory_is_taken() -> None:
+    motion = motion_of_bvh()
+    root = np.zeros((300_000, 3))
+    with pytest.raises(ClipError, match=r"300000 frames of .* joints are too many"):
+        markers(replace(motion, root=root, turns={}))
+
+
+def test_one_person_among_the_roots_of_a_file_is_found() -> None:
+    motion = motion_of_bvh()
+    skeleton, count = motion.skeleton, len(motion.skeleton.names)
+    two = replace(
+        skeleton,
+        names=(*skeleton.names, "ball"),
+        parents=(*skeleton.parents, -1),
+        offsets=np.vstack([skeleton.offsets, np.zeros(3)]),
+        ends=np.vstack([skeleton.ends, np.zeros(3)]),
+    )
+    ball = {count: np.ones((FRAMES, 3))}
+    np.testing.assert_allclose(
+        markers(replace(motion, skeleton=two, moves=ball)), markers(motion), atol=1e-9
+    )
+    people = replace(
+        skeleton,
+        names=skeleton.names * 2,
+        parents=(*skeleton.parents, *(p + count if p >= 0 else p for p in skeleton.parents)),
+        offsets=np.tile(skeleton.offsets, (2, 1)),
+        ends=np.tile(skeleton.ends, (2, 1)),
+    )
+    turns = motion.turns | {joint + count: turn for joint, turn in motion.turns.items()}
+    with pytest.raises(ClipError, match="has the skeletons of 2 people"):
+        markers(replace(motion, skeleton=people, turns=turns, moves={count: motion.root + 500.0}))

@@ -319,6 +319,8 @@ def parse_amc(data: bytes, asf: AsfSkeleton, name: str) -> SkeletonMotion:
     degrees = asf.degrees
     values = {bone: NumberRows(lines, f"a value of bone {bone}") for bone in asf.channels}
     frames = last = 0
+    found: set[str] = set()  # the bones of this frame, and of the one before
+    before: set[str] = set()
     for words in lines:
         first = words[0]
         if first.startswith(_FLAG):
@@ -327,10 +329,12 @@ def parse_amc(data: bytes, asf: AsfSkeleton, name: str) -> SkeletonMotion:
         elif len(words) == 1 and first.isascii() and first.isdigit():
             number = int(lines.numbers(words, 1, "a frame number")[0])
             if frames:
-                _check_frame(lines, values, frames)
+                if found != before:
+                    _check_frame(lines, values, frames)
                 if number != last + 1:
                     raise lines.error(f"frame {number} follows frame {last}", "export it again")
             frames, last = frames + 1, number
+            found, before = set(), found
         elif not frames:
             raise lines.error("values precede the first frame number", "give an AMC file")
         else:
@@ -348,6 +352,7 @@ def parse_amc(data: bytes, asf: AsfSkeleton, name: str) -> SkeletonMotion:
             if len(values[first]) == frames:
                 raise lines.error(f"bone {first} occurs twice in one frame")
             values[first].add(words[1:])
+            found.add(first)
     if not frames:
         raise FormatError(
             f"{name}: has no frames; it is not a complete AMC file; download it again"
