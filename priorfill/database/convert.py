@@ -66,8 +66,9 @@ def _write_anew(old: PriorDatabase, new: Manifest, catalogue: Catalogue) -> None
     """Write all clips to new segments and a new catalogue."""
     folder = old.path / SEGMENTS
     folder.mkdir(exist_ok=True)
-    for number, path in segment_paths(folder):  # of a conversion that was killed
-        if _first_bytes(path) == header(new.identity, number):
+    ends = catalogue.end()
+    for number, path in segment_paths(folder):
+        if number not in ends and _is_unfinished(path, number, new.identity):
             path.unlink()
     writer = SegmentWriter(folder, new.identity, SegmentList())
     writer.begin_new()
@@ -78,7 +79,7 @@ def _write_anew(old: PriorDatabase, new: Manifest, catalogue: Catalogue) -> None
         writer.append(blocks, place)
         moved = replace(record, segment=place.segment, offset=place.offset)
         rows.append(replace(catalogue.row(record), record=moved))
-    before = {number: Segment(end, 0, "") for number, end in catalogue.end().items()}
+    before = {number: Segment(end, 0, "") for number, end in ends.items()}
     segments = replaced_segments(folder, before, writer.listed.segments, catalogue.path.name)
     create_catalogue(successor(catalogue.path), new, rows, segments)
 
@@ -106,7 +107,7 @@ def replaced_segments(
     return SegmentList(new, unused, (catalogue,))
 
 
-def unaccounted_bytes(folder: Path, ends: Mapping[int, int]) -> list[str]:
+def unaccounted_bytes(folder: Path, ends: Mapping[int, int], identity: str) -> list[str]:
     """Return a message for each segment of an older version with bytes that no clip accounts for.
 
     Parameters
@@ -115,14 +116,23 @@ def unaccounted_bytes(folder: Path, ends: Mapping[int, int]) -> list[str]:
         The folder of the segments.
     ends : mapping of int to int
         By number, the end of the segment's last clip.
+    identity : str
+        The identity that the database will have, if it is being converted; else empty.
     """
     return [
         f"{path}: has {path.stat().st_size} bytes, but the catalogue counts "
         f"{ends.get(number, 0)}: a writer was killed, or the catalogue is older than the segment; "
         "restore both from the same copy, or merge the clips into a new database"
         for number, path in segment_paths(folder)
-        if path.is_file() and path.stat().st_size > ends.get(number, 0)
+        if path.is_file()
+        and path.stat().st_size > ends.get(number, 0)
+        and not (number not in ends and _is_unfinished(path, number, identity))
     ]
+
+
+def _is_unfinished(path: Path, number: int, identity: str) -> bool:
+    """Return whether a segment was left by a conversion that was killed, perhaps in its header."""
+    return bool(identity) and header(identity, number).startswith(_first_bytes(path))
 
 
 def _first_bytes(path: Path) -> bytes:

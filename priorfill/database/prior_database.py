@@ -903,7 +903,7 @@ class PriorDatabase:
         """Compare the segments with the catalogue's list, unless they change at the same time."""
         identity = self._catalogue.identity
         if not identity:
-            return unaccounted_bytes(self._folder, self._catalogue.end())
+            return unaccounted_bytes(self._folder, self._catalogue.end(), self._manifest.identity)
         listed = self._catalogue.present_segments()
         while listed is not None:
             found = find_problems(self._folder, identity, listed)

@@ -85,6 +85,16 @@ class Target:
             self.no_names[clip.subject] += 1
         return record
 
+    def print_no_names(self) -> None:
+        """Print a note on subjects of files that are no names."""
+        if self.no_names:
+            print_line(
+                f"note: {some_names(sorted(self.no_names), ', ')} is no name of a subject; "
+                f"{count(self.no_names.total(), 'clip')} added without one. Name the subject "
+                "(--subject, or: priorfill db edit)",
+                err=True,
+            )
+
     def close(self) -> None:
         """Close the database."""
         if self._database is not None:
@@ -169,13 +179,7 @@ def put_files(
         + skipped(duplicates)
         + (f", could not {verb.infinitive} {failures}" if failures else "")
     )
-    if target.no_names:
-        print_line(
-            f"note: {some_names(sorted(target.no_names), ', ')} is no name of a subject; "
-            f"{count(target.no_names.total(), 'clip')} added without one. Name the subject "
-            "(--subject, or: priorfill db edit)",
-            err=True,
-        )
+    target.print_no_names()
     if failures:
         click.get_current_context().exit(1)
 
