@@ -178,7 +178,7 @@ def evaluate(
     samples. A file that cannot be read is reported, and the others are evaluated.
 
     Exit status 0: done; 3: done, but a method could not work on some cases; 1: failed, or a file
-    could not be read.
+    could not be read; 2: wrong usage.
     """
     from priorfill.database import Selection
     from priorfill.evaluation import EvaluationOptions

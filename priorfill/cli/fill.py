@@ -160,7 +160,7 @@ def fill(
     --reject-artefacts or --overrides treat as missing). The recording itself, if the database
     holds it, is not learnt from. Each subject of a file is filled by itself.
 
-    Exit status 0: done; 3: done, but not all gaps could be filled; 1: failed.
+    Exit status 0: done; 3: done, but not all gaps could be filled; 1: failed; 2: wrong usage.
     """
     from priorfill.filling.fill_file import fill_file
     from priorfill.filling.gap_filter import GapFilter

@@ -113,7 +113,10 @@ class GapFilter:
             if not wanted[gap.marker]:
                 left.append((gap, "not one of the requested markers"))
             elif seconds > longest:
-                reason = f"longer than {longest:g} s, the longest gap to be filled"
+                limit = f"{longest:g} s"
+                if isinstance(self.max_gap, str):
+                    limit = f"{round(longest * clip.rate)} frames"
+                reason = f"longer than {limit}, the longest gap to be filled"
                 left.append((gap, reason))
             elif self.skip_edges and (gap.start == 0 or gap.stop == clip.frames):
                 left.append((gap, "at the clip's start or end"))

@@ -155,7 +155,7 @@ def test_the_command_line(here):
     assert read("out.c3d").missing.sum() == clip().missing.sum() - 20
     for frames in ("61-81", "61:81"):
         ranged = run(main, [*common, "--frames", frames, "--markers", "lkne,lfin", "--markers=C7"])
-        assert "filled 21 samples" in ranged.stdout, ranged.output
+        assert "filled 22 samples" in ranged.stdout, ranged.output
     in_frames = run(main, [*common, "--max-gap", "10f"])
     in_seconds = run(main, [*common, "--max-gap", f"{10 / person().rate}s"])
     assert in_frames.stdout == in_seconds.stdout
