@@ -113,7 +113,7 @@ def test_inspect_and_fill(gappy, folder):
 def test_messages(gappy, folder):
     """Errors quote names of files and markers, arguments and what a file says."""
     check(run("inspect", f"no{CLIP_NAME}.npz"), 1)
-    check(run("fill", gappy, "-o", f"{CLIP_NAME}/x/o.npz"), (1, 2))
+    check(run("fill", gappy, "-o", f"{CLIP_NAME}/x/o.npz", "-m", "linear"), (0, 3))
     check(run("fill", gappy, "-o", f"o.{CLIP_NAME}"), (1, 2))
     check(run("fill", gappy, "-o", "o.npz", "--markers", "\x1b[31m"), (1, 2))
     check(run("fill", gappy, "-o", "o.npz", "--method", "\u202e"), (1, 2))
@@ -194,7 +194,16 @@ def test_names_in_plots():
 @pytest.mark.skipif(sys.platform != "linux", reason="names of files are Unicode elsewhere")
 def test_names_of_files_that_are_not_utf_8(folder, gappy):
     path = folder / "\udcff\udc80.npz"
-    pf.write(path, pf.read(gappy))
+    plain = person("walking", 1.5, 60.0, 4)
+    positions = plain.positions.copy()
+    positions[20:30, 3] = np.nan
+    pf.write(path, plain.with_positions(positions))
+    for suffix in ("c3d", "trc", "mat"):
+        output = folder / f"o\udcff.{suffix}"
+        check(run("fill", path, "-o", output, "-m", "linear"))
+        check(run("fill", output, "-o", folder / f"p\udcff.{suffix}"))
+    again = ("-o", folder / "q\udcff.c3d", "--rewrite", "--reject-artefacts")
+    check(run("fill", folder / "o\udcff.c3d", *again))
     check(run("inspect", path))
     check(run("inspect", path, "--json"))
     check(run("fill", path, "-o", folder / "o\udcff.npz", "-m", "linear"), (0, 3))

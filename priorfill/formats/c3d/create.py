@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from priorfill.clip import Clip
 from priorfill.errors import OutputError, PriorfillError
+from priorfill.formats.c3d.ezc3d_path import ezc3d_path
 from priorfill.formats.c3d.layout import parse_layout, read_points
 from priorfill.formats.write_report import WriteReport, check_filled
 from priorfill.runtime.atomic_file import replace_file
@@ -93,7 +94,8 @@ def create_c3d(
     content["data"]["meta_points"]["residuals"] = np.where(missing, _MISSING, _MEASURED)[None]
     content["data"]["meta_points"]["camera_masks"] = np.zeros((7, *missing.shape), dtype=bool)
     with replace_file(path, overwrite=overwrite) as temporary:
-        content.write(str(temporary))
+        with ezc3d_path(temporary, write=True) as plain:
+            content.write(plain)
         # ezc3d does not report an incomplete or failed write
         if not _holds(temporary, clip):
             raise OutputError(

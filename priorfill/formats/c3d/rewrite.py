@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from priorfill.clip import Clip
 from priorfill.errors import OutputError, PriorfillError
 from priorfill.formats.c3d.encoding import Processor, decode_floats, decode_integers
+from priorfill.formats.c3d.ezc3d_path import ezc3d_path
 from priorfill.formats.c3d.layout import (
     WORDS_PER_POINT,
     C3DLayout,
@@ -105,14 +106,16 @@ def rewrite_c3d(
     _check_suits_ezc3d(plan.layout, clip.source.path.name)
     with replace_file(path, overwrite=overwrite) as temporary:
         try:
-            content = ezc3d.c3d(str(clip.source.path))
+            with ezc3d_path(clip.source.path) as plain:
+                content = ezc3d.c3d(plain)
             data = content["data"]
             data["points"][:3, plan.points, plan.frames] = plan.in_units.T
             data["meta_points"]["residuals"][0, plan.points, plan.frames] = 0
             data["meta_points"]["camera_masks"][:, plan.points, plan.frames] = False
             _fit_labels(content, "POINT", data["points"].shape[1])
             _fit_labels(content, "ANALOG", data["analogs"].shape[1])
-            content.write(str(temporary))
+            with ezc3d_path(temporary, write=True) as plain:
+                content.write(plain)
         except Exception as error:  # its C++ part raises errors of any type
             reason = " ".join(str(error).split())
             raise OutputError(

@@ -299,8 +299,13 @@ def _markers(
     if columns != in_order:
         separated = delimiter != BLANKS and _line_delimiter(lines[axes_row or 0]) == delimiter
         used = _used_columns(lines, rows, delimiter)
-        if not separated or not used <= set(np.ravel(columns).tolist()):
-            columns = in_order  # the row of the axes is shifted
+        fits = [separated and _are_whole(columns, used), _are_whole(in_order, used)]
+        if not any(fits) or all(fits):
+            raise FormatError(
+                f"{what} and the next one do not show where the columns of the markers begin; let "
+                f"the first X stand in cell {_FIRST_COORDINATE + 1}, as its numbers do"
+            )
+        columns = columns if fits[0] else in_order  # else the row of the axes is shifted
     if given < count and len(names) <= columns[-1][-1]:
         line = line_number(lines, rows[0])
         raise FormatError(
@@ -326,6 +331,8 @@ def _names(line: bytes, delimiter: bytes) -> list[str]:
     Some programs separate the names by blanks, and the rest of the table by tabs.
     """
     names = texts_of(line, _line_delimiter(line))
+    while names and not names[0]:
+        names.pop(0)  # the whole row is shifted
     if sum(bool(text) for text in names[_FIRST_COORDINATE:]) <= 1 and delimiter != BLANKS:
         by_blanks = texts_of(line, BLANKS)
         return by_blanks if len(by_blanks) > len(_trimmed(names)) else names
@@ -362,6 +369,12 @@ def _check_axes(axes: list[str], count: int, what: str) -> None:
 def _triple(start: int) -> list[int]:
     """Return the cells of a marker."""
     return [start, start + 1, start + 2]
+
+
+def _are_whole(columns: list[list[int]], used: set[int]) -> bool:
+    """Check whether the cells in use are those of some markers, with all of their coordinates."""
+    whole = [set(where) for where in columns if not used.isdisjoint(where)]
+    return all(where <= used for where in whole) and used <= set().union(*whole)
 
 
 def _used_columns(lines: list[bytes], rows: list[int], delimiter: bytes) -> set[int]:
