@@ -30,6 +30,9 @@ ATTENUATION = 50.0
 """dB. Stop-band attenuation: 1 mm of vibration above the new Nyquist frequency leaves 3 µm. Must be
 between 21 and 50 for the rule that gives the shape of the window."""
 
+MAX_DENSE_TAPS = 2000
+"""Taps up to which all samples are filtered, wanted or not: down to a 170th of the rate."""
+
 TIME_TOLERANCE = 1e-6
 """Frames. New and old samples closer in time than this coincide; more than the rounding error of
 t = i * rate_from / rate_to in any clip that fits into memory."""
@@ -98,8 +101,6 @@ class Resolution:
         inside = slice(first * self.step, (last - 1) * self.step + 1)
         if self.step == 1:
             return self.finest[inside, list(markers)]
-        from scipy.ndimage import correlate1d  # slow to import
-
         taps = _anti_alias(float(self.step))
         half = len(taps) // 2
         result = np.empty((last - first, len(markers), 3))
@@ -108,8 +109,8 @@ class Resolution:
             missing = np.isnan(path[..., 0])
             start, stop, pad = _filter_range(~missing[:, 0], inside, half)
             padded = _interpolate_gaps(path[start:stop], missing[start:stop], pad)
-            smooth = correlate1d(padded, taps, axis=0, mode="nearest")[pad : pad + stop - start]
-            result[:, column] = smooth[inside.start - start : inside.stop - start : self.step, 0]
+            wanted = np.arange(inside.start, inside.stop, self.step) - start + pad
+            result[:, column] = _filtered(padded, taps, wanted)[:, 0]
             result[missing[inside][:: self.step, 0], column] = np.nan
         return result
 
@@ -184,25 +185,23 @@ def resample(
         return data.copy()
     missing: NDArray[np.bool_] = np.isnan(data.sum(axis=2))
     ratio = rate_from / rate_to
-    half = 0
-    if ratio > 1:
-        from scipy.ndimage import correlate1d  # slow to import
-
-        taps = _anti_alias(ratio)
-        half = len(taps) // 2
-        padded = _interpolate_gaps(data, missing, half)
-        smooth = correlate1d(padded, taps, axis=0, mode="nearest")[half : half + frames]
-    else:
-        smooth = _interpolate_gaps(data, missing, 0)
-
     count = math.floor((frames - 1) / ratio + TIME_TOLERANCE) + 1
     times = np.arange(count) * ratio
     nearest = np.minimum(np.rint(times).astype(np.intp), frames - 1)
     coincides = np.abs(times - nearest) < TIME_TOLERANCE
     before = np.where(coincides, nearest, np.floor(times).astype(np.intp))
     after = np.where(coincides, nearest, np.minimum(before + 1, frames - 1))
+    if ratio > 1:
+        taps = _anti_alias(ratio)
+        half = len(taps) // 2
+        padded = _interpolate_gaps(data, missing, half)
+        # the spline needs all samples
+        wanted = nearest if coincides.all() else np.arange(frames)
+        smooth = _filtered(padded, taps, half + wanted)
+    else:
+        smooth = _interpolate_gaps(data, missing, 0)
     if coincides.all():
-        result = smooth[nearest]
+        result = smooth if ratio > 1 else smooth[nearest]
     else:
         from scipy.interpolate import CubicSpline  # slow to import; not needed for integer ratios
 
@@ -272,6 +271,26 @@ def _anti_alias(ratio: float) -> NDArray[np.float64]:
     half = (length | 1) // 2
     taps = np.sinc(CUTOFF / ratio * np.arange(-half, half + 1)) * np.kaiser(2 * half + 1, beta)
     return np.asarray(taps / taps.sum(), dtype=np.float64)
+
+
+def _filtered(
+    padded: NDArray[np.float64], taps: NDArray[np.float64], wanted: NDArray[np.intp]
+) -> NDArray[np.float64]:
+    """Return some filtered samples of ``padded`` (frames, markers, 3), in which all taps have one.
+
+    At a small fraction of the rate each sample is a sum of its own. For the other samples, which
+    are not wanted, the time would be quadratic in the ratio of the rates.
+    """
+    if len(taps) <= MAX_DENSE_TAPS:
+        from scipy.ndimage import correlate1d  # slow to import
+
+        smooth: NDArray[np.float64] = correlate1d(padded, taps, axis=0, mode="nearest")
+        return smooth[wanted]
+    half = len(taps) // 2
+    result = np.empty((len(wanted), *padded.shape[1:]))
+    for row, at in enumerate(wanted):
+        result[row] = (taps[:, None, None] * padded[at - half : at + half + 1]).sum(axis=0)
+    return result
 
 
 def _interpolate_gaps(

@@ -262,3 +262,28 @@ def test_gaps_are_filled_by_cubic_hermite_polynomials() -> None:
         found[np.setdiff1d(np.arange(len(run)), valid)] = np.nan
         _interpolate_inner_gaps(found, np.array(valid))
         np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_small_fractions_of_a_high_rate(monkeypatch) -> None:
+    """Only the wanted samples are filtered, with the same result."""
+    rng = np.random.default_rng(0)
+    path = np.cumsum(rng.normal(0.0, 1.0, (3000, 2, 3)), axis=0)
+    path[700:720, 0] = np.nan
+    few = pyramid(path, 20_000.0, 10)
+    for i in (8, 9):
+        window = Resolution(path, 20_000.0, 2**i).window(0, few[i].frames, [0, 1])
+        np.testing.assert_array_equal(window, few[i].positions)
+    monkeypatch.setattr("priorfill.signal.resample.MAX_DENSE_TAPS", 10**6)
+    for one, other in zip(few, pyramid(path, 20_000.0, 10), strict=True):
+        np.testing.assert_allclose(one.positions, other.positions, atol=1e-9)
+
+
+def test_the_time_for_a_small_fraction_of_the_rate_is_that_of_the_wanted_samples(
+    monkeypatch,
+) -> None:
+    def all_of_them(*args, **options):
+        raise AssertionError("filters all samples")
+
+    monkeypatch.setattr("scipy.ndimage.correlate1d", all_of_them)
+    found = resample(np.ones((3000, 1, 3)), 20_000.0, 20_000.0 / 512)
+    np.testing.assert_allclose(found, 1.0)
