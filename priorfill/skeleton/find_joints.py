@@ -222,7 +222,7 @@ def _sides(tree: _Tree) -> tuple[list[str], bool]:
     if not named:
         sides = _paired_sides(tree)
     for joint, parent in enumerate(tree.parents):
-        if parent >= 0 and sides[parent]:
+        if parent >= 0 and sides[parent] and not sides[joint]:
             sides[joint] = sides[parent]
     for joint in range(len(sides) - 1, 0, -1):
         # a nameless joint that carries one side alone

@@ -21,8 +21,8 @@ _SIDES = {
 """Words for the sides of the body."""
 
 _NOISE = frozenset((
-    *("joint", "jnt", "jt", "j", "bone", "bn", "b", "def", "bind", "bnd", "node", "ref", "m"),
-    *("skel", "skeleton", "sk", "rig", "ctrl", "mixamorig", "character", "bip", "biped", "bvh"),
+    *("joint", "jnt", "jt", "j", "bone", "bn", "b", "def", "bind", "bnd", "node", "rig", "m"),
+    *("skel", "skeleton", "sk", "c", "ctrl", "mixamorig", "character", "bip", "biped", "bvh"),
 ))  # fmt: skip
 """Words that tell nothing about the part."""
 
@@ -67,6 +67,14 @@ _GLUED = re.compile(
 )
 _SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\W\d_a-zA-Z]+")
 """Words of a name: ``lShldr`` is l, Shldr; ``L_UpLeg01`` is L, Up, Leg, 01."""
+
+
+_VERTEBRA = re.compile(r"[LTC]\d+")
+"""Vertebrae: L5 is no left joint."""
+
+_SHORT = re.compile(r"(?<![A-Za-z])([LR])([UFL])(?=Arm|Leg)")
+_SHORT_WORDS = {"U": "Upper", "F": "Fore", "L": "Lower"}
+"""LUArm is the left upper arm."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +126,9 @@ def read_names(names: Sequence[str]) -> list[JointName]:
 
 def _split(name: str) -> list[str]:
     """Return the words of a name in lower case, without numbers."""
+    if _VERTEBRA.fullmatch(name):
+        return []
+    name = _SHORT.sub(lambda match: f"{match[1]}_{_SHORT_WORDS[match[2]]}", name)
     words = [word.lower() for word in _SPLIT.findall(name.split(":")[-1].split("|")[-1])]
     return [word for word in words if not word.isdigit()]
 

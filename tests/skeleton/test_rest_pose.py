@@ -103,6 +103,9 @@ NAMING = {
     "joints": ("{Side}{name}", "Hip Knee Ankle Collar Shoulder Elbow Twist Wrist"),
     "unreal": ("{name}_{s}", "thigh calf foot clavicle upperarm lowerarm lowerarm_twist_01 hand"),
     "lower": ("{side}{name}", "upleg leg foot collar uparm lowarm wrist hand"),
+    "motive": ("{S}{name}", "Thigh Shin Foot Shoulder UArm FArm FTwist Hand"),
+    "second life": ("m{name}{Side}", "Hip Knee Ankle Collar Shoulder Elbow Twist Wrist"),
+    "vrm": ("J_Bip_{S}_{name}", "UpperLeg LowerLeg Foot Shoulder UpperArm LowerArm Twist Hand"),
     "short": ("{Short}_{name}", "Thigh Shank Foot Clav Arm Forearm Roll Hand"),
     "numbers": ("b{number}", "0 1 2 3 4 5 6 7"),
 }
@@ -152,6 +155,12 @@ def test_names_tell_sides_only_where_they_do() -> None:
     names = ["LeftLeg", "leg", "lleg", "R_Toe_End", "HeadTop_End", "lowerback", "rib"]
     assert [name.side for name in read_names(names)] == ["left", "", "left", "right", "", "", ""]
     assert [name.is_end for name in read_names(names)][3:5] == [True, True]
+    assert [name.side for name in read_names(["L5", "T8", "RFArm", "LLLeg"])] == [
+        "",
+        "",
+        "right",
+        "left",
+    ]
 
 
 def test_unrecognised_joints_are_named_by_the_users_file(tmp_path: Path) -> None:

@@ -91,8 +91,9 @@ def add(
 
     def put(target: Target, path: Path) -> tuple[ClipRecord, str]:
         placed = left_out = ""
+        about: tuple[str, ...] = ()
         if marker_set is not None:
-            clip, placed = _read_with_virtual_markers(path, marker_set, options, notes)
+            clip, placed, about = _read_with_virtual_markers(path, marker_set, options)
         else:
             _refuse_skeleton(path)
             clip = read_file(path, subject, **reading)
@@ -106,7 +107,9 @@ def add(
             source=path.name if marker_set is not None else None,
             virtual_markers=marker_set is not None,
         )
-        return target.add(clip, origin), placed + left_out
+        record = target.add(clip, origin)
+        notes.update(about)
+        return record, placed + left_out
 
     suffixes = None if marker_set is None else skeletons.SUFFIXES
     try:
@@ -117,12 +120,9 @@ def add(
 
 
 def _read_with_virtual_markers(
-    path: Path, marker_set: MarkerSet, options: dict[str, Any], notes: Counter[str]
-) -> tuple[Clip, str]:
-    """Read a skeleton motion; also return text to print if it lacks some markers.
-
-    What was assumed about it is counted in ``notes``.
-    """
+    path: Path, marker_set: MarkerSet, options: dict[str, Any]
+) -> tuple[Clip, str, tuple[str, ...]]:
+    """Read a skeleton motion; also return text about lacking markers, and what was assumed."""
     from priorfill.cli.db import skeletons
     from priorfill.errors import FormatError
 
@@ -132,10 +132,10 @@ def _read_with_virtual_markers(
             "add it without --as"
         )
     clip, about = skeletons.read_skeleton(path, marker_set, **options)
-    notes.update(about)
-    if len(clip.labels) == len(marker_set.labels):
-        return clip, ""
-    return clip, f" ({len(clip.labels)} of {len(marker_set.labels)} markers computed)"
+    lacking = ""
+    if len(clip.labels) < len(marker_set.labels):
+        lacking = f" ({len(clip.labels)} of {len(marker_set.labels)} markers computed)"
+    return clip, lacking, about
 
 
 def _refuse_skeleton(path: Path) -> None:
