@@ -50,6 +50,7 @@ ALIKE = {
     "names shifted by a tab": trc().replace(NAMES, NAMES.replace(b"Time\t", b"Time\t\t")),
     "names by blanks": trc().replace(NAMES, NAMES.replace(b"\t\t\t", b"   ")),
     "axes shifted by a tab": trc().replace(b"\t\tX1", b"\t\t\tX1"),
+    "the whole row of names shifted": trc().replace(b"Frame#", b"\tFrame#"),
     "axes from X0": trc().replace(b"X1\tY1\tZ1", b"X0\tY0\tZ1"),
     "commas": trc().replace(b"\t", b","),
     "semicolons": trc().replace(b"\t", b";"),
@@ -105,6 +106,18 @@ REFUSED = {
     "a row of names with a gap, shifted": (
         trc().replace(NAMES, NAMES.replace(b"Time", b"Time\t").replace(b"LKNE", b"")), ".trc",
         "line 4 has 5 names for 6 markers, and they do not stand above"),
+    "a short row without its blank cells": (
+        rows_mapped(trc(), lambda row: row[:5] + row[8:] if row[0] == b"5" else row), ".trc",
+        "line 11 has 17 of 20 cells, and it is unclear which are absent"),
+    "axes of Nexus shifted": (nexus().replace(b"Frame,Sub Frame,X", b"Frame,Sub Frame,,X"), ".csv",
+                              "line 4 should have Frame, Sub Frame, and X, Y, Z for each marker"),
+    "units of Nexus shifted": (nexus().replace(b",,mm", b",,,mm"), ".csv",
+                               "line 5 lacks units of some columns"),
+    "a title of Motive absent": (motive().replace(b"X,Y,Z\r", b"X,,Z\r"), ".csv",
+                                 "does not have X, Y, Z for each marker of the rows above"),
+    "an empty line without frame numbers": (
+        qualisys(numbers=False, titles=False).replace(b"\r\n-", b"\r\n\r\n-", 3), ".tsv",
+        "has an empty line between frames without numbers"),
     "axes out of order": (trc().replace(b"X2", b"X9"), ".trc", "line 5 should have X1, Y1, Z1"),
     "axes in another order": (trc().replace(b"X1\tY1\tZ1", b"Z1\tY1\tX1"), ".trc",
                               "line 5 should have X1, Y1, Z1"),
@@ -167,6 +180,16 @@ def test_a_blank_name_is_an_unlabelled_point(tmp_path, data, suffix):
     assert clip.labels == tuple(label for label in LABELS if label != "LKNE")
     assert as_standing(clip, up=2 if suffix == ".tsv" or data.startswith(b"Traj") else 1)
     assert clip.source.left_out == {"(point 3)": "has no label"}
+
+
+@pytest.mark.parametrize("shift", [b"\t", b""])
+def test_shifted_axes_of_trc_with_a_marker_that_is_never_seen(tmp_path, shift):
+    for marker in (0, 5):
+        positions = standing(up=1)
+        positions[:, marker] = np.nan
+        data = files.trc(positions, trailing_tab=True).replace(b"\t\tX1", b"\t\t" + shift + b"X1")
+        clip = read(tmp_path, data)
+        assert np.allclose(clip.positions, positions, atol=0.01, equal_nan=True)
 
 
 @pytest.mark.parametrize("titles", [True, False])

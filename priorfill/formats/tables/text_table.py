@@ -63,6 +63,10 @@ _MAX_ABSENT = 10_000_000
 """Cells (80 MB) that a table may have beyond one for each byte of its rows. Only rows that end
 early have more cells than bytes."""
 
+_CLOSER = 3.0
+"""How many times closer a marker is to the place of a later one, in a row next to its own, than to
+its own place there, if its row lacks blank cells before it."""
+
 
 @dataclass(frozen=True)
 class TextTable:
@@ -158,9 +162,12 @@ def read_table(
     _check_widths(lines, rows, where, max(width, needed), delimiter, name)
     comma = has_decimal_comma(lines, rows, flat, labels, delimiter, name)
     values = np.full((len(rows), len(flat)), np.nan)
+    short = []
     for frame, row in enumerate(rows):
         cells = _contents(lines[row], delimiter, comma)
-        cells += [b""] * (needed - len(cells))
+        if len(cells) < needed:
+            short.append(frame)
+            cells += [b""] * (needed - len(cells))
         try:
             if b"_" in lines[row]:  # float() accepts 1_000
                 raise ValueError
@@ -173,6 +180,9 @@ def read_table(
     table = TextTable(lines, np.array(rows, dtype=np.intp), where, delimiter, comma)
     positions = values.reshape(len(rows), len(where), 3)
     _check_partial(positions, table, labels, name)
+    for frame in _shifted_frames(positions, short):
+        have = len(cells_of(lines[rows[frame]], delimiter))
+        raise _short_error(lines, rows[frame], have, needed, name)
     return positions, table
 
 
@@ -338,10 +348,35 @@ def _check_short(
     ):
         if bad.any():
             frame = short[np.flatnonzero(bad)[0]]
-            raise FormatError(
-                f"{name}: line {line_number(lines, rows[frame])} has {widths[frame]} of {needed} "
-                "cells, and it is unclear which are absent; add the separators of blank cells"
-            )
+            raise _short_error(lines, rows[frame], int(widths[frame]), needed, name)
+
+
+def _shifted_frames(positions: NDArray[np.float64], short: list[int]) -> list[int]:
+    """Return the rows that end early because blank cells are absent before the last marker.
+
+    That marker then is where a later one was in the row before, or will be in the next one.
+    """
+    absent = set(short)
+    shifted = []
+    for frame in short:
+        present = np.flatnonzero(~np.isnan(positions[frame, :, 0]))
+        for other in (frame - 1, frame + 1):
+            if not present.size or other in absent or not 0 <= other < len(positions):
+                continue
+            last = int(present[-1])
+            moved = np.linalg.norm(positions[other, last:] - positions[frame, last], axis=1)
+            later = moved[1:][~np.isnan(moved[1:])]
+            if later.size and later.min() * _CLOSER < moved[0]:
+                shifted.append(frame)
+    return shifted
+
+
+def _short_error(lines: list[bytes], row: int, have: int, needed: int, name: str) -> FormatError:
+    """Return the error at a row that may lack cells before its end."""
+    return FormatError(
+        f"{name}: line {line_number(lines, row)} has {have} of {needed} cells, and it is unclear "
+        "which are absent; add the separators of blank cells"
+    )
 
 
 def _width_error(lines: list[bytes], row: int, have: int, other: str, name: str) -> FormatError:
