@@ -301,6 +301,9 @@ def test_new_file_refusals(tmp_path):
     long = Clip(np.ones((65536, 1, 3)), ("A",), 100)
     with pytest.raises(OutputError, match="C3D holds 65535"):
         create_c3d(tmp_path / "new.c3d", long)
+    named = Clip(clip.positions, ("L" * 256, *clip.labels[1:]), 100)
+    with pytest.raises(OutputError, match=r"the name L{40}\.\.\. is longer than the 255 bytes"):
+        create_c3d(tmp_path / "new.c3d", named)
     create_c3d(tmp_path / "new.c3d", clip)
     with pytest.raises(OutputError, match="exists already"):
         create_c3d(tmp_path / "new.c3d", clip)

@@ -21,6 +21,12 @@ _MAX_C3D_POINTS = 65535
 """Largest values of the format's 16 bit counts. ezc3d writes more without an error, and truncates
 on reading."""
 
+_MAX_C3D_TEXT = 255
+"""Maximum length of a text of a parameter (bytes); its dimensions are single bytes."""
+
+_SHOWN = 40
+"""Characters of it in a message."""
+
 _FLOAT_SCALE = -1.0
 """POINT:SCALE; negative for float coordinates."""
 
@@ -72,6 +78,12 @@ def create_c3d(
             f"{clip.name}: has {clip.frames} frames of {len(clip.labels)} markers; "
             f"C3D holds {MAX_C3D_FRAMES} of each: cut the clip into parts"
         )
+    for text in (*clip.labels, clip.subject):
+        if len(text.encode("utf-8", "replace")) > _MAX_C3D_TEXT:
+            raise OutputError(
+                f"{clip.name}: the name {text[:_SHOWN]}... is longer than the "
+                f"{_MAX_C3D_TEXT} bytes that C3D holds; write npz or mat, or rename it"
+            )
     written = check_filled(clip, filled)
     missing = clip.missing.T
     points = np.ones((4, len(clip.labels), clip.frames))
