@@ -32,7 +32,9 @@ _SINGLE = re.compile(r"\s*([0-9]{1,9})\s*")
 _AMBIGUOUS = re.compile(r"\s*[-\u2013]\s*([0-9]{1,9})\s*")
 """``-116``: frame -116, or all frames up to 116."""
 
-_DURATION = re.compile(r"\s*([0-9]{1,9}(?:\.[0-9]{0,9})?|\.[0-9]{1,9})\s*(s|f|)\s*", re.IGNORECASE)
+_DURATION = re.compile(
+    r"\s*([0-9]{1,9}(?:\.[0-9]{0,20})?|\.[0-9]{1,20})\s*(s|f|)\s*", re.IGNORECASE
+)
 
 _MAX_SUGGESTED = 3
 """Number of similar names in a message."""
