@@ -38,8 +38,8 @@ USUAL_UNITS = 4
 MIN_HEIGHT, MAX_HEIGHT = 800.0, 2300.0
 """mm. Heights of people, from small children to giants."""
 
-ADULT_HEIGHT = 1700.0
-"""mm. Height of an adult."""
+MIN_ADULT, ADULT_HEIGHT, MAX_ADULT = 1300.0, 1700.0, 2100.0
+"""mm. Heights of adults."""
 
 HEIGHT_RATIO = 1.284
 """Height relative to leg and trunk, from hip to ankle and from hip to shoulder (Winter,
@@ -112,7 +112,9 @@ def find_unit(body: SkeletonBody, stated: float | None, file: str) -> tuple[floa
     if not 0.0 < units < np.inf:
         raise ClipError(f"{file}: its legs and trunk have no length; check the file")
     fitting = {name: mm for name, mm in UNITS.items() if MIN_HEIGHT <= units * mm <= MAX_HEIGHT}
-    usual = [name for name in list(UNITS)[:USUAL_UNITS] if name in fitting]
+    usual = [
+        name for name in list(UNITS)[:USUAL_UNITS] if MIN_ADULT <= units * UNITS[name] <= MAX_ADULT
+    ]
     best = min(
         usual or list(fitting),
         key=lambda name: abs(np.log(units * fitting[name] / ADULT_HEIGHT)),

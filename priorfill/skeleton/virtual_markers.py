@@ -50,6 +50,12 @@ MAX_STILL = 3
 MAX_STILL_SAMPLES = 2_000_000
 """... and the maximum number of positions of joints in such a file."""
 
+MIN_TURN = 0.5
+"""deg. Largest angle of a file without motion."""
+
+MAX_RADIANS = 9.5
+"""Largest angle of a file in radians: three of up to pi are combined."""
+
 USUAL_UP = ("+Y", "+Z")
 """Axes that point up in skeleton files, the most common first."""
 
@@ -131,6 +137,12 @@ def compute_virtual_markers(
     check_body(body, hertz, file)
     positions = marker_positions(wanted, body.frames)
     check_markers(positions, wanted, body, file)
+    turn = _largest_turn(motion)
+    if MIN_TURN < turn < MAX_RADIANS:
+        notes = (
+            *notes,
+            f"no joint turns by more than {turn:.1f} degrees, check whether angles are in radians",
+        )
     if knees_bend_forwards(body):
         notes = (*notes, "the knees bend forwards, check the file")
     if up is None:
@@ -260,6 +272,13 @@ def _with_sides(
         found = found.exchanged(*arms)
         body = make(1.0, found)
     return found.exchanged(*arms, *legs) if is_mirrored(body) else found
+
+
+def _largest_turn(motion: SkeletonMotion) -> float:
+    """Return the largest angle by which a joint is turned (deg)."""
+    traces = [np.trace(turn, axis1=1, axis2=2).min() for turn in motion.turns.values()]
+    cosine = 0.5 * (min(traces, default=3.0) - 1.0)
+    return float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
 def _find_up(body: SkeletonBody) -> tuple[str, tuple[str, ...]]:

@@ -224,6 +224,15 @@ def test_the_unit_is_found_or_checked_by_the_size_of_the_body() -> None:
     for unit in (1.0, 25.4, 100.0, 1000.0):
         with pytest.raises(ClipError, match=r"in cm it would be 1\.81 m tall"):
             markers(motion, mm_per_unit=unit)
+    for factor, unit in ((1.0, "cm"), (0.01, "m"), (1 / 2.54, "in"), (10.0, "mm"), (0.18, "ASF's")):
+        skeleton = replace(motion.skeleton, offsets=motion.skeleton.offsets * factor)
+        found = compute_virtual_markers(
+            replace(motion, skeleton=skeleton, root=motion.root * factor),
+            load("baumann41"),
+            name="a",
+            file="a.bvh",
+        )
+        assert any(f"unit {unit}," in note for note in found.notes)
     odd = replace(motion.skeleton, offsets=motion.skeleton.offsets * 1e6)
     with pytest.raises(ClipError, match="no usual unit"):
         markers(replace(motion, skeleton=odd))
@@ -335,3 +344,15 @@ def test_one_person_among_the_roots_of_a_file_is_found() -> None:
     turns = motion.turns | {joint + count: turn for joint, turn in motion.turns.items()}
     with pytest.raises(ClipError, match="has the skeletons of 2 people"):
         markers(replace(motion, skeleton=people, turns=turns, moves={count: motion.root + 500.0}))
+
+
+def test_angles_in_radians_are_noticed() -> None:
+    motion = motion_of_bvh()
+    turns = {
+        joint: Rotation.from_rotvec(Rotation.from_matrix(turn).as_rotvec() / 57.3 * 4.0).as_matrix()
+        for joint, turn in motion.turns.items()
+    }
+    found = compute_virtual_markers(
+        replace(motion, turns=turns), load("baumann41"), name="a", file="a.bvh"
+    )
+    assert any("check whether angles are in radians" in note for note in found.notes)
