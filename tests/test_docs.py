@@ -87,7 +87,7 @@ def test_every_option_is_documented() -> None:
 
 def test_the_table_of_a_fill_is_what_is_printed(here: Path) -> None:
     """The numbers of the example are those of another clip."""
-    clip = replace(with_gaps(person(seconds=2.0), (60, 120, ["LKNE"])), first_frame=1)
+    clip = replace(with_gaps(person(), (60, 120, ["LKNE"])), first_frame=1)
     write("walk.c3d", clip)
     printed = CliRunner().invoke(main, ["fill", "walk.c3d", "-o", "walk_filled.c3d"]).stdout
     assert without_numbers(printed) in [
