@@ -37,11 +37,12 @@ __all__ = [
 WIDTH = 80
 """Width of text, and of tables where the output is no terminal (columns)."""
 
+MAX_CELL = 400
+MAX_LINE = 4000
+"""Maximum number of characters of a cell and of a line; a label of a file can have any length."""
+
 MAX_WORD = 40
 """Length of a word above which it is divided."""
-
-MIN_WORD = 16
-"""Length of a word above which it is divided if all columns then fit the width."""
 
 MIN_WORD = 16
 """Length of a word above which it is divided if the whole table then fits the width."""
@@ -67,7 +68,7 @@ def print_line(text: str = "", *, err: bool = False) -> None:
     err : bool
         Print on stderr instead of stdout.
     """
-    _write(escaped(with_options(text)), err=err)
+    _write(_shown(with_options(text), MAX_LINE), err=err)
 
 
 def _write(line: str, *, err: bool = False) -> None:
@@ -119,7 +120,7 @@ def print_wrapped(text: str, indent: str = "") -> None:
     indent : str
         Precedes each line but the first.
     """
-    shown = escaped(with_options(text))
+    shown = _shown(with_options(text), MAX_LINE)
     lines = wrap(
         shown, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
     )
@@ -146,7 +147,7 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: st
     from rich.console import Console
 
     names = ["\n".join(escaped(line) for line in name.split("\n")) for name in columns]
-    cells = [[escaped(cell) for cell in row] for row in rows]
+    cells = [[_shown(cell, MAX_CELL) for cell in row] for row in rows]
     console = Console(file=sys.stdout, width=None if sys.stdout.isatty() else WIDTH)
     if title:
         print_line(title)
@@ -163,6 +164,13 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: st
             console.print(shown)
         for line in capture.get().splitlines():
             _write(line.rstrip())  # with the styles of the table's header on a terminal
+
+
+def _shown(text: str, longest: int) -> str:
+    """Return a text without control characters, shortened in the middle."""
+    shown = escaped(text)
+    half = longest // 2
+    return shown if len(shown) <= longest else f"{shown[:half]} ... {shown[-half:]}"
 
 
 def _layout(

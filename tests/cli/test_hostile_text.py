@@ -211,3 +211,12 @@ def test_names_of_files_that_are_not_utf_8(folder, gappy):
     check(run("db", "list", "-d", "db\udcff"), (0, 1))
     options = ("-m", "linear", "--copies", "1", "-j", "1", "-o", "e\udcff")
     check(run("evaluate", path, *options), (0, 3))
+
+
+def test_labels_of_any_length_do_not_flood_the_terminal(folder):
+    clip = hostile_clip(seed=6)
+    positions = clip.positions.copy()
+    positions[20:30, 0] = np.nan
+    pf.write("a.npz", Clip(positions, ("L" * 100_000, *clip.labels[1:]), clip.rate, clip.up))
+    assert len(check(run("inspect", "a.npz")).stdout) < 20_000
+    assert len(check(run("fill", "a.npz", "-o", "o.npz", "-m", "linear")).output) < 20_000
