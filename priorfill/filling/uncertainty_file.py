@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from priorfill.errors import OptionError, OutputError
-from priorfill.runtime.atomic_file import check_target, replace_file
+from priorfill.runtime.atomic_file import check_target, check_writable, replace_file
 from priorfill.runtime.display import csv_cell
 from priorfill.runtime.npz_file import save_arrays
 
@@ -47,7 +47,7 @@ def check_uncertainty(
     OptionError
         If the format is unknown.
     OutputError
-        If the folder is missing, the file exists already, or is one of the others.
+        If the folder takes no files, the file exists already, or is one of the others.
     """
     path = Path(path)
     _check_suffix(path)
@@ -55,6 +55,7 @@ def check_uncertainty(
     same = target == output.resolve()  # one that does not exist yet has no other names
     if same or (target.exists() and output.exists() and target.samefile(output)):
         raise OutputError(f"{path}: is the file for the filled clip; choose another name")
+    check_writable(path, 0)
 
 
 @contextmanager
