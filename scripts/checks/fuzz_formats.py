@@ -40,9 +40,10 @@ from priorfill.filling.fill_options import FillOptions
 from priorfill.filling.overrides import read_overrides
 from priorfill.formats import is_recording, read, write
 from priorfill.formats.skeletons.asf_amc import read_amc, read_asf
-from priorfill.formats.skeletons.bvh import read_bvh
+from priorfill.formats.skeletons.bvh import parse_bvh, read_bvh
 from priorfill.markers.definitions import available, load
 from priorfill.runtime.resources import resource_path
+from priorfill.skeleton.joints_file import read_joint_names
 from priorfill.skeleton.virtual_markers import compute_virtual_markers
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
@@ -431,6 +432,12 @@ def _overrides() -> tuple[bytes, ...]:
 
 
 @cache
+def _joints() -> tuple[bytes, ...]:
+    lines = ["[parts]", 'pelvis = "hip"', 'head = "head"', 'left_shank = "lShin"']
+    return ("\n".join([*lines, 'right_shank = "rShin"', 'left_foot = "lFoot"', ""]).encode(),)
+
+
+@cache
 def _datasets() -> tuple[bytes, ...]:
     folder = resource_path("datasets")
     return tuple(path.read_bytes() for path in sorted(folder.glob("*.toml")))
@@ -505,6 +512,14 @@ def _use_overrides(path: Path, content: bytes, rng: Rng) -> str:
     return "applied"
 
 
+def _use_joints(path: Path, content: bytes, rng: Rng) -> str:
+    path.write_bytes(content)
+    motion = parse_bvh(_bvh()[0], "a.bvh")
+    names = read_joint_names(path)
+    compute_virtual_markers(motion, available()["baumann41"], name="a", file="a.bvh", joints=names)
+    return "applied"
+
+
 def _use_dataset(path: Path, content: bytes, rng: Rng) -> str:
     path.write_bytes(content)
     dataset = find_dataset(str(path))
@@ -527,6 +542,7 @@ KINDS: dict[str, Kind] = {
     "bvh": Kind(".bvh", _bvh, TEXT, _use_bvh),
     "marker set": Kind(".toml", _marker_sets, TEXT, _use_marker_set),
     "overrides": Kind(".toml", _overrides, TEXT, _use_overrides),
+    "joints": Kind(".toml", _joints, TEXT, _use_joints),
     "data set": Kind(".toml", _datasets, TEXT, _use_dataset),
 }
 
