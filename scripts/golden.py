@@ -31,6 +31,7 @@ sys.path.append(str(Path(__file__).resolve().parent / "support"))
 from recordings import add_data_option
 
 import priorfill as pf
+from priorfill.filling.plausibility_options import UNCHECKED, PlausibilityOptions
 from priorfill.methods import METHODS
 from priorfill.synthetic import Body, synthesise
 
@@ -54,6 +55,9 @@ MILLIMETRES = 0.002
 
 COVERAGE = 0.005
 """Tolerance of a coverage."""
+
+EXTRAPOLATE = 1.0
+"""s. How far blackouts at a clip's end are filled."""
 
 Gaps = tuple[tuple[int, int, tuple[str, ...]], ...]
 """First frame, frame after the last, and labels of each gap; no labels means all markers."""
@@ -455,6 +459,11 @@ def _fill(case: Case, clip: pf.Clip, folder: Path | None) -> pf.Result:
             method=case.method,
             same_subject=[_clip(source, folder) for source in case.same_subject],
             reject_artefacts=case.reject,
+            options=pf.FillOptions(
+                extrapolate=EXTRAPOLATE,
+                # methods are compared on all samples that they fill
+                plausibility=PlausibilityOptions() if case.method == "auto" else UNCHECKED,
+            ),
         )
 
 

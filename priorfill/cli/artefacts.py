@@ -93,7 +93,7 @@ def warn_of_artefacts(facts: Sequence[dict[str, Any]], file: str) -> None:
         print_line(f"warning: {rest} more; list them with: priorfill inspect {file}", err=True)
     if facts:
         print_line(
-            "warning: these samples count as measured; --reject-artefacts fills them", err=True
+            "warning: these samples are kept as measured; --reject-artefacts fills them", err=True
         )
 
 

@@ -94,6 +94,20 @@ def _values(
     type=DURATION,
     help="Leave longer gaps alone, each as a whole; 10f is 10 frames.",
 )
+@click.option(
+    "--extrapolate",
+    metavar="SECONDS",
+    type=float,
+    default=0.0,
+    help="Fill this far beyond the first and the last frame in which at least three markers are "
+    "visible; 0 by default.",
+)
+@click.option(
+    "--max-error",
+    metavar="MM",
+    type=float,
+    help="Leave samples missing whose expected mean error exceeds this, or is unknown.",
+)
 @click.option("--skip-edges", is_flag=True, help="Leave gaps at the clip's start and end alone.")
 @click.option(
     "--overrides",
@@ -241,7 +255,9 @@ def _fill_options(given: dict[str, Any], show: Any) -> Any:
         ),
         given["trust_filled"],
         definitions.load(given["marker_set"]) if given["marker_set"] else None,
-        show,
+        extrapolate=given["extrapolate"],
+        max_error=given["max_error"],
+        progress=show,
     )
 
 

@@ -297,6 +297,11 @@ def _gap_facts(result: Result, gap: FilledGap) -> dict[str, Any]:
                 "last_frame": first + span.stop - 1,
                 "reason": with_options(span.reason),
                 "requested": span.requested,
+                "expected_mean_error_mm": (
+                    None
+                    if span.expected_mean_error_mm is None
+                    else json_number(span.expected_mean_error_mm, 3)
+                ),
             }
             for span in gap.unfilled
         ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -18,6 +19,7 @@ from priorfill.evaluation.joint_angles import joint_errors
 from priorfill.evaluation.metrics import MEASURES, SampleErrors, measure
 from priorfill.filling.fill_clip import fill
 from priorfill.filling.fill_options import FillOptions
+from priorfill.filling.plausibility_options import UNCHECKED
 from priorfill.filling.result import FilledGap, Result
 from priorfill.gaps import Gap
 from priorfill.markers.describe import describe
@@ -169,6 +171,10 @@ def run_case(source: EvaluatedClip, case: GapCase, method: str) -> FillOutcome:
         marker_set=source.marker_set,
         selection=source.selection,
         trust_filled=source.trust_filled,
+        # methods are compared on all samples that they fill, so nothing is left out afterwards
+        extrapolate=math.inf,
+        plausibility=UNCHECKED,
+        estimate_errors=False,
     )
     try:
         result = fill(

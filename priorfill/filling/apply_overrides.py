@@ -135,6 +135,7 @@ def join_runs(clip: Clip, applied: AppliedOverrides, results: Sequence[Result]) 
             f"{int(kept.sum())} samples of {labels} that were treated as missing could not be "
             "filled; they are written as measured"
         )
+    doubtful = [result.doubtful for result in results if result.doubtful is not None]
     clips = dict.fromkeys(clip for one in results for clip in one.provenance.source_clips)
     by_gap = zip(*(result.gaps for result in results), strict=True)
     return replace(
@@ -145,6 +146,7 @@ def join_runs(clip: Clip, applied: AppliedOverrides, results: Sequence[Result]) 
         error_bound_90_mm=bound,
         gaps=tuple(_join_gap(clip, same, expected_rms, bound) for same in by_gap),
         method=" and ".join(result.method for result in results),
+        doubtful=np.logical_or.reduce(doubtful) if doubtful else None,
         notes=tuple(dict.fromkeys(notes)),
         provenance=replace(results[0].provenance, source_clips=tuple(clips)),
     )

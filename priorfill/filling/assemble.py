@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,12 +38,15 @@ class FilledSamples:
         Expected rms error of each filled sample; NaN elsewhere and where unknown.
     error_bound_90 : ndarray [shape=(frames, markers), mm]
         Bound below which 90 % of the errors are expected; NaN likewise.
+    not_kept_rms : ndarray [shape=(frames, markers), mm] or None
+        Expected rms error of positions that were not kept; NaN elsewhere. None: there are none.
     """
 
     positions: NDArray[np.float64]
     filled: NDArray[np.bool_]
     expected_rms: NDArray[np.float64]
     error_bound_90: NDArray[np.float64]
+    not_kept_rms: NDArray[np.float64] | None = None
 
 
 def filled_samples(
@@ -75,11 +79,13 @@ def filled_samples(
     np.copyto(positions, clip.positions, where=~filled[..., None])
     positions.setflags(write=False)
     expected_rms, bound = estimate.expected_rms, estimate.error_bound_90
+    not_kept = requested & ~filled & np.isfinite(expected_rms)
+    not_kept_rms = np.where(not_kept, expected_rms, np.nan) if not_kept.any() else None
     np.copyto(expected_rms, np.nan, where=~filled)
     if bound is None:
         bound = BOUND_FACTOR * expected_rms
     np.copyto(bound, np.nan, where=~filled)
-    return FilledSamples(positions, filled, expected_rms, bound)
+    return FilledSamples(positions, filled, expected_rms, bound, not_kept_rms)
 
 
 def sum_up_gaps(
@@ -129,7 +135,9 @@ def sum_up_gaps(
     )
 
 
-def restore_rejected(result: Result, measured: Clip, artefacts: tuple[Artefact, ...]) -> Result:
+def restore_rejected(
+    result: Result, measured: Clip, artefacts: tuple[Artefact, ...], *, rejected: bool
+) -> Result:
     """Put rejected samples that were not filled back into the result.
 
     Parameters
@@ -139,7 +147,9 @@ def restore_rejected(result: Result, measured: Clip, artefacts: tuple[Artefact, 
     measured : Clip
         The clip as it was measured.
     artefacts : tuple of Artefact
-        Why samples were rejected; without any, the result is returned unchanged.
+        Why samples were rejected or are in doubt; without any, the result is returned unchanged.
+    rejected : bool
+        Whether their samples were rejected.
 
     Returns
     -------
@@ -148,10 +158,12 @@ def restore_rejected(result: Result, measured: Clip, artefacts: tuple[Artefact, 
     """
     if not artefacts:
         return result
-    rejected = artefact_samples(artefacts, measured.labels, measured.frames) & ~measured.missing
+    if not rejected:
+        return replace(result, artefacts=artefacts)
+    samples = artefact_samples(artefacts, measured.labels, measured.frames) & ~measured.missing
     positions = np.where(result.clip.missing[..., None], measured.positions, result.clip.positions)
     clip = result.clip.with_positions(positions)
-    return replace(result, clip=clip, rejected=rejected, artefacts=artefacts)
+    return replace(result, clip=clip, rejected=samples, artefacts=artefacts)
 
 
 def expected_errors(
@@ -194,10 +206,7 @@ def _sum_up(
     failed = ~filled
     for span in left_alone:
         failed[span.start - gap.start : span.stop - gap.start] = False
-    unfilled = left_alone + [
-        UnfilledSpan(gap.start + start, gap.start + stop, _reason(notes, gap.start + start))
-        for start, stop in runs(failed)
-    ]
+    unfilled = [*left_alone, *_unfilled_spans(gap, failed, samples, notes)]
     used = [note for note in notes if note.filled] if filled.any() else []
     return FilledGap(
         label=label,
@@ -215,9 +224,30 @@ def _sum_up(
     )
 
 
-def _reason(notes: Iterable[Note], frame: int) -> str:
-    """Return why a frame was not filled."""
-    for note in notes:
-        if not note.filled and note.start <= frame < note.stop:
-            return note.source
-    return NO_POSITION
+def _unfilled_spans(
+    gap: Gap, failed: NDArray[np.bool_], samples: FilledSamples, notes: Sequence[Note]
+) -> Iterator[UnfilledSpan]:
+    """Yield the runs of frames of a gap that were not filled for the same reason."""
+    reasons = [note for note in notes if not note.filled]
+    number = np.full(gap.frames, -1)
+    for index, note in reversed(
+        list(enumerate(reasons))
+    ):  # the first reason given takes precedence
+        number[max(note.start - gap.start, 0) : max(note.stop - gap.start, 0)] = index
+    texts = [*(note.source for note in reasons), NO_POSITION]  # -1 is the last one
+    for first, last in runs(failed):
+        changes = [
+            i
+            for i in range(first + 1, last)
+            if number[i] >= 0 and texts[number[i]] != texts[number[i - 1]]
+        ]
+        for start, stop in pairwise([first, *changes, last]):
+            start, stop = start + gap.start, stop + gap.start
+            error = None
+            if samples.not_kept_rms is not None:
+                rms = samples.not_kept_rms[start:stop, gap.marker]
+                rms = rms[np.isfinite(rms)]
+                error = MEAN_FACTOR * float(rms.max()) if len(rms) else None
+            yield UnfilledSpan(
+                start, stop, texts[number[start - gap.start]], expected_mean_error_mm=error
+            )

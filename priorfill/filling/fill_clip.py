@@ -5,19 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from priorfill.artefacts import Artefact, without_artefacts
+from priorfill.artefacts import Artefact, find_artefacts, without_artefacts
 from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
 from priorfill.errors import DatabaseCorruptError, OptionError
 from priorfill.filling.apply_overrides import MethodRun, join_runs, plan_runs
 from priorfill.filling.assemble import filled_samples, restore_rejected, sum_up_gaps
+from priorfill.filling.believable_fill import BelievableFill
 from priorfill.filling.database_takes import DatabaseTakes
 from priorfill.filling.fill_options import FillOptions
 from priorfill.filling.gap_filter import GapFilter
@@ -34,14 +36,14 @@ from priorfill.filling.provenance import (
 )
 from priorfill.filling.result import Result
 from priorfill.filling.same_subject_takes import same_subject_takes
-from priorfill.geometry.axes import to_upright
-from priorfill.markers.clip_geometry import ClipGeometry
+from priorfill.filling.seen_clip import SeenClip, doubtful_samples
+from priorfill.gaps import runs as runs_of
 from priorfill.markers.definitions import recognise
 from priorfill.markers.marker_set_check import check_marker_set
 from priorfill.markers.phantoms import find_phantoms, phantom_notes
 from priorfill.methods import get_method, get_options, resolve
 from priorfill.methods.options import differing, with_values
-from priorfill.methods.task import Estimate, Task
+from priorfill.methods.task import Estimate
 from priorfill.search.takes import Take
 
 __all__ = ["fill"]
@@ -192,7 +194,7 @@ class _Plan:
     cleaned : Clip
         Without the samples of artefacts.
     artefacts : tuple of Artefact
-        Why those were rejected.
+        Why those were rejected, or samples are in doubt.
     clip : Clip
         `cleaned` without samples that overrides treat as missing.
     applied : AppliedOverrides or None
@@ -203,8 +205,8 @@ class _Plan:
         Those that may be learnt from, in the clip's order of markers.
     notes : tuple of str
         Why others of `same_subject` are not learnt from.
-    geometry : ClipGeometry
-        Of `clip`.
+    seen : SeenClip
+        What methods see of `clip`.
     runs : tuple of MethodRun
         The gaps of each method.
     """
@@ -217,7 +219,7 @@ class _Plan:
     same_subject: tuple[Clip, ...]
     takes: tuple[Take, ...]
     notes: tuple[str, ...]
-    geometry: ClipGeometry
+    seen: SeenClip
     runs: tuple[MethodRun, ...]
 
 
@@ -226,19 +228,27 @@ def _plan(
 ) -> _Plan:
     """Find what is to be done with a clip; ``shown`` are markers of the database."""
     cleaned = measured
+    options = settings.options
     artefacts: tuple[Artefact, ...] = ()
     if settings.reject_artefacts:
         cleaned, artefacts = without_artefacts(measured)
+    elif options.plausibility.hide_doubtful:
+        artefacts = find_artefacts(measured)
     applied = None if settings.overrides is None else settings.overrides.apply(cleaned)
     clip = cleaned if applied is None else applied.clip
-    definition = settings.options.marker_set or recognise(clip.labels)
+    definition = options.marker_set or recognise(clip.labels)
     known = {label for other in same_subject for label in other.labels} | shown
     known |= set() if definition is None else {*definition.labels, *definition.match(clip.labels)}
     phantoms = find_phantoms(measured, known)
-    runs = plan_runs(
-        clip, settings.method, settings.gap_filter, applied, settings.overrides, phantoms
+    hidden = doubtful_samples(clip, artefacts, options.plausibility)
+    beyond = int(min(options.extrapolate * clip.rate, clip.frames))
+    seen = SeenClip(clip, hidden, definition, beyond)
+    runs = tuple(
+        replace(run, groups=seen.groups(run.left_alone))
+        for run in plan_runs(
+            clip, settings.method, settings.gap_filter, applied, settings.overrides, phantoms
+        )
     )
-    geometry = ClipGeometry(to_upright(clip.positions, clip.up), clip.labels, definition)
     takes, notes = same_subject_takes(measured, same_subject, definition)
     notes += check_marker_set(
         clip.labels, clip.positions, definition, given=settings.options.marker_set is not None
@@ -252,7 +262,7 @@ def _plan(
         same_subject,
         takes,
         (*notes, *(() if settings.gap_filter.markers else phantom_notes(measured, phantoms))),
-        geometry,
+        seen,
         runs,
     )
 
@@ -310,7 +320,10 @@ class _Filling:
         result = results[0]
         if plan.applied is not None:
             result = join_runs(plan.cleaned, plan.applied, results)
-        return restore_rejected(result, plan.measured, plan.artefacts)
+        result = restore_rejected(
+            result, plan.measured, plan.artefacts, rejected=self.settings.reject_artefacts
+        )
+        return replace(result, notes=(*result.notes, *_notes_on_doubt(result)))
 
     def _fill_by(self, plan: _Plan, run: MethodRun, provenance: Provenance) -> Result:
         """Fill the gaps of one method."""
@@ -318,9 +331,9 @@ class _Filling:
         begun = self.progress.done
         while True:
             prior = DatabaseTakes(
-                plan.clip, self.database, plan.geometry.definition, self.settings.options, damaged
+                plan.clip, self.database, plan.seen.definition, self.settings.options, damaged
             )
-            estimate = self._estimate(plan, run, prior.takes)
+            estimate, hidden = self._estimate(plan, run, prior.takes)
             if not prior.withdrawn:
                 break
             damaged |= prior.withdrawn  # again, without these clips
@@ -335,31 +348,31 @@ class _Filling:
             samples.error_bound_90,
             gaps,
             run.method,
-            plan.geometry.marker_set,
+            plan.seen.geometry.marker_set,
             np.zeros_like(samples.filled),
             replace(provenance, source_clips=source_clips(prior.records, names)),
+            doubtful=hidden if hidden.any() else None,
             database=None if self.database is None else self.database.path,
             notes=(*plan.notes, *prior.notes),
         )
 
-    def _estimate(self, plan: _Plan, run: MethodRun, takes: tuple[Take, ...]) -> Estimate:
-        """Call a method."""
-        clip = plan.clip
-        task = Task(
-            plan.geometry.positions,
-            clip.labels,
-            clip.rate,
-            plan.geometry.marker_set,
-            run.groups,
-            plan.takes + takes,
-            clip.name,
-            clip.subject,
-            plan.geometry,
-        )
+    def _estimate(
+        self, plan: _Plan, run: MethodRun, takes: tuple[Take, ...]
+    ) -> tuple[Estimate, NDArray[np.bool_]]:
+        """Call a method; return what is believed of its estimate, and which samples it missed."""
+        options = self.settings.options
         method: Callable[..., Estimate] = get_method(run.method)
         if run.method == self.settings.method and self.settings.method_options is not None:
-            return method(task, self.progress, options=self.settings.method_options)
-        return method(task, self.progress)
+            method = partial(method, options=self.settings.method_options)
+        filling = BelievableFill(
+            plan.seen,
+            plan.takes + takes,
+            run.left_alone,
+            options.plausibility,
+            options.max_error,
+            options.estimate_errors,
+        )
+        return filling(lambda task: method(task, self.progress), method)
 
     def _provenance(self, plan: _Plan) -> Provenance:
         """Return the provenance of a filled clip but for the clips that were learnt from."""
@@ -379,4 +392,25 @@ class _Filling:
             overrides=settings.overrides,
             reject_artefacts=settings.reject_artefacts,
             marker_set_content=marker_set_content(marker_set),
+            extrapolate=settings.options.extrapolate,
+            max_error=settings.options.max_error,
+            estimate_errors=settings.options.estimate_errors,
+            plausibility=settings.options.plausibility.to_json(),
         )
+
+
+def _notes_on_doubt(result: Result) -> tuple[str, ...]:
+    """Return a note that names the samples in doubt, which nothing was learnt from."""
+    if result.doubtful is None:
+        return ()
+    clip = result.clip
+    first = clip.first_frame
+    places = [
+        f"{label} {', '.join(f'{first + a}-{first + b - 1}' for a, b in runs_of(column))}"
+        for label, column in zip(clip.labels, result.doubtful.T, strict=True)
+        if column.any()
+    ]
+    return (
+        f"{int(result.doubtful.sum())} measured samples in doubt are written as measured; fills "
+        f"neither learn from them nor join them (frames: {'; '.join(places)})",
+    )

@@ -15,7 +15,7 @@ from priorfill.clip import Clip
 from priorfill.errors import ClipError, DatabaseError, OptionError, PriorfillError
 from priorfill.filling.add_result import AddedClip, add_subject, can_create_database
 from priorfill.filling.fill_clip import fill
-from priorfill.filling.fill_options import FillKeywords
+from priorfill.filling.fill_options import FillKeywords, FillOptions
 from priorfill.filling.leave_missing import leave_missing
 from priorfill.filling.multi_subject import merge_artefacts, read_subjects
 from priorfill.filling.overrides import Overrides, read_overrides
@@ -189,7 +189,9 @@ def fill_file(
     clips = read_subjects(source, **files.reading)
     others = _read_same_subject(same_subject, source, clips, files)
     found: tuple[Artefact, ...] = ()
-    if not arguments.get("reject_artefacts"):  # before the fill, whose results take memory too
+    options = arguments.get("options") or FillOptions()
+    searched = arguments.get("reject_artefacts") or options.plausibility.hide_doubtful
+    if not searched:  # before the fill, whose results take memory too
         subjects = [clip.subject for clip in clips]
         found = merge_artefacts(subjects, [find_artefacts(clip) for clip in clips])
     arguments["overrides"] = overrides
@@ -201,7 +203,7 @@ def fill_file(
         None if files.uncertainty is None else Path(files.uncertainty),
         result,
         _write(output, result, files),
-        result.artefacts if arguments.get("reject_artefacts") else found,
+        result.artefacts if searched else found,
     )
     if database is None or not files.add_to_database:
         return done

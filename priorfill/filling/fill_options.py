@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 from priorfill.database import Selection
+from priorfill.errors import OptionError
 from priorfill.filling.gap_filter import GapFilter
 from priorfill.filling.overrides import Overrides
+from priorfill.filling.plausibility_options import PlausibilityOptions
 from priorfill.markers.marker_set import MarkerSet
 
 __all__ = ["FillKeywords", "FillOptions"]
@@ -33,8 +35,25 @@ class FillOptions:
     marker_set : MarkerSet, optional
         Definition of the marker set. By default the set is recognised by the labels or, if no
         definition fits, found from the data.
+    extrapolate : float
+        s. Before the first and after the last frame in which at least three markers are visible,
+        samples are filled this far; by default they stay missing.
+    max_error : float, optional
+        mm. Samples with a greater expected mean error, or an unknown one, stay missing; all are
+        kept by default.
+    plausibility : PlausibilityOptions
+        Limits of the check of fills, and whether methods see samples that
+        `priorfill.find_artefacts` holds in doubt.
+    estimate_errors : bool
+        Find expected errors from artificial gaps where the method predicts none. That takes as long
+        as two more fills.
     progress : callable, optional
         Called after each gap group with the number of groups done and the number of all groups.
+
+    Raises
+    ------
+    OptionError
+        Where `extrapolate` is negative, or `max_error` is not positive.
 
     See Also
     --------
@@ -52,7 +71,20 @@ class FillOptions:
     selection: Selection = field(default_factory=Selection)
     trust_filled: bool = False
     marker_set: MarkerSet | None = None
+    extrapolate: float = 0.0
+    max_error: float | None = None
+    plausibility: PlausibilityOptions = field(default_factory=PlausibilityOptions)
+    estimate_errors: bool = True
     progress: Callable[[int, int], None] | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the limits."""
+        if not self.extrapolate >= 0.0:
+            raise OptionError(f"extrapolate is {self.extrapolate:g} s; it must be at least 0")
+        if self.max_error is not None and not self.max_error > 0.0:
+            raise OptionError(
+                f"the greatest expected error is {self.max_error:g} mm; it must be above 0"
+            )
 
 
 class FillKeywords(TypedDict, total=False):

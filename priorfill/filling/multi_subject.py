@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from priorfill.artefacts import Artefact
 from priorfill.clip import Clip, Source
@@ -150,6 +151,7 @@ def merge_results(results: Sequence[Result]) -> Result:
         expected_rms_mm=np.concatenate([result.expected_rms_mm for result in results], axis=1),
         error_bound_90_mm=np.concatenate([result.error_bound_90_mm for result in results], axis=1),
         rejected=np.concatenate([result.rejected for result in results], axis=1),
+        doubtful=_merge_doubtful(results),
         artefacts=merge_artefacts(
             [clip.subject for clip in clips], [result.artefacts for result in results]
         ),
@@ -206,6 +208,19 @@ def merge_artefacts(
             ),
             key=lambda one: (one.start, one.stop, one.markers),
         )
+    )
+
+
+def _merge_doubtful(results: Sequence[Result]) -> NDArray[np.bool_] | None:
+    """Return which samples of all subjects are in doubt."""
+    if all(result.doubtful is None for result in results):
+        return None
+    return np.concatenate(
+        [
+            np.zeros_like(result.filled) if result.doubtful is None else result.doubtful
+            for result in results
+        ],
+        axis=1,
     )
 
 

@@ -21,6 +21,7 @@ from priorfill.errors import MarkerSetError
 from priorfill.filling.fill_options import FillOptions
 from priorfill.filling.gap_filter import GapFilter
 from priorfill.filling.overrides import GapOverride, Overrides
+from priorfill.filling.plausibility_options import PlausibilityOptions
 from priorfill.markers.definitions import load
 from priorfill.markers.marker_set import MarkerSet
 
@@ -150,6 +151,10 @@ class Provenance:
         How the file was read, as keyword arguments of `priorfill.read`; empty for clips.
     marker_set_content : str or None
         Hash of the definition of that marker set.
+    extrapolate, max_error, estimate_errors
+        As in `FillOptions`.
+    plausibility : mapping of str to object
+        Limits of the check of fills that differ from the defaults.
 
     See Also
     --------
@@ -183,6 +188,10 @@ class Provenance:
     reject_artefacts: bool = False
     reading: Mapping[str, Any] = field(default_factory=dict)
     marker_set_content: str | None = None
+    extrapolate: float = 0.0
+    max_error: float | None = None
+    estimate_errors: bool = True
+    plausibility: Mapping[str, Any] = field(default_factory=dict)
 
     def fill_arguments(self, marker_set: MarkerSet | None = None) -> dict[str, Any]:
         """Return the keyword arguments of `priorfill.fill` that give the same result again.
@@ -218,6 +227,10 @@ class Provenance:
                 selection=self.selection,
                 trust_filled=self.trust_filled,
                 marker_set=marker_set,
+                extrapolate=self.extrapolate,
+                max_error=self.max_error,
+                estimate_errors=self.estimate_errors,
+                plausibility=PlausibilityOptions.from_json(self.plausibility),
             ),
         }
 

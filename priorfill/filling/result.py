@@ -29,6 +29,9 @@ class UnfilledSpan:
     requested : bool
         Whether they were to be filled; False where the gap filter or an override leaves them
         alone.
+    expected_mean_error_mm : float or None
+        Greatest expected mean error (mm) of the positions that were not believed or exceeded the
+        limit; None where there were none, or the error is unknown.
 
     See Also
     --------
@@ -44,6 +47,7 @@ class UnfilledSpan:
     stop: int
     reason: str
     requested: bool = True
+    expected_mean_error_mm: float | None = None
 
 
 @dataclass(frozen=True)
@@ -146,7 +150,10 @@ class Result:
     provenance : Provenance
         What the result was computed from, and how.
     artefacts : tuple of Artefact
-        Why samples were rejected.
+        Why samples were rejected or are in doubt.
+    doubtful : ndarray of bool [shape=(frames, markers)] or None
+        Which measured samples are in doubt: nothing was learnt from them, and no fill joins them.
+        They are in `clip` as measured. None: none.
     database : Path or None
         The prior database, if one was used.
     notes : tuple of str
@@ -179,6 +186,7 @@ class Result:
     rejected: NDArray[np.bool_]
     provenance: Provenance
     artefacts: tuple[Artefact, ...] = ()
+    doubtful: NDArray[np.bool_] | None = None
     database: Path | None = None
     notes: tuple[str, ...] = ()
     subjects: tuple[Result, ...] = ()

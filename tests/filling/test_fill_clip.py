@@ -20,6 +20,7 @@ from priorfill.errors import DatabaseCorruptError, DatabaseNotFoundError, Option
 from priorfill.filling.assemble import FilledSamples, sum_up_gaps
 from priorfill.filling.database_takes import DatabaseTakes
 from priorfill.filling.fill_clip import fill
+from priorfill.filling.plausibility_options import UNCHECKED
 from priorfill.filling.result import FilledGap, Result, UnfilledSpan
 from priorfill.gp.calibration import BOUND_FACTOR, MEAN_FACTOR
 from priorfill.methods.gpr.dropout import DropoutOptions
@@ -28,6 +29,9 @@ from priorfill.methods.task import Estimate, Note
 from priorfill.runtime.threads import VARIABLE, thread_count
 
 METHOD = pytest.mark.parametrize("method", ["baumann2011", "neighbours", "gpr"])
+UNBELIEVABLE = pf.FillOptions(plausibility=UNCHECKED)
+"""Options under which positions are kept that nobody would believe."""
+
 GAPS = ((60, 130, ARM), (90, 170, FOOT), (200, 240, ("LKNE",)), (0, 240, ("C7",)))
 
 
@@ -155,7 +159,7 @@ def test_a_method_may_give_bounds_or_not(monkeypatch):
     for bound, expected in ((None, 2.0 * BOUND_FACTOR), (own, 9.0)):
         method = constant_method(bound)
         monkeypatch.setattr("priorfill.filling.fill_clip.get_method", lambda _, m=method: m)
-        result = fill(clip, method="gpr")
+        result = fill(clip, method="gpr", options=UNBELIEVABLE)
         (gap,) = result.gaps
         assert gap.error_bound_90_mm == pytest.approx(expected)
         assert gap.expected_mean_error_mm == pytest.approx(2.0 * MEAN_FACTOR)
@@ -347,7 +351,7 @@ def test_estimates_of_measured_samples_are_ignored(monkeypatch):
 
     monkeypatch.setattr("priorfill.filling.fill_clip.get_method", lambda name: wild)
     clip = with_gaps(person(), (60, 90, person().labels[:1]), (65, 70, person().labels[1:2]))
-    result = fill(clip, method="gpr")
+    result = fill(clip, method="gpr", options=UNBELIEVABLE)
     measured = ~clip.missing
     assert result.clip.positions[measured].tobytes() == clip.positions[measured].tobytes()
     gap, other = result.gaps

@@ -15,8 +15,13 @@ from priorfill.cli import main
 from priorfill.clip import Clip
 from priorfill.errors import OptionError
 from priorfill.filling.fill_clip import fill
+from priorfill.filling.fill_options import FillOptions
 from priorfill.filling.gap_filter import GapFilter, matching_markers
+from priorfill.filling.plausibility_options import UNCHECKED
 from priorfill.formats import read, write
+
+UNBELIEVABLE = FillOptions(plausibility=UNCHECKED)
+"""Options under which straight lines through strides are kept."""
 
 GAPS = ((0, 20, ("LKNE",)), (60, 150, ARM), (80, 90, ("RKNE", "C7")), (230, 240, ("C7",)))
 
@@ -26,7 +31,9 @@ def clip(first_frame: int = 0) -> Clip:
 
 
 def filled_of(gap_filter: GapFilter, first_frame: int = 0) -> np.ndarray:
-    return fill(clip(first_frame), method="linear", gap_filter=gap_filter).filled
+    return fill(
+        clip(first_frame), method="linear", gap_filter=gap_filter, options=UNBELIEVABLE
+    ).filled
 
 
 def column(label: str) -> int:
@@ -44,7 +51,7 @@ def test_markers():
 
 
 def test_longer_gaps_are_left_alone_as_a_whole():
-    result = fill(clip(), method="linear", gap_filter=GapFilter(max_gap=0.5))
+    result = fill(clip(), method="linear", options=UNBELIEVABLE, gap_filter=GapFilter(max_gap=0.5))
     for gap in result.gaps:
         assert gap.filled == (gap.frames if gap.frames <= 30 else 0)
     assert result.complete
@@ -55,7 +62,12 @@ def test_longer_gaps_are_left_alone_as_a_whole():
 
 def test_the_longest_gap_in_frames():
     for frames in (10, 20):
-        result = fill(clip(), method="linear", gap_filter=GapFilter(max_gap=f"{frames}f"))
+        result = fill(
+            clip(),
+            method="linear",
+            options=UNBELIEVABLE,
+            gap_filter=GapFilter(max_gap=f"{frames}f"),
+        )
         for gap in result.gaps:
             assert gap.filled == (gap.frames if gap.frames <= frames else 0)
 
@@ -98,7 +110,7 @@ def test_what_is_left_alone_stays_missing_with_a_reason(first, last, max_gap, sk
     if first > last or last < 0 or first > 239:
         return
     gap_filter = GapFilter(tuple(sorted(markers)), (first, last), max_gap, skip_edges)
-    result = fill(clip(), method="linear", gap_filter=gap_filter)
+    result = fill(clip(), method="linear", options=UNBELIEVABLE, gap_filter=gap_filter)
     alone = np.zeros_like(result.filled)
     for gap, reason in gap_filter.left_alone(clip()):
         assert reason
@@ -140,7 +152,7 @@ def test_the_rest_is_filled_as_without_a_filter():
 )
 def test_invalid_filters(fields, word):
     with pytest.raises(OptionError, match=word):
-        fill(clip(), method="linear", gap_filter=GapFilter(**fields))
+        fill(clip(), method="linear", options=UNBELIEVABLE, gap_filter=GapFilter(**fields))
 
 
 def test_the_command_line(here):

@@ -15,8 +15,10 @@ from priorfill.cli import main
 from priorfill.clip import Clip
 from priorfill.errors import OptionError
 from priorfill.filling.fill_clip import fill
+from priorfill.filling.fill_options import FillOptions
 from priorfill.filling.gap_filter import GapFilter
 from priorfill.filling.overrides import GapOverride, Overrides
+from priorfill.filling.plausibility_options import UNCHECKED
 from priorfill.filling.result import Result as Filled
 from priorfill.formats import read, write
 
@@ -29,6 +31,10 @@ def clip() -> Clip:
     return replace(with_gaps(person(), *GAPS), first_frame=FIRST)
 
 
+UNBELIEVABLE = FillOptions(plausibility=UNCHECKED)
+"""Options under which straight lines through strides are kept."""
+
+
 def column(label: str) -> int:
     return person().labels.index(label)
 
@@ -36,11 +42,11 @@ def column(label: str) -> int:
 def overridden(tmp_path: Path, text: str, **options) -> Filled:
     path = tmp_path / "d.toml"
     path.write_text(text)
-    return fill(clip(), overrides=path, **{"method": "linear"} | options)
+    return fill(clip(), overrides=path, **{"method": "linear", "options": UNBELIEVABLE} | options)
 
 
 def test_no_override_is_a_plain_fill(tmp_path):
-    result, plain = overridden(tmp_path, ""), fill(clip(), method="linear")
+    result, plain = overridden(tmp_path, ""), fill(clip(), method="linear", options=UNBELIEVABLE)
     np.testing.assert_array_equal(result.clip.positions, plain.clip.positions)
     assert repr(result.gaps) == repr(plain.gaps)  # NaN is not NaN
     assert (result.method, result.complete) == ("linear", True)
@@ -62,7 +68,10 @@ def test_each_gap_by_its_method(tmp_path):
         do = "pchip"
     """
     result = overridden(tmp_path, text)
-    by = {name: fill(clip(), method=name).clip.positions for name in ("linear", "spline", "pchip")}
+    by = {
+        name: fill(clip(), method=name, options=UNBELIEVABLE).clip.positions
+        for name in ("linear", "spline", "pchip")
+    }
     expected = by["linear"].copy()
     two = [column("RKNE"), column("C7")]
     expected[80:90, two] = by["spline"][80:90, two]
@@ -124,7 +133,7 @@ def test_what_the_gap_filter_leaves_alone_stays_alone(tmp_path):
     ):
         gap_filter = GapFilter(**options)
         result = overridden(tmp_path, text, gap_filter=gap_filter)
-        plain = fill(clip(), method="spline", gap_filter=gap_filter)
+        plain = fill(clip(), method="spline", gap_filter=gap_filter, options=UNBELIEVABLE)
         np.testing.assert_array_equal(result.clip.positions, plain.clip.positions)
         assert repr(result.gaps) == repr(plain.gaps)  # NaN is not NaN
 

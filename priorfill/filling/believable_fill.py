@@ -1,0 +1,211 @@
+"""Fill a clip by a method, and keep what can be believed.
+
+A method sees neither samples in doubt nor ends that show fewer than three markers. Its fill is
+checked; what fails is filled once more without the measured samples that may be the cause, and
+left missing if it fails again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.filling.held_out_errors import with_held_out_errors
+from priorfill.filling.plausibility import CRITERIA, JUMP, SPEED, PlausibilityCheck
+from priorfill.filling.plausibility_options import PlausibilityOptions
+from priorfill.filling.seen_clip import SeenClip
+from priorfill.gaps import Gap, GapGroup, find_gaps
+from priorfill.gp.calibration import BOUND_FACTOR, MEAN_FACTOR
+from priorfill.methods.task import Estimate, Note, Task
+from priorfill.search.takes import Take
+
+__all__ = ["BelievableFill", "FillTask"]
+
+_Bool = NDArray[np.bool_]
+
+FillTask = Callable[[Task], Estimate]
+"""A method with its options."""
+
+
+@dataclass(frozen=True, eq=False)
+class BelievableFill:
+    """Fills a clip by a method, and checks the fill.
+
+    Attributes
+    ----------
+    seen : SeenClip
+        What the method sees of the clip.
+    takes : tuple of Take
+        Recordings to learn from.
+    left_alone : sequence of (Gap, str)
+        Missing samples that are not to be filled.
+    options : PlausibilityOptions
+        Limits of the check.
+    max_error : float or None
+        mm. Samples with a greater expected mean error stay missing; None: no limit.
+    estimate_errors : bool
+        Whether expected errors are found from artificial gaps where the method predicts none.
+    """
+
+    seen: SeenClip
+    takes: tuple[Take, ...]
+    left_alone: Sequence[tuple[Gap, str]]
+    options: PlausibilityOptions
+    max_error: float | None = None
+    estimate_errors: bool = True
+
+    def __call__(self, method: FillTask, again: FillTask) -> tuple[Estimate, _Bool]:
+        """Return the estimate, and the samples that were hidden for it.
+
+        Parameters
+        ----------
+        method : callable
+            The method.
+        again : callable
+            The same without reporting progress, for repeated fills.
+
+        Returns
+        -------
+        estimate : Estimate
+            For all frames of the clip. Samples that are not believed are missing, with a note.
+        hidden : ndarray of bool [shape=(frames, markers)]
+            Measured samples of the clip that were not learnt from.
+        """
+        seen = self.seen
+        estimate = self._estimate(self._task(seen), method, again)
+        failures = self._failures(seen, estimate)
+        if failures:
+            repeated = self._repeated(seen, estimate, failures, again)
+            if repeated is not None:
+                seen, estimate = repeated
+                failures = self._failures(seen, estimate)
+            self._drop_failures(seen, estimate, failures)
+        if self.max_error is not None:
+            _drop_uncertain(estimate, ~seen.geometry.valid, self.max_error)
+        return seen.in_whole_clip(estimate), seen.hidden
+
+    def _estimate(self, task: Task, method: FillTask, again: FillTask) -> Estimate:
+        """Fill a task by the method, with expected errors."""
+        estimate = method(task)
+        finite = np.isfinite(estimate.positions).all(axis=2)
+        estimate.positions[~finite] = np.nan
+        filled = ~task.valid & finite
+        if self.estimate_errors and np.isnan(estimate.expected_rms[filled]).any():
+            estimate = with_held_out_errors(task, estimate, again)
+        return estimate
+
+    def _task(self, seen: SeenClip) -> Task:
+        geometry, clip = seen.geometry, seen.clip
+        return Task(
+            geometry.positions,
+            clip.labels,
+            clip.rate,
+            geometry.marker_set,
+            seen.groups(self.left_alone),
+            self.takes,
+            clip.name,
+            clip.subject,
+            geometry,
+        )
+
+    def _check(self, seen: SeenClip) -> PlausibilityCheck:
+        return PlausibilityCheck(seen.geometry, seen.clip.rate, self.options)
+
+    def _failures(self, seen: SeenClip, estimate: Estimate) -> dict[str, _Bool]:
+        """Return the samples that fail each criterion [shape=(frames, markers)]."""
+        bound = estimate.error_bound_90
+        if bound is None:
+            bound = BOUND_FACTOR * estimate.expected_rms
+        check = self._check(seen)
+        return check.failures(estimate.positions, estimate.expected_rms, bound)
+
+    def _repeated(
+        self, seen: SeenClip, estimate: Estimate, failures: dict[str, _Bool], again: FillTask
+    ) -> tuple[SeenClip, Estimate] | None:
+        """Fill again without suspicious samples; None where nothing is gained."""
+        failing = np.logical_or.reduce(list(failures.values()))
+        edges = np.logical_or.reduce(
+            [failures[name] for name in (SPEED, JUMP) if name in failures] or [failing & False]
+        )
+        suspects = self._check(seen).suspects(failing, edges)
+        if not suspects.any():
+            return None
+        start, stop = seen.frames
+        hidden = seen.hidden.copy()
+        hidden[start:stop] |= suspects
+        other = replace(seen, hidden=hidden)
+        if other.frames != seen.frames:  # the suspects are most of what the ends show
+            return None
+        task = self._task(other)
+        groups = tuple(
+            group
+            for group in task.groups
+            if failing[group.start : group.stop, list(group.markers)].any()
+        )
+        found = self._estimate(replace(task, groups=groups), again, again)
+        found = _joined(estimate, found, groups)
+        left = self._failures(other, found)
+        before = int(failing.sum())
+        after = int(np.logical_or.reduce([failing & False, *left.values()]).sum())
+        return (other, found) if after < before else None
+
+    def _drop_failures(
+        self, seen: SeenClip, estimate: Estimate, failures: dict[str, _Bool]
+    ) -> None:
+        """Leave samples missing that fail a criterion, and those of the same fill around them."""
+        check = self._check(seen)
+        filled = ~seen.geometry.valid & ~np.isnan(estimate.positions[..., 0])
+        for name, reason in CRITERIA.items():
+            if name in failures:
+                dropped = check.around(failures[name], filled)
+                _drop(estimate, dropped & ~np.isnan(estimate.positions[..., 0]), reason)
+
+
+def _joined(first: Estimate, second: Estimate, groups: Sequence[GapGroup]) -> Estimate:
+    """Return an estimate in which some gap groups are those of another one."""
+    inside = np.zeros(first.expected_rms.shape, dtype=bool)
+    for gap in (gap for group in groups for gap in group.gaps):
+        inside[gap.start : gap.stop, gap.marker] = True
+
+    def concerned(note: Note) -> bool:
+        return bool(inside[note.start : note.stop, note.marker].any())
+
+    bounds = [
+        BOUND_FACTOR * one.expected_rms if one.error_bound_90 is None else one.error_bound_90
+        for one in (first, second)
+    ]
+    return Estimate(
+        np.where(inside[..., None], second.positions, first.positions),
+        np.where(inside, second.expected_rms, first.expected_rms),
+        [
+            *(note for note in first.notes if not concerned(note)),
+            *(note for note in second.notes if concerned(note)),
+        ],
+        np.where(inside, bounds[1], bounds[0]),
+    )
+
+
+def _drop_uncertain(estimate: Estimate, missing: _Bool, max_error: float) -> None:
+    """Leave samples missing whose expected mean error exceeds a limit (mm), or is unknown."""
+    filled = missing & ~np.isnan(estimate.positions[..., 0])
+    expected = MEAN_FACTOR * estimate.expected_rms
+    unknown = filled & np.isnan(expected)
+    with np.errstate(invalid="ignore"):
+        uncertain = filled & (expected > max_error)
+    _drop(estimate, uncertain, f"its expected mean error exceeds the limit of {max_error:g} mm")
+    _drop(
+        estimate,
+        unknown,
+        f"its expected error is unknown, so it may exceed the limit of {max_error:g} mm",
+    )
+
+
+def _drop(estimate: Estimate, samples: _Bool, reason: str) -> None:
+    """Leave samples [shape=(frames, markers)] missing, with a note."""
+    estimate.positions[samples] = np.nan
+    estimate.notes.extend(
+        Note(gap.marker, gap.start, gap.stop, reason, filled=False) for gap in find_gaps(samples)
+    )

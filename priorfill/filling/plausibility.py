@@ -1,0 +1,362 @@
+"""Check fills: floor, lengths within rigid segments, speeds, and jumps.
+
+All limits follow from the measured samples of the clip (`PlausibilityOptions`). Positions are
+upright (+Z up).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+
+from priorfill.filling.plausibility_options import PlausibilityOptions
+from priorfill.gaps import runs
+from priorfill.geometry.distances import norms
+from priorfill.markers.clip_geometry import ClipGeometry
+
+__all__ = ["CRITERIA", "FLOOR", "JUMP", "LENGTH", "SPEED", "PlausibilityCheck"]
+
+FLOOR, SPEED, LENGTH, JUMP = "floor", "speed", "length", "jump"
+
+CRITERIA = {
+    FLOOR: "not believed: below the floor",
+    SPEED: "not believed: much faster than the measured motion",
+    LENGTH: "not believed: not where markers of the same rigid segment are",
+    JUMP: "not believed: jumps more than the measured motion",
+}
+"""Every criterion, with the reason given for samples that fail it. Earlier ones take precedence."""
+
+FAST_STEPS = 3
+"""The third largest step counts as the greatest: a single wrong sample makes two large ones."""
+
+MIN_STEPS = 10
+"""Steps that a marker needs for its motion to be known."""
+
+MIN_COMMON = 30
+"""Frames that must show both markers of a rigid pair."""
+
+MAX_PARTNERS = 8
+"""Markers of the same segment that a marker is compared with, the most rigid ones; some segments of
+facial marker sets have a hundred."""
+
+LOW_PERCENTILE = 0.1
+"""Percentile of all heights taken as the lowest one: single samples may be wrong."""
+
+MAX_SAMPLED = 200
+"""Frames from which the distance of neighbours is found."""
+
+_Float = NDArray[np.float64]
+_Bool = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class PlausibilityCheck:
+    """What the measured samples of a clip allow.
+
+    Attributes
+    ----------
+    geometry : ClipGeometry
+        Of the measured samples that are trusted.
+    rate : float
+        Hz.
+    options : PlausibilityOptions
+        The limits.
+    """
+
+    geometry: ClipGeometry
+    rate: float
+    options: PlausibilityOptions
+
+    def failures(self, positions: _Float, expected_rms: _Float, bound: _Float) -> dict[str, _Bool]:
+        """Return the filled samples that fail each criterion.
+
+        Parameters
+        ----------
+        positions : ndarray [shape=(frames, markers, 3), mm]
+            Measured and filled samples; NaN where missing.
+        expected_rms, bound : ndarray [shape=(frames, markers), mm]
+            Expected error of each filled sample and its 90 % bound; NaN where unknown.
+
+        Returns
+        -------
+        dict of str to ndarray of bool [shape=(frames, markers)]
+            A mask for each of `CRITERIA` that some sample fails.
+        """
+        filled = ~self.geometry.valid & ~np.isnan(positions[..., 0])
+        markers = np.flatnonzero(filled.any(axis=0))
+        found = {name: np.zeros_like(filled) for name in CRITERIA}
+        if len(markers) == 0:
+            return {}
+        # small errors show that a deep foot stands on something else, such as a stair
+        sure = bound < self.options.max_below_floor
+        sunk = positions[..., 2] < self._lowest - self.options.max_below_floor
+        found[FLOOR][:] = filled & sunk & ~sure
+        for marker in markers:
+            column = positions[:, marker], filled[:, marker]
+            found[SPEED][:, marker] = self._too_fast(int(marker), *column)
+            found[JUMP][:, marker] = self._jumps(int(marker), *column, bound[:, marker])
+        self._wrong_lengths(positions, filled, expected_rms, found[LENGTH])
+        return {name: mask for name, mask in found.items() if mask.any()}
+
+    def around(self, failing: _Bool, filled: _Bool) -> _Bool:
+        """Return the samples of fills that are not believed because a failing one is near.
+
+        Parameters
+        ----------
+        failing, filled : ndarray of bool [shape=(frames, markers)]
+            Samples that fail, and all filled ones.
+        """
+        reach = max(round(self.options.around_seconds * self.rate), 1)
+        wider = np.zeros_like(failing)
+        for marker in np.flatnonzero(failing.any(axis=0)):
+            for start, stop in runs(filled[:, marker]):
+                inside = failing[start:stop, marker]
+                if inside.any():
+                    near = maximum_filter1d(inside.astype(np.uint8), 2 * reach + 1, mode="constant")
+                    wider[start:stop, marker] = near > 0
+        return wider
+
+    def suspects(self, failing: _Bool, edges: _Bool) -> _Bool:
+        """Return measured samples next to failed fills that may have caused the failure.
+
+        Parameters
+        ----------
+        failing : ndarray of bool [shape=(frames, markers)]
+            Samples that fail.
+        edges : ndarray of bool [shape=(frames, markers)]
+            Those of them that are too fast or jump.
+
+        Returns
+        -------
+        ndarray of bool [shape=(frames, markers)]
+            Samples that are far from their rigid segment, short runs between gaps, and the last
+            samples before a jump.
+        """
+        reach = max(round(self.options.suspect_seconds * self.rate), 1)
+        valid = self.geometry.valid
+        found = np.zeros_like(valid)
+        for marker in np.flatnonzero(failing.any(axis=0)):
+            measured = valid[:, marker]
+            wrong = self._measured_far_from_segment(int(marker))
+            for start, stop in runs(~measured):
+                if not failing[start:stop, marker].any():
+                    continue
+                near = np.zeros_like(measured)
+                near[max(start - reach, 0) : start] = near[stop : stop + reach] = True
+                found[:, marker] |= near & wrong
+                for edge in (start, stop - 1):
+                    if edges[edge, marker]:
+                        found[max(edge - self._step, 0) : edge + self._step + 1, marker] = True
+                for first, last in runs(measured & near):
+                    whole = (first == 0 or not measured[first - 1]) and (
+                        last == len(measured) or not measured[last]
+                    )
+                    found[first:last, marker] |= whole
+        return found & valid
+
+    @property
+    def _step(self) -> int:
+        """Frames of a time step."""
+        return max(round(self.options.step_seconds * self.rate), 1)
+
+    @cached_property
+    def _lowest(self) -> float:
+        """Height of the floor (mm); minus infinity where there is none."""
+        floor = self.geometry.floor
+        if not np.isfinite(floor).any():
+            return -np.inf
+        heights = self.geometry.positions[..., 2]
+        lowest = np.percentile(heights[~np.isnan(heights)], LOW_PERCENTILE)
+        return float(min(floor[np.isfinite(floor)].min(), lowest))
+
+    def _too_fast(self, marker: int, path: _Float, filled: _Bool) -> _Bool:
+        """Return the filled samples of a marker that are too fast [shape=(frames,)]."""
+        least = 1000.0 * self.options.min_speed * self._step / self.rate
+        ratio = self.options.max_speed_ratio
+        steps = _steps(path, self._step)
+        limit = max(ratio * self._greatest(marker, 1), least)
+        failing = steps > limit
+        if failing.any():
+            failing = steps > np.maximum(limit, ratio * self._of_neighbours(marker, 1))
+        return filled & _ends(failing, self._step, 1, len(filled))
+
+    def _jumps(self, marker: int, path: _Float, filled: _Bool, bound: _Float) -> _Bool:
+        """Return the filled samples of a marker that jump [shape=(frames,)]."""
+        ratio = self.options.max_jump_ratio
+        changes = _changes(path, self._step)
+        limit = max(ratio * self._greatest(marker, 2), self.options.min_jump)
+        failing = changes > limit
+        if failing.any():
+            stated = np.where(np.isnan(bound), self.options.max_length_error, bound)
+            stated = _over_steps(stated, self._step)
+            several = np.maximum(ratio * self._of_neighbours(marker, 2), stated)
+            failing = changes > np.maximum(limit, several)
+        return filled & _ends(failing, self._step, 2, len(filled))
+
+    def _greatest(self, marker: int, order: int) -> float:
+        """Return the greatest measured step (order 1) or change of it (2) of a marker (mm)."""
+        pair = [marker, int(self.geometry.contralateral[marker])]
+        known = max(self._of_marker(one, order) for one in pair if one >= 0)
+        return known or self._of_body[order]  # of a marker that is hardly seen nothing is known
+
+    @cached_property
+    def _of_body(self) -> dict[int, float]:
+        """The greatest measured step, and change of it, of all markers (mm)."""
+        markers = range(len(self.geometry.labels))
+        return {order: max(self._of_marker(one, order) for one in markers) for order in (1, 2)}
+
+    def _of_marker(self, marker: int, order: int) -> float:
+        known = self._known_steps(marker, order)
+        known = known[~np.isnan(known)]
+        if len(known) < max(MIN_STEPS, FAST_STEPS):
+            return 0.0
+        return float(np.partition(known, -FAST_STEPS)[-FAST_STEPS])
+
+    def _known_steps(self, marker: int, order: int) -> _Float:
+        path = self.geometry.positions[:, marker]
+        return _steps(path, self._step) if order == 1 else _changes(path, self._step)
+
+    def _of_neighbours(self, marker: int, order: int) -> _Float:
+        """Return the median step of nearby markers at each step (mm), the greatest one around it.
+
+        The fastest of them may have a wrong label.
+        """
+        neighbours = self._neighbours(marker)
+        known = np.full(
+            (max(len(neighbours), 1), max(len(self.geometry.positions) - order * self._step, 0)),
+            np.nan,
+        )
+        for row, other in enumerate(neighbours):
+            known[row] = self._known_steps(int(other), order)
+        count = (~np.isnan(known)).sum(axis=0)
+        if not count.any():
+            return np.zeros(known.shape[1])
+        known.sort(axis=0)  # NaN last
+        lower = np.maximum(count - 1, 0) // 2  # of two markers, the slower one
+        middle = np.take_along_axis(known, lower[None], axis=0)[0]
+        middle[np.isnan(middle)] = 0.0
+        reach = max(round(self.options.around_seconds * self.rate), 1)
+        return np.asarray(maximum_filter1d(middle, 2 * reach + 1, mode="nearest"))
+
+    def _neighbours(self, marker: int) -> NDArray[np.intp]:
+        """Return the markers near a marker."""
+        sample = self.geometry.positions[:: max(1, len(self.geometry.positions) // MAX_SAMPLED)]
+        apart = norms(sample - sample[:, marker : marker + 1])
+        seen = ~np.isnan(apart)
+        total = np.where(seen, apart, 0.0).sum(axis=0)
+        count = seen.sum(axis=0)
+        near = (count > 0) & (total < self.options.neighbour_distance * count)
+        near[marker] = False
+        return np.flatnonzero(near)
+
+    @cached_property
+    def _segments(self) -> dict[str, list[int]]:
+        """Markers of each segment."""
+        segment = self.geometry.marker_set.segment
+        found: dict[str, list[int]] = {}
+        for marker, label in enumerate(self.geometry.labels):
+            if label in segment:
+                found.setdefault(segment[label], []).append(marker)
+        return found
+
+    def _partners(self, marker: int) -> Iterator[tuple[int, float, float]]:
+        """Yield the markers at a constant distance from a marker, and the range of it (mm)."""
+        label = self.geometry.labels[marker]
+        segment = self.geometry.marker_set.segment.get(label)
+        if segment is None:
+            return
+        path = self.geometry.positions[:, marker]
+        found = []
+        for other in self._segments[segment]:
+            if other == marker:
+                continue
+            length = norms(path - self.geometry.positions[:, other])
+            length = length[~np.isnan(length)]
+            if len(length) >= MIN_COMMON:
+                spread = float(length.std())
+                if spread < self.options.max_length_spread:
+                    found.append((spread, other, float(length.min()), float(length.max())))
+        for _, other, low, high in sorted(found)[:MAX_PARTNERS]:
+            yield other, low, high
+
+    def _measured_far_from_segment(self, marker: int) -> _Bool:
+        """Return which measured samples of a marker are far from its segment [shape=(frames,)].
+
+        The range of the distance is that between its outer percentiles, since the samples in
+        question are part of it.
+        """
+        positions = self.geometry.positions
+        far = np.zeros(len(positions), dtype=bool)
+        segment = self.geometry.marker_set.segment.get(self.geometry.labels[marker])
+        for other in self._segments.get(segment or "", ()):
+            if other == marker:
+                continue
+            length = norms(positions[:, marker] - positions[:, other])
+            known = length[~np.isnan(length)]
+            if len(known) >= MIN_COMMON:
+                low, middle, high = np.percentile(known, (25.0, 50.0, 75.0))
+                if high - low < self.options.max_length_spread:
+                    far |= np.abs(length - middle) > self.options.max_length_error
+        return far
+
+    def _wrong_lengths(
+        self, positions: _Float, filled: _Bool, expected_rms: _Float, found: _Bool
+    ) -> None:
+        """Mark the filled samples whose distances from their segment are wrong."""
+        both: list[tuple[int, int, _Bool]] = []
+        for marker in map(int, np.flatnonzero(filled.any(axis=0))):
+            for other, low, high in self._partners(marker):
+                length = norms(positions[:, marker] - positions[:, other])
+                with np.errstate(invalid="ignore"):
+                    off = np.maximum(length - high, low - length)
+                    wrong = off > self._length_tolerance(
+                        expected_rms[:, marker], expected_rms[:, other]
+                    )
+                wrong &= filled[:, marker]
+                together = wrong & filled[:, other]
+                found[:, marker] |= wrong & ~together
+                if other > marker and together.any():
+                    both.append((marker, other, together))
+        for one, other, together in both:  # the one that is wrong anyway explains it
+            open_ = together & ~found[:, one] & ~found[:, other]
+            first, second = expected_rms[:, one], expected_rms[:, other]
+            found[:, one] |= open_ & ~(first < second)
+            found[:, other] |= open_ & ~(second < first)
+
+    def _length_tolerance(self, *expected_rms: _Float) -> _Float:
+        """Return the tolerance of a distance (mm) from the expected errors of its markers."""
+        options = self.options
+        variance = sum(np.where(np.isnan(rms), 0.0, rms) ** 2 for rms in expected_rms) / 3.0
+        tolerance = options.max_length_error + options.length_std * np.sqrt(variance)
+        return np.minimum(tolerance, max(options.max_length_error, options.max_stated_error))
+
+
+def _steps(path: _Float, step: int) -> _Float:
+    """Return the lengths of the steps of a path [shape=(frames - step,), mm]."""
+    return norms(path[step:] - path[:-step])
+
+
+def _changes(path: _Float, step: int) -> _Float:
+    """Return the changes of the steps of a path [shape=(frames - 2 step,), mm]."""
+    return norms(path[2 * step :] - 2.0 * path[step:-step] + path[: -2 * step])
+
+
+def _over_steps(values: _Float, step: int) -> _Float:
+    """Return the greatest value at the three ends of two steps [shape=(frames - 2 step,)]."""
+    outer = np.maximum(values[2 * step :], values[: -2 * step])
+    return np.maximum(outer, values[step:-step])
+
+
+def _ends(failing: _Bool, step: int, order: int, frames: int) -> _Bool:
+    """Return the samples at the ends of failing steps [shape=(frames,)]."""
+    ends = np.zeros(frames, dtype=bool)
+    if len(failing) == 0:
+        return ends
+    for number in range(order + 1):
+        ends[number * step : number * step + len(failing)] |= failing
+    return ends

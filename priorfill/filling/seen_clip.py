@@ -1,0 +1,155 @@
+"""What methods see of a clip: without samples in doubt, and without ends that show too little."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.artefacts import Artefact, artefact_samples
+from priorfill.artefacts.artefact import JUMP, MISLABELLED
+from priorfill.clip import Clip
+from priorfill.filling.plausibility_options import PlausibilityOptions
+from priorfill.filling.visible_range import OUTSIDE_VISIBLE, visible_range
+from priorfill.gaps import Gap, GapGroup, find_gaps, gap_groups
+from priorfill.geometry.axes import to_upright
+from priorfill.markers.clip_geometry import ClipGeometry
+from priorfill.markers.marker_set import MarkerSet
+from priorfill.methods.task import Estimate, Note
+
+__all__ = ["SeenClip", "doubtful_samples"]
+
+CLEARLY_WRONG = 0.5
+"""Deviation of a distance, as a share of it, from which a long run is wrong in any posture."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeenClip:
+    """The part of a clip that methods see.
+
+    Attributes
+    ----------
+    clip : Clip
+        The clip to be filled.
+    hidden : ndarray of bool [shape=(frames, markers)]
+        Measured samples that methods do not see.
+    definition : MarkerSet or None
+        Definition of the marker set; None if it is unknown.
+    extrapolate : int
+        Frames beyond the first and the last one with enough visible markers that are seen.
+    """
+
+    clip: Clip
+    hidden: NDArray[np.bool_]
+    definition: MarkerSet | None
+    extrapolate: int = 0
+
+    @cached_property
+    def frames(self) -> tuple[int, int]:
+        """The frames that are seen: ``start <= frame < stop``."""
+        start, stop = visible_range(~(self.clip.missing | self.hidden), self.extrapolate)
+        return (start, stop) if start < stop else (0, self.clip.frames)
+
+    @cached_property
+    def geometry(self) -> ClipGeometry:
+        """Upright positions of the frames that are seen, without hidden samples."""
+        start, stop = self.frames
+        positions = self.clip.positions[start:stop]
+        if self.hidden.any():
+            positions = np.where(self.hidden[start:stop, :, None], np.nan, positions)
+        return ClipGeometry(to_upright(positions, self.clip.up), self.clip.labels, self.definition)
+
+    def groups(self, left_alone: Sequence[tuple[Gap, str]]) -> tuple[GapGroup, ...]:
+        """Return the gap groups that are seen and have a sample to fill.
+
+        Parameters
+        ----------
+        left_alone : sequence of (Gap, str)
+            Missing samples of the clip that are not to be filled.
+        """
+        wanted = self.clip.missing
+        for gap, _ in left_alone:
+            wanted[gap.start : gap.stop, gap.marker] = False
+        start, stop = self.frames
+        wanted = wanted[start:stop]
+        return tuple(
+            group
+            for group in gap_groups(~self.geometry.valid)
+            if any(wanted[gap.start : gap.stop, gap.marker].any() for gap in group.gaps)
+        )
+
+    def in_whole_clip(self, estimate: Estimate) -> Estimate:
+        """Return an estimate for the frames that are seen as one for all frames.
+
+        Parameters
+        ----------
+        estimate : Estimate
+            Of a task of the frames that are seen.
+
+        Returns
+        -------
+        Estimate
+            With a note for each run of samples at the ends that are not seen.
+        """
+        start, stop = self.frames
+        if (start, stop) == (0, self.clip.frames):
+            return estimate
+        shape = (self.clip.frames, len(self.clip.labels))
+        outside = self.clip.missing
+        outside[start:stop] = False
+        bound = estimate.error_bound_90
+        return Estimate(
+            _with_ends(estimate.positions, (*shape, 3), start),
+            _with_ends(estimate.expected_rms, shape, start),
+            [
+                *(replace(n, start=n.start + start, stop=n.stop + start) for n in estimate.notes),
+                *(
+                    Note(gap.marker, gap.start, gap.stop, OUTSIDE_VISIBLE, filled=False)
+                    for gap in find_gaps(outside)
+                ),
+            ],
+            None if bound is None else _with_ends(bound, shape, start),
+        )
+
+
+def doubtful_samples(
+    clip: Clip, artefacts: Sequence[Artefact], options: PlausibilityOptions
+) -> NDArray[np.bool_]:
+    """Return the measured samples that methods are not to see.
+
+    Parameters
+    ----------
+    clip : Clip
+        The clip.
+    artefacts : sequence of Artefact
+        As found in it.
+    options : PlausibilityOptions
+        Which of them count.
+
+    Returns
+    -------
+    ndarray of bool [shape=(frames, markers)]
+    """
+    if not options.hide_doubtful:
+        return np.zeros((clip.frames, len(clip.labels)), dtype=bool)
+    longest = options.max_doubtful_seconds * clip.rate
+    counted = [
+        one
+        for one in artefacts
+        if one.kind not in (JUMP, MISLABELLED)
+        or one.stop - one.start <= longest
+        or abs(one.distance - one.typical_distance) > CLEARLY_WRONG * one.typical_distance
+    ]
+    return artefact_samples(counted, clip.labels, clip.frames) & ~clip.missing
+
+
+def _with_ends(
+    values: NDArray[np.float64], shape: tuple[int, ...], start: int
+) -> NDArray[np.float64]:
+    """Return values [shape=(frames seen, ...)] within an array of all frames, NaN elsewhere."""
+    whole = np.full(shape, np.nan)
+    whole[start : start + len(values)] = values
+    return whole

@@ -1,0 +1,218 @@
+"""What is left missing: ends that show too little, implausible positions, large errors."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from gappy import ARM, person, with_gaps
+
+import priorfill as pf
+from priorfill.cli import main
+from priorfill.errors import OptionError
+from priorfill.filling.plausibility import CRITERIA, FLOOR, JUMP, LENGTH, SPEED, PlausibilityCheck
+from priorfill.filling.plausibility_options import UNCHECKED, PlausibilityOptions
+from priorfill.filling.visible_range import OUTSIDE_VISIBLE
+from priorfill.gp.calibration import MEAN_FACTOR
+from priorfill.markers.clip_geometry import ClipGeometry
+from priorfill.markers.definitions import recognise
+from priorfill.methods.task import Estimate
+
+LABELS = person().labels
+FEW = [label for label in LABELS if label not in ("LASI", "RASI", "LFWT", "RFWT")][2:]
+GAP = (60, 80, ("LTOE",))
+
+
+def ends() -> pf.Clip:
+    """Two markers are visible in the first 12 frames, none in the last 6."""
+    return with_gaps(person(), (0, 12, LABELS[2:]), (234, 240, LABELS))
+
+
+@pytest.mark.parametrize("method", ["gpr", "linear"])
+def test_ends_with_fewer_than_three_markers_stay_missing(method):
+    result = pf.fill(ends(), method=method)
+    assert result.clip.missing[:12, 2:].all()
+    assert result.clip.missing[234:].all()
+    assert not result.clip.missing[12:234].any()
+    assert not result.complete
+    reasons = {span.reason for gap in result.gaps for span in gap.unfilled}
+    assert reasons == {OUTSIDE_VISIBLE}
+
+
+def test_ends_are_extrapolated_on_request(here):
+    seconds = 4 / person().rate
+    options = pf.FillOptions(extrapolate=seconds, plausibility=UNCHECKED)
+    result = pf.fill(ends(), method="linear", options=options)
+    filled = np.flatnonzero(result.filled[:, 5])
+    assert filled.tolist() == [8, 9, 10, 11, 234, 235, 236, 237]
+    again = pf.fill(ends(), **result.provenance.fill_arguments())
+    np.testing.assert_array_equal(again.filled, result.filled)
+    pf.write("gaps.c3d", ends())
+    line = ["fill", "gaps.c3d", "-o", "out.c3d", "-m", "linear", "--json"]
+    facts = json.loads(CliRunner().invoke(main, [*line, "--extrapolate", str(seconds)]).stdout)
+    gap = next(gap for gap in facts["gaps"] if gap["marker"] == LABELS[5])
+    assert [(one["reason"], one["last_frame"]) for one in gap["unfilled"]][:1] == [
+        (OUTSIDE_VISIBLE, 8)
+    ]
+
+
+def test_two_markers_are_filled_where_both_are_visible():
+    clip = replace(
+        with_gaps(person(), (50, 60, LABELS[:1]), (0, 9, LABELS[:1])),
+        positions=with_gaps(person(), (50, 60, LABELS[:1]), (0, 9, LABELS[:1])).positions[:, :2],
+        labels=LABELS[:2],
+    )
+    result = pf.fill(clip, method="linear")
+    assert np.flatnonzero(result.filled[:, 0]).tolist() == list(range(50, 60))
+
+
+def test_a_greatest_error_leaves_samples_missing(here):
+    clip = with_gaps(person(), (60, 130, ARM), (150, 155, ("C7",)))
+    every = pf.fill(clip)
+    mean = MEAN_FACTOR * every.expected_rms_mm
+    limit = float(np.nanmedian(mean))
+    result = pf.fill(clip, options=pf.FillOptions(max_error=limit))
+    np.testing.assert_array_equal(result.filled, every.filled & (mean <= limit))
+    spans = [span for gap in result.gaps for span in gap.unfilled]
+    assert {span.reason for span in spans} == {
+        f"its expected mean error exceeds the limit of {limit:g} mm"
+    }
+    assert all(limit < span.expected_mean_error_mm <= np.nanmax(mean) + 1e-9 for span in spans)
+    pf.write("gaps.c3d", clip)
+    line = ["fill", "gaps.c3d", "-o", "out.c3d", "--json", "--max-error", str(limit)]
+    done = CliRunner().invoke(main, line)
+    assert done.exit_code == 3, done.output
+    facts = json.loads(done.stdout)
+    assert facts["filled_samples"] == int(result.filled.sum())
+    worst = [one["expected_mean_error_mm"] for gap in facts["gaps"] for one in gap["unfilled"]]
+    assert min(worst) > limit
+
+
+def test_an_unknown_error_does_not_pass():
+    clip = with_gaps(person(), (60, 80, ("C7",)))
+    options = pf.FillOptions(max_error=1000.0, estimate_errors=False)
+    (gap,) = pf.fill(clip, method="linear", options=options).gaps
+    assert gap.filled == 0
+    assert "unknown" in gap.unfilled[0].reason
+
+
+@pytest.mark.parametrize("method", ["linear", "spline", "rigid"])
+def test_every_method_states_its_errors(method):
+    clip = with_gaps(person(), (60, 75, ("LFHD",)), (100, 130, ("C7",)), (150, 165, ("LSHO",)))
+    result = pf.fill(clip, method=method)
+    truth = person().positions
+    off = np.linalg.norm(result.clip.positions - truth, axis=2)[result.filled]
+    assert result.filled.any()
+    assert np.isfinite(result.expected_rms_mm[result.filled]).all()
+    assert (off <= result.error_bound_90_mm[result.filled]).mean() > 0.8
+    assert np.median(result.error_bound_90_mm[result.filled]) < 8 * np.median(off) + 5
+
+
+def check(**options: float) -> PlausibilityCheck:
+    clip = with_gaps(person(), GAP)
+    geometry = ClipGeometry(clip.positions, LABELS, recognise(LABELS))
+    return PlausibilityCheck(geometry, clip.rate, PlausibilityOptions(**options))
+
+
+def failures(change: np.ndarray, only: str = "", **options: float) -> dict[str, list[int]]:
+    """The frames that fail each criterion where the truth is changed in the gap."""
+    positions = person().positions.copy()
+    marker = LABELS.index("LTOE")
+    positions[GAP[0] : GAP[1], marker] += change
+    stated = np.zeros(positions.shape[:2])
+    found = check(**options).failures(positions, stated, stated + 51.0 * (FLOOR in only))
+    assert all(not mask[:, :marker].any() for mask in found.values())
+    return {name: np.flatnonzero(mask[:, marker]).tolist() for name, mask in found.items()}
+
+
+def smooth(size: float, direction: int) -> np.ndarray:
+    change = np.zeros((GAP[1] - GAP[0], 3))
+    change[:, direction] = size * np.sin(np.linspace(0.0, np.pi, len(change))) ** 2
+    return change
+
+
+def test_the_truth_is_plausible():
+    assert failures(np.zeros(3)) == {}
+
+
+def test_each_criterion_finds_its_fault():
+    assert set(failures(smooth(-400.0, 2))) == {LENGTH}  # a stair, if errors are that small
+    assert {FLOOR, LENGTH} <= set(failures(smooth(-400.0, 2), FLOOR))
+    assert set(failures(smooth(200.0, 0))) == {LENGTH}
+    spike = np.zeros((20, 3))
+    spike[9, 1] = 30.0
+    assert set(failures(spike)) == {JUMP}
+    spike[9, 1] = 900.0
+    assert {SPEED, JUMP, LENGTH} <= set(failures(spike))
+    assert set(failures(np.array([0.0, 40.0, 0.0]))) == {JUMP}
+
+
+def test_each_criterion_can_be_switched_off():
+    off = {
+        "max_below_floor": math.inf,
+        "max_speed_ratio": math.inf,
+        "max_jump_ratio": math.inf,
+        "max_length_error": math.inf,
+    }
+    for name in off:
+        found = failures(smooth(-900.0, 2), **{name: math.inf})
+        assert len(found) >= 1
+    assert failures(smooth(-900.0, 2), **off) == {}
+    assert check(**off).options == UNCHECKED
+
+
+def test_a_stated_error_is_believed_up_to_a_limit():
+    positions = person().positions.copy()
+    marker = LABELS.index("LTOE")
+    positions[GAP[0] : GAP[1], marker] += smooth(120.0, 0)
+    stated = np.full(positions.shape[:2], 60.0)
+    assert LENGTH not in check().failures(positions, stated, 2 * stated)
+    positions[GAP[0] : GAP[1], marker] += smooth(200.0, 0)
+    assert LENGTH in check().failures(positions, 100 * stated, 200 * stated)
+
+
+def test_a_fill_below_the_floor_is_not_written(monkeypatch):
+    def sunk(task, progress=None):
+        estimate = Estimate(task.positions.copy(), np.full(task.positions.shape[:2], 900.0))
+        missing = ~task.valid
+        estimate.positions[missing] = person().positions[missing]
+        estimate.positions[66:72, LABELS.index("LTOE"), 2] -= 300.0
+        return estimate
+
+    monkeypatch.setattr("priorfill.filling.fill_clip.get_method", lambda name: sunk)
+    result = pf.fill(with_gaps(person(), GAP), method="gpr")
+    (gap,) = result.gaps
+    assert 0 < gap.filled < gap.frames
+    assert not result.filled[66:72].any()
+    assert gap.unfilled[0].reason == CRITERIA[FLOOR]
+
+
+def test_samples_in_doubt_are_neither_learnt_from_nor_changed():
+    clip = with_gaps(person(), (60, 90, ("LELB",)))
+    elbow = LABELS.index("LELB")
+    positions = clip.positions.copy()
+    positions[90:96, elbow, 2] += 250.0  # a wrong label next to the gap
+    result = pf.fill(clip.with_positions(positions))
+    assert result.doubtful is not None
+    assert np.flatnonzero(result.doubtful[:, elbow]).tolist() == list(range(90, 96))
+    np.testing.assert_array_equal(result.clip.positions[90:96, elbow], positions[90:96, elbow])
+    off = np.linalg.norm(result.clip.positions - person().positions, axis=2)[60:90, elbow]
+    assert off.max() < 25.0
+    assert any("6 measured samples in doubt" in note and "LELB" in note for note in result.notes)
+    options = pf.FillOptions(plausibility=replace(UNCHECKED, hide_doubtful=False))
+    trusting = pf.fill(clip.with_positions(positions), options=options)
+    worse = np.linalg.norm(trusting.clip.positions - person().positions, axis=2)[60:90, elbow]
+    assert worse.max() > 2 * off.max()
+    assert trusting.doubtful is None
+
+
+@pytest.mark.parametrize(
+    ("options", "word"), [({"extrapolate": -1.0}, "extrapolate"), ({"max_error": 0.0}, "above 0")]
+)
+def test_invalid_options(options, word):
+    with pytest.raises(OptionError, match=word):
+        pf.FillOptions(**options)
