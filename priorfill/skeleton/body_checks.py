@@ -147,12 +147,13 @@ def _metres(mm: float) -> str:
 
 def is_mirrored(body: SkeletonBody) -> bool:
     """Return whether toes or knees show that left and right are exchanged."""
-    pelvis = body.frames["pelvis"].axes / body.size
-    left, ahead = pelvis[:, :, 1], pelvis[:, :, 2]
+    left = body.frames["pelvis"].axes[:, :, 1] / body.size
     cues = []
     for side in SIDES:
         toes = body.tip(f"{side}_foot")
         if toes is not None:
+            # relative to the shank: toes of a person who kneels point backwards
+            ahead = body.frames[f"{side}_shank"].axes[:, :, 2] / body.size
             cues.append(float(np.einsum("fi,fi->f", toes, ahead).mean()))
         hinge = _knee_hinge(body, side)
         bent = np.linalg.norm(hinge, axis=1) > BENT

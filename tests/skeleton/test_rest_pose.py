@@ -356,3 +356,20 @@ def test_angles_in_radians_are_noticed() -> None:
         replace(motion, turns=turns), load("baumann41"), name="a", file="a.bvh"
     )
     assert any("check whether angles are in radians" in note for note in found.notes)
+
+
+def test_a_person_who_kneels_is_no_mirror_image() -> None:
+    motion = motion_of_bvh()
+    names, frames = motion.skeleton.names, np.ones((FRAMES, 1, 1))
+    bent = {"Thigh": -70.0, "Shin": 140.0, "Foot": 45.0}
+    turns = {
+        names.index(side + limb): Rotation.from_euler("x", angle, degrees=True).as_matrix() * frames
+        for limb, angle in bent.items()
+        for side in "lr"
+    }
+    found = compute_virtual_markers(
+        replace(motion, turns=turns), load("baumann41"), name="a", file="a.bvh"
+    ).clip
+    place = {label: found.positions[0, k] for k, label in enumerate(found.labels)}
+    assert place["LTOE"][2] < place["LANK"][2] < place["LKNE"][2]  # they point backwards
+    assert place["LTOE"][0] > place["RTOE"][0]
