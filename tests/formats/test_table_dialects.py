@@ -109,6 +109,9 @@ REFUSED = {
     "a short row without its blank cells": (
         rows_mapped(trc(), lambda row: row[:5] + row[8:] if row[0] == b"5" else row), ".trc",
         "line 11 has 17 of 20 cells, and it is unclear which are absent"),
+    "a title of QTM absent": (
+        files.qualisys(np.where(np.arange(6)[:, None] == 5, np.nan, standing()), missing="")
+        .replace(b"Frame\tTime\t", b"Frame\t"), ".tsv", "line 14 has 20 cells; 6 markers take 18"),
     "axes of Nexus shifted": (nexus().replace(b"Frame,Sub Frame,X", b"Frame,Sub Frame,,X"), ".csv",
                               "line 4 should have Frame, Sub Frame, and X, Y, Z for each marker"),
     "units of Nexus shifted": (nexus().replace(b",,mm", b",,,mm"), ".csv",

@@ -166,7 +166,12 @@ def _layout(
         titles = _trimmed(titles)
         before = sum(title.lower() in ("frame", "time") for title in titles[:2])
         labels, notes = _titled(titles[before:], named, what)
-        if width < before + 3 * len(labels):
+        untitled = before < 2 and (
+            count_frames([cells[0] for cells in leads])
+            if before == 0
+            else are_times([cells[1] for cells in leads if len(cells) > 1])
+        )
+        if width < before + 3 * len(labels) or (width > before + 3 * len(labels) and untitled):
             raise _layout_error(len(labels), width, what)
         return before, labels, notes
     stated = int(header_number(_field(header, "NO_OF_MARKERS")) or 0)
