@@ -273,8 +273,8 @@ def test_only_blank_cells_of_a_sample_are_written(tmp_path):
     clip = read(tmp_path, data)
     assert np.argwhere(clip.missing).tolist() == [[4, 0]]
     assert clip.source.notes == (
-        "1 samples have one or two of their three coordinates and count as missing; "
-        "only their blank cells are filled in a copy.",
+        "Samples with only one or two of three coordinates count as missing (1 of them); "
+        "a filled copy keeps these coordinates.",
     )
     values = np.where(clip.missing[..., None], [7.0, 8.0, 9.0], clip.positions)
     report = formats.write(tmp_path / "out.trc", clip.with_positions(values), clip.missing)
