@@ -193,8 +193,8 @@ def partial_notes(positions: NDArray[np.float64]) -> list[str]:
     if not partial:
         return []
     return [
-        f"Samples with only one or two of three coordinates count as missing ({partial} of them); a "
-        "filled copy keeps these coordinates."
+        f"Samples with only one or two of three coordinates count as missing ({partial} of them); "
+        "a filled copy keeps these coordinates."
     ]
 
 
