@@ -171,9 +171,10 @@ class Result:
     --------
     >>> import priorfill as pf
     >>> from priorfill.synthetic.demo import make_demo_clip
-    >>> result = pf.fill(make_demo_clip()[1], method="linear")
-    >>> result.complete, int(result.clip.missing.sum())
-    (True, 0)
+    >>> short = pf.GapFilter(max_gap=0.3)
+    >>> result = pf.fill(make_demo_clip()[1], method="linear", gap_filter=short)
+    >>> result.complete, int(result.filled.sum())
+    (True, 42)
     """
 
     clip: Clip

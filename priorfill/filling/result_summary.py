@@ -64,10 +64,11 @@ def summarise_markers(gaps: Iterable[FilledGap]) -> list[MarkerSummary]:
     --------
     >>> import priorfill as pf
     >>> from priorfill.synthetic.demo import make_demo_clip
-    >>> result = pf.fill(make_demo_clip()[1], method="linear")
+    >>> short = pf.GapFilter(max_gap=0.3)
+    >>> result = pf.fill(make_demo_clip()[1], method="linear", gap_filter=short)
     >>> worst = summarise_markers(result.gaps)[0]
     >>> worst.gaps, worst.filled == worst.frames
-    (1, True)
+    (2, False)
     """
     by_label: dict[str, list[FilledGap]] = {}
     for gap in worst_first(gaps):
