@@ -24,9 +24,12 @@ from priorfill.cli.output import (
 from priorfill.cli.reading import read_clips, reading_options
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from priorfill.clip import Clip
     from priorfill.database import PriorDatabase
     from priorfill.markers.marker_set import MarkerSet
+    from priorfill.markers.phantoms import Phantom
 
 __all__ = ["inspect"]
 
@@ -114,11 +117,14 @@ def _facts(
 ) -> dict[str, Any]:
     """Return the description of a clip in the form of the JSON output."""
     from priorfill.artefacts import find_artefacts
+    from priorfill.markers.phantoms import find_phantoms
 
     missing = clip.missing
     source = clip.source
     left_out = source.left_out if source is not None else {}
     read_notes = source.notes if source is not None else ()
+    names = () if definition is None else {*definition.labels, *definition.match(clip.labels)}
+    phantoms = find_phantoms(clip, names)
     known: dict[str, Any] | None = None
     if definition is not None:
         match = definition.match(clip.labels)
@@ -152,26 +158,32 @@ def _facts(
         "left_out": dict(Counter(left_out.values()).most_common()),
         "zero_samples": source.zero_samples if source is not None else 0,
         "notes": [
-            with_options(note) for note in (*read_notes, *_recognition_notes(clip, definition))
+            with_options(note)
+            for note in (*read_notes, *_recognition_notes(clip, definition, phantoms))
         ],
         "missing_samples": int(missing.sum()),
         "missing_percent": round(100 * float(missing.mean()), 3),
         "blackout_frames": int(missing.all(axis=1).sum()),
+        "phantoms": [
+            {"marker": clip.labels[phantom.marker], "reason": phantom.reason}
+            for phantom in phantoms
+        ],
         "gaps": _gaps(clip, described),
         "gap_groups": _groups(clip),
         "artefacts": artefact_facts(find_artefacts(clip), clip),
     }
 
 
-def _recognition_notes(clip: Clip, definition: MarkerSet | None) -> tuple[str, ...]:
+def _recognition_notes(
+    clip: Clip, definition: MarkerSet | None, phantoms: Sequence[Phantom]
+) -> tuple[str, ...]:
     """Return notes on a marker set that fits poorly, and on trajectories that are no markers."""
     from priorfill.markers.marker_set_check import check_marker_set
-    from priorfill.markers.phantoms import find_phantoms, phantom_notes
+    from priorfill.markers.phantoms import phantom_notes
 
-    known = () if definition is None else {*definition.labels, *definition.match(clip.labels)}
     return (
         *check_marker_set(clip.labels, clip.positions, definition, given=True),
-        *phantom_notes(clip, find_phantoms(clip, known)),
+        *phantom_notes(clip, phantoms),
     )
 
 
@@ -382,7 +394,10 @@ def _fillable(facts: dict[str, Any]) -> list[str]:
     """Return sentences on what the gaps can be filled from."""
     enough = MIN_SECONDS * facts["rate"]
     own, barely, database, never = [], [], [], []
+    phantoms = [phantom["marker"] for phantom in facts["phantoms"]]
     for gap in facts["gaps"]:
+        if gap["marker"] in phantoms:
+            continue
         if gap["clip_frames"] >= enough:
             own.append(gap["marker"])
         elif gap.get("database_clips"):
@@ -408,6 +423,7 @@ def _fillable(facts: dict[str, Any]) -> list[str]:
                 more,
             ),
             ("Never visible, so at best from the contralateral marker", never, more),
+            ("Fragments and phantoms, not filled unless --markers names them", phantoms, ""),
         )
         if labels
     ]

@@ -309,7 +309,7 @@ def study(data: Path, seed: int, count: int) -> None:
     for clip, bad, plant in planted(data, seed, count):
         if clip.name not in known:
             known[clip.name] = artefact_samples(find_artefacts(clip), clip.labels, clip.frames)
-        called = artefact_samples(find_artefacts(bad), clip.labels, clip.frames)
+        called = artefact_samples(find_artefacts(bad), clip.labels, clip.frames) & ~bad.missing
         ours.setdefault(plant.kind, Tally()).add(called, known[clip.name], plant)
         for limit, tallies in limits.items():
             tally = tallies.setdefault(plant.kind, Tally())

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from gappy import person
 
 import priorfill as pf
+from priorfill.cli import main
 from priorfill.clip import Clip
 from priorfill.markers.phantoms import MAX_NOTES, find_phantoms, phantom_notes
 
@@ -70,6 +75,16 @@ def test_they_are_filled_only_by_name(label: str) -> None:
     named = pf.fill(clip, method="linear", gap_filter=pf.GapFilter(markers=(label,)))
     assert named.filled[:, column].any()
     assert named.notes == ()
+
+
+def test_inspect_names_them(tmp_path: Path) -> None:
+    pf.write(tmp_path / "walk.npz", with_trajectory("RBAC-1", slice(60, 100), hidden="RBAC"))
+    done = CliRunner().invoke(main, ["inspect", str(tmp_path / "walk.npz"), "--json"])
+    facts = json.loads(done.stdout)
+    assert [phantom["marker"] for phantom in facts["phantoms"]] == ["RBAC-1"]
+    assert any("RBAC-1: a fragment of RBAC" in note for note in facts["notes"])
+    done = CliRunner().invoke(main, ["inspect", str(tmp_path / "walk.npz")])
+    assert "not filled unless --markers names them: RBAC-1." in done.stdout
 
 
 def test_many_phantoms_have_few_notes() -> None:
