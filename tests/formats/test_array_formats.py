@@ -220,6 +220,17 @@ def test_constant_data_beyond_those_of_a_recording_are_refused(path, monkeypatch
     assert peak < 25e6  # of 28.8 MB
 
 
+def test_short_integers_count_as_what_they_become(path, monkeypatch):
+    monkeypatch.setattr(unpacked_size, "FREE_BYTES", 1 << 20)
+    ones = {"positions": np.ones((20_000, 18), dtype="u1"), "rate": 1.0}  # 2.9 MB as coordinates
+    if path.suffix == ".npz":
+        np.savez_compressed(path, labels=list(LABELS), **ones)
+    else:
+        savemat(path, ones | {"labels": np.array(LABELS, dtype=object)}, do_compression=True)
+    with pytest.raises(FormatError, match="more than a recording does"):
+        formats.read(path)
+
+
 def test_matlab_structure_and_character_matrix(tmp_path):
     path = tmp_path / "a.mat"
     cells = np.array(LABELS, dtype=object)

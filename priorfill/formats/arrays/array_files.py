@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from priorfill.clip import Clip
 from priorfill.errors import FormatError, OutputError
-from priorfill.formats.file_bytes import check_size
+from priorfill.formats.arrays.unpacked_size import check_unpacked
 from priorfill.formats.recording import Recording
 from priorfill.formats.write_report import WriteReport, check_filled
 from priorfill.geometry.axes import UP_AXES
@@ -131,7 +131,7 @@ def write_arrays(
     return WriteReport(samples=int(mask.sum()), rounding_mm=0.0)
 
 
-def as_recording(arrays: Mapping[str, Any], name: str) -> Recording:
+def as_recording(arrays: Mapping[str, Any], name: str, packed: int) -> Recording:
     """Interpret named arrays.
 
     Parameters
@@ -141,6 +141,8 @@ def as_recording(arrays: Mapping[str, Any], name: str) -> Recording:
         adjacent columns.
     name : str
         The file's name in messages.
+    packed : int
+        Bytes of the file.
 
     Raises
     ------
@@ -162,7 +164,7 @@ def as_recording(arrays: Mapping[str, Any], name: str) -> Recording:
             f"(frames, {3 * len(labels)}); there are {_listing(arrays)}"
         )
     raw = np.asarray(arrays[candidates[0]])
-    check_size(_NUMBER_BYTES * raw.size, name)
+    check_unpacked(_NUMBER_BYTES * raw.size, packed, name)
     positions = np.array(raw, dtype=np.float64, order="C").reshape(raw.shape[0], len(labels), 3)
     up = _text(arrays, known, ("up",), name)
     if up and up not in UP_AXES:

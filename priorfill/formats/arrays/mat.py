@@ -107,7 +107,7 @@ def parse_mat(data: bytes, name: str) -> Recording:
     elif len(values) == 1 and isinstance(only := _inner(next(iter(values.values()))), dict):
         values = only  # whose fields the message lists
     if isinstance(_field(values, "Trajectories"), dict):
-        return _qualisys_recording(values, name)
+        return _qualisys_recording(values, name, len(data))
     derivatives = np.ravel(np.asarray(_field(values, "timederOrder")))
     if derivatives.dtype.kind in "fiu" and derivatives.any():
         raise FormatError(
@@ -117,8 +117,10 @@ def parse_mat(data: bytes, name: str) -> Recording:
     for key, value in arrays.items():
         if _is_by_marker(key, value):
             positions = np.stack([np.asarray(one) for one in value.values()], axis=1)
-            return as_recording(arrays | {key: positions, "labels": np.array(list(value))}, name)
-    return as_recording(arrays, name)
+            return as_recording(
+                arrays | {key: positions, "labels": np.array(list(value))}, name, len(data)
+            )
+    return as_recording(arrays, name, len(data))
 
 
 def _recordings(
@@ -164,7 +166,7 @@ def _field(structure: Any, name: str) -> Any:
     return _inner(structure.get(name)) if isinstance(structure, Mapping) else None
 
 
-def _qualisys_recording(structure: Mapping[str, Any], name: str) -> Recording:
+def _qualisys_recording(structure: Mapping[str, Any], name: str, packed: int) -> Recording:
     """Interpret the structure exported by Qualisys Track Manager."""
     labelled = _field(_field(structure, "Trajectories"), "Labeled")
     labels = np.ravel(_plain(_field(labelled, "Labels")))
@@ -187,7 +189,7 @@ def _qualisys_recording(structure: Mapping[str, Any], name: str) -> Recording:
     arrays = {"positions": data[:, :3].transpose(2, 0, 1), "labels": labels, "rate": rate}
     if first.dtype.kind in "fiu":
         arrays["first_frame"] = first
-    return as_recording(arrays | {"unit": "mm"}, name)
+    return as_recording(arrays | {"unit": "mm"}, name, packed)
 
 
 def _inner(value: Any) -> Any:

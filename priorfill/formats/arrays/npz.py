@@ -61,7 +61,7 @@ def parse_npz(data: bytes, name: str) -> Recording:
     FormatError
         If it is not an archive, damaged, too large, or without positions or labels.
     """
-    return as_recording(load_arrays(data, name), name)
+    return as_recording(load_arrays(data, name), name, len(data))
 
 
 def load_arrays(data: bytes, name: str) -> dict[str, Any]:
