@@ -88,6 +88,8 @@ class _Main(click.Group):
             with end_on_signals():
                 return super().main(*args, **extra)
         except OSError as error:  # while printing a help page
+            if os.environ.get(DEBUG):
+                raise
             print_line(f"priorfill: {_in_one_line(error)}", err=True)
             sys.exit(EXIT_FAILED)
         finally:
