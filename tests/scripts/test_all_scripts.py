@@ -142,6 +142,16 @@ SMOKE = {
         "--data {data} --set baumann41 --orders 1 --clips 2 --processes 1 --method linear -o {tmp}",
         "measured only",
     ),
+    "studies/plausibility_study.py": Smoke(
+        "--data {data} --methods linear",
+        "below the bound",
+        {
+            "RECORDINGS": ("hdm05/HDM_bd_05-01_01_120.c3d",),
+            "MAX_FRAMES": 240,
+            "KINDS": ("single", "limb"),
+        },
+        statuses=(None,),
+    ),
     "studies/learn_markers.py": Smoke(
         "{data}/skeleton.c3d {data}/skeleton.amc --skeleton {data}/skeleton.asf"
         " -o {tmp}/markers.toml",
