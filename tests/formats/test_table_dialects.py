@@ -272,10 +272,6 @@ def test_only_blank_cells_of_a_sample_are_written(tmp_path):
     data = rows_mapped(trc(), lambda row: [*row[:3], b"", *row[4:]] if row[0] == b"5" else row)
     clip = read(tmp_path, data)
     assert np.argwhere(clip.missing).tolist() == [[4, 0]]
-    assert clip.source.notes == (
-        "Samples with only one or two of three coordinates count as missing (1 of them); "
-        "a filled copy keeps these coordinates.",
-    )
     values = np.where(clip.missing[..., None], [7.0, 8.0, 9.0], clip.positions)
     report = formats.write(tmp_path / "out.trc", clip.with_positions(values), clip.missing)
     expected = rows_mapped(

@@ -34,7 +34,7 @@ from priorfill.formats.tables.cells import (
 from priorfill.formats.tables.columns import axis_columns
 from priorfill.formats.tables.frames import find_rate, frame_numbers
 from priorfill.formats.tables.numbers import header_number
-from priorfill.formats.tables.text_table import TableRecording, partial_notes, read_table
+from priorfill.formats.tables.text_table import TableRecording, read_table
 
 __all__ = ["parse_motive", "recognise_motive"]
 
@@ -102,7 +102,7 @@ def parse_motive(data: bytes, name: str) -> TableRecording:
             _fact(facts, "Length Units"),
             first_frame=first,
             default_up="+Y",
-            notes=(*notes, *rate_notes, *partial_notes(positions)),
+            notes=(*notes, *rate_notes),
         ),
         table,
     )

@@ -32,7 +32,7 @@ from priorfill.formats.tables.cells import (
 from priorfill.formats.tables.columns import axis_columns, names_of_columns
 from priorfill.formats.tables.frames import frame_numbers
 from priorfill.formats.tables.numbers import header_number
-from priorfill.formats.tables.text_table import TableRecording, partial_notes, read_table
+from priorfill.formats.tables.text_table import TableRecording, read_table
 
 __all__ = ["parse_nexus", "recognise_nexus"]
 
@@ -114,7 +114,7 @@ def parse_nexus(data: bytes, name: str) -> TableRecording:
             header_number(next(iter(texts_of(lines[start + 1], delimiter)), None)),
             found_units[0] if found_units else "",
             first_frame=first,
-            notes=(*notes, *partial_notes(positions)),
+            notes=tuple(notes),
         ),
         table,
     )

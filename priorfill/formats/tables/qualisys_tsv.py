@@ -41,7 +41,7 @@ from priorfill.formats.tables.frames import (
     frame_numbers,
 )
 from priorfill.formats.tables.numbers import header_number
-from priorfill.formats.tables.text_table import TableRecording, partial_notes, read_table
+from priorfill.formats.tables.text_table import TableRecording, read_table
 
 __all__ = ["parse_qualisys", "recognise_qualisys"]
 
@@ -126,7 +126,7 @@ def parse_qualisys(data: bytes, name: str) -> TableRecording:
             "mm",
             first_frame=first,
             not_markers=computed,
-            notes=(*notes, *rate_notes, *counts, *type_notes, *partial_notes(positions)),
+            notes=(*notes, *rate_notes, *counts, *type_notes),
         ),
         table,
     )

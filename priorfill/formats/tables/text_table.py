@@ -41,7 +41,6 @@ from priorfill.runtime.atomic_file import check_target, replace_file
 __all__ = [
     "TableRecording",
     "TextTable",
-    "partial_notes",
     "read_table",
     "texts_of",
     "write_table",
@@ -184,18 +183,6 @@ def read_table(
         have = len(cells_of(lines[rows[frame]], delimiter))
         raise _short_error(lines, rows[frame], have, needed, name)
     return positions, table
-
-
-def partial_notes(positions: NDArray[np.float64]) -> list[str]:
-    """Return a note if samples have some of their three coordinates [shape=(frames, points, 3)]."""
-    blank = np.isnan(positions).sum(axis=2)
-    partial = int(((blank > 0) & (blank < 3)).sum())
-    if not partial:
-        return []
-    return [
-        f"Samples with only one or two of three coordinates count as missing ({partial} of them); "
-        "a filled copy keeps these coordinates."
-    ]
 
 
 def write_table(

@@ -38,7 +38,7 @@ from priorfill.formats.tables.cells import (
 from priorfill.formats.tables.columns import axis_columns, names_of_columns
 from priorfill.formats.tables.frames import count_notes, find_rate, frame_numbers
 from priorfill.formats.tables.numbers import cell_number, header_number, plain_number, shown
-from priorfill.formats.tables.text_table import TableRecording, partial_notes, read_table
+from priorfill.formats.tables.text_table import TableRecording, read_table
 from priorfill.formats.write_report import WriteReport, check_filled
 from priorfill.runtime.atomic_file import replace_file
 
@@ -106,7 +106,7 @@ def parse_trc(data: bytes, name: str) -> TableRecording:
             header.get("units", ""),
             first_frame=first,
             default_up="+Y",
-            notes=(*label_notes, *notes, *rate_notes, *partial_notes(positions)),
+            notes=(*label_notes, *notes, *rate_notes),
         ),
         table,
     )
