@@ -44,7 +44,7 @@ SECONDS = 10.0
 SECONDS_PER_GAP = 0.05
 """Processor time that each gap may add: ``gpr`` fits a regression for each."""
 
-TIMEOUT = 120.0
+TIMEOUT = 600.0
 """Wall time after which a fill counts as hung."""
 
 MEMORY = 2**30
