@@ -15,6 +15,9 @@ from priorfill.signal.resample import Resolution
 
 __all__ = ["targets_from"]
 
+MIN_ERROR = 1e-6
+"""mm. Least expected error in a weight: that of a marker that does not move at all may be 0."""
+
 
 def targets_from(
     predictions: Sequence[SegmentPrediction], group: GapGroup, options: JoiningOptions
@@ -64,7 +67,8 @@ def _set_targets(
     columns = np.searchsorted(group.markers, segment.markers)
     expected_rms = prediction.expected_rms
     largest = expected_rms.max(axis=0)
-    weight = np.maximum(expected_rms, options.min_relative_error * largest) ** -2.0
+    least = np.maximum(options.min_relative_error * largest, MIN_ERROR)
+    weight = np.maximum(expected_rms, least) ** -2.0
 
     rows = np.flatnonzero((frames >= segment.start) & (frames < segment.stop))
     at = frames[rows] - prediction.first
