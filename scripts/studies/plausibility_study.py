@@ -1,4 +1,4 @@
-"""Does the check of fills reject what is wrong, and keep what is right?
+"""Fills that the check rejects: how many are wrong, and how many are right.
 
     python scripts/studies/plausibility_study.py [--data FOLDER] [--seed N] [--count N]
         [--methods NAME,...]
