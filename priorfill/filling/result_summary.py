@@ -67,7 +67,7 @@ def summarise_markers(gaps: Iterable[FilledGap]) -> list[MarkerSummary]:
     >>> short = pf.GapFilter(max_gap=0.3)
     >>> result = pf.fill(make_demo_clip()[1], method="linear", gap_filter=short)
     >>> worst = summarise_markers(result.gaps)[0]
-    >>> worst.gaps, worst.filled == worst.frames
+    >>> worst.gaps, worst.filled + worst.unfilled == worst.frames
     (2, False)
     """
     by_label: dict[str, list[FilledGap]] = {}
