@@ -97,7 +97,7 @@ def _values(
 @click.option(
     "--extrapolate",
     metavar="SECONDS",
-    type=float,
+    type=DURATION,
     default=0.0,
     help="Fill this far beyond the first and the last frame in which at least three markers are "
     "visible; 0 by default.",

@@ -44,6 +44,7 @@ from priorfill.markers.phantoms import find_phantoms, phantom_notes
 from priorfill.methods import get_method, get_options, resolve
 from priorfill.methods.options import differing, with_values
 from priorfill.methods.task import Estimate
+from priorfill.runtime.option_texts import seconds_of
 from priorfill.search.takes import Take
 
 __all__ = ["fill"]
@@ -241,7 +242,7 @@ def _plan(
     known |= set() if definition is None else {*definition.labels, *definition.match(clip.labels)}
     phantoms = find_phantoms(measured, known)
     hidden = doubtful_samples(clip, artefacts, options.plausibility)
-    beyond = int(min(options.extrapolate * clip.rate, clip.frames))
+    beyond = int(min(round(seconds_of(options.extrapolate, clip.rate) * clip.rate, 6), clip.frames))
     seen = SeenClip(clip, hidden, definition, beyond)
     runs = tuple(
         replace(run, groups=seen.groups(run.left_alone))

@@ -13,6 +13,7 @@ from priorfill.filling.gap_filter import GapFilter
 from priorfill.filling.overrides import Overrides
 from priorfill.filling.plausibility_options import PlausibilityOptions
 from priorfill.markers.marker_set import MarkerSet
+from priorfill.runtime.option_texts import Duration, seconds_of
 
 __all__ = ["FillKeywords", "FillOptions"]
 
@@ -35,9 +36,9 @@ class FillOptions:
     marker_set : MarkerSet, optional
         Definition of the marker set. By default the set is recognised by the labels or, if no
         definition fits, found from the data.
-    extrapolate : float
-        s. Before the first and after the last frame in which at least three markers are visible,
-        samples are filled this far; by default they stay missing.
+    extrapolate : float or str
+        s, or frames as text (``"10f"``). Before the first and after the last frame in which at
+        least three markers are visible, samples are filled this far; by default they stay missing.
     max_error : float, optional
         mm. Samples with a greater expected mean error, or an unknown one, stay missing; all are
         kept by default.
@@ -71,7 +72,7 @@ class FillOptions:
     selection: Selection = field(default_factory=Selection)
     trust_filled: bool = False
     marker_set: MarkerSet | None = None
-    extrapolate: float = 0.0
+    extrapolate: Duration = 0.0
     max_error: float | None = None
     plausibility: PlausibilityOptions = field(default_factory=PlausibilityOptions)
     estimate_errors: bool = True
@@ -79,8 +80,8 @@ class FillOptions:
 
     def __post_init__(self) -> None:
         """Check the limits."""
-        if not self.extrapolate >= 0.0:
-            raise OptionError(f"extrapolate is {self.extrapolate:g} s; it must be at least 0")
+        if not seconds_of(self.extrapolate, 1.0) >= 0.0:
+            raise OptionError(f"`extrapolate` is {self.extrapolate}; it must be at least 0")
         if self.max_error is not None and not self.max_error > 0.0:
             raise OptionError(
                 f"the greatest expected error is {self.max_error:g} mm; it must be above 0"

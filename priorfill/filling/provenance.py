@@ -24,6 +24,7 @@ from priorfill.filling.overrides import GapOverride, Overrides
 from priorfill.filling.plausibility_options import PlausibilityOptions
 from priorfill.markers.definitions import load
 from priorfill.markers.marker_set import MarkerSet
+from priorfill.runtime.option_texts import Duration
 
 __all__ = [
     "ClipIdentity",
@@ -188,7 +189,7 @@ class Provenance:
     reject_artefacts: bool = False
     reading: Mapping[str, Any] = field(default_factory=dict)
     marker_set_content: str | None = None
-    extrapolate: float = 0.0
+    extrapolate: Duration = 0.0
     max_error: float | None = None
     estimate_errors: bool = True
     plausibility: Mapping[str, Any] = field(default_factory=dict)
