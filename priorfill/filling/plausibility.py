@@ -37,6 +37,9 @@ FAST_STEPS = 3
 MIN_STEPS = 10
 """Steps that a marker needs for its motion to be known."""
 
+MAX_STEP_MULTIPLE = 10
+"""Time steps that a measured step may last where no shorter one is measured."""
+
 MIN_COMMON = 30
 """Frames that must show both markers of a rigid pair."""
 
@@ -218,8 +221,19 @@ class PlausibilityCheck:
         return float(np.partition(known, -FAST_STEPS)[-FAST_STEPS])
 
     def _known_steps(self, marker: int, order: int) -> _Float:
+        """Return the measured steps of a marker (order 1), or the changes of them (2), in mm.
+
+        Where hardly any are measured (every second frame is blank), longer ones are scaled.
+        """
         path = self.geometry.positions[:, marker]
-        return _steps(path, self._step) if order == 1 else _changes(path, self._step)
+        known = np.full(max(len(path) - order * self._step, 0), np.nan)
+        for times in range(1, MAX_STEP_MULTIPLE + 1):
+            step = times * self._step
+            found = _steps(path, step) if order == 1 else _changes(path, step)
+            if (~np.isnan(found)).sum() >= MIN_STEPS:
+                known[: len(found)] = found / times**order
+                break
+        return known
 
     def _of_neighbours(self, marker: int, order: int) -> _Float:
         """Return the median step of nearby markers at each step (mm), the greatest one around it.

@@ -216,3 +216,14 @@ def test_samples_in_doubt_are_neither_learnt_from_nor_changed():
 def test_invalid_options(options, word):
     with pytest.raises(OptionError, match=word):
         pf.FillOptions(**options)
+
+
+@pytest.mark.parametrize("every", [2, 3])
+@pytest.mark.parametrize("method", ["gpr", "linear"])
+def test_fills_between_lone_frames_are_believed(method, every):
+    positions = person().positions.copy()
+    blank = np.arange(len(positions)) % every != 0
+    positions[blank] = np.nan
+    result = pf.fill(replace(person(), positions=positions), method=method)
+    last = np.flatnonzero(~blank)[-1]
+    assert not result.clip.missing[: last + 1].any()
