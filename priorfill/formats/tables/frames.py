@@ -18,12 +18,15 @@ __all__ = ["are_times", "count_frames", "count_notes", "find_rate", "frame_numbe
 _FRAME_NUMBER = re.compile(rb"[+-]?\d{1,15}(?:[.,]0*)?")
 """A frame number; some programs write it as 1.0."""
 
+_MAX_FRAME = 2**31 - 1
+"""Largest frame number, that of a 32-bit integer, in which other formats store it."""
+
 _RATE_TOLERANCE = 0.01
 """Relative difference between the frame rates of header and time column above which one of them is
 wrong. Times are rounded to milliseconds in many files."""
 
-_MS = 1000.0
-"""Milliseconds per second: some programs write times in milliseconds."""
+_PER_SECOND = (1e3, 1e6)
+"""Milliseconds and microseconds: some programs write times in these."""
 
 _SLACK = 1.01
 """Allowed distance of a rounded time from an even one, in units of its last decimal: half a unit
@@ -65,6 +68,11 @@ def frame_numbers(first_cells: Sequence[bytes], rows: Sequence[int], lines: list
                 "frame number; delete or correct the line"
             )
         numbers.append(int(re.split(rb"[.,]", text)[0]))
+        if abs(numbers[-1]) > _MAX_FRAME:
+            raise FormatError(
+                f"{name}: line {line_number(lines, row)} has the frame number {numbers[-1]}, which "
+                "is too large; number the frames from 1"
+            )
     jumps = np.flatnonzero(np.diff(numbers) != 1)
     if jumps.size:
         jump = int(jumps[0])
@@ -153,8 +161,13 @@ def find_rate(stated: float | None, times: Sequence[bytes]) -> tuple[float | Non
             f"The header states {stated:g} Hz; the times in the time column are uneven "
             f"({mean:.4g} Hz on average). The header's rate is used (see `rate`)."
         ]
-    if abs(even * _MS / stated - 1) <= _RATE_TOLERANCE:
-        return stated, []  # times in milliseconds
+    if any(abs(even * unit / stated - 1) <= _RATE_TOLERANCE for unit in _PER_SECOND):
+        return stated, []
+    if even < MIN_RATE:
+        return stated, [
+            f"The times in the time column are {1 / even:.6g} s apart; the header's rate of "
+            f"{stated:g} Hz is used (see `rate`)."
+        ]
     if step == 1:
         return stated, [
             f"The time column counts rows; the header's rate of {stated:g} Hz is used (see `rate`)."

@@ -10,6 +10,7 @@ from priorfill.formats.tables.cells import cells_of, content_of, line_number
 
 __all__ = [
     "cell_number",
+    "check_points",
     "has_decimal_comma",
     "header_number",
     "place_of",
@@ -39,10 +40,21 @@ _COMMA_NUMBER = re.compile(rb"[+-]?(?:\d+,\d*|,\d+)(?:[eE][+-]?\d+)?")
 _GROUPED = re.compile(rb"[+-]?[1-9]\d{0,2},\d{3}")
 """A number that is as likely to be in the thousands as to have three decimals."""
 
-_THOUSANDS = re.compile(rb"[+-]?\d{1,3}(?:[,.' _\xa0]\d{3})+(?:[.,]\d*)?")
+_THOUSANDS = re.compile(
+    rb"[+-]?\d{1,3}(?:(?:[,.' _\xa0]|\xc2\xa0|\xe2\x80[\x89\x99\xaf])\d{3})+(?:[.,]\d*)?"
+)
+"""Also with the separators that are not ASCII: no-break spaces, thin spaces, typographic
+apostrophes."""
+
+_GROUPED_POINT = re.compile(rb"[+-]?[1-9]\d{0,2}\.\d{3}")
+_BELOW_THOUSAND = re.compile(rb"[+-]?0*\d{1,3}")
+
+_MIN_GROUPED_RATE = 10.0
+"""A header's ``1,000`` is as likely to be 1000 as 1; ``120,000`` is 120."""
+
 
 _SHOWN = 20
-"""Bytes of a cell in a message."""
+"""Characters of a cell in a message."""
 
 
 def cell_number(cell: bytes) -> float | None:
@@ -68,11 +80,11 @@ def plain_number(cell: bytes) -> float | None:
 
 def header_number(text: str | None) -> float | None:
     """Return the finite number in a header field; None if there is none."""
-    try:
-        value = float((text or "").replace(",", "."))
-    except ValueError:
+    cell = (text or "").strip().encode()
+    value = plain_number(cell)
+    if value is None or abs(value) == float("inf"):
         return None
-    return value if abs(value) < float("inf") else None
+    return None if _GROUPED.fullmatch(cell) and abs(value) < _MIN_GROUPED_RATE else value
 
 
 def has_decimal_comma(
@@ -144,6 +156,41 @@ def has_decimal_comma(
     )
 
 
+def check_points(
+    lines: list[bytes],
+    rows: Sequence[int],
+    columns: Sequence[int],
+    labels: Sequence[str],
+    delimiter: bytes,
+    name: str,
+) -> None:
+    """Raise FormatError if every point may separate thousands: 950 next to 1.450.
+
+    A program that writes three decimals writes them in all numbers, and one that omits zeros at the
+    end leaves one or two decimals in some. Parameters are those of `has_decimal_comma`.
+    """
+    with_point: tuple[int, int] | None = None
+    whole = False
+    for row in rows:
+        cells = cells_of(lines[row], delimiter)
+        for number, column in enumerate(columns):
+            text = content_of(cells[column]) if column < len(cells) else b""
+            if _GROUPED_POINT.fullmatch(text):
+                with_point = with_point or (row, number)
+            elif _BELOW_THOUSAND.fullmatch(text):
+                whole |= text.strip(b"+-0") != b""  # 0 is a mark of missing samples
+            elif _NUMBER.fullmatch(text):
+                return
+    if with_point and whole:
+        row, number = with_point
+        cell = cells_of(lines[row], delimiter)[columns[number]]
+        place = place_of(lines, row, columns[number], number, labels, name)
+        raise FormatError(
+            f"{place} is {shown(cell)}, and every point might separate thousands; "
+            "export without thousands separators"
+        )
+
+
 def _has_inner_comma(line: bytes, delimiter: bytes) -> bool:
     """Check whether a line has commas other than separators."""
     if delimiter != b",":
@@ -181,7 +228,11 @@ def place_of(
 
 def shown(cell: bytes) -> str:
     """Return the beginning of a cell for a message."""
-    return repr(cell[:_SHOWN].decode("latin-1"))
+    try:
+        text = cell.decode()
+    except UnicodeDecodeError:
+        text = cell.decode("latin-1")
+    return repr(text[:_SHOWN])
 
 
 def why_no_number(cell: bytes) -> str:

@@ -30,6 +30,7 @@ from priorfill.formats.tables.cells import with_cells as _with_cells
 from priorfill.formats.tables.columns import check_labels
 from priorfill.formats.tables.numbers import (
     cell_number,
+    check_points,
     has_decimal_comma,
     place_of,
     shown,
@@ -159,7 +160,10 @@ def read_table(
             "header; check the header"
         )
     _check_widths(lines, rows, where, max(width, needed), delimiter, name)
+    _check_last_number(lines, rows, delimiter, name)
     comma = has_decimal_comma(lines, rows, flat, labels, delimiter, name)
+    if not comma:
+        check_points(lines, rows, flat, labels, delimiter, name)
     values = np.full((len(rows), len(flat)), np.nan)
     short = []
     for frame, row in enumerate(rows):
@@ -336,6 +340,28 @@ def _check_short(
         if bad.any():
             frame = short[np.flatnonzero(bad)[0]]
             raise _short_error(lines, rows[frame], int(widths[frame]), needed, name)
+
+
+def _check_last_number(
+    lines: list[bytes], rows: Sequence[int], delimiter: bytes, name: str
+) -> None:
+    """Raise FormatError if the file ends within the last number: with fewer decimals than above."""
+    if len(rows) < 2 or lines[rows[-1]].endswith((b"\n", b"\r")):
+        return
+    ends = [cells_of(lines[row], delimiter)[-1:] for row in rows]
+    decimals = [_decimals_of(content_of(end[0])) if end else -1 for end in ends]
+    above = {count for count in decimals[:-1] if count >= 0}
+    if len(above) == 1 and 0 <= decimals[-1] < min(above):
+        raise FormatError(
+            f"{name}: line {line_number(lines, rows[-1])} is cut short within its last number, "
+            f"{shown(ends[-1][0])}; export or copy the file again"
+        )
+
+
+def _decimals_of(text: bytes) -> int:
+    """Return the number of decimals of a number; -1 if it is none, or has an exponent."""
+    found = _FIXED.fullmatch(text)
+    return len(found.group(1)) if found and text.strip(b"+-.,") else -1
 
 
 def _shifted_frames(positions: NDArray[np.float64], short: list[int]) -> list[int]:

@@ -1,0 +1,94 @@
+"""Numbers in cells of text tables that are easily misread: separators, cut files, rates."""
+
+from __future__ import annotations
+
+import pytest
+
+from priorfill.errors import FormatError
+from priorfill.formats.tables.frames import find_rate
+from priorfill.formats.tables.nexus_csv import parse_nexus
+
+
+def _nexus(rows, sep: str = ",") -> bytes:
+    """Two markers; a row is six cells."""
+    lines = [
+        ["Trajectories"],
+        ["100"],
+        ["", "", "C7", "", "", "LSHO", "", ""],
+        ["Frame", "Sub Frame", *"XYZXYZ"],
+        ["", "", *["mm"] * 6],
+        *([frame, 0, *row] for frame, row in enumerate(rows, 1)),
+    ]
+    return "".join(f"{sep.join(map(str, line))}\n" for line in lines).encode()
+
+
+@pytest.mark.parametrize("shown", ["1.450", "1.383"])
+def test_points_that_may_separate_thousands_are_refused(shown):
+    rows = [[-40, 0, shown, 80, 7, 950], [-28, 1, shown, 92, 7, 951]]
+    with pytest.raises(FormatError, match=f"'{shown}', and every point might separate thousands"):
+        parse_nexus(_nexus(rows), "a.csv")
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [["1.450", "0.5", "2", "3", "4", "5"]] * 2,
+        [["1.450", "2.125", "3.250", "0", "0", "0"]] * 2,
+        [["1.450", "2.125", "1500", "1", "2", "3"]] * 2,
+    ],
+)
+def test_points_that_separate_decimals_are_read(rows):
+    positions = parse_nexus(_nexus(rows), "a.csv").recording.positions
+    assert positions[0, 0, 0] == 1.45
+
+
+@pytest.mark.parametrize(
+    "cell", ["1\u00a0450.5", "1\u202f450,5", "1\u2019450.500"], ids=["nbsp", "nnbsp", "apostrophe"]
+)
+def test_thousands_separators_beyond_ascii_are_shown_as_written(cell):
+    with pytest.raises(FormatError) as error:
+        parse_nexus(_nexus([[cell, 1.5, 2.5, 3.5, 4.5, 5.5]] * 2, ";"), "a.csv")
+    assert f"is {cell!r}, with a thousands separator" in str(error.value)
+
+
+@pytest.mark.parametrize("cut", [1, 2, 3, 4, 5])
+def test_file_that_ends_within_its_last_number_is_refused(cut):
+    rows = [[f"{value + frame:.3f}" for value in (1, 2, 3, 4, 5, 126)] for frame in range(4)]
+    data = _nexus(rows).rstrip()
+    assert len(parse_nexus(data, "a.csv").recording.positions) == 4
+    with pytest.raises(FormatError, match=r"line 9 is cut short within its last number"):
+        parse_nexus(data[:-cut], "a.csv")
+
+
+def test_last_number_with_fewer_decimals_is_read_where_decimals_vary():
+    rows = [
+        ["1.25", "2", "3", "4", "5", "6.5"],
+        ["1", "2", "3", "4", "5", "7.25"],
+        [1, 2, 3, 4, 5, 8],
+    ]
+    assert len(parse_nexus(_nexus(rows).rstrip(), "a.csv").recording.positions) == 3
+
+
+@pytest.mark.parametrize("rate", ["1,000", "1_000", "\uff12\uff10\uff10"])
+def test_rate_with_a_thousands_separator_is_unknown(rate):
+    data = _nexus([[1.5, 2.5, 3.5, 4.5, 5.5, 6.5]] * 2, ";").replace(b"100", rate.encode(), 1)
+    assert parse_nexus(data, "a.csv").recording.rate is None
+
+
+def test_frame_number_that_other_formats_cannot_hold_is_refused():
+    data = _nexus([[1.5, 2.5, 3.5, 4.5, 5.5, 6.5]]).replace(b"\n1,0,", b"\n1000000000000,0,")
+    with pytest.raises(
+        FormatError, match="line 6 has the frame number 1000000000000, which is too"
+    ):
+        parse_nexus(data, "a.csv")
+
+
+@pytest.mark.parametrize("step", [10, 10_000])
+def test_times_in_milliseconds_and_microseconds_leave_the_rate(step):
+    assert find_rate(100.0, [b"%d" % (k * step) for k in range(40)]) == (100.0, [])
+
+
+def test_times_too_far_apart_for_a_rate_leave_that_of_the_header():
+    rate, notes = find_rate(100.0, [b"%d" % (k * 7000) for k in range(40)])
+    assert rate == 100.0
+    assert "7000 s apart" in notes[0]
