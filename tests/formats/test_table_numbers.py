@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
+
+import numpy as np
 import pytest
+import text_files
 
 from priorfill.errors import FormatError
 from priorfill.formats.tables.frames import find_rate
+from priorfill.formats.tables.motive_csv import parse_motive
 from priorfill.formats.tables.nexus_csv import parse_nexus
+from priorfill.formats.tables.qualisys_tsv import parse_qualisys
 
 
 def _nexus(rows, sep: str = ",") -> bytes:
@@ -92,3 +98,27 @@ def test_times_too_far_apart_for_a_rate_leave_that_of_the_header():
     rate, notes = find_rate(100.0, [b"%d" % (k * 7000) for k in range(40)])
     assert rate == 100.0
     assert "7000 s apart" in notes[0]
+
+
+@pytest.mark.parametrize(
+    ("frame", "time", "titles", "tab"), list(itertools.product([True, False], repeat=4))
+)
+def test_qualisys_columns_where_a_coordinate_rises_evenly(frame, time, titles, tab):
+    """The first X, 12 mm a frame, is no time column, nor is a tab at the end a marker's."""
+    positions = text_files.standing(12)
+    positions[:, 0, 0] = -40.0 + 12.0 * np.arange(12)
+    lines = text_files.qualisys(positions, titles=titles, trailing_tab=tab).split(b"\r\n")
+    begin = 13 if titles else 12
+    kept = [keep for keep, asked in ((0, frame), (1, time)) if asked]
+    for row in range(begin - titles, len(lines) - 1):
+        cells = lines[row].split(b"\t")
+        lines[row] = b"\t".join([cells[k] for k in kept] + cells[2:])
+    recording = parse_qualisys(b"\r\n".join(lines), "a.tsv").recording
+    np.testing.assert_allclose(recording.positions, positions, atol=0.0006)
+    assert recording.rate == 100.0
+
+
+def test_motive_names_shifted_by_a_marker_are_refused():
+    data = text_files.motive(text_files.standing(12, 1)).replace(b",Name,", b",Name,,,,", 1)
+    with pytest.raises(FormatError, match="correct the shifted row of the header"):
+        parse_motive(data, "a.csv")

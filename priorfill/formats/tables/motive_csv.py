@@ -159,6 +159,12 @@ def _markers(titles: dict[str, list[str]], what: str) -> dict[str, list[tuple[st
             )
         found.setdefault(kinds[0].lower(), []).append((names[0], where))
     _check_complete(titles, 3 * sum(map(len, found.values())), what)
+    width = len(titles["axis"])
+    if any(titles["name"][width:]) or any(titles["type"][width:]):
+        raise FormatError(
+            f"{what} ends before the rows of types and names do; correct the shifted row of the "
+            "header"
+        )
     return found
 
 

@@ -103,7 +103,8 @@ def parse_qualisys(data: bytes, name: str) -> TableRecording:
     before, labels, notes = _layout(header, titles, leads, _width(lines, rows), what)
     columns = [[before + 3 * k, before + 3 * k + 1, before + 3 * k + 2] for k in range(len(labels))]
     positions, table = read_table(lines, rows, columns, labels, _DELIMITER, name)
-    has_frames = before == 2 or (before == 1 and titles[:1] != ["Time"])
+    only = titles[:1] if titles else ["Time" if _begins_with_time(leads) else "Frame"]
+    has_frames = before == 2 or (before == 1 and only != ["Time"])
     first = 1
     if has_frames:
         first = frame_numbers([cells[0] for cells in leads], rows, lines, name)
@@ -151,7 +152,7 @@ def _layout(
     header: dict[str, list[str]],
     titles: list[str],
     leads: list[list[bytes]],
-    widths: tuple[int, bool],
+    widths: tuple[int, int],
     what: str,
 ) -> tuple[int, list[str], list[str]]:
     """Return the number of cells before the first coordinate, labels, and notes.
@@ -161,7 +162,7 @@ def _layout(
     """
     names = header["MARKER_NAMES"]
     named = _trimmed(names)
-    width, last_blank = widths
+    width, blank = widths
     if titles:
         titles = _trimmed(titles)
         before = sum(title.lower() in ("frame", "time") for title in titles[:2])
@@ -171,43 +172,46 @@ def _layout(
             if before == 0
             else are_times([cells[1] for cells in leads if len(cells) > 1])
         )
-        if width < before + 3 * len(labels) or (width > before + 3 * len(labels) and untitled):
+        cells = before + 3 * len(labels)
+        ends_with_tab = width == cells + 1 and 0 < blank < 3
+        if width < cells or (width > cells and untitled and not ends_with_tab):
             raise _layout_error(len(labels), width, what)
         return before, labels, notes
     stated = int(header_number(_field(header, "NO_OF_MARKERS")) or 0)
     for points in dict.fromkeys((stated, len(named), len(names))):
         if len(named) <= points <= len(names):
-            spare = _columns_before(leads, width - 3 * points, last_blank)
+            spare = _columns_before(leads, width - 3 * points, blank)
             if spare is not None:
                 return spare, [*named, *[""] * (points - len(named))], []
     raise _layout_error(len(named), width, what)
 
 
-def _width(lines: list[bytes], rows: list[int]) -> tuple[int, bool]:
-    """Return the cells of the widest rows, and whether the last of them is blank in all rows."""
-    width, last_blank = 0, True
+def _width(lines: list[bytes], rows: list[int]) -> tuple[int, int]:
+    """Return the cells of the widest rows, and how many at the end are blank in all of these."""
+    width, blank = 0, 0
     for row in rows:
         cells = cells_of(lines[row], _DELIMITER)
         if len(cells) > width:
-            width, last_blank = len(cells), True
-        if len(cells) == width:
-            last_blank = last_blank and is_blank(cells[-1])
-    return width, last_blank
+            width, blank = len(cells), len(cells)
+        if len(cells) == width and blank:
+            blank = next((k for k in range(blank) if not is_blank(cells[-1 - k])), blank)
+    return width, blank
 
 
-def _columns_before(leads: list[list[bytes]], spare: int, last_blank: bool) -> int | None:
+def _columns_before(leads: list[list[bytes]], spare: int, blank: int) -> int | None:
     """Return how many of the spare cells of a row come before the coordinates; None if unclear.
 
     These are the frame and the time. Another one is after the last coordinate if rows end with a
-    tab.
+    tab; then `blank` is the number of cells at the end that are blank in all rows. A marker that is
+    never seen leaves three of them.
     """
     if spare == 0 and len(leads) > 2 and count_frames([cells[0] for cells in leads]):
         return None  # no coordinate counts the frames
-    if not last_blank:
+    if not blank:
         return spare if spare in (0, 1, 2) else None
     if spare in (1, 3):  # a tab at the end, or a frame before and the last marker is never seen
-        return spare - (spare == 3 or not count_frames([cells[0] for cells in leads]))
-    if spare == 2 and not are_times([cells[1] for cells in leads if len(cells) > 1]):
+        return spare - (spare == 3 or blank < 3 or not count_frames([cells[0] for cells in leads]))
+    if spare == 2 and (blank < 3 or not are_times([cells[1] for cells in leads if len(cells) > 1])):
         return 1
     return spare if spare in (0, 2) else None
 
@@ -256,6 +260,12 @@ def _computed(types: list[str], markers: int) -> tuple[dict[int, str], list[str]
 def _trimmed(texts: Sequence[str]) -> list[str]:
     """Return cells without blank ones at the end."""
     return list(texts[: max((k + 1 for k, text in enumerate(texts) if text), default=0)])
+
+
+def _begins_with_time(leads: list[list[bytes]]) -> bool:
+    """Check whether the first column, which has no title, is the time."""
+    first = [cells[0] for cells in leads]
+    return not count_frames(first) and are_times(first)
 
 
 def _field(header: dict[str, list[str]], key: str) -> str | None:
