@@ -108,8 +108,9 @@ def replace_file(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]
     atomic only within one file system) and has the target's suffix in lower case (otherwise ezc3d
     appends one). On success it is flushed to the disk and renamed, and the folder is flushed too.
     After any exception, including an interrupt, it is removed and `path` is unchanged; that of a
-    killed process is removed by the next one that writes to the folder. If the target is a symbolic link, the file it points to is
-    replaced. A file that is replaced hands on its permissions and its owner.
+    killed process is removed by the next one that writes to the folder. If the target is a
+    symbolic link, the file it points to is replaced. A file that is replaced hands on its
+    permissions and its owner.
 
     Parameters
     ----------

@@ -419,7 +419,7 @@ def _number(
 def _check_partial(
     positions: NDArray[np.float64], table: TextTable, labels: Sequence[str], name: str
 ) -> None:
-    """Raise FormatError at a coordinate beyond `MAX_COORDINATE` beside a blank one.
+    """Raise FormatError at a coordinate beyond `MAX_COORDINATE` next to a blank one.
 
     Its cell would stay in a copy whose blank cells are filled, which could not be read.
     """
