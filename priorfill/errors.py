@@ -20,7 +20,8 @@
         └── DuplicateClipError (ValueError)     the database already holds a clip with this content
 
 Every message is one line that states what is wrong, where, and what to do, with control characters
-as escape sequences. The command line prints the message and exits with status 1.
+as escape sequences. The command line prints the message and exits with status 1, or 2 for an
+`OptionError`.
 """
 
 from __future__ import annotations

@@ -187,7 +187,8 @@ def evaluate(
     from priorfill.evaluation.plots import draw_plots
 
     protocol_options = {name: options.pop(name) for name in _OF_PROTOCOL}
-    _check_options(methods, output, plots, database, bool(not_names or not_subjects))
+    in_output = {"--plots": plots, "--overwrite": overwrite}
+    _check_options(methods, output, in_output, database, bool(not_names or not_subjects))
     made = _make_protocol(protocol, like, protocol_options, options)
     read, failures = _read_files(files, options)
     with progress(None, "evaluating") as show:
@@ -226,7 +227,7 @@ def evaluate(
 def _check_options(
     methods: tuple[str, ...],
     output: Path | None,
-    plots: bool,
+    in_output: dict[str, bool],
     database: Path | None,
     excluding: bool,
 ) -> None:
@@ -235,9 +236,10 @@ def _check_options(
     from priorfill.evaluation.plots import check_plots
 
     choose_methods(methods)
-    if plots and output is None:
-        raise click.UsageError("--plots needs a folder; give one (--output)")
-    if plots:
+    for option, given in in_output.items():
+        if given and output is None:
+            raise click.UsageError(f"{option} needs a folder; give one (--output)")
+    if in_output["--plots"]:
         check_plots()
     if excluding and database is None:
         raise click.UsageError("--exclude-... needs a database; give one (--database)")

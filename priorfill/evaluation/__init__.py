@@ -113,8 +113,9 @@ def evaluate(
     >>> found.methods["spline"].errors.filled
     5699
     """
-    if seed < 0 or jobs < 0:
-        raise OptionError(f"`seed` {seed} and `jobs` {jobs}: give 0 or more")
+    for name, value in (("seed", seed), ("jobs", jobs)):
+        if value < 0:
+            raise OptionError(f"`{name}` is {value}; give 0 or more")
     options = options or EvaluationOptions()
     path = database.path if isinstance(database, PriorDatabase) else database
     plan = make_plan(

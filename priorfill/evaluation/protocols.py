@@ -132,7 +132,7 @@ def draw_for(seed: int, protocol: str, clip: str) -> Draw:
 def _too_short(clip: Clip, seconds: Range) -> str:
     return (
         f"a clip of {clip.duration:.2f} s is too short for gaps of {seconds[0]:g} s, "
-        f"which may take {MAX_CLIP_SHARE:.0%} of it"
+        f"which may take {100 * MAX_CLIP_SHARE:.0f} % of it"
     )
 
 
@@ -560,10 +560,10 @@ def _check(given: dict[str, Any]) -> None:
                 raise OptionError(f"`{key}` is {low} to {high}; give both in seconds or in frames")
             low, high = seconds_of(low, 1.0), seconds_of(high, 1.0)
         if not (np.isfinite([low, high]).all() and high >= low >= least and high > 0):
-            raise OptionError(
-                f"`{key}` is {low:g} to {high:g}; give numbers of {least} and more, "
-                "the lower one first"
-            )
+            found = f"{low:g} to {high:g}" if high != low else f"{low:g}"
+            limit = f"numbers of {least} and more" if least else "numbers above 0"
+            order = ", the lower one first" if high < low else ""
+            raise OptionError(f"`{key}` is {found}; give {limit}{order}")
     if "share" in given and given["share"][1] > MAX_CLIP_SHARE:
         raise OptionError(
             f"`share` is up to {given['share'][1]:g}; give {MAX_CLIP_SHARE:g} at most"

@@ -83,9 +83,7 @@ class FillOptions:
         if not seconds_of(self.extrapolate, 1.0) >= 0.0:
             raise OptionError(f"`extrapolate` is {self.extrapolate}; it must be at least 0")
         if self.max_error is not None and not self.max_error > 0.0:
-            raise OptionError(
-                f"the greatest expected error is {self.max_error:g} mm; it must be above 0"
-            )
+            raise OptionError(f"`max_error` is {self.max_error:g} mm; it must be above 0")
 
 
 class FillKeywords(TypedDict, total=False):

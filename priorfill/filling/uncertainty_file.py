@@ -140,7 +140,8 @@ def _check_suffix(path: Path) -> None:
     """Raise OptionError if the uncertainty cannot be written with this suffix."""
     if path.suffix.lower() not in UNCERTAINTY_SUFFIXES:
         raise OptionError(
-            f"{path}: uncertainty cannot be written with suffix {path.suffix or '(none)'!r}; "
+            f"{path}: the uncertainty cannot be written "
+            f"{f'with suffix {path.suffix!r}' if path.suffix else 'without a suffix'}; "
             f"use {' or '.join(UNCERTAINTY_SUFFIXES)}"
         )
 

@@ -494,7 +494,5 @@ def _output_format(path: Path, source: str | None) -> str:
 def _check_suffix(path: Path, error: type[FormatError] | type[OptionError]) -> None:
     """Raise an error if no format has the suffix."""
     if path.suffix.lower() not in SUFFIXES:
-        raise error(
-            f"{path}: the suffix {path.suffix or '(none)'!r} is unknown; "
-            f"known are {', '.join(SUFFIXES)}"
-        )
+        found = f"the suffix {path.suffix!r} is unknown" if path.suffix else "has no suffix"
+        raise error(f"{path}: {found}; known are {', '.join(SUFFIXES)}")
