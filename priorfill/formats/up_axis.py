@@ -69,7 +69,8 @@ def find_up_axis(
     In order of precedence: the option; the named markers of a body that stands; the axis declared
     by the file; the end of the longest axis where markers rest; the default. The direction from the
     feet to the head is horizontal if the body lies. So if it is perpendicular to the declared axis,
-    or is a customary horizontal one, it counts only if the body moves as one that stands.
+    or is a customary horizontal one, or points down, it counts only if the body moves as one that
+    stands.
 
     Parameters
     ----------
@@ -133,6 +134,10 @@ def _weigh_file(
         return declared, "file", []
     stated = f"The file states that {declared} is up"
     if from_names is not None and from_names[1] == declared[1]:
+        if from_names[0] == "-" and not _travels(positions, from_names):
+            # no program writes a plus for an axis that points down, but people do handstands
+            note = f"The body is upside down; {declared} of the file is used (see `up`)."
+            return declared, "file", [note]
         return from_names, "data", [f"{stated}, but the body stands along {from_names}."]
     if from_names is not None and _travels(positions, from_names):
         note = f"{stated}, but the body stands along {from_names} and moves about (see `up`)."

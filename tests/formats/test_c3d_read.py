@@ -4,6 +4,7 @@ import os
 import struct
 import time
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 
 import ezc3d
@@ -443,8 +444,18 @@ def wrong_record(name: bytes, body: bytes) -> bytes:
             "is cut short: it holds 12 of its 65534 frames",
         ),
         # points and analog numbers
-        (C3DFile(standing(), LABELS, parameters={"POINT": {"USED": -1}}), "is cut short"),
-        (C3DFile(standing(), LABELS, parameters={"POINT": {"USED": 1e30}}), "is cut short"),
+        (
+            C3DFile(
+                standing(), LABELS, header={"points": 65535}, parameters={"POINT": {"USED": -1}}
+            ),
+            "is cut short",
+        ),
+        (
+            C3DFile(
+                standing(), LABELS, header={"points": 65535}, parameters={"POINT": {"USED": 1e30}}
+            ),
+            "its size does not show which",
+        ),
         (
             C3DFile(
                 standing(),
@@ -905,6 +916,24 @@ def test_a_file_with_minus_z_up(save, labels, maker):
     )
 
 
+def test_screens_of_qualisys_without_its_name(save):
+    def up_of(maker: dict[str, list[str]]) -> str:
+        screens = {"X_SCREEN": ["-X"], "Y_SCREEN": ["-Z"]}
+        parameters = {"POINT": screens, **({"MANUFACTURER": maker} if maker else {})}
+        return read_c3d(save(C3DFile(standing(), list("ABCDEFGHIJ"), parameters=parameters))).up
+
+    assert up_of({}) == "+Z"
+    assert up_of({"COMPANY": ["Another"]}) == "-Z"
+
+
+def test_a_handstand_does_not_overrule_the_file():
+    body, labels = turn(standing()[:, :, :3], "-Z"), tuple(LABELS)
+    note = "The body is upside down; +Z of the file is used (see `up`)."
+    assert find_up_axis(body, labels, "+Z", None) == ("+Z", "file", [note])
+    walks, _ = walking_body()
+    assert find_up_axis(turn(walks, "-Z"), labels, "+Z", None)[:2] == ("-Z", "data")
+
+
 def test_names_of_the_cast_protocol_show_the_up_axis():
     labels = ("L_FCC", "R_FM1", "L_FLE", "R_IAS", "CV7")
     body = np.zeros((5, 5, 3))
@@ -916,6 +945,28 @@ def test_default_up_axis():
     up, found, notes = find_up_axis(np.zeros((5, 2, 3)), ("A", "B"), "", None)
     assert (up, found) == ("+Z", "default")
     assert "`up`" in notes[0]
+
+
+@pytest.mark.parametrize("is_float", [True, False])
+@pytest.mark.parametrize("wrong", [9, 11])
+def test_number_of_points_that_fits_the_size(save, is_float, wrong):
+    records = standing(100, step=None if is_float else STEP)
+    file = C3DFile(records, LABELS, is_float=is_float, scale=STEP)
+    for odd in (
+        replace(file, parameters={"POINT": {"USED": wrong}}),
+        replace(file, header={"points": wrong}),
+    ):
+        clip = read_c3d(save(odd))
+        expected = records[:, :, :3] * (1 if is_float else STEP)
+        np.testing.assert_allclose(clip.positions, expected, rtol=1e-6)
+        assert clip.labels == tuple(LABELS)
+        assert any("number of points; 10 is used" in note for note in clip.source.notes)
+
+
+def test_number_of_points_that_the_size_does_not_show(save):
+    file = C3DFile(standing(2), LABELS, header={"points": 11})
+    with pytest.raises(FormatError, match="10 points according to POINT:USED and 11"):
+        read_c3d(save(file))
 
 
 # --- real recordings -------------------------------------------------------------------

@@ -166,10 +166,8 @@ def parse_layout(data: FileBytes, name: str) -> C3DLayout:
     """
     header, processor = parse_header(data, name)
     parameters = parse_parameters(data, header, processor, name)
-    points = _given(parameters.count("POINT", "USED"), header.points)
-    if points <= 0:
-        raise ClipError(f"{name}: has no points; there is nothing to fill")
-    section, contradictions = _data_section(data, header, parameters, points, name)
+    section, contradictions = _data_section(data, header, parameters, name)
+    points = section.points
     frame_bytes = _frame_bytes(points, section.analog_words, section.is_float)
     capacity = max(0, len(data) - section.data_start) // frame_bytes
     if section.frames > capacity:
@@ -237,9 +235,13 @@ def read_points(data: bytes, layout: C3DLayout) -> tuple[NDArray[np.float64], ND
 
 
 def _data_section(
-    data: FileBytes, header: C3DHeader, parameters: C3DParameters, points: int, name: str
+    data: FileBytes, header: C3DHeader, parameters: C3DParameters, name: str
 ) -> tuple[_DataSection, list[str]]:
     """Return the candidate layout that fits the file, and the contradictions it resolves."""
+    points = [_given(parameters.count("POINT", "USED"), header.points), header.points]
+    if points[0] <= 0:
+        raise ClipError(f"{name}: has no points; there is nothing to fill")
+    points = [count for count in points if count > 0]
     starts = [
         (block - 1) * BLOCK
         for block in (parameters.count("POINT", "DATA_START"), header.data_block)
@@ -253,22 +255,26 @@ def _data_section(
 
     counts = _frame_counts(header, parameters)
     candidates = []
-    for start, analog, is_float in product(_unique(starts), _unique(analogs), _unique(floats)):
-        frame_bytes = _frame_bytes(points, analog, is_float)
+    for point_count, start, analog, is_float in product(
+        _unique(points), _unique(starts), _unique(analogs), _unique(floats)
+    ):
+        frame_bytes = _frame_bytes(point_count, analog, is_float)
         room = _room(data, start, frame_bytes)
         candidates += [
-            _DataSection(start, analog, is_float, points, count or room, len(data))
+            _DataSection(start, analog, is_float, point_count, count or room, len(data))
             for count in counts
             if count or room
         ]
     if not candidates:
         raise ClipError(f"{name}: has no frames; there is nothing to fill")
     best = next((one for one in candidates if one.fits), candidates[0])
+    _check_points(points, candidates, name)
 
     # a count truncated to 16 bits does not contradict the full one
     stated = [n for n in counts if n and n != best.frames % 65536]
     contradictions = []
     for what, values, chosen in (
+        ("the number of points", points, best.points),
         ("where its data begin", starts, best.data_start),
         ("the analog numbers per frame", analogs, best.analog_words),
         ("whether coordinates are integers", floats, best.is_float),
@@ -280,6 +286,15 @@ def _data_section(
                 + ("fits its size." if best.fits else "its parameters state.")
             )
     return best, contradictions
+
+
+def _check_points(points: list[int], candidates: list[_DataSection], name: str) -> None:
+    """Raise FormatError if it is unclear how many points a frame has: all others would be wrong."""
+    if len(set(points)) > 1 and len({one.points for one in candidates if one.fits}) != 1:
+        raise FormatError(
+            f"{name}: has {points[0]} points according to POINT:USED and {points[1]} according to "
+            "its header, and its size does not show which; export it again"
+        )
 
 
 def _shown(what: str, chosen: object) -> str:

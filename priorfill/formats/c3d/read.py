@@ -149,7 +149,13 @@ def _is_from_qualisys(parameters: C3DParameters) -> bool:
         for name in ("COMPANY", "SOFTWARE", "MANUFACTURER", "NAME")
         for text in parameters.texts("MANUFACTURER", name)
     ]
-    return any(_QUALISYS.search(text) for text in makers)
+    if any(makers):
+        return any(_QUALISYS.search(text) for text in makers)
+    # programs that save such a file again may drop the group MANUFACTURER
+    return (
+        next(iter(parameters.texts("POINT", "X_SCREEN")), "").strip().upper(),
+        next(iter(parameters.texts("POINT", "Y_SCREEN")), "").strip().upper(),
+    ) == ("-X", "-Z")
 
 
 def declared_model_outputs(parameters: C3DParameters) -> dict[str, str]:
