@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.artefacts.marker_path import known_quantiles
 from priorfill.artefacts.reference_markers import ReferenceMarkers, distances, sample_poses
 from priorfill.runtime.option_checks import check_at_least, check_between
 
@@ -76,7 +77,7 @@ def distance_outliers(
     choose_reference_markers : Chooses the reference markers.
     """
     poses = np.unique(sample_poses(len(positions)))
-    normal = _quantile(_all_distances(positions[poses], references), options.quantile)
+    normal = known_quantiles(_all_distances(positions[poses], references), options.quantile)
     limit = options.max_ratio * normal + options.margin
     limit[~references.known] = np.nan
     factor = options.single_reference_factor
@@ -105,15 +106,6 @@ def _all_distances(
         difference = positions[:, other] - positions
         columns.append(np.sqrt(np.einsum("fmc,fmc->fm", difference, difference)))
     return np.stack(columns, axis=2)
-
-
-def _quantile(distance: NDArray[np.float64], quantile: float) -> NDArray[np.float64]:
-    """Return a quantile over the frames; NaN where no distance is known."""
-    ordered = np.sort(distance, axis=0)  # NaN last
-    count = (~np.isnan(ordered)).sum(axis=0)
-    rank = (quantile * np.maximum(count - 1, 0)).astype(np.intp)
-    found: NDArray[np.float64] = np.take_along_axis(ordered, rank[None], axis=0)[0]
-    return found
 
 
 def _too_far(

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.artefacts.marker_path import known_medians, thinned_frames
+from priorfill.artefacts.marker_path import known_medians, known_quantiles, thinned_frames
 from priorfill.artefacts.reference_markers import (
     ReferenceMarkerOptions,
     ReferenceMarkers,
@@ -196,7 +196,7 @@ class _UsualDistances:
         for marker in range(positions.shape[1]):
             own = distances(sample, marker, references.others[marker])
             median[marker] = known_medians(own)
-            spread[marker] = _quantile(np.abs(own - median[marker]), options.spread_quantile)
+            spread[marker] = known_quantiles(np.abs(own - median[marker]), options.spread_quantile)
         useful = references.known & (spread < options.max_spread) & (median < options.max_distance)
         spread[~useful] = np.nan
         return cls(references, median, spread)
@@ -237,15 +237,6 @@ class _UsualDistances:
             float(self.median[marker, best]),
             float(self.spread[marker, best]),
         )
-
-
-def _quantile(deviation: NDArray[np.float64], quantile: float) -> NDArray[np.float64]:
-    """Return a quantile of each column's known values; NaN where there is none."""
-    ordered = np.sort(deviation, axis=0)  # NaN last
-    count = (~np.isnan(ordered)).sum(axis=0)
-    rank = (quantile * np.maximum(count - 1, 0)).astype(np.intp)
-    result: NDArray[np.float64] = ordered[rank, np.arange(deviation.shape[1])]
-    return result
 
 
 def _least_consistent(

@@ -21,6 +21,7 @@ __all__ = [
     "TypicalDistances",
     "cut_path",
     "known_medians",
+    "known_quantiles",
     "thinned_frames",
 ]
 
@@ -233,3 +234,12 @@ def known_medians(values: NDArray[np.float64]) -> NDArray[np.float64]:
     low = ordered[np.maximum(count - 1, 0) // 2, column]
     high = ordered[np.minimum(count // 2, len(values) - 1), column]
     return np.where(count > 0, 0.5 * (low + high), np.nan)
+
+
+def known_quantiles(values: NDArray[np.float64], quantile: float) -> NDArray[np.float64]:
+    """Return a quantile over the first axis of the known values; NaN where there is none."""
+    ordered = np.sort(values, axis=0)  # NaN last
+    count = (~np.isnan(ordered)).sum(axis=0)
+    rank = (quantile * np.maximum(count - 1, 0)).astype(np.intp)
+    found: NDArray[np.float64] = np.take_along_axis(ordered, rank[None], axis=0)[0]
+    return found

@@ -19,8 +19,8 @@ from priorfill.database.create_database import SEGMENTS
 from priorfill.database.manifest import FORMAT_VERSION, Manifest, new_identity, write_manifest
 from priorfill.database.segment_list import Segment, SegmentList, Unused
 from priorfill.database.segments import (
-    HEADER_BYTES,
     SegmentWriter,
+    first_bytes,
     header,
     segment_path,
     segment_paths,
@@ -101,7 +101,7 @@ def replaced_segments(
         Name of the catalogue that is replaced.
     """
     unused = {
-        number: Unused(segment.size, zlib.crc32(_first_bytes(segment_path(folder, number))))
+        number: Unused(segment.size, zlib.crc32(first_bytes(segment_path(folder, number))))
         for number, segment in old.items()
     }
     return SegmentList(new, unused, (catalogue,))
@@ -132,9 +132,4 @@ def unaccounted_bytes(folder: Path, ends: Mapping[int, int], identity: str) -> l
 
 def _is_unfinished(path: Path, number: int, identity: str) -> bool:
     """Return whether a segment was left by a conversion that was killed, perhaps in its header."""
-    return bool(identity) and header(identity, number).startswith(_first_bytes(path))
-
-
-def _first_bytes(path: Path) -> bytes:
-    with path.open("rb") as file:
-        return file.read(HEADER_BYTES)
+    return bool(identity) and header(identity, number).startswith(first_bytes(path))

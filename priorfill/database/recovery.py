@@ -17,6 +17,7 @@ from priorfill.database.segments import (
     CHUNK_BYTES,
     HEADER_BYTES,
     check_end,
+    first_bytes,
     header,
     segment_path,
     segment_paths,
@@ -73,7 +74,7 @@ def _unlisted(folder: Path, identity: str, listed: SegmentList) -> Iterator[tupl
     for number, path in segment_paths(folder):
         if number in listed.segments or number in listed.unused or not path.is_file():
             continue
-        if _first_bytes(path) == header(identity, number):
+        if first_bytes(path) == header(identity, number):
             yield (
                 number,
                 f"{path}: is a segment of this database that the catalogue does not list: the "
@@ -148,9 +149,4 @@ def remove_unused(folder: Path, identity: str, listed: SegmentList) -> None:
 
 def _is_that_file(path: Path, size: int, start: int) -> bool:
     """Return whether a file begins as expected, or was not written far enough to tell."""
-    return size < HEADER_BYTES or zlib.crc32(_first_bytes(path)) == start
-
-
-def _first_bytes(path: Path) -> bytes:
-    with path.open("rb") as file:
-        return file.read(HEADER_BYTES)
+    return size < HEADER_BYTES or zlib.crc32(first_bytes(path)) == start

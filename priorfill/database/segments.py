@@ -31,6 +31,7 @@ __all__ = [
     "SegmentReader",
     "SegmentWriter",
     "check_end",
+    "first_bytes",
     "header",
     "read_at",
     "segment_path",
@@ -336,6 +337,12 @@ def read_at(file: BinaryIO, offset: int, size: int) -> bytes:
 def header(identity: str, segment: int) -> bytes:
     """Return the header of a segment."""
     return f"priorfill segment {segment:07d} of {identity}".encode().ljust(HEADER_BYTES - 1) + b"\n"
+
+
+def first_bytes(path: Path) -> bytes:
+    """Return the start of a segment, as long as its header."""
+    with path.open("rb") as file:
+        return file.read(HEADER_BYTES)
 
 
 def segment_path(folder: Path, segment: int) -> Path:

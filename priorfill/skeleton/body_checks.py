@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from priorfill.errors import ClipError
 from priorfill.skeleton.marker_sites import MarkerSite
 from priorfill.skeleton.part_names import SIDES
-from priorfill.skeleton.skeleton_body import SkeletonBody
+from priorfill.skeleton.skeleton_body import SkeletonBody, unit_vectors
 
 __all__ = [
     "UNITS",
@@ -170,14 +170,14 @@ def knees_bend_forwards(body: SkeletonBody) -> bool:
         bent = np.linalg.norm(hinge, axis=1)
         left = body.frames[f"{side}_thigh"].axes[:, :, 1] / body.size
         if bent.max() > BENT:
-            cosines.append(np.einsum("f,fi,fi->", bent, _unit(hinge), left) / bent.sum())
+            cosines.append(np.einsum("f,fi,fi->", bent, unit_vectors(hinge), left) / bent.sum())
     return bool(cosines) and min(cosines) < WRONG_WAY
 
 
 def _knee_hinge(body: SkeletonBody, side: str) -> _Floats:
     """Return the axis about which a knee is bent, times the sine of the angle."""
     hip, knee, ankle = (body.at(f"{side}_{limb}") for limb in ("thigh", "shank", "foot"))
-    hinge: _Floats = np.cross(_unit(knee - hip), _unit(ankle - knee))
+    hinge: _Floats = np.cross(unit_vectors(knee - hip), unit_vectors(ankle - knee))
     return hinge
 
 
@@ -240,7 +240,7 @@ def _check_posture(body: SkeletonBody, file: str) -> None:
     ):
         for side in SIDES:
             start, middle, end = (body.at(f"{side}_{limb}") for limb in limbs)
-            cosine = np.einsum("fi,fi->f", _unit(middle - start), _unit(end - middle))
+            cosine = np.einsum("fi,fi->f", unit_vectors(middle - start), unit_vectors(end - middle))
             folds[f"{side} {joint}"] = np.arccos(np.clip(cosine, -1.0, 1.0))
     for name, angles in folds.items():
         limit = FOLDED[name.split()[-1]]
@@ -254,7 +254,7 @@ def _check_posture(body: SkeletonBody, file: str) -> None:
         raise ClipError(f"{file}: the head is below the shoulders; {_REMEDY}")
     shoulders = body.at("left_upper_arm") - body.at("right_upper_arm")
     hips = body.at("left_thigh") - body.at("right_thigh")
-    if np.einsum("fi,fi->f", _unit(shoulders), _unit(hips)).mean() < 0.0:
+    if np.einsum("fi,fi->f", unit_vectors(shoulders), unit_vectors(hips)).mean() < 0.0:
         raise ClipError(
             f"{file}: the left shoulder is above the right hip, as in no person; {_REMEDY}"
         )
@@ -263,11 +263,6 @@ def _check_posture(body: SkeletonBody, file: str) -> None:
             f"{file}: toes and knees show that left and right are exchanged, or that the file is a "
             "mirror image; export it with right-handed axes, or name the joints (`joints`)"
         )
-
-
-def _unit(vectors: _Floats) -> _Floats:
-    unit: _Floats = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
-    return unit
 
 
 def check_markers(

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from priorfill.skeleton.find_joints import BodyJoints
 from priorfill.skeleton.part_names import PARTS, SIDES
 
-__all__ = ["PartFrame", "SkeletonBody"]
+__all__ = ["PartFrame", "SkeletonBody", "unit_vectors"]
 
 WRIST_FRACTION = 2.0 / 3.0
 """Fraction of the forearm at which the part begins that rotates with the hand, as in ASF."""
@@ -167,12 +167,12 @@ class SkeletonBody:
     @cached_property
     def up(self) -> _Floats:
         """Direction from the hips to the shoulders [shape=(frames, 3)]."""
-        return _unit(self.midpoint("upper_arm") - self.midpoint("thigh"))
+        return unit_vectors(self.midpoint("upper_arm") - self.midpoint("thigh"))
 
     @cached_property
     def upward(self) -> _Floats:
         """The axis of the file that points up most nearly, on average from feet to shoulders."""
-        mean = _unit(self.midpoint("upper_arm") - self.midpoint("foot")).mean(axis=0)
+        mean = unit_vectors(self.midpoint("upper_arm") - self.midpoint("foot")).mean(axis=0)
         axis = int(np.argmax(np.abs(mean)))
         upward: _Floats = np.eye(3)[axis] * (1.0 if mean[axis] >= 0.0 else -1.0)
         return upward
@@ -180,7 +180,7 @@ class SkeletonBody:
     @cached_property
     def hip_flexion(self) -> _Floats:
         """Angle between trunk and thighs, 0 where the body is straight [shape=(frames,), rad]."""
-        thighs = _unit(self.midpoint("shank") - self.midpoint("thigh"))
+        thighs = unit_vectors(self.midpoint("shank") - self.midpoint("thigh"))
         return np.arccos(np.clip(-_dot(self.up, thighs), -1.0, 1.0))
 
     @cached_property
@@ -195,7 +195,7 @@ class SkeletonBody:
         """Weight of each frame in averages: large where the body is straight and arms hang down."""
         weights = self._standing
         for side in SIDES:
-            arm = _unit(self.at(f"{side}_forearm") - self.at(f"{side}_upper_arm"))
+            arm = unit_vectors(self.at(f"{side}_forearm") - self.at(f"{side}_upper_arm"))
             raised = np.arccos(np.clip(-_dot(self.up, arm), -1.0, 1.0))
             weights = weights * np.exp(-0.5 * (raised / np.deg2rad(ARM_DEGREES)) ** 2)
         return weights + 1e-6 * self._standing
@@ -209,7 +209,7 @@ class SkeletonBody:
             along = self._rotations[:, joint] @ self._ends[joint]
         else:
             return None
-        return None if np.linalg.norm(along, axis=1).min() <= 0.0 else _unit(along)
+        return None if np.linalg.norm(along, axis=1).min() <= 0.0 else unit_vectors(along)
 
     def _tip_of(self, tip: str, start: _Floats) -> _Floats | None:
         """Return the directions to a thumb or eye from a point; None if the skeleton has none."""
@@ -220,7 +220,7 @@ class SkeletonBody:
         if np.linalg.norm(along, axis=1).min() < MIN_TIP * self.size:
             along = along + self._rotations[:, joint] @ self._ends[joint]
         short = np.linalg.norm(along, axis=1).min() < MIN_TIP * self.size
-        return None if short else _unit(along)
+        return None if short else unit_vectors(along)
 
     @cached_property
     def frames(self) -> dict[str, PartFrame]:
@@ -327,7 +327,7 @@ class SkeletonBody:
     def _is_rigid(rotations: _Floats, along: _Floats) -> bool:
         if np.median(np.linalg.norm(along, axis=1)) <= 0.0:
             return True
-        local = np.einsum("fji,fj->fi", rotations, _unit(along))
+        local = np.einsum("fji,fj->fi", rotations, unit_vectors(along))
         return bool(np.linalg.norm(local.mean(axis=0)) >= MIN_RIGID)
 
     @cached_property
@@ -343,7 +343,7 @@ class SkeletonBody:
 
     def _leg_axes(self, side: str, pelvis: _Floats) -> dict[str, _Floats]:
         hip, knee, ankle = (self.at(f"{side}_{limb}") for limb in ("thigh", "shank", "foot"))
-        hinge = np.cross(_unit(knee - hip), _unit(ankle - knee))
+        hinge = np.cross(unit_vectors(knee - hip), unit_vectors(ankle - knee))
         names = f"{side}_thigh", f"{side}_shank", f"{side}_foot"
         # a thigh hardly twists, so the pelvis tells left even if a skeleton's knee bends forwards
         seen = _turned(pelvis, hip - knee)[:, :, 1] * np.linalg.norm(hinge, axis=1)[:, None]
@@ -373,7 +373,7 @@ class SkeletonBody:
         )
         still = low & (speed <= np.percentile(speed[low], 25.0))
         sole = np.einsum("fij,i->fj", foot[still], self.upward)
-        mean = _unit(sole.mean(axis=0))
+        mean = unit_vectors(sole.mean(axis=0))
         spread = float(np.arccos(np.clip(sole @ mean, -1.0, 1.0)).mean())
         slope = float(np.arctan2(-mean[0], mean[2]))
         if abs(slope - TOE_SLOPE) > MAX_SLOPE_ERROR:
@@ -386,7 +386,7 @@ class SkeletonBody:
             self.at(f"{side}_{limb}") for limb in ("upper_arm", "forearm", "hand")
         )
         # an elbow bends the other way than a knee
-        hinge = -np.cross(_unit(elbow - shoulder), _unit(hand - elbow))
+        hinge = -np.cross(unit_vectors(elbow - shoulder), unit_vectors(hand - elbow))
         names = f"{side}_upper_arm", f"{side}_forearm", f"{side}_hand"
         upper, fore = self._hinged(names, elbow - shoulder, hand - elbow, hinge, thorax)
         collar = f"{side}_shoulder"
@@ -434,19 +434,19 @@ class SkeletonBody:
         """
         turned = _turned(trunk, -first)
         # a limb that points up does not show its twist
-        known = 0.5 * (1.0 - _dot(_unit(first), trunk[:, :, 2]))
+        known = 0.5 * (1.0 - _dot(unit_vectors(first), trunk[:, :, 2]))
         prior = (STRAIGHT * self._standing / self._standing.mean() * known**2)[:, None]
         bent = np.linalg.norm(hinge, axis=1)
         joint = self._moving_joint(names[0], [names[1]])
         base = turned if joint is None else self._rotations[:, joint]
         evidence = np.einsum("fji,fj->fi", base, hinge * bent[:, None]).sum(axis=0)
         given = np.einsum("fji,fj->fi", base, prior * turned[:, :, 1]).sum(axis=0)
-        left = base @ _unit(evidence + given)
+        left = base @ unit_vectors(evidence + given)
         resultant = np.linalg.norm(evidence) / max(float((bent**2).sum()), 1e-12)
         if joint is None or resultant < MIN_HINGE:
             # the rotation's twist is not the limb's: follow the hinge where the limb is bent
-            trusted = bent**2 * np.clip(_dot(_unit(hinge), left), 0.0, None)
-            left = left * 4.0 * STRAIGHT + _unit(hinge) * trusted[:, None]
+            trusted = bent**2 * np.clip(_dot(unit_vectors(hinge), left), 0.0, None)
+            left = left * 4.0 * STRAIGHT + unit_vectors(hinge) * trusted[:, None]
         upper = _axes(up=-first, left=left)
         return upper, _axes(up=-second, left=upper[:, :, 1])
 
@@ -456,7 +456,7 @@ def _dot(one: _Floats, other: _Floats) -> _Floats:
     return product
 
 
-def _unit(vectors: _Floats) -> _Floats:
+def unit_vectors(vectors: _Floats) -> _Floats:
     """Return vectors of length 1; those of length 0 stay so."""
     lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
     unit: _Floats = vectors / np.where(lengths > 0.0, lengths, 1.0)
@@ -472,12 +472,12 @@ def _axes(**directions: _Floats) -> _Floats:
         Two of ``up``, ``left`` and ``ahead``; the first is kept, the second made orthogonal to it.
     """
     (first, one), (second, other) = directions.items()
-    one = _unit(one)
+    one = unit_vectors(one)
     other = other - _dot(other, one)[:, None] * one
     short = np.linalg.norm(other, axis=1) < 1e-9
     if short.any():
         other = np.where(short[:, None], _any_orthogonal(one), other)
-    known = {first: one, second: _unit(other)}
+    known = {first: one, second: unit_vectors(other)}
     if "up" not in known:
         known["up"] = np.cross(known["ahead"], known["left"])
     if "left" not in known:
@@ -495,7 +495,7 @@ def _any_orthogonal(vectors: _Floats) -> _Floats:
 
 def _turned(axes: _Floats, up: _Floats) -> _Floats:
     """Return axes after the smallest rotation that makes them point up as given."""
-    start, end = axes[:, :, 2], _unit(up)
+    start, end = axes[:, :, 2], unit_vectors(up)
     cosine = np.maximum(_dot(start, end), -1.0 + 1e-6)
     axis = np.cross(start, end)
     cross = np.zeros((len(axes), 3, 3))

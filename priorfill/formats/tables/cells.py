@@ -23,6 +23,7 @@ __all__ = [
     "line_number",
     "split_lines",
     "texts_of",
+    "trimmed",
     "with_cells",
 ]
 
@@ -181,6 +182,11 @@ def texts_of(line: bytes, delimiter: bytes) -> list[str]:
     except UnicodeDecodeError:
         encoding = "latin-1"  # common in older Windows programs
     return [content_of(cell).decode(encoding).strip() for cell in cells_of(line, delimiter)]
+
+
+def trimmed(texts: list[str]) -> list[str]:
+    """Return cells without blank ones at the end."""
+    return texts[: max((k + 1 for k, text in enumerate(texts) if text), default=0)]
 
 
 def with_cells(line: bytes, new: dict[int, bytes], delimiter: bytes) -> bytes:

@@ -21,7 +21,6 @@ this format with header lines that have no tab (``DESCRIPTION--``).
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 
 from priorfill.errors import ClipError, FormatError
 from priorfill.formats.recording import Recording
@@ -32,6 +31,7 @@ from priorfill.formats.tables.cells import (
     line_number,
     split_lines,
     texts_of,
+    trimmed,
 )
 from priorfill.formats.tables.frames import (
     are_times,
@@ -161,10 +161,10 @@ def _layout(
     ends with tabs. The titles of the columns decide, else the width of the rows.
     """
     names = header["MARKER_NAMES"]
-    named = _trimmed(names)
+    named = trimmed(names)
     width, blank = widths
     if titles:
-        titles = _trimmed(titles)
+        titles = trimmed(titles)
         before = sum(title.lower() in ("frame", "time") for title in titles[:2])
         labels, notes = _titled(titles[before:], named, what)
         untitled = before < 2 and (
@@ -246,7 +246,7 @@ def _layout_error(markers: int, width: int, what: str) -> FormatError:
 
 def _computed(types: list[str], markers: int) -> tuple[dict[int, str], list[str]]:
     """Return the trajectories that are no markers, with the reason, and notes."""
-    if types and markers not in (len(types), len(_trimmed(types))):
+    if types and markers not in (len(types), len(trimmed(types))):
         return {}, [
             f"TRAJECTORY_TYPES has {len(types)} types for {markers} markers; it is ignored."
         ]
@@ -255,11 +255,6 @@ def _computed(types: list[str], markers: int) -> tuple[dict[int, str], list[str]
         for point, kind in enumerate(types[:markers])
         if kind.lower() in _COMPUTED_TYPES
     }, []
-
-
-def _trimmed(texts: Sequence[str]) -> list[str]:
-    """Return cells without blank ones at the end."""
-    return list(texts[: max((k + 1 for k, text in enumerate(texts) if text), default=0)])
 
 
 def _begins_with_time(leads: list[list[bytes]]) -> bool:

@@ -34,6 +34,7 @@ from priorfill.formats.tables.cells import (
     line_number,
     split_lines,
     texts_of,
+    trimmed,
 )
 from priorfill.formats.tables.columns import axis_columns, names_of_columns
 from priorfill.formats.tables.frames import count_notes, find_rate, frame_numbers
@@ -230,10 +231,10 @@ def _header(lines: list[bytes], names_row: int) -> dict[str, str]:
     """
     for row in range(names_row - 1):
         keys = [key.lower() for key in texts_of(lines[row], _line_delimiter(lines[row]))]
-        keys = _trimmed(keys)
+        keys = trimmed(keys)
         if "datarate" not in keys:
             continue
-        values = _trimmed(texts_of(lines[row + 1], _line_delimiter(lines[row + 1])))
+        values = trimmed(texts_of(lines[row + 1], _line_delimiter(lines[row + 1])))
         if len(values) == len(keys):
             return dict(zip(keys, values, strict=True))
         keys = [key for key in keys if key]
@@ -251,11 +252,6 @@ def _line_delimiter(line: bytes) -> bytes:
         if delimiter in line:
             return delimiter
     return BLANKS
-
-
-def _trimmed(texts: list[str]) -> list[str]:
-    """Return cells without blank ones at the end."""
-    return texts[: max((k + 1 for k, text in enumerate(texts) if text), default=0)]
 
 
 def _check_times(times: list[bytes], rows: list[int], lines: list[bytes], name: str) -> None:
@@ -335,7 +331,7 @@ def _names(line: bytes, delimiter: bytes) -> list[str]:
         names.pop(0)  # the whole row is shifted
     if sum(bool(text) for text in names[_FIRST_COORDINATE:]) <= 1 and delimiter != BLANKS:
         by_blanks = texts_of(line, BLANKS)
-        return by_blanks if len(by_blanks) > len(_trimmed(names)) else names
+        return by_blanks if len(by_blanks) > len(trimmed(names)) else names
     return names
 
 
