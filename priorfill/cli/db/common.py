@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from priorfill.cli.output import duration, print_line
+from priorfill.errors import OptionError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from priorfill.database import ClipRecord, PriorDatabase
 
 __all__ = [
     "ID_DIGITS",
+    "choose",
     "clip_facts",
     "count",
     "database_option",
@@ -156,3 +158,49 @@ def size(number: int) -> str:
             return f"{amount:.0f} {unit}" if unit == "bytes" else f"{amount:.1f} {unit}"
         amount /= 1000
     return f"{amount:.1f} GB"
+
+
+def choose(
+    folder: Path,
+    records: Sequence[ClipRecord],
+    names: Sequence[str],
+    subjects: Sequence[str],
+    markers: Sequence[str] = (),
+    sessions: Sequence[str] = (),
+) -> tuple[ClipRecord, ...]:
+    """Return the clips that arguments select, ordered by subject and name.
+
+    Parameters
+    ----------
+    folder : Path
+        The database's folder, for messages.
+    records : sequence of ClipRecord
+        All of its clips.
+    names, subjects, markers, sessions : sequence of str
+        As in `priorfill.database.Selection`.
+
+    Raises
+    ------
+    OptionError
+        If a name, or the combination, matches no clip.
+    """
+    from priorfill.database import Selection
+
+    among = Selection(
+        subjects=tuple(subjects), markers=tuple(markers), sessions=tuple(sessions)
+    ).choose(records)
+    rest = []
+    if subjects:
+        rest.append(f"subject {' or '.join(subjects)}")
+    if sessions:
+        rest.append(f"session {' or '.join(sessions)}")
+    of = f" of {' and '.join(rest)}" if rest else ""
+    of += f" with marker {' and '.join(markers)}" if markers else ""
+    look = f"see: priorfill db list --database {folder}"
+    for name in names:
+        if not Selection(names=(name,)).choose(among):
+            raise OptionError(f"{folder}: no clip{of} is called {name}; {look}")
+    if not among and (of or records):
+        raise OptionError(f"{folder}: has no clip{of}; {look}")
+    chosen = Selection(names=tuple(names)).choose(among)
+    return tuple(sorted(chosen, key=lambda record: (record.subject, record.name, record.content)))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from priorfill.cli.db.common import count, database_option, title
+from priorfill.cli.db.common import choose, count, database_option, title
 from priorfill.cli.output import print_line
 
 __all__ = ["edit"]
@@ -45,7 +45,6 @@ def edit(
 
     NAME is a clip's name, a pattern of names (in quotes: 'walk*'), or its id as db list shows it.
     """
-    from priorfill.cli.db.remove import choose
     from priorfill.database import PriorDatabase
 
     if subject is None and session is None:

@@ -13,6 +13,7 @@ import click
 
 from priorfill.cli.db.common import (
     ID_DIGITS,
+    choose,
     clip_facts,
     count,
     database_option,
@@ -91,7 +92,6 @@ def export(
     The files have the rate of the database, mm, +Z up. A file is named after its clip; the id is
     added to the names of clips that share a name.
     """
-    from priorfill.cli.db.remove import choose
     from priorfill.database import PriorDatabase
 
     with PriorDatabase.open(folder) as database:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from priorfill.cli.db.common import (
+    choose,
     database_option,
     session_patterns,
     subject_patterns,
@@ -15,14 +15,8 @@ from priorfill.cli.db.common import (
     total,
 )
 from priorfill.cli.output import print_line
-from priorfill.errors import OptionError
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from priorfill.database import ClipRecord
-
-__all__ = ["choose", "remove"]
+__all__ = ["remove"]
 
 
 @click.command(short_help="Remove clips from a database.")
@@ -55,50 +49,3 @@ def remove(
     for record in records:
         print_line(f"{done} {title(record)}")
     print_line(f"{done} {total(records)}")
-
-
-def choose(
-    folder: Path,
-    records: Sequence[ClipRecord],
-    names: Sequence[str],
-    subjects: Sequence[str],
-    markers: Sequence[str] = (),
-    sessions: Sequence[str] = (),
-) -> tuple[ClipRecord, ...]:
-    """Return the clips that arguments select, ordered by subject and name.
-
-    Parameters
-    ----------
-    folder : Path
-        The database's folder, for messages.
-    records : sequence of ClipRecord
-        All of its clips.
-    names, subjects, markers, sessions : sequence of str
-        As in `priorfill.database.Selection`.
-
-    Raises
-    ------
-    OptionError
-        If a name, or the combination, matches no clip.
-    """
-    from priorfill.database import Selection
-
-    among = Selection(
-        subjects=tuple(subjects), markers=tuple(markers), sessions=tuple(sessions)
-    ).choose(records)
-    rest = []
-    if subjects:
-        rest.append(f"subject {' or '.join(subjects)}")
-    if sessions:
-        rest.append(f"session {' or '.join(sessions)}")
-    if markers:
-        rest.append(f"marker {' and '.join(markers)}")
-    of = f" of {' and '.join(rest)}" if rest else ""
-    look = f"see: priorfill db list --database {folder}"
-    for name in names:
-        if not Selection(names=(name,)).choose(among):
-            raise OptionError(f"{folder}: no clip{of} is called {name}; {look}")
-    if not among and (rest or records):
-        raise OptionError(f"{folder}: has no clip{of}; {look}")
-    chosen = Selection(names=tuple(names)).choose(among)
-    return tuple(sorted(chosen, key=lambda record: (record.subject, record.name, record.content)))
