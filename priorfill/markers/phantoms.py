@@ -9,10 +9,11 @@ it is a dropout, and filled.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from priorfill.clip import Clip
 
@@ -71,23 +72,20 @@ def find_phantoms(clip: Clip, known: Collection[str] = ()) -> tuple[Phantom, ...
     tuple of Phantom
         In the order of the markers.
     """
-    visible = (~clip.missing).sum(axis=0)
+    visible = ~clip.missing
+    counts = visible.sum(axis=0).tolist()
+    place = {label: marker for marker, label in enumerate(clip.labels)}
     found = []
-    for marker, label in enumerate(clip.labels):
-        count = int(visible[marker])
+    for marker, (label, count) in enumerate(zip(clip.labels, counts, strict=True)):
         if label in known or count == clip.frames:
             continue
-        base = _base_of(clip, marker, known)
+        base = _base_of(label, visible, place, known)
         if base:
-            found.append(
-                Phantom(
-                    marker, f"a fragment of {base} by its label, visible in {_frames(clip, marker)}"
-                )
-            )
+            where = _frames(clip, visible[:, marker])
+            found.append(Phantom(marker, f"a fragment of {base} by its label, visible in {where}"))
         elif clip.frames >= MIN_FRAMES and 0 < count <= MAX_VISIBLE_SHARE * clip.frames:
-            found.append(
-                Phantom(marker, f"visible in {_frames(clip, marker)} only; taken as a phantom")
-            )
+            where = _frames(clip, visible[:, marker])
+            found.append(Phantom(marker, f"visible in {where} only; taken as a phantom"))
     return tuple(found)
 
 
@@ -112,31 +110,32 @@ def phantom_notes(clip: Clip, phantoms: Sequence[Phantom]) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _base_of(clip: Clip, marker: int, known: Collection[str]) -> str:
+def _base_of(
+    label: str, visible: NDArray[np.bool_], place: Mapping[str, int], known: Collection[str]
+) -> str:
     """Return the marker that a label is a fragment of; empty if it is none.
 
     Unless it is as rare as a phantom, the two may not be visible together: markers of a cluster are
     numbered in the same way.
     """
-    label = clip.labels[marker]
     match = _FRAGMENT.fullmatch(label) if len(label) <= MAX_LABEL else None
     if match is None or match["again"] not in ("", match["base"]):
         return ""
-    seen = ~clip.missing[:, marker]
+    seen = visible[:, place[label]]
     if seen.mean() > MAX_FRAGMENT_SHARE:
         return ""
     base = match["base"]
-    if base not in clip.labels:
+    if base not in place:
         return base if base in known else ""
     if seen.mean() <= MAX_VISIBLE_SHARE:
         return base
-    common = seen & ~clip.missing[:, clip.labels.index(base)]
+    common = seen & visible[:, place[base]]
     return base if common.sum() <= MAX_COMMON_SHARE * seen.sum() else ""
 
 
-def _frames(clip: Clip, marker: int) -> str:
+def _frames(clip: Clip, visible: NDArray[np.bool_]) -> str:
     """Return in which frames a trajectory is visible, as a phrase."""
-    seen = np.flatnonzero(~clip.missing[:, marker])
+    seen = np.flatnonzero(visible)
     if not len(seen):
         return f"none of {clip.frames} frames"
     first, last = clip.first_frame + int(seen[0]), clip.first_frame + int(seen[-1])

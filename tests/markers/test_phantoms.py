@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from gappy import person
+from numpy.typing import NDArray
 
 import priorfill as pf
 from priorfill.cli import main
@@ -96,6 +97,26 @@ def test_many_phantoms_have_few_notes() -> None:
     notes = phantom_notes(clip, find_phantoms(clip))
     assert len(notes) == MAX_NOTES + 1
     assert notes[-1].startswith(f"{50 - MAX_NOTES} more fragments and phantoms are not filled: ")
+
+
+def test_many_fragments_cost_as_much_each_as_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The whole clip is not read again for each of them."""
+    reads = []
+
+    def missing(clip: Clip) -> NDArray[np.bool_]:
+        reads.append(clip)
+        return np.isnan(clip.positions[..., 0])
+
+    monkeypatch.setattr(Clip, "missing", property(missing))
+    count = {}
+    for number in (4, 40):
+        positions = np.full((200, number, 3), np.nan)
+        positions[7, ::2], positions[9, 1::2] = 1.0, 1.0
+        labels = tuple(f"M{i // 2}{'-1' * (i % 2)}" for i in range(number))
+        reads.clear()
+        assert len(find_phantoms(Clip(positions, labels, 100.0))) == number
+        count[number] = len(reads)
+    assert count[4] == count[40]
 
 
 def test_labels_of_any_length_are_matched_in_time() -> None:
