@@ -170,9 +170,8 @@ def test_options_for_reading(here: Path) -> None:
     for option, value in (("--up", "sideways"), ("--unit", "parsec"), ("--rate", "-5")):
         rest = options if option == "--up" else []
         result = run("db", "add", "-v", "-d", "new", *rest, option, value, "odd.c3d", "odd2.c3d")
-        assert result.exit_code in (1, 2)
-        assert value in result.stderr
-        assert result.stderr.count("\n") == 1
+        assert result.exit_code == 2
+        assert result.stderr.count(value) == 1
     assert not (here / "new").exists()
 
 
