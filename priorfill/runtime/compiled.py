@@ -69,18 +69,36 @@ def _report(error: OSError) -> None:
 
 
 class _CheckedFile(IndexDataCacheFile):
-    """The files of one function, with a checksum of the machine code."""
+    """The files of one function, with checksums: unpickling a damaged file may do anything."""
+
+    def _save_index(self, overloads: dict[Any, str]) -> None:
+        self._write(self._index_path, (self._version, self._source_stamp, overloads))
+
+    def _load_index(self) -> dict[Any, str]:
+        if not Path(self._index_path).exists():
+            return {}
+        version, stamp, overloads = self._read(self._index_path)
+        is_current = (version, stamp) == (self._version, self._source_stamp)
+        return dict(overloads) if is_current else {}
 
     def _save_data(self, name: str, data: Any) -> None:
-        content = self._dump(data)
-        with self._open_for_write(self._data_path(name)) as file:
-            file.write(hashlib.sha256(content).digest() + content)
+        self._write(self._data_path(name), data)
 
     def _load_data(self, name: str) -> Any:
-        stored = Path(self._data_path(name)).read_bytes()
+        return self._read(self._data_path(name))
+
+    def _write(self, path: str, data: Any) -> None:
+        content = self._dump(data)
+        with self._open_for_write(path) as file:
+            file.write(hashlib.sha256(content).digest() + content)
+
+    def _read(self, path: str) -> Any:
+        if not Path(path).is_file():  # a pipe would block
+            raise OSError(f"{path} is not a file")
+        stored = Path(path).read_bytes()
         digest, content = stored[:_DIGEST_BYTES], stored[_DIGEST_BYTES:]
         if hashlib.sha256(content).digest() != digest:
-            raise OSError(f"{name} is damaged")  # then numba compiles the function again
+            raise OSError(f"{path} is damaged")  # then numba compiles the function again
         return pickle.loads(content)
 
 
@@ -98,7 +116,7 @@ class _TolerantCache(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
             return super().load_overload(sig, target_context)
-        except Exception:  # an index that is no pickle raises errors of any type
+        except Exception:  # the index is damaged, or code in it does not fit
             try:
                 self.flush()  # an empty index in its place
             except OSError as error:

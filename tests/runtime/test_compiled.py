@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import importlib.util
 import itertools
+import os
+import pickle
 from pathlib import Path
 
 import numba
@@ -65,6 +67,38 @@ def test_damaged_files_are_replaced(load, tmp_path, suffix, damage):
     assert load() == 0
     assert load() == 1
     assert cache_problem() == ""
+
+
+class Trap:
+    """An object that makes a folder when it is unpickled."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __reduce__(self) -> tuple[object, tuple[str]]:
+        return os.mkdir, (str(self.folder),)
+
+
+@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
+def test_files_without_a_checksum_are_not_unpickled(load, tmp_path, suffix):
+    load()
+    (path,) = files(tmp_path, suffix)
+    path.write_bytes(pickle.dumps(numba.__version__) + pickle.dumps(Trap(tmp_path / "trap")))
+    assert load() == 0
+    path.write_bytes(pickle.dumps(Trap(tmp_path / "trap")))
+    assert load() == 0
+    assert not (tmp_path / "trap").exists()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX only")
+@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
+def test_pipes_instead_of_files(load, tmp_path, suffix):
+    load()
+    (path,) = files(tmp_path, suffix)
+    path.unlink()
+    os.mkfifo(path)
+    assert load() == 0
+    assert load() == 1
 
 
 def test_a_folder_that_cannot_be_written(load, tmp_path, monkeypatch):
