@@ -164,12 +164,21 @@ def _folders() -> list[Path]:
                 f"{folder}: is not a folder; set {ENV_FOLDER} to one with marker-set definitions"
             )
         folders.append(folder)
-    config = os.environ.get("XDG_CONFIG_HOME")
-    folder = (Path(config) if config else Path.home() / ".config") / "priorfill" / "markersets"
-    if folder.is_dir():
-        folders.append(folder)
+    users = _users_folder()
+    if users is not None:
+        folders.append(users)
     folders.append(resource_path("markersets"))
     return folders
+
+
+def _users_folder() -> Path | None:
+    """Return the folder of the user's own definitions, if there is one that may be read."""
+    config = os.environ.get("XDG_CONFIG_HOME")
+    try:
+        folder = (Path(config) if config else Path.home() / ".config") / "priorfill" / "markersets"
+        return folder if folder.is_dir() else None
+    except (OSError, RuntimeError):  # a home of another user, or none
+        return None
 
 
 def _read(path: Path) -> MarkerSet:

@@ -518,3 +518,13 @@ def test_joints_of_a_clip_have_its_labels() -> None:
     assert joints["left_elbow"] == (("lsho",), ("lelb",), ("lwra", "lwrb"))
     assert "left_knee" not in joints  # its ankle is missing
     assert "right_knee" in joints
+
+
+@pytest.mark.parametrize("error", [PermissionError(13, "Permission denied"), RuntimeError("none")])
+def test_a_home_that_cannot_be_read(monkeypatch, error):
+    def refuse(*_: object) -> Path:
+        raise error
+
+    monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)
+    monkeypatch.setattr("pathlib.Path.home", refuse)
+    assert "plug-in-gait" in available()
