@@ -20,6 +20,7 @@ from priorfill.cli.system import (
     end_on_signals,
     finish_stdout,
     open_closed_streams,
+    system_error,
 )
 from priorfill.errors import OptionError, PriorfillError
 from priorfill.runtime.display import escaped
@@ -169,8 +170,7 @@ def _in_one_line(error: BaseException) -> str:
     if isinstance(error, PriorfillError):
         text = str(error)
     elif isinstance(error, OSError):
-        what = error.strerror or str(error)
-        text = f"{error.filename}: {what}" if error.filename else what
+        text = system_error(error)
     elif isinstance(error, MemoryError):
         text = "there is not enough memory; use a shorter clip or a smaller database"
     else:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 from priorfill.errors import PriorfillError
@@ -18,6 +20,7 @@ __all__ = [
     "end_on_signals",
     "finish_stdout",
     "open_closed_streams",
+    "system_error",
 ]
 
 _SIGNALS = ("SIGTERM", "SIGHUP", "SIGBREAK")
@@ -31,6 +34,18 @@ _MIN_MEMORY = 1 << 30
 """Address space (bytes) below which a fill of a minute of 50 markers fails."""
 
 _BLAS_THREADS = "OPENBLAS_NUM_THREADS"
+
+_REMEDIES = {
+    errno.EACCES: "check its permissions",
+    errno.EPERM: "check its permissions",
+    errno.EROFS: "choose another folder",
+    errno.ENOSPC: "free some space",
+    errno.EDQUOT: "free some space",
+    errno.EFBIG: "raise the limit on the size of files (ulimit -f)",
+    errno.EMFILE: "raise the limit on open files (ulimit -n)",
+    errno.ENAMETOOLONG: "choose a shorter name",
+}
+"""What to do about an error of the system."""
 
 
 class TerminatedError(KeyboardInterrupt):
@@ -113,3 +128,16 @@ def check_memory_limit() -> None:
             f"{_MIN_MEMORY / 2**20:.0f} MB: raise the limit (ulimit -v)"
         )
     os.environ.setdefault(_BLAS_THREADS, "1")
+
+
+def system_error(error: OSError) -> str:
+    """Return an error of the system as a message: where, what, and what to do."""
+    what = error.strerror or str(error)
+    if error.filename:
+        remedy = _REMEDIES.get(error.errno or 0, "check the path")
+        return f"{os.fsdecode(error.filename)}: {what}; {remedy}"
+    try:
+        Path.cwd()
+    except OSError:
+        return f"the current folder was removed ({what}); change to another one"
+    return f"{what}; {_REMEDIES.get(error.errno or 0, 'check the disk, and the paths given')}"
