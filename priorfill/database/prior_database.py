@@ -311,7 +311,8 @@ class PriorDatabase:
         Returns
         -------
         ClipRecord
-            The new clip. If the database had the same clip with gaps, the new one replaces it.
+            The new clip. It replaces a version of the recording with more gaps if `filled` names
+            the samples that it adds, and a filled version if it measures all of its samples.
 
         Raises
         ------

@@ -90,6 +90,20 @@ class Kept:
         there = ~np.isnan(self.levels[0][..., 0])
         return list((there if self.mask is None else there & ~self.mask).sum(axis=0))
 
+    @property
+    def present(self) -> list[int]:
+        """Measured and filled frames of each marker at level 0."""
+        return list((~np.isnan(self.levels[0][..., 0])).sum(axis=0))
+
+    @property
+    def frames(self) -> int:
+        """Frames of the recording."""
+        return len(version(self.recording, self.kind)[0].positions)
+
+    def measures_all_of(self, old: Kept) -> bool:
+        """Return whether it has measured whatever another version measured or filled."""
+        return all(n >= o for n, o in zip(self.measured, old.present, strict=True))
+
     def equals(self, database: PriorDatabase, record: ClipRecord) -> bool:
         """Return whether the database holds exactly this."""
         mask = database.filled(record)
@@ -106,9 +120,8 @@ class Kept:
             and (record.subject, record.session) == (self.subject, self.session)
             and record.filled_by == self.filled_by
             and list(record.measured) == self.measured
-            and list(record.present) == list((~np.isnan(self.levels[0][..., 0])).sum(axis=0))
-            and (record.original_rate, record.original_frames)
-            == (RATE, len(version(self.recording, self.kind)[0].positions))
+            and list(record.present) == self.present
+            and (record.original_rate, record.original_frames) == (RATE, self.frames)
         )
 
 
@@ -136,7 +149,9 @@ def put(model: Model, content: str, new: Kept, *, accepted: bool) -> Model | Non
             if not (accepted and new.measured != old.measured):
                 return None
         elif new.mask is None:
-            return None  # nothing new, or for the user to decide
+            whole = old.mask is not None and old.frames == new.frames and new.measures_all_of(old)
+            if not whole:
+                return None  # nothing new, or for the user to decide
         elif any(o > n for o, n in zip(old.measured, new.measured, strict=True)):
             return None  # measured samples are preferred
         elif old.mask is not None and not accepted:

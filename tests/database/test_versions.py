@@ -412,7 +412,7 @@ def test_a_database_of_format_version_1_is_read(tmp_path: Path) -> None:
 def test_a_conversion_that_is_interrupted_anywhere(in_memory: Path, late: bool) -> None:
     """The old or the new version is there, and the next writer completes it."""
     script = load_script("torture_database")
-    for at in range(5 if late else 2, 96, 6):
+    for at in range(5 if late else 2, 240, 9):
         folder = in_memory / f"converted-{late}-{at}"
         shutil.copytree(FIXTURE, folder)
         with script.Faults(folder, script.Fault(at, late=late, for_ever=True)) as faults:
