@@ -12,7 +12,8 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import urlsplit
 
-from priorfill.errors import FetchError
+from priorfill.errors import FetchError, OptionError
+from priorfill.runtime.option_texts import close_or_all
 from priorfill.runtime.resources import resource_path
 from priorfill.runtime.toml_file import read_toml
 
@@ -117,8 +118,10 @@ def find_dataset(name: str) -> Dataset:
 
     Raises
     ------
+    OptionError
+        If there is none of this name.
     FetchError
-        If there is none of this name, or its definition is invalid.
+        If the definition is invalid.
 
     See Also
     --------
@@ -128,9 +131,9 @@ def find_dataset(name: str) -> Dataset:
         return _read(Path(name))
     datasets = {dataset.name: dataset for dataset in known_datasets()}
     if name not in datasets:
-        raise FetchError(
-            f"data set {name!r} is unknown; use one of {' '.join(datasets)}, or the path of a "
-            "definition (.toml)"
+        raise OptionError(
+            f"data set {name!r} is unknown; {close_or_all(name, [*datasets])} "
+            "(or give the path of a definition, NAME.toml)"
         )
     return datasets[name]
 
@@ -140,12 +143,12 @@ def check_address(address: str) -> str:
 
     Raises
     ------
-    FetchError
+    OptionError
         If it is not an http or https address.
     """
     parts = urlsplit(address)
     if parts.scheme not in ("http", "https") or not parts.netloc:
-        raise FetchError(f"{address!r} is not a web address; give one like https://host/folder")
+        raise OptionError(f"{address!r} is not a web address; give one like https://host/folder")
     return address.rstrip("/") + "/"
 
 
@@ -163,7 +166,10 @@ def _read(path: Path) -> Dataset:
     if content or subject:
         unknown = next(iter([*content, *subject]))
         raise FetchError(f"{path}: field {unknown!r} is unknown; remove it")
-    texts["base"] = check_address(texts["base"])
+    try:
+        texts["base"] = check_address(texts["base"])
+    except OptionError as error:
+        raise FetchError(f"{path}: base {error}") from None
     groups = _groups(pattern, path)
     if pattern and (groups != 1 or name.count("{}") != 1):
         raise FetchError(

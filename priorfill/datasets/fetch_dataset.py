@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from priorfill.datasets.dataset_definitions import Dataset, DatasetFile, check_address
 from priorfill.datasets.retry_policy import FileFetchError, RetryPolicy
 from priorfill.datasets.unpack import unpack
-from priorfill.errors import FetchError
+from priorfill.errors import FetchError, OptionError
 from priorfill.runtime.atomic_file import replace_file
 from priorfill.runtime.file_lock import LockHeldError, acquire_lock
 
@@ -105,13 +105,13 @@ def choose_files(dataset: Dataset, only: Sequence[str] = ()) -> tuple[DatasetFil
 
     Raises
     ------
-    FetchError
+    OptionError
         If a pattern matches no file.
     """
     for pattern in only:
         if not any(_matches(file, pattern) for file in dataset.files):
             names = ", ".join(file.path for file in dataset.files)
-            raise FetchError(f"{dataset.name}: no file matches {pattern!r}; its files are {names}")
+            raise OptionError(f"{dataset.name}: no file matches {pattern!r}; its files are {names}")
     return tuple(
         file
         for file in dataset.files

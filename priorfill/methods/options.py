@@ -146,7 +146,7 @@ def _alternatives(name: str, known: list[str]) -> str:
         near = [one for one in known if last in one][:3]
     if not near:
         if len(known) > MAX_LISTED:
-            return "; `priorfill methods METHOD` lists the options of a method"
+            return "; see: priorfill methods METHOD"
         return "; use one of " + ", ".join(known)
     return "; did you mean " + " or ".join(near[:3]) + "?"
 

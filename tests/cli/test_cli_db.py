@@ -108,10 +108,7 @@ def test_list_some(here: Path) -> None:
     assert listed("--subject", "ben", "--name", "walk") == [("walk", "ben")]
     assert listed("--marker", "HEAD") == [("jump", "")]
     assert listed("--marker", "HEAD", "--marker", "C7") == []
-    assert (
-        run("db", "list", "-d", "db", "--name", "Walk").output
-        == "db: none of its 4 clips matches\n"
-    )
+    assert run("db", "list", "-d", "db", "--name", "Walk").output == "db: no clip of 4 matches\n"
 
 
 def test_info_and_verify(here: Path) -> None:

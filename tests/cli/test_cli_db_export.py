@@ -137,10 +137,10 @@ def test_some(ids: dict[tuple[str, str], str]) -> None:
         assert files(folder) == expected
     for line, text in (
         (["jump"], "db: no clip is called jump"),
-        (["--marker", "T10"], "db: has no clip of marker T10"),
+        (["--marker", "T10"], "db: has no clip with marker T10"),
         (
             ["--marker", "C7", "--subject", "x", "run"],
-            "no clip of subject x and marker C7 is called",
+            "no clip of subject x with marker C7 is called",
         ),
     ):
         result = run("db", "export", "-d", "db", "-o", "no", *line)

@@ -42,6 +42,7 @@ WRONG = (
     ((*_FILL, "--max-error", "-1"), "--max-error is -1 mm; it must be above 0"),
     ((*_FILL, "--set", "sigma"), "NAME=VALUE"),
     ((*_FILL, "--set", "sgima=3", "-m", "r1"), "sigma"),
+    ((*_FILL, "--set", "levles=3"), "there is no option 'levles'; see: priorfill methods METHOD"),
     ((*_FILL, "--overrides", "no.toml"), "no.toml"),
     ((*_FILL, "--same-subject", "walk.c3d"), "--same-subject takes another"),
     ((*_FILL, "--add-to-database"), "--database"),
@@ -77,7 +78,12 @@ WRONG = (
     (("db", "add", "walk.c3d"), "--database"),
     ((*_ADD, "--up", "sideways"), "sideways"),
     ((*_ADD, "--rate", "0"), "--rate"),
+    ((*_ADD, "--unit", "parsec"), "unit 'parsec' is unknown; use one of mm"),
+    ((*_ADD, "--unit", "5"), "unit '5' is unknown"),
     (("db", "fetch", "cmu"), "--database"),
+    (("db", "fetch", "hmd05", "-d", "db"), "did you mean hdm05?"),
+    (("db", "fetch", "cmu", "-d", "db", "--only", "no*", "-y"), "no file matches 'no*'"),
+    (("db", "fetch", "cmu", "-d", "db", "--mirror", "host"), "'host' is not a web address"),
     (("db", "export", "-d", "db"), "--output"),
 )
 

@@ -32,7 +32,7 @@ from priorfill.datasets.download import Downloader
 from priorfill.datasets.fetch_dataset import RECORD
 from priorfill.datasets.retry_policy import FileFetchError
 from priorfill.datasets.unpack import unpack
-from priorfill.errors import FetchError
+from priorfill.errors import FetchError, OptionError
 from priorfill.markers.definitions import load
 
 CONTENT = bytes(range(256)) * 4000
@@ -356,7 +356,7 @@ def test_definitions(tmp_path, old, new, words):
         return
     with pytest.raises(FetchError, match=words):
         find_dataset(str(path))
-    with pytest.raises(FetchError, match="use one of cmu hdm05"):
+    with pytest.raises(OptionError, match="use one of cmu, hdm05"):
         find_dataset("x")
 
 
@@ -412,9 +412,11 @@ def test_a_folder_records_what_it_has(tmp_path):
         assert get() == [("a.zip", True, 2, ""), both[1]]
         (to / "deep" / "b.zip").write_bytes(zipped(c=b"4"))
         assert "has changed since" in get()[1][3]
-        with pytest.raises(FetchError, match=r"no file matches 'c\*'; its files are a.zip, deep/b"):
+        with pytest.raises(
+            OptionError, match=r"no file matches 'c\*'; its files are a.zip, deep/b"
+        ):
             get(only=["c*"])
-        with pytest.raises(FetchError, match="is not a web address"):
+        with pytest.raises(OptionError, match="is not a web address"):
             list(fetch(of, to, FetchOptions(mirror="file:///")))
     for content in ("no JSON", '{"version": 1, "dataset": "x", "files": [1]}'):
         (to / RECORD).write_text(content)
@@ -499,7 +501,7 @@ def test_the_list_and_missing_arguments(here):
     assert re.search(r"^hdm05  Mocap Database", result.stdout, re.MULTILINE)
     assert run("db", "fetch", "cmu").exit_code == 2
     assert run("db", "fetch", "cmu", "--download-only").exit_code == 2
-    assert "use one of cmu hdm05" in run("db", "fetch", "mine", "-d", "db", "-y").stderr
+    assert "use one of cmu, hdm05" in run("db", "fetch", "mine", "-d", "db", "-y").stderr
 
 
 def test_only_fetch_uses_the_network(monkeypatch):

@@ -13,6 +13,7 @@ import click
 from priorfill.cli.batch import read_one_of_many, with_path
 from priorfill.cli.db.common import count, skipped, total
 from priorfill.cli.db.files import find_files
+from priorfill.cli.option_names import with_options
 from priorfill.cli.output import print_line, some_names
 from priorfill.cli.progress import progress
 from priorfill.errors import (
@@ -201,7 +202,7 @@ def read_file(path: Path, subject: str | None, **reading: Any) -> Clip:
     ------
     FormatError, ClipError
         If this file cannot be read.
-    PriorfillError
+    click.UsageError
         If an option is invalid.
     """
     from priorfill.cli.reading import as_reading
@@ -211,7 +212,7 @@ def read_file(path: Path, subject: str | None, **reading: Any) -> Clip:
         return read_one_of_many(path, **options)
     except OptionError as error:
         # wrong for every file, so it is not this file's fault
-        raise PriorfillError(str(error)) from error
+        raise click.UsageError(with_options(str(error))) from error
     except ClipError:
         if subject is None:
             raise

@@ -104,8 +104,11 @@ def fetch(
     are downloaded, and the exit status is 1.
     """
     from priorfill.datasets import FetchOptions, RetryPolicy, find_dataset
+    from priorfill.datasets.dataset_definitions import check_address
     from priorfill.datasets.fetch_dataset import choose_files
 
+    if mirror is not None:
+        check_address(mirror)
     if database is None and not download_only:
         raise click.UsageError("give the database to add to (--database DIR), or --download-only")
     if database is None and folder is None:

@@ -87,7 +87,7 @@ def list_clips(
     elif records:
         print_table(_COLUMNS, (tuple(_row(record)) for record in records))
     elif known:
-        print_line(f"{folder}: none of its {len(known)} clips matches")
+        print_line(f"{folder}: no clip of {len(known)} matches")
     else:
         print_line(f"{folder}: the database has no clips")
 

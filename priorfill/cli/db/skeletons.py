@@ -6,7 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from priorfill.errors import FormatError, MarkerSetError, PriorfillError
+import click
+
+from priorfill.errors import FormatError, MarkerSetError
 
 if TYPE_CHECKING:
     from priorfill.clip import Clip
@@ -92,7 +94,7 @@ def read_skeleton(
     ------
     FormatError, ClipError
         If this file cannot be read.
-    PriorfillError
+    click.UsageError
         If an option is invalid.
     """
     from priorfill.formats.skeletons.asf_amc import find_asf, read_amc, read_asf
@@ -101,7 +103,7 @@ def read_skeleton(
     from priorfill.skeleton.virtual_markers import compute_virtual_markers
 
     if up is not None and up not in UP_AXES:
-        raise PriorfillError(f"up axis {up!r} is unknown; use one of {' '.join(UP_AXES)}")
+        raise click.UsageError(f"up axis {up!r} is unknown; use one of {' '.join(UP_AXES)}")
     options: dict[str, Any] = {
         "rate": rate,
         "up": up,
@@ -136,7 +138,7 @@ def _millimetres(unit: str | None) -> float | None:
     except ValueError:
         value = 0.0
     if not 0.0 < value < float("inf"):
-        raise PriorfillError(
+        raise click.UsageError(
             f"unit {unit!r} is unknown; use one of {' '.join(UNITS)}, or a number of mm"
         )
     return value
