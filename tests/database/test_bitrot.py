@@ -50,8 +50,8 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def copy(sound: Path, tmp_path: Path) -> Iterator[Path]:
-    folder = tmp_path / "copy"
+def copy(sound: Path, in_memory: Path) -> Iterator[Path]:
+    folder = in_memory / "copy"
     shutil.copytree(sound, folder)
     yield folder
     shutil.rmtree(folder)

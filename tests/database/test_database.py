@@ -185,24 +185,32 @@ def test_filled_mask(folder: Path) -> None:
         database.add(make_clip(2), filled=filled[:3])
 
 
+@pytest.fixture(scope="module")
+def added_at_once(in_memory: Path) -> dict[str, bytes]:
+    """Contents of a database of five clips, added in one session."""
+    folder = in_memory / "once"
+    with PriorDatabase.create(folder) as database:
+        for seed in range(5):
+            database.add(make_clip(seed))
+    return snapshot(folder)
+
+
 @settings(max_examples=8, deadline=None)
 @given(order=st.permutations(range(5)), cut=st.integers(0, 5))
 def test_order_of_insertion_does_not_matter(
-    order: list[int], cut: int, tmp_path_factory: pytest.TempPathFactory
+    order: list[int], cut: int, added_at_once: dict[str, bytes], in_memory: Path
 ) -> None:
     """Adding in any order, in one session or two, gives the same database."""
-    root = tmp_path_factory.mktemp("order")
-    with PriorDatabase.create(root / "once") as database:
-        for seed in range(5):
-            database.add(make_clip(seed))
+    root = in_memory / "order"
+    root.mkdir()
     with PriorDatabase.create(root / "grown") as database:
         for seed in order[:cut]:
             database.add(make_clip(seed))
     with PriorDatabase.open(root / "grown", write=True) as database:
         for seed in order[cut:]:
             database.add(make_clip(seed))
-    once, grown = snapshot(root / "once"), snapshot(root / "grown")
-    assert list(once.items()) == list(grown.items())
+    grown = snapshot(root / "grown")
+    assert list(added_at_once.items()) == list(grown.items())
     shutil.rmtree(root)
 
 

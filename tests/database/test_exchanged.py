@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -45,9 +45,10 @@ def copy(source: Path, target: Path, name: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(in_memory: Path) -> Path:
     """`a` with three clips, `older` its copy of two, `twin` with another third, and `other`."""
-    root = tmp_path_factory.mktemp("made")
+    root = in_memory / "made"
+    root.mkdir()
     add(root / "a", 1, 2)
     shutil.copytree(root / "a", root / "older")
     shutil.copytree(root / "a", root / "twin")
@@ -59,9 +60,11 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def root(made: Path, tmp_path: Path) -> Path:
-    shutil.copytree(made, tmp_path / "root")
-    return tmp_path / "root"
+def root(made: Path, in_memory: Path) -> Iterator[Path]:
+    folder = in_memory / "root"
+    shutil.copytree(made, folder)
+    yield folder
+    shutil.rmtree(folder)
 
 
 def empty(root: Path) -> None:
