@@ -511,7 +511,12 @@ class Catalogue:
         if self._connection is None:
             return
         if not self.note and find_catalogue(self.path.parent) == self.path:
-            self._check_disk()
+            try:
+                self._check_disk()
+            except DatabaseError:
+                # a compaction may have removed the file in between
+                if find_catalogue(self.path.parent) == self.path:
+                    raise
         with self._reporting_damage():
             self._check_structure()
             with self._transaction("DEFERRED") as connection:

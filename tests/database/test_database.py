@@ -554,6 +554,28 @@ def test_a_reader_that_is_open_when_a_writer_is_killed(folder: Path) -> None:
         assert reader.verify() == []
 
 
+def test_a_compaction_while_a_reader_verifies(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It removes the reader's file between two looks at the folder."""
+    with PriorDatabase.create(folder) as database:
+        gone = database.add(make_clip(0))
+        database.add(make_clip(1))
+    check_disk = catalogue.Catalogue._check_disk
+    with PriorDatabase.open(folder) as reader:
+
+        def compacted(self: catalogue.Catalogue) -> None:
+            if self is reader._catalogue:
+                with PriorDatabase.open(folder, write=True) as writer:
+                    writer.remove([gone])
+                    writer.compact()
+            check_disk(self)
+
+        monkeypatch.setattr(catalogue.Catalogue, "_check_disk", compacted)
+        assert len(reader.clips()) == 2
+        assert reader.verify() == []
+
+
 def test_readers_while_a_writer_adds_removes_and_compacts(folder: Path) -> None:
     with PriorDatabase.create(folder) as database:
         database.add(make_clip(0))
