@@ -26,6 +26,9 @@ from priorfill.formats.up_axis import find_up_axis
 
 __all__ = ["ReadOptions", "Recording", "clip_from_file", "make_clip"]
 
+_MIN_MARKS = 3
+"""Samples with three equal coordinates, the same in all of them, that are noted."""
+
 MAX_COORDINATE = 1e12
 """Largest coordinate accepted, in any unit of length. No marker is that far away, and squares of
 smaller numbers stay finite."""
@@ -241,6 +244,7 @@ def make_clip(
     kept = _of_points(recording.positions, points)
     recording.positions = kept  # frees the memory of the other points
     _check_coordinates(kept, labels, recording.first_frame, name)
+    notes = (*recording.notes, *residual_notes, *_marks_of_missing(kept), *markers.notes)
     _, mm_per_unit, unit_notes = find_unit(kept, recording.unit, options.unit, name)
     kept *= mm_per_unit
     kept.setflags(write=False)  # so that the clip need not copy it
@@ -267,7 +271,7 @@ def make_clip(
             up_found_from=up_found_from,
             zero_samples=int(zero[:, points].sum()),
             left_out=_by_label(markers.left_out, recording.labels),
-            notes=(*recording.notes, *residual_notes, *markers.notes, *unit_notes, *up_notes),
+            notes=(*notes, *unit_notes, *up_notes),
             interpolated=_interpolated_samples(recording, points, ~np.isnan(kept[:, :, 0])),
             format=format,
         )
@@ -300,6 +304,21 @@ def _blank_invalid_samples(recording: Recording, options: ReadOptions) -> list[s
         ]
     recording.positions[invalid] = np.nan
     return notes
+
+
+def _marks_of_missing(positions: NDArray[np.float64]) -> list[str]:
+    """Return a note on a number that some programs write for missing samples, such as -9999.
+
+    Three equal coordinates, several times the same, are no measurement.
+    """
+    same = (positions[..., 0] == positions[..., 1]) & (positions[..., 1] == positions[..., 2])
+    values, counts = np.unique(positions[same][:, 0], return_counts=True)
+    return [
+        f"{count} samples are at ({value:g}, {value:g}, {value:g}); if these are missing, blank "
+        "them in the file: they are taken as measured."
+        for value, count in zip(values.tolist(), counts.tolist(), strict=True)
+        if count >= _MIN_MARKS and value != 0
+    ]
 
 
 def _choose_markers(

@@ -32,6 +32,9 @@ _MIN_EXTENT = 30.0
 _MAX_EXTENT = 60_000.0
 """mm. No capture volume is larger."""
 
+_MIN_BODY, _MAX_BODY = 1000.0, 5000.0
+"""mm. A body spreads over more and less; several in one file may spread farther."""
+
 _MAX_METRES = 10.0
 _MAX_CENTIMETRES = 250.0
 """Extents, in an unknown unit, below which the unit is assumed to be m or cm."""
@@ -91,6 +94,14 @@ def find_unit(
                 f"file states, which looks like {_word(likely)}; give the right unit "
                 f"(`unit` {likely})"
             )
+    likely = _by_size(extent)
+    in_likely = extent * UNITS[likely]
+    if in_mm > _MAX_BODY and likely != unit and in_likely > _MIN_BODY:
+        note = (
+            f"The markers spread over {in_mm / 1000:.3g} m if the unit is {unit}, as the file "
+            f"states, and over {in_likely / 1000:.3g} m if it is {likely} (see `unit`)."
+        )
+        return unit, UNITS[unit], [note]
     return unit, UNITS[unit], []
 
 

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 import text_files
 
+from priorfill import formats
 from priorfill.errors import FormatError
 from priorfill.formats.tables.frames import find_rate
 from priorfill.formats.tables.motive_csv import parse_motive
 from priorfill.formats.tables.nexus_csv import parse_nexus
 from priorfill.formats.tables.qualisys_tsv import parse_qualisys
+from priorfill.formats.units import find_unit
 
 
 def _nexus(rows, sep: str = ",") -> bytes:
@@ -122,3 +124,23 @@ def test_motive_names_shifted_by_a_marker_are_refused():
     data = text_files.motive(text_files.standing(12, 1)).replace(b",Name,", b",Name,,,,", 1)
     with pytest.raises(FormatError, match="correct the shifted row of the header"):
         parse_motive(data, "a.csv")
+
+
+@pytest.mark.parametrize("mark", ["-9999", "9999999"])
+def test_marks_of_missing_samples_that_are_numbers_are_noted(tmp_path, mark):
+    path = tmp_path / "a.csv"
+    rows = [[1.5, 2.5, 3.5, 400.5, 5.5, 6.5], [1.5, 2.5, 3.5, *[mark] * 3]]
+    path.write_bytes(_nexus(rows * 3))
+    notes = formats.read(path).source.notes
+    assert [note for note in notes if note.startswith(f"3 samples are at ({float(mark):g}")]
+
+
+def test_unit_in_which_a_body_is_too_large_is_noted():
+    body = np.array([[[0.0, 0, 0], [0, 0, 1360.0]]])
+    _, factor, notes = find_unit(body, "cm", None, "a")
+    assert factor == 10.0
+    assert notes == [
+        "The markers spread over 13.6 m if the unit is cm, as the file states, and over 1.36 m "
+        "if it is mm (see `unit`)."
+    ]
+    assert find_unit(body * 2, "mm", None, "a")[2] == []
