@@ -38,6 +38,7 @@ ARRAYS_ONLY = (
     "search.kernels",
     "artefacts.discontinuities",
     "artefacts.distance_outliers",
+    "artefacts.inconsistent_labels",
     "artefacts.label_swaps",
     "artefacts.marker_path",
     "artefacts.mislabelled",

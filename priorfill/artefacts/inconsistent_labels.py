@@ -24,6 +24,10 @@ from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["InconsistentLabelOptions", "InconsistentRun", "find_inconsistent_labels", "thin_frames"]
 
+TIE_BREAK = 1e-3
+"""Weight of the number of contradictions next to their share; small, so that it decides only where
+shares are nearly equal."""
+
 
 @dataclass(frozen=True)
 class InconsistentLabelOptions:
@@ -33,6 +37,9 @@ class InconsistentLabelOptions:
     ----------
     references : int
         Reference markers per marker.
+    usual_quantile : float
+        Quantile over the frames of the number of visible markers that counts as usual: up to three
+        quarters of a clip may show fewer.
     blackout_share : float
         Fraction of the usually visible markers: with fewer visible, a frame belongs to a blackout.
     full_share : float
@@ -50,6 +57,8 @@ class InconsistentLabelOptions:
         mm. Least deviation of a distance that contradicts a label.
     spread_factor : float
         Least such deviation as a multiple of the spread.
+    contradicted_share : float
+        Least share of a marker's known distances that contradict a wrong label.
     max_bridged_seconds : float
         s. Runs of wrong samples that are this near to each other are one.
     min_usual_frames : int
@@ -57,6 +66,7 @@ class InconsistentLabelOptions:
     """
 
     references: int = 10
+    usual_quantile: float = 0.75
     blackout_share: float = 0.5
     full_share: float = 0.9
     margin_seconds: float = 0.25
@@ -65,12 +75,14 @@ class InconsistentLabelOptions:
     spread_quantile: float = 0.95
     min_deviation: float = 30.0
     spread_factor: float = 3.0
+    contradicted_share: float = 0.5
     max_bridged_seconds: float = 0.05
     min_usual_frames: int = 30
 
     def __post_init__(self) -> None:
         check_at_least(self, 1, "references", "min_usual_frames")
-        check_between(self, 0.0, 1.0, "blackout_share", "full_share", "spread_quantile")
+        check_between(self, 0.0, 1.0, "usual_quantile", "blackout_share", "full_share")
+        check_between(self, 0.0, 1.0, "spread_quantile", "contradicted_share")
         check_at_least(self, 0.0, "margin_seconds", "max_distance", "max_spread")
         check_at_least(self, 0.0, "min_deviation", "spread_factor", "max_bridged_seconds")
 
@@ -112,7 +124,7 @@ def thin_frames(
     options : InconsistentLabelOptions
     """
     visible = seen.sum(axis=1)
-    usual = np.quantile(visible, 0.75) if len(visible) else 0.0
+    usual = np.quantile(visible, options.usual_quantile) if len(visible) else 0.0
     few = visible < options.blackout_share * usual
     thin = np.zeros(len(visible), dtype=bool)
     margin = round(options.margin_seconds * rate)
@@ -159,7 +171,7 @@ def find_inconsistent_labels(
     distance = _UsualDistances.of(positions[usual], references, options)
     # a run of wrong samples may continue past the frames around the blackout
     contradicted, known = distance.compare(positions, options)
-    wrong = _least_consistent(contradicted, known, references)
+    wrong = _least_consistent(contradicted, known, references, options.contradicted_share)
     bridged = round(options.max_bridged_seconds * rate)
     found = []
     for marker in np.flatnonzero((wrong & thin[:, None]).any(axis=0)).tolist():
@@ -240,9 +252,12 @@ class _UsualDistances:
 
 
 def _least_consistent(
-    contradicted: NDArray[np.bool_], known: NDArray[np.bool_], references: ReferenceMarkers
+    contradicted: NDArray[np.bool_],
+    known: NDArray[np.bool_],
+    references: ReferenceMarkers,
+    least_share: float,
 ) -> NDArray[np.bool_]:
-    """Return the samples that contradict half of the others left [shape=(frames, markers)].
+    """Return the samples that contradict a share of the others left [shape=(frames, markers)].
 
     In each frame, one marker after the other is taken out, the least consistent first.
     """
@@ -254,8 +269,7 @@ def _least_consistent(
         count = (contradicted[frames] & live).sum(axis=2)
         total = (known[frames] & live).sum(axis=2)
         share = count / np.maximum(total, 1)
-        # of equal shares the one with more contradictions
-        score = np.where(share >= 0.5, share + 1e-3 * count, 0.0)
+        score = np.where(share >= least_share, share + TIE_BREAK * count, 0.0)
         worst = score.argmax(axis=1)
         active = score[np.arange(len(frames)), worst] > 0
         frames, worst = frames[active], worst[active]
