@@ -48,7 +48,7 @@ MAX_FRAMES = 1500
 """Frames of a clip that are used, to limit the time."""
 
 WRONG = 50.0
-"""mm. Errors below this one are nothing that nobody should believe."""
+"""mm. A smaller error does not count as missed: skin moves markers by as much."""
 
 
 def cases(folder: Path, seed: int, count: int) -> Iterator[tuple[pf.Clip, NDArray[np.bool_]]]:
