@@ -67,6 +67,8 @@ class CatalogueChecksum:
         """
         self.problem, self.catalogue_is_damaged = "", False
         try:
+            if not self.path.is_file():  # a pipe would block
+                raise FileNotFoundError
             with self.path.open("rb") as file:
                 text = file.read(MAX_BYTES).decode("ascii")
         except FileNotFoundError:
@@ -104,7 +106,7 @@ class CatalogueChecksum:
         """Write the checksum of the present state of the catalogue."""
         data = connection.serialize()
         text = _format(int.from_bytes(data[_COUNTER]), zlib.crc32(data))
-        if self.path.exists() and self.path.read_bytes() == text.encode("ascii"):
+        if self.path.is_file() and self.path.read_bytes() == text.encode("ascii"):
             return
         unfinished = self.path.with_name(self.path.name + ".new")
         unfinished.write_text(text, encoding="ascii")

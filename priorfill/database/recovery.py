@@ -19,6 +19,7 @@ from priorfill.database.segments import (
     check_end,
     first_bytes,
     header,
+    open_segment,
     segment_path,
     segment_paths,
 )
@@ -48,7 +49,7 @@ def find_problems(folder: Path, identity: str, listed: SegmentList) -> dict[int,
     for number, entry in listed.segments.items():
         path = segment_path(folder, number)
         try:
-            with path.open("rb") as file:
+            with open_segment(path) as file:
                 size = check_end(file, path, header(identity, number), entry)
         except FileNotFoundError:
             problems[number] = f"{path}: is missing; restore the database from a copy"
@@ -105,7 +106,7 @@ def check_checksums(folder: Path, listed: SegmentList, known: set[int]) -> list[
         path = segment_path(folder, number)
         checksum = 0
         try:
-            with path.open("rb") as file:
+            with open_segment(path) as file:
                 left = entry.size
                 while left and (chunk := file.read(min(CHUNK_BYTES, left))):
                     checksum = zlib.crc32(chunk, checksum)

@@ -33,6 +33,7 @@ __all__ = [
     "check_end",
     "first_bytes",
     "header",
+    "open_segment",
     "read_at",
     "segment_path",
     "segment_paths",
@@ -176,9 +177,16 @@ class SegmentWriter:
         self._last = place.segment
 
 
+def open_segment(path: Path, mode: str = "rb") -> BinaryIO:
+    """Open a segment; a folder or a pipe in its place counts as missing."""
+    if path.exists() and not path.is_file():
+        raise FileNotFoundError(f"{path} is no regular file")
+    return cast(BinaryIO, path.open(mode))
+
+
 def _opened(path: Path, mode: str) -> BinaryIO:
     try:
-        return cast(BinaryIO, path.open(mode))
+        return open_segment(path, mode)
     except FileNotFoundError:
         raise DatabaseCorruptError(
             f"{path}: is missing; restore the database from a copy"
@@ -312,7 +320,7 @@ class SegmentReader:
         try:
             with self._opening:  # a second file would replace, and close, one another thread reads
                 if segment not in self._files:
-                    self._files[segment] = path.open("rb")
+                    self._files[segment] = open_segment(path)
                 file = self._files[segment]
             count = os.fstat(file.fileno()).st_size // DTYPE.itemsize
             # an empty file cannot be mapped
@@ -341,7 +349,7 @@ def header(identity: str, segment: int) -> bytes:
 
 def first_bytes(path: Path) -> bytes:
     """Return the start of a segment, as long as its header."""
-    with path.open("rb") as file:
+    with open_segment(path) as file:
         return file.read(HEADER_BYTES)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sqlite3
 from collections.abc import Callable, Iterator
@@ -299,3 +300,25 @@ def test_names_that_cannot_be_printed(root: Path) -> None:
 def test_a_list_of_segments_that_is_damaged(text: object) -> None:
     with pytest.raises(ValueError, match="its list of segments is"):
         SegmentList.from_text(text)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX only")
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
+def test_a_pipe_or_folder_in_place_of_a_segment(root: Path, make: Callable[[Path], None]) -> None:
+    (root / "a" / SEGMENT).unlink()
+    make(root / "a" / SEGMENT)
+    with PriorDatabase.open(root / "a") as database:
+        assert len(database.clips()) == 3
+        assert all("is missing" in problem for problem in database.verify())
+    with pytest.raises(DatabaseCorruptError, match="is missing"):
+        add(root / "a", 8)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX only")
+def test_a_pipe_in_place_of_the_checksum(root: Path) -> None:
+    (root / "a" / "catalogue.checksum").unlink()
+    os.mkfifo(root / "a" / "catalogue.checksum")
+    with PriorDatabase.open(root / "a") as database:
+        assert database.verify() == []
+    add(root / "a", 8)
+    assert (root / "a" / "catalogue.checksum").is_file()
