@@ -27,6 +27,26 @@ MIN_LIMB_SHARE = 0.3
 SKIPPED_JOINT = 0.5
 """Loss of fit for each joint inside the two long bones of a limb, such as one that only twists."""
 
+ALIKE_BONUS = 0.5
+"""Gain of a pair of branches with equally many joints, in units of the ratio of their lengths."""
+
+MIN_SIDED_PARTS, MIN_SIDED_JOINTS = 3, 6
+"""Joints of each side whose names state the side and a part, or only the side, that are needed for
+left and right to count as known."""
+
+FIT_LIKELIEST, FIT_POSSIBLE, FIT_SHOULDER = 3.0, 2.5, 1.0
+"""Fit of a joint for a part that its name likeliest means, or may mean; of a shoulder for an upper
+arm, since it is more often a clavicle. A joint whose name tells no part has a fit of 0."""
+
+FIT_OTHER, FIT_END = -3.0, -4.0
+"""Fit of a joint that is named after another part, or as the end of a bone."""
+
+RATIO_LOSS = 2.0
+"""Loss of fit where the ratio of the two long bones is e times the usual one, or 1/e."""
+
+EVEN_GAIN = 4.0
+"""Gain of fit for the shorter of the two long bones, as a share of the limb."""
+
 MAX_NAMES_SHOWN = 12
 """Names of joints that an error message lists."""
 
@@ -215,8 +235,8 @@ def _sides(tree: _Tree) -> tuple[list[str], bool]:
     sides = [name.side for name in tree.names]
     named = all(
         sum(side == one and bool(name.parts) for side, name in zip(sides, tree.names, strict=True))
-        >= 3
-        or sides.count(one) >= 6
+        >= MIN_SIDED_PARTS
+        or sides.count(one) >= MIN_SIDED_JOINTS
         for one in SIDES
     )
     if not named:
@@ -248,7 +268,7 @@ def _paired_sides(tree: _Tree) -> list[str]:
                     continue
                 ratio = whole[other] / whole[one]
                 alike = len(tree.below(one)) == len(tree.below(other))
-                score = ratio + (0.5 if alike else 0.0)
+                score = ratio + (ALIKE_BONUS if alike else 0.0)
                 if ratio >= MIN_PAIR_RATIO and (best is None or score > best[0]):
                     best = (score, one, other)
         if best is not None:
@@ -306,8 +326,8 @@ def _limb(tree: _Tree, top: int, kind: str, side: str) -> dict[str, int]:
                 if min(upper, lower) <= 0.0:
                     continue
                 score = middle + _fit(tree.names[path[i]], roles[0])
-                score -= 2.0 * abs(float(np.log(lower / upper / usual)))
-                score += 4.0 * min(upper, lower) / total
+                score -= RATIO_LOSS * abs(float(np.log(lower / upper / usual)))
+                score += EVEN_GAIN * min(upper, lower) / total
                 score -= SKIPPED_JOINT * (len(path) - 3 - i)
                 if best is None or score > best[0]:
                     best = (score, (path[i], path[j], last))
@@ -336,15 +356,14 @@ def _ancestors(tree: _Tree, joint: int, top: int) -> list[int]:
 def _fit(name: JointName, role: str) -> float:
     """Return how well a name fits a part."""
     if name.is_end:
-        return -4.0
+        return FIT_END
     if not name.parts:
         return 0.0
     if role not in name.parts:
-        return -3.0
+        return FIT_OTHER
     if role == name.parts[0]:
-        return 3.0
-    # a shoulder is more often a clavicle than an upper arm
-    return 1.0 if role == "upper_arm" else 2.5
+        return FIT_LIKELIEST
+    return FIT_SHOULDER if role == "upper_arm" else FIT_POSSIBLE
 
 
 def _add_trunk(

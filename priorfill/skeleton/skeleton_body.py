@@ -49,6 +49,9 @@ _Floats = NDArray[np.float64]
 TOE_SLOPE = np.deg2rad(23.0)
 """rad. Usual slope of the line from ankle to toes when the sole is level."""
 
+TOE_DISTANCE = 0.08
+"""Distance from the ankle to the toes, relative to the size of the body."""
+
 MAX_SLOPE_ERROR = np.deg2rad(25.0)
 """rad. A slope that differs more from the usual one was not measured on a level sole."""
 
@@ -366,7 +369,7 @@ class SkeletonBody:
         """
         height = ankle @ self.upward
         low = height <= np.percentile(height, 5.0) + RESTING_HEIGHT * self.size
-        toes = ankle + 0.08 * self.size * foot[:, :, 0]
+        toes = ankle + TOE_DISTANCE * self.size * foot[:, :, 0]
         speed = sum(
             np.linalg.norm(np.diff(points, axis=0, append=points[-1:]), axis=1)
             for points in (ankle, toes)
