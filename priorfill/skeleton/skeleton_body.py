@@ -99,6 +99,8 @@ class PartFrame:
 class SkeletonBody:
     """The body of a skeleton in motion.
 
+    Where the unit of length is not known yet, it is that of the file in place of mm.
+
     Parameters
     ----------
     joints : BodyJoints

@@ -67,7 +67,7 @@ def test_fill_warns_and_changes_nothing_that_is_measured() -> None:
         "warning: LWRA leaves its path for a moment in frames 1100-1103 (LWRA-"
     )
     assert warnings[1:] == [
-        "warning: these samples count as measured; --reject-artefacts fills them"
+        "warning: these samples are kept as measured; --reject-artefacts fills them"
     ]
     before, after = read("one.c3d"), read("out.c3d")
     seen = ~before.missing
