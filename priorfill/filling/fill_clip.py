@@ -400,6 +400,10 @@ class _Filling:
         )
 
 
+def _frames(first: int, last: int) -> str:
+    return f"{first}-{last}" if last > first else f"{first}"
+
+
 def _notes_on_doubt(result: Result) -> tuple[str, ...]:
     """Return a note that names the samples in doubt, which nothing was learnt from."""
     if result.doubtful is None:
@@ -407,7 +411,7 @@ def _notes_on_doubt(result: Result) -> tuple[str, ...]:
     clip = result.clip
     first = clip.first_frame
     places = [
-        f"{label} {', '.join(f'{first + a}-{first + b - 1}' for a, b in runs_of(column))}"
+        f"{label} {', '.join(_frames(first + a, first + b - 1) for a, b in runs_of(column))}"
         for label, column in zip(clip.labels, result.doubtful.T, strict=True)
         if column.any()
     ]

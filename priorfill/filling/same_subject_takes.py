@@ -67,8 +67,8 @@ def same_subject_takes(
             notes.append(
                 f"{other.name}: shows another subject or other marker positions than the clip "
                 f"({bodies.measures} distances within the body differ by "
-                f"{bodies.difference:.0f} mm in the median; markers attached anew, by up to "
-                f"{MAX_DIFFERENCE:.0f} mm); not learnt from"
+                f"{bodies.difference:.0f} mm in the median; of one subject, with markers attached "
+                f"anew, by up to {MAX_DIFFERENCE:.0f} mm); not learnt from"
             )
             continue
         if math.isnan(bodies.difference):

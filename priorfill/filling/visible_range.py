@@ -10,7 +10,9 @@ __all__ = ["OUTSIDE_VISIBLE", "visible_range"]
 MIN_VISIBLE = 3
 """Visible markers needed: three points define a frame of reference."""
 
-OUTSIDE_VISIBLE = "fewer than three markers are visible from here to the clip's start or end"
+OUTSIDE_VISIBLE = (
+    "fewer than three markers are visible from here to the clip's start or end (`extrapolate`)"
+)
 """Reason given for samples at the clip's ends that are left missing."""
 
 

@@ -56,7 +56,7 @@ def test_ends_are_extrapolated_on_request(here):
     facts = json.loads(CliRunner().invoke(main, [*line, "--extrapolate", str(seconds)]).stdout)
     gap = next(gap for gap in facts["gaps"] if gap["marker"] == LABELS[5])
     assert [(one["reason"], one["last_frame"]) for one in gap["unfilled"]][:1] == [
-        (OUTSIDE_VISIBLE, 8)
+        (OUTSIDE_VISIBLE.replace("`extrapolate`", "--extrapolate"), 8)
     ]
 
 
@@ -196,13 +196,16 @@ def test_samples_in_doubt_are_neither_learnt_from_nor_changed():
     elbow = LABELS.index("LELB")
     positions = clip.positions.copy()
     positions[90:96, elbow, 2] += 250.0  # a wrong label next to the gap
+    positions[30, elbow, 2] += 250.0
     result = pf.fill(clip.with_positions(positions))
     assert result.doubtful is not None
-    assert np.flatnonzero(result.doubtful[:, elbow]).tolist() == list(range(90, 96))
+    assert np.flatnonzero(result.doubtful[:, elbow]).tolist() == [30, *range(90, 96)]
     np.testing.assert_array_equal(result.clip.positions[90:96, elbow], positions[90:96, elbow])
     off = np.linalg.norm(result.clip.positions - person().positions, axis=2)[60:90, elbow]
     assert off.max() < 25.0
-    assert any("6 measured samples in doubt" in note and "LELB" in note for note in result.notes)
+    (note,) = result.notes
+    assert note.startswith("7 measured samples in doubt are written as measured")
+    assert note.endswith("(frames: LELB 30, 90-95)")
     options = pf.FillOptions(plausibility=replace(UNCHECKED, hide_doubtful=False))
     trusting = pf.fill(clip.with_positions(positions), options=options)
     worse = np.linalg.norm(trusting.clip.positions - person().positions, axis=2)[60:90, elbow]
