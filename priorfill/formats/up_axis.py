@@ -142,8 +142,18 @@ def _weigh_file(
     if from_names is not None and _travels(positions, from_names):
         note = f"{stated}, but the body stands along {from_names} and moves about (see `up`)."
         return from_names, "data", [note]
-    notes = []
+    notes: list[str] = []
     up = declared
+    from_floor = up_from_floor(positions) if from_names is None else None
+    if from_floor is not None and from_floor[1] != declared[1]:
+        # people who lie rest along a horizontal axis, too, but do not travel
+        if _travels(positions, from_floor):
+            note = (
+                f"{stated}, but the lowest markers rest along {from_floor} and the body moves "
+                "about (see `up`)."
+            )
+            return from_floor, "data", [note]
+        notes = [f"The lowest markers rest along {from_floor}; {up} of the file is used."]
     if declared[0] == "-":  # upside down: the program's habit, or an unusual calibration
         positive = f"+{declared[1]}"
         if not sign_declared:
@@ -152,7 +162,7 @@ def _weigh_file(
                 f"{stated}; programs of Qualisys write this where {positive} is up, so "
                 f"{positive} is used (see `up`)."
             ]
-        elif up_from_floor(positions) == positive:
+        elif (from_floor or up_from_floor(positions)) == positive:
             up = positive
             notes = [f"{stated}, but the lowest markers rest along {positive} (see `up`)."]
     if from_names is not None:

@@ -934,6 +934,21 @@ def test_a_handstand_does_not_overrule_the_file():
     assert find_up_axis(turn(walks, "-Z"), labels, "+Z", None)[:2] == ("-Z", "data")
 
 
+def test_a_floor_that_contradicts_the_file():
+    """Markers without known names; a body that rests along an axis counts if it travels."""
+    frames = 200
+    body = standing(frames)[:, :, :3]
+    body[:, :7, 2] += 60 * np.sin(np.arange(frames) / 10)[:, None]
+    body[:, -1, 2] = 30
+    stays, labels = turn(body, "+Y"), tuple("ABCDEFGHIJ")
+    note = "The lowest markers rest along +Y; +Z of the file is used."
+    assert find_up_axis(stays, labels, "+Z", None) == ("+Z", "file", [note])
+    body[:, :, 0] += np.linspace(0, 2000, frames)[:, None]
+    up, found, notes = find_up_axis(turn(body, "+Y"), labels, "+Z", None)
+    assert (up, found, len(notes)) == ("+Y", "data", 1)
+    assert find_up_axis(turn(body, "+Y"), labels, "+Y", None) == ("+Y", "file", [])
+
+
 def test_names_of_the_cast_protocol_show_the_up_axis():
     labels = ("L_FCC", "R_FM1", "L_FLE", "R_IAS", "CV7")
     body = np.zeros((5, 5, 3))
