@@ -216,12 +216,26 @@ def _finish_new_file(temporary: Path, target: Path) -> bool:
     try:
         os.link(temporary, target)  # fails if the name is taken; a rename would replace the file
     except FileExistsError:
-        return False
-    except OSError:  # the file system has no hard links
-        if target.exists():
+        # NFS reports a link that it made as existing if the first answer is lost
+        if not target.exists() or not target.samefile(temporary):
             return False
-        temporary.rename(target)
+    except OSError:  # the file system has no hard links
+        return _finish_reserved_file(temporary, target)
     flush_folder(target.parent)
+    return True
+
+
+def _finish_reserved_file(temporary: Path, target: Path) -> bool:
+    """Take a name with an empty file, and replace that; return False if the name is taken."""
+    try:
+        target.open("xb").close()
+    except FileExistsError:
+        return False
+    try:
+        finish_file(temporary, target)
+    except BaseException:
+        target.unlink()
+        raise
     return True
 
 
@@ -254,12 +268,19 @@ def _flush(path: Path) -> None:
 def flush_folder(folder: Path) -> None:
     """Force the entries of `folder` (new and renamed files) to the disk.
 
-    Windows cannot open folders; there this does nothing.
+    Where this is impossible, it does nothing: on Windows, on some network file systems, and in
+    folders that may be written to but not listed.
     """
     if os.name == "nt":
         return
-    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+    except PermissionError:
+        return
     try:
         os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
+            raise
     finally:
         os.close(descriptor)

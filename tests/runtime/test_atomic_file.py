@@ -206,3 +206,48 @@ def test_whether_a_folder_takes_files_is_checked_beforehand(tmp_path, monkeypatc
     monkeypatch.setattr("pathlib.Path.open", refuse)
     with pytest.raises(OutputError, match=r"cannot be written \(Read-only file system\)"):
         check_writable(tmp_path / "out.c3d", 0)
+
+
+def test_a_name_taken_at_the_last_moment_where_there_are_no_links(tmp_path, monkeypatch):
+    target = tmp_path / "out.c3d"
+
+    def refuse(source, name):
+        target.write_bytes(b"other")  # after every check
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr("os.link", refuse)
+    monkeypatch.setattr("pathlib.Path.exists", lambda path: False)
+    with pytest.raises(OutputError, match="appeared"), replace_file(target) as temporary:
+        temporary.write_bytes(b"new")
+    assert target.read_bytes() == b"other"
+
+
+def test_a_link_that_is_reported_as_existing_although_it_was_made(tmp_path, monkeypatch):
+    link = os.link
+
+    def lose_the_answer(source, name):
+        link(source, name)
+        raise FileExistsError(errno.EEXIST, "File exists")
+
+    monkeypatch.setattr("os.link", lose_the_answer)
+    with replace_file(tmp_path / "out.c3d") as temporary:
+        temporary.write_bytes(b"new")
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"new"]
+
+
+@posix
+@pytest.mark.parametrize("call", ["open", "fsync"])
+def test_a_folder_that_cannot_be_flushed(tmp_path, monkeypatch, call):
+    real = getattr(os, call)
+
+    def refuse(what, *rest):
+        if call == "open" and what == tmp_path:
+            raise PermissionError(errno.EACCES, "Permission denied")
+        if call == "fsync" and os.path.isdir(f"/dev/fd/{what}"):  # noqa: PTH112
+            raise OSError(errno.EINVAL, "Invalid argument")
+        return real(what, *rest)
+
+    monkeypatch.setattr(os, call, refuse)
+    with replace_file(tmp_path / "out.c3d") as temporary:
+        temporary.write_bytes(b"new")
+    assert (tmp_path / "out.c3d").read_bytes() == b"new"
