@@ -20,6 +20,7 @@ files (`priorfill.formats.skeletons`) hold no markers and are read separately.
 
 from __future__ import annotations
 
+import codecs
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -226,6 +227,8 @@ def format_of(path: Path | str) -> str:
     for name in names:
         if FORMATS[name].recognise(path):
             return name
+    if _by_head(lambda head: head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))(path):
+        raise FormatError(f"{path}: is text in UTF-16; save it as UTF-8 or ASCII")
     known = "; ".join(FORMATS[name].title for name in names)
     raise FormatError(
         f"{path}: is none of the known {path.suffix} files: {known}; "
@@ -491,8 +494,14 @@ def _output_format(path: Path, source: str | None) -> str:
     )
 
 
+_SKELETON_SUFFIXES = (".amc", ".asf", ".bvh")
+"""Of files that `priorfill.cli.db.skeletons` reads."""
+
+
 def _check_suffix(path: Path, error: type[FormatError] | type[OptionError]) -> None:
     """Raise an error if no format has the suffix."""
     if path.suffix.lower() not in SUFFIXES:
         found = f"the suffix {path.suffix!r} is unknown" if path.suffix else "has no suffix"
+        if path.suffix.lower() in _SKELETON_SUFFIXES:
+            found = "is a skeleton file, which only a database can use (priorfill db add --as)"
         raise error(f"{path}: {found}; known are {', '.join(SUFFIXES)}")

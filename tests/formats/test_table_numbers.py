@@ -144,3 +144,10 @@ def test_unit_in_which_a_body_is_too_large_is_noted():
         "if it is mm (see `unit`)."
     ]
     assert find_unit(body * 2, "mm", None, "a")[2] == []
+
+
+def test_text_in_utf16_is_named(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(_nexus([[1.5, 2.5, 3.5, 4.5, 5.5, 6.5]]).decode(), encoding="utf-16")
+    with pytest.raises(FormatError, match="is text in UTF-16; save it as UTF-8"):
+        formats.read(path)
