@@ -234,6 +234,8 @@ def test_no_such_file(tmp_path):
 
 
 def test_unknown_suffix(save):
+    with pytest.raises(FormatError, match="is a skeleton file, which only a database can use"):
+        formats.read(save(b"HIERARCHY", "walk.bvh"))
     with pytest.raises(FormatError, match=r"'.xyz' is unknown; known are .c3d"):
         formats.read(save(b"abc", "trial.xyz"))
 
