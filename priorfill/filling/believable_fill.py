@@ -147,10 +147,9 @@ class BelievableFill:
         )
         found = self._estimate(replace(task, groups=groups), again, again)
         found = _joined(estimate, found, groups)
-        left = self._failures(other, found)
-        before = int(failing.sum())
-        after = int(np.logical_or.reduce([failing & False, *left.values()]).sum())
-        return (other, found) if after < before else None
+        left = np.logical_or.reduce([failing & False, *self._failures(other, found).values()])
+        believed = failing & ~left & ~np.isnan(found.positions[..., 0])
+        return (other, found) if believed.any() and left.sum() < failing.sum() else None
 
     def _drop_failures(
         self, seen: SeenClip, estimate: Estimate, failures: dict[str, _Bool]

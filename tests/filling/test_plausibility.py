@@ -191,6 +191,17 @@ def test_a_fill_below_the_floor_is_not_written(monkeypatch):
     assert gap.unfilled[0].reason == CRITERIA[FLOOR]
 
 
+def test_a_fill_that_no_repetition_saves_keeps_its_reason():
+    """Without the samples next to it, nothing of the marker would be left to fill from."""
+    positions = person().positions[100:106].copy()
+    positions[:, 5, 0] += [0.0, 0.0, 0.0, 0.0, 400.0, 400.0]
+    positions[2:4, 5] = np.nan
+    result = pf.fill(pf.Clip(positions, LABELS, person().rate), method="linear")
+    ((span,),) = (gap.unfilled for gap in result.gaps)
+    assert span.reason in CRITERIA.values()
+    assert result.doubtful is None or not result.doubtful.any()
+
+
 def test_samples_in_doubt_are_neither_learnt_from_nor_changed():
     clip = with_gaps(person(), (60, 90, ("LELB",)))
     elbow = LABELS.index("LELB")
