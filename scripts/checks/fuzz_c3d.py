@@ -15,7 +15,6 @@ that failed. `--rewrite` writes through ezc3d instead of patching a copy.
 
 from __future__ import annotations
 
-import argparse
 import re
 import struct
 import sys
@@ -30,12 +29,14 @@ import numpy as np
 
 from priorfill.errors import PriorfillError
 from priorfill.filling.fill_clip import fill
+from priorfill.filling.fill_options import FillOptions
+from priorfill.filling.plausibility_options import UNCHECKED
 from priorfill.formats import read, write
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 sys.path.append(str(Path(__file__).resolve().parents[2] / "tests" / "support"))
 from c3d_bytes import BLOCK, DEC, INTEL, LABELS, MIPS, C3DFile, standing
-from fuzzing import Tally, run_cases
+from fuzzing import Tally, fuzz_parser, run_cases
 
 PRELOADED = ("priorfill.filling.fill_clip", "priorfill.formats", "priorfill.methods.interpolation")
 """Modules that a new process finds imported."""
@@ -203,6 +204,10 @@ MUTATIONS: tuple[Callable[[bytearray, np.random.Generator], None], ...] = (
 """Ways to damage a file; edits of parameters twice, as most of what is believed is there."""
 
 
+UNCHECKED_FILL = FillOptions(plausibility=UNCHECKED)
+"""Options with which noisy positions of a few frames are filled, so that something is written."""
+
+
 def run_case(case: Case) -> tuple[str, float]:
     """Read, fill and write a damaged file; return how it ended, and the processor time (s)."""
     folder = Path(case.folder)
@@ -214,7 +219,7 @@ def run_case(case: Case) -> tuple[str, float]:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             clip = read(source)
-            result = fill(clip, method="linear")
+            result = fill(clip, method="linear", options=UNCHECKED_FILL)
             write(output, result.clip, result.filled, rewrite=case.rewrite)
         written = True
         end = "filled" if result.filled.any() else "read, nothing filled"
@@ -268,11 +273,7 @@ def fuzz(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Damage files and see."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--count", type=int, default=20_000, help="number of damaged files")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after this time")
-    parser.add_argument("--keep", type=Path, help="folder for files that failed")
+    parser = fuzz_parser(__doc__)
     parser.add_argument("--rewrite", action="store_true", help="write through ezc3d")
     options = parser.parse_args(arguments)
     if options.keep is not None:

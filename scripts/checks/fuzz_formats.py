@@ -15,7 +15,6 @@ Equal seeds produce equal files, `--keep` keeps those that failed.
 
 from __future__ import annotations
 
-import argparse
 import io
 import re
 import sys
@@ -50,7 +49,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 sys.path.append(str(Path(__file__).resolve().parents[2] / "tests" / "support"))
 import skeleton_files
 import text_files
-from fuzzing import Tally, run_cases
+from fuzzing import Tally, fuzz_parser, run_cases
 
 PRELOADED = (
     *("priorfill.filling.fill_clip", "priorfill.formats", "priorfill.methods.interpolation"),
@@ -609,11 +608,7 @@ def fuzz(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Damage files and see."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--count", type=int, default=20_000, help="number of damaged files")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after this time")
-    parser.add_argument("--keep", type=Path, help="folder for files that failed")
+    parser = fuzz_parser(__doc__)
     parser.add_argument("--kinds", default=",".join(KINDS), help="some of the kinds")
     options = parser.parse_args(arguments)
     kinds = options.kinds.split(",")

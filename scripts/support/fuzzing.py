@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import tempfile
 import time
 from collections import Counter
@@ -12,7 +13,7 @@ from typing import Any
 
 from worker import DONE, Worker
 
-__all__ = ["MEMORY", "SECONDS", "TIMEOUT", "Tally", "run_cases"]
+__all__ = ["MEMORY", "SECONDS", "TIMEOUT", "Tally", "fuzz_parser", "run_cases"]
 
 SECONDS = 5.0
 """CPU time that a file may take; wall time would depend on the load of the machine."""
@@ -51,6 +52,22 @@ class Tally:
             f"{self.slowest:.2f} s of computing; {len(self.faults)} faults"
         )
         print("\n".join(self.faults[:20]))
+
+
+def fuzz_parser(docstring: str | None) -> argparse.ArgumentParser:
+    """Return a parser of the options that all fuzzers have.
+
+    Parameters
+    ----------
+    docstring : str or None
+        Of the script; its first line is the description.
+    """
+    parser = argparse.ArgumentParser(description=(docstring or "").partition("\n")[0])
+    parser.add_argument("--count", type=int, default=20_000, help="number of damaged files")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after this time")
+    parser.add_argument("--keep", type=Path, help="folder for files that failed")
+    return parser
 
 
 def run_cases(
