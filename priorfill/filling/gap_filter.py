@@ -66,6 +66,10 @@ class GapFilter:
         check_not_text(self, "markers")
         if self.max_gap is not None:
             check_positive(self.max_gap, "the longest gap to fill (`max_gap`)")
+        if self.frames is not None and (isinstance(self.frames, str) or len(self.frames) != 2):
+            raise OptionError(
+                f"`frames` is {self.frames!r}; give the first and the last frame, as (92, 116)"
+            )
         if self.frames is not None and None not in self.frames:
             first, last = self.frames
             assert first is not None

@@ -62,6 +62,7 @@ def check_not_text(options: object, *names: str) -> None:
     for name in names:
         value = getattr(options, name)
         if isinstance(value, str):
+            texts = tuple(text.strip() for text in value.split(",")) if value else (value,)
             raise OptionError(
-                f"{type(options).__name__}.{name} is {value!r}; it must be a tuple, as ({value!r},)"
+                f"{type(options).__name__}.{name} is {value!r}; it must be a tuple, as {texts!r}"
             )
