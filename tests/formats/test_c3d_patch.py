@@ -262,6 +262,16 @@ def made(**options) -> Clip:
     return Clip(positions=positions, labels=tuple(LABELS), **settings)
 
 
+@pytest.mark.parametrize("first", [-5, 0, 1, 65524, 65530, 70000])
+def test_frame_numbers_that_a_new_file_cannot_hold_are_reported(tmp_path, first):
+    report = create_c3d(tmp_path / "new.c3d", made(first_frame=first))
+    held = 1 <= first <= 65524  # 12 frames
+    assert read_c3d(tmp_path / "new.c3d").first_frame == (first if held else 1)
+    assert [change[: change.index(",")] for change in report.changes] == (
+        [] if held else [f"frame {first} becomes frame 1"]
+    )
+
+
 @pytest.mark.parametrize("name", ["new.c3d", "NEW.C3D"])
 def test_a_new_file(tmp_path, name):
     clip = made()

@@ -21,6 +21,8 @@ _MAX_C3D_POINTS = 65535
 """Largest values of the format's 16 bit counts. ezc3d writes more without an error, and truncates
 on reading."""
 
+_RENUMBERED = f"frame {{}} becomes frame 1, because C3D numbers frames from 1 to {MAX_C3D_FRAMES}"
+
 _MAX_C3D_TEXT = 255
 """Maximum length of a text of a parameter (bytes); its dimensions are single bytes."""
 
@@ -90,7 +92,8 @@ def create_c3d(
     points[:3] = clip.positions.transpose(2, 1, 0)
 
     content = ezc3d.c3d()
-    content["header"]["points"]["first_frame"] = max(0, clip.first_frame - 1)  # ezc3d counts from 0
+    first = clip.first_frame if 1 <= clip.first_frame <= MAX_C3D_FRAMES - clip.frames + 1 else 1
+    content["header"]["points"]["first_frame"] = first - 1  # ezc3d counts from 0
     point = content["parameters"]["POINT"]
     point["RATE"]["value"] = [clip.rate]
     point["UNITS"]["value"] = ["mm"]
@@ -117,7 +120,9 @@ def create_c3d(
     values = clip.positions[written]
     rounded = values.astype(np.float32).astype(np.float64)
     return WriteReport(
-        samples=len(values), rounding_mm=float(np.abs(rounded - values).max(initial=0.0))
+        samples=len(values),
+        rounding_mm=float(np.abs(rounded - values).max(initial=0.0)),
+        changes=() if first == clip.first_frame else (_RENUMBERED.format(clip.first_frame),),
     )
 
 
