@@ -18,6 +18,7 @@ from priorfill.filling.plausibility import CRITERIA, JUMP, SPEED, PlausibilityCh
 from priorfill.filling.plausibility_options import PlausibilityOptions
 from priorfill.filling.seen_clip import SeenClip
 from priorfill.gaps import Gap, GapGroup, find_gaps
+from priorfill.geometry.axes import to_upright
 from priorfill.gp.calibration import BOUND_FACTOR, MEAN_FACTOR
 from priorfill.methods.task import Estimate, Note, Task
 from priorfill.search.takes import Take
@@ -83,6 +84,7 @@ class BelievableFill:
                 seen, estimate = repeated
                 failures = self._failures(seen, estimate)
             self._drop_failures(seen, estimate, failures)
+        self._drop_next_to_doubtful(seen, estimate)
         if self.max_error is not None:
             _drop_uncertain(estimate, ~seen.geometry.valid, self.max_error)
         return seen.in_whole_clip(estimate), seen.hidden
@@ -161,6 +163,19 @@ class BelievableFill:
             if name in failures:
                 dropped = check.around(failures[name], filled)
                 _drop(estimate, dropped & ~np.isnan(estimate.positions[..., 0]), reason)
+
+    def _drop_next_to_doubtful(self, seen: SeenClip, estimate: Estimate) -> None:
+        """Leave the last sample before one in doubt missing where the two do not join."""
+        if not seen.hidden.any():
+            return
+        start, stop = seen.frames
+        measured = to_upright(seen.clip.positions[start:stop], seen.clip.up)
+        doubtful = np.where(seen.hidden[start:stop, :, None], measured, np.nan)
+        _drop(
+            estimate,
+            self._check(seen).next_to_doubtful(estimate.positions, doubtful),
+            "too far from the next sample, which is in doubt",
+        )
 
 
 def _joined(first: Estimate, second: Estimate, groups: Sequence[GapGroup]) -> Estimate:

@@ -243,7 +243,7 @@ def _plan(
     phantoms = find_phantoms(measured, known)
     hidden = doubtful_samples(clip, artefacts, options.plausibility)
     beyond = int(min(round(seconds_of(options.extrapolate, clip.rate) * clip.rate, 6), clip.frames))
-    seen = SeenClip(clip, hidden, definition, beyond)
+    seen = SeenClip(clip, hidden, definition, beyond, options.plausibility.interpolate_seconds)
     runs = tuple(
         replace(run, groups=seen.groups(run.left_alone))
         for run in plan_runs(

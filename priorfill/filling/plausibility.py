@@ -37,6 +37,9 @@ FAST_STEPS = 3
 MIN_STEPS = 10
 """Steps that a marker needs for its motion to be known."""
 
+MIN_NEIGHBOURS = 2
+"""Nearby markers that show how fast a part of the body moves."""
+
 MAX_STEP_MULTIPLE = 10
 """Time steps that a measured step may last where no shorter one is measured."""
 
@@ -105,6 +108,31 @@ class PlausibilityCheck:
             found[JUMP][:, marker] = self._jumps(int(marker), *column, bound[:, marker])
         self._wrong_lengths(positions, filled, expected_rms, found[LENGTH])
         return {name: mask for name, mask in found.items() if mask.any()}
+
+    def next_to_doubtful(self, positions: _Float, doubtful: _Float) -> _Bool:
+        """Return the filled samples from which the next sample in doubt is too far away.
+
+        Parameters
+        ----------
+        positions : ndarray [shape=(frames, markers, 3), mm]
+            Measured and filled samples; NaN where missing.
+        doubtful : ndarray [shape=(frames, markers, 3), mm]
+            Measured samples that methods do not see; NaN elsewhere.
+
+        Returns
+        -------
+        ndarray of bool [shape=(frames, markers)]
+        """
+        filled = ~self.geometry.valid & ~np.isnan(positions[..., 0])
+        found = np.zeros_like(filled)
+        least = 1000.0 * self.options.min_speed / self.rate
+        for marker in np.flatnonzero(~np.isnan(doubtful[..., 0]).all(axis=0)):
+            greatest = self._greatest(int(marker), 1) / self._step
+            limit = max(self.options.max_speed_ratio * greatest, least)
+            path, other = positions[:, marker], doubtful[:, marker]
+            found[:-1, marker] |= norms(other[1:] - path[:-1]) > limit
+            found[1:, marker] |= norms(other[:-1] - path[1:]) > limit
+        return found & filled
 
     def around(self, failing: _Bool, filled: _Bool) -> _Bool:
         """Return the samples of fills that are not believed because a failing one is near.
@@ -238,7 +266,8 @@ class PlausibilityCheck:
     def _of_neighbours(self, marker: int, order: int) -> _Float:
         """Return the median step of nearby markers at each step (mm), the greatest one around it.
 
-        The fastest of them may have a wrong label.
+        The fastest of them may have a wrong label, and so may a single one: where fewer than two
+        are measured, the step is 0.
         """
         neighbours = self._neighbours(marker)
         known = np.full(
@@ -253,7 +282,7 @@ class PlausibilityCheck:
         known.sort(axis=0)  # NaN last
         lower = np.maximum(count - 1, 0) // 2  # of two markers, the slower one
         middle = np.take_along_axis(known, lower[None], axis=0)[0]
-        middle[np.isnan(middle)] = 0.0
+        middle[count < MIN_NEIGHBOURS] = 0.0
         reach = max(round(self.options.around_seconds * self.rate), 1)
         return np.asarray(maximum_filter1d(middle, 2 * reach + 1, mode="nearest"))
 

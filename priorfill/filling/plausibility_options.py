@@ -66,6 +66,12 @@ class PlausibilityOptions:
         s. Runs that last longer are hidden only if their distance from a reference marker differs
         from the usual one by more than half of it: in an unusual posture skin moves markers by
         centimetres for seconds.
+    min_spike : float
+        mm. Methods see smaller spikes, unless the marker is missing within `suspect_seconds`: they
+        are no larger than the errors of fills, and every sample that is not seen costs accuracy.
+    interpolate_seconds : float
+        s. Methods see an interpolated path in place of a run of samples in doubt that is no longer
+        than this and lies between others.
 
     See Also
     --------
@@ -93,6 +99,8 @@ class PlausibilityOptions:
     suspect_seconds: float = 0.25
     hide_doubtful: bool = True
     max_doubtful_seconds: float = 1.0
+    min_spike: float = 40.0
+    interpolate_seconds: float = 0.3
 
     def __post_init__(self) -> None:
         check_at_least(

@@ -1,4 +1,9 @@
-"""What methods see of a clip: without samples in doubt, and without ends that show too little."""
+"""What methods see of a clip: without samples in doubt, and without ends that show too little.
+
+A short run of samples in doubt within the measured path of a marker is interpolated over time.
+Without that, a spike of one frame would make its marker one that is not visible throughout, and
+methods would do without the marker, or without the frames around it.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.artefacts import Artefact, artefact_samples
-from priorfill.artefacts.artefact import JUMP, MISLABELLED
+from priorfill.artefacts.artefact import JUMP, MISLABELLED, SPIKE
 from priorfill.clip import Clip
 from priorfill.filling.plausibility_options import PlausibilityOptions
 from priorfill.filling.visible_range import OUTSIDE_VISIBLE, visible_range
@@ -19,6 +24,7 @@ from priorfill.geometry.axes import to_upright
 from priorfill.markers.clip_geometry import ClipGeometry
 from priorfill.markers.marker_set import MarkerSet
 from priorfill.methods.task import Estimate, Note
+from priorfill.signal.gp_interpolation import InterpolationOptions, interpolate_gap
 
 __all__ = ["SeenClip", "doubtful_samples"]
 
@@ -40,12 +46,15 @@ class SeenClip:
         Definition of the marker set; None if it is unknown.
     extrapolate : int
         Frames beyond the first and the last one with enough visible markers that are seen.
+    interpolate_seconds : float
+        s. Longest run of hidden samples that is interpolated.
     """
 
     clip: Clip
     hidden: NDArray[np.bool_]
     definition: MarkerSet | None
     extrapolate: int = 0
+    interpolate_seconds: float = PlausibilityOptions.interpolate_seconds
 
     @cached_property
     def frames(self) -> tuple[int, int]:
@@ -59,8 +68,28 @@ class SeenClip:
         start, stop = self.frames
         positions = self.clip.positions[start:stop]
         if self.hidden.any():
-            positions = np.where(self.hidden[start:stop, :, None], np.nan, positions)
+            hidden = self.hidden[start:stop]
+            positions = np.where(hidden[..., None], np.nan, positions)
+            self._interpolate(positions, hidden)
         return ClipGeometry(to_upright(positions, self.clip.up), self.clip.labels, self.definition)
+
+    def _interpolate(self, positions: NDArray[np.float64], hidden: NDArray[np.bool_]) -> None:
+        """Interpolate short runs of hidden samples in place, where both neighbours are seen.
+
+        Parameters
+        ----------
+        positions : ndarray [shape=(frames, markers, 3), mm]
+            NaN where missing or hidden.
+        hidden : ndarray of bool [shape=(frames, markers)]
+            Which of them are hidden.
+        """
+        options = InterpolationOptions(max_seconds=self.interpolate_seconds)
+        for gap in find_gaps(np.isnan(positions[..., 0])):
+            path = positions[:, gap.marker]
+            if hidden[gap.start : gap.stop, gap.marker].all():
+                found = interpolate_gap(path, gap.start, gap.stop, self.clip.rate, options)
+                if found is not None:
+                    path[gap.start : gap.stop] = found[0]
 
     def groups(self, left_alone: Sequence[tuple[Gap, str]]) -> tuple[GapGroup, ...]:
         """Return the gap groups that are seen and have a sample to fill.
@@ -143,7 +172,26 @@ def doubtful_samples(
         or one.stop - one.start <= longest
         or abs(one.distance - one.typical_distance) > CLEARLY_WRONG * one.typical_distance
     ]
+    reach = round(options.suspect_seconds * clip.rate)
+    counted = [
+        one
+        for one in counted
+        if _is_large(one, options.min_spike) or _is_near_gap(one, clip, reach)
+    ]
     return artefact_samples(counted, clip.labels, clip.frames) & ~clip.missing
+
+
+def _is_large(artefact: Artefact, limit: float) -> bool:
+    """Check whether an artefact is no spike, or is one larger than a limit (mm)."""
+    off = abs(artefact.distance - artefact.typical_distance)
+    return artefact.kind != SPIKE or not (artefact.size < limit and not off >= limit)
+
+
+def _is_near_gap(artefact: Artefact, clip: Clip, reach: int) -> bool:
+    """Check whether a marker of an artefact is missing within a number of frames from it."""
+    near = slice(max(artefact.start - reach, 0), artefact.stop + reach)
+    markers = [clip.labels.index(label) for label in artefact.markers]
+    return bool(clip.missing[near, markers].any())
 
 
 def _with_ends(
