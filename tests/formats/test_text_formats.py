@@ -240,7 +240,8 @@ def test_trc_header_that_is_wrong(tmp_path):
         ),
         (
             "10",
-            r"after frame 8 \(line 14\) comes frame 10 \(line 15\); insert rows .* for frame 9, or cut",
+            r"after frame 8 \(line 14\) comes frame 10 \(line 15\); "
+            r"insert rows .* for frame 9, or cut",
         ),
         ("8", r"frame 8 is there twice \(lines 14 and 15\); delete one"),
         ("3", r"after frame 8 \(line 14\) comes frame 3 \(line 15\); sort the rows"),
