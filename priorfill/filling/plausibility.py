@@ -6,6 +6,7 @@ upright (+Z up).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -233,7 +234,8 @@ class PlausibilityCheck:
         """Return the greatest measured step (order 1) or change of it (2) of a marker (mm)."""
         pair = [marker, int(self.geometry.contralateral[marker])]
         known = max(self._of_marker(one, order) for one in pair if one >= 0)
-        return known or self._of_body[order]  # of a marker that is hardly seen nothing is known
+        # of a marker that is hardly seen nothing is known, and of a very short clip nothing at all
+        return known or self._of_body[order] or math.inf
 
     @cached_property
     def _of_body(self) -> dict[int, float]:
