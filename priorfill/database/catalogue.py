@@ -14,6 +14,7 @@ import json
 import re
 import secrets
 import sqlite3
+import stat
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
@@ -640,6 +641,8 @@ def _needs_rollback(error: BaseException | None) -> bool:
 
 def _file_identity(path: Path) -> tuple[int, int]:
     found = path.stat()
+    if not stat.S_ISREG(found.st_mode):  # SQLite would wait for a pipe for ever
+        raise FileNotFoundError(f"{path} is no regular file")
     return found.st_dev, found.st_ino
 
 

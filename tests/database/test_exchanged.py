@@ -322,3 +322,15 @@ def test_a_pipe_in_place_of_the_checksum(root: Path) -> None:
         assert database.verify() == []
     add(root / "a", 8)
     assert (root / "a" / "catalogue.checksum").is_file()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX only")
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
+@pytest.mark.parametrize("write", [False, True])
+def test_a_pipe_or_folder_in_place_of_the_catalogue(
+    root: Path, make: Callable[[Path], None], write: bool
+) -> None:
+    (root / "a" / CATALOGUE).unlink()
+    make(root / "a" / CATALOGUE)
+    with pytest.raises(DatabaseCorruptError, match="is missing"):
+        PriorDatabase.open(root / "a", write=write)
