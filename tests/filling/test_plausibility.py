@@ -194,13 +194,25 @@ def test_a_fill_below_the_floor_is_not_written(monkeypatch):
 
 def test_a_fill_that_no_repetition_saves_keeps_its_reason():
     """Without the samples next to it, nothing of the marker would be left to fill from."""
-    positions = person().positions[100:106].copy()
-    positions[:, 5, 0] += [0.0, 0.0, 0.0, 0.0, 400.0, 400.0]
-    positions[2:4, 5] = np.nan
-    result = pf.fill(pf.Clip(positions, LABELS, person().rate), method="linear")
-    ((span,),) = (gap.unfilled for gap in result.gaps)
+    positions = person().positions[100:130].copy()
+    positions[16:, 5, 0] += 400.0
+    positions[14:16, 5] = np.nan
+    positions[:12, 5] = positions[18:, 5] = np.nan
+    options = pf.FillOptions(plausibility=PlausibilityOptions(hide_doubtful=False))
+    gap_filter = pf.GapFilter(frames=(14, 15))
+    clip = pf.Clip(positions, LABELS, person().rate, first_frame=0)
+    result = pf.fill(clip, method="linear", gap_filter=gap_filter, options=options)
+    (span,) = (span for gap in result.gaps for span in gap.unfilled if span.requested)
     assert span.reason in CRITERIA.values()
     assert result.doubtful is None or not result.doubtful.any()
+
+
+def test_nothing_is_too_fast_where_no_motion_is_measured():
+    positions = person().positions[100:106].copy()
+    positions[4:, 5, 0] += 400.0
+    positions[2:4, 5] = np.nan
+    result = pf.fill(pf.Clip(positions, LABELS, person().rate), method="linear")
+    assert result.complete
 
 
 def test_samples_in_doubt_are_neither_learnt_from_nor_changed():
