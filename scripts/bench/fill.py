@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from method_alone import method_alone
 from recordings import add_data_option
 
 import priorfill as pf
@@ -50,7 +51,7 @@ def best_time(clip: pf.Clip, repeat: int, **options: object) -> tuple[float, flo
     walls, cpus = [], []
     for _ in range(repeat):
         wall, cpu = time.perf_counter(), time.process_time()
-        result = pf.fill(clip, **options)
+        result = pf.fill(clip, options=method_alone(), **options)
         walls.append(time.perf_counter() - wall)
         cpus.append(time.process_time() - cpu)
         assert result.complete, "the benchmark's gap must be filled"
@@ -107,7 +108,7 @@ def main() -> int:
                         positions[START : START + round(seconds * whole.rate), gone] = np.nan
                         clip = whole.with_positions(positions)
                         if not cpus:  # compile, fill caches
-                            pf.fill(clip, database=prior, method=method)
+                            pf.fill(clip, database=prior, method=method, options=method_alone())
                         wall, cpu = best_time(clip, arguments.repeat, database=prior, method=method)
                         cpus.append(cpu)
                         ratio = cpu / reference.setdefault(seconds, cpu)

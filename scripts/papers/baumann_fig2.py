@@ -15,6 +15,7 @@ import time
 
 import numpy as np
 from baumann import METHODS, RECORDING, database_of, library, limb
+from method_alone import method_alone
 from paper import cut, find, options, print_table
 
 import priorfill as pf
@@ -41,7 +42,7 @@ def filling_time(clip: pf.Clip, database: object, method: str, repeat: int) -> f
     least = np.inf
     for _ in range(repeat):
         began = time.process_time()
-        result = pf.fill(clip, database=database, method=method)
+        result = pf.fill(clip, database=database, method=method, options=method_alone())
         least = min(least, time.process_time() - began)
         if not result.complete:
             raise SystemExit(f"{clip.name}: {method} did not fill the gap")
@@ -87,7 +88,7 @@ def main() -> int:
                 start = (clip.frames - round(length * clip.rate)) // 2
                 gappy = cut(clip, start, start + round(length * clip.rate), arm)
                 if not times:  # compile, fill caches
-                    pf.fill(gappy, database=database, method=method)
+                    pf.fill(gappy, database=database, method=method, options=method_alone())
                 repeat = 3 if arguments.full else 1
                 times.append(filling_time(gappy, database, method, repeat))
             slope, fixed = np.polyfit(seconds, times, 1)

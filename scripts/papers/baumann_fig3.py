@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from baumann import METHODS, RECORDING, Take, database_of, examples, library, middle, print_data
+from method_alone import method_alone
 from paper import error, in_processes, options, print_table
 
 import priorfill as pf
@@ -39,7 +40,7 @@ def errors(case: Case) -> list[float]:
     if case.marker not in truth.labels:
         return [float("nan")] * len(METHODS)
     gappy = middle(truth, [case.marker])
-    others = pf.FillOptions(selection=pf.Selection(not_names=(case.take.file.stem,)))
+    others = method_alone(pf.Selection(not_names=(case.take.file.stem,)))
     return [
         error(
             pf.fill(gappy, database=case.database, method=method, options=others).clip,

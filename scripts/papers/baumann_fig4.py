@@ -28,6 +28,7 @@ from baumann import (
     middle,
     print_data,
 )
+from method_alone import method_alone
 from paper import error, in_processes, options, print_table
 
 import priorfill as pf
@@ -71,7 +72,7 @@ def errors(case: Case) -> list[float]:
     truth = pf.read(case.take.file)
     gappy = middle(truth, [*limb("arm", "right"), *limb("leg", "left")])
     chosen = pf.Selection(names=case.names)
-    options = pf.FillOptions(selection=chosen)
+    options = method_alone(chosen)
     found = [
         error(
             pf.fill(gappy, database=case.database, method=method, options=options).clip,

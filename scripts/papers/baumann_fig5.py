@@ -26,6 +26,7 @@ from baumann import (
     middle,
     print_data,
 )
+from method_alone import method_alone
 from paper import error, in_processes, options, print_table
 
 import priorfill as pf
@@ -48,7 +49,7 @@ def errors(case: Case) -> list[float]:
     clip = pf.read(case.take.file)
     truth = clip.with_positions(case.scale * clip.positions)
     gappy = middle(truth, [*limb("arm", "right"), *limb("leg", "left")])
-    others = pf.FillOptions(selection=pf.Selection(not_names=(case.take.file.stem,)))
+    others = method_alone(pf.Selection(not_names=(case.take.file.stem,)))
     return [
         error(
             pf.fill(gappy, database=case.database, method=method, options=others).clip,

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from baumann import RECORDING, Take, database_of, examples, library, limb, middle, print_data
+from method_alone import method_alone
 from paper import error, in_processes, options, print_table
 
 import priorfill as pf
@@ -48,7 +49,7 @@ def errors(case: Case) -> list[float]:
     """Return the error (mm) of each method; NaN where it cannot fill the gap."""
     truth = pf.read(case.take.file)
     gappy = middle(truth, GAPS[case.gap])
-    others = pf.FillOptions(selection=pf.Selection(not_names=(case.take.file.stem,)))
+    others = method_alone(pf.Selection(not_names=(case.take.file.stem,)))
     found = []
     for method in case.methods:
         try:

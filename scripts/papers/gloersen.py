@@ -14,6 +14,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from method_alone import method_alone
 from numpy.typing import NDArray
 from paper import find
 from threadpoolctl import threadpool_limits
@@ -147,7 +148,7 @@ def deviations(
     try:
         with threadpool_limits(1):  # other cases run on the other cores
             if options is None:
-                found = pf.fill(gappy, method=method).clip.positions
+                found = pf.fill(gappy, method=method, options=method_alone()).clip.positions
             else:
                 found = from_upright(
                     METHODS[method](_task(gappy), options=options).positions, clip.up

@@ -43,6 +43,7 @@ from fill_quality import edge_step, jitter, penetration, reference_step
 from numpy.typing import NDArray
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from method_alone import method_alone
 from recordings import SETS, SUBJECT, add_data_option, subject_of
 
 import priorfill as pf
@@ -157,7 +158,7 @@ def selection_of(case: Case, database: str) -> pf.Selection:
 def fill(plan: Plan, case: Case, database: str, method: str) -> pf.Result:
     """Fill a case."""
     place = None if database == "none" else plan.databases / str(set_of(case.file.parent.name))
-    options = pf.FillOptions(selection=selection_of(case, database))
+    options = method_alone(selection_of(case, database))
     return pf.fill(case.gappy, database=place, method=method, options=options)
 
 

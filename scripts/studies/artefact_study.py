@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from method_alone import method_alone
 from recordings import add_data_option
 
 from priorfill import Clip, fill, read
@@ -337,7 +338,7 @@ def filling(data: Path, seed: int, count: int) -> None:
     for clip, bad, plant in planted(data, seed, 1):
         if len(errors.get(plant.kind, [])) >= count or clip.frames > 1000:
             continue
-        result = fill(bad, reject_artefacts=True)
+        result = fill(bad, reject_artefacts=True, options=method_alone())
         before, after = (
             float(np.nanmean(np.linalg.norm(p - clip.positions, axis=2)[plant.wrong]))
             for p in (bad.positions, result.clip.positions)

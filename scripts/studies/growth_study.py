@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from method_alone import method_alone
 from recordings import add_data_option, subject_of
 
 import priorfill as pf
@@ -114,18 +115,18 @@ def limb_gap(
     return None
 
 
-def refill(case: Case, **options: object) -> tuple[pf.Result, float]:
+def refill(case: Case, options: pf.FillOptions, **source: object) -> tuple[pf.Result, float]:
     """Remove and fill; return the result and the mean error (mm)."""
     gappy = case.clip.positions.copy()
     gappy[case.gone] = np.nan
-    result = pf.fill(case.clip.with_positions(gappy), **options)
+    result = pf.fill(case.clip.with_positions(gappy), options=options, **source)
     off = result.clip.positions[case.gone] - case.clip.positions[case.gone]
     return result, float(np.linalg.norm(off, axis=1).mean())
 
 
 def alone(case: Case, method: str) -> float:
     """Return the error without a database."""
-    return refill(case, method=method)[1]
+    return refill(case, method_alone(), method=method)[1]
 
 
 def grow(
@@ -137,8 +138,8 @@ def grow(
     pf.PriorDatabase.create(folder).close()
     for clips, i in enumerate(np.random.default_rng(order).permutation(len(cases))):
         case = cases[i]
-        options = pf.FillOptions(trust_filled=mode == "trust filled")
-        result, error = refill(case, database=folder, method=method, options=options)
+        options = replace(method_alone(), trust_filled=mode == "trust filled")
+        result, error = refill(case, options, database=folder, method=method)
         with pf.PriorDatabase.open(folder, write=True) as database:
             database.accept(result.clip, result.filled, filled_by=result.method)
         rows.append(Row(mode, order, clips, case.clip.name, error, alone[i]))
