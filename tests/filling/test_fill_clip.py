@@ -301,7 +301,7 @@ def test_no_database_there(tmp_path):
 
 
 def test_no_such_method():
-    with pytest.raises(OptionError, match="no method 'splien'; use one of auto gpr "):
+    with pytest.raises(OptionError, match=r"no method 'splien'; did you mean spline\?$"):
         fill(person(), method="splien")
 
 

@@ -174,5 +174,5 @@ def test_time_scales_are_positive(kernel: type) -> None:
 
 def test_a_message_lists_few_options_only() -> None:
     """The default method has some hundred: the message names the command that lists them."""
-    with pytest.raises(OptionError, match=r"no option 'zzz'; `priorfill methods METHOD` lists"):
+    with pytest.raises(OptionError, match=r"no option 'zzz'; see: priorfill methods METHOD$"):
         with_values(get_options("gpr"), {"zzz": 1})

@@ -137,7 +137,7 @@ def test_what_is_found_damaged_late_is_withdrawn(tmp_path: Path) -> None:
         record = database.add(Clip(moving(2), ("A", "B"), RATE, name="one"))
     segment = tmp_path / "db" / "segments" / "000001.f32"
     data = bytearray(segment.read_bytes())
-    data[record.frames[0] * 2 * 3 * 4 + 8] ^= 4  # in the second resolution
+    data[record.offset + record.frames[0] * 2 * 3 * 4 + 8] ^= 4  # in the second resolution
     segment.write_bytes(data)
     with PriorDatabase.open(tmp_path / "db") as database:
         damaged = []
@@ -178,7 +178,7 @@ def test_damage_after_use_without_a_callback_of_its_own(tmp_path: Path) -> None:
         record = database.add(Clip(moving(2), ("A", "B"), RATE, name="one"))
     segment = tmp_path / "db" / "segments" / "000001.f32"
     data = bytearray(segment.read_bytes())
-    data[record.frames[0] * 2 * 3 * 4 + 8] ^= 4  # in the second resolution
+    data[record.offset + record.frames[0] * 2 * 3 * 4 + 8] ^= 4  # in the second resolution
     segment.write_bytes(data)
     with PriorDatabase.open(tmp_path / "db") as database:
         damaged = []
