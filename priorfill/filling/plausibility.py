@@ -99,13 +99,13 @@ class PlausibilityCheck:
         found = {name: np.zeros_like(filled) for name in CRITERIA}
         if len(markers) == 0:
             return {}
-        # small errors show that a deep foot stands on something else, such as a stair
-        sure = bound < self.options.max_below_floor
+        # a foot deep below the floor stands on something else, such as a stair, if this is certain
+        sure = bound < self.options.certain_error
         sunk = positions[..., 2] < self._lowest - self.options.max_below_floor
         found[FLOOR][:] = filled & sunk & ~sure
         for marker in markers:
             column = positions[:, marker], filled[:, marker]
-            found[SPEED][:, marker] = self._too_fast(int(marker), *column)
+            found[SPEED][:, marker] = self._too_fast(int(marker), *column) & ~sure[:, marker]
             found[JUMP][:, marker] = self._jumps(int(marker), *column, bound[:, marker])
         self._wrong_lengths(positions, filled, expected_rms, found[LENGTH])
         return {name: mask for name, mask in found.items() if mask.any()}

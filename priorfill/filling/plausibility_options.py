@@ -23,8 +23,7 @@ class PlausibilityOptions:
     ----------
     max_below_floor : float
         mm. Greatest depth below the lowest measured position of markers that rest on the floor.
-        Soft floors and shoes give way by centimetres. Samples whose error bound is smaller than
-        this are believed: they show a foot on a stair.
+        Soft floors and shoes give way by centimetres.
     max_speed_ratio : float
         Greatest speed, as a multiple of the fastest measured motion of the marker, of its
         contralateral marker, and of nearby markers at the same time. A marker can move faster in a
@@ -32,6 +31,9 @@ class PlausibilityOptions:
     min_speed : float
         m/s. Speeds below this one are plausible in any case: a marker that rests while it is
         measured may move in a gap.
+    certain_error : float
+        mm. Samples whose error bound is smaller are believed below the floor and at any speed: the
+        visible markers show a foot on a stair, or a kick.
     max_jump_ratio : float
         Greatest change of the displacement from one time step to the next, as a multiple of the
         greatest measured one (as for `max_speed_ratio`).
@@ -87,6 +89,7 @@ class PlausibilityOptions:
     max_below_floor: float = 50.0
     max_speed_ratio: float = 2.0
     min_speed: float = 1.0
+    certain_error: float = 50.0
     max_jump_ratio: float = 2.0
     min_jump: float = 10.0
     max_length_spread: float = 10.0

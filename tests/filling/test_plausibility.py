@@ -119,13 +119,13 @@ def check(**options: float) -> PlausibilityCheck:
     return PlausibilityCheck(geometry, clip.rate, PlausibilityOptions(**options))
 
 
-def failures(change: np.ndarray, only: str = "", **options: float) -> dict[str, list[int]]:
+def failures(change: np.ndarray, bound: float = 0.0, **options: float) -> dict[str, list[int]]:
     """The frames that fail each criterion where the truth is changed in the gap."""
     positions = person().positions.copy()
     marker = LABELS.index("LTOE")
     positions[GAP[0] : GAP[1], marker] += change
     stated = np.zeros(positions.shape[:2])
-    found = check(**options).failures(positions, stated, stated + 51.0 * (FLOOR in only))
+    found = check(**options).failures(positions, stated, stated + bound)
     assert all(not mask[:, :marker].any() for mask in found.values())
     return {name: np.flatnonzero(mask[:, marker]).tolist() for name, mask in found.items()}
 
@@ -142,13 +142,14 @@ def test_the_truth_is_plausible():
 
 def test_each_criterion_finds_its_fault():
     assert set(failures(smooth(-400.0, 2))) == {LENGTH}  # a stair, if errors are that small
-    assert {FLOOR, LENGTH} <= set(failures(smooth(-400.0, 2), FLOOR))
+    assert {FLOOR, LENGTH} <= set(failures(smooth(-400.0, 2), 51.0))
     assert set(failures(smooth(200.0, 0))) == {LENGTH}
     spike = np.zeros((20, 3))
     spike[9, 1] = 30.0
     assert set(failures(spike)) == {JUMP}
     spike[9, 1] = 900.0
-    assert {SPEED, JUMP, LENGTH} <= set(failures(spike))
+    assert {SPEED, JUMP, LENGTH} <= set(failures(spike, 51.0))
+    assert SPEED not in failures(spike, 49.0)
     assert set(failures(np.array([0.0, 40.0, 0.0]))) == {JUMP}
 
 
@@ -291,7 +292,7 @@ def test_a_single_neighbour_shows_no_speed():
         options = PlausibilityOptions(neighbour_distance=200.0)
         checked = PlausibilityCheck(geometry, person().rate, options)
         stated = np.zeros(filled.shape[:2])
-        failing = checked.failures(filled, stated, stated)
+        failing = checked.failures(filled, stated, stated + 51.0)
         found[several] = failing.get(SPEED, stated > 0)[:, LABELS.index("LWRA")]
     assert found[False][[69, 70, 79, 80]].all()
     assert not found[True].any()
