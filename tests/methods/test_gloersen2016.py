@@ -6,13 +6,12 @@ from itertools import product
 
 import numpy as np
 import pytest
-from gappy import ARM, FOOT, error, person, straight, with_gaps
+from gappy import ARM, FOOT, error, fill_unchecked, person, straight, with_gaps
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from priorfill.clip import Clip
 from priorfill.errors import MethodError
-from priorfill.filling.fill_clip import fill
 from priorfill.formats import read
 from priorfill.geometry.axes import from_upright
 from priorfill.methods.gloersen2016.weighted_pca import ColumnMoments, mean_distances, regression
@@ -147,7 +146,7 @@ def gappy_body(seed: int) -> Clip:
 def test_it_is_the_mean_of_the_published_steps_over_all_signs(method, seed):
     clip = gappy_body(seed)
     expected = PUBLISHED[method](clip, all_signs)
-    found = fill(clip, method=method)
+    found = fill_unchecked(clip, method=method)
     assert found.complete
     np.testing.assert_allclose(found.clip.positions, expected, rtol=0, atol=1e-6)
 
@@ -213,25 +212,25 @@ def test_markers_at_rest_predict_nothing():
 def test_walking_order_and_axes_do_not_matter(method, seed):
     clip = gappy_body(seed)
     rng = np.random.default_rng(seed)
-    expected = fill(clip, method=method).clip.positions
+    expected = fill_unchecked(clip, method=method).clip.positions
     walk = np.cumsum(rng.normal(size=(clip.frames, 1, 3)), axis=0) * 100
     moved = clip.with_positions(clip.positions + walk)
     np.testing.assert_allclose(
-        fill(moved, method=method).clip.positions, expected + walk, rtol=0, atol=1e-5
+        fill_unchecked(moved, method=method).clip.positions, expected + walk, rtol=0, atol=1e-5
     )
     order = rng.permutation(len(clip.labels))
     mixed = Clip(clip.positions[:, order], tuple(clip.labels[i] for i in order), clip.rate)
     np.testing.assert_allclose(
-        fill(mixed, method=method).clip.positions, expected[:, order], rtol=0, atol=1e-5
+        fill_unchecked(mixed, method=method).clip.positions, expected[:, order], rtol=0, atol=1e-5
     )
     times = rng.permutation(clip.frames)
     later = clip.with_positions(clip.positions[times])
     np.testing.assert_allclose(
-        fill(later, method=method).clip.positions, expected[times], rtol=0, atol=1e-5
+        fill_unchecked(later, method=method).clip.positions, expected[times], rtol=0, atol=1e-5
     )
     lying = Clip(from_upright(clip.positions, "+Y"), clip.labels, clip.rate, up="+Y")
     np.testing.assert_allclose(
-        fill(lying, method=method).clip.positions,
+        fill_unchecked(lying, method=method).clip.positions,
         from_upright(expected, "+Y"),
         rtol=0,
         atol=1e-5,
@@ -240,7 +239,7 @@ def test_walking_order_and_axes_do_not_matter(method, seed):
 
 def test_one_marker_with_gaps_is_the_same_by_both():
     clip = with_gaps(person(), (60, 130, ("LELB",)), (200, 210, ("LELB",)))
-    one, other = (fill(clip, method=method).clip.positions for method in ("r1", "r2"))
+    one, other = (fill_unchecked(clip, method=method).clip.positions for method in ("r1", "r2"))
     np.testing.assert_allclose(one, other, rtol=0, atol=1e-7)
 
 
@@ -248,7 +247,7 @@ def test_one_marker_with_gaps_is_the_same_by_both():
 def test_single_markers_are_filled_far_better_than_by_lines(method):
     truth = person().positions
     clip = with_gaps(person(), (60, 130, ("LELB",)), (150, 200, ("RKNE",)), (20, 70, ("C7",)))
-    result = fill(clip, method=method)
+    result = fill_unchecked(clip, method=method)
     assert result.complete
     assert {how for gap in result.gaps for how in gap.sources} == {
         "correlations with other markers"
@@ -264,7 +263,7 @@ def test_marker_by_marker_uses_what_all_at_once_cannot():
     clip, truth = with_gaps(person(), *gaps), person().positions
     errors = {}
     for method in ("r1", "r2"):
-        result = fill(clip, method=method)
+        result = fill_unchecked(clip, method=method)
         assert result.complete
         errors[method] = error(result.clip.positions, truth, result.filled)
     assert errors["r2"] < 0.7 * errors["r1"]
@@ -275,7 +274,7 @@ def test_dropouts_and_blackouts_are_left_and_the_rest_is_filled(method):
     everything = person().labels
     kept = with_gaps(person(), (60, 130, ARM), (150, 190, FOOT))
     clip = with_gaps(kept, (0, 240, ("C7",)), (100, 110, everything))
-    result = fill(clip, method=method)
+    result = fill_unchecked(clip, method=method)
     for gap in result.gaps:
         whole = gap.label == "C7"
         blackout = [] if whole else [(100, 110)]
@@ -290,7 +289,7 @@ def test_dropouts_and_blackouts_are_left_and_the_rest_is_filled(method):
     less = Clip(kept.positions[frames][:, others], tuple(everything[i] for i in others), 60.0)
     np.testing.assert_allclose(
         result.clip.positions[frames][:, others],
-        fill(less, method=method).clip.positions,
+        fill_unchecked(less, method=method).clip.positions,
         rtol=0,
         atol=1e-6,
     )
@@ -304,13 +303,13 @@ def test_gaps_that_stay_have_a_reason(method):
         (blackout, "no marker is visible; use auto"),
         (dropout, "never visible in the"),
     ):
-        result = fill(clip, method=method)
+        result = fill_unchecked(clip, method=method)
         assert not result.filled.any()
         assert all(part.reason.startswith(reason) for gap in result.gaps for part in gap.unfilled)
     labels = person().labels
     nobody = with_gaps(person(), *((5 * i, 5 * i + 4, (x,)) for i, x in enumerate(labels)))
     with pytest.raises(MethodError, match="no marker is visible in all frames with gaps"):
-        fill(nobody, method=method)
+        fill_unchecked(nobody, method=method)
 
 
 @METHOD
@@ -319,13 +318,13 @@ def test_frames_in_which_a_body_walks_in_and_out_are_left(method):
     gaps = (60, 130, ("LELB",)), (150, 190, FOOT)
     seen = {0: labels[:2], 200: labels[5:7]}  # who is seen in the frames left
     out = [(a, a + 40, [x for x in labels if x not in seen[a]]) for a in seen]
-    result = fill(with_gaps(person(), *gaps, *out), method=method)
+    result = fill_unchecked(with_gaps(person(), *gaps, *out), method=method)
     left = {(p.start, p.stop, p.reason) for gap in result.gaps for p in gap.unfilled}
     assert left == {(a, a + 40, "too few markers are visible; use auto") for a in seen}
     middle = person().with_positions(with_gaps(person(), *gaps).positions[40:200])
     np.testing.assert_allclose(
         result.clip.positions[40:200],
-        fill(middle, method=method).clip.positions,
+        fill_unchecked(middle, method=method).clip.positions,
         rtol=0,
         atol=1e-6,
     )
@@ -336,13 +335,12 @@ def test_too_few_frames_to_learn_from():
     # each frame lacks one of two markers, far from each other
     clip = with_gaps(person(), (0, 120, ("LFHD",)), (120, 240, ("RTOE",)))
     with pytest.raises(MethodError, match="no two frames show all markers; use r2 or auto"):
-        fill(clip, method="r1")
-    assert fill(clip, method="r2").complete
+        fill_unchecked(clip, method="r1")
+    assert fill_unchecked(clip, method="r2").complete
     # a marker seen in one frame only cannot be predicted, the other can
     clip = with_gaps(person(), (0, 239, ("LFHD",)), (50, 60, ("RTOE",)))
-    left = {
-        gap.label: [part.reason for part in gap.unfilled] for gap in fill(clip, method="r2").gaps
-    }
+    result = fill_unchecked(clip, method="r2")
+    left = {gap.label: [part.reason for part in gap.unfilled] for gap in result.gaps}
     assert left["RTOE"] == []
     assert left["LFHD"][0].startswith("fewer than two frames show it with the markers")
     assert labels.index("LFHD") == 0
@@ -358,7 +356,7 @@ def test_neighbours_within_reach_and_seen_in_the_gaps_are_used():
             (130, 150, ("LWRA",)),
             (start, start + 10, ("LWRB",)),
         )
-        return fill(clip, method="r2").clip.positions[130:150, clip.labels.index("LWRA")]
+        return fill_unchecked(clip, method="r2").clip.positions[130:150, clip.labels.index("LWRA")]
 
     assert np.abs(predicted(60, 30.0) - predicted(60, 0.0)).max() > 1.0
     # a marker missing in one of the frames is not used in any
@@ -373,7 +371,7 @@ def test_walking_as_published(method, data):
     masks = np.load(data / "walkl" / "missing_masks.npz")["missing"]
     missing = np.unpackbits(masks, axis=1)[0, : clip.frames].astype(bool)
     gappy = clip.with_positions(np.where(missing[..., None], np.nan, clip.positions))
-    result = fill(gappy, method=method)
+    result = fill_unchecked(gappy, method=method)
     assert result.complete
     # the authors' program has 4.3 and 1.7 mm with this mask
     found = error(result.clip.positions, clip.positions, missing)
@@ -388,7 +386,7 @@ def test_a_marker_that_no_usable_frame_shows_is_left(method):
         gappy[frame, np.arange(len(clip.labels)) != clip.labels.index("C7")] = np.nan
     for frame in range(0, 200, 2):
         gappy[frame, 5 + frame // 2 % 3] = np.nan
-    result = fill(clip.with_positions(gappy), method=method)
+    result = fill_unchecked(clip.with_positions(gappy), method=method)
     assert result.filled.any()
     never = [gap for gap in result.gaps if gap.label == "C7"]
     assert [gap.filled for gap in never] == [0]

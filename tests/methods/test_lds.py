@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gappy import ARM, error, person, with_gaps
+from gappy import ARM, error, fill_unchecked, person, with_gaps
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from priorfill.clip import Clip
-from priorfill.filling.fill_clip import fill
 from priorfill.gaps import gap_groups
 from priorfill.markers.describe import describe
 from priorfill.methods import lds
@@ -157,7 +156,7 @@ def test_a_motion_of_the_system_is_recovered():
 def test_gaps_of_a_person_are_filled():
     truth = person()
     clip = with_gaps(truth, (80, 110, ARM), (150, 160, truth.labels), (0, 240, ("C7",)))
-    result = fill(clip, method="lds")
+    result = fill_unchecked(clip, method="lds")
     assert result.filled[:, [i for i, x in enumerate(clip.labels) if x != "C7"]].sum() == (
         clip.missing.sum() - 240
     )
@@ -175,14 +174,14 @@ def test_small_clips(frames, markers):
         truth, positions=truth.positions[:frames, :markers], labels=truth.labels[:markers]
     )
     clip = with_gaps(clip, (frames // 2, frames // 2 + 1, clip.labels[:1]))
-    assert fill(clip, method="lds").complete == (frames > 1)
+    assert fill_unchecked(clip, method="lds").complete == (frames > 1)
 
 
 def test_clips_that_do_not_move():
     still = np.repeat(person().positions[:1], 60, axis=0)
     for positions in (still, np.repeat(still[:, :1], 41, axis=1)):
         clip = with_gaps(replace(person(), positions=positions), (20, 40, ARM))
-        found = fill(clip, method="lds").clip.positions
+        found = fill_unchecked(clip, method="lds").clip.positions
         np.testing.assert_allclose(found, positions, atol=0.1)
 
 
@@ -213,7 +212,7 @@ def test_diverging_samples_stay_missing(monkeypatch):
     positions += np.random.default_rng(0).normal(0.0, 0.5, positions.shape)
     whole = Clip(positions, ("A", "B", "C", "D"), 100.0)
     clip = with_gaps(whole, (150, frames, whole.labels))
-    result = fill(clip, method="lds")
+    result = fill_unchecked(clip, method="lds")
     found, seen = result.clip.positions[150:], positions[:150]
     assert not (found > seen.max(axis=0) + 100.0).any()
     assert not (found < seen.min(axis=0) - 100.0).any()
@@ -231,7 +230,7 @@ def test_coordinates_that_hardly_vary_and_others_that_vary_by_metres():
         positions[:, 0] += scale * np.arange(30.0)[:, None] ** 2
         positions[rng.random((30, 8)) < 0.9] = np.nan
         clip = Clip(positions, tuple("ABCDEFGH"), 1000.0)
-        result = fill(clip, method="lds")
+        result = fill_unchecked(clip, method="lds")
         assert np.isfinite(result.clip.positions[result.filled]).all()
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gappy import ARM, FOOT, error, person, with_gaps
+from gappy import ARM, FOOT, WITH_ENDS, error, person, with_gaps
 from scipy.interpolate import CubicSpline
 
 from priorfill.clip import Clip
@@ -38,7 +38,7 @@ TWO = ((200, 236, ALL), (460, 481, ALL))
 
 @pytest.fixture(scope="module")
 def two_filled() -> Result:
-    return fill(with_gaps(TRUTH, *TWO))
+    return fill(with_gaps(TRUTH, *TWO), options=WITH_ENDS)
 
 
 def off(result: Result, truth: Clip = TRUTH) -> np.ndarray:
@@ -73,7 +73,7 @@ def test_better_than_a_cubic_spline(seconds: float, truth: Clip) -> None:
 @pytest.mark.parametrize(("start", "stop"), [(0, 1), (0, 24), (440, 481), (479, 481), (0, 60)])
 def test_at_the_ends(start: int, stop: int) -> None:
     clip = with_gaps(TRUTH, (start, stop, ALL))
-    result = fill(clip)
+    result = fill(clip, options=WITH_ENDS)
     assert result.complete
     edge = TRUTH.positions[stop if start == 0 else start - 1]
     held = np.linalg.norm(TRUTH.positions[start:stop] - edge, axis=2).mean()
@@ -134,7 +134,7 @@ def test_expected_error() -> None:
 
 
 def test_expected_error_grows_toward_an_end() -> None:
-    result = fill(with_gaps(TRUTH, (430, 481, ALL)))
+    result = fill(with_gaps(TRUTH, (430, 481, ALL)), options=WITH_ENDS)
     expected = result.expected_rms_mm[430:].mean(axis=1)
     assert expected[-1] > 4 * expected[5]
 
@@ -175,14 +175,14 @@ def test_a_clip_without_samples_is_left_missing() -> None:
 
 def test_samples_with_a_very_large_expected_error_are_left_missing() -> None:
     clip = with_gaps(person(seconds=6.0, rate=30.0), (20, 180, ALL))
-    result = fill(clip)
+    result = fill(clip, options=WITH_ENDS)
     assert result.filled[20:25].all()
     assert not result.filled[-1].any()
     assert {p.reason for gap in result.gaps for p in gap.unfilled} != set()
 
 
 def test_same_bits_from_run_to_run(two_filled: Result) -> None:
-    again = fill(with_gaps(TRUTH, *TWO))
+    again = fill(with_gaps(TRUTH, *TWO), options=WITH_ENDS)
     assert two_filled.clip.positions.tobytes() == again.clip.positions.tobytes()
     assert two_filled.expected_rms_mm.tobytes() == again.expected_rms_mm.tobytes()
 
@@ -193,7 +193,7 @@ def test_moves_and_turns_with_the_clip(two_filled: Result) -> None:
         [[np.cos(angle), np.sin(angle), 0], [-np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
     )
     there = TRUTH.with_positions(TRUTH.positions @ turn + [900.0, -400.0, 30.0])
-    moved = fill(with_gaps(there, *TWO))
+    moved = fill(with_gaps(there, *TWO), options=WITH_ENDS)
     wanted = two_filled.clip.positions @ turn + [900.0, -400.0, 30.0]
     # the solver stops at 1 % of the energy
     np.testing.assert_allclose(moved.clip.positions, wanted, atol=0.5)
@@ -260,7 +260,7 @@ def test_curves_continue_lines_and_constants() -> None:
 def test_markers_that_appear_one_group_after_another() -> None:
     half, rest = ALL[:20], ALL[20:]
     gaps = [(0, 10, ALL), (10, 22, half), (22, 30, rest), (10, 22, rest[2:]), (22, 30, half[2:])]
-    result = fill(with_gaps(TRUTH, *gaps))
+    result = fill(with_gaps(TRUTH, *gaps), options=WITH_ENDS)
     assert result.complete
 
 

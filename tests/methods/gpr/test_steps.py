@@ -315,7 +315,7 @@ def test_interpolation_replaces_other_recordings_but_never_the_clips_own_frames(
     assert away.max() < 5.0
     assert here[own].sources == ("the clip's own frames",)
     # the regression's expected error is far above that of the interpolation
-    assert here[own].expected_rms > 3.0 * here[rare].expected_rms
+    assert here[own].expected_rms_mm > 3.0 * here[rare].expected_rms_mm
 
 
 # --- segments ---
