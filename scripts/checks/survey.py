@@ -34,6 +34,7 @@ from priorfill.formats import read_c3d, write_c3d
 from priorfill.formats.c3d.layout import parse_layout, read_points
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from method_alone import method_alone
 from worker import DONE, Worker
 
 STEPS = ("read", "filled", "byte-exact", "read back", "ezc3d agrees")
@@ -94,7 +95,7 @@ def survey_file(job: Job) -> Row:
     try:
         clip = read_c3d(job.path)
         passed.append("read")
-        result = fill(_with_gap(clip, job.gap), method=job.method)
+        result = fill(_with_gap(clip, job.gap), method=job.method, options=method_alone())
         passed.append("filled")
         write_c3d(job.output, result.clip, result.filled)
     except PriorfillError as error:

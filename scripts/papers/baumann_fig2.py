@@ -15,8 +15,7 @@ import time
 
 import numpy as np
 from baumann import METHODS, RECORDING, database_of, library, limb
-from method_alone import method_alone
-from paper import cut, find, options, print_table
+from paper import cut, find, method_alone, options, print_table
 
 import priorfill as pf
 from priorfill.geometry.root_frames import root_group

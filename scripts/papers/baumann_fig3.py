@@ -15,8 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from baumann import METHODS, RECORDING, Take, database_of, examples, library, middle, print_data
-from method_alone import method_alone
-from paper import error, in_processes, options, print_table
+from paper import error, in_processes, method_alone, options, print_table
 
 import priorfill as pf
 from priorfill.markers.definitions import load

@@ -28,8 +28,7 @@ from baumann import (
     middle,
     print_data,
 )
-from method_alone import method_alone
-from paper import error, in_processes, options, print_table
+from paper import error, in_processes, method_alone, options, print_table
 
 import priorfill as pf
 from priorfill.search.takes import takes_from

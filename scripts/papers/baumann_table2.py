@@ -17,8 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from baumann import RECORDING, Take, database_of, examples, library, limb, middle, print_data
-from method_alone import method_alone
-from paper import error, in_processes, options, print_table
+from paper import error, in_processes, method_alone, options, print_table
 
 import priorfill as pf
 from priorfill.errors import MethodError

@@ -14,9 +14,8 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from method_alone import method_alone
 from numpy.typing import NDArray
-from paper import find
+from paper import find, method_alone
 from threadpoolctl import threadpool_limits
 
 import priorfill as pf

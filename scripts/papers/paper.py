@@ -17,11 +17,12 @@ import numpy as np
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 
+from method_alone import method_alone
 from recordings import add_data_option
 
 import priorfill as pf
 
-__all__ = ["cut", "error", "find", "in_processes", "options", "print_table"]
+__all__ = ["cut", "error", "find", "in_processes", "method_alone", "options", "print_table"]
 
 UNKNOWN = "-"
 """Cell of a table without a value."""
