@@ -434,6 +434,7 @@ class Machine(RuleBasedStateMachine):
 
     def _compacting(self) -> tuple[Callable[[], object], Model]:
         def compact() -> None:
+            self.writer.clips()  # after a change that failed, it removes what that one left
             segments = list(self.folder.glob("segments/*"))
             size = sum(path.stat().st_size for path in segments)
             given_back = self.writer.compact()

@@ -279,11 +279,11 @@ def environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def run_shell(script: str, *arguments: str) -> list[str]:
+def run_shell(script: str, *arguments: str, status: int = 0) -> list[str]:
     """Run a shell script and return the lines that it prints."""
     line = [str(SCRIPTS / script), *arguments]
     done = subprocess.run(line, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == status, done.stderr
     return done.stdout.splitlines()
 
 
@@ -301,6 +301,7 @@ class TestShellScripts:
         assert tests == "python -m pytest --numprocesses auto -m not realdata"
 
     def test_demo_fills_its_clip(self, environment: Path, tmp_path: Path) -> None:
-        lines = run_shell("demo", "--output", str(tmp_path / "demo"), "--method", "linear")
+        given = ("--output", str(tmp_path / "demo"), "--method", "linear")
+        lines = run_shell("demo", *given, status=3)  # straight lines are not believed everywhere
         assert lines[0].startswith("Demo")
         assert len(list((tmp_path / "demo").glob("*.c3d"))) == 3
