@@ -14,6 +14,9 @@ __all__ = ["CLI", "Cost", "run"]
 CLI = (sys.executable, "-c", "from priorfill.cli import main; main()")
 """Command line of the priorfill that this Python imports."""
 
+DONE = (0, 3)
+"""Exit statuses of a complete and of a partial fill."""
+
 KILOBYTE = 1024 if sys.platform != "darwin" else 1
 """Bytes in the unit of ``ru_maxrss``."""
 

@@ -14,15 +14,12 @@ import sys
 import tempfile
 from pathlib import Path
 
-from child import CLI, run
+from child import CLI, DONE, run
 
 HERE = Path(__file__).resolve().parent
 
 BOUND = 1100.0
 """MB. Maximum resident memory of the fill."""
-
-DONE = (0, 3)
-"""Exit statuses of a complete and of a partial fill."""
 
 
 def main() -> int:

@@ -13,10 +13,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from child import CLI, run
-
-DONE = (0, 3)
-"""Exit statuses of a complete and of a partial fill."""
+from child import CLI, DONE, run
 
 
 def main() -> int:

@@ -50,6 +50,7 @@ sys.path.append(str(Path(__file__).resolve().parents[2] / "tests" / "support"))
 import skeleton_files
 import text_files
 from fuzzing import Tally, fuzz_parser, run_cases
+from method_alone import method_alone
 
 PRELOADED = (
     *("priorfill.filling.fill_clip", "priorfill.formats", "priorfill.methods.interpolation"),
@@ -447,7 +448,7 @@ def _use_recording(path: Path, content: bytes, rng: Rng) -> str:
     path.write_bytes(content)
     is_recording(path)
     clip = read(path)
-    result = fill(clip, method="linear")
+    result = fill(clip, method="linear", options=method_alone())
     out = path.with_stem("out")
     write(out, result.clip, result.filled)
     try:
