@@ -68,6 +68,10 @@ class PlausibilityOptions:
         s. Runs that last longer are hidden only if their distance from a reference marker differs
         from the usual one by more than half of it: in an unusual posture skin moves markers by
         centimetres for seconds.
+    max_doubtful_share : float
+        Runs with more than this share of the measured samples of their marker are not hidden: an
+        object that is put down in a gap is in another place before it than after it, and neither
+        place is the usual one.
     min_spike : float
         mm. Methods see smaller spikes, unless the marker is missing within `suspect_seconds`: they
         are no larger than the errors of fills, and every sample that is not seen costs accuracy.
@@ -102,6 +106,7 @@ class PlausibilityOptions:
     suspect_seconds: float = 0.25
     hide_doubtful: bool = True
     max_doubtful_seconds: float = 1.0
+    max_doubtful_share: float = 0.3
     min_spike: float = 40.0
     interpolate_seconds: float = 0.3
 

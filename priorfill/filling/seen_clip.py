@@ -176,7 +176,8 @@ def doubtful_samples(
     counted = [
         one
         for one in counted
-        if _is_large(one, options.min_spike) or _is_near_gap(one, clip, reach)
+        if (_is_large(one, options.min_spike) or _is_near_gap(one, clip, reach))
+        and _share_of_marker(one, clip) <= options.max_doubtful_share
     ]
     return artefact_samples(counted, clip.labels, clip.frames) & ~clip.missing
 
@@ -185,6 +186,14 @@ def _is_large(artefact: Artefact, limit: float) -> bool:
     """Check whether an artefact is no spike, or is one larger than a limit (mm)."""
     off = abs(artefact.distance - artefact.typical_distance)
     return artefact.kind != SPIKE or not (artefact.size < limit and not off >= limit)
+
+
+def _share_of_marker(artefact: Artefact, clip: Clip) -> float:
+    """Return the share of the measured samples of a marker that an artefact has."""
+    markers = [clip.labels.index(label) for label in artefact.markers]
+    measured = ~clip.missing[:, markers]
+    inside = measured[artefact.start : artefact.stop].sum(axis=0)
+    return float((inside / np.maximum(measured.sum(axis=0), 1)).max())
 
 
 def _is_near_gap(artefact: Artefact, clip: Clip, reach: int) -> bool:

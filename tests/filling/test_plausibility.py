@@ -274,6 +274,26 @@ def test_small_spikes_count_only_near_a_gap():
     assert np.flatnonzero(hidden[:, neck]).tolist() == [30, 31]
 
 
+def test_an_object_in_another_place_after_a_gap_is_not_hidden():
+    clip = person()
+    rng = np.random.default_rng(3)
+    waist = clip.positions[:, LABELS.index("LFWT")]
+    objects = waist[:, None] + [[60.0, 40.0, 80.0], [90.0, 0.0, 60.0], [70.0, 90.0, 0.0]]
+    objects += rng.normal(scale=0.3, size=objects.shape)
+    objects[120:] += [700.0, 100.0, -200.0]
+    objects[110:130] = np.nan
+    both = pf.Clip(
+        np.concatenate([clip.positions, objects], axis=1), (*LABELS, "P1", "P2", "P3"), clip.rate
+    )
+    found = [
+        pf.Artefact("mislabelled", (label,), 0, 110, 700.0, "LFWT", 900.0, 100.0, 2.0)
+        for label in ("P1", "P2", "P3")
+    ]
+    short = pf.Artefact("mislabelled", ("P1",), 90, 110, 700.0, "LFWT", 900.0, 100.0, 2.0)
+    assert not doubtful_samples(both, found, PlausibilityOptions()).any()
+    assert doubtful_samples(both, [short], PlausibilityOptions()).sum() == 20
+
+
 def test_a_single_neighbour_shows_no_speed():
     """Of the hand, only the finger is measured in the gap, and jumps like the fill."""
     hand = ("LWRA", "LWRB", "LFRM", "LELB", "LUPA", "LSHO")
