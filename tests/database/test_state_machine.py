@@ -474,7 +474,8 @@ def check(database: PriorDatabase, model: Model) -> None:
 @lru_cache
 def content_of(recording: int, kind: str) -> str:
     """The content hash of a version, from a separate database."""
-    folder = Path(tempfile.mkdtemp(prefix="priorfill-machine-"))
+    place = IN_MEMORY if IN_MEMORY.is_dir() else None
+    folder = Path(tempfile.mkdtemp(prefix="priorfill-machine-", dir=place))
     try:
         with PriorDatabase.create(folder / "db") as database:
             return database.add(version(recording, kind)[0]).content
