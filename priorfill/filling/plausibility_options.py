@@ -75,6 +75,8 @@ class PlausibilityOptions:
     min_spike : float
         mm. Methods see smaller spikes, unless the marker is missing within `suspect_seconds`: they
         are no larger than the errors of fills, and every sample that is not seen costs accuracy.
+    max_spike_seconds : float
+        s. Likewise for longer ones: a blow with the hand lasts as long and looks alike.
     interpolate_seconds : float
         s. Methods see an interpolated path in place of a run of samples in doubt that is no longer
         than this and lies between others.
@@ -108,6 +110,7 @@ class PlausibilityOptions:
     max_doubtful_seconds: float = 1.0
     max_doubtful_share: float = 0.3
     min_spike: float = 40.0
+    max_spike_seconds: float = 0.2
     interpolate_seconds: float = 0.3
 
     def __post_init__(self) -> None:

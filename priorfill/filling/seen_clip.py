@@ -176,16 +176,19 @@ def doubtful_samples(
     counted = [
         one
         for one in counted
-        if (_is_large(one, options.min_spike) or _is_near_gap(one, clip, reach))
+        if (_is_clear(one, clip.rate, options) or _is_near_gap(one, clip, reach))
         and _share_of_marker(one, clip) <= options.max_doubtful_share
     ]
     return artefact_samples(counted, clip.labels, clip.frames) & ~clip.missing
 
 
-def _is_large(artefact: Artefact, limit: float) -> bool:
-    """Check whether an artefact is no spike, or is one larger than a limit (mm)."""
-    off = abs(artefact.distance - artefact.typical_distance)
-    return artefact.kind != SPIKE or not (artefact.size < limit and not off >= limit)
+def _is_clear(artefact: Artefact, rate: float, options: PlausibilityOptions) -> bool:
+    """Check whether an artefact is no spike, or a short and large one."""
+    if artefact.kind != SPIKE:
+        return True
+    off = abs(artefact.distance - artefact.typical_distance)  # NaN without a reference marker
+    large = artefact.size >= options.min_spike or off >= options.min_spike
+    return large and artefact.stop - artefact.start <= options.max_spike_seconds * rate
 
 
 def _share_of_marker(artefact: Artefact, clip: Clip) -> float:

@@ -274,6 +274,17 @@ def test_small_spikes_count_only_near_a_gap():
     assert np.flatnonzero(hidden[:, neck]).tolist() == [30, 31]
 
 
+def test_long_spikes_count_only_near_a_gap():
+    clip = with_gaps(person(), (60, 90, ("LELB",)))
+    far, near, short = (
+        pf.Artefact("spike", ("LELB",), start, stop, 130.0, "LFRM", 160.0, 100.0, 3.0)
+        for start, stop in ((150, 163), (95, 108), (180, 192))
+    )
+    hidden = doubtful_samples(clip, [far, near, short], PlausibilityOptions())
+    frames = np.flatnonzero(hidden[:, LABELS.index("LELB")])
+    assert frames.tolist() == [*range(95, 108), *range(180, 192)]
+
+
 def test_an_object_in_another_place_after_a_gap_is_not_hidden():
     clip = person()
     rng = np.random.default_rng(3)
