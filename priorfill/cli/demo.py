@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -99,7 +100,11 @@ def _print_errors(truth: Clip, result: Result) -> None:
     straight_error = np.linalg.norm(straight - true, axis=2)
 
     def rms(values: NDArray[np.float64]) -> float:
-        return float(np.sqrt(np.nanmean(values**2)))
+        filled = values[np.isfinite(values)]
+        return float(np.sqrt(np.mean(filled**2))) if len(filled) else math.nan
+
+    def shown(value: float) -> str:
+        return f"{value:.1f}" if math.isfinite(value) else "-"
 
     rows = []
     for gap in result.gaps:
@@ -108,11 +113,11 @@ def _print_errors(truth: Clip, result: Result) -> None:
             (
                 gap.label,
                 f"{gap.start / clip.rate:.2f}-{gap.stop / clip.rate:.2f}",
-                f"{rms(error[inside]):.1f}",
-                f"{gap.expected_rms_mm:.1f}",
-                f"{rms(straight_error[inside]):.1f}",
+                shown(rms(error[inside])),
+                shown(gap.expected_rms_mm),
+                shown(rms(straight_error[inside])),
             )
         )
     fill, line = rms(error[result.filled]), rms(straight_error[result.filled])
-    rows.append(("all", "", f"{fill:.1f}", "", f"{line:.1f}"))
+    rows.append(("all", "", shown(fill), "", shown(line)))
     print_table(("marker", "s>", "rms error mm>", "expected rms mm>", "linear mm>"), rows)

@@ -47,6 +47,16 @@ def test_demo(tmp_path: Path) -> None:
     np.testing.assert_array_equal(filled.positions[measured], gaps.positions[measured])
 
 
+def test_gaps_that_stay_missing_have_no_error(tmp_path: Path) -> None:
+    result = run("demo", "-o", tmp_path, "--method", "rigid")
+    assert result.exit_code == 3, result.output
+    rows = [line.split() for line in result.stdout.splitlines() if line.startswith("LFIN")]
+    (row,) = rows
+    assert row[2:4] == ["-", "-"]
+    assert float(row[4]) > 100
+    assert "nan" not in result.output
+
+
 def in_order(labels: tuple[str, ...]) -> list[str]:
     return sorted(labels, key=LABELS.index)
 
