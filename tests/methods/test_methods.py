@@ -24,8 +24,10 @@ from priorfill.database import PriorDatabase
 from priorfill.energy.solver import DescentOptions, minimise, solve_exactly
 from priorfill.energy.terms import energy
 from priorfill.filling.fill_clip import fill
+from priorfill.filling.gap_filter import GapFilter
 from priorfill.filling.result import Result
 from priorfill.geometry.axes import from_upright
+from priorfill.methods import METHODS
 from priorfill.methods.baumann2011 import neighbour_votes
 from priorfill.methods.gpr import gpr_fill
 
@@ -430,3 +432,12 @@ def test_markers_that_coincide_with_visible_ones():
     result = fill(clip)
     check(clip, result)
     np.testing.assert_allclose(result.clip.positions, positions, atol=0.1)
+
+
+@pytest.mark.parametrize("method", sorted(METHODS))
+def test_nothing_is_asked_for(method):
+    """A clip whose gaps are all left alone has missing samples but no gap group."""
+    clip = with_gaps(person(), (60, 90, ("LKNE", "LANK")))
+    result = fill(clip, method=method, gap_filter=GapFilter(max_gap=0.1))
+    assert not result.filled.any()
+    np.testing.assert_array_equal(result.clip.missing, clip.missing)

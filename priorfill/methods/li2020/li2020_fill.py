@@ -398,7 +398,7 @@ def pca_frames(
     trajectories = _Trajectories(task, options) if task.groups else None
     positions = task.positions.copy()
     spans: dict[tuple[int, int], list[int]] = {}
-    for gap in find_gaps(~task.valid):
+    for gap in find_gaps(~task.valid) if trajectories is not None else ():
         spans.setdefault((gap.start, gap.stop), []).append(gap.marker)
     for (start, stop), markers in spans.items():
         context = max(options.min_context_frames, round(options.context * (stop - start)))
