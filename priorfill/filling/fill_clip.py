@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -48,6 +48,9 @@ from priorfill.runtime.option_texts import seconds_of
 from priorfill.search.takes import Take
 
 __all__ = ["fill"]
+
+MAX_PLACES = 6
+"""Markers that a note lists with their frames."""
 
 
 def fill(
@@ -324,7 +327,7 @@ class _Filling:
         result = restore_rejected(
             result, plan.measured, plan.artefacts, rejected=self.settings.reject_artefacts
         )
-        return replace(result, notes=(*result.notes, *_notes_on_doubt(result)))
+        return replace(result, notes=(*result.notes, *_notes_on_doubt(result, plan.seen.hidden)))
 
     def _fill_by(self, plan: _Plan, run: MethodRun, provenance: Provenance) -> Result:
         """Fill the gaps of one method."""
@@ -404,18 +407,42 @@ def _frames(first: int, last: int) -> str:
     return f"{first}-{last}" if last > first else f"{first}"
 
 
-def _notes_on_doubt(result: Result) -> tuple[str, ...]:
-    """Return a note that names the samples in doubt, which nothing was learnt from."""
+def _notes_on_doubt(result: Result, found: NDArray[np.bool_]) -> Iterator[str]:
+    """Yield notes that name the measured samples that nothing was learnt from.
+
+    Parameters
+    ----------
+    result : Result
+        Of a fill.
+    found : ndarray of bool [shape=(frames, markers)]
+        Those of artefacts; others were left out when a fill was repeated.
+    """
     if result.doubtful is None:
-        return ()
-    clip = result.clip
+        return
+    for samples, text in (
+        (
+            result.doubtful & found,
+            "measured samples in doubt are written as measured; fills neither learn from them nor "
+            "join them",
+        ),
+        (
+            result.doubtful & ~found,
+            "measured samples next to fills that were not believed were left out when these were "
+            "repeated",
+        ),
+    ):
+        if samples.any():
+            yield f"{int(samples.sum())} {text} (frames: {_places(result.clip, samples)})"
+
+
+def _places(clip: Clip, samples: NDArray[np.bool_]) -> str:
+    """Return the markers and frames of some samples, as far as a note has room."""
     first = clip.first_frame
+    markers = np.flatnonzero(samples.any(axis=0))
     places = [
-        f"{label} {', '.join(_frames(first + a, first + b - 1) for a, b in runs_of(column))}"
-        for label, column in zip(clip.labels, result.doubtful.T, strict=True)
-        if column.any()
+        f"{clip.labels[marker]} "
+        + ", ".join(_frames(first + a, first + b - 1) for a, b in runs_of(samples[:, marker]))
+        for marker in markers[:MAX_PLACES]
     ]
-    return (
-        f"{int(result.doubtful.sum())} measured samples in doubt are written as measured; fills "
-        f"neither learn from them nor join them (frames: {'; '.join(places)})",
-    )
+    more = len(markers) - MAX_PLACES
+    return "; ".join([*places, *([f"and {more} more markers"] if more > 0 else [])])

@@ -152,7 +152,8 @@ class Result:
     artefacts : tuple of Artefact
         Why samples were rejected or are in doubt.
     doubtful : ndarray of bool [shape=(frames, markers)] or None
-        Which measured samples are in doubt: nothing was learnt from them, and no fill joins them.
+        Which measured samples are in doubt, or were left out when a fill that was not believed was
+        repeated: nothing was learnt from them, and no fill joins them.
         They are in `clip` as measured. None: none.
     database : Path or None
         The prior database, if one was used.

@@ -305,6 +305,31 @@ def test_an_object_in_another_place_after_a_gap_is_not_hidden():
     assert doubtful_samples(both, [short], PlausibilityOptions()).sum() == 20
 
 
+def test_notes_tell_samples_in_doubt_from_those_left_out_of_a_repetition(monkeypatch):
+    clip = with_gaps(person(), (60, 90, ("LELB",)))
+    positions = clip.positions.copy()
+    elbow, neck = LABELS.index("LELB"), LABELS.index("C7")
+    positions[130:136, neck, 2] += 120.0
+    edge = slice(86, 94)
+
+    def poor(task, progress=None):
+        """Wrong at the end of the gap, unless the samples after it are hidden."""
+        found = np.where(task.valid[..., None], task.positions, person().positions)
+        if task.valid[90, elbow]:
+            found[80:90, elbow] += np.linspace(0.0, 900.0, 10)[:, None]
+        return Estimate(found, np.full(task.valid.shape, 100.0))
+
+    monkeypatch.setattr("priorfill.filling.fill_clip.get_method", lambda name: poor)
+    result = pf.fill(clip.with_positions(positions), method="gpr")
+    assert result.doubtful is not None
+    assert result.doubtful[edge, elbow].any()
+    doubt, left_out = result.notes
+    assert doubt.startswith("6 measured samples in doubt")
+    assert doubt.endswith("(frames: C7 130-135)")
+    assert "left out when these were repeated" in left_out
+    assert "LELB" in left_out
+
+
 def test_a_single_neighbour_shows_no_speed():
     """Of the hand, only the finger is measured in the gap, and jumps like the fill."""
     hand = ("LWRA", "LWRB", "LFRM", "LELB", "LUPA", "LSHO")
