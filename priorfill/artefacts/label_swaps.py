@@ -209,7 +209,7 @@ def _crossings(
 def _mutual_neighbours(
     expected: NDArray[np.float64], found: NDArray[np.float64], radius: NDArray[np.float64]
 ) -> list[tuple[int, int]]:
-    """Return pairs of which each is found within a radius of where the other is expected."""
+    """Return pairs of markers, each within a radius of where the other is expected."""
     near: list[set[int]] = []
     for start in range(0, len(expected), BATCH_SIZE):
         part = slice(start, start + BATCH_SIZE)

@@ -258,7 +258,7 @@ def _clips_with(
 
 
 def _print(facts: dict[str, Any], rows: int | None) -> None:
-    """Print the description of a clip, with tables of so many rows."""
+    """Print the description of a clip, with tables of at most `rows` rows."""
     for name, value in _summary(facts):
         print_wrapped(f"  {name:<11} {value}", " " * 14)
     if facts["artefacts"]:

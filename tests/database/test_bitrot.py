@@ -262,7 +262,7 @@ def test_a_clip_with_a_damaged_row_is_not_learnt_from(
 
 
 fills_without: dict[tuple[Path, frozenset[str]], list[Result]] = {}
-"""Fills by database and by the clips removed from it, each of which takes a second."""
+"""Fills by database and by the clips removed from it; each takes a second."""
 
 
 @settings(

@@ -128,7 +128,7 @@ def variables(data: bytes, name: str) -> dict[str, Any]:
 
 
 def variable_names(data: bytes, name: str) -> tuple[str, ...]:
-    """Return the names of the variables of a file, of which little is unpacked.
+    """Return the names of the variables of a file; little of it is unpacked.
 
     Parameters
     ----------

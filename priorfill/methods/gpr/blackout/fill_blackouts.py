@@ -77,7 +77,7 @@ class BlackoutPredictor:
         Returns
         -------
         list of SegmentPrediction
-            Each for some markers of a segment; none for markers of which too little is visible on
+            Each for some markers of a segment; none for markers that are hardly visible on
             both sides.
         """
         start, stop = min(s.start for s in segments), max(s.stop for s in segments)
