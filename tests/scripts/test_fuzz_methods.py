@@ -38,6 +38,17 @@ def test_each_method_on_odd_clips():
     assert ends["filled"] + ends["partly filled"] > 5
 
 
+@pytest.mark.parametrize(
+    ("seed", "number", "method"),
+    [
+        (1, 126, "gpr"),  # no marker near another one, and a donor that stands still
+        (2, 305, "pca-frames"),  # nothing is asked for
+    ],
+)
+def test_clips_that_once_failed(seed, number, method):
+    fuzz.run_case(fuzz.Case(seed, number, method))
+
+
 def test_a_seed_makes_the_same_clips():
     one, other = (fuzz.make_clips(5, 3)[0] for _ in range(2))
     np.testing.assert_array_equal(one.positions, other.positions)

@@ -200,7 +200,11 @@ class Donors:
             # donors that stand still show no rigidity; that of adjacent markers is used
             near = np.exp(-0.5 * (distance / options.neighbour_length_scale) ** 2)
             weight = near * (1.0 - np.eye(len(visible)))
-            spread = np.maximum(spread, (weight * visible_spread).sum(axis=1) / weight.sum(axis=1))
+            total = weight.sum(axis=1)  # 0 where all others are metres away
+            adjacent = np.divide(
+                (weight * visible_spread).sum(axis=1), total, np.zeros_like(total), where=total > 0
+            )
+            spread = np.maximum(spread, adjacent)
         return MarkerCoupling(distance, spread, visible_spread)
 
     def own_donors(
