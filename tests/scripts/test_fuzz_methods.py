@@ -45,7 +45,7 @@ def test_each_method_on_odd_clips():
         (2, 305, "pca-frames"),  # nothing is asked for
     ],
 )
-def test_clips_that_once_failed(seed, number, method):
+def test_degenerate_clips(seed, number, method):
     fuzz.run_case(fuzz.Case(seed, number, method))
 
 
