@@ -17,7 +17,7 @@ from priorfill.filling.held_out_errors import with_held_out_errors
 from priorfill.filling.plausibility import CRITERIA, JUMP, SPEED, PlausibilityCheck
 from priorfill.filling.plausibility_options import PlausibilityOptions
 from priorfill.filling.seen_clip import SeenClip
-from priorfill.gaps import Gap, GapGroup, find_gaps
+from priorfill.gaps import Gap, GapGroup
 from priorfill.geometry.axes import to_upright
 from priorfill.gp.calibration import BOUND_FACTOR, MEAN_FACTOR
 from priorfill.methods.task import Estimate, Note, Task
@@ -162,7 +162,7 @@ class BelievableFill:
         for name, reason in CRITERIA.items():
             if name in failures:
                 dropped = check.around(failures[name], filled)
-                _drop(estimate, dropped & ~np.isnan(estimate.positions[..., 0]), reason)
+                estimate.drop(dropped & ~np.isnan(estimate.positions[..., 0]), reason)
 
     def _drop_next_to_doubtful(self, seen: SeenClip, estimate: Estimate) -> None:
         """Leave the last sample before one in doubt missing where the two do not join."""
@@ -171,8 +171,7 @@ class BelievableFill:
         start, stop = seen.frames
         measured = to_upright(seen.clip.positions[start:stop], seen.clip.up)
         doubtful = np.where(seen.hidden[start:stop, :, None], measured, np.nan)
-        _drop(
-            estimate,
+        estimate.drop(
             self._check(seen).next_to_doubtful(estimate.positions, doubtful),
             "too far from the next sample, which is in doubt",
         )
@@ -209,17 +208,8 @@ def _drop_uncertain(estimate: Estimate, missing: _Bool, max_error: float) -> Non
     unknown = filled & np.isnan(expected)
     with np.errstate(invalid="ignore"):
         uncertain = filled & (expected > max_error)
-    _drop(estimate, uncertain, f"its expected mean error exceeds the limit of {max_error:g} mm")
-    _drop(
-        estimate,
+    estimate.drop(uncertain, f"its expected mean error exceeds the limit of {max_error:g} mm")
+    estimate.drop(
         unknown,
         f"its expected error is unknown, so it may exceed the limit of {max_error:g} mm",
-    )
-
-
-def _drop(estimate: Estimate, samples: _Bool, reason: str) -> None:
-    """Leave samples [shape=(frames, markers)] missing, with a note."""
-    estimate.positions[samples] = np.nan
-    estimate.notes.extend(
-        Note(gap.marker, gap.start, gap.stop, reason, filled=False) for gap in find_gaps(samples)
     )

@@ -208,6 +208,22 @@ class Estimate:
         filled = np.where(given[..., None], positions, task.positions)
         return cls(filled, np.full(missing.shape, np.nan), notes)
 
+    def drop(self, samples: NDArray[np.bool_], reason: str) -> None:
+        """Leave samples missing, with a note for each run of them.
+
+        Parameters
+        ----------
+        samples : ndarray of bool [shape=(frames, markers)]
+            The samples.
+        reason : str
+            Why they stay missing.
+        """
+        self.positions[samples] = np.nan
+        self.notes.extend(
+            Note(gap.marker, gap.start, gap.stop, reason, filled=False)
+            for gap in find_gaps(samples)
+        )
+
 
 def _text(text: str | Callable[[Gap], str], gap: Gap) -> str:
     """Return a text, or the text for a gap."""

@@ -34,14 +34,13 @@ from numpy.typing import NDArray
 
 from priorfill.energy.multiresolution import levels_for, solve_levels
 from priorfill.energy.solver import minimise
-from priorfill.gaps import runs
 from priorfill.methods.gpr.energy_targets import targets_from
 from priorfill.methods.gpr.gap_segments import GapSegment, split_into_segments
 from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.postprocess import PostProcessor
 from priorfill.methods.gpr.predict import SegmentPredictor
 from priorfill.methods.gpr.prediction import SegmentPrediction, notes_on_unfilled
-from priorfill.methods.task import Estimate, Note, Task
+from priorfill.methods.task import Estimate, Task
 from priorfill.runtime.threads import thread_count
 from priorfill.signal.resample import Resolution
 
@@ -323,14 +322,11 @@ def _hidden(
 
 def _drop_uncertain(estimate: Estimate, max_expected_error: float) -> None:
     """Leave samples missing whose expected error exceeds a maximum (mm)."""
-    uncertain = estimate.expected_rms > max_expected_error
-    estimate.positions[uncertain] = np.nan
-    reason = (
-        f"the visible markers do not determine it: expected error above {max_expected_error:.0f} mm"
+    estimate.drop(
+        estimate.expected_rms > max_expected_error,
+        "the visible markers do not determine it: expected error above "
+        f"{max_expected_error:.0f} mm",
     )
-    for marker in np.flatnonzero(np.logical_or.reduce(uncertain, axis=0)):
-        for start, stop in runs(uncertain[:, marker]):
-            estimate.notes.append(Note(int(marker), start, stop, reason, filled=False))
 
 
 def _better(
