@@ -135,9 +135,7 @@ def sum_up_gaps(
     )
 
 
-def restore_rejected(
-    result: Result, measured: Clip, artefacts: tuple[Artefact, ...], *, rejected: bool
-) -> Result:
+def restore_rejected(result: Result, measured: Clip, artefacts: tuple[Artefact, ...]) -> Result:
     """Put rejected samples that were not filled back into the result.
 
     Parameters
@@ -147,9 +145,7 @@ def restore_rejected(
     measured : Clip
         The clip as it was measured.
     artefacts : tuple of Artefact
-        Why samples were rejected or are in doubt; without any, the result is returned unchanged.
-    rejected : bool
-        Whether their samples were rejected.
+        Why samples were rejected; without any, the result is returned unchanged.
 
     Returns
     -------
@@ -158,12 +154,10 @@ def restore_rejected(
     """
     if not artefacts:
         return result
-    if not rejected:
-        return replace(result, artefacts=artefacts)
-    samples = artefact_samples(artefacts, measured.labels, measured.frames) & ~measured.missing
+    rejected = artefact_samples(artefacts, measured.labels, measured.frames) & ~measured.missing
     positions = np.where(result.clip.missing[..., None], measured.positions, result.clip.positions)
     clip = result.clip.with_positions(positions)
-    return replace(result, clip=clip, rejected=samples, artefacts=artefacts)
+    return replace(result, clip=clip, rejected=rejected, artefacts=artefacts)
 
 
 def expected_errors(

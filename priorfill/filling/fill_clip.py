@@ -324,9 +324,10 @@ class _Filling:
         result = results[0]
         if plan.applied is not None:
             result = join_runs(plan.cleaned, plan.applied, results)
-        result = restore_rejected(
-            result, plan.measured, plan.artefacts, rejected=self.settings.reject_artefacts
-        )
+        if self.settings.reject_artefacts:
+            result = restore_rejected(result, plan.measured, plan.artefacts)
+        else:
+            result = replace(result, artefacts=plan.artefacts)
         return replace(result, notes=(*result.notes, *_notes_on_doubt(result, plan.seen.hidden)))
 
     def _fill_by(self, plan: _Plan, run: MethodRun, provenance: Provenance) -> Result:

@@ -164,22 +164,22 @@ def doubtful_samples(
     """
     if not options.hide_doubtful:
         return np.zeros((clip.frames, len(clip.labels)), dtype=bool)
-    longest = options.max_doubtful_seconds * clip.rate
-    counted = [
-        one
-        for one in artefacts
-        if one.kind not in (JUMP, MISLABELLED)
-        or one.stop - one.start <= longest
-        or abs(one.distance - one.typical_distance) > CLEARLY_WRONG * one.typical_distance
-    ]
-    reach = round(options.suspect_seconds * clip.rate)
-    counted = [
-        one
-        for one in counted
-        if (_is_clear(one, clip.rate, options) or _is_near_gap(one, clip, reach))
-        and _share_of_marker(one, clip) <= options.max_doubtful_share
-    ]
+    counted = [one for one in artefacts if _is_hidden(one, clip, options)]
     return artefact_samples(counted, clip.labels, clip.frames) & ~clip.missing
+
+
+def _is_hidden(artefact: Artefact, clip: Clip, options: PlausibilityOptions) -> bool:
+    """Check whether methods are not to see the samples of an artefact."""
+    if _share_of_marker(artefact, clip) > options.max_doubtful_share:
+        return False
+    if artefact.kind in (JUMP, MISLABELLED):
+        off = abs(artefact.distance - artefact.typical_distance)
+        return (
+            artefact.stop - artefact.start <= options.max_doubtful_seconds * clip.rate
+            or off > CLEARLY_WRONG * artefact.typical_distance
+        )
+    reach = round(options.suspect_seconds * clip.rate)
+    return _is_clear(artefact, clip.rate, options) or _is_near_gap(artefact, clip, reach)
 
 
 def _is_clear(artefact: Artefact, rate: float, options: PlausibilityOptions) -> bool:
