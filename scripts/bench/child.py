@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
+import tempfile
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 __all__ = ["CLI", "Cost", "run"]
@@ -17,8 +18,34 @@ CLI = (sys.executable, "-c", "from priorfill.cli import main; main()")
 DONE = (0, 3)
 """Exit statuses of a complete and of a partial fill."""
 
-KILOBYTE = 1024 if sys.platform != "darwin" else 1
-"""Bytes in the unit of ``ru_maxrss``."""
+MEASURE = """
+import subprocess, sys, time
+began = time.perf_counter()
+process = subprocess.Popen(sys.argv[2:])
+try:
+    import resource
+except ImportError:  # Windows
+    import psutil
+    seen = psutil.Process(process.pid)
+    cpu = peak = 0
+    while process.poll() is None:
+        try:
+            used = seen.cpu_times()
+            cpu, peak = used.user + used.system, seen.memory_info().peak_wset
+        except psutil.Error:
+            pass
+        time.sleep(0.02)
+    status = process.wait()
+else:
+    status = process.wait()
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = used.ru_utime + used.ru_stime
+    peak = used.ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+with open(sys.argv[1], "w") as file:
+    print(cpu, time.perf_counter() - began, peak / 1e6, status, file=file)
+"""
+"""Measures a command from a small process: memory of the process that starts another one counts
+as peak memory of the new one on Linux."""
 
 
 class Cost(NamedTuple):
@@ -50,8 +77,6 @@ def run(
 ) -> Cost:
     """Run a command and measure it.
 
-    The caller should be small: its resident memory at the fork counts as memory of the process.
-
     Parameters
     ----------
     command : sequence of str
@@ -61,19 +86,16 @@ def run(
     accepted : sequence of int
         Exit statuses that count as success.
     """
-    began = time.perf_counter()
-    process = subprocess.Popen(
-        list(command),
-        stdout=subprocess.PIPE,
-        env={**os.environ, **(environment or {})},
-        text=True,
-    )
-    assert process.stdout is not None
-    with process.stdout:
-        output = process.stdout.read()
-    _, status, used = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    wall = time.perf_counter() - began
-    if process.returncode not in accepted:
-        raise SystemExit(f"{' '.join(command)}: exit status {process.returncode}")
-    return Cost(used.ru_utime + used.ru_stime, wall, used.ru_maxrss * KILOBYTE / 1e6, output)
+    with tempfile.TemporaryDirectory() as folder:
+        cost = Path(folder) / "cost"
+        done = subprocess.run(
+            [sys.executable, "-c", MEASURE, str(cost), *command],
+            stdout=subprocess.PIPE,
+            env={**os.environ, **(environment or {})},
+            text=True,
+            check=True,
+        )
+        cpu, wall, memory, status = cost.read_text().split()
+    if int(status) not in accepted:
+        raise SystemExit(f"{' '.join(command)}: exit status {status}")
+    return Cost(float(cpu), float(wall), float(memory), done.stdout)

@@ -30,6 +30,7 @@ from pathlib import Path
 from statistics import median
 
 import numpy as np
+from child import CLI, DONE, run
 from numpy.typing import NDArray
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
@@ -118,15 +119,6 @@ database.clips()
 print(opened - start, time.perf_counter() - opened)
 """
 
-FILL = """
-import resource, subprocess, sys, time
-start = time.perf_counter()
-done = subprocess.run([sys.executable, "-c", "from priorfill.cli import main; main()", "fill",
-                       *sys.argv[1:]], stdout=subprocess.DEVNULL)
-used = resource.getrusage(resource.RUSAGE_CHILDREN)
-print(time.perf_counter() - start, used.ru_maxrss / 1024, done.returncode)
-"""
-
 
 def gather(folder: Path, rng: np.random.Generator) -> tuple[float, float]:
     """Return the seconds to read random poses through the database, and from a memory map."""
@@ -180,9 +172,9 @@ def main() -> int:
         positions[:, take.labels.index(DROPPED)] = np.nan
         create_c3d(gappy, pf.Clip(positions, take.labels, take.rate, take.up), overwrite=True)
         output = work / "filled.c3d"
-        line = [gappy, "-o", output, "--overwrite"]
-        alone = in_fresh_process(FILL, *line)
-        print(f"without a database: fill {alone[0]:.2f} s, {alone[1]:.0f} MB\n")
+        line = [*CLI, "fill", str(gappy), "-o", str(output), "--overwrite"]
+        alone = run(line, accepted=DONE)
+        print(f"without a database: fill {alone.wall:.2f} s, {alone.memory:.0f} MB\n")
         print(
             f"{'poses':>9s} {'clips':>6s} {'GB':>6s} {'bytes/pose':>11s} {'of 492':>7s} "
             f"{'add s/h':>8s} {'add one ms':>11s} {'+open ms':>9s} {'open ms':>8s} {'list ms':>8s} "
@@ -215,15 +207,15 @@ def main() -> int:
             size = sum(path.stat().st_size for path in database.rglob("*") if path.is_file())
             times = [in_fresh_process(OPEN, database) for _ in range(3)]
             through, bare = gather(database, rng)
-            filled = in_fresh_process(FILL, *line, "--database", database)
-            assert filled[2] == 0, "the benchmark's gap must be filled"
+            filled = run([*line, "--database", str(database)])
             first_add = first_add or [median(added), median(opened)]
             print(
                 f"{poses:9d} {number:6d} {size / 1e9:6.2f} {size / poses:11.0f} "
                 f"{size / poses / RAW_BYTES:7.2f} {median(added) * 3600 / MINUTE:8.2f} "
                 f"{median(added) * 1e3:11.0f} {median(opened) * 1e3:9.0f} "
                 f"{min(t[0] for t in times) * 1e3:8.0f} {min(t[1] for t in times) * 1e3:8.0f} "
-                f"{through * 1e3:10.0f} {through / bare:7.2f} {filled[0]:7.2f} {filled[1]:6.0f}",
+                f"{through * 1e3:10.0f} {through / bare:7.2f} "
+                f"{filled.wall:7.2f} {filled.memory:6.0f}",
                 flush=True,
             )
         print(
