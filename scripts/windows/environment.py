@@ -4,8 +4,8 @@
     python scripts/windows/environment.py FOLDER
 
 Makes the environment in FOLDER unless it is there and up to date (1 minute, 1.2 GB), and prints how
-to use it: ``FOLDER/python.sh`` takes Python's arguments. Needs Linux on x86-64, CPython 3.11 to 3.14,
-and wine and mingw (Debian: wine64, gcc-mingw-w64-x86-64).
+to use it: ``FOLDER/python.sh`` takes the arguments of Python. Needs Linux on x86-64, CPython 3.11 to
+3.14, wine and mingw (Debian: wine64, gcc-mingw-w64-x86-64).
 
 Python's DLLs come from the wheel of panda3d, which contains them; the rest of the standard library
 from the Python that runs this script; packages are those of ``constraints.txt``, for Windows.
