@@ -18,7 +18,7 @@ from priorfill.database.manifest import (
 )
 from priorfill.database.segment_list import SegmentList
 from priorfill.errors import DatabaseFormatError
-from priorfill.runtime.atomic_file import flush_folder
+from priorfill.runtime.disk_flush import flush_folder
 
 __all__ = ["SEGMENTS", "create_database"]
 

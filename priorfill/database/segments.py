@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from priorfill.database.segment_list import Segment, SegmentList, Unused
 from priorfill.errors import DatabaseCorruptError
-from priorfill.runtime.atomic_file import flush_folder
+from priorfill.runtime.disk_flush import flush_file, flush_folder
 
 __all__ = [
     "DTYPE",
@@ -169,7 +169,7 @@ class SegmentWriter:
                 file.write(block)
                 checksum = zlib.crc32(block, checksum)
             file.flush()
-            os.fsync(file.fileno())
+            flush_file(file.fileno())
         if is_new:
             flush_folder(self._folder)
         entry = Segment(place.end, checksum, mark.hex())

@@ -28,7 +28,8 @@ import urllib3.exceptions
 
 from priorfill.datasets.retry_policy import FileFetchError, RetryPolicy
 from priorfill.errors import FetchError
-from priorfill.runtime.atomic_file import finish_file, flush_folder
+from priorfill.runtime.atomic_file import finish_file
+from priorfill.runtime.disk_flush import flush_folder
 
 __all__ = ["Downloader"]
 

@@ -15,8 +15,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from priorfill.errors import OutputError, PriorfillError
+from priorfill.runtime.disk_flush import flush_file, flush_folder
 
-__all__ = ["check_target", "check_writable", "finish_file", "flush_folder", "replace_file"]
+__all__ = ["check_target", "check_writable", "finish_file", "replace_file"]
 
 _TOKEN_BYTES = 6
 """Random bytes in a temporary name, so that two writers of one target do not collide."""
@@ -262,25 +263,4 @@ def finish_file(temporary: Path, target: Path) -> None:
 def _flush(path: Path) -> None:
     """Force the contents of `path` to the disk."""
     with path.open("rb+") as file:
-        os.fsync(file.fileno())
-
-
-def flush_folder(folder: Path) -> None:
-    """Force the entries of `folder` (new and renamed files) to the disk.
-
-    Where this is impossible, it does nothing: on Windows, on some network file systems, and in
-    folders that may be written to but not listed.
-    """
-    if os.name == "nt":
-        return
-    try:
-        descriptor = os.open(folder, os.O_RDONLY)
-    except PermissionError:
-        return
-    try:
-        os.fsync(descriptor)
-    except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
-            raise
-    finally:
-        os.close(descriptor)
+        flush_file(file.fileno())
