@@ -10,7 +10,7 @@ import re
 import subprocess
 from pathlib import Path
 
-__all__ = ["build_ucrtbase"]
+__all__ = ["build_ucrtbase", "exported_names"]
 
 WINE_LIBRARY = Path("/usr/lib/x86_64-linux-gnu/wine/x86_64-windows/ucrtbase.dll")
 
@@ -44,7 +44,7 @@ def build_ucrtbase(folder: Path) -> None:
     source, own = _functions()
     exports = [
         f" {name} = own_{name}" if name in own else f' "{name}" = "ucrtwine.{name}"'
-        for name in _exported_names()
+        for name in exported_names(WINE_LIBRARY)
     ]
     definitions = "\n".join(["LIBRARY ucrtbase.dll", "EXPORTS", *exports, ""])
     (folder / "ucrtbase.def").write_text(definitions)
@@ -62,10 +62,10 @@ def build_ucrtbase(folder: Path) -> None:
     (folder / "ucrtwine.dll").write_bytes(library)
 
 
-def _exported_names() -> list[str]:
-    """Return the names that wine's library exports."""
+def exported_names(library: Path) -> list[str]:
+    """Return the names that a DLL exports."""
     dump = subprocess.run(
-        [MINGW + "objdump", "-p", WINE_LIBRARY], check=True, capture_output=True, text=True
+        [MINGW + "objdump", "-p", library], check=True, capture_output=True, text=True
     ).stdout
     table = dump.partition("[Ordinal/Name Pointer] Table")[2].partition("\n\n")[0]
     return re.findall(r"\]\s+(\S+)$", table, re.MULTILINE)

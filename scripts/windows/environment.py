@@ -4,8 +4,8 @@
     python scripts/windows/environment.py FOLDER
 
 Makes the environment in FOLDER unless it is there and up to date (1 minute, 1.2 GB), and prints how
-to use it: ``FOLDER/python.sh`` takes the arguments of Python. Needs Linux on x86-64, CPython 3.11 to
-3.14, wine and mingw (Debian: wine64, gcc-mingw-w64-x86-64).
+to use it: ``FOLDER/python.sh`` takes the arguments of Python. Needs Linux on x86-64, CPython 3.11
+to 3.14, wine and mingw (Debian: wine64, gcc-mingw-w64-x86-64).
 
 Python's DLLs come from the wheel of panda3d, which contains them; the rest of the standard library
 from the Python that runs this script; packages are those of ``constraints.txt``, for Windows.
@@ -25,6 +25,7 @@ import zipfile
 from pathlib import Path
 
 from complex_functions import MINGW, WINE_LIBRARY, build_ucrtbase
+from stable_abi import build_stable_abi
 
 __all__ = ["main", "make_environment", "missing_programs"]
 
@@ -175,7 +176,8 @@ def _build_wheel(folder: Path) -> Path:
 
 
 def _compile(python: Path) -> None:
-    """Build ``python.exe``."""
+    """Build ``python.exe`` and ``python3.dll``."""
+    build_stable_abi(python / f"python{PYTHON}.dll")
     subprocess.run(
         [
             MINGW + "gcc", "-municode", "-O2", f'-DPYTHON_DLL=L"python{PYTHON}.dll"',
