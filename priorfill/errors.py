@@ -11,6 +11,7 @@
     ├── MethodError (ValueError)          a method is not applicable to a clip
     ├── EvaluationError (RuntimeError)    an evaluation cannot continue
     ├── OutputError (OSError)             a result cannot be written to its destination
+    ├── IntegrationError (RuntimeError)   a program that has a trial open cannot be used as documented
     ├── FetchError (OSError)              a data set cannot be downloaded, or is not as expected
     └── DatabaseError                     a problem with a prior database
         ├── DatabaseNotFoundError (FileNotFoundError)
@@ -40,6 +41,7 @@ __all__ = [
     "EvaluationError",
     "FetchError",
     "FormatError",
+    "IntegrationError",
     "MarkerSetError",
     "MethodError",
     "MultipleSubjectsError",
@@ -161,6 +163,10 @@ class EvaluationError(PriorfillError, RuntimeError):
 
 class OutputError(PriorfillError, OSError):
     """A result cannot be written to its destination."""
+
+
+class IntegrationError(PriorfillError, RuntimeError):
+    """A program that has a trial open cannot be reached, or does not do what is documented."""
 
 
 class FetchError(PriorfillError, OSError):

@@ -29,7 +29,11 @@ COLUMNS = ("marker", "frame", "time_s", "expected_rms_mm", "error_bound_90_mm", 
 
 
 def check_uncertainty(
-    path: Path | str, *, source: Path, output: Path, overwrite: bool = False
+    path: Path | str,
+    *,
+    source: Path | None = None,
+    output: Path | None = None,
+    overwrite: bool = False,
 ) -> None:
     """Check before a fill whether its uncertainty can be written.
 
@@ -37,8 +41,8 @@ def check_uncertainty(
     ----------
     path : Path or str
         The file to write.
-    source, output : Path
-        The file that is read and the one for the filled clip; `path` must be neither.
+    source, output : Path or None
+        The file that is read and the one for the filled clip, if any; `path` must be neither.
     overwrite : bool
         Whether an existing file may be replaced.
 
@@ -52,8 +56,10 @@ def check_uncertainty(
     path = Path(path)
     _check_suffix(path)
     target = check_target(path, overwrite=overwrite, source=source)
-    same = target == output.resolve()  # one that does not exist yet has no other names
-    if same or (target.exists() and output.exists() and target.samefile(output)):
+    if output is not None and (
+        target == output.resolve()  # one that does not exist yet has no other names
+        or (target.exists() and output.exists() and target.samefile(output))
+    ):
         raise OutputError(f"{path}: is the file for the filled clip; choose another name")
     check_writable(path, 0)
 
