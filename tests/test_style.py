@@ -23,7 +23,7 @@ MAX_PARAMETERS = 8
 COMPILED = ("energy/descent_kernels.py", "search/kernels.py")
 """Modules of compiled loops, which take arrays one by one."""
 
-TOP_LEVEL = {"__init__", "errors", "clip", "gaps", "interop"}
+TOP_LEVEL = {"__init__", "__main__", "errors", "clip", "gaps", "interop"}
 """Modules directly in the package."""
 
 MACHINE = re.compile(r"/(home|root|Users)/\w|[A-Z]:\\Users\\")

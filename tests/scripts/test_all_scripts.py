@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import importlib.machinery
 import importlib.util
-import shutil
-import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,7 +21,21 @@ from priorfill.formats.skeletons.asf_amc import read_amc, read_asf
 from priorfill.markers import definitions
 from priorfill.skeleton.virtual_markers import compute_virtual_markers
 
+CHECKOUT_SCRIPTS = (
+    "check",
+    "check.py",
+    "demo",
+    "demo.py",
+    "environment",
+    "find_python",
+    "make_environment.py",
+    "test",
+    "test.py",
+)
+"""Scripts that make the environment of a checkout."""
+
 TESTED_ELSEWHERE = {
+    **dict.fromkeys(CHECKOUT_SCRIPTS, "scripts/test_checkout.py"),
     "checks/fuzz_c3d.py": "scripts/test_fuzz_c3d.py",
     "checks/fuzz_formats.py": "scripts/test_fuzz_formats.py",
     "checks/fuzz_methods.py": "scripts/test_fuzz_methods.py",
@@ -176,8 +188,7 @@ def scripts() -> list[str]:
 
 
 def test_every_script_is_tried() -> None:
-    shell = {"check", "demo", "environment", "test"}
-    assert set(scripts()) == shell | set(SMOKE) | set(TESTED_ELSEWHERE)
+    assert set(scripts()) == set(SMOKE) | set(TESTED_ELSEWHERE)
 
 
 @pytest.mark.parametrize(("script", "file"), TESTED_ELSEWHERE.items())
@@ -257,52 +268,3 @@ def test_script_runs(
     output = capfd.readouterr()
     assert status in smoke.statuses, output
     assert smoke.prints in output.out
-
-
-# shell scripts, with a stand-in for the environment that they make
-
-
-@pytest.fixture
-def environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An installed environment, whose programs print their names and arguments."""
-    folder = tmp_path / "environment"
-    (folder / "bin").mkdir(parents=True)
-    for name in ("python", "ruff", "mypy"):
-        program = folder / "bin" / name
-        program.write_text(f'#!/bin/sh\necho {name} "$@"\n', encoding="utf-8")
-        program.chmod(0o755)
-    program = folder / "bin" / "priorfill"
-    line = f"exec {sys.executable} -c 'from priorfill.cli import main; main()' \"$@\"\n"
-    program.write_text(f"#!/bin/sh\n{line}", encoding="utf-8")
-    program.chmod(0o755)
-    (folder / "priorfill-installed").touch()
-    monkeypatch.setenv("PRIORFILL_VENV", str(folder))
-    return folder
-
-
-def run_shell(script: str, *arguments: str, status: int = 0) -> list[str]:
-    """Run a shell script and return the lines that it prints."""
-    line = [str(SCRIPTS / script), *arguments]
-    done = subprocess.run(line, capture_output=True, text=True, check=False)
-    assert done.returncode == status, done.stderr
-    return done.stdout.splitlines()
-
-
-@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
-class TestShellScripts:
-    def test_environment_prints_the_folder_that_is_there(self, environment: Path) -> None:
-        assert run_shell("environment") == [str(environment)]
-
-    def test_check_runs_ruff_and_mypy(self, environment: Path) -> None:
-        assert run_shell("check") == ["ruff check .", "ruff format --check .", "mypy"]
-
-    def test_test_checks_and_passes_arguments_to_pytest(self, environment: Path) -> None:
-        *checks, tests = run_shell("test", "-m", "not realdata")
-        assert len(checks) == 3
-        assert tests == "python -m pytest --numprocesses auto -m not realdata"
-
-    def test_demo_fills_its_clip(self, environment: Path, tmp_path: Path) -> None:
-        given = ("--output", str(tmp_path / "demo"), "--method", "linear")
-        lines = run_shell("demo", *given, status=3)  # straight lines are not believed everywhere
-        assert lines[0].startswith("Demo")
-        assert len(list((tmp_path / "demo").glob("*.c3d"))) == 3
