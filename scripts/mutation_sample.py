@@ -34,7 +34,7 @@ from mutation.reach import Reach, Readers, Record, Recorder, test_files
 from mutation.run import HUNG, SURVIVED, Outcome, Workspace, run_fault
 from mutation.sites import Site, sites
 
-NOT_NUMERIC_FOLDERS = ("cli", "formats", "database", "datasets", "runtime")
+NOT_NUMERIC_FOLDERS = ("cli", "formats", "database", "datasets", "integrations", "runtime")
 """Folders without numeric modules, directly below the package."""
 
 NOT_NUMERIC = (

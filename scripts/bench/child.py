@@ -20,19 +20,21 @@ DONE = (0, 3)
 
 MEASURE = """
 import subprocess, sys, time
-began = time.perf_counter()
-process = subprocess.Popen(sys.argv[2:])
 try:
     import resource
 except ImportError:  # Windows
     import psutil
-    seen = psutil.Process(process.pid)
+    resource = None
+began = time.perf_counter()
+process = subprocess.Popen(sys.argv[2:])
+if resource is None:
     cpu = peak = 0
     while process.poll() is None:
         try:
+            seen = psutil.Process(process.pid)
             used = seen.cpu_times()
             cpu, peak = used.user + used.system, seen.memory_info().peak_wset
-        except psutil.Error:
+        except psutil.Error:  # it has ended
             pass
         time.sleep(0.02)
     status = process.wait()
@@ -41,7 +43,7 @@ else:
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = used.ru_utime + used.ru_stime
     peak = used.ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-with open(sys.argv[1], "w") as file:
+with open(sys.argv[1], "w", encoding="utf-8") as file:
     print(cpu, time.perf_counter() - began, peak / 1e6, status, file=file)
 """
 """Measures a command from a small process: memory of the process that starts another one counts
@@ -91,11 +93,12 @@ def run(
         done = subprocess.run(
             [sys.executable, "-c", MEASURE, str(cost), *command],
             stdout=subprocess.PIPE,
-            env={**os.environ, **(environment or {})},
-            text=True,
+            env={**os.environ, "PYTHONIOENCODING": "utf-8", **(environment or {})},
+            encoding="utf-8",
+            errors="replace",
             check=True,
         )
-        cpu, wall, memory, status = cost.read_text().split()
+        cpu, wall, memory, status = cost.read_text(encoding="utf-8").split()
     if int(status) not in accepted:
         raise SystemExit(f"{' '.join(command)}: exit status {status}")
     return Cost(float(cpu), float(wall), float(memory), done.stdout)

@@ -104,8 +104,6 @@ class BruteForce:
 
 def work(method: str, folder: Path, repeats: int, threads: int) -> None:
     """Search with one method and print wall and CPU seconds of both searches, and MB."""
-    import resource
-
     poses, starts = np.load(folder / "poses.npy"), np.load(folder / "starts.npy")
     queries = np.load(folder / "queries.npy")
 
@@ -139,8 +137,19 @@ def work(method: str, folder: Path, repeats: int, threads: int) -> None:
             searcher.nearest(queries, K)
         times.append((*one, time.perf_counter() - wall, time.process_time() - cpu))
     np.savez(folder / f"{method}.npz", distance=found[0], rows=found[1])
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(*np.min(times, axis=0), peak)
+    print(*np.min(times, axis=0), peak_bytes() / 2**20)
+
+
+def peak_bytes() -> int:
+    """Return the most resident memory that this process has had."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        import psutil
+
+        return int(psutil.Process().memory_info().peak_wset)
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
 
 
 def in_a_process(method: str, folder: Path, threads: int) -> list[float]:

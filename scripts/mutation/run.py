@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import shutil
 import signal
 import subprocess
@@ -15,13 +14,19 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import psutil
+
 from mutation.reach import Readers, Record, expected, recordings
 from mutation.sites import Site
 
 SCRIPTS = Path(__file__).resolve().parents[1]
 LEFT_OUT = (".git", ".venv", "*.whl", "*.nbi", "*.nbc", "build", "dist", ".*_cache", ".hypothesis")
 MEMORY = 16 * 2**30
-"""Address space that tests may use, bytes: a fault can allocate any amount."""
+"""Address space that tests may use, bytes: a fault can allocate any amount. Linux only: no other
+system limits it for all processes of the tests."""
+
+MAX_EXIT_STATUS = 255
+"""Larger ones are exceptions of Windows, such as 0xc0000005."""
 
 SLOWER = 3.0
 """Allowed ratio of a duration to the recorded one."""
@@ -91,17 +96,17 @@ class Workspace:
         ]
         # fmt: on
         output = self.scratch / "output"
-        with output.open("w") as stream:
+        with output.open("wb") as stream:
             self.process = subprocess.Popen(
                 line,
                 cwd=self.copy,
                 env=self._environment() | environment,
                 stdout=stream,
                 stderr=subprocess.STDOUT,
-                start_new_session=True,
-                preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY)),
+                start_new_session=True,  # on Windows without effect, see _left_by
             )
         try:
+            _limit_memory(self.process.pid)
             code = self.process.wait(timeout=seconds)
         finally:
             self.kill()
@@ -110,10 +115,16 @@ class Workspace:
 
     def kill(self) -> None:
         """Kill the tests, if they still run, and all processes that they have left."""
-        if self.process is not None:
+        if self.process is None:
+            return
+        if sys.platform == "win32":
+            for process in (*_left_by(self.process.pid), self.process):
+                with suppress(psutil.Error, OSError):
+                    process.kill()
+        else:
             with suppress(ProcessLookupError):
                 os.killpg(self.process.pid, signal.SIGKILL)
-            self.process.wait()
+        self.process.wait()
 
     def _environment(self) -> dict[str, str]:
         single = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "PRIORFILL_THREADS")
@@ -125,7 +136,7 @@ class Workspace:
             **dict.fromkeys(single, "1"),
             "PYTHONPATH": os.pathsep.join((str(self.copy), str(SCRIPTS))),
             "NUMBA_CACHE_DIR": str(self.compiled),
-            "TMPDIR": str(self.scratch / "tmp"),
+            **dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(self.scratch / "tmp")),
         }
 
     @contextmanager
@@ -154,6 +165,28 @@ class Workspace:
             for file, (content, old) in zip(files, before, strict=True):
                 file.write_bytes(content)
                 os.utime(file, ns=(old.st_atime_ns, old.st_mtime_ns))
+
+
+def _limit_memory(process: int) -> None:
+    """Limit the address space of a process, and of those that it will start."""
+    if hasattr(psutil.Process, "rlimit"):
+        with suppress(psutil.NoSuchProcess):  # it has ended
+            psutil.Process(process).rlimit(psutil.RLIMIT_AS, (MEMORY, MEMORY))
+
+
+def _left_by(process: int) -> list[psutil.Process]:
+    """Return the processes that one has started, and those that they have, on Windows.
+
+    Windows has no groups of processes that outlive the first. The number of a process is not used
+    again while somebody holds it, as `subprocess` does.
+    """
+    found, parents = [], {process}
+    everything = list(psutil.process_iter(["ppid", "create_time"]))
+    for one in sorted(everything, key=lambda one: float(one.info["create_time"] or 0)):
+        if one.info["ppid"] in parents and one.pid not in parents:
+            parents.add(one.pid)
+            found.append(one)
+    return found
 
 
 def within(
@@ -202,6 +235,8 @@ def run_batch(
         return failure.read_text(encoding="utf-8")
     if done.returncode < 0:
         return f"killed by signal {-done.returncode}"
+    if done.returncode > MAX_EXIT_STATUS:
+        return f"crashed with {done.returncode:#x}"
     if done.returncode in (2, 4):
         return "an import that all tests share"
     raise RuntimeError(f"pytest ended with {done.returncode}:\n{done.stdout[-2000:]}")

@@ -5,15 +5,17 @@ For scripts that run code of other libraries, or priorfill itself, on damaged fi
 
 from __future__ import annotations
 
+import importlib
 import multiprocessing
-import resource
 import signal
 import sys
+import time
 import traceback
 from collections.abc import Callable, Sequence
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import psutil
 
 DONE, RAISED, CRASH, TIMEOUT, MEMORY = "done", "raised", "crash", "timeout", "memory"
 """Kinds of outcome."""
@@ -21,7 +23,19 @@ DONE, RAISED, CRASH, TIMEOUT, MEMORY = "done", "raised", "crash", "timeout", "me
 START_SECONDS = 120.0
 """Maximum time a new process takes to import what it needs."""
 
-PAGE_BYTES = resource.getpagesize()
+FORKED = "forkserver" in multiprocessing.get_all_start_methods()
+"""Whether new processes are forked by a server that has done the slow imports, which takes
+hundredths of a second. Windows has no fork: each process imports for itself, in a second or two."""
+
+HAS_ADDRESS_LIMIT = hasattr(psutil.Process, "rlimit")
+"""Whether the system limits the address space of a process: Linux. Elsewhere the parent looks how
+much memory the process has, and kills it."""
+
+LOOK_SECONDS = 0.02
+"""Time between two looks at the memory of a process."""
+
+MAX_EXIT_STATUS = 255
+"""Larger ones are exceptions of Windows, whose numbers are hexadecimal: 0xc0000005."""
 
 
 class Outcome(NamedTuple):
@@ -52,12 +66,12 @@ class Worker:
     seconds : float
         Maximum wall time for an item.
     memory : int
-        Maximum bytes of address space beyond those in use before the first item.
+        Maximum bytes beyond those in use before the first item: of address space on Linux, of
+        committed memory on Windows, of resident memory elsewhere.
     fresh : bool
         Whether each item gets a new process.
     preload : sequence of str
-        Modules that new processes inherit imported, which makes them start within hundredths of a
-        second.
+        Modules that new processes have imported before the first item.
     """
 
     def __init__(
@@ -70,11 +84,14 @@ class Worker:
         preload: Sequence[str] = (),
     ) -> None:
         self._task, self._seconds, self._memory, self._fresh = task, seconds, memory, fresh
-        # processes are forked by a server without threads that has done the slow imports
-        self._context = multiprocessing.get_context("forkserver")
-        self._context.set_forkserver_preload(list(preload))
+        self._preload = tuple(preload)
+        self._context: Any = multiprocessing.get_context("forkserver" if FORKED else "spawn")
+        if FORKED:
+            self._context.set_forkserver_preload(list(preload))
         self._process: Any = None
-        self._pipe: Connection | None = None
+        self._pipe: Any = None
+        self._seen: psutil.Process | None = None
+        self._allowed = 0
 
     def __enter__(self) -> Worker:
         return self
@@ -85,20 +102,41 @@ class Worker:
     def do(self, item: Any) -> Outcome:
         """Run the task for an item."""
         try:
-            pipe = self._pipe or self._start()
-            pipe.send(item)
-            if not pipe.poll(self._seconds):
-                self.stop()
-                return Outcome(TIMEOUT, f"took more than {self._seconds:.3g} s")
-            outcome: Outcome = pipe.recv()
+            if self._pipe is None:
+                self._start()
+            self._pipe.send(item)
+            outcome = self._outcome()
         except (EOFError, OSError):
             self._process.join()
             code = self._process.exitcode
             self.stop()
-            return Outcome(CRASH, f"signal {-code}" if code < 0 else f"exit status {code}")
-        if self._fresh:
+            return Outcome(CRASH, _end_of(code))
+        if self._fresh or outcome.kind in (TIMEOUT, MEMORY):
             self.stop()
         return outcome
+
+    def _outcome(self) -> Outcome:
+        """Wait for an outcome as long as time and memory allow."""
+        end = time.monotonic() + self._seconds
+        while not self._pipe.poll(LOOK_SECONDS):
+            if self._needs_too_much():
+                return self._exceeded()
+            if time.monotonic() > end:
+                return Outcome(TIMEOUT, f"took more than {self._seconds:.3g} s")
+        outcome: Outcome = self._pipe.recv()
+        # it may have had much for a moment; Windows knows the most that it had
+        return self._exceeded() if self._needs_too_much() else outcome
+
+    def _needs_too_much(self) -> bool:
+        if self._seen is None:
+            return False
+        try:
+            return _bytes_of(self._seen) > self._allowed
+        except psutil.Error:  # it has ended
+            return False
+
+    def _exceeded(self) -> Outcome:
+        return Outcome(MEMORY, _too_much(self._memory))
 
     def stop(self) -> None:
         """Kill the process, if there is one."""
@@ -108,12 +146,14 @@ class Worker:
             self._process.close()
         if self._pipe is not None:
             self._pipe.close()
-        self._process = self._pipe = None
+        self._process = self._pipe = self._seen = None
 
-    def _start(self) -> Connection:
+    def _start(self) -> None:
         self._pipe, theirs = self._context.Pipe()
         self._process = self._context.Process(
-            target=_serve, args=(theirs, self._task, self._memory), daemon=True
+            target=_serve,
+            args=(theirs, self._task, self._memory, HAS_ADDRESS_LIMIT, self._preload),
+            daemon=True,
         )
         self._process.start()
         theirs.close()
@@ -121,14 +161,27 @@ class Worker:
             self.stop()
             raise RuntimeError("a worker process could not be started")
         self._pipe.recv()
-        return self._pipe
+        if not HAS_ADDRESS_LIMIT:
+            self._seen = psutil.Process(self._process.pid)
+            self._allowed = _bytes_of(self._seen) + self._memory
 
 
-def _serve(pipe: Connection, task: Callable[[Any], Any], memory: int) -> None:
+def _serve(
+    pipe: Any,
+    task: Callable[[Any], Any],
+    memory: int,
+    limits_itself: bool,
+    preload: Sequence[str],
+) -> None:
     """Process items until the pipe is closed."""
     # Ctrl-C reaches all processes of a terminal; the parent handles it
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _limit_memory(memory)
+    for module in preload:
+        importlib.import_module(module)
+    if limits_itself:
+        process = psutil.Process()
+        limit = process.memory_info().vms + memory
+        process.rlimit(psutil.RLIMIT_AS, (limit, limit))
     pipe.send("ready")
     while True:
         try:
@@ -138,19 +191,26 @@ def _serve(pipe: Connection, task: Callable[[Any], Any], memory: int) -> None:
         try:
             outcome = Outcome(DONE, task(item))
         except MemoryError:
-            outcome = Outcome(MEMORY, f"needed more than {memory / 2**30:g} GB")
+            outcome = Outcome(MEMORY, _too_much(memory))
         except BaseException as error:  # any exception is the item's outcome
             place = traceback.extract_tb(sys.exc_info()[2])[-1]
-            where = f"{place.filename.rpartition('/')[2]}:{place.lineno}"
+            where = f"{Path(place.filename).name}:{place.lineno}"
             outcome = Outcome(RAISED, f"{type(error).__name__} at {where}: {error}")
         pipe.send(outcome)
 
 
-def _limit_memory(memory: int) -> None:
-    """Limit the address space to `memory` bytes beyond the present size (Linux only)."""
-    try:
-        pages = int(Path("/proc/self/statm").read_text("ascii").split()[0])
-    except OSError:
-        return
-    limit = pages * PAGE_BYTES + memory
-    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+def _bytes_of(process: psutil.Process) -> int:
+    """Return the most memory that a process has had, or where that is unknown, what it has."""
+    used = process.memory_info()
+    return int(getattr(used, "peak_pagefile", used.rss))
+
+
+def _too_much(memory: int) -> str:
+    return f"needed more than {memory / 2**30:g} GB"
+
+
+def _end_of(code: int) -> str:
+    """Return how a process ended, by its exit code."""
+    if code < 0:
+        return f"signal {-code}"
+    return f"exit status {code if code <= MAX_EXIT_STATUS else hex(code)}"

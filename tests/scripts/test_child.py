@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from scripted import load_script
 
+pytestmark = pytest.mark.windows
+
 
 @pytest.fixture
 def child() -> ModuleType:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import ast
 import json
+import subprocess
+import sys
 from pathlib import Path
 from textwrap import dedent
 
+import psutil
 import pytest
 from scripted import SCRIPTS, load_script
 
@@ -162,7 +165,7 @@ def test_a_seed_draws_the_same_faults():
 def test_shipped_equivalents_have_reasons(tmp_path):
     assert all(sample.read_equivalents(SCRIPTS / "mutation" / "equivalents.toml").values())
     file = tmp_path / "e.toml"
-    file.write_text("[[equivalent]]\nkey = '''a::f::not::x['y']::0'''\nreason = 'r'\n")
+    file.write_text("[[equivalent]]\nkey = '''a::f::not::x['y']::0'''\nreason = 'r'\n", "utf-8")
     assert sample.read_equivalents(file) == {"a::f::not::x['y']::0": "r"}
 
 
@@ -231,6 +234,32 @@ def test_a_fault_is_removed_and_changes_files_that_compile_it(compiled, tmp_path
     assert [(file.read_bytes(), file.stat().st_mtime_ns) for file in files] == before
 
 
+LEAVE = """
+import subprocess, sys
+left = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+print(left.pid, flush=True)
+"""
+"""Starts a process and leaves it behind."""
+
+
+@pytest.mark.windows
+def test_processes_that_tests_leave_behind_are_killed(compiled, tmp_path):
+    workspace = run.Workspace(compiled, tmp_path / "w")
+    other = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    workspace.process = subprocess.Popen(
+        [sys.executable, "-c", LEAVE], stdout=subprocess.PIPE, start_new_session=True
+    )
+    left = psutil.Process(int(workspace.process.stdout.readline()))
+    workspace.process.wait()
+    assert left.is_running()
+    workspace.kill()
+    psutil.wait_procs([left], timeout=30)
+    assert not left.is_running() or left.status() == psutil.STATUS_ZOMBIE
+    assert other.poll() is None
+    other.communicate(b"\n")
+    workspace.process.stdout.close()
+
+
 def test_a_strong_test_catches_and_a_weak_one_does_not(tmp_path, capsys):
     root = write(tmp_path / "checkout", tiny__measures=MEASURES, tests__test_tiny=TESTS)
     common = ["--checkout", str(root), "--package", "tiny", "--cache", str(tmp_path / "cache")]
@@ -242,12 +271,12 @@ def test_a_strong_test_catches_and_a_weak_one_does_not(tmp_path, capsys):
     listed = [site for site in found if site not in (multiply, add)]
     equivalents = tmp_path / "equivalents.toml"
     equivalents.write_text(
-        "".join(f"[[equivalent]]\nkey = '{s.key}'\nreason = 'r'\n" for s in listed)
+        "".join(f"[[equivalent]]\nkey = '{s.key}'\nreason = 'r'\n" for s in listed), "utf-8"
     )
     line = [*common, "--json", str(output), "--equivalents", str(equivalents)]
     assert sample.main(line) == 0
     ends = {f["key"]: (f["result"], f["test"], f["reached"])
-            for f in json.loads(output.read_text())["faults"]}  # fmt: skip
+            for f in json.loads(output.read_text("utf-8"))["faults"]}  # fmt: skip
     assert ends == {
         multiply.key: ("caught", "tests/test_tiny.py::test_area", 1),
         add.key: ("survived", "", 1),
