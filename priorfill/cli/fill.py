@@ -15,8 +15,9 @@ from priorfill.cli.reading import excluding_options, reading_options
 
 if TYPE_CHECKING:
     from priorfill.filling.fill_file import FileOptions, FileResult
+    from priorfill.filling.fill_options import FillOptions
 
-__all__ = ["EXIT_INCOMPLETE", "fill"]
+__all__ = ["EXIT_INCOMPLETE", "check_database_options", "fill", "fill_options"]
 
 EXIT_INCOMPLETE = 3
 """Exit status: done, but not all gaps could be filled."""
@@ -182,7 +183,7 @@ def fill(
 
     if threads is not None:
         limit_threads(threads)
-    _check_database_options(database, given)
+    check_database_options(database, given)
     with progress(None, f"filling {file.name}") as show:
         done = fill_file(
             file,
@@ -196,7 +197,7 @@ def fill(
             ),
             overrides=given["overrides"],
             reject_artefacts=given["reject_artefacts"],
-            options=_fill_options(given, show),
+            options=fill_options(given, show),
         )
     if as_json:
         print_json(fill_facts(done))
@@ -206,14 +207,22 @@ def fill(
     _end(done)
 
 
-def _check_database_options(database: Path | None, given: dict[str, Any]) -> None:
-    """Raise a usage error for options that need a database where there is none."""
+def check_database_options(database: Path | None, given: dict[str, Any]) -> None:
+    """Raise a usage error for options that need a database where there is none.
+
+    Parameters
+    ----------
+    database : Path or None
+        The database.
+    given : dict
+        Values of the options of a command that fills.
+    """
     for option, value in (
         ("--exclude-motion", given["not_names"]),
         ("--exclude-subject", given["not_subjects"]),
         ("--only-subject", given["subjects"]),
         ("--trust-filled", given["trust_filled"]),
-        ("--add-to-database", given["add_to_database"]),
+        ("--add-to-database", given.get("add_to_database")),
     ):
         if value and database is None:
             raise click.UsageError(f"{option} needs a database; give one (--database)")
@@ -240,8 +249,16 @@ def _file_options(given: dict[str, Any]) -> FileOptions:
     )
 
 
-def _fill_options(given: dict[str, Any], show: Any) -> Any:
-    """Return the method's options, the clips to learn from, the marker set and the progress bar."""
+def fill_options(given: dict[str, Any], show: Any) -> FillOptions:
+    """Return the method's options, the clips to learn from, the marker set and the progress bar.
+
+    Parameters
+    ----------
+    given : dict
+        Values of the options of a command that fills.
+    show : callable
+        Of the progress bar.
+    """
     from priorfill.database import Selection
     from priorfill.filling.fill_options import FillOptions
     from priorfill.markers import definitions

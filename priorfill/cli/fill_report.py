@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from priorfill.filling.result import FilledGap, Result
     from priorfill.filling.result_summary import MarkerSummary
 
-__all__ = ["fill_facts", "print_fill", "print_fill_notes", "print_unfilled"]
+__all__ = ["fill_facts", "print_fill", "print_fill_notes", "print_gaps", "print_unfilled"]
 
 MIN_ROUNDING = 0.001
 """Smallest rounding error of a coordinate (mm) worth a line."""
@@ -89,10 +89,7 @@ def print_fill(done: FileResult, *, every_row: bool = False) -> None:
     result = done.result
     rows = None if every_row else MAX_ROWS
     if result.gaps:
-        _print_gaps(result, rows)
-        if len(result.gaps) > len({gap.label for gap in result.gaps}):
-            print_line()
-            _print_markers(result, rows)
+        print_gaps(result, rows)
         print_line()
         print_line(f"{_summary(result)}; written to {done.output}")
         if done.report.rounding_mm > MIN_ROUNDING:
@@ -159,8 +156,24 @@ def print_unfilled(result: Result) -> None:
         )
 
 
-def _print_gaps(result: Result, rows: int | None) -> None:
-    """Print the table of a result's gaps, the worst first, and what they were filled from."""
+def print_gaps(result: Result, rows: int | None) -> None:
+    """Print the gaps, what they were filled from, and the markers if one has several gaps.
+
+    Parameters
+    ----------
+    result : Result
+        Of a fill.
+    rows : int or None
+        Rows of each table, the worst first; None: all.
+    """
+    _print_gap_rows(result, rows)
+    if len(result.gaps) > len({gap.label for gap in result.gaps}):
+        print_line()
+        _print_markers(result, rows)
+
+
+def _print_gap_rows(result: Result, rows: int | None) -> None:
+    """Print a row for each gap, the worst first, and what they were filled from."""
     from priorfill.filling.result_summary import worst_first
 
     clip = result.clip
