@@ -16,6 +16,9 @@ from pathlib import Path
 
 from priorfill.errors import OutputError, PriorfillError
 from priorfill.runtime.disk_flush import flush_file, flush_folder
+from priorfill.runtime.held_files import WINDOWS, is_held, is_open_elsewhere, retry_while_held
+from priorfill.runtime.processes import is_running
+from priorfill.runtime.windows_names import MAX_PATH, long_paths_enabled, name_fault
 
 __all__ = ["check_target", "check_writable", "finish_file", "replace_file"]
 
@@ -49,10 +52,16 @@ def check_target(path: Path | str, *, overwrite: bool = False, source: Path | No
         `overwrite`), or if its folder neither exists nor can be created.
     """
     given = Path(path)
+    if WINDOWS and (fault := name_fault(str(given))):
+        raise OutputError(f"{given}: {fault}; choose another name")
     target = Path(os.path.realpath(given))
-    if source is not None and target.exists() and source.exists() and target.samefile(source):
+    if source is not None and target.exists() and source.exists() and _is_same(target, source):
         raise OutputError(f"{given}: is the file that the clip was read from; choose another name")
+    if WINDOWS:
+        _check_length(given, target)
     existing = _existing_folder(target)
+    if not existing.exists():
+        raise OutputError(f"{given}: there is no {existing}; check the drive, or the share")
     if not existing.is_dir():
         raise OutputError(f"{given}: {existing} is a file, no folder; choose another name")
     if target.is_dir():
@@ -63,7 +72,34 @@ def check_target(path: Path | str, *, overwrite: bool = False, source: Path | No
         raise OutputError(f"{given}: exists already; choose another name or use `overwrite`")
     if target.exists() and not os.access(target, os.W_OK):
         raise OutputError(f"{given}: is write-protected; choose another name")
+    if target.exists() and is_open_elsewhere(target):
+        raise _open_elsewhere(given)
     return target
+
+
+def _is_same(path: Path, other: Path) -> bool:
+    """Return whether two paths lead to one file, however they are written."""
+    there, here = path.stat(), other.stat()
+    if there.st_ino == 0:  # some network drives do not number their files
+        return os.path.normcase(path) == os.path.normcase(os.path.realpath(other))
+    return os.path.samestat(there, here)
+
+
+def _check_length(given: Path, target: Path) -> None:
+    """Raise OutputError if Windows takes no path as long as the file or its temporary one."""
+    length = max(len(str(target)), len(str(target.parent / _temporary_name(target.suffix))))
+    if length > MAX_PATH and not str(target).startswith("\\\\?\\") and not long_paths_enabled():
+        raise OutputError(
+            f"{given}: the path would have {length} characters while it is written, and Windows "
+            f"takes {MAX_PATH}; choose a folder with a shorter path, or enable long paths "
+            "(LongPathsEnabled, see docs/windows.md)"
+        )
+
+
+def _open_elsewhere(path: Path) -> OutputError:
+    return OutputError(
+        f"{path}: is open in another program; close it there, or choose another name"
+    )
 
 
 def _existing_folder(target: Path) -> Path:
@@ -111,7 +147,8 @@ def replace_file(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]
     After any exception, including an interrupt, it is removed and `path` is unchanged; that of a
     killed process is removed by the next one that writes to the folder. If the target is a
     symbolic link, the file it points to is replaced. A file that is replaced hands on its
-    permissions and its owner.
+    permissions and its owner. On Windows, where a file that a program has open cannot be replaced,
+    that is tried for a moment, as virus scanners open files briefly.
 
     Parameters
     ----------
@@ -129,7 +166,7 @@ def replace_file(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]
     ------
     OutputError
         If `path` is no possible target (see `check_target`), appears while the block runs (without
-        `overwrite`), or the system refuses to write.
+        `overwrite`), is open in another program (on Windows), or the system refuses to write.
     """
     given = Path(path)
     target = check_target(given, overwrite=overwrite)
@@ -143,7 +180,7 @@ def replace_file(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]
         if overwrite and target.exists():
             _hand_on_permissions(target, temporary)
         if overwrite:
-            finish_file(temporary, target)
+            _replace(given, temporary, target)
         elif not _finish_new_file(temporary, target):
             raise OutputError(f"{given}: appeared while writing; choose another name")
     except PriorfillError:
@@ -151,8 +188,18 @@ def replace_file(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]
     except OSError as error:
         raise _cannot_write(given, error) from error
     finally:
-        with suppress(OSError):
-            temporary.unlink()
+        with suppress(OSError):  # what stays is removed by a later process
+            retry_while_held(temporary.unlink)
+
+
+def _replace(given: Path, temporary: Path, target: Path) -> None:
+    """Replace a file, and raise OutputError if another program has it open."""
+    try:
+        finish_file(temporary, target)
+    except OSError as error:
+        if is_held(error) and target.exists():
+            raise _open_elsewhere(given) from error
+        raise
 
 
 def _cannot_write(path: Path | str, error: OSError) -> OutputError:
@@ -184,15 +231,8 @@ def _remove_abandoned(folder: Path) -> None:
 
 def _is_abandoned(entry: os.DirEntry[str], computer: str, process: int) -> bool:
     """Check whether the process that wrote a temporary file has ended, as far as can be known."""
-    # on Windows, signal 0 would end the process
-    if computer == _computer() and os.name != "nt":
-        try:
-            os.kill(process, 0)
-        except ProcessLookupError:
-            return True
-        except (OSError, OverflowError):  # it belongs to another user; the number is too large
-            pass
-        return False
+    if computer == _computer():
+        return not is_running(process)
     return time.time() - entry.stat(follow_symlinks=False).st_mtime > _MAX_IDLE_S
 
 
@@ -214,6 +254,12 @@ def _hand_on_permissions(target: Path, temporary: Path) -> None:
 def _finish_new_file(temporary: Path, target: Path) -> bool:
     """Rename a complete file to a name that must be free; return False if it is not."""
     _flush(temporary)
+    if WINDOWS:  # where a rename replaces nothing, also on file systems without links
+        try:
+            retry_while_held(lambda: temporary.rename(target))
+        except FileExistsError:
+            return False
+        return True
     try:
         os.link(temporary, target)  # fails if the name is taken; a rename would replace the file
     except FileExistsError:
@@ -256,11 +302,11 @@ def finish_file(temporary: Path, target: Path) -> None:
         If the system refuses.
     """
     _flush(temporary)
-    temporary.replace(target)
+    retry_while_held(lambda: temporary.replace(target))
     flush_folder(target.parent)
 
 
 def _flush(path: Path) -> None:
     """Force the contents of `path` to the disk."""
-    with path.open("rb+") as file:
+    with retry_while_held(lambda: path.open("rb+")) as file:
         flush_file(file.fileno())

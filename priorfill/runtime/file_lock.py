@@ -1,4 +1,8 @@
-"""File locks that name their holder."""
+"""File locks that name their holder.
+
+On Windows, the lock is on the first byte of the file, which nobody else can read meanwhile. The
+holder's name follows that byte.
+"""
 
 from __future__ import annotations
 
@@ -55,8 +59,13 @@ def acquire_lock(path: Path) -> BaseFileLock:
     """
     from filelock import FileLock, Timeout  # only writers need it
 
-    # soft locks, which can outlive their holder, are refused
-    lock = FileLock(path, thread_local=False, fallback_to_soft=False, on_acquired=_write_holder)
+    lock = FileLock(
+        path,
+        thread_local=False,
+        fallback_to_soft=False,  # such locks can outlive their holder
+        preserve_lock_file=True,
+        on_acquired=_write_holder,
+    )
     try:
         lock.acquire(timeout=0)
     except Timeout:
@@ -68,11 +77,13 @@ def _write_holder(descriptor: int) -> None:
     holder = f"process {os.getpid()} on {socket.gethostname()}\n".encode()
     with suppress(OSError):  # the disk is full: the lock holds without a name
         os.ftruncate(descriptor, 0)
-        os.write(descriptor, holder)
+        os.lseek(descriptor, 0, os.SEEK_SET)
+        os.write(descriptor, b"\n" + holder)
 
 
 def _read_holder(path: Path) -> str:
     holder = ""
-    with suppress(OSError):
-        holder = path.read_bytes()[:_MAX_HOLDER_BYTES].decode("utf-8", "replace").strip()
+    with suppress(OSError), path.open("rb", buffering=0) as file:
+        file.seek(1)
+        holder = file.read(_MAX_HOLDER_BYTES).decode("utf-8", "replace").strip()
     return holder or "another process"
