@@ -26,7 +26,7 @@ from priorfill.evaluation.protocols import (
     GapProtocol,
     make_protocol,
 )
-from priorfill.evaluation.runner import run_plan
+from priorfill.evaluation.runner import check_processes, run_plan
 
 __all__ = [
     "PROTOCOLS",
@@ -93,7 +93,8 @@ def evaluate(
     ClipError
         Where no gap can be made in the clips.
     EvaluationError
-        Where a worker process was killed; finished fills are kept.
+        Where a worker process was killed; finished fills are kept. Also where the script lacks
+        ``if __name__ == "__main__":``, which worker processes need.
     DatabaseError
         Where the database cannot be read.
 
@@ -116,6 +117,8 @@ def evaluate(
     for name, value in (("seed", seed), ("jobs", jobs)):
         if value < 0:
             raise OptionError(f"`{name}` is {value}; give 0 or more")
+    if jobs:
+        check_processes()
     options = options or EvaluationOptions()
     path = database.path if isinstance(database, PriorDatabase) else database
     plan = make_plan(

@@ -5,12 +5,15 @@ from __future__ import annotations
 import multiprocessing as mp
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor
+from concurrent.futures import wait as wait_for
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
 from multiprocessing.connection import wait
+from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
@@ -25,10 +28,19 @@ from priorfill.evaluation.gap_case import (
 from priorfill.evaluation.outcome_store import OutcomeStore
 from priorfill.runtime.threads import limit_threads
 
-__all__ = ["run_plan"]
+__all__ = ["check_processes", "run_plan"]
 
 AHEAD = 2
 """Jobs submitted per process, so that no process is idle."""
+
+MAX_PROCESSES = 61 if sys.platform == "win32" else None
+"""Maximum number of worker processes: Windows waits for at most 63 of them, and two pipes."""
+
+INTERRUPTIBLE = 0.5
+"""Longest wait without a look at signals (s): on Windows, Ctrl-C does not end a wait."""
+
+EXIT_RAN_AGAIN = 93
+"""Exit status of a worker process in which the script of its parent came to an evaluation."""
 
 Progress = Callable[[int, int], None]
 
@@ -96,7 +108,8 @@ def _here(plan: EvaluationPlan, rest: Sequence[FillJob]) -> _FillOutcomes:
 def _in_processes(plan: EvaluationPlan, rest: Sequence[FillJob], processes: int) -> _FillOutcomes:
     """Run jobs in worker processes; yield outcomes as they are finished."""
     waiting = iter(rest)
-    with _pool(plan.sources, min(processes, max(len(rest), 1))) as pool:
+    processes = min(processes, max(len(rest), 1), MAX_PROCESSES or processes)
+    with _pool(plan.sources, processes) as pool:
         running: dict[Future[FillOutcome], FillJob] = {}
 
         def submit_some() -> None:
@@ -108,8 +121,9 @@ def _in_processes(plan: EvaluationPlan, rest: Sequence[FillJob], processes: int)
 
         submit_some()
         while running:
-            future = next(as_completed(running))
-            yield running.pop(future), future.result()
+            finished, _ = wait_for(running, INTERRUPTIBLE, FIRST_COMPLETED)
+            for future in finished:
+                yield running.pop(future), future.result()
             submit_some()
 
 
@@ -131,6 +145,41 @@ def _pool(sources: Sequence[EvaluatedClip], processes: int) -> Iterator[ProcessP
         raise
 
 
+def check_processes() -> None:
+    """Check that worker processes can be started, and end this one if it is one that starts.
+
+    A spawned process first runs the script of its parent. Without a ``__main__`` guard it comes
+    here, and would start processes itself, while its parent waits for ever to send it the clips.
+
+    Raises
+    ------
+    EvaluationError
+        If the script has no guard, or cannot be run again.
+    """
+    # `multiprocessing` recognises such a process in the same way
+    if getattr(mp.current_process(), "_inheriting", False):
+        os._exit(EXIT_RAN_AGAIN)
+    script = sys.modules["__main__"]
+    file = getattr(script, "__file__", None)
+    if file is not None and script.__spec__ is None and not Path(file).exists():
+        raise EvaluationError(
+            f"worker processes cannot run {file} again; run it from a file, or give `jobs` as 0"
+        )
+    first = mp.get_context("spawn").Process(target=os.getpid)
+    first.start()
+    while first.exitcode is None:
+        first.join(INTERRUPTIBLE)
+    if first.exitcode == EXIT_RAN_AGAIN:
+        raise EvaluationError(
+            "worker processes run the script again up to this point; put its statements below "
+            '`if __name__ == "__main__":`, or give `jobs` as 0'
+        )
+    if first.exitcode:
+        raise EvaluationError(
+            f"worker processes cannot be started (exit status {first.exitcode}); give `jobs` as 0"
+        )
+
+
 _sources: tuple[EvaluatedClip, ...] = ()
 """In a worker process: the clips, sent once."""
 
@@ -141,8 +190,11 @@ def _begin(sources: tuple[EvaluatedClip, ...]) -> None:
     _sources = sources
     limit_threads(1)
     threadpool_limits(1)
-    # Ctrl-C reaches all processes of the terminal; the parent handles it
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Ctrl-C, on Windows also Ctrl-Break, reaches all processes of the terminal; the parent ends
+    for name in ("SIGINT", "SIGBREAK"):
+        number = getattr(signal, name, None)
+        if number is not None:
+            signal.signal(number, signal.SIG_IGN)
     parent = mp.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()

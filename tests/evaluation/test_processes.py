@@ -1,0 +1,86 @@
+"""Worker processes, which are spawned on every system: scripts, interrupts, and their number."""
+
+from __future__ import annotations
+
+import _thread
+import multiprocessing as mp
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from priorfill.evaluation import evaluate, gap_case, runner
+from priorfill.synthetic import synthesise
+
+SCRIPT = """\
+from priorfill.errors import EvaluationError
+from priorfill.evaluation import evaluate
+try:
+    evaluate([], jobs=2)
+except EvaluationError as error:
+    print(error)
+"""
+
+
+@pytest.mark.windows
+def test_a_script_without_a_guard_gets_one_line(tmp_path: Path) -> None:
+    script = tmp_path / "without guard.py"
+    script.write_text(SCRIPT, encoding="utf-8")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == (
+        "worker processes run the script again up to this point; put its statements below "
+        '`if __name__ == "__main__":`, or give `jobs` as 0\n'
+    )
+    assert done.stderr == ""
+
+
+def test_a_script_from_a_pipe_gets_one_line() -> None:
+    done = subprocess.run(
+        [sys.executable], input=SCRIPT, capture_output=True, text=True, timeout=120
+    )
+    assert done.stdout == (
+        "worker processes cannot run <stdin> again; run it from a file, or give `jobs` as 0\n"
+    )
+    assert done.stderr == ""
+
+
+@pytest.mark.windows
+def test_an_interrupt_ends_the_wait_for_a_fill(tmp_path: Path) -> None:
+    """Windows looks at signals only between waits."""
+    clip = synthesise("walking", seconds=1.0)
+    alone = evaluate(clip, methods="linear", protocol="frames")
+    plan = replace(alone.plan, cases=(_Slow(0, "slow", 1, ()),))
+    begin = threading.Timer(0.3, _thread.interrupt_main)
+    begin.start()
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        runner.run_plan(plan, jobs=1)
+    assert time.monotonic() - began < _Slow.SECONDS / 2
+    for child in mp.active_children():
+        child.join(30.0)
+        assert not child.is_alive()
+
+
+class _Slow(gap_case.GapCase):
+    """A case that takes a minute."""
+
+    SECONDS = 60.0
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return time.sleep, (self.SECONDS,)
+
+
+def test_windows_has_a_maximum_of_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    def pool(sources: object, processes: int) -> None:
+        raise ZeroDivisionError(f"{processes} processes")
+
+    monkeypatch.setattr(runner, "MAX_PROCESSES", 3)
+    monkeypatch.setattr(runner, "_pool", pool)
+    plan = evaluate(synthesise("walking", seconds=1.0), methods="linear", protocol="frames").plan
+    with pytest.raises(ZeroDivisionError, match="3 processes"):
+        runner.run_plan(plan, jobs=100)
