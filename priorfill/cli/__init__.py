@@ -13,6 +13,7 @@ from typing import Any
 
 import click
 
+from priorfill.cli.encoding import encodable, replace_what_is_lacking
 from priorfill.cli.output import print_line
 from priorfill.cli.system import (
     TerminatedError,
@@ -44,6 +45,8 @@ _COMMANDS = {
         "priorfill.cli.evaluate:evaluate",
         "Compare the methods on artificial gaps in your files.",
     ),
+    "nexus": ("priorfill.cli.programs:nexus", "Fill the trial that is open in Vicon Nexus."),
+    "qtm": ("priorfill.cli.programs:qtm", "Fill the measurement that is open in QTM."),
     "methods": ("priorfill.cli.methods:methods", "List the methods, or the options of one."),
     "demo": (
         "priorfill.cli.demo:demo",
@@ -85,6 +88,7 @@ class _Main(click.Group):
 
     def main(self, *args: Any, **extra: Any) -> Any:
         open_closed_streams()
+        replace_what_is_lacking()
         try:
             with end_on_signals():
                 return super().main(*args, **extra)
@@ -138,8 +142,8 @@ def main() -> None:
 
 
 def _escape(error: click.ClickException) -> None:
-    """Make control characters visible in a usage error, which can quote the name of a file."""
-    vars(error)["message"] = escaped(error.message)  # declared as final by click
+    """Make a usage error printable, which can quote the name of a file."""
+    vars(error)["message"] = encodable(escaped(error.message), sys.stderr)  # final for click
 
 
 def _print_cache_problem() -> None:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from priorfill.cli.encoding import encodable
 from priorfill.cli.option_names import with_options
 from priorfill.errors import OutputError
 from priorfill.runtime.display import escaped
@@ -72,11 +73,9 @@ def print_line(text: str = "", *, err: bool = False) -> None:
 
 
 def _write(line: str, *, err: bool = False) -> None:
-    """Write a line; characters that the encoding of the output lacks as escape sequences."""
-    stream = sys.stderr if err else sys.stdout
-    encoding = getattr(stream, "encoding", None) or "utf-8"
+    """Write a line; what the encoding of the output lacks is replaced."""
     with _errors_explained(err=err):
-        click.echo(line.encode(encoding, "backslashreplace").decode(encoding), err=err)
+        click.echo(encodable(line, sys.stderr if err else sys.stdout), err=err)
 
 
 @contextmanager
@@ -96,7 +95,7 @@ def _errors_explained(*, err: bool = False) -> Iterator[None]:
 
 
 def print_json(value: Any) -> None:
-    """Print a value as JSON of ASCII characters, which no terminal interprets."""
+    """Print a value as JSON of ASCII characters, the same on every code page."""
     _write(json.dumps(value, indent=2))
 
 
@@ -146,8 +145,9 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: st
     """
     from rich.console import Console
 
-    names = ["\n".join(escaped(line) for line in name.split("\n")) for name in columns]
-    cells = [[_shown(cell, MAX_CELL) for cell in row] for row in rows]
+    # what the output lacks is replaced before the widths of columns are known
+    names = ["\n".join(map(_in_table, name.split("\n"))) for name in columns]
+    cells = [[_in_table(cell) for cell in row] for row in rows]
     console = Console(file=sys.stdout, width=None if sys.stdout.isatty() else WIDTH)
     if title:
         print_line(title)
@@ -171,6 +171,11 @@ def _shown(text: str, longest: int) -> str:
     shown = escaped(text)
     half = longest // 2
     return shown if len(shown) <= longest else f"{shown[:half]} ... {shown[-half:]}"
+
+
+def _in_table(text: str) -> str:
+    """Return the text of a cell, or a line of a column's name."""
+    return encodable(_shown(text, MAX_CELL), sys.stdout)
 
 
 def _layout(
