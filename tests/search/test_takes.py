@@ -54,10 +54,8 @@ def test_clips_without_a_common_marker_are_no_takes(database) -> None:
     database.add(Clip(moving(2), ("A", "B"), RATE, name="one"))
     database.add(Clip(moving(2, seed=1), ("C", "D"), RATE, name="two"))
     database.add(Clip(moving(2, seed=2), ("B", "D"), RATE, name="three"))
-    assert [take.name for take in takes_from(database, database.clips(), ("A", "B"))] == [
-        "one",
-        "three",
-    ]
+    takes = takes_from(database, database.clips(), ("A", "B"))
+    assert {take.name for take in takes} == {"one", "three"}  # in the order of their contents
     assert takes_from(database, database.clips(), ("E",)) == ()
 
 
