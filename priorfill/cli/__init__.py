@@ -20,6 +20,7 @@ from priorfill.cli.system import (
     check_memory_limit,
     end_on_signals,
     finish_stdout,
+    is_closed_pipe,
     open_closed_streams,
     system_error,
 )
@@ -35,7 +36,7 @@ DEBUG = "PRIORFILL_DEBUG"
 EXIT_FAILED = 1
 EXIT_USAGE = 2  # as click has it
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as in shells
-EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE
+EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE, also where there is no such signal
 
 _COMMANDS = {
     "fill": ("priorfill.cli.fill:fill", "Fill the gaps of a file."),
@@ -91,8 +92,11 @@ class _Main(click.Group):
         replace_what_is_lacking()
         try:
             with end_on_signals():
-                return super().main(*args, **extra)
+                # paths expand themselves (path_types.py); patterns must stay as they are
+                return super().main(*args, windows_expand_args=False, **extra)
         except OSError as error:  # while printing a help page
+            if is_closed_pipe(error):
+                sys.exit(EXIT_BROKEN_PIPE)
             if os.environ.get(DEBUG):
                 raise
             print_line(f"priorfill: {_in_one_line(error)}", err=True)
@@ -125,9 +129,9 @@ class _Main(click.Group):
         except (click.exceptions.Exit, click.Abort):
             _print_cache_problem()
             raise
-        except BrokenPipeError:  # the reader of our output has closed it
-            ctx.exit(EXIT_BROKEN_PIPE)
         except (Exception, KeyboardInterrupt) as error:
+            if isinstance(error, OSError) and is_closed_pipe(error):
+                ctx.exit(EXIT_BROKEN_PIPE)
             if os.environ.get(DEBUG):
                 raise
             print_line(f"priorfill: {_in_one_line(error)}", err=True)

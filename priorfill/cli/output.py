@@ -6,8 +6,10 @@ reaches a terminal without control characters (`priorfill.runtime.display`).
 
 from __future__ import annotations
 
+import errno
 import json
 import math
+import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -18,6 +20,7 @@ import click
 
 from priorfill.cli.encoding import encodable
 from priorfill.cli.option_names import with_options
+from priorfill.cli.system import is_closed_pipe
 from priorfill.errors import OutputError
 from priorfill.runtime.display import escaped
 
@@ -83,15 +86,15 @@ def _errors_explained(*, err: bool = False) -> Iterator[None]:
     """Turn an OSError from writing to stdout into an OutputError, and ignore one from stderr."""
     try:
         yield
-    except BrokenPipeError:
-        if not err:
-            raise
     except OSError as error:
-        if not err:  # otherwise there is nowhere to report it
-            raise OutputError(
-                f"the standard output cannot be written ({error.strerror}); "
-                "what the command has written to files is complete"
-            ) from error
+        if err:  # there is nowhere to report it
+            return
+        if is_closed_pipe(error):
+            raise BrokenPipeError(errno.EPIPE, os.strerror(errno.EPIPE)) from error
+        raise OutputError(
+            f"the standard output cannot be written ({error.strerror}); "
+            "what the command has written to files is complete"
+        ) from error
 
 
 def print_json(value: Any) -> None:

@@ -13,18 +13,21 @@ from pathlib import Path
 from typing import Any
 
 from priorfill.errors import PriorfillError
+from priorfill.runtime.held_files import WINDOWS
 
 __all__ = [
     "TerminatedError",
     "check_memory_limit",
     "end_on_signals",
     "finish_stdout",
+    "is_closed_pipe",
     "open_closed_streams",
     "system_error",
 ]
 
 _SIGNALS = ("SIGTERM", "SIGHUP", "SIGBREAK")
-"""Requests to end: by the system or a scheduler, by a terminal that closes, by Windows."""
+"""Requests to end: by the system or a scheduler, by a terminal that closes, by Ctrl-Break. When a
+console of Windows closes, the process ends at once; what it leaves, later processes remove."""
 
 _EXIT_SIGNAL = 128
 """Exit status of a program ended by signal 0, as shells count."""
@@ -99,9 +102,22 @@ def finish_stdout() -> None:
     """
     try:
         sys.stdout.flush()
-    except OSError:
+    except (OSError, ValueError):
         with suppress(OSError, ValueError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def is_closed_pipe(error: OSError) -> bool:
+    """Return whether writing failed because the reader of our output has closed it.
+
+    Parameters
+    ----------
+    error : OSError
+        Raised by writing to stdout; on Windows, which calls this an invalid argument.
+    """
+    if isinstance(error, BrokenPipeError):
+        return True
+    return WINDOWS and error.errno == errno.EINVAL and error.filename is None
 
 
 def check_memory_limit() -> None:
@@ -117,7 +133,7 @@ def check_memory_limit() -> None:
     """
     try:
         import resource
-    except ImportError:  # Windows has no such limit
+    except ImportError:  # Windows limits the memory of jobs, but not the address space
         return
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit == resource.RLIM_INFINITY:

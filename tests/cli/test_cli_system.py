@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -11,13 +12,16 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from platforms import WINDOWS
 
 from priorfill import write
-from priorfill.cli import main
+from priorfill.cli import main, system
 from priorfill.cli.system import TerminatedError, end_on_signals
 from priorfill.synthetic.demo import make_demo_clip
 
-posix = pytest.mark.skipif(os.name == "nt", reason="POSIX only")
+pytestmark = pytest.mark.windows
+
+posix = pytest.mark.skipif(WINDOWS, reason="POSIX only")
 
 DONE = (0, 3)
 """Exit status of a fill by straight lines, which may be implausible and thus left missing."""
@@ -39,7 +43,7 @@ def program(*arguments: object) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGBREAK"])
 def test_a_signal_ends_the_block_like_ctrl_c(name):
     number = getattr(signal, name, None)
     if number is None:
@@ -104,7 +108,7 @@ def test_a_closed_stream_does_not_matter(tmp_path, walk, stream):
     assert (tmp_path / "out.npz").exists()
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+@pytest.mark.skipif(WINDOWS or not Path("/dev/full").exists(), reason="no /dev/full")
 def test_a_full_stream(tmp_path, walk):
     fill = program("fill", walk, "-o", tmp_path / "out.npz", "--method", "linear")
     with Path("/dev/full").open("w") as full:
@@ -121,6 +125,56 @@ def test_a_full_stream(tmp_path, walk):
             program("--help"), stdout=full, stderr=subprocess.PIPE, text=True, check=False
         )
         assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)
+
+
+@pytest.mark.parametrize("arguments", [("methods",), ("--help",)])
+def test_a_reader_that_closes_the_pipe(arguments):
+    process = subprocess.Popen(
+        # long enough for the pipe to be closed before the first line
+        [sys.executable, "-c", f"input(); {program()[-1]}", *arguments],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    with process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        process.stdin.write("\n")
+        process.stdin.close()
+        assert process.stderr.read() == ""
+    closed_by_click = not WINDOWS and arguments == ("--help",)
+    assert process.returncode == (1 if closed_by_click else 141)
+
+
+def test_a_closed_pipe_of_windows(monkeypatch):
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(errno.EINVAL, "Invalid argument")
+
+    monkeypatch.setattr(system, "WINDOWS", True)
+    monkeypatch.setattr("click.echo", refuse)
+    done = CliRunner().invoke(main, ["methods"])
+    assert (done.exit_code, done.output) == (141, "")
+
+
+def test_an_interrupt_during_the_imports():
+    script = (
+        "import sys\n"
+        "class Interrupt:\n"
+        "    def find_spec(self, name, *rest):\n"
+        "        if name == 'priorfill.cli.output':\n"
+        "            raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupt())\n"
+        "from priorfill.__main__ import start\n"
+        "start()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, "methods"], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout) == (130, "")
+    assert done.stderr == "priorfill: interrupted\n"
 
 
 @posix
