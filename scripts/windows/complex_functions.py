@@ -10,6 +10,8 @@ import re
 import subprocess
 from pathlib import Path
 
+from commands import run
+
 __all__ = ["build_ucrtbase", "exported_names"]
 
 WINE_LIBRARY = Path("/usr/lib/x86_64-linux-gnu/wine/x86_64-windows/ucrtbase.dll")
@@ -49,13 +51,13 @@ def build_ucrtbase(folder: Path) -> None:
     definitions = "\n".join(["LIBRARY ucrtbase.dll", "EXPORTS", *exports, ""])
     (folder / "ucrtbase.def").write_text(definitions)
     (folder / "ucrtbase.c").write_text(source)
-    subprocess.run(
+    run(
         [
             MINGW + "gcc", "-shared", "-O2", "-static-libgcc", "-o", "ucrtbase.dll",
             "ucrtbase.c", "ucrtbase.def",
         ],
-        cwd=folder,
-        check=True,
+        "the C runtime for wine could not be built",
+        folder=folder,
     )  # fmt: skip
     library = bytearray(WINE_LIBRARY.read_bytes())
     library[BUILTIN_MARK] = bytes(16)

@@ -6,10 +6,10 @@ Python itself.
 
 from __future__ import annotations
 
-import subprocess
 import tempfile
 from pathlib import Path
 
+from commands import run
 from complex_functions import MINGW, exported_names
 
 __all__ = ["build_stable_abi"]
@@ -24,4 +24,7 @@ def build_stable_abi(library: Path) -> None:
         code = Path(folder) / "python3.c"
         code.touch()
         output = library.with_name("python3.dll")
-        subprocess.run([MINGW + "gcc", "-shared", "-o", output, code, definitions], check=True)
+        run(
+            [MINGW + "gcc", "-shared", "-o", output, code, definitions],
+            "python3.dll could not be built",
+        )

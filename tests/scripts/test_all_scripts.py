@@ -56,6 +56,9 @@ TESTED_ELSEWHERE = {
     "papers/li_table3.py": "scripts/test_papers_li.py",
     "papers/li_table4.py": "scripts/test_papers_li.py",
     "studies/accuracy_study.py": "scripts/test_accuracy_study.py",
+    "test_windows": "scripts/test_windows_environment.py",
+    "windows/environment.py": "scripts/test_windows_environment.py",
+    "windows/run_tests.py": "scripts/test_windows_environment.py",
 }
 """Scripts whose ``main`` another test file runs, below ``tests/``."""
 
