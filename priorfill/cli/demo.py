@@ -11,6 +11,7 @@ import click
 from priorfill.cli.fill import EXIT_INCOMPLETE
 from priorfill.cli.fill_report import print_unfilled
 from priorfill.cli.output import print_line, print_table
+from priorfill.cli.path_types import FOLDER
 from priorfill.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ __all__ = ["demo"]
     "-o",
     "folder",
     metavar="DIR",
-    type=click.Path(path_type=Path),
+    type=FOLDER,
     default=Path("demo-output"),
     show_default=True,
     help="Folder for the demo's files; existing ones are replaced.",

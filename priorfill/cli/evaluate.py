@@ -12,6 +12,7 @@ import click
 from priorfill.cli.batch import read_one_of_many, with_path
 from priorfill.cli.option_types import DURATION, as_names
 from priorfill.cli.output import duration, print_json, print_line, print_table, print_wrapped
+from priorfill.cli.path_types import FILE, FOLDER, PathArgument
 from priorfill.cli.progress import progress
 from priorfill.cli.reading import excluding_options, read_clip, reading_options
 from priorfill.errors import OptionError
@@ -61,9 +62,7 @@ def _ranged(name: str, target: str, number: Callable[[str], Any], text: str) -> 
 
 
 @click.command()
-@click.argument(
-    "files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path)
-)
+@click.argument("files", metavar="FILE...", nargs=-1, required=True, cls=PathArgument, type=FILE)
 @click.option(
     "--methods",
     "-m",
@@ -117,14 +116,14 @@ def _ranged(name: str, target: str, number: Callable[[str], Any], text: str) -> 
 @click.option(
     "--like",
     metavar="OTHER.c3d",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="Copy the gaps of this file (protocol like).",
 )
 @click.option(
     "--database",
     "-d",
     metavar="DIR",
-    type=click.Path(path_type=Path),
+    type=FOLDER,
     help="Prior database to learn from, except from the recording itself.",
 )
 @excluding_options
@@ -132,7 +131,7 @@ def _ranged(name: str, target: str, number: Callable[[str], Any], text: str) -> 
     "--output",
     "-o",
     metavar="DIR",
-    type=click.Path(path_type=Path),
+    type=FOLDER,
     help="Folder for CSV and JSON files. It keeps each finished fill, so that the same command "
     "resumes an interrupted evaluation.",
 )

@@ -10,6 +10,7 @@ import click
 from priorfill.cli.fill_report import fill_facts, print_fill, print_fill_notes
 from priorfill.cli.option_types import DURATION, FRAMES, as_names, every_row_option
 from priorfill.cli.output import print_json
+from priorfill.cli.path_types import FILE, FOLDER, PathArgument
 from priorfill.cli.progress import progress
 from priorfill.cli.reading import excluding_options, reading_options
 
@@ -35,12 +36,12 @@ def _values(
 
 
 @click.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", cls=PathArgument, type=FILE)
 @click.option(
     "--output",
     "-o",
     metavar="OUT",
-    type=click.Path(path_type=Path),
+    type=FILE,
     required=True,
     help="File to write: a copy of FILE with its gaps filled, or a new file if the suffix is of "
     "another format (.c3d .trc .npz .mat).",
@@ -49,13 +50,13 @@ def _values(
     "--database",
     "-d",
     metavar="DIR",
-    type=click.Path(path_type=Path),
+    type=FOLDER,
     help="Prior database to learn from, in addition to FILE itself.",
 )
 @click.option(
     "--same-subject",
     metavar="OTHER",
-    type=click.Path(path_type=Path),
+    type=FILE,
     multiple=True,
     help="Another recording of the same subject with the same markers attached, such as the "
     "static trial, to learn from. Can be repeated.",
@@ -113,7 +114,7 @@ def _values(
 @click.option(
     "--overrides",
     metavar="FILE.toml",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="Treat single gaps as this file specifies.",
 )
 @click.option(
@@ -143,7 +144,7 @@ def _values(
 @click.option(
     "--uncertainty",
     metavar="OUT.npz|OUT.csv",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="Also write the expected error of each filled sample.",
 )
 @click.option(

@@ -21,6 +21,7 @@ from priorfill.cli.output import (
     print_table,
     print_wrapped,
 )
+from priorfill.cli.path_types import FILE, FOLDER, PathArgument
 from priorfill.cli.reading import read_clips, reading_options
 
 if TYPE_CHECKING:
@@ -55,14 +56,14 @@ _UP_FOUND_FROM = {
 
 
 @click.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", cls=PathArgument, type=FILE)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option(
     "--database",
     "-d",
     "folder",
     metavar="DIR",
-    type=click.Path(path_type=Path),
+    type=FOLDER,
     help="Count for each marker the clips of this database that hold it.",
 )
 @every_row_option

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from priorfill.cli.db.common import database_option, origin_options
+from priorfill.cli.path_types import FILE, PathArgument
 from priorfill.cli.reading import file_options
 from priorfill.errors import OptionError
 
@@ -30,7 +31,7 @@ UNKNOWN_METHOD = "unknown"
 @click.option(
     "--original",
     metavar="IN.c3d",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="The file that was filled: samples missing in it are filled. Or a folder with files of "
     "the same names.",
 )
@@ -44,7 +45,7 @@ UNKNOWN_METHOD = "unknown"
 @origin_options
 @file_options
 @click.argument(
-    "paths", metavar="FILLED.c3d...", nargs=-1, required=True, type=click.Path(path_type=Path)
+    "paths", metavar="FILLED.c3d...", nargs=-1, required=True, cls=PathArgument, type=FILE
 )
 def accept(
     folder: Path,

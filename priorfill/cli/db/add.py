@@ -10,6 +10,7 @@ import click
 
 from priorfill.cli.db.common import count, database_option, origin_options
 from priorfill.cli.output import print_line
+from priorfill.cli.path_types import FILE, PathArgument
 from priorfill.cli.reading import file_options
 
 if TYPE_CHECKING:
@@ -40,19 +41,17 @@ __all__ = ["add"]
 @click.option(
     "--skeleton",
     metavar="X.asf",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="With --as: the skeleton of AMC files; by default the ASF file of the same name.",
 )
 @click.option(
     "--joints",
     metavar="FILE.toml",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="With --as: the names of joints by part of the body, where they are not recognised.",
 )
 @click.option("--verbose", "-v", is_flag=True, help="Print a line for each file.")
-@click.argument(
-    "paths", metavar="PATH...", nargs=-1, required=True, type=click.Path(path_type=Path)
-)
+@click.argument("paths", metavar="PATH...", nargs=-1, required=True, cls=PathArgument, type=FILE)
 def add(
     folder: Path,
     subject: str | None,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from priorfill.cli.output import duration, print_line
+from priorfill.cli.path_types import FOLDER
 from priorfill.errors import OptionError
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ database_option = click.option(
     "folder",
     metavar="DIR",
     required=True,
-    type=click.Path(path_type=Path),
+    type=FOLDER,
     help="The database's folder.",
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")

@@ -26,6 +26,7 @@ from priorfill.cli.db.common import (
     warn_damaged,
 )
 from priorfill.cli.output import print_line
+from priorfill.cli.path_types import FOLDER
 from priorfill.cli.progress import progress
 from priorfill.errors import ClipError, DatabaseCorruptError, OutputError
 
@@ -58,7 +59,7 @@ temporary files are longer."""
     "output",
     metavar="FOLDER",
     required=True,
-    type=click.Path(path_type=Path),
+    type=FOLDER,
     help="Folder for the files; created if it does not exist.",
 )
 @click.option(

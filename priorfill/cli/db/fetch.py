@@ -11,6 +11,7 @@ import click
 
 from priorfill.cli.db.common import count, size
 from priorfill.cli.output import print_line, print_table
+from priorfill.cli.path_types import FOLDER
 from priorfill.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -53,14 +54,14 @@ def _list(context: click.Context, parameter: click.Parameter, value: bool) -> No
     "-d",
     "database",
     metavar="DIR",
-    type=click.Path(path_type=Path),
+    type=FOLDER,
     help="The database's folder; required unless --download-only is given.",
 )
 @click.option(
     "--to",
     "folder",
     metavar="FOLDER",
-    type=click.Path(path_type=Path),
+    type=FOLDER,
     help="Folder for the files; by default one named as the data set, next to the database.",
 )
 @click.option(

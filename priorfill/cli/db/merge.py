@@ -9,6 +9,7 @@ import click
 
 from priorfill.cli.db.common import database_option, skipped, total
 from priorfill.cli.output import print_line
+from priorfill.cli.path_types import FOLDER, PathArgument
 from priorfill.cli.progress import progress
 from priorfill.errors import OptionError
 
@@ -18,7 +19,7 @@ __all__ = ["merge"]
 @click.command(short_help="Add the clips of other databases.")
 @database_option
 @click.argument(
-    "others", metavar="OTHER...", nargs=-1, required=True, type=click.Path(path_type=Path)
+    "others", metavar="OTHER...", nargs=-1, required=True, cls=PathArgument, type=FOLDER
 )
 def merge(folder: Path, others: tuple[Path, ...]) -> None:
     """Add the clips of OTHER databases; create DIR if it does not exist.
