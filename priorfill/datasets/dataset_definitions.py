@@ -12,6 +12,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import urlsplit
 
+from priorfill.datasets.local_names import leads_out, local_path, same_name
 from priorfill.errors import FetchError, OptionError
 from priorfill.runtime.option_texts import close_or_all
 from priorfill.runtime.resources import resource_path
@@ -170,6 +171,9 @@ def _read(path: Path) -> Dataset:
         texts["base"] = check_address(texts["base"])
     except OptionError as error:
         raise FetchError(f"{path}: base {error}") from None
+    listed = tuple(_file(one, path) for one in files)
+    if len({same_name(local_path(file.path)) for file in listed}) < len(listed):
+        raise FetchError(f"{path}: two files have one name on some systems; correct their paths")
     groups = _groups(pattern, path)
     if pattern and (groups != 1 or name.count("{}") != 1):
         raise FetchError(
@@ -179,7 +183,7 @@ def _read(path: Path) -> Dataset:
         **texts,
         subject_pattern=pattern,
         subject_name=name,
-        files=tuple(_file(one, path) for one in files),
+        files=listed,
     )
 
 
@@ -217,8 +221,7 @@ def _file(content: Any, path: Path) -> DatasetFile:
         raise FetchError(f"{path}: an entry of files is not a table; write [[files]]")
     content = dict(content)
     name = _text(content, "path", path)
-    parts = PurePosixPath(name).parts
-    if not parts or name.startswith("/") or ".." in parts or "\\" in name or ":" in name:
+    if not PurePosixPath(name).parts or leads_out(name) or "\\" in name or ":" in name:
         raise FetchError(f"{path}: {name!r} is not a relative path; correct it")
     size, sha256 = content.pop("bytes", None), content.pop("sha256", "")
     if size is not None and not (type(size) is int and size > 0):

@@ -232,7 +232,8 @@ class _Transfer:
                 self._wait(url, error, failures)
                 continue
             finish_file(self._part, Path(output_file))
-            self._version_file.unlink(missing_ok=True)
+            with suppress(OSError):  # a program has it open; without a part it means nothing
+                self._version_file.unlink(missing_ok=True)
             return None
 
     def _wait(self, url: str, error: _RetryError, failures: int) -> None:

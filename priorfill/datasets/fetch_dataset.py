@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from priorfill.datasets.dataset_definitions import Dataset, DatasetFile, check_address
+from priorfill.datasets.local_names import local_path, same_name
 from priorfill.datasets.retry_policy import FileFetchError, RetryPolicy
 from priorfill.datasets.unpack import unpack
 from priorfill.errors import FetchError, OptionError
@@ -145,7 +146,7 @@ def fetch(
     progress : callable
         Called with a file, its received bytes, and those of the complete file, if known.
     notify : callable
-        Called with a sentence before a wait.
+        Called with a sentence before a wait, and where recordings get other names.
     sleep : callable
         Waits for a number of seconds.
 
@@ -175,7 +176,7 @@ def fetch(
         recorded = _read_record(folder, dataset.name)
         downloaded = 0
         for file in files:
-            path = folder / file.path
+            path = folder / local_path(file.path)
             recordings = _existing_recordings(folder, recorded.get(file.path))
             if recordings is not None and not path.exists():
                 # the archive was removed after it was unpacked
@@ -191,7 +192,8 @@ def fetch(
                     if new
                     else _check(file, path, known)
                 )
-                entry = _unpack(path, folder, sha256)
+                taken = _recordings_of_others(recorded, file)
+                entry = _unpack(path, folder, sha256, taken, notify)
             except FileFetchError as error:
                 yield FetchResult(file, path, failure=str(error))
                 continue
@@ -238,9 +240,26 @@ def _download(
     )
 
 
-def _unpack(path: Path, folder: Path, sha256: str) -> _RecordedFile:
+def _recordings_of_others(recorded: dict[str, _RecordedFile], file: DatasetFile) -> dict[str, str]:
+    """Return whose the recordings of all other files are, by their names."""
+    return {
+        same_name(name): path
+        for path, entry in recorded.items()
+        if path != file.path
+        for name in entry.recordings
+    }
+
+
+def _unpack(
+    path: Path,
+    folder: Path,
+    sha256: str,
+    taken: dict[str, str],
+    notify: Callable[[str], None],
+) -> _RecordedFile:
     """Unpack a file if it is an archive; return what to record of it."""
-    recordings = unpack(path, folder) if path.suffix.lower() == _ARCHIVE else [path]
+    is_archive = path.suffix.lower() == _ARCHIVE
+    recordings = unpack(path, folder, taken=taken, notify=notify) if is_archive else [path]
     sizes = {one.relative_to(folder).as_posix(): one.stat().st_size for one in recordings}
     return _RecordedFile(path.stat().st_size, sha256, sizes)
 

@@ -9,10 +9,17 @@ from __future__ import annotations
 import os
 import zipfile
 import zlib
+from collections.abc import Callable, Mapping
 from pathlib import Path, PurePosixPath
 
+from priorfill.datasets.local_names import (
+    MAX_NAME,
+    leads_out,
+    local_path,
+    plain_path,
+    same_name,
+)
 from priorfill.datasets.retry_policy import FileFetchError
-from priorfill.errors import OutputError
 from priorfill.runtime.atomic_file import replace_file
 
 __all__ = ["unpack"]
@@ -38,10 +45,17 @@ MAX_DEFLATE_RATIO = 1032
 """Maximum ratio of inflated to deflated bytes (zlib's technical details)."""
 
 
-def unpack(archive: Path, folder: Path) -> list[Path]:
+def unpack(
+    archive: Path,
+    folder: Path,
+    *,
+    taken: Mapping[str, str] | None = None,
+    notify: Callable[[str], None] = lambda text: None,
+) -> list[Path]:
     """Write the recordings of an archive to a folder.
 
-    A recording that exists already, with the same content, is not written again.
+    A recording that exists already, with the same content, is not written again. On Windows,
+    recordings whose names it does not allow are written under similar ones (see `local_path`).
 
     Parameters
     ----------
@@ -49,6 +63,10 @@ def unpack(archive: Path, folder: Path) -> list[Path]:
         A zip file.
     folder : Path
         Where to; the archive's folders are created in it.
+    taken : mapping, optional
+        Recordings in the folder that are not to be replaced: whose they are, by `same_name`.
+    notify : callable
+        Called with a sentence if recordings get other names.
 
     Returns
     -------
@@ -58,8 +76,9 @@ def unpack(archive: Path, folder: Path) -> list[Path]:
     Raises
     ------
     FileFetchError
-        If it is not a zip file, is damaged, has no recordings, or breaks one of the limits. In the
-        last two cases nothing is written.
+        If it is not a zip file, is damaged, has no recordings, breaks one of the limits, or has
+        recordings that would replace each other or others. In the last four cases nothing is
+        written.
     OutputError
         If a file cannot be written.
     """
@@ -68,8 +87,8 @@ def unpack(archive: Path, folder: Path) -> list[Path]:
             members = _recordings_of(opened, archive)
             targets = {member: _target(member, folder, archive) for member in members}
             _check_sizes(members, archive)
-            if len({str(path).casefold() for path in targets.values()}) < len(targets):
-                raise _unfit(archive, "has two recordings of one name")
+            _check_names(targets, folder, archive, taken or {})
+            _tell_new_names(targets, folder, archive, notify)
             for member, path in targets.items():
                 if not _exists(member, path):
                     _write(opened, member, path)
@@ -77,7 +96,7 @@ def unpack(archive: Path, folder: Path) -> list[Path]:
         raise FileFetchError(
             f"{archive}: is no zip file or damaged ({error}); remove it and try again"
         ) from error
-    except (NotImplementedError, RuntimeError, EOFError, zlib.error) as error:
+    except (NotImplementedError, RuntimeError, EOFError, zlib.error, UnicodeDecodeError) as error:
         raise FileFetchError(
             f"{archive}: cannot be unpacked ({error}); remove it and try again"
         ) from error
@@ -90,8 +109,8 @@ def _recordings_of(opened: zipfile.ZipFile, archive: Path) -> list[zipfile.ZipIn
         member
         for member in opened.infolist()
         if member.filename.lower().endswith(RECORDINGS)
-        and not PurePosixPath(member.filename).name.startswith(".")
-        and not set(IGNORED_FOLDERS) & set(PurePosixPath(member.filename).parts)
+        and not plain_path(member.filename).name.startswith(".")
+        and not set(IGNORED_FOLDERS) & set(plain_path(member.filename).parts)
     ]
     if not members:
         raise _unfit(archive, f"has no recordings ({', '.join(RECORDINGS)})")
@@ -103,11 +122,14 @@ def _recordings_of(opened: zipfile.ZipFile, archive: Path) -> list[zipfile.ZipIn
 def _target(member: zipfile.ZipInfo, folder: Path, archive: Path) -> Path:
     """Return the path a member is written to, which must be inside the folder."""
     name = member.filename
-    parts = PurePosixPath(name).parts
-    has_odd_characters = any(ord(sign) < ord(" ") for sign in name) or "\\" in name or ":" in name
-    if has_odd_characters or name.startswith("/") or ".." in parts:
+    if leads_out(name):
         raise _unfit(archive, f"has a recording whose name {name!r} leads out of the folder")
-    path = folder.joinpath(*parts)
+    if any(ord(sign) < ord(" ") for sign in name):
+        raise _unfit(archive, f"has a recording whose name {name!r} has control characters")
+    path = folder / local_path(name)
+    for part in path.parts[len(folder.parts) :]:
+        if len(os.fsencode(part)) > MAX_NAME:
+            raise _unfit(archive, f"has a name of {len(os.fsencode(part))} bytes ({part[:20]}...)")
     inside = Path(os.path.realpath(folder))
     # a symbolic link in the folder may lead out of it, too
     if not Path(os.path.realpath(path)).is_relative_to(inside):
@@ -130,9 +152,53 @@ def _check_sizes(members: list[zipfile.ZipInfo], archive: Path) -> None:
         raise _unfit(archive, f"has recordings of {total / 1e9:.0f} GB")
 
 
+def _check_names(
+    targets: Mapping[zipfile.ZipInfo, Path], folder: Path, archive: Path, taken: Mapping[str, str]
+) -> None:
+    """Raise FileFetchError if a recording would replace another one, on any system."""
+    names: dict[str, str] = {}
+    for member, path in targets.items():
+        name = same_name(path.relative_to(folder).as_posix())
+        if name in names:
+            raise _unfit(
+                archive,
+                f"has two recordings of one name ({names[name]!r} and {member.filename!r})",
+            )
+        names[name] = member.filename
+        if name in taken and not _exists(member, path):
+            raise FileFetchError(
+                f"{archive}: its recording {member.filename!r} would replace that of {taken[name]};"
+                " download it into a folder of its own (--only, --to)"
+            )
+    for name, original in names.items():
+        for parent in PurePosixPath(name).parents:
+            if str(parent) in names:
+                raise _unfit(archive, f"has a recording in another one ({original!r})")
+
+
+def _tell_new_names(
+    targets: Mapping[zipfile.ZipInfo, Path],
+    folder: Path,
+    archive: Path,
+    notify: Callable[[str], None],
+) -> None:
+    """Say which recordings get other names than in the archive."""
+    new = [
+        f"{member.filename!r} as {local!r}"
+        for member, path in targets.items()
+        if (local := path.relative_to(folder).as_posix()) != plain_path(member.filename).as_posix()
+    ]
+    if new:
+        others = f" and {len(new) - 1} others under similar names" if len(new) > 1 else ""
+        notify(f"{archive}: Windows does not allow all its names; unpacks {new[0]}{others}")
+
+
 def _exists(member: zipfile.ZipInfo, path: Path) -> bool:
     """Return whether a recording has been written already."""
-    if not path.is_file() or path.stat().st_size != member.file_size:
+    try:
+        if not path.is_file() or path.stat().st_size != member.file_size:
+            return False
+    except OSError:  # such as a path that is too long; writing reports it
         return False
     found = 0
     with path.open("rb") as file:
@@ -143,12 +209,6 @@ def _exists(member: zipfile.ZipInfo, path: Path) -> bool:
 
 def _write(opened: zipfile.ZipFile, member: zipfile.ZipInfo, path: Path) -> None:
     """Write a recording; zipfile stops at the checked size and compares the checksum."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(
-            f"{path.parent}: cannot be created ({error.strerror}); check what is there"
-        ) from error
     with (
         replace_file(path, overwrite=True) as temporary,
         opened.open(member) as source,
