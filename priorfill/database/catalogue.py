@@ -19,6 +19,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,7 @@ from priorfill.database.manifest import FORMAT_VERSION, Manifest
 from priorfill.database.read_only_copy import rolled_back_copy
 from priorfill.database.record import ClipRecord
 from priorfill.database.segment_list import MAX_SEGMENTS, SegmentList
+from priorfill.database.sqlite_address import sqlite_address
 from priorfill.errors import DatabaseCorruptError, DatabaseError
 
 __all__ = ["Catalogue", "find_catalogue", "successor"]
@@ -138,7 +140,7 @@ class Catalogue:
             self._connection.close()
         with self._reporting_damage():
             self._connection = sqlite3.connect(
-                f"{self.path.resolve().as_uri()}?mode={mode}",
+                sqlite_address(self.path.absolute(), mode),
                 uri=True,
                 timeout=BUSY_SECONDS,
                 isolation_level=None,
@@ -452,7 +454,7 @@ class Catalogue:
 
         A connection may answer from its memory; a new one reads the file.
         """
-        address = f"{self.path.resolve().as_uri()}?mode=ro"
+        address = sqlite_address(self.path.absolute(), "ro")
         with (
             self._reporting_damage(),
             closing(sqlite3.connect(address, uri=True, timeout=BUSY_SECONDS)) as connection,
@@ -577,10 +579,10 @@ class Catalogue:
         except sqlite3.OperationalError as error:
             if getattr(error, "sqlite_errorname", "") == "SQLITE_ERROR":  # no such table
                 raise self._damaged(str(error)) from error
-            # full, locked, read-only: not damage
+            # full, locked, read-only, a share that is gone: not damage
             raise DatabaseError(
-                f"{self.path}: cannot be used now ({error}); "
-                "check free space and permissions, and try again"
+                f"{self.path}: cannot be used now ({error}); check free space and permissions (on "
+                "a network share also its connection and file locks), and try again"
             ) from error
         except (sqlite3.Error, LookupError, ValueError, TypeError) as error:
             if isinstance(error, DatabaseError):
@@ -608,7 +610,8 @@ class Catalogue:
 def find_catalogue(folder: Path) -> Path:
     """Return the path of a database's catalogue, which need not exist.
 
-    If a compaction was killed, there may be two: the one with the higher number counts.
+    There may be two if a compaction was killed, or if a reader has the older one open, which
+    Windows does not remove then: the one with the higher number counts.
     """
     found = [path for path in folder.glob(f"{_STEM}*{_SUFFIX}") if _number(path) and path.is_file()]
     return max(found, key=_number, default=folder / f"{_STEM}{_SUFFIX}")
@@ -624,11 +627,12 @@ def _number(path: Path) -> int:
 
 
 def successor(path: Path) -> Path:
-    """Return the path of the catalogue that replaces another; there is no such file."""
-    number = _number(path) + 1
-    while (after := path.with_name(f"{_STEM}-{number}{_SUFFIX}")).exists():
-        number += 1
-    return after
+    """Return the path of the catalogue that replaces another; no file of that name is left."""
+    folder = path.parent
+    for number in count(_number(path) + 1):
+        if not any(folder.glob(f"{_STEM}-{number}.*")):
+            break
+    return folder / f"{_STEM}-{number}{_SUFFIX}"
 
 
 def _needs_rollback(error: BaseException | None) -> bool:

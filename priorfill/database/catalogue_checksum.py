@@ -15,6 +15,7 @@ import zlib
 from pathlib import Path
 
 from priorfill.runtime.atomic_file import finish_file
+from priorfill.runtime.held_files import retry_while_held
 
 __all__ = ["SUFFIXES", "CatalogueChecksum"]
 
@@ -69,7 +70,7 @@ class CatalogueChecksum:
         try:
             if not self.path.is_file():  # a pipe would block
                 raise FileNotFoundError
-            with self.path.open("rb") as file:
+            with retry_while_held(lambda: self.path.open("rb")) as file:
                 text = file.read(MAX_BYTES).decode("ascii")
         except FileNotFoundError:
             return False
@@ -109,7 +110,7 @@ class CatalogueChecksum:
         if self.path.is_file() and self.path.read_bytes() == text.encode("ascii"):
             return
         unfinished = self.path.with_name(self.path.name + ".new")
-        unfinished.write_text(text, encoding="ascii")
+        unfinished.write_bytes(text.encode("ascii"))  # on Windows, text would get other line ends
         finish_file(unfinished, self.path)
 
 

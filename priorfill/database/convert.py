@@ -17,6 +17,7 @@ from priorfill.database.catalogue import Catalogue, successor
 from priorfill.database.create_catalogue import create_catalogue
 from priorfill.database.create_database import SEGMENTS
 from priorfill.database.manifest import FORMAT_VERSION, Manifest, new_identity, write_manifest
+from priorfill.database.recovery import remove_file
 from priorfill.database.segment_list import Segment, SegmentList, Unused
 from priorfill.database.segments import (
     SegmentWriter,
@@ -67,9 +68,12 @@ def _write_anew(old: PriorDatabase, new: Manifest, catalogue: Catalogue) -> None
     folder = old.path / SEGMENTS
     folder.mkdir(exist_ok=True)
     ends = catalogue.end()
+    unused = {}
     for number, path in segment_paths(folder):
         if number not in ends and _is_unfinished(path, number, new.identity):
-            path.unlink()
+            left = Unused(path.stat().st_size, zlib.crc32(first_bytes(path)))
+            if not remove_file(path):
+                unused[number] = left
     writer = SegmentWriter(folder, new.identity, SegmentList())
     writer.begin_new()
     rows = []
@@ -79,13 +83,13 @@ def _write_anew(old: PriorDatabase, new: Manifest, catalogue: Catalogue) -> None
         writer.append(blocks, place)
         moved = replace(record, segment=place.segment, offset=place.offset)
         rows.append(replace(catalogue.row(record), record=moved))
-    before = {number: Segment(end, 0, "") for number, end in ends.items()}
+    before = SegmentList({number: Segment(end, 0, "") for number, end in ends.items()}, unused)
     segments = replaced_segments(folder, before, writer.listed.segments, catalogue.path.name)
     create_catalogue(successor(catalogue.path), new, rows, segments)
 
 
 def replaced_segments(
-    folder: Path, old: Mapping[int, Segment], new: Mapping[int, Segment], catalogue: str
+    folder: Path, old: SegmentList, new: Mapping[int, Segment], catalogue: str
 ) -> SegmentList:
     """Return a list of new segments that names the old ones, and their catalogue, as unused.
 
@@ -93,18 +97,20 @@ def replaced_segments(
     ----------
     folder : Path
         The folder of the segments.
-    old : mapping of int to Segment
-        The segments that are replaced.
+    old : SegmentList
+        The segments that are replaced, and what was unused before.
     new : mapping of int to Segment
         The segments that replace them.
     catalogue : str
         Name of the catalogue that is replaced.
     """
-    unused = {
-        number: Unused(segment.size, zlib.crc32(first_bytes(segment_path(folder, number))))
-        for number, segment in old.items()
-    }
-    return SegmentList(new, unused, (catalogue,))
+    unused = dict(old.unused)
+    for number, segment in old.segments.items():
+        tail = old.unused.get(number)
+        size = segment.size if tail is None else max(segment.size, tail.size)
+        start = zlib.crc32(first_bytes(segment_path(folder, number)))
+        unused[number] = Unused(size, start)
+    return SegmentList(new, unused, (*old.files, catalogue))
 
 
 def unaccounted_bytes(folder: Path, ends: Mapping[int, int], identity: str) -> list[str]:

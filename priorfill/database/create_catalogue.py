@@ -6,6 +6,7 @@ import secrets
 import sqlite3
 from collections.abc import Iterable
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from priorfill.database.manifest import FORMAT_VERSION, Manifest
 from priorfill.database.segment_list import SegmentList
 from priorfill.errors import DatabaseError
 from priorfill.runtime.atomic_file import finish_file
+from priorfill.runtime.held_files import retry_while_held
 
 __all__ = ["create_catalogue", "set_durable"]
 
@@ -43,7 +45,7 @@ def create_catalogue(
     unfinished = path.with_name(f"{path.name}.new")
     checksum = CatalogueChecksum(path, FORMAT_VERSION)
     for left in (unfinished, path.with_name(f"{unfinished.name}-journal"), checksum.path):
-        left.unlink(missing_ok=True)
+        retry_while_held(partial(left.unlink, missing_ok=True))
     try:
         with closing(sqlite3.connect(unfinished, isolation_level=None)) as connection:
             set_durable(connection)
@@ -80,3 +82,4 @@ def set_durable(connection: sqlite3.Connection) -> None:
     # EXTRA is FULL and flushes the folder's entry of the journal
     connection.execute("PRAGMA journal_mode = DELETE")
     connection.execute("PRAGMA synchronous = EXTRA")
+    connection.execute("PRAGMA fullfsync = ON")  # macOS: F_FULLFSYNC, as in disk_flush

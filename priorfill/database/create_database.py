@@ -17,6 +17,7 @@ from priorfill.database.manifest import (
     write_manifest,
 )
 from priorfill.database.segment_list import SegmentList
+from priorfill.database.sqlite_address import sqlite_address
 from priorfill.errors import DatabaseFormatError
 from priorfill.runtime.disk_flush import flush_folder
 
@@ -83,7 +84,7 @@ def _check_empty(folder: Path) -> None:
 def _is_without_clips(catalogue: Path) -> bool:
     """Return whether a file is a complete catalogue that never had a clip."""
     try:
-        address = f"{catalogue.resolve().as_uri()}?mode=ro"
+        address = sqlite_address(catalogue.absolute(), "ro")
         with closing(sqlite3.connect(address, uri=True)) as connection:
             (version,) = connection.execute("PRAGMA user_version").fetchone()
             found = connection.execute("SELECT value FROM meta WHERE name = 'state'").fetchall()

@@ -12,6 +12,7 @@ from typing import Any
 
 from priorfill.errors import DatabaseFormatError, DatabaseNotFoundError
 from priorfill.runtime.atomic_file import finish_file
+from priorfill.runtime.held_files import retry_while_held
 
 __all__ = [
     "FORMAT_VERSION",
@@ -98,7 +99,8 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
     if manifest.converted_from is not None:
         content["converted_from"] = manifest.converted_from
     unfinished = folder / f"{MANIFEST}.new"
-    unfinished.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    # bytes: on Windows, text would get other line ends
+    unfinished.write_bytes((json.dumps(content, indent=2) + "\n").encode("utf-8"))
     finish_file(unfinished, folder / MANIFEST)
 
 
@@ -146,7 +148,7 @@ def read_manifest(folder: Path) -> Manifest:
 
 def _load(file: Path) -> Any:
     try:
-        with file.open("rb") as opened:
+        with retry_while_held(lambda: file.open("rb")) as opened:
             data = opened.read(MAX_BYTES + 1)
         if len(data) > MAX_BYTES:
             raise ValueError("too large")

@@ -33,8 +33,12 @@ from priorfill.database.record import (
     MergeResult,
 )
 from priorfill.database.record_checks import has_odd_text, printable, with_printable_texts
-from priorfill.database.recovery import check_checksums, find_problems, remove_unused
-from priorfill.database.segment_list import SegmentList
+from priorfill.database.recovery import (
+    check_checksums,
+    find_problems,
+    remove_unused,
+    unused_bytes,
+)
 from priorfill.database.segments import (
     DTYPE,
     HEADER_BYTES,
@@ -147,20 +151,20 @@ class PriorDatabase:
             return convert(old, manifest, old._catalogue)
 
     def _open(self, write: bool) -> None:
-        """Open the catalogue and, for a reader, map the segments in their present state."""
+        """Open the catalogue and, for a reader, the segments in their present state."""
         for attempt in range(1, MAX_OPEN_ATTEMPTS + 1):
             catalogue = find_catalogue(self.path)
             try:
                 self._catalogue = Catalogue(catalogue, self._manifest, write=write)
-            except DatabaseError:
-                # a compaction may have removed it after it was found
-                if catalogue.exists() or attempt == MAX_OPEN_ATTEMPTS:
+            except (DatabaseError, OSError):
+                # a compaction may have replaced it after it was found
+                if find_catalogue(self.path) == catalogue or attempt == MAX_OPEN_ATTEMPTS:
                     raise
                 continue
             self._reader = SegmentReader(self._folder)
             if write or self._reader.hold(self._catalogue.segments()):
                 return
-            if catalogue.exists() or attempt == MAX_OPEN_ATTEMPTS:
+            if find_catalogue(self.path) == catalogue or attempt == MAX_OPEN_ATTEMPTS:
                 return  # a segment is missing; reading its clips raises the error
             self._reader.close()
             self._catalogue.close()
@@ -172,10 +176,10 @@ class PriorDatabase:
         problems = find_problems(self._folder, identity, listed)
         if problems:
             raise DatabaseCorruptError(next(iter(problems.values())))
-        if not listed.is_clean:
-            remove_unused(self._folder, identity, listed)
-            self._catalogue.announce(SegmentList(listed.segments))
-        self._writer = SegmentWriter(self._folder, identity, listed)
+        left = remove_unused(self._folder, identity, listed)
+        if left != listed:
+            self._catalogue.announce(left)
+        self._writer = SegmentWriter(self._folder, identity, left)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -274,7 +278,7 @@ class PriorDatabase:
         self.close()
 
     def close(self) -> None:
-        """Close the catalogue and release the lock. Views of positions stay valid."""
+        """Close all files and release the lock."""
         if hasattr(self, "_catalogue"):
             self._catalogue.close()
         if hasattr(self, "_reader"):
@@ -569,7 +573,8 @@ class PriorDatabase:
         Returns
         -------
         int
-            Freed bytes.
+            Freed bytes; without those of files that Windows does not remove now, because a process
+            has them open (`DatabaseInfo.leftover_bytes`).
 
         Raises
         ------
@@ -578,16 +583,18 @@ class PriorDatabase:
         DatabaseError
             If the database was opened for reading.
         """
-        writer = self._ready_writer()
+        self._ready_writer()
+        before = self._bytes_on_disk()
+        if not self._catalogue.segments_list.is_clean:  # perhaps it can be removed meanwhile
+            with self._one_change():
+                self._prepare_to_write()
         records = self.clips()
-        before = self._segment_bytes()
-        if before == _bytes_needed(records):
-            return 0
-        for record in records:
-            self.check(record)
-        with self._one_change():
-            self._rewrite(writer, records, progress)
-        return max(0, before - self._segment_bytes())
+        if self._segment_bytes() != _bytes_needed(records):
+            for record in records:
+                self.check(record)
+            with self._one_change():
+                self._rewrite(self._ready_writer(), records, progress)
+        return max(0, before - self._bytes_on_disk())
 
     def _rewrite(
         self,
@@ -596,7 +603,8 @@ class PriorDatabase:
         progress: Callable[[int, int], None] | None,
     ) -> None:
         """Write all clips to new segments, and the catalogue anew."""
-        old = self._catalogue.segments_list.segments
+        before = self._catalogue.segments_list
+        old = before.segments
         writer.begin_new()
         places: list[Place] = []
         for record in records:
@@ -613,8 +621,8 @@ class PriorDatabase:
             if progress is not None:
                 progress(done, len(records))
         new = {n: one for n, one in writer.listed.segments.items() if n not in old}
-        name = self._catalogue.path.name
-        self._catalogue.replace(rows, replaced_segments(self._folder, old, new, name))
+        listed = replaced_segments(self._folder, before, new, self._catalogue.path.name)
+        self._catalogue.replace(rows, listed)
         self._reader.close()
         self._reader = SegmentReader(self._folder)
         self._prepare_to_write()
@@ -731,8 +739,8 @@ class PriorDatabase:
         Returns
         -------
         ndarray [shape=(frames, markers, 3), mm]
-            Upright (+Z up), NaN where missing; a read-only view of the file that is not compared
-            with its checksum (see `check` and `checked_positions`).
+            Upright (+Z up), NaN where missing; read-only, and not compared with their checksum
+            (see `check` and `checked_positions`).
 
         Raises
         ------
@@ -741,15 +749,10 @@ class PriorDatabase:
         DatabaseCorruptError
             If the file is too short.
         """
-        if not 0 <= level < len(record.frames):
-            raise OptionError(
-                f"level {level} is not in the database; it has 0 to {len(record.frames) - 1}"
-            )
-        offset, shape = self._place(record, level)
-        return self._reader.read(record.segment, offset, math.prod(shape)).reshape(shape)
+        return self._read(record, level)[0]
 
     def checked_positions(self, record: ClipRecord, level: int = 0) -> NDArray[np.float32]:
-        """Return a copy of a clip's positions at a level, compared with their checksum.
+        """Return a clip's positions at a level, compared with their checksum.
 
         Parameters and result are those of `positions`.
 
@@ -758,10 +761,19 @@ class PriorDatabase:
         DatabaseCorruptError
             If the level does not match its checksum, or the file is too short.
         """
-        offset, shape = self._place(record, level)
-        values, found = self._reader.copy(record.segment, offset, math.prod(shape))
+        values, found = self._read(record, level)
         self._compare(record, level, found)
-        return values.reshape(shape)
+        return values
+
+    def _read(self, record: ClipRecord, level: int) -> tuple[NDArray[np.float32], int]:
+        """Return positions, and their CRC-32."""
+        if not 0 <= level < len(record.frames):
+            raise OptionError(
+                f"level {level} is not in the database; it has 0 to {len(record.frames) - 1}"
+            )
+        offset, shape = self._place(record, level)
+        data = self._reader.read(record.segment, offset, math.prod(shape) * DTYPE.itemsize)
+        return np.frombuffer(data, dtype=DTYPE).reshape(shape), zlib.crc32(data)
 
     def _check_positions(self, record: ClipRecord) -> None:
         for level in range(len(record.frames)):
@@ -834,6 +846,7 @@ class PriorDatabase:
             seconds=sum(record.duration for record in records),
             bytes=sum(path.stat().st_size for path in files),
             removed_bytes=max(0, self._segment_bytes() - _bytes_needed(records)),
+            leftover_bytes=unused_bytes(self._folder, self._catalogue.segments_list),
             marker_sets=dict(sorted(Counter(record.marker_set for record in records).items())),
             licences=dict(sorted(Counter(record.licence for record in records).items())),
             credits=dict(sorted(Counter(record.credit for record in records).items())),
@@ -920,6 +933,11 @@ class PriorDatabase:
         if not self._catalogue.identity:
             return sum(self._catalogue.end().values())
         return sum(one.size for one in self._catalogue.segments_list.segments.values())
+
+    def _bytes_on_disk(self) -> int:
+        """Return the size of the segments, with those that wait to be removed."""
+        segments = replace(self._catalogue.segments_list, files=())
+        return self._segment_bytes() + unused_bytes(self._folder, segments)
 
 
 def _bytes_needed(records: Iterable[ClipRecord]) -> int:

@@ -27,7 +27,8 @@ def rolled_back_copy(catalogue: Path) -> sqlite3.Connection:
     sqlite3.Error
         If it is damaged.
     """
-    with tempfile.TemporaryDirectory(prefix="priorfill-") as folder:
+    # on Windows, a virus scanner may still have the copy open
+    with tempfile.TemporaryDirectory(prefix="priorfill-", ignore_cleanup_errors=True) as folder:
         copy = Path(folder) / catalogue.name
         for name in (catalogue.name, f"{catalogue.name}-journal"):
             if catalogue.with_name(name).exists():

@@ -206,6 +206,10 @@ class DatabaseInfo:
         Size of the files.
     removed_bytes : int
         Bytes that compacting would free.
+    leftover_bytes : int
+        Bytes that wait to be removed: replaced by a compaction while Windows refused to remove
+        them, because a process had them open, or left by a writer that was killed. The next writer
+        removes them.
     marker_sets : dict of str to int
         Number of clips by marker set; the empty name counts those of no known set.
     licences, credits : dict of str to int
@@ -224,6 +228,7 @@ class DatabaseInfo:
     seconds: float
     bytes: int
     removed_bytes: int
+    leftover_bytes: int
     marker_sets: dict[str, int]
     licences: dict[str, int]
     credits: dict[str, int]

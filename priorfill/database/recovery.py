@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from priorfill.database.catalogue_checksum import SUFFIXES
-from priorfill.database.segment_list import SegmentList
+from priorfill.database.segment_list import Segment, SegmentList, Unused
 from priorfill.database.segments import (
     CHUNK_BYTES,
     HEADER_BYTES,
@@ -24,8 +24,9 @@ from priorfill.database.segments import (
     segment_paths,
 )
 from priorfill.errors import DatabaseCorruptError
+from priorfill.runtime.held_files import is_held
 
-__all__ = ["check_checksums", "find_problems", "remove_unused"]
+__all__ = ["check_checksums", "find_problems", "remove_file", "remove_unused", "unused_bytes"]
 
 
 def find_problems(folder: Path, identity: str, listed: SegmentList) -> dict[int, str]:
@@ -121,31 +122,92 @@ def check_checksums(folder: Path, listed: SegmentList, known: set[int]) -> list[
     return problems
 
 
-def remove_unused(folder: Path, identity: str, listed: SegmentList) -> None:
-    """Cut off, and remove, what the list names as unused.
+def remove_unused(folder: Path, identity: str, listed: SegmentList) -> SegmentList:
+    """Cut off, and remove, what the list names as unused; return the list of what is left.
 
-    The caller has made sure that there are no problems.
+    Windows neither cuts off nor removes what another process has open or mapped. The next writer
+    tries again. The caller has made sure that there are no problems.
 
     Parameters
     ----------
     folder, identity, listed
         As for `find_problems`.
     """
+    unused = {
+        number: one
+        for number, one in listed.unused.items()
+        if not _remove_bytes(segment_path(folder, number), one, listed.segments.get(number))
+    }
+    files = tuple(name for name in listed.files if not _remove_catalogue(folder.parent / name))
+    return SegmentList(listed.segments, unused, files)
+
+
+def _remove_bytes(path: Path, unused: Unused, entry: Segment | None) -> bool:
+    """Remove the unused bytes of a segment; return False if they are held."""
+    if not path.is_file():
+        return True
+    size = path.stat().st_size
+    if entry is not None:
+        return not entry.size < size <= unused.size or _cut_off(path, entry.size)
+    if size <= unused.size and _is_that_file(path, size, unused.start):
+        return remove_file(path)
+    return True
+
+
+def _remove_catalogue(path: Path) -> bool:
+    """Remove a catalogue, its journal and its checksum file; return False if one is held.
+
+    As long as the catalogue is there, a reader may need the others.
+    """
+    stem = path.name.partition(".")[0]
+    others = (f"{path.name}-journal", *(f"{stem}{suffix}" for suffix in SUFFIXES))
+    return remove_file(path) and all(remove_file(path.with_name(name)) for name in others)
+
+
+def remove_file(path: Path) -> bool:
+    """Remove a file, if it exists; return False if another process holds it."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        if not is_held(error):
+            raise
+        return False
+    return True
+
+
+def _cut_off(path: Path, size: int) -> bool:
+    """Shorten a file; return False if another process has mapped or locked it."""
+    try:
+        os.truncate(path, size)
+    except OSError as error:
+        if not is_held(error):
+            raise
+        return False
+    return path.stat().st_size == size  # wine reports success where a map forbids it
+
+
+def unused_bytes(folder: Path, listed: SegmentList) -> int:
+    """Return the number of bytes on the disk that the list names as unused.
+
+    Parameters
+    ----------
+    folder, listed
+        As for `find_problems`.
+    """
+    result = 0
     for number, unused in listed.unused.items():
-        path = segment_path(folder, number)
-        if not path.is_file():
-            continue
         entry = listed.segments.get(number)
-        size = path.stat().st_size
-        if entry is not None:
-            if entry.size < size <= unused.size:
-                os.truncate(path, entry.size)
-        elif size <= unused.size and _is_that_file(path, size, unused.start):
-            path.unlink()
-    for name in listed.files:
-        stem = name.partition(".")[0]
-        for other in (name, f"{name}-journal", *(f"{stem}{suffix}" for suffix in SUFFIXES)):
-            (folder.parent / other).unlink(missing_ok=True)
+        size = _size(segment_path(folder, number))
+        if size <= unused.size:
+            result += max(0, size - (0 if entry is None else entry.size))
+    return result + sum(_size(folder.parent / name) for name in listed.files)
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:  # it has been removed
+        return 0
 
 
 def _is_that_file(path: Path, size: int, start: int) -> bool:

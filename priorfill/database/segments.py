@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from priorfill.database.segment_list import Segment, SegmentList, Unused
 from priorfill.errors import DatabaseCorruptError
 from priorfill.runtime.disk_flush import flush_file, flush_folder
+from priorfill.runtime.held_files import retry_while_held
 
 __all__ = [
     "DTYPE",
@@ -86,7 +86,7 @@ class SegmentWriter:
     identity : str
         The database's identity.
     segments : SegmentList
-        The committed segments.
+        The committed segments, and what could not be removed.
 
     Attributes
     ----------
@@ -97,8 +97,10 @@ class SegmentWriter:
     def __init__(self, folder: Path, identity: str, segments: SegmentList) -> None:
         self._folder = folder
         self._identity = identity
-        self.listed = SegmentList(dict(segments.segments))
+        self.listed = segments
         self._last = max(segments.segments, default=0)
+        if self._last in segments.unused:  # what follows its committed bytes could not be cut off
+            self.begin_new()
 
     def begin_new(self) -> None:
         """Continue with a segment whose number neither the list nor a file has."""
@@ -118,7 +120,7 @@ class SegmentWriter:
 
     def _unused_number(self, after: int) -> int:
         there = [number for number, _ in segment_paths(self._folder)]
-        return max([*self.listed.segments, *there, after]) + 1
+        return max([*self.listed.segments, *self.listed.unused, *there, after]) + 1
 
     def announcing(self, places: Iterable[Place], files: tuple[str, ...] = ()) -> SegmentList:
         """Return the list with the places, and files, that are about to be written."""
@@ -126,7 +128,11 @@ class SegmentWriter:
             place.segment: Unused(place.end, zlib.crc32(header(self._identity, place.segment)))
             for place in places
         }
-        return replace(self.listed, unused=unused, files=files)
+        return replace(
+            self.listed,
+            unused={**self.listed.unused, **unused},
+            files=(*self.listed.files, *files),
+        )
 
     def check(self, place: Place) -> None:
         """Check that the segment of a place is as the list describes it.
@@ -173,15 +179,15 @@ class SegmentWriter:
         if is_new:
             flush_folder(self._folder)
         entry = Segment(place.end, checksum, mark.hex())
-        self.listed = SegmentList({**self.listed.segments, place.segment: entry})
+        self.listed = replace(self.listed, segments={**self.listed.segments, place.segment: entry})
         self._last = place.segment
 
 
-def open_segment(path: Path, mode: str = "rb") -> BinaryIO:
+def open_segment(path: Path, mode: str = "rb", *, buffering: int = -1) -> BinaryIO:
     """Open a segment; a folder or a pipe in its place counts as missing."""
     if path.exists() and not path.is_file():
         raise FileNotFoundError(f"{path} is no regular file")
-    return cast(BinaryIO, path.open(mode))
+    return cast(BinaryIO, retry_while_held(lambda: path.open(mode, buffering)))
 
 
 def _opened(path: Path, mode: str) -> BinaryIO:
@@ -224,7 +230,10 @@ def check_end(file: BinaryIO, path: Path, start: bytes, entry: Segment) -> int:
 
 
 class SegmentReader:
-    """Reads segments through memory maps.
+    """Reads segments, and keeps them open.
+
+    Bytes are read, not mapped. Windows shortens no file that is mapped, and a map of a file on a
+    share ends the program when the connection breaks.
 
     Parameters
     ----------
@@ -235,17 +244,16 @@ class SegmentReader:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._files: dict[int, BinaryIO] = {}
-        self._maps: dict[int, NDArray[np.float32]] = {}
         self._opening = threading.Lock()
 
     def close(self) -> None:
-        """Close the files. Views stay valid."""
+        """Close the files."""
         for file in self._files.values():
             file.close()
         self._files.clear()
 
     def hold(self, segments: set[int]) -> bool:
-        """Map segments now, so that they stay readable even if their files are removed.
+        """Open segments now, so that they stay readable even if a compaction replaces them.
 
         Returns
         -------
@@ -254,90 +262,70 @@ class SegmentReader:
         """
         for segment in segments:
             try:
-                self._map(segment)
+                self._file(segment)
             except DatabaseCorruptError:
                 return False
         return True
 
-    def read(self, segment: int, offset: int, count: int) -> NDArray[np.float32]:
-        """Return a read-only view of `count` values from byte `offset` on.
+    def read(self, segment: int, offset: int, nbytes: int) -> bytes:
+        """Return bytes of a segment.
 
         Raises
         ------
         DatabaseCorruptError
             If the segment does not exist or is too short.
         """
-        first = offset // DTYPE.itemsize
-        values = self._maps.get(segment)
-        # a segment may have grown since it was mapped
-        if values is None or len(values) < first + count:
-            values = self._map(segment)
-        if len(values) < first + count:
-            raise self._too_short(segment)
-        return values[first : first + count]
-
-    def copy(self, segment: int, offset: int, count: int) -> tuple[NDArray[np.float32], int]:
-        """Return a read-only copy of `count` values from byte `offset` on, and its CRC-32.
-
-        The bytes are read, not mapped, so that a large database does not fill the memory.
-
-        Raises
-        ------
-        DatabaseCorruptError
-            As for `read`.
-        """
-        self.read(segment, offset, count)
-        data = read_at(self._files[segment], offset, count * DTYPE.itemsize)
-        if len(data) != count * DTYPE.itemsize:
-            raise self._too_short(segment)
-        return np.frombuffer(data, dtype=DTYPE), zlib.crc32(data)
+        data = read_at(self._file(segment), offset, nbytes)
+        if len(data) != nbytes:
+            raise DatabaseCorruptError(
+                f"{segment_path(self._folder, segment)}: is shorter than the catalogue states; "
+                "restore the database from a copy"
+            )
+        return data
 
     def checksum(self, segment: int, offset: int, nbytes: int) -> int:
-        """Return the CRC-32 of bytes of the file.
-
-        They are read, not mapped, so that checking a large database does not fill the memory.
+        """Return the CRC-32 of bytes of a segment, reading a few at a time.
 
         Raises
         ------
         DatabaseCorruptError
             As for `read`.
         """
-        self.read(segment, offset, nbytes // DTYPE.itemsize)
         result = 0
         for start in range(offset, offset + nbytes, CHUNK_BYTES):
             size = min(CHUNK_BYTES, offset + nbytes - start)
-            result = zlib.crc32(read_at(self._files[segment], start, size), result)
+            result = zlib.crc32(self.read(segment, start, size), result)
         return result
 
-    def _too_short(self, segment: int) -> DatabaseCorruptError:
-        return DatabaseCorruptError(
-            f"{segment_path(self._folder, segment)}: is shorter than the catalogue states; "
-            "restore the database from a copy"
-        )
-
-    def _map(self, segment: int) -> NDArray[np.float32]:
-        path = segment_path(self._folder, segment)
-        try:
-            with self._opening:  # a second file would replace, and close, one another thread reads
-                if segment not in self._files:
-                    self._files[segment] = open_segment(path)
-                file = self._files[segment]
-            count = os.fstat(file.fileno()).st_size // DTYPE.itemsize
-            # an empty file cannot be mapped
-            values = np.memmap(file, dtype=DTYPE, mode="r", shape=(count,)).view(np.ndarray)
-        except (FileNotFoundError, ValueError) as error:
-            raise DatabaseCorruptError(
-                f"{path}: is missing or empty; restore the database from a copy"
-            ) from error
-        self._maps[segment] = values
-        return values
+    def _file(self, segment: int) -> BinaryIO:
+        with self._opening:  # a second file would replace, and close, one another thread reads
+            file = self._files.get(segment)
+            if file is None:
+                path = segment_path(self._folder, segment)
+                try:
+                    file = open_segment(path, buffering=0)  # a buffer could hold what changed
+                except FileNotFoundError as error:
+                    raise DatabaseCorruptError(
+                        f"{path}: is missing; restore the database from a copy"
+                    ) from error
+                self._files[segment] = file
+            return file
 
 
 def read_at(file: BinaryIO, offset: int, size: int) -> bytes:
-    """Return bytes of an open file, from any thread."""
+    """Return bytes of an open file without a buffer, from any thread; fewer if it ends before."""
+    parts: list[bytes] = []
+    while size and (part := _read_some(file, offset, size)):
+        parts.append(part)
+        offset += len(part)
+        size -= len(part)
+    return parts[0] if len(parts) == 1 else b"".join(parts)
+
+
+def _read_some(file: BinaryIO, offset: int, size: int) -> bytes:
     if hasattr(os, "pread"):
         return os.pread(file.fileno(), size, offset)
-    with _SEEKING:  # Windows
+    with _SEEKING:  # Windows: another thread would read from the wrong place
         file.seek(offset)
         return file.read(size)
 

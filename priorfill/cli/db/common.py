@@ -34,6 +34,7 @@ __all__ = [
     "total",
     "warn",
     "warn_damaged",
+    "warn_leftovers",
 ]
 
 ID_DIGITS = 8
@@ -126,6 +127,18 @@ def warn(database: PriorDatabase) -> None:
     """Print notes on the state in which a database was found."""
     for note in database.notes:
         print_line(f"note: {note}", err=True)
+
+
+def warn_leftovers(database: PriorDatabase) -> None:
+    """Tell how many bytes wait to be removed."""
+    left = database.info().leftover_bytes
+    if left:
+        print_line(
+            f"note: {size(left)} of replaced or unfinished files wait to be removed, perhaps "
+            "because a program has them open; the next command that writes to the database "
+            "removes them",
+            err=True,
+        )
 
 
 def warn_damaged(database: PriorDatabase) -> int:

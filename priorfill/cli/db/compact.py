@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from priorfill.cli.db.common import database_option, size
+from priorfill.cli.db.common import database_option, size, warn_leftovers
 from priorfill.cli.output import print_line
 from priorfill.cli.progress import progress
 
@@ -18,13 +18,13 @@ __all__ = ["compact"]
 def compact(folder: Path) -> None:
     """Free the disk space of clips that were removed or replaced.
 
-    Processes that have the database open for reading are not affected.
+    Processes that have the database open for reading are not affected. On Windows, what they read
+    is removed later, by the next command that writes to the database.
     """
     from priorfill.database import PriorDatabase
 
-    with (
-        PriorDatabase.open(folder, write=True) as database,
-        progress(None, "Moving clips") as show,
-    ):
-        freed = database.compact(show)
+    with PriorDatabase.open(folder, write=True) as database:
+        with progress(None, "Moving clips") as show:
+            freed = database.compact(show)
+        warn_leftovers(database)
     print_line(f"{size(freed)} freed" if freed else "nothing to free")

@@ -48,6 +48,10 @@ def info(folder: Path, as_json: bool) -> None:
             if any(texts)
             for text, number in texts.items()
         ),
-        ("size", size(facts.bytes)),
+        ("size", size(facts.bytes) + _left(facts.leftover_bytes)),
     ):
         print_line(f"{name:<12} {value}")
+
+
+def _left(number: int) -> str:
+    return f", {size(number)} of it waiting to be removed" if number else ""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from priorfill.cli.db.common import count, database_option, warn
+from priorfill.cli.db.common import count, database_option, warn, warn_leftovers
 from priorfill.cli.output import print_line
 from priorfill.cli.progress import progress
 
@@ -21,6 +21,7 @@ def verify(folder: Path) -> None:
 
     with PriorDatabase.open(folder) as database, progress(None, "Checking clips") as show:
         warn(database)
+        warn_leftovers(database)
         problems = database.verify(show)
         number = len(database.clips())
     for problem in problems:

@@ -1,0 +1,288 @@
+"""Files that a program has open or mapped: Windows neither replaces nor removes them.
+
+Linux shows it by `windows_files.as_on_windows`.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from collections.abc import Iterator
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from db_cli import run
+from db_processes import die_in_add, make_clip, run_and_die
+from windows_files import as_on_windows
+
+from priorfill.database import ClipRecord, PriorDatabase
+from priorfill.database.catalogue import Catalogue
+from priorfill.database.segments import SegmentReader
+from priorfill.errors import DatabaseError
+
+pytestmark = [
+    pytest.mark.windows,
+    pytest.mark.skipif(
+        sys.platform not in ("linux", "win32"), reason="open files are looked up in /proc"
+    ),
+]
+
+FIXTURE = Path(__file__).parents[1] / "fixtures" / "database-1"
+
+
+@pytest.fixture(autouse=True)
+def windows() -> Iterator[None]:
+    with nullcontext() if sys.platform == "win32" else as_on_windows():
+        yield
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A database of three clips."""
+    with PriorDatabase.create(tmp_path / "db") as database:
+        for seed in range(3):
+            database.add(make_clip(seed))
+    return tmp_path / "db"
+
+
+def files(folder: Path) -> set[str]:
+    there = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    return there - {"lock", "priorfill-database.json"}
+
+
+def contents(database: PriorDatabase) -> dict[str, bytes]:
+    return {r.name: database.checked_positions(r).tobytes() for r in database.clips()}
+
+
+def reopened(folder: Path) -> dict[str, bytes]:
+    """What a new reader gets; the next writer has been there before."""
+    PriorDatabase.open(folder, write=True).close()
+    with PriorDatabase.open(folder) as database:
+        assert database.verify() == []
+        return contents(database)
+
+
+def remove_and_compact(folder: Path, name: str) -> int:
+    with PriorDatabase.open(folder, write=True) as database:
+        database.remove([record for record in database.clips() if record.name == name])
+        return database.compact()
+
+
+def leftover(folder: Path) -> int:
+    with PriorDatabase.open(folder) as database:
+        return database.info().leftover_bytes
+
+
+def test_a_compaction_leaves_what_a_reader_has_open(folder: Path) -> None:
+    with PriorDatabase.open(folder) as reader:
+        before = contents(reader)
+        assert remove_and_compact(folder, "clip1") == 0  # nothing is freed yet
+        assert contents(reader) == before
+        assert reader.verify() == []
+        assert {"segments/000001.f32", "catalogue.sqlite"} < files(folder)
+        assert sorted(reopened(folder)) == ["clip0", "clip2"]
+        size = (folder / "segments" / "000001.f32").stat().st_size
+        size += (folder / "catalogue.sqlite").stat().st_size
+        assert leftover(folder) == size
+        with PriorDatabase.open(folder, write=True) as database:
+            database.add(make_clip(3))
+        assert contents(reader) == before
+    after = reopened(folder)
+    assert sorted(after) == ["clip0", "clip2", "clip3"]
+    assert after["clip0"] == before["clip0"]
+    assert leftover(folder) == 0
+    assert files(folder) == {
+        "segments/000002.f32",
+        "catalogue-2.sqlite",
+        "catalogue-2.checksum",
+    }
+
+
+def test_readers_of_several_states(folder: Path) -> None:
+    readers, states = [], []
+    for seed in range(3):
+        readers.append(PriorDatabase.open(folder))
+        states.append(contents(readers[-1]))
+        remove_and_compact(folder, f"clip{seed}")
+        with PriorDatabase.open(folder, write=True) as database:
+            database.add(make_clip(seed + 3))
+    for number in (1, 0, 2):
+        for reader, state in zip(readers, states, strict=True):
+            if reader is not None:
+                assert contents(reader) == state
+                assert reader.verify() == []
+        readers[number].close()
+        readers[number] = None  # type: ignore[call-overload]
+        assert sorted(reopened(folder)) == ["clip3", "clip4", "clip5"]
+    assert leftover(folder) == 0
+    assert len(files(folder)) == 3
+
+
+def test_a_compaction_removes_what_was_left_before(folder: Path) -> None:
+    with PriorDatabase.open(folder, write=True) as database:
+        with PriorDatabase.open(folder):
+            database.remove(database.clips()[:1])
+            assert database.compact() == 0
+        left = database.info().leftover_bytes
+        catalogue = (folder / "catalogue.sqlite").stat().st_size
+        assert database.compact() == left - catalogue > 0  # it counts positions
+        assert database.info().leftover_bytes == 0
+
+
+@pytest.mark.parametrize("how", ["mapped", "open"])
+def test_what_a_killed_writer_appended(folder: Path, how: str) -> None:
+    """A map forbids cutting it off: the next clip goes to another segment."""
+    segment = folder / "segments" / "000001.f32"
+    with PriorDatabase.open(folder) as database:
+        before = contents(database)
+    run_and_die(die_in_add, folder, "before the row", 6)
+    held: Any = np.memmap(segment, mode="r") if how == "mapped" else segment.open("rb")
+    is_mapped = how == "mapped"
+    for seed in (4, 5):
+        with PriorDatabase.open(folder, write=True) as database:
+            assert (database.info().leftover_bytes > 0) == is_mapped
+            database.add(make_clip(seed))
+            assert database.verify() == []
+    found = reopened(folder)
+    assert found.keys() == {*before, "clip4", "clip5", "clip6"}
+    assert {name: found[name] for name in before} == before
+    assert (folder / "segments" / "000002.f32").exists() == is_mapped
+    if not is_mapped:
+        held.close()
+    del held
+    assert reopened(folder) == found
+    assert leftover(folder) == 0
+    remove_and_compact(folder, "clip4")
+    assert reopened(folder).keys() == found.keys() - {"clip4"}
+    assert len(files(folder)) == 3
+
+
+def test_a_mapped_tail_in_a_compaction(folder: Path) -> None:
+    segment = folder / "segments" / "000001.f32"
+    run_and_die(die_in_add, folder, "before the row", 6)
+    held = np.memmap(segment, mode="r")
+    remove_and_compact(folder, "clip0")
+    assert segment.exists()
+    del held
+    assert reopened(folder).keys() == {"clip1", "clip2", "clip6"}
+    assert not segment.exists()
+    assert leftover(folder) == 0
+
+
+def test_what_a_killed_compaction_wrote(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch, PriorDatabase.open(folder, write=True) as database:
+        database.remove(database.clips()[:1])
+
+        def fail(*_: object) -> None:
+            (folder / "catalogue-2.sqlite.new").write_bytes(b"")
+            raise KeyboardInterrupt
+
+        patch.setattr(Catalogue, "replace", fail)
+        with pytest.raises(KeyboardInterrupt):
+            database.compact()
+    before = None
+    with (
+        (folder / "catalogue-2.sqlite.new").open("rb"),
+        (folder / "segments" / "000002.f32").open("rb"),
+    ):
+        before = reopened(folder)
+        assert len(before) == 2
+        assert leftover(folder) > 0
+        with PriorDatabase.open(folder, write=True) as database:
+            database.compact()
+        assert (folder / "catalogue-3.sqlite").exists()
+        assert reopened(folder) == before
+    assert reopened(folder) == before
+    assert files(folder) == {
+        "segments/000003.f32",
+        "catalogue-3.sqlite",
+        "catalogue-3.checksum",
+    }
+
+
+def test_a_reader_that_opens_during_a_compaction(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It has the old catalogue open when the old segments go."""
+    hold = SegmentReader.hold
+    calls = []
+
+    def late(self: SegmentReader, segments: set[int]) -> bool:
+        calls.append(segments)
+        if len(calls) == 1:
+            remove_and_compact(folder, "clip1")
+        return hold(self, segments)
+
+    monkeypatch.setattr(SegmentReader, "hold", late)
+    with PriorDatabase.open(folder) as reader:
+        assert contents(reader).keys() == {"clip0", "clip2"}
+        assert reader.verify() == []
+    assert len(calls) == 2
+
+
+def test_a_checksum_file_that_is_open(folder: Path) -> None:
+    """It cannot be replaced: the catalogue is checked row by row until it can."""
+    with (folder / "catalogue.checksum").open("rb"):
+        with PriorDatabase.open(folder, write=True) as database:
+            database.add(make_clip(7))
+        assert reopened(folder).keys() == {"clip0", "clip1", "clip2", "clip7"}
+    assert len(reopened(folder)) == 4
+    assert files(folder) == {"segments/000001.f32", "catalogue.sqlite", "catalogue.checksum"}
+
+
+def test_a_conversion_while_a_reader_has_the_old_version(tmp_path: Path) -> None:
+    folder = tmp_path / "db"
+    shutil.copytree(FIXTURE, folder)
+    with PriorDatabase.open(folder) as reader:
+        before = contents(reader)
+        PriorDatabase.open(folder, write=True).close()
+        assert contents(reader) == before
+        assert reopened(folder) == before
+        assert (folder / "catalogue.sqlite").exists()
+    assert reopened(folder) == before
+    assert not (folder / "catalogue.sqlite").exists()
+    assert leftover(folder) == 0
+
+
+def test_a_record_of_what_was_removed_is_read_as_before(folder: Path) -> None:
+    with PriorDatabase.open(folder) as reader:
+        gone: ClipRecord = reader.clips()[0]
+        expected = reader.positions(gone).tobytes()
+        with PriorDatabase.open(folder, write=True) as database:
+            database.remove(database.clips())
+            database.compact()
+        assert reader.positions(gone).tobytes() == expected
+
+
+def test_other_errors_are_not_hidden(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with PriorDatabase.open(folder, write=True) as database:
+        database.remove(database.clips()[:1])
+        with monkeypatch.context() as patch:
+
+            def fail(*_: object, **__: object) -> None:
+                raise OSError(5, "Input/output error")
+
+            patch.setattr(os, "unlink", fail)
+            with pytest.raises((OSError, DatabaseError)):
+                database.compact()
+    assert len(reopened(folder)) == 2
+    assert leftover(folder) == 0
+
+
+def test_commands_name_what_is_left(folder: Path) -> None:
+    with PriorDatabase.open(folder):
+        assert run("db", "remove", "-d", folder, "clip1").exit_code == 0
+        done = run("db", "compact", "-d", folder)
+        assert done.exit_code == 0
+        assert "of replaced or unfinished files wait to be removed" in done.stderr
+        checked = run("db", "verify", "-d", folder)
+        assert checked.exit_code == 0
+        assert "wait to be removed" in checked.stderr
+        assert "2 clips checked, no damage found" in checked.stdout
+        assert "of it waiting to be removed" in run("db", "info", "-d", folder).stdout
+    assert run("db", "compact", "-d", folder).stderr == ""
+    assert "waiting" not in run("db", "info", "-d", folder).stdout
