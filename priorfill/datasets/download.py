@@ -30,6 +30,7 @@ from priorfill.datasets.retry_policy import FileFetchError, RetryPolicy
 from priorfill.errors import FetchError
 from priorfill.runtime.atomic_file import finish_file
 from priorfill.runtime.disk_flush import flush_folder
+from priorfill.runtime.held_files import is_held, retry_while_held
 
 __all__ = ["Downloader"]
 
@@ -231,10 +232,22 @@ class _Transfer:
                 failures = 1 if progressed else failures + 1
                 self._wait(url, error, failures)
                 continue
-            finish_file(self._part, Path(output_file))
-            with suppress(OSError):  # a program has it open; without a part it means nothing
-                self._version_file.unlink(missing_ok=True)
+            self._finish(Path(output_file))
             return None
+
+    def _finish(self, output: Path) -> None:
+        """Rename the complete part."""
+        try:
+            finish_file(self._part, output)
+        except OSError as error:
+            if not is_held(error):
+                raise
+            raise FetchError(
+                f"{self._part}: is complete, but open in another program; close it there, and try "
+                "again"
+            ) from error
+        with suppress(OSError):  # a program has it open; without a part it means nothing
+            self._version_file.unlink(missing_ok=True)
 
     def _wait(self, url: str, error: _RetryError, failures: int) -> None:
         """Wait before the next attempt, or give up."""
@@ -287,7 +300,7 @@ class _Transfer:
         status = response.status_code
         answer = f"the server answers {status} {response.reason}".rstrip()
         if status == RANGE_NOT_SATISFIABLE:
-            self._part.unlink(missing_ok=True)
+            self._remove_part()
             return _RetryError("the server has another version", 0.0)
         if status in RETRIED_STATUSES:
             return _RetryError(answer, _retry_after(response.headers))
@@ -300,6 +313,9 @@ class _Transfer:
             )
         return FileFetchError(f"{url}: {answer}; check the address with a browser")
 
+    def _remove_part(self) -> None:
+        retry_while_held(lambda: self._part.unlink(missing_ok=True))
+
     def _extent(
         self, response: requests.Response, start: int, known: _FileVersion | None
     ) -> tuple[int, int | None]:
@@ -311,7 +327,7 @@ class _Transfer:
         total = int(found[3]) if found and found[3] != "*" else None
         known_size = None if known is None else known.size
         if not found or int(found[1]) != start or (known_size and total and known_size != total):
-            self._part.unlink(missing_ok=True)
+            self._remove_part()
             raise _RetryError("the server has another version", 0.0)
         return start, total if total is not None else known_size
 

@@ -7,9 +7,11 @@ import io
 import json
 import os
 import re
+import sys
 import time
 import zipfile
 from collections.abc import Callable
+from contextlib import nullcontext
 from email.utils import formatdate
 from importlib import import_module
 from pathlib import Path
@@ -19,6 +21,7 @@ import pytest
 from db_cli import run, write_clip
 from http_server import Site, serve
 from platforms import on_wine
+from windows_files import as_on_windows
 
 from priorfill.datasets import (
     Dataset,
@@ -112,6 +115,21 @@ def test_a_second_run_resumes_an_interrupted_one(tmp_path):
         get()
         get.assert_complete()
         assert get.ranges == ["", f"bytes={there}-"]
+
+
+@pytest.mark.windows
+def test_a_part_that_another_program_has_open_is_kept(tmp_path):
+    part = tmp_path / "f.part"
+    part.touch()
+    held = nullcontext() if sys.platform == "win32" else as_on_windows()
+    with serve({"f": CONTENT}) as site, held:
+        get = Getter(site, tmp_path)
+        with part.open("rb"), pytest.raises(FetchError, match=r"f\.part: is complete, but open in"):
+            get()
+        assert part.read_bytes() == CONTENT
+        get()
+        get.assert_complete()
+        assert len(site.requests) == 1
 
 
 def test_a_server_without_ranges_sends_the_complete_file_again(tmp_path):
