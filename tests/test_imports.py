@@ -213,4 +213,5 @@ def test_late_imports_are_seen() -> None:
 def test_only_the_download_uses_a_network() -> None:
     network = {"/urllib.request", "/http.client", "/requests", "/pooch", "/urllib3"}
     users = {module for module, names in imports().items() if names & network}
-    assert all(within(module, "datasets") for module in users), users
+    local = "integrations.qtm_rest"  # calls QTM on the same computer
+    assert all(within(module, "datasets", local) for module in users), users

@@ -1,0 +1,187 @@
+"""``priorfill nexus`` and ``priorfill qtm``: fill the trial that another program has open."""
+
+from __future__ import annotations
+
+import copy
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from priorfill.cli.artefacts import artefact_facts, print_artefacts, warn_of_artefacts
+from priorfill.cli.fill import EXIT_INCOMPLETE, check_database_options, fill, fill_options
+from priorfill.cli.fill_report import print_gaps, print_unfilled
+from priorfill.cli.output import MAX_ROWS, print_line
+from priorfill.cli.progress import progress
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from priorfill.integrations.open_trial import OpenTrial, TrialResult
+
+__all__ = ["nexus", "qtm"]
+
+_FILES_ONLY = frozenset(
+    {
+        *("file", "output", "add_to_database", "rewrite", "as_json"),
+        *("rate", "unit", "subject", "keep_zeros", "ignore_residuals"),
+    }
+)
+"""Parameters of ``fill`` that mean nothing without a file."""
+
+_OTHER_HELP = {
+    "database": "Prior database to learn from, in addition to the trial itself.",
+    "frames": "Fill only frames A to B (92-116 or 92:116), as the program numbers them; either "
+    "may be omitted. Without it, the range selected in the program is filled.",
+    "same_subject": "A file of the same subject with the same markers attached, such as the static "
+    "trial, to learn from. Can be repeated.",
+}
+"""Help of options of ``fill`` that speaks of its file."""
+
+
+def _shared_options() -> list[click.Parameter]:
+    """Return the options of ``fill`` that apply to an open trial."""
+    shared: list[click.Parameter] = []
+    for parameter in fill.params:
+        if parameter.name in _FILES_ONLY:
+            continue
+        own = copy.copy(parameter)
+        if isinstance(own, click.Option) and own.name in _OTHER_HELP:
+            own.help = _OTHER_HELP[own.name]
+        shared.append(own)
+    return shared
+
+
+def _trial_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the options ``whole_trial`` and ``dry_run``."""
+    for option in (
+        click.option("--dry-run", is_flag=True, help="Fill and print the table, but set nothing."),
+        click.option(
+            "--whole-trial",
+            is_flag=True,
+            help="Fill all frames, not only the range selected in the program.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+@click.command(params=_shared_options())
+@_trial_options
+@click.option(
+    "--subject",
+    "subject",
+    metavar="NAME",
+    multiple=True,
+    help="Subject to fill, instead of all that are ticked in Nexus. Can be repeated.",
+)
+@click.option(
+    "--host",
+    metavar="NAME",
+    default="localhost",
+    show_default=True,
+    help="Computer that runs Nexus.",
+)
+def nexus(host: str, **given: Any) -> None:
+    """Fill the trial that is open in Vicon Nexus.
+
+    Only markers with filled samples are set, after a check that nobody has changed them in the
+    meantime; measured samples keep their bits. Nothing is saved: that is the next step of the
+    pipeline, or yours in Nexus. Needs the Python package of Nexus (docs/nexus.md).
+
+    Tested with a stub that behaves as Vicon documents its interface, not in Nexus.
+
+    Exit status 0: done; 3: done, but not all gaps could be filled or set; 1: failed; 2: wrong
+    usage.
+    """
+    from priorfill.integrations.nexus import open_nexus
+
+    _fill_open(lambda: open_nexus(host), given)
+
+
+@click.command(params=_shared_options())
+@_trial_options
+@click.option(
+    "--port",
+    type=click.IntRange(1, 65535),
+    default=7979,
+    show_default=True,
+    help="Port of the scripting interface of QTM on this computer.",
+)
+def qtm(port: int, **given: Any) -> None:
+    """Fill the measurement that is open in Qualisys Track Manager (QTM).
+
+    Only gaps are set, after a check that nobody has changed them in the meantime. Nothing is
+    saved. A script that runs inside QTM can do the same (docs/qtm.md).
+
+    Tested with a stub that behaves as Qualisys documents its interface, not in QTM.
+
+    Exit status 0: done; 3: done, but not all gaps could be filled or set; 1: failed; 2: wrong
+    usage.
+    """
+    from priorfill.integrations.qtm import QtmMeasurement
+    from priorfill.integrations.qtm_rest import RestInterface
+
+    _fill_open(lambda: QtmMeasurement(RestInterface(port)), given)
+
+
+def _fill_open(open_trial: Callable[[], OpenTrial], given: dict[str, Any]) -> None:
+    """Open a trial, fill it, and print what was done."""
+    from priorfill import formats
+    from priorfill.filling.gap_filter import GapFilter
+    from priorfill.integrations.open_trial import TrialOptions, fill_trial
+    from priorfill.methods import get_method
+    from priorfill.runtime.threads import limit_threads
+
+    if given["threads"] is not None:
+        limit_threads(given["threads"])
+    check_database_options(given["database"], given)
+    if given["whole_trial"] and given["frames"] is not None:
+        raise click.UsageError("give either --frames or --whole-trial")
+    get_method(given["method"])  # refuses an unknown method before the trial is read
+    trial = open_trial()
+    with progress(None, f"filling {trial.name}") as show:
+        done = fill_trial(
+            trial,
+            trial_options=TrialOptions(
+                given.get("subject", ()),
+                given["up"],
+                given["whole_trial"],
+                given["dry_run"],
+                given["uncertainty"],
+                given["overwrite"],
+            ),
+            database=given["database"],
+            same_subject=[formats.read(path) for path in given["same_subject"]],
+            method=given["method"],
+            gap_filter=GapFilter(
+                given["markers"], given["frames"], given["max_gap"], given["skip_edges"]
+            ),
+            overrides=given["overrides"],
+            reject_artefacts=given["reject_artefacts"],
+            options=fill_options(given, show),
+        )
+    _print(done, None if given["every_row"] else MAX_ROWS)
+    if not done.result.complete:
+        click.get_current_context().exit(EXIT_INCOMPLETE)
+
+
+def _print(done: TrialResult, rows: int | None) -> None:
+    """Print the table of gaps and what was set; notes and what stays missing on stderr."""
+    from priorfill.integrations.trial_report import outcome
+
+    result = done.result
+    facts = artefact_facts(result.artefacts, result.clip)
+    if result.gaps:
+        print_gaps(result, rows)
+        print_line()
+    print_line(outcome(done))
+    if result.rejected.any():
+        print_line()
+        print_artefacts(facts, "Artefacts, treated as missing", rows)
+    if done.uncertainty is not None:
+        print_line(f"expected error of each filled sample: {done.uncertainty}")
+    for note in (*done.notes, *result.notes):
+        print_line(f"note: {note}", err=True)
+    if not result.provenance.reject_artefacts:
+        warn_of_artefacts(facts, f"{done.trial}.c3d")
+    print_unfilled(result)
