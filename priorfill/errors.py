@@ -11,7 +11,7 @@
     ├── MethodError (ValueError)          a method is not applicable to a clip
     ├── EvaluationError (RuntimeError)    an evaluation cannot continue
     ├── OutputError (OSError)             a result cannot be written to its destination
-    ├── IntegrationError (RuntimeError)   a program that has a trial open cannot be used as documented
+    ├── IntegrationError (RuntimeError)   a program that has a trial open cannot be used
     ├── FetchError (OSError)              a data set cannot be downloaded, or is not as expected
     └── DatabaseError                     a problem with a prior database
         ├── DatabaseNotFoundError (FileNotFoundError)

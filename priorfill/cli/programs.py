@@ -7,10 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from priorfill.cli.artefacts import artefact_facts, print_artefacts, warn_of_artefacts
+from priorfill.cli.artefacts import (
+    artefact_facts,
+    artefact_text,
+    print_artefacts,
+    warn_of_artefacts,
+)
 from priorfill.cli.fill import EXIT_INCOMPLETE, check_database_options, fill, fill_options
 from priorfill.cli.fill_report import print_gaps, print_unfilled
-from priorfill.cli.output import MAX_ROWS, print_line
+from priorfill.cli.output import MAX_ROWS, print_line, some_names
 from priorfill.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -38,11 +43,15 @@ _OTHER_HELP = {
 """Help of options of ``fill`` that speaks of its file."""
 
 
-def _shared_options() -> list[click.Parameter]:
-    """Return the options of ``fill`` that apply to an open trial."""
+MAX_WARNINGS = 5
+"""Number of warnings of artefacts in a program in which they cannot be replaced."""
+
+
+def _shared_options(*but: str) -> list[click.Parameter]:
+    """Return the options of ``fill`` that apply to an open trial, except some."""
     shared: list[click.Parameter] = []
     for parameter in fill.params:
-        if parameter.name in _FILES_ONLY:
+        if parameter.name in _FILES_ONLY or parameter.name in but:
             continue
         own = copy.copy(parameter)
         if isinstance(own, click.Option) and own.name in _OTHER_HELP:
@@ -98,7 +107,7 @@ def nexus(host: str, **given: Any) -> None:
     _fill_open(lambda: open_nexus(host), given)
 
 
-@click.command(params=_shared_options())
+@click.command(params=_shared_options("reject_artefacts"))
 @_trial_options
 @click.option(
     "--port",
@@ -126,7 +135,6 @@ def qtm(port: int, **given: Any) -> None:
 
 def _fill_open(open_trial: Callable[[], OpenTrial], given: dict[str, Any]) -> None:
     """Open a trial, fill it, and print what was done."""
-    from priorfill import formats
     from priorfill.filling.gap_filter import GapFilter
     from priorfill.integrations.open_trial import TrialOptions, fill_trial
     from priorfill.methods import get_method
@@ -151,21 +159,21 @@ def _fill_open(open_trial: Callable[[], OpenTrial], given: dict[str, Any]) -> No
                 given["overwrite"],
             ),
             database=given["database"],
-            same_subject=[formats.read(path) for path in given["same_subject"]],
+            same_subject=given["same_subject"],
             method=given["method"],
             gap_filter=GapFilter(
                 given["markers"], given["frames"], given["max_gap"], given["skip_edges"]
             ),
             overrides=given["overrides"],
-            reject_artefacts=given["reject_artefacts"],
+            reject_artefacts=given.get("reject_artefacts", False),
             options=fill_options(given, show),
         )
-    _print(done, None if given["every_row"] else MAX_ROWS)
+    _print(done, None if given["every_row"] else MAX_ROWS, gaps_only=trial.gaps_only)
     if not done.result.complete:
         click.get_current_context().exit(EXIT_INCOMPLETE)
 
 
-def _print(done: TrialResult, rows: int | None) -> None:
+def _print(done: TrialResult, rows: int | None, *, gaps_only: bool) -> None:
     """Print the table of gaps and what was set; notes and what stays missing on stderr."""
     from priorfill.integrations.trial_report import outcome
 
@@ -182,6 +190,31 @@ def _print(done: TrialResult, rows: int | None) -> None:
         print_line(f"expected error of each filled sample: {done.uncertainty}")
     for note in (*done.notes, *result.notes):
         print_line(f"note: {note}", err=True)
-    if not result.provenance.reject_artefacts:
+    if gaps_only:
+        _warn(facts, done.program)
+    elif not result.provenance.reject_artefacts:
         warn_of_artefacts(facts, f"{done.trial}.c3d")
+    left = result.rejected & ~result.filled
+    if left.any():
+        pairs = zip(result.clip.labels, left.T, strict=True)
+        labels = [label for label, column in pairs if column.any()]
+        print_line(
+            f"left as measured: {int(left.sum())} rejected samples of {some_names(labels)} were "
+            "not filled",
+            err=True,
+        )
     print_unfilled(result)
+
+
+def _warn(facts: list[dict[str, Any]], program: str) -> None:
+    """Print the first artefacts on stderr, where priorfill does not replace them."""
+    for one in facts[:MAX_WARNINGS]:
+        print_line(f"warning: {artefact_text(one)}", err=True)
+    rest = len(facts) - MAX_WARNINGS
+    if facts:
+        more = f"; {rest} more are not shown" if rest > 0 else ""
+        print_line(
+            f"warning: these samples are kept as measured{more}; delete them in {program} and "
+            "repeat the fill",
+            err=True,
+        )

@@ -22,6 +22,7 @@ from priorfill.filling.fill_clip import fill
 from priorfill.filling.fill_options import FillKeywords
 from priorfill.filling.gap_filter import GapFilter, matching_markers
 from priorfill.filling.leave_missing import leave_missing
+from priorfill.filling.multi_subject import read_subjects
 from priorfill.filling.result import Result
 from priorfill.filling.uncertainty_file import check_uncertainty, write_uncertainty
 from priorfill.formats.recording import MAX_COORDINATE
@@ -178,7 +179,7 @@ def fill_trial(
     *,
     trial_options: TrialOptions | None = None,
     database: PriorDatabase | str | Path | None = None,
-    same_subject: Sequence[Clip] = (),
+    same_subject: Sequence[Clip | Path | str] = (),
     **arguments: Unpack[FillKeywords],
 ) -> TrialResult:
     """Fill the trial that a program has open.
@@ -194,8 +195,9 @@ def fill_trial(
         Subjects, range and files.
     database : PriorDatabase or path, optional
         Recordings to learn from, besides the trial itself.
-    same_subject : sequence of Clip
-        Other recordings of the same subject, such as the static trial.
+    same_subject : sequence of Clip or path
+        Other recordings of the same subject, such as the static trial. Of a file with several
+        subjects, those of the trial are used.
     **arguments
         ``method``, ``gap_filter``, ``overrides``, ``reject_artefacts`` and ``options`` of
         `priorfill.fill`.
@@ -232,7 +234,8 @@ def fill_trial(
     gap_filter = arguments.get("gap_filter") or GapFilter()
     clips, notes = _read_clips(trial, options, gap_filter.markers)
     arguments["gap_filter"] = _within_selection(trial, gap_filter, options)
-    result = fill(clips, database=database, same_subject=same_subject, **arguments)
+    others = _recordings(same_subject, clips)
+    result = fill(clips, database=database, same_subject=others, **arguments)
     if trial.gaps_only:
         measured = ~np.concatenate([clip.missing for clip in clips], axis=1)
         reason = f"it is measured, and only gaps are filled in {trial.program}"
@@ -296,6 +299,17 @@ def _read_clips(
     notes = list(dict.fromkeys([*trial.notes, *notes]))
     # one volume has one up axis
     return [replace(clip, up=up or "+Z") for clip in clips], tuple(notes)
+
+
+def _recordings(same_subject: Sequence[Clip | Path | str], clips: Sequence[Clip]) -> list[Clip]:
+    """Return other recordings of the subjects of some clips, reading those that are files."""
+    names = {clip.subject for clip in clips}
+    found: list[Clip] = []
+    for one in same_subject:
+        there = (one,) if isinstance(one, Clip) else read_subjects(one)
+        # `fill` reports a recording of none of the subjects
+        found += [clip for clip in there if clip.subject in names] or there
+    return found
 
 
 def _check_coordinates(

@@ -25,8 +25,6 @@ from priorfill.errors import IntegrationError, OptionError
 from priorfill.integrations.nexus import NexusTrial, open_nexus
 from priorfill.integrations.open_trial import TrialOptions, TrialResult, fill_trial
 
-pytestmark = pytest.mark.windows
-
 GAPS = ((60, 75, ("LKNE", "LELB")), (100, 110, ("RTOE",)))
 
 
@@ -57,6 +55,7 @@ def run(*arguments: str | Path) -> Result:
     return CliRunner().invoke(main, ["nexus", *map(str, arguments)])
 
 
+@pytest.mark.windows
 def test_only_gaps_of_markers_with_gaps_are_set() -> None:
     clip = anna()
     vicon = ViconNexus([clip])
@@ -328,6 +327,20 @@ def test_a_database_is_learnt_from(tmp_path: Path) -> None:
     assert not np.isnan(vicon.clip("Anna", clip)).any()
 
 
+def test_a_static_trial_of_the_subject_is_learnt_from(tmp_path: Path) -> None:
+    static = replace(person(seconds=0.5, seed=4), subject="Anna", name="static")
+    pf.write(tmp_path / "static.c3d", static)
+    vicon = ViconNexus([anna((0, 240, ("LKNE",)))])
+    done = fill_trial(
+        NexusTrial(vicon),
+        same_subject=[tmp_path / "static.c3d"],
+        gap_filter=pf.GapFilter(markers=("LKNE",)),
+    )
+    assert done.set_markers == ("LKNE",)
+    assert any("static" in name for gap in done.result.gaps for name in gap.source_clips)
+
+
+@pytest.mark.windows
 def test_without_the_package_of_nexus(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "viconnexusapi", None)
     with pytest.raises(IntegrationError, match="install it into the Python that runs priorfill"):
@@ -360,6 +373,7 @@ def test_without_nexus(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "start it on lab-pc" in result.stderr
 
 
+@pytest.mark.windows
 def test_the_command_fills_and_prints_the_table(connected: ViconNexus, here: Path) -> None:
     result = run("--method", "linear", "--uncertainty", "errors.csv")
     assert result.exit_code == 0, result.stderr
@@ -440,6 +454,7 @@ def examples() -> list[str]:
     return [re.sub(f"^{indent}", "", text, flags=re.M) for indent, text in found]
 
 
+@pytest.mark.windows
 def test_the_script_of_the_page_hands_on_output_and_status(tmp_path: Path) -> None:
     script = examples()[0]
     started = '[r"C:\\priorfill\\Scripts\\priorfill.exe", "nexus"]'

@@ -23,9 +23,8 @@ from priorfill.integrations.open_trial import TrialOptions, TrialResult, fill_tr
 from priorfill.integrations.qtm import QtmMeasurement, add_menu, open_qtm
 from priorfill.integrations.qtm_rest import RestInterface
 
-pytestmark = pytest.mark.windows
-
 GAPS = ((60, 75, ("LKNE", "LELB")), (100, 110, ("RTOE",)))
+FEW = ((60, 75, person().labels[:2]),)
 LAST = 239
 
 
@@ -48,6 +47,7 @@ def run(*arguments: str | int) -> Result:
     return CliRunner().invoke(main, ["qtm", *map(str, arguments)])
 
 
+@pytest.mark.windows
 def test_only_gaps_are_set() -> None:
     clip = gappy()
     state = Measurement(clip)
@@ -253,6 +253,7 @@ def press(state: Measurement, command: str) -> None:
     function()
 
 
+@pytest.mark.windows
 def test_the_menu_fills_and_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     state = Measurement(gappy())
     install(monkeypatch, state)
@@ -280,8 +281,9 @@ def test_the_menu_reports_failures(monkeypatch: pytest.MonkeyPatch) -> None:
     assert state.writes == []
 
 
+@pytest.mark.windows
 def test_the_command_does_the_same_over_rest() -> None:
-    clip = gappy()
+    clip = with_gaps(Clip(person().positions[:, :8], person().labels[:8], 60.0), *FEW)
     inside, outside = Measurement(clip), Measurement(clip)
     quick(inside)
     with served(outside) as port:
@@ -293,6 +295,17 @@ def test_the_command_does_the_same_over_rest() -> None:
         result = run("--port", port, "--method", "linear")
     assert result.exit_code == 0, result.stderr
     assert "has no gaps to fill; nothing was set in QTM" in result.stdout
+
+
+def test_the_command_warns_of_artefacts_that_it_does_not_replace() -> None:
+    clip = gappy((60, 75, ("LKNE",)))
+    positions = clip.positions.copy()
+    positions[150:152, clip.labels.index("RKNE")] += 400.0
+    with served(Measurement(clip.with_positions(positions))) as port:
+        result = run("--port", port, "--method", "linear", "--dry-run")
+    assert "warning: RKNE" in result.stderr
+    assert "delete them in QTM and repeat the fill" in result.stderr
+    assert "--reject-artefacts" not in result.stderr
 
 
 def test_errors_over_rest() -> None:
