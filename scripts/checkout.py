@@ -222,7 +222,7 @@ def _write_path_file(venv: Path) -> None:
     page of the system, and with umlauts in it does not find the checkout, or does not even start.
     """
     places = ("Lib/site-packages", "lib/python3.*/site-packages")
-    for file in {file for place in places for file in venv.glob(f"{place}/_priorfill.pth")}:
+    for file in {file for place in places for file in venv.glob(f"{place}/*priorfill.pth")}:
         inside = file.is_relative_to(ROOT)
         path = os.path.relpath(ROOT, file.parent) if inside else str(ROOT)
         file.write_text(path + "\n", locale.getencoding(), errors="replace")
