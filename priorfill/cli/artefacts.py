@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from priorfill.cli.output import json_number, print_line, print_table, some_names
+from priorfill.runtime.display import shell_command
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -90,7 +91,8 @@ def warn_of_artefacts(facts: Sequence[dict[str, Any]], file: str) -> None:
         print_line(f"warning: {artefact_text(one)}", err=True)
     rest = len(facts) - len(worst)
     if rest:
-        print_line(f"warning: {rest} more; list them with: priorfill inspect {file}", err=True)
+        command = shell_command(("priorfill", "inspect", file))
+        print_line(f"warning: {rest} more; list them with: {command}", err=True)
     if facts:
         print_line(
             "warning: these samples are kept as measured; --reject-artefacts fills them", err=True

@@ -47,6 +47,7 @@ def demo(folder: Path, method: str) -> None:
     from priorfill.filling.fill_clip import fill
     from priorfill.filling.fill_options import FillOptions
     from priorfill.methods import get_method
+    from priorfill.runtime.display import shell_command
     from priorfill.runtime.resources import resource_path
     from priorfill.synthetic.demo import make_demo_clip
 
@@ -77,8 +78,9 @@ def demo(folder: Path, method: str) -> None:
     print_line(f"with gaps      {gaps}")
     print_line(f"filled         {filled}   with {result.method} from itself and {starter}")
     print_line()
-    print_line(f"Try it:        priorfill inspect {gaps}")
-    print_line(f"               priorfill fill {gaps} -o filled.c3d --database {starter}")
+    fill_gaps = ("priorfill", "fill", gaps, "-o", "filled.c3d", "--database", starter)
+    print_line(f"Try it:        {shell_command(('priorfill', 'inspect', gaps))}")
+    print_line(f"               {shell_command(fill_gaps)}")
     print_unfilled(result)
     if not result.complete:
         click.get_current_context().exit(EXIT_INCOMPLETE)

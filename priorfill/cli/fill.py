@@ -81,7 +81,7 @@ def _values(
     metavar="A,B,...",
     multiple=True,
     callback=as_names,
-    help="Fill only these markers: labels, or patterns ('L*'), in any case. Can be repeated.",
+    help='Fill only these markers: labels, or patterns ("L*"), in any case. Can be repeated.',
 )
 @click.option(
     "--frames",

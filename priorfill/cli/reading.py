@@ -85,7 +85,7 @@ _NOT_NAMES = click.option(
     "not_names",
     metavar="PATTERN",
     multiple=True,
-    help="Do not learn from clips with these names ('walk*'). Can be repeated.",
+    help='Do not learn from clips with these names ("walk*"). Can be repeated.',
 )
 _NOT_SUBJECTS = click.option(
     "--exclude-subject",

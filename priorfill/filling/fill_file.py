@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -23,6 +22,7 @@ from priorfill.filling.result import Result
 from priorfill.filling.uncertainty_file import check_uncertainty, uncertainty_file
 from priorfill.formats import WriteReport
 from priorfill.methods import get_method
+from priorfill.runtime.display import shell_command
 
 __all__ = ["FileOptions", "FileResult", "fill_file"]
 
@@ -344,4 +344,4 @@ def _not_added(
         command.append("--keep-zeros")
     if files.ignore_residuals:
         command.append("--ignore-residuals")
-    return DatabaseError(f"{reason}; add it later with: {shlex.join(command)}")
+    return DatabaseError(f"{reason}; add it later with: {shell_command(command)}")

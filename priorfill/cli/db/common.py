@@ -11,6 +11,7 @@ import click
 from priorfill.cli.output import duration, print_line
 from priorfill.cli.path_types import FOLDER
 from priorfill.errors import OptionError
+from priorfill.runtime.display import shell_command
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -210,7 +211,7 @@ def choose(
         rest.append(f"session {' or '.join(sessions)}")
     of = f" of {' and '.join(rest)}" if rest else ""
     of += f" with marker {' and '.join(markers)}" if markers else ""
-    look = f"see: priorfill db list --database {folder}"
+    look = f"see: {shell_command(('priorfill', 'db', 'list', '--database', folder))}"
     for name in names:
         if not Selection(names=(name,)).choose(among):
             raise OptionError(f"{folder}: no clip{of} is called {name}; {look}")

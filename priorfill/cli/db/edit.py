@@ -14,8 +14,8 @@ __all__ = ["edit"]
 
 @click.command(short_help="Correct the subject or session of clips.")
 @database_option
-@click.option("--subject", metavar="NEW", help="The right subject; '' for none.")
-@click.option("--session", metavar="NEW", help="The right session; '' for none.")
+@click.option("--subject", metavar="NEW", help="The right subject; --subject= for none.")
+@click.option("--session", metavar="NEW", help="The right session; --session= for none.")
 @click.option(
     "--of-subject",
     "subjects",
@@ -43,7 +43,7 @@ def edit(
 ) -> None:
     """Correct the subject or session of clips in a database, of all of them or none.
 
-    NAME is a clip's name, a pattern of names (in quotes: 'walk*'), or its id as db list shows it.
+    NAME is a clip's name, a pattern of names (in quotes: "walk*"), or its id as db list shows it.
     """
     from priorfill.database import PriorDatabase
 

@@ -89,7 +89,7 @@ def export(
 ) -> None:
     """Write clips of a database to files, one each: all clips, or those named.
 
-    NAME is a clip's name, a pattern of names (in quotes: 'walk*'), or its id as db list shows it.
+    NAME is a clip's name, a pattern of names (in quotes: "walk*"), or its id as db list shows it.
     The files have the rate of the database, mm, +Z up. A file is named after its clip; the id is
     added to the names of clips that share a name.
     """

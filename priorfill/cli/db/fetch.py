@@ -68,7 +68,7 @@ def _list(context: click.Context, parameter: click.Parameter, value: bool) -> No
     "--only",
     metavar="PATTERN",
     multiple=True,
-    help="Only these files of the data set ('*03-0*'); can be repeated.",
+    help='Only these files of the data set ("*03-0*"); can be repeated.',
 )
 @click.option(
     "--limit",

@@ -69,7 +69,7 @@ def list_clips(
 ) -> None:
     """List the clips of a database, or some of them.
 
-    PATTERN is a shell pattern in quotes: 'walk*' for all names that begin with walk. The id
+    PATTERN is a shell pattern in quotes: "walk*" for all names that begin with walk. The id
     identifies a clip in other commands if several have the same name.
     """
     from priorfill.database import PriorDatabase, Selection

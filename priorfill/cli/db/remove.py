@@ -34,7 +34,7 @@ def remove(
 ) -> None:
     """Remove clips from a database, all of them or none.
 
-    NAME is a clip's name, a pattern of names (in quotes: 'walk*'), or its id as db list shows it.
+    NAME is a clip's name, a pattern of names (in quotes: "walk*"), or its id as db list shows it.
     To free the disk space, use: priorfill db compact.
     """
     from priorfill.database import PriorDatabase
