@@ -92,7 +92,7 @@ def open_closed_streams() -> None:
     """Send what is printed nowhere if the program was started without stdout or stderr."""
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115, PTH123
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8", newline="\n"))  # noqa: SIM115, PTH123
 
 
 def finish_stdout() -> None:

@@ -283,7 +283,7 @@ class _Transfer:
             start, total = self._extent(response, start, known)
             self._check_size(url, start, total)
             fresh = _FileVersion(url, _validator(response.headers), total)
-            self._version_file.write_text(json.dumps(asdict(fresh)), encoding="utf-8")
+            self._version_file.write_text(json.dumps(asdict(fresh)), encoding="utf-8", newline="\n")
             self._receive(response, start, total)
 
     def _request(self, url: str, headers: dict[str, str]) -> requests.Response:

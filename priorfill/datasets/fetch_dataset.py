@@ -339,4 +339,4 @@ def _write_record(folder: Path, name: str, recorded: dict[str, _RecordedFile]) -
         "files": {path: asdict(entry) for path, entry in sorted(recorded.items())},
     }
     with replace_file(folder / RECORD, overwrite=True) as temporary:
-        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8", newline="\n")

@@ -255,7 +255,7 @@ def write_results(folder: Path, evaluation: Evaluation) -> None:
         _write_csv(folder / name, rows)
     with replace_file(folder / FILES[-1], overwrite=True) as temporary:
         text = json.dumps(evaluation.to_dict(), indent=2)
-        temporary.write_text(text + "\n", encoding="utf-8")
+        temporary.write_text(text + "\n", encoding="utf-8", newline="\n")
 
 
 def _write_csv(file: Path, rows: Sequence[dict[str, Any]]) -> None:

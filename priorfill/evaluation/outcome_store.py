@@ -86,7 +86,9 @@ class OutcomeStore:
             ) from error
         if begun is None or overwrite:
             with replace_file(folder / SETTINGS, overwrite=True) as temporary:
-                temporary.write_text(json.dumps(settings, indent=2) + "\n", encoding="utf-8")
+                temporary.write_text(
+                    json.dumps(settings, indent=2) + "\n", encoding="utf-8", newline="\n"
+                )
 
     def _file(self, job: FillJob) -> Path:
         return self.folder / CASES / f"{job.case:05d}-{job.method}.npz"

@@ -10,6 +10,8 @@ from pathlib import Path
 
 from priorfill.clip import Source
 from priorfill.errors import FormatError, OutputError, PriorfillError
+from priorfill.runtime.held_files import WINDOWS, is_held
+from priorfill.runtime.windows_names import MAX_PATH
 
 __all__ = [
     "HEAD_BYTES",
@@ -67,13 +69,17 @@ def os_errors_explained(path: Path) -> Iterator[None]:
     except PriorfillError:  # an OutputError is an OSError
         raise
     except FileNotFoundError:
-        raise FormatError(f"{path}: there is no such file; check the name") from None
-    except IsADirectoryError:
-        raise FormatError(f"{path}: is a folder; give the name of a file") from None
+        remedy = "check the name"
+        if WINDOWS and len(os.path.abspath(path)) > MAX_PATH:  # noqa: PTH100, also drive-relative
+            remedy += ", or enable long paths (LongPathsEnabled, see docs/windows.md)"
+        raise FormatError(f"{path}: there is no such file; {remedy}") from None
     except OSError as error:
-        raise FormatError(
-            f"{path}: cannot be read ({error.strerror}); check its permissions"
-        ) from error
+        if path.is_dir():  # Windows does not permit to open it
+            raise FormatError(f"{path}: is a folder; give the name of a file") from None
+        remedy = "check its permissions"
+        if is_held(error):
+            remedy += ", and close it in other programs"
+        raise FormatError(f"{path}: cannot be read ({error.strerror}); {remedy}") from error
 
 
 def read_bytes(

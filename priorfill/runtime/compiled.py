@@ -11,11 +11,16 @@ from __future__ import annotations
 import hashlib
 import pickle
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from numba import njit
+from numba import config, njit
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.misc.appdirs import AppDirs
+
+from priorfill.runtime.atomic_file import check_writable
+from priorfill.runtime.held_files import WINDOWS, is_held
 
 __all__ = ["ENTRY", "HELPER", "cache_problem", "compiled"]
 
@@ -46,6 +51,8 @@ def compiled(options: dict[str, Any], **more: Any) -> Callable[[_Function], _Fun
 
     def decorate(function: _Function) -> _Function:
         dispatcher: _Function = njit(**options, **more)(function)
+        if WINDOWS:
+            _choose_folder(Path(function.__code__.co_filename).parent)
         try:
             # what njit(cache=True) does with numba's own class
             dispatcher._cache = _TolerantCache(function)  # type: ignore[attr-defined]
@@ -63,7 +70,29 @@ def cache_problem() -> str:
     return _problems[0] if _problems else ""
 
 
+@cache
+def _choose_folder(source: Path) -> None:
+    """Name the user's folder to numba if the one of the source takes no files.
+
+    numba would find out for each function with `tempfile`, which tries 10,000 names on Windows.
+    """
+    settings: Any = config
+    if not settings.CACHE_DIR and not _takes_files(source / "__pycache__"):
+        settings.CACHE_DIR = AppDirs(appname="numba", appauthor=False).user_cache_dir
+
+
+def _takes_files(folder: Path) -> bool:
+    try:
+        folder.mkdir(exist_ok=True)
+        check_writable(folder / "x", 0)
+    except OSError:
+        return False
+    return True
+
+
 def _report(error: OSError) -> None:
+    if is_held(error):  # another process reads or writes the same file
+        return
     where = f"{Path(error.filename).parent}: " if error.filename is not None else ""
     _problems.append(f"{where}{error.strerror or error}")
 

@@ -14,6 +14,7 @@ import pytest
 from c3d_bytes import DEC, INTEL, LABELS, MIPS, C3DFile, read_float, read_short, standing
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from platforms import on_wine
 
 from priorfill import formats
 from priorfill.clip import Clip
@@ -162,9 +163,12 @@ def test_mask_of_another_shape(tmp_path, source):
 def test_the_source_is_never_written(tmp_path, source):
     clip, file = source()
     clip, filled = fill(clip, GAP, VALUES)
-    (tmp_path / "link.c3d").symlink_to("in.c3d")
     os.link(tmp_path / "in.c3d", tmp_path / "hard.c3d")
-    for name in ("in.c3d", "link.c3d", "hard.c3d"):
+    names = ["in.c3d", "hard.c3d"]
+    if not on_wine():  # which follows no symbolic link
+        (tmp_path / "link.c3d").symlink_to("in.c3d")
+        names.append("link.c3d")
+    for name in names:
         with pytest.raises(OutputError, match="is the file that the clip was read from"):
             write_c3d(tmp_path / name, clip, filled, overwrite=True)
     assert (tmp_path / "in.c3d").read_bytes() == file.bytes()

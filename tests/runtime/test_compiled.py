@@ -5,12 +5,15 @@ import itertools
 import os
 import pickle
 from pathlib import Path
+from types import SimpleNamespace
 
 import numba
 import pytest
 
 from priorfill.runtime import compiled as module
 from priorfill.runtime.compiled import ENTRY, cache_problem, compiled
+
+pytestmark = pytest.mark.windows
 
 SOURCE = "def double(x):\n    return 2 * x\n"
 
@@ -118,9 +121,32 @@ def test_no_folder_to_write_to(load, tmp_path, monkeypatch):
     # numba tries: the folder given, the one of the source, the user's
     (tmp_path / "cache").write_text("no folder")
     (tmp_path / "__pycache__").write_text("no folder")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setenv("HOME", str(tmp_path / "cache"))
-    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "cache"))
+    users = SimpleNamespace(user_cache_dir=str(tmp_path / "cache"))
+    monkeypatch.setattr("numba.core.caching.AppDirs", lambda **names: users)
     monkeypatch.setattr("sys.dont_write_bytecode", True)
     assert load() == 0
     assert "can be written" in cache_problem()
+
+
+def test_a_program_folder_that_takes_no_files(load, tmp_path, monkeypatch):
+    (tmp_path / "__pycache__").write_text("no folder")
+    users = SimpleNamespace(user_cache_dir=str(tmp_path / "cache"))
+    monkeypatch.setattr(module, "AppDirs", lambda **names: users)
+    monkeypatch.setattr(module, "WINDOWS", True)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+    module._choose_folder.cache_clear()
+    assert load() == 0
+    assert len(files(tmp_path, ".nbc")) == 1
+    assert load() == 1
+    assert cache_problem() == ""
+
+
+def test_files_that_another_process_reads(load, tmp_path, monkeypatch):
+    def refuse(*_: object) -> None:
+        error = PermissionError(13, "Access is denied")
+        error.winerror = 5
+        raise error
+
+    monkeypatch.setattr(os, "replace", refuse)
+    assert load() == 0
+    assert cache_problem() == ""

@@ -170,7 +170,10 @@ def _layout(source: Source) -> tuple[C3DLayout, int]:
             contents = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         except (OSError, ValueError):  # unsupported file system; an empty file
             contents = file.read()
-        return parse_layout(contents, source.path.name), len(contents)
+        layout, size = parse_layout(contents, source.path.name), len(contents)
+        if not isinstance(contents, bytes):
+            contents.close()  # Windows replaces no mapped file
+        return layout, size
 
 
 def beyond_range(clip: Clip, filled: NDArray[np.bool_]) -> NDArray[np.bool_]:
