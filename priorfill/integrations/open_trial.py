@@ -27,6 +27,7 @@ from priorfill.filling.result import Result
 from priorfill.filling.uncertainty_file import check_uncertainty, write_uncertainty
 from priorfill.formats.recording import MAX_COORDINATE
 from priorfill.formats.up_axis import find_up_axis
+from priorfill.runtime.option_checks import check_not_text
 
 __all__ = ["OpenTrial", "TrialOptions", "TrialResult", "fill_trial"]
 
@@ -113,6 +114,11 @@ class TrialOptions:
     overwrite : bool
         Replace an existing file of that name.
 
+    Raises
+    ------
+    OptionError
+        Where `subject` is a text instead of a tuple.
+
     See Also
     --------
     fill_trial : Fill the trial.
@@ -129,6 +135,10 @@ class TrialOptions:
     dry_run: bool = False
     uncertainty: Path | str | None = None
     overwrite: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the names."""
+        check_not_text(self, "subject")
 
 
 @dataclass(frozen=True, eq=False)

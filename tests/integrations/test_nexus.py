@@ -225,6 +225,8 @@ def test_subjects_that_are_not_there_or_not_ticked() -> None:
     vicon = ViconNexus([anna()])
     with pytest.raises(OptionError, match="no subject 'Ana'; did you mean Anna"):
         quick(vicon, trial_options=TrialOptions(subject=("Ana",)))
+    with pytest.raises(OptionError, match="subject"):
+        TrialOptions(subject="Anna")  # type: ignore[arg-type]
     vicon.active["Anna"] = False
     with pytest.raises(IntegrationError, match=r"none of its subjects .* is ticked"):
         quick(vicon)
