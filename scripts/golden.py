@@ -27,6 +27,8 @@ from typing import Any
 
 import numpy as np
 
+from priorfill.cli.encoding import replace_what_is_lacking
+
 sys.path.append(str(Path(__file__).resolve().parent / "support"))
 from recordings import add_data_option
 
@@ -583,7 +585,7 @@ def write_rows(rows: Mapping[str, Row], path: Path = STORED) -> None:
         lines = ",\n".join(f"  {json.dumps(k)}: {json.dumps(v)}" for k, v in values.items())
         parts.append(f"{json.dumps(name)}: {{\n{lines}\n}}")
     path.parent.mkdir(exist_ok=True)
-    path.write_text("{\n" + ",\n".join(parts) + "\n}\n", "utf-8")
+    path.write_text("{\n" + ",\n".join(parts) + "\n}\n", "utf-8", newline="\n")
 
 
 def _ratio(new: float | None, old: float | None) -> str:
@@ -662,4 +664,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from priorfill.cli.encoding import replace_what_is_lacking
 from priorfill.synthetic import MOTIONS, Body, Noise, Style, synthesise
 
 STORED = Path(__file__).resolve().parent.parent / "tests" / "golden" / "motions.json"
@@ -85,9 +86,10 @@ def main() -> int:
         kept[name] = stored[name] if reproduced else found
     if options.write:
         lines = ",\n".join(f"{json.dumps(name)}: {json.dumps(kept[name])}" for name in kept)
-        STORED.write_text("{\n" + lines + "\n}\n", "utf-8")
+        STORED.write_text("{\n" + lines + "\n}\n", "utf-8", newline="\n")
     return 0
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

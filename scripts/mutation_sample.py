@@ -34,6 +34,8 @@ from mutation.reach import Reach, Readers, Record, Recorder, test_files
 from mutation.run import HUNG, SURVIVED, Outcome, Workspace, run_fault
 from mutation.sites import Site, sites
 
+from priorfill.cli.encoding import replace_what_is_lacking
+
 NOT_NUMERIC_FOLDERS = ("cli", "formats", "database", "datasets", "integrations", "runtime")
 """Folders without numeric modules, directly below the package."""
 
@@ -302,4 +304,5 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     raise SystemExit(main())

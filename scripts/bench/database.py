@@ -33,6 +33,8 @@ import numpy as np
 from child import CLI, DONE, run
 from numpy.typing import NDArray
 
+from priorfill.cli.encoding import replace_what_is_lacking
+
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from recordings import add_data_option
 
@@ -104,7 +106,7 @@ def in_fresh_process(code: str, *arguments: object) -> list[float]:
         [sys.executable, "-c", code, *map(str, arguments)],
         check=True,
         capture_output=True,
-        text=True,
+        encoding="utf-8",
     )
     return [float(word) for word in done.stdout.split()]
 
@@ -227,4 +229,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

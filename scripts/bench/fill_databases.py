@@ -27,6 +27,8 @@ from pathlib import Path
 import numpy as np
 from child import CLI, DONE, run
 
+from priorfill.cli.encoding import replace_what_is_lacking
+
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from fill import ARM, START, TAKE
 from recordings import add_data_option
@@ -117,4 +119,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

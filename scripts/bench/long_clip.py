@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from priorfill.cli.encoding import replace_what_is_lacking
 from priorfill.synthetic import MARKER_SEGMENTS, Body, synthesise
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "tests" / "support"))
@@ -118,4 +119,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     main()

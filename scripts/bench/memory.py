@@ -16,6 +16,8 @@ from pathlib import Path
 
 from child import CLI, DONE, run
 
+from priorfill.cli.encoding import replace_what_is_lacking
+
 HERE = Path(__file__).resolve().parent
 
 BOUND = 1100.0
@@ -52,4 +54,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

@@ -32,6 +32,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.cli.encoding import replace_what_is_lacking
+
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from recordings import add_data_option
 
@@ -161,7 +163,7 @@ def in_a_process(method: str, folder: Path, threads: int) -> list[float]:
         [sys.executable, __file__, "--work", method, "--folder", folder, "--threads", str(threads)],
         check=True,
         capture_output=True,
-        text=True,
+        encoding="utf-8",
         env={**os.environ, **limits},
     )
     return [float(word) for word in done.stdout.split()]
@@ -266,4 +268,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

@@ -19,6 +19,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from priorfill.cli.encoding import replace_what_is_lacking
 from priorfill.energy.multiresolution import levels_for, solve_levels
 from priorfill.energy.solver import (
     DescentOptions,
@@ -148,4 +149,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

@@ -16,6 +16,8 @@ from pathlib import Path
 
 from child import CLI, DONE, Cost, run
 
+from priorfill.cli.encoding import replace_what_is_lacking
+
 HELP, IMPORT, MORE = 0.15, 0.3, 8.0
 """Bounds (CPU s): `--help`, `import priorfill`, and the extra time of the first fill."""
 
@@ -70,4 +72,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

@@ -15,6 +15,8 @@ from pathlib import Path
 
 from child import CLI, DONE, run
 
+from priorfill.cli.encoding import replace_what_is_lacking
+
 
 def main() -> int:
     """Run the benchmark."""
@@ -41,4 +43,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

@@ -31,6 +31,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.io import savemat
 
+from priorfill.cli.encoding import replace_what_is_lacking
 from priorfill.clip import Clip
 from priorfill.datasets.dataset_definitions import find_dataset
 from priorfill.errors import PriorfillError
@@ -626,4 +627,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

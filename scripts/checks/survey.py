@@ -27,6 +27,7 @@ from typing import NamedTuple
 import ezc3d
 import numpy as np
 
+from priorfill.cli.encoding import replace_what_is_lacking
 from priorfill.clip import Clip
 from priorfill.errors import PriorfillError
 from priorfill.filling.fill_clip import fill
@@ -273,4 +274,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

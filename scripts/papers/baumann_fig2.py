@@ -18,6 +18,7 @@ from baumann import METHODS, RECORDING, database_of, library, limb
 from paper import cut, find, method_alone, options, print_table
 
 import priorfill as pf
+from priorfill.cli.encoding import replace_what_is_lacking
 from priorfill.geometry.root_frames import root_group
 from priorfill.markers.definitions import load
 from priorfill.search.bank import PoseBank
@@ -109,4 +110,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

@@ -18,6 +18,7 @@ from baumann import METHODS, RECORDING, Take, database_of, examples, library, mi
 from paper import error, in_processes, method_alone, options, print_table
 
 import priorfill as pf
+from priorfill.cli.encoding import replace_what_is_lacking
 from priorfill.markers.definitions import load
 
 FEW = ("sneak2StepsLStart", "throwBasketball")
@@ -83,4 +84,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

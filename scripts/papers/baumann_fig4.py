@@ -31,6 +31,7 @@ from baumann import (
 from paper import error, in_processes, method_alone, options, print_table
 
 import priorfill as pf
+from priorfill.cli.encoding import replace_what_is_lacking
 from priorfill.search.takes import takes_from
 
 RELATIONS: dict[str, Callable[[Take, Take], bool]] = {
@@ -125,4 +126,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

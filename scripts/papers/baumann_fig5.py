@@ -29,6 +29,7 @@ from baumann import (
 from paper import error, in_processes, method_alone, options, print_table
 
 import priorfill as pf
+from priorfill.cli.encoding import replace_what_is_lacking
 
 SCALES = (0.8, 0.9, 1.0, 1.1, 1.2)
 MORE_SCALES = (0.7, 0.85, 0.95, 1.05, 1.15, 1.3)
@@ -81,4 +82,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

@@ -20,6 +20,7 @@ from baumann import RECORDING, Take, database_of, examples, library, limb, middl
 from paper import error, in_processes, method_alone, options, print_table
 
 import priorfill as pf
+from priorfill.cli.encoding import replace_what_is_lacking
 from priorfill.errors import MethodError
 from priorfill.methods import METHODS
 
@@ -91,4 +92,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

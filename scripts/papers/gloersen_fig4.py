@@ -29,6 +29,8 @@ from gloersen import (
 )
 from paper import Cell, in_processes, options, print_table
 
+from priorfill.cli.encoding import replace_what_is_lacking
+
 SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Of the frames."""
 
@@ -104,4 +106,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

@@ -28,6 +28,7 @@ from gloersen import (
 )
 from paper import Cell, in_processes, options, print_table
 
+from priorfill.cli.encoding import replace_what_is_lacking
 from priorfill.methods.gloersen2016 import Gloersen2016Options
 
 SHARE = 0.5
@@ -102,4 +103,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

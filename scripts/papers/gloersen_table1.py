@@ -27,6 +27,8 @@ from gloersen import (
 )
 from paper import Cell, in_processes, options, print_table
 
+from priorfill.cli.encoding import replace_what_is_lacking
+
 SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Shares of the frames. The paper's column of the last one is available."""
 
@@ -94,4 +96,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

@@ -34,6 +34,7 @@ from gloersen import (
 from numpy.typing import NDArray
 from paper import in_processes, options, print_table
 
+from priorfill.cli.encoding import replace_what_is_lacking
 from priorfill.evaluation.gap_generator import Mask
 
 PAPER = "1-4"
@@ -138,4 +139,5 @@ def _within(values: NDArray[np.float64]) -> str:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

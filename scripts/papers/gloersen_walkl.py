@@ -34,6 +34,7 @@ from paper import Cell, in_processes, options, print_table
 from scipy.stats import spearmanr
 
 import priorfill as pf
+from priorfill.cli.encoding import replace_what_is_lacking
 from priorfill.evaluation.body_parts import parts_of
 from priorfill.evaluation.gap_generator import Mask
 from priorfill.evaluation.protocols import GapMask, RandomGaps, draw_for
@@ -217,4 +218,5 @@ def _print_first(
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

@@ -15,6 +15,7 @@ import sys
 
 from li import PIECE, RATE, Several, by_part, evaluated, material, parser_of, print_data, refusals
 
+from priorfill.cli.encoding import replace_what_is_lacking
 from priorfill.evaluation.protocols import FrameGaps
 
 METHODS = "pca-frames,linear,spline,lds,auto"
@@ -52,4 +53,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

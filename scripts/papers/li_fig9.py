@@ -15,6 +15,8 @@ import sys
 
 from li import PIECE, Throughout, by_part, evaluated, material, parser_of, print_data, refusals
 
+from priorfill.cli.encoding import replace_what_is_lacking
+
 METHODS = "pca-train,pca-pieces,auto"
 
 
@@ -31,4 +33,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

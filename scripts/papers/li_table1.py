@@ -30,6 +30,8 @@ from li import (
 )
 from paper import Cell, print_table
 
+from priorfill.cli.encoding import replace_what_is_lacking
+
 GAP = 30
 """Frames from frame 101 on."""
 
@@ -70,4 +72,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

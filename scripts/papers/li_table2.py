@@ -25,6 +25,8 @@ from li import (
     refusals,
 )
 
+from priorfill.cli.encoding import replace_what_is_lacking
+
 GAPS = (10, 30, 50, 75, SAMPLE - COMPLETE_FRAMES)
 """Frames."""
 
@@ -50,4 +52,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

@@ -16,6 +16,8 @@ import sys
 
 from li import Onward, by_part, evaluated, material, parser_of, print_data, refusals
 
+from priorfill.cli.encoding import replace_what_is_lacking
+
 NUMBERS = (1, 2, 4, 6, 8, 10, 12, 14)
 ALL_NUMBERS = tuple(range(1, 15))
 """Markers missing."""
@@ -41,4 +43,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

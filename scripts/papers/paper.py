@@ -9,7 +9,6 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import TypeVar
 
@@ -18,6 +17,7 @@ import numpy as np
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 
 from method_alone import method_alone
+from process_pool import process_pool
 from recordings import add_data_option
 
 import priorfill as pf
@@ -90,7 +90,7 @@ def error(found: pf.Clip, truth: pf.Clip, gappy: pf.Clip) -> float:
 
 def in_processes(function: Callable[[Case], Outcome], cases: Sequence[Case]) -> list[Outcome]:
     """Apply a function to all cases on all cores, and return the results in order."""
-    with ProcessPoolExecutor(min(len(cases), os.cpu_count() or 1)) as pool:
+    with process_pool(min(len(cases), os.cpu_count() or 1)) as pool:
         return list(pool.map(function, cases))
 
 

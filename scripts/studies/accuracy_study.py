@@ -22,7 +22,7 @@ import sys
 import time
 import zlib
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -42,8 +42,11 @@ from artificial_gaps import KINDS, cut_gaps
 from fill_quality import edge_step, jitter, penetration, reference_step
 from numpy.typing import NDArray
 
+from priorfill.cli.encoding import replace_what_is_lacking
+
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from method_alone import method_alone
+from process_pool import process_pool
 from recordings import SETS, SUBJECT, add_data_option, subject_of
 
 import priorfill as pf
@@ -360,7 +363,7 @@ def run(
 def _pool(processes: int) -> Iterator[Callable[..., Future[list[list[Row]]]]]:
     """Yield a function that submits a call to worker processes, or to a thread for one process."""
     if processes > 1:
-        with ProcessPoolExecutor(processes) as pool:
+        with process_pool(processes) as pool:
             yield pool.submit
     else:
         with ThreadPoolExecutor(1) as pool:
@@ -484,4 +487,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

@@ -20,6 +20,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.cli.encoding import replace_what_is_lacking
+
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from method_alone import method_alone
 from recordings import add_data_option
@@ -368,4 +370,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     main()

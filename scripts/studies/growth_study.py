@@ -19,7 +19,6 @@ import os
 import sys
 import tempfile
 from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -27,8 +26,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.cli.encoding import replace_what_is_lacking
+
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from method_alone import method_alone
+from process_pool import process_pool
 from recordings import add_data_option, subject_of
 
 import priorfill as pf
@@ -201,7 +203,7 @@ def run(
     cases: list[Case], orders: Iterable[int], method: str, processes: int, temporary: str
 ) -> list[Row]:
     """Fill all cases without a database, then in all orders and both modes."""
-    with ProcessPoolExecutor(processes) as pool:
+    with process_pool(processes) as pool:
         by_itself = list(pool.map(alone, cases, [method] * len(cases)))
         for case, error in zip(cases, by_itself, strict=True):
             if np.isnan(error):
@@ -246,7 +248,7 @@ def main() -> int:
         rows = run(cases, range(arguments.orders), arguments.method, arguments.processes, temporary)
     print_table(rows)
     stem = arguments.output / f"growth_{arguments.set}"
-    with stem.with_suffix(".csv").open("w", newline="") as file:
+    with stem.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(Row._fields)
         writer.writerows(rows)
@@ -257,4 +259,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.cli.encoding import replace_what_is_lacking
 from priorfill.formats import read
 from priorfill.formats.skeletons.asf_amc import find_asf, read_amc, read_asf
 from priorfill.markers.definitions import recognise
@@ -103,4 +104,5 @@ def _row(label: str, sites: tuple[MarkerSite, ...]) -> str:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     main()

@@ -20,6 +20,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.cli.encoding import replace_what_is_lacking
+
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 sys.path.append(str(Path(__file__).resolve().parent))
 from artificial_gaps import KINDS, cut_gaps
@@ -122,4 +124,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     main()

@@ -18,6 +18,8 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
+from priorfill.cli.encoding import replace_what_is_lacking
+
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from recordings import add_data_option
 
@@ -93,4 +95,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())

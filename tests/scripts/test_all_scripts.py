@@ -201,6 +201,14 @@ def test_the_other_test_file_names_the_script(script: str, file: str) -> None:
     assert Path(script).stem in text or (f'"{name}"' in text and f"{family}_{{name}}" in text)
 
 
+@pytest.mark.parametrize("script", [*SMOKE, *TESTED_ELSEWHERE])
+def test_scripts_print_on_every_code_page(script: str) -> None:
+    text = (SCRIPTS / script).read_text(encoding="utf-8")
+    main = text.partition('if __name__ == "__main__":\n')[2]
+    if "\nfrom priorfill" in text or "\nimport priorfill" in text:
+        assert main.startswith("    replace_what_is_lacking()\n")
+
+
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of synthetic recordings with the file names of real ones."""

@@ -111,7 +111,7 @@ def test_each_script_prints_ours_beside_the_papers(
 
 def test_a_script_runs_by_itself(tmp_path: Path) -> None:
     command = [sys.executable, str(PAPERS / "li_fig8.py"), "--data", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, capture_output=True, encoding="utf-8", check=False)
     assert done.returncode == 1
     assert "--recording" in done.stderr and "Traceback" not in done.stderr
 
