@@ -5,12 +5,16 @@ Its imports take some tenths of a second, in which Ctrl-C would show a traceback
 
 from __future__ import annotations
 
+import os
 import sys
+from contextlib import suppress
 
 __all__ = ["start"]
 
 _EXIT_INTERRUPTED = 130
 """As in `priorfill.cli`, which may not be imported yet."""
+
+_STDERR = 2
 
 
 def start() -> None:
@@ -20,7 +24,8 @@ def start() -> None:
 
         main()
     except KeyboardInterrupt:
-        sys.stderr.write("priorfill: interrupted\n")
+        with suppress(OSError):  # there may be no stderr; the module that prints may be missing
+            os.write(_STDERR, b"priorfill: interrupted\n")
         sys.exit(_EXIT_INTERRUPTED)
 
 
