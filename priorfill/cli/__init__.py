@@ -13,6 +13,7 @@ from typing import Any
 
 import click
 
+from priorfill.cli.completion import register_shells
 from priorfill.cli.encoding import encodable, replace_what_is_lacking
 from priorfill.cli.output import print_line
 from priorfill.cli.system import (
@@ -90,6 +91,7 @@ class _Main(click.Group):
     def main(self, *args: Any, **extra: Any) -> Any:
         open_closed_streams()
         replace_what_is_lacking()
+        register_shells()
         try:
             with end_on_signals():
                 # paths expand themselves (path_types.py); patterns must stay as they are

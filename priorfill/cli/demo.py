@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from priorfill.cli.completion import complete_methods
 from priorfill.cli.fill import EXIT_INCOMPLETE
 from priorfill.cli.fill_report import print_unfilled
 from priorfill.cli.output import print_line, print_table
@@ -35,7 +36,14 @@ __all__ = ["demo"]
     show_default=True,
     help="Folder for the demo's files; existing ones are replaced.",
 )
-@click.option("--method", "-m", default="auto", show_default=True, help="As for fill.")
+@click.option(
+    "--method",
+    "-m",
+    default="auto",
+    show_default=True,
+    shell_complete=complete_methods,
+    help="As for fill.",
+)
 def demo(folder: Path, method: str) -> None:
     """Make a clip with gaps, fill it from the starter database, and compare with the ground truth.
 

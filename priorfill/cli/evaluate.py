@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from priorfill.cli.batch import read_one_of_many, with_path
+from priorfill.cli.completion import complete_groups, complete_methods, complete_protocols
 from priorfill.cli.option_types import DURATION, as_names
 from priorfill.cli.output import duration, print_json, print_line, print_table, print_wrapped
 from priorfill.cli.path_types import FILE, FOLDER, PathArgument
@@ -71,12 +72,14 @@ def _ranged(name: str, target: str, number: Callable[[str], Any], text: str) -> 
     default=["all"],
     show_default=True,
     callback=as_names,
+    shell_complete=complete_methods,
     help="Methods to compare, as `priorfill methods` lists them. Can be repeated.",
 )
 @click.option(
     "--protocol",
     "-p",
     metavar="NAME",
+    shell_complete=complete_protocols,
     help="What to remove: random (default): random markers at random times; markers: each marker "
     "in turn; groups: arms and legs; periodic: gaps at regular intervals; frames: every marker at "
     "once; like: the gaps of the file of --like.",
@@ -111,6 +114,7 @@ def _ranged(name: str, target: str, number: Callable[[str], Any], text: str) -> 
     metavar="A,B,...",
     multiple=True,
     callback=as_names,
+    shell_complete=complete_groups,
     help="For groups: some of arms legs both left_arm right_arm left_leg right_leg.",
 )
 @click.option(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from priorfill.cli.completion import complete_methods, complete_subjects
 from priorfill.cli.fill_report import fill_facts, print_fill, print_fill_notes
 from priorfill.cli.option_types import DURATION, FRAMES, as_names, every_row_option
 from priorfill.cli.output import print_json
@@ -66,6 +67,7 @@ def _values(
     "-m",
     default="auto",
     show_default=True,
+    shell_complete=complete_methods,
     help="auto, which is gpr, or one that `priorfill methods` lists.",
 )
 @click.option(
@@ -129,6 +131,7 @@ def _values(
     "subjects",
     metavar="PATTERN",
     multiple=True,
+    shell_complete=complete_subjects,
     help="Learn only from clips of these subjects. Can be repeated.",
 )
 @click.option(

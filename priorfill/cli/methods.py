@@ -6,13 +6,14 @@ from typing import Any
 
 import click
 
+from priorfill.cli.completion import complete_methods
 from priorfill.cli.output import print_json, print_line, print_table
 
 __all__ = ["methods"]
 
 
 @click.command()
-@click.argument("method", required=False)
+@click.argument("method", required=False, shell_complete=complete_methods)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def methods(method: str | None, as_json: bool) -> None:
     """List the methods for `fill --method` and `evaluate --methods`.

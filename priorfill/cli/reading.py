@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from priorfill.cli.completion import complete_clips, complete_marker_sets, complete_subjects
 from priorfill.cli.option_names import with_options
 from priorfill.errors import OptionError
 
@@ -69,7 +70,10 @@ _UNIT = click.option(
 )
 _SUBJECT = click.option("--subject", metavar="NAME", help="The subject, in a file of several.")
 _MARKER_SET = click.option(
-    "--marker-set", metavar="NAME", help="Name of the marker set, or path of its definition."
+    "--marker-set",
+    metavar="NAME",
+    shell_complete=complete_marker_sets,
+    help="Name of the marker set, or path of its definition.",
 )
 _KEEP_ZEROS = click.option(
     "--keep-zeros", is_flag=True, help="Treat samples at exactly (0, 0, 0) as measured."
@@ -85,6 +89,7 @@ _NOT_NAMES = click.option(
     "not_names",
     metavar="PATTERN",
     multiple=True,
+    shell_complete=complete_clips,
     help='Do not learn from clips with these names ("walk*"). Can be repeated.',
 )
 _NOT_SUBJECTS = click.option(
@@ -92,6 +97,7 @@ _NOT_SUBJECTS = click.option(
     "not_subjects",
     metavar="PATTERN",
     multiple=True,
+    shell_complete=complete_subjects,
     help="Do not learn from clips of these subjects. Can be repeated.",
 )
 

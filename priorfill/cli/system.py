@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from priorfill.errors import PriorfillError
-from priorfill.runtime.held_files import WINDOWS
+from priorfill.runtime.held_files import WINDOWS, is_held
+from priorfill.runtime.windows_names import MAX_PATH
 
 __all__ = [
     "TerminatedError",
@@ -151,6 +152,10 @@ def system_error(error: OSError) -> str:
     what = error.strerror or str(error)
     if error.filename:
         remedy = _REMEDIES.get(error.errno or 0, "check the path")
+        if WINDOWS and len(os.fsdecode(error.filename)) > MAX_PATH:
+            remedy = "choose a shorter path, or enable long paths (see docs/windows.md)"
+        elif is_held(error):
+            remedy += ", and close it in other programs"
         return f"{os.fsdecode(error.filename)}: {what}; {remedy}"
     try:
         Path.cwd()

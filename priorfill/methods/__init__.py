@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from priorfill.errors import OptionError
-from priorfill.methods.task import Method
 from priorfill.runtime.option_texts import close_or_all
+
+if TYPE_CHECKING:
+    from priorfill.methods.task import Method
 
 __all__ = ["DEFAULT_METHOD", "METHODS", "MethodEntry", "get_method", "get_options", "resolve"]
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from priorfill.cli.completion import complete_methods
 from priorfill.cli.db.common import database_option, origin_options
 from priorfill.cli.path_types import FILE, PathArgument
 from priorfill.cli.reading import file_options
@@ -38,6 +39,7 @@ UNKNOWN_METHOD = "unknown"
 @click.option(
     "--method",
     metavar="TEXT",
+    shell_complete=complete_methods,
     default=UNKNOWN_METHOD,
     show_default=True,
     help="The method that filled the gaps.",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from priorfill.cli.completion import complete_marker_sets
 from priorfill.cli.db.common import count, database_option, origin_options
 from priorfill.cli.output import print_line
 from priorfill.cli.path_types import FILE, PathArgument
@@ -35,6 +36,7 @@ __all__ = ["add"]
     "--as",
     "placed_as",
     metavar="SET",
+    shell_complete=complete_marker_sets,
     help="Read skeleton motions (.amc, .bvh) and compute the virtual markers of this marker set, "
     "such as 41.",
 )

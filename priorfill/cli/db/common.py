@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from priorfill.cli.completion import complete_sessions, complete_subjects
 from priorfill.cli.output import duration, print_line
 from priorfill.cli.path_types import FOLDER
 from priorfill.errors import OptionError
@@ -59,6 +60,7 @@ subject_patterns = click.option(
     "subjects",
     metavar="PATTERN",
     multiple=True,
+    shell_complete=complete_subjects,
     help="Only clips of these subjects; can be repeated.",
 )
 session_patterns = click.option(
@@ -66,6 +68,7 @@ session_patterns = click.option(
     "sessions",
     metavar="PATTERN",
     multiple=True,
+    shell_complete=complete_sessions,
     help="Only clips of these sessions; can be repeated.",
 )
 
@@ -130,8 +133,8 @@ def warn(database: PriorDatabase) -> None:
         print_line(f"note: {note}", err=True)
 
 
-def warn_leftovers(database: PriorDatabase) -> None:
-    """Tell how many bytes wait to be removed."""
+def warn_leftovers(database: PriorDatabase) -> int:
+    """Tell how many bytes wait to be removed; return their number."""
     left = database.info().leftover_bytes
     if left:
         print_line(
@@ -140,6 +143,7 @@ def warn_leftovers(database: PriorDatabase) -> None:
             "removes them",
             err=True,
         )
+    return left
 
 
 def warn_damaged(database: PriorDatabase) -> int:

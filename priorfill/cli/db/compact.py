@@ -26,5 +26,5 @@ def compact(folder: Path) -> None:
     with PriorDatabase.open(folder, write=True) as database:
         with progress(None, "Moving clips") as show:
             freed = database.compact(show)
-        warn_leftovers(database)
-    print_line(f"{size(freed)} freed" if freed else "nothing to free")
+        left = warn_leftovers(database)
+    print_line(f"{size(freed)} freed" if freed or left else "nothing to free")

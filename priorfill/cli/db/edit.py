@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from priorfill.cli.completion import complete_clips, complete_sessions, complete_subjects
 from priorfill.cli.db.common import choose, count, database_option, title
 from priorfill.cli.output import print_line
 
@@ -21,6 +22,7 @@ __all__ = ["edit"]
     "subjects",
     metavar="PATTERN",
     multiple=True,
+    shell_complete=complete_subjects,
     help="Only clips that have this subject; can be repeated.",
 )
 @click.option(
@@ -28,10 +30,11 @@ __all__ = ["edit"]
     "sessions",
     metavar="PATTERN",
     multiple=True,
+    shell_complete=complete_sessions,
     help="Only clips that have this session; can be repeated.",
 )
 @click.option("--dry-run", is_flag=True, help="Only show what would be changed.")
-@click.argument("names", metavar="[NAME]...", nargs=-1)
+@click.argument("names", metavar="[NAME]...", nargs=-1, shell_complete=complete_clips)
 def edit(
     folder: Path,
     subject: str | None,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from priorfill.cli.completion import complete_clips
 from priorfill.cli.db.common import (
     ID_DIGITS,
     choose,
@@ -75,7 +76,7 @@ temporary files are longer."""
 @subject_patterns
 @session_patterns
 @marker_labels
-@click.argument("names", metavar="[NAME]...", nargs=-1)
+@click.argument("names", metavar="[NAME]...", nargs=-1, shell_complete=complete_clips)
 def export(
     folder: Path,
     output: Path,

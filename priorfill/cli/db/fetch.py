@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from priorfill.cli.completion import complete_datasets
 from priorfill.cli.db.common import count, size
 from priorfill.cli.output import print_line, print_table
 from priorfill.cli.path_types import FOLDER
@@ -40,7 +41,7 @@ def _list(context: click.Context, parameter: click.Parameter, value: bool) -> No
 
 
 @click.command(short_help="Download a free data set into a database.")
-@click.argument("name", metavar="DATASET")
+@click.argument("name", metavar="DATASET", shell_complete=complete_datasets)
 @click.option(
     "--list",
     is_flag=True,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from priorfill.cli.completion import complete_clips
 from priorfill.cli.db.common import (
     ID_DIGITS,
     clip_facts,
@@ -53,6 +54,7 @@ _COLUMNS = (
     "names",
     metavar="PATTERN",
     multiple=True,
+    shell_complete=complete_clips,
     help="Only clips of these names (or ids); can be repeated.",
 )
 @subject_patterns

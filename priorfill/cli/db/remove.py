@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from priorfill.cli.completion import complete_clips
 from priorfill.cli.db.common import (
     choose,
     database_option,
@@ -24,7 +25,7 @@ __all__ = ["remove"]
 @subject_patterns
 @session_patterns
 @click.option("--dry-run", is_flag=True, help="Only show what would be removed.")
-@click.argument("names", metavar="[NAME]...", nargs=-1)
+@click.argument("names", metavar="[NAME]...", nargs=-1, shell_complete=complete_clips)
 def remove(
     folder: Path,
     subjects: tuple[str, ...],
