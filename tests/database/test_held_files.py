@@ -40,13 +40,19 @@ def windows() -> Iterator[None]:
         yield
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def made(in_memory: Path) -> Path:
     """A database of three clips."""
-    with PriorDatabase.create(tmp_path / "db") as database:
+    with PriorDatabase.create(in_memory / "made") as database:
         for seed in range(3):
             database.add(make_clip(seed))
-    return tmp_path / "db"
+    return in_memory / "made"
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path) -> Path:
+    """A copy of it."""
+    return shutil.copytree(made, tmp_path / "db")
 
 
 def files(folder: Path) -> set[str]:
@@ -278,6 +284,7 @@ def test_commands_name_what_is_left(folder: Path) -> None:
         assert run("db", "remove", "-d", folder, "clip1").exit_code == 0
         done = run("db", "compact", "-d", folder)
         assert done.exit_code == 0
+        assert done.stdout == "0 bytes freed\n"
         assert "of replaced or unfinished files wait to be removed" in done.stderr
         checked = run("db", "verify", "-d", folder)
         assert checked.exit_code == 0

@@ -13,6 +13,7 @@ from db_cli import small_clip
 from gappy import person, with_gaps
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from platforms import WINDOWS
 from scripted import load_script
 
 from priorfill.clip import Clip
@@ -251,7 +252,8 @@ def test_remove_and_compact(folder: Path) -> None:
         assert database.info().removed_bytes == 2 * (records[0].nbytes + MARK_BYTES)
         calls: list[tuple[int, int]] = []
         freed = database.compact(lambda done, total: calls.append((done, total)))
-        assert freed == 2 * (records[0].nbytes + MARK_BYTES)
+        # Windows removes nothing that the reader has open
+        assert freed == (0 if WINDOWS else 2 * (records[0].nbytes + MARK_BYTES))
         assert calls == [(1, 2), (2, 2)]
         assert database.info().removed_bytes == 0
         assert database.compact() == 0
