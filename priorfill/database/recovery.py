@@ -160,7 +160,8 @@ def _remove_catalogue(path: Path) -> bool:
     As long as the catalogue is there, a reader may need the others.
     """
     stem = path.name.partition(".")[0]
-    others = (f"{path.name}-journal", *(f"{stem}{suffix}" for suffix in SUFFIXES))
+    checksums = (f"{stem}{suffix}{new}" for suffix in SUFFIXES for new in ("", ".new"))
+    others = (f"{path.name}-journal", *checksums)
     return remove_file(path) and all(remove_file(path.with_name(name)) for name in others)
 
 

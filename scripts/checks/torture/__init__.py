@@ -1,0 +1,1 @@
+"""Parts of the checks that kill writers: faults, processes, plans, readers."""
