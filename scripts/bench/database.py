@@ -51,6 +51,9 @@ GATHERED = 100_000
 ONE_MORE = 5
 """Number of clips of a minute at 120 Hz added at each size, for timing."""
 
+OPENED = 3
+"""Number of processes that open the database at each size, for timing."""
+
 DROPPED = "LFIN"
 
 
@@ -207,7 +210,7 @@ def main() -> int:
                 opened.append(time.perf_counter() - start)
                 number, poses = number + 1, poses + record.frames[0]
             size = sum(path.stat().st_size for path in database.rglob("*") if path.is_file())
-            times = [in_fresh_process(OPEN, database) for _ in range(3)]
+            times = [in_fresh_process(OPEN, database) for _ in range(OPENED)]
             through, bare = gather(database, rng)
             filled = run([*line, "--database", str(database)])
             first_add = first_add or [median(added), median(opened)]

@@ -9,14 +9,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from gappy import person, with_gaps
 from scripted import SCRIPTS, load_script
 from skeleton_files import amc, asf
 
 import priorfill as pf
+from priorfill.cli import main as cli
 from priorfill.formats.skeletons.asf_amc import read_amc, read_asf
 from priorfill.markers import definitions
 from priorfill.skeleton.virtual_markers import compute_virtual_markers
@@ -99,13 +102,27 @@ class Smoke:
     environment: Mapping[str, str] = field(default_factory=dict)
 
 
+def run_here(command: Sequence[str], *, accepted: Sequence[int] = (0,)) -> NamedTuple:
+    """What `bench/child.py` returns for a command line of priorfill, which runs in this process.
+
+    A process of its own takes a second to begin. `bench/start.py` and `bench/memory.py` have them.
+    """
+    child = load_script("child")
+    program, arguments = tuple(command[: len(child.CLI)]), command[len(child.CLI) :]
+    assert program == child.CLI
+    done = CliRunner().invoke(cli, list(arguments))
+    assert done.exit_code in accepted, done.output
+    cost: NamedTuple = child.Cost(1.0, 1.0, 1.0, done.stdout)
+    return cost
+
+
 ONE_METHOD = {"METHODS": ("baumann2011",)}
 RECORDING = "--data {data} --recording {data}/hdm05/HDM_bd_05-01_01_120.c3d"
 SMOKE = {
     "bench/database.py": Smoke(
         "--data {data} --poses 100",
         "cost of adding one clip",
-        {"MINUTE": 2.0, "ONE_MORE": 1, "GATHERED": 50},
+        {"MINUTE": 2.0, "ONE_MORE": 1, "GATHERED": 50, "OPENED": 1, "run": run_here},
     ),
     "bench/fill.py": Smoke(
         "--data {data} --seconds 0.2,0.4 --takes 0,1 --methods linear,baumann2011",
@@ -115,8 +132,7 @@ SMOKE = {
     "bench/fill_databases.py": Smoke(
         "--data {data} --poses 100 --seconds 0.1 --repeat 1",
         "marker         100",
-        {"TAKE": "gaps.c3d", "START": 40, "GONE": {"marker": ("LFRM",)}},
-        environment={"NUMBA_DISABLE_JIT": "1"},
+        {"TAKE": "gaps.c3d", "START": 40, "GONE": {"marker": ("LFRM",)}, "run": run_here},
     ),
     "bench/long_clip.py": Smoke(
         "{tmp}/long.c3d --minutes 0.05 --rate 30 --markers 45",
@@ -135,7 +151,9 @@ SMOKE = {
         statuses=(0, 1),
         environment={"NUMBA_DISABLE_JIT": "1"},
     ),
-    "bench/threads.py": Smoke("{data}/gaps.c3d --repeat 1", "files are the same"),
+    "bench/threads.py": Smoke(
+        "{data}/gaps.c3d --repeat 1", "files are the same", {"run": run_here}
+    ),
     "build_starter_database": Smoke("{tmp}/starter", "MB", {"SECONDS": 0.5}),
     "papers/baumann_fig2.py": Smoke(
         RECORDING, "Seconds to read a database", {**ONE_METHOD, "EDGE": 1.0}
