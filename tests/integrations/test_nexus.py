@@ -87,6 +87,7 @@ def test_what_stays_missing_does_not_exist() -> None:
     assert all(exists[60:75])
     assert not any(exists[100:160])
     assert x[100:160] == [0.0] * 60
+    assert vicon.blanks == 0  # zeros, as Nexus stores it, not NaN
     assert done.result.complete  # the long gap was not to be filled
 
 
@@ -268,6 +269,14 @@ def test_only_the_region_of_interest_is_filled() -> None:
             trial_options=TrialOptions(whole_trial=True),
             gap_filter=pf.GapFilter(frames=(1, 2)),
         )
+
+
+@pytest.mark.parametrize(
+    ("region", "selected"),
+    [((0, 9999), (101, 340)), ((900, 950), (101, 340)), ((0, 150), (101, 150))],
+)
+def test_a_region_beyond_the_trial(region: tuple[int, int], selected: tuple[int, int]) -> None:
+    assert NexusTrial(ViconNexus([anna()], first=101, region=region)).selected == selected
 
 
 def test_a_range_that_is_a_part_of_the_trial_counts_frames_from_1() -> None:

@@ -32,6 +32,8 @@ class ViconNexus:
         Every call that changes something: name of the function, subject, marker.
     before_get, before_set : callable
         Called with subject and marker; what the user does meanwhile, or an exception.
+    blanks : int
+        Number of samples with NaN that were to be set.
     """
 
     def __init__(
@@ -53,6 +55,7 @@ class ViconNexus:
         self.calls: list[tuple[str, str, str]] = []
         self.before_get: Callable[[str, str], None] = lambda subject, marker: None
         self.before_set: Callable[[str, str], None] = lambda subject, marker: None
+        self.blanks = 0
         self.stored: Callable[[float], float] = float
 
     def GetTrialName(self) -> tuple[str, str]:
@@ -100,6 +103,7 @@ class ViconNexus:
         self.before_set(subject, marker)
         for i in range(len(x)):
             if any(map(math.isnan, [x[i], y[i], z[i]])):
+                self.blanks += 1
                 e[i] = False
                 x[i] = y[i] = z[i] = 0
         for values, kinds in (
