@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.geometry.distances import norms
+from priorfill.gp.linalg import solve_blocks
 
 __all__ = [
     "MAX_CONSTRAINED_SPREAD",
@@ -149,5 +150,4 @@ def gauss_newton_step(matrix: NDArray[np.float64], rhs: NDArray[np.float64]) -> 
     """Solve `normal_equations` for a step [shape=(frames, missing markers, 3), mm]."""
     frames, markers = rhs.shape[:2]
     square = matrix.reshape(frames, markers * 3, markers * 3)
-    solved = np.linalg.solve(square, rhs.reshape(frames, -1, 1))
-    return solved.reshape(frames, markers, 3).astype(np.float64, copy=False)
+    return solve_blocks(square, rhs.reshape(frames, -1, 1)).reshape(frames, markers, 3)

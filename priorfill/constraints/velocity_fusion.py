@@ -100,7 +100,7 @@ def fuse_velocity(
     stiffness = 0.5 * (precision[1:] + precision[:-1]) * rate**2
 
     known = ~np.isnan(measured[..., 0])
-    weight = np.where(known, options.measured_std, error) ** -2.0
+    weight = 1.0 / np.where(known, options.measured_std, error) ** 2
     # upper banded form of one tridiagonal system per marker, the systems one after another; no
     # element links the last frame of a marker with the first frame of the next
     bands = np.zeros((2, markers, frames))
@@ -125,7 +125,7 @@ def _fused_velocity(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return u (frames, markers, 3; mm/s) and 1 / w² (frames, markers; s²/mm²)."""
     variance = np.maximum(prediction.expected_rms, MIN_ERROR / options.error_time) ** 2
-    derivative_precision = (error / options.error_time) ** -2.0
+    derivative_precision = (options.error_time / error) ** 2
     ratio = variance * derivative_precision / options.half_weight_ratio**2
     velocity_precision = 1.0 / (variance * (1.0 + ratio))
     derivative = np.gradient(positions, axis=0) * rate

@@ -95,23 +95,26 @@ def _centred(
     return origin, points - origin[:, None, :], template - share @ template
 
 
-def about_vertical(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+def about_vertical(cosine: NDArray[np.float64], sine: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the rotations of root frames with given headings.
 
     Parameters
     ----------
-    angle : ndarray [shape=(frames,), rad]
-        Headings.
+    cosine, sine : ndarray [shape=(frames,)]
+        Of the headings, up to a common factor above 0; heading 0 where both are 0.
 
     Returns
     -------
     ndarray [shape=(frames, 3, 3)]
         ``world = local @ rotation.T``.
     """
-    rotation = np.zeros((len(angle), 3, 3))
-    rotation[:, 0, 0] = rotation[:, 1, 1] = np.cos(angle)
-    rotation[:, 1, 0] = np.sin(angle)
-    rotation[:, 0, 1] = -np.sin(angle)
+    size = np.sqrt(cosine**2 + sine**2)
+    turned = size != 0.0
+    size = np.where(turned, size, 1.0)
+    rotation = np.zeros((len(size), 3, 3))
+    rotation[:, 0, 0] = rotation[:, 1, 1] = np.where(turned, cosine, 1.0) / size
+    rotation[:, 1, 0] = sine / size
+    rotation[:, 0, 1] = -sine / size
     rotation[:, 2, 2] = 1.0
     return rotation
 
@@ -161,7 +164,7 @@ def heading_frames(
     x, y = centred[..., 0], centred[..., 1]  # (frames, group)
     sine = (y * shape[:, 0] - x * shape[:, 1]) @ weights
     cosine = (x * shape[:, 0] + y * shape[:, 1]) @ weights
-    return RootFrames(origin, about_vertical(np.arctan2(sine, cosine)))
+    return RootFrames(origin, about_vertical(cosine, sine))
 
 
 def rigid_frames(
@@ -175,14 +178,16 @@ def rigid_frames(
     excluded. Fewer than three markers, or markers on a line, do not determine the rotation; it is
     then arbitrary about that line.
     """
+    # slow to import; LAPACK's singular vectors differ between its builds in the last bits
+    from priorfill.geometry.rotation_kernels import nearest_rotations
+
     if weights is None:
         weights = np.ones(len(template))
     origin, centred, shape = _centred(points, template, weights)
     covariance = np.einsum("g,fgi,gj->fij", weights, centred, shape)
-    u, _, vt = np.linalg.svd(covariance)
-    # a negative determinant would be a reflection: reverse the least certain axis
-    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
-    return RootFrames(origin, u @ vt)
+    rotation = np.empty(covariance.shape)
+    nearest_rotations(covariance, rotation)
+    return RootFrames(origin, rotation)
 
 
 def root_group(positions: NDArray[np.float64], markers: Sequence[int]) -> RootGroup | None:

@@ -42,6 +42,7 @@ from priorfill.gp.fitted_models import FittedModel, FittedModels, Predictions, S
 from priorfill.gp.linalg import power_weights
 from priorfill.gp.problem import GPModel, RegressionProblem
 from priorfill.gp.velocities import VelocityErrorOptions, VelocityPrediction, error_by_speed
+from priorfill.runtime.elementary import power
 from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["EnsembleOptions", "Regression", "regress"]
@@ -175,7 +176,7 @@ def regress(
             ensemble.add(batch, predictions, inside[batch])
     position, validation = ensembles[0], ensembles[0].cross_validate()
     factor, bound = _calibrate(validation, options)
-    factor *= options.selection_inflation**validation.further_weight
+    factor *= float(power(options.selection_inflation, validation.further_weight))
     velocity = None
     if len(ensembles) > 1:
         velocity = _predicted_velocity(ensembles[1], validation, options)
@@ -291,8 +292,8 @@ class _Ensemble:
         variance = np.concatenate([one.variance[:, :, self.targets] for one in predictions])
         relative_std = np.concatenate([one.relative_std for one in predictions])
         penalty = np.array([problem.error_penalty for problem in self.fitted.problems])
-        power = self.options.relative_std_power
-        error = np.maximum(self.error[:, None] * relative_std**power, MIN_MODEL_ERROR)
+        relative = power(relative_std, self.options.relative_std_power)
+        error = np.maximum(self.error[:, None] * relative, MIN_MODEL_ERROR)
         error = error * penalty[self.fitted.problem_of, None]
         weight = power_weights(error, self.options.weight_power)
         mean = np.einsum("kq,kqmi->qmi", weight, each)
@@ -378,7 +379,8 @@ def _calibrate(validation: _CrossValidation, options: EnsembleOptions) -> tuple[
     if factor < options.min_expected_rms:  # a clip without movement
         return options.min_expected_rms, BOUND_FACTOR
     bound = float(np.quantile(ratio, BOUND_COVERAGE)) / factor
-    return factor**known, bound**known * BOUND_FACTOR ** (1.0 - known)
+    towards = float(power(bound, known)) * float(power(BOUND_FACTOR, 1.0 - known))
+    return float(power(factor, known)), towards
 
 
 def _predicted_velocity(

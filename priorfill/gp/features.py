@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.geometry.root_frames import RootFrames, heading_frames, rigid_frames
+from priorfill.runtime.elementary import exp
 
 __all__ = ["Alignment", "LagFeature", "MarkerWeights"]
 
@@ -74,7 +75,7 @@ class Alignment:
         >>> alignment.marker_weights(distance, spread).features.round(3)
         array([1.   , 0.607, 0.429])
         """
-        near = np.exp(-(distance**2) / (2.0 * self.length_scale**2))
+        near = exp(-(distance**2) / (2.0 * self.length_scale**2))
         rigidity = np.ones_like(near)
         if self.rigidity_scale is not None:
             rigidity = 1.0 / (1.0 + (spread / self.rigidity_scale) ** 2)

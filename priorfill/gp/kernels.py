@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gp.linalg import squared_distances
+from priorfill.runtime.elementary import exp
 from priorfill.runtime.option_checks import check_at_least
 
 __all__ = [
@@ -238,8 +239,7 @@ class RBF(Kernel):
 
     def evaluate(self, pairs: Pairs) -> _Value:
         """See `Kernel.evaluate`."""
-        result: NDArray[np.float64] = np.exp(pairs.squared_distance * (-0.5 / self.length_scale**2))
-        return result
+        return exp(pairs.squared_distance * (-0.5 / self.length_scale**2))
 
 
 @dataclass(frozen=True)
@@ -267,8 +267,7 @@ class Exponential(_TimeKernel):
 
     def evaluate(self, pairs: Pairs) -> _Value:
         """See `Kernel.evaluate`."""
-        result: NDArray[np.float64] = np.exp(-pairs.lag / self.time_scale)
-        return result
+        return exp(-pairs.lag / self.time_scale)
 
 
 @dataclass(frozen=True)
@@ -286,8 +285,7 @@ class Matern32(_TimeKernel):
     def evaluate(self, pairs: Pairs) -> _Value:
         """See `Kernel.evaluate`."""
         r = _scaled_lag(pairs, 3.0, self.time_scale)
-        result: NDArray[np.float64] = (1.0 + r) * np.exp(-r)
-        return result
+        return (1.0 + r) * exp(-r)
 
 
 @dataclass(frozen=True)
@@ -306,8 +304,7 @@ class Matern52(_TimeKernel):
     def evaluate(self, pairs: Pairs) -> _Value:
         """See `Kernel.evaluate`."""
         r = _scaled_lag(pairs, 5.0, self.time_scale)
-        result: NDArray[np.float64] = (1.0 + r + r**2 / 3.0) * np.exp(-r)
-        return result
+        return (1.0 + r + r**2 / 3.0) * exp(-r)
 
 
 @dataclass(frozen=True)
@@ -326,8 +323,7 @@ class Matern72(_TimeKernel):
     def evaluate(self, pairs: Pairs) -> _Value:
         """See `Kernel.evaluate`."""
         r = _scaled_lag(pairs, 7.0, self.time_scale)
-        result: NDArray[np.float64] = (1.0 + r + 0.4 * r**2 + r**3 / 15.0) * np.exp(-r)
-        return result
+        return (1.0 + r + 0.4 * r**2 + r * r**2 / 15.0) * exp(-r)
 
 
 @dataclass(frozen=True)
@@ -350,10 +346,7 @@ class Forgetting(Kernel):
 
     def evaluate(self, pairs: Pairs) -> _Value:
         """See `Kernel.evaluate`."""
-        result: NDArray[np.float64] = self.limit + (1.0 - self.limit) * np.exp(
-            -pairs.lag / self.time
-        )
-        return result
+        return self.limit + (1.0 - self.limit) * exp(-pairs.lag / self.time)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gp.kernels import Kernel, Pairs
-from priorfill.gp.linalg import block_residuals, explained_variance, inverse_root
+from priorfill.gp.linalg import block_residuals, explained_variance, inverse_root, solve_blocks
 from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["FittedGP", "GaussianProcess"]
@@ -97,7 +97,9 @@ class GaussianProcess:
             return FittedGP(self.kernel, root, weights)
         whitened = root @ basis
         projected = root.T @ whitened  # inv(K) H
-        coefficient_covariance = np.asarray(np.linalg.inv(whitened.T @ whitened), dtype=np.float64)
+        coefficient_covariance = solve_blocks(
+            (whitened.T @ whitened)[None], np.eye(basis.shape[1])[None]
+        )[0]
         coefficients = coefficient_covariance @ (projected.T @ targets)
         residuals = targets - basis @ coefficients
         weights = weights - projected @ coefficients

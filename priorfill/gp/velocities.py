@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.geometry.distances import norms
+from priorfill.runtime.elementary import exp
 from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["VelocityErrorOptions", "VelocityPrediction", "error_by_speed"]
@@ -101,6 +102,6 @@ def error_by_speed(
     for start in range(0, len(speed), BATCH_SIZE):
         batch = slice(start, start + BATCH_SIZE)
         distance = (speed[batch, None] - others) / bandwidth  # (poses, held-out poses, markers)
-        weight = np.exp(-0.5 * distance**2) + MIN_WEIGHT
+        weight = exp(-0.5 * distance**2) + MIN_WEIGHT
         error[batch] = np.sqrt((weight * square).sum(axis=1) / weight.sum(axis=1))
     return error

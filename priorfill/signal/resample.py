@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.errors import OptionError
+from priorfill.runtime.elementary import bessel_i0, sin
 
 __all__ = ["Level", "Resolution", "pyramid", "resample"]
 
@@ -27,8 +28,10 @@ has little above 6 Hz, so a wide band costs nothing, and it keeps the filter sho
 measured samples have a gap within its support."""
 
 ATTENUATION = 50.0
-"""dB. Stop-band attenuation: 1 mm of vibration above the new Nyquist frequency leaves 3 µm. Must be
-between 21 and 50 for the rule that gives the shape of the window."""
+"""dB. Stop-band attenuation: 1 mm of vibration above the new Nyquist frequency leaves 3 µm."""
+
+KAISER_BETA = 4.533514120981248
+"""Shape of the window: 0.5842 (A - 21)^0.4 + 0.07886 (A - 21), for an attenuation A of 21 to 50."""
 
 MAX_DENSE_TAPS = 2000
 """Taps up to which all samples are filtered, wanted or not: down to a 170th of the rate."""
@@ -267,9 +270,12 @@ def _anti_alias(ratio: float) -> NDArray[np.float64]:
     # Kaiser's rules for length and shape of the window (Oppenheim and Schafer, Discrete-Time
     # Signal Processing, section 7.5.3); scipy.signal has them too, but is slow to import
     length = math.ceil((ATTENUATION - 7.95) / (2.285 * math.pi * TRANSITION / ratio)) + 1
-    beta = 0.5842 * (ATTENUATION - 21.0) ** 0.4 + 0.07886 * (ATTENUATION - 21.0)
     half = (length | 1) // 2
-    taps = np.sinc(CUTOFF / ratio * np.arange(-half, half + 1)) * np.kaiser(2 * half + 1, beta)
+    offset = np.arange(1, half + 1)
+    phase = math.pi * CUTOFF / ratio * offset
+    window = bessel_i0(KAISER_BETA * np.sqrt(1.0 - (offset / half) ** 2)) / bessel_i0(KAISER_BETA)
+    side = sin(phase) / phase * window
+    taps = np.concatenate([side[::-1], [1.0], side])
     return np.asarray(taps / taps.sum(), dtype=np.float64)
 
 

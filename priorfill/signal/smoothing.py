@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from priorfill.errors import OptionError
 from priorfill.gaps import runs
+from priorfill.runtime.elementary import power, sin
 from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["SmoothingOptions", "jitter_power", "low_pass", "smooth_jitter"]
@@ -103,8 +104,8 @@ def low_pass(path: NDArray[np.float64], rate: float, cutoff: float) -> NDArray[n
     from scipy.linalg import solveh_banded
 
     order, frames = DIFFERENCE_ORDER, len(path)
-    gain = 2.0 * np.sin(np.pi * cutoff / rate)  # of one difference, at the cut-off
-    penalty = gain ** (-2.0 * order)  # λ
+    gain = 2.0 * float(sin(np.pi * cutoff / rate))  # of one difference, at the cut-off
+    penalty = float(power(gain, -2.0 * order))  # λ
     difference = np.ones(1)
     for _ in range(order):
         difference = np.convolve(difference, [1.0, -1.0])
@@ -118,6 +119,17 @@ def low_pass(path: NDArray[np.float64], rate: float, cutoff: float) -> NDArray[n
     return smooth.reshape(path.shape)
 
 
+def _orthonormal(columns: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return an orthonormal basis of a few columns that are nearly orthogonal (Gram-Schmidt)."""
+    basis = np.empty(columns.shape)
+    for i in range(columns.shape[1]):
+        left = columns[:, i].copy()
+        for j in range(i):
+            left -= (left * basis[:, j]).sum() * basis[:, j]
+        basis[:, i] = left / np.sqrt((left**2).sum())
+    return basis
+
+
 def _low_pass_blocks(path: NDArray[np.float64], rate: float, cutoff: float) -> NDArray[np.float64]:
     """Return a trajectory without frequencies far below its rate, by the means of blocks.
 
@@ -129,7 +141,7 @@ def _low_pass_blocks(path: NDArray[np.float64], rate: float, cutoff: float) -> N
     frames = len(path)
     flat = path.reshape(frames, -1)
     unit = np.linspace(-1.0, 1.0, frames)
-    basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(unit, DIFFERENCE_ORDER - 1))
+    basis = _orthonormal(np.polynomial.legendre.legvander(unit, DIFFERENCE_ORDER - 1))
     smooth = basis @ (basis.T @ flat)
     block = int(np.ceil(rate / cutoff / MAX_RATE_RATIO))
     first = np.arange(0, frames - block + 1, block)

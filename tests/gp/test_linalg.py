@@ -13,6 +13,7 @@ from priorfill.gp.linalg import (
     explained_variance,
     inverse_root,
     power_weights,
+    solve_blocks,
     squared_distances,
 )
 
@@ -70,3 +71,21 @@ def test_power_weights() -> None:
     np.testing.assert_allclose(weight.sum(axis=0), 1.0)
     for marker in range(6):
         np.testing.assert_allclose(weight[:, marker], power_weights(error[:, marker], 8.0))
+
+
+def test_blocks_are_solved_like_single_systems() -> None:
+    rng = np.random.default_rng(0)
+    for size in (1, 2, 3, 12):
+        half = rng.normal(size=(7, size, size + 3))
+        matrices = half @ np.swapaxes(half, 1, 2)
+        right = rng.normal(size=(7, size, 4))
+        found = solve_blocks(matrices, right)
+        np.testing.assert_allclose(found, np.linalg.solve(matrices, right), rtol=1e-7, atol=1e-9)
+
+
+def test_indefinite_and_empty_blocks() -> None:
+    indefinite = np.array([[[1.0, 2.0], [2.0, 1.0]]])
+    np.testing.assert_allclose(solve_blocks(indefinite, np.array([[[3.0], [3.0]]])), 1.0)
+    assert solve_blocks(np.zeros((0, 2, 2)), np.zeros((0, 2, 1))).shape == (0, 2, 1)
+    with pytest.raises(np.linalg.LinAlgError):
+        solve_blocks(np.zeros((1, 2, 2)), np.ones((1, 2, 1)))

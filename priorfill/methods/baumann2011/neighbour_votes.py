@@ -64,6 +64,7 @@ from priorfill.methods.task import (
     Task,
     take_names,
 )
+from priorfill.runtime.elementary import exp
 from priorfill.runtime.option_checks import check_at_least
 from priorfill.search.bank import PoseBank
 from priorfill.search.takes import own_take
@@ -209,7 +210,7 @@ def vote_weights(distance: NDArray[np.float64], *, by_distance: bool) -> NDArray
     if not by_distance:
         return np.ones_like(distance)
     width = np.maximum(np.median(distance, axis=1, keepdims=True), MIN_BANDWIDTH)
-    weights = np.exp(-(distance**2) / (2.0 * width**2))
+    weights = exp(-(distance**2) / (2.0 * width**2))
     scaled: NDArray[np.float64] = weights * distance.shape[1] / weights.sum(axis=1, keepdims=True)
     return scaled
 

@@ -11,6 +11,7 @@ from priorfill.energy.targets import Prior
 from priorfill.gaps import GapGroup
 from priorfill.methods.gpr.options import JoiningOptions
 from priorfill.methods.gpr.prediction import SegmentPrediction
+from priorfill.runtime.elementary import power
 from priorfill.signal.resample import Resolution
 
 __all__ = ["targets_from"]
@@ -68,7 +69,7 @@ def _set_targets(
     expected_rms = prediction.expected_rms
     largest = expected_rms.max(axis=0)
     least = np.maximum(options.min_relative_error * largest, MIN_ERROR)
-    weight = np.maximum(expected_rms, least) ** -2.0
+    weight = 1.0 / np.maximum(expected_rms, least) ** 2
 
     rows = np.flatnonzero((frames >= segment.start) & (frames < segment.stop))
     at = frames[rows] - prediction.first
@@ -86,7 +87,7 @@ def _set_targets(
     where = np.ix_(rows, columns)
     targets.velocity[where] = 0.5 * (after - before)
     targets.acceleration[where] = after - 2.0 * here + before
-    seconds = options.seconds * np.maximum(largest, 1.0) ** options.growth
+    seconds = options.seconds * power(np.maximum(largest, 1.0), options.growth)
     stiffness = (np.minimum(seconds, options.max_seconds) * level.rate) ** 2
     targets.velocity_weight[where] = 2.0 * stiffness * weight[at]
     targets.acceleration_weight[where] = stiffness**2 * weight[at]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from priorfill.gaps import GapGroup, constant_spans
 from priorfill.geometry.clustering import single_linkage
+from priorfill.runtime.elementary import exp
 from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["GapSegment", "SegmentOptions", "split_into_segments"]
@@ -138,7 +139,7 @@ def split_into_segments(
         shown = valid[start:stop].copy()
         shown[:, markers] = False
         nearest = distance[markers].min(axis=0)
-        weight = np.exp(-(nearest**2) / (2.0 * options.length_scale**2)) + options.min_weight
+        weight = exp(-(nearest**2) / (2.0 * options.length_scale**2)) + options.min_weight
         spans = [(a, b, shown[a]) for a, b in constant_spans(shown)]
         while len(spans) > 1:
             losses = [_loss(weight, one, other) for (_, _, one), (_, _, other) in pairwise(spans)]

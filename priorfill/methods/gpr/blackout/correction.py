@@ -11,6 +11,7 @@ from priorfill.gp.kernels import Pairs
 from priorfill.gp.linalg import power_weights
 from priorfill.methods.gpr.blackout.options import BlackoutOptions
 from priorfill.methods.gpr.blackout.windows import BlackoutWindows
+from priorfill.runtime.elementary import power
 
 __all__ = ["correct_from_edges"]
 
@@ -95,7 +96,7 @@ def _models(
     train = train.with_features(product[1:, 1:], square[1:], square[1:])
     cross = Pairs((1, count), correlation=correlation[:1, 1:])
     cross = cross.with_features(product[:1, 1:], square[:1], square[1:])
-    sizes = [scale**exponent for exponent in options.correction_exponents]
+    sizes = [power(scale, exponent) for exponent in options.correction_exponents]
     # one matrix serves all exponents, which only change the targets
     targets = np.concatenate([errors / size[1:, None] for size in sizes], axis=1)
     models = []

@@ -13,6 +13,7 @@ from priorfill.gp.calibration import MIN_EXPECTED_RMS
 from priorfill.gp.process import GaussianProcess
 from priorfill.methods.gpr.blackout.options import BlackoutOptions
 from priorfill.methods.gpr.blackout.window_layout import WindowLayout
+from priorfill.runtime.elementary import exp
 from priorfill.signal.gp_interpolation import interpolation_weights
 
 __all__ = [
@@ -114,7 +115,7 @@ def decaying_velocity_curves(
 
     def covered(decay: float) -> _Floats:
         """Return the weights of the samples in the distance covered."""
-        return np.outer(-decay * np.expm1(-elapsed / decay), velocity)
+        return np.outer(decay * (1.0 - exp(-elapsed / decay)), velocity)
 
     own = [BlackoutCurve(hold + covered(decay)) for decay in options.marker_decay_seconds]
     short = covered(options.marker_decay_seconds[0])

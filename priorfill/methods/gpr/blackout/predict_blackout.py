@@ -25,6 +25,7 @@ from priorfill.methods.gpr.blackout.windows import (
     WindowSource,
     collect_windows,
 )
+from priorfill.runtime.elementary import exp, hypot, log, power
 
 __all__ = ["BlackoutPrediction", "predict_blackout"]
 
@@ -153,14 +154,14 @@ def _error_without_windows(
     """
     disagreement = np.sqrt(curves.var(axis=0).sum(axis=-1))[0]
     steps = np.diff(context, axis=0) * rate / np.diff(layout.context)[:, None, None]
-    speed = np.hypot(np.sqrt((steps**2).sum(axis=-1).mean()), options.min_speed)
+    speed = hypot(np.sqrt((steps**2).sum(axis=-1).mean()), options.min_speed)
     elapsed = np.full(len(layout.inside), np.inf)  # frames from the nearest visible edge
     if len(layout.before):
         elapsed = np.minimum(elapsed, layout.inside + 1)
     if len(layout.after):
         elapsed = np.minimum(elapsed, layout.frames - layout.inside)
     covered = speed * np.maximum(elapsed / rate - options.predictable_seconds, 0.0)
-    expected: _Floats = np.hypot(options.untrained_error_ratio * disagreement, covered[:, None])
+    expected: _Floats = hypot(options.untrained_error_ratio * disagreement, covered[:, None])
     return expected
 
 
@@ -188,8 +189,8 @@ def _from_windows(
     truth = windows.inside[1:]
     scale = _relative_scale(curves, options)
     # windows are informative if their curves disagree as much as the blackout's
-    difference = np.log(scale[1:] / scale[0]) / options.scale_log_std
-    similarity = np.exp(-0.5 * difference**2) + options.min_similarity
+    difference = log(scale[1:] / scale[0]) / options.scale_log_std
+    similarity = exp(-0.5 * difference**2) + options.min_similarity
     own_windows = windows.own[1:].sum() >= options.min_windows
     scored = windows.scored(options.min_windows)
     # the clip's own windows determine how smooth it is: poses of a database are smoothed
@@ -201,7 +202,7 @@ def _from_windows(
         windows, errors.reshape(len(errors), -1), scale, weight, layout.length, options
     )
     positions: _Floats = combined[0] + correction.reshape(truth.shape[1:]) @ windows.rotation[0].T
-    size = scale**options.error_scale_exponent
+    size = power(scale, options.error_scale_exponent)
     relative = residuals.reshape(-1, *truth.shape[1:]) / size[1:][scored][:, None, None, None]
     share = similarity[scored] / similarity[scored].sum()
     expected_rms: _Floats = size[0] * np.sqrt(np.tensordot(share, (relative**2).sum(axis=-1), 1))
@@ -210,7 +211,7 @@ def _from_windows(
         mean = curves[:, 0].mean(axis=0)
         distance = np.sqrt(((positions - mean) ** 2).sum(axis=-1))
         positions = (positions + mean) / 2.0
-        expected_rms = np.hypot(expected_rms, distance / 2.0)
+        expected_rms = hypot(expected_rms, distance / 2.0)
     return positions, expected_rms
 
 
@@ -224,5 +225,5 @@ def _relative_scale(curves: _Floats, options: BlackoutOptions) -> _Floats:
     """
     disagreement = np.sqrt(curves.var(axis=0).sum(axis=-1).mean(axis=(1, 2)))
     usual = float(np.median(disagreement)) + np.finfo(float).eps
-    scale: _Floats = np.hypot(disagreement, options.min_relative_scale * usual) / usual
+    scale: _Floats = hypot(disagreement, options.min_relative_scale * usual) / usual
     return scale

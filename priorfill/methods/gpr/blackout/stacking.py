@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.gp.linalg import power_weights
+from priorfill.gp.linalg import power_weights, solve_blocks
 from priorfill.methods.gpr.blackout.options import BlackoutOptions
 
 __all__ = ["stack_curves"]
@@ -62,7 +62,9 @@ def stack_curves(
             ridge = options.stacking_ridge * np.diag(normal)
             ridge += np.finfo(float).eps * (1.0 + np.trace(normal))
             normal[np.diag_indices_from(normal)] += ridge
-            step = np.linalg.solve(normal, directions @ residual[:, frame][..., axes].ravel())
+            step = solve_blocks(
+                normal[None], (directions @ residual[:, frame][..., axes].reshape(-1, 1))[None]
+            ).reshape(-1)
             result[:, frame][..., axes] += np.tensordot(step, deviation[:, :, frame][..., axes], 1)
     return result
 

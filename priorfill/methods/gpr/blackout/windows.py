@@ -296,7 +296,7 @@ def _edge_features(
     frames = root.frames(nearest.reshape(-1, markers, 3))
     origin = frames.origin.reshape(windows, edges, 3).mean(axis=1)
     turn = frames.rotation.reshape(windows, edges, 3, 3).sum(axis=1)
-    rotation = about_vertical(np.arctan2(turn[:, 1, 0], turn[:, 0, 0]))
+    rotation = about_vertical(turn[:, 0, 0], turn[:, 1, 0])
     local = np.einsum("wfmi,wij->wfmj", poses - origin[:, None, None], rotation)
     velocity_steps = options.velocity_seconds / options.difference_seconds
     acceleration_steps = (options.acceleration_seconds / options.difference_seconds) ** 2

@@ -14,6 +14,7 @@ from priorfill.methods.gpr.dropout.marker_coupling import MarkerCoupling
 from priorfill.methods.gpr.dropout.options import DropoutOptions
 from priorfill.methods.gpr.dropout.subjects import Subjects, SubjectSample
 from priorfill.methods.task import THIS_CLIP, Task
+from priorfill.runtime.elementary import exp
 
 __all__ = ["Donor", "Donors", "describe_donors"]
 
@@ -198,7 +199,7 @@ class Donors:
         usual_motion = visible_spread[np.isfinite(visible_spread)].mean()
         if motion < options.min_relative_motion * usual_motion:
             # donors that stand still show no rigidity; that of adjacent markers is used
-            near = np.exp(-0.5 * (distance / options.neighbour_length_scale) ** 2)
+            near = exp(-0.5 * (distance / options.neighbour_length_scale) ** 2)
             weight = near * (1.0 - np.eye(len(visible)))
             total = weight.sum(axis=1)  # 0 where all others are metres away
             adjacent = np.divide(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.methods.gpr.dropout.options import DropoutOptions
+from priorfill.runtime.elementary import exp
 
 __all__ = ["MarkerCoupling"]
 
@@ -48,7 +49,7 @@ class MarkerCoupling:
         ndarray [shape=(pairs of visible markers,), mm]
         """
         one, other = np.triu_indices(len(self.distance), 1)
-        near = np.exp(-0.25 * (self.distance / options.shape_length_scale) ** 2)
+        near = exp(-0.25 * (self.distance / options.shape_length_scale) ** 2)
         spread = self.visible_spread[one, other]
         weight = near[one] * near[other] / (1.0 + (spread / options.shape_rigidity_scale) ** 2)
         weight /= max(weight.sum(), np.finfo(float).tiny)  # metres away, all weights may be 0

@@ -21,6 +21,7 @@ from priorfill.methods.gpr.training.subject_correlation import (
 )
 from priorfill.methods.gpr.training.subject_offsets import subject_offsets
 from priorfill.methods.task import MIRROR_IMAGE, THIS_CLIP, Task, take_names
+from priorfill.runtime.elementary import log
 from priorfill.search.bank import PoseBank
 
 __all__ = ["problem_with_database"]
@@ -90,7 +91,7 @@ def problem_with_database(
 
 def _error_penalty(shown_seconds: float, options: TrainingOptions) -> float:
     """Return the penalty for a clip that shows the missing markers for some time."""
-    doublings = float(np.log2(shown_seconds / options.database.sufficient_seconds))
+    doublings = float(log(shown_seconds / options.database.sufficient_seconds) / log(2.0))
     return 1.0 + options.database.penalty_per_doubling * max(-1.0, doublings)
 
 
