@@ -44,6 +44,7 @@ TESTED_ELSEWHERE = {
     "checks/fuzz_methods.py": "scripts/test_fuzz_methods.py",
     "checks/survey.py": "scripts/test_survey.py",
     "checks/torture_database.py": "database/test_torture.py",
+    "checks/torture_outputs.py": "scripts/test_torture_outputs.py",
     "golden.py": "test_golden.py",
     "golden_motions.py": "synthetic/test_golden_motions.py",
     "mutation_sample.py": "scripts/test_mutation_sample.py",

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
 import sys
+import tempfile
 import traceback
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -125,13 +127,16 @@ READY = b"ready"
 """What a worker prints when it has imported everything."""
 
 
-def work(sample: str = "") -> None:
+def work(sample: str, rehearsal: str) -> None:
     """Import what is needed, then execute the arguments in the next line of stdin.
 
     Parameters
     ----------
     sample : str
-        A C3D file that is read and prepared, so that everything which adds clips is imported.
+        A C3D file that is read and prepared, so that everything which adds clips is imported; or
+        empty.
+    rehearsal : str
+        Arguments of priorfill as JSON, which are executed in a temporary folder before; or empty.
     """
     if sample:
         import priorfill.cli.db.add
@@ -140,7 +145,21 @@ def work(sample: str = "") -> None:
         from priorfill.database.ingest import ingest
 
         ingest(formats.read(sample), DATABASE_RATE, LEVELS, None, "")
+    if rehearsal:
+        rehearse(json.loads(rehearsal))
     print(READY.decode(), flush=True)
     line = sys.stdin.readline()
     if line:
         os._exit(execute(json.loads(line)))
+
+
+def rehearse(arguments: list[str]) -> None:
+    """Execute arguments of priorfill in a temporary folder, and print nothing."""
+    before = Path.cwd()
+    with tempfile.TemporaryDirectory() as folder, redirect_stdout(io.StringIO()):
+        os.chdir(folder)
+        try:
+            with redirect_stderr(io.StringIO()):
+                execute((*COMMAND_LINE, *arguments))
+        finally:
+            os.chdir(before)

@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from torture.children import READY, SCRIPT, execute
+from torture.children import READY, SCRIPT, execute, rehearse
 from torture.clips import WrongError, is_unfinished
 
 TIMEOUT = 120.0
@@ -158,17 +158,18 @@ class Processes:
 
     Parameters
     ----------
-    sample : Path
-        A file with which workers try what they will do.
+    sample : Path, optional
+        A C3D file with which workers try what they will do.
     forks : bool
         Whether to fork.
     """
 
-    def __init__(self, sample: Path, *, forks: bool = HAS_FORK) -> None:
+    def __init__(self, sample: Path | str = "", *, forks: bool = HAS_FORK) -> None:
         self._sample = sample
         self._forks = forks
         self._waiting: deque[Any] = deque()
         self._adds = True
+        self._rehearsal = ""
 
     def __enter__(self) -> Processes:
         return self
@@ -185,6 +186,13 @@ class Processes:
             self.__exit__()
         self._adds = adds
 
+    def rehearse(self, arguments: Sequence[str]) -> None:
+        """Let the next processes execute arguments of priorfill before they are disturbed."""
+        self.__exit__()
+        self._rehearsal = json.dumps(list(arguments))
+        if self._forks:
+            rehearse(list(arguments))
+
     def start(self, arguments: Sequence[str], file_limit: int | None = None) -> Run:
         """Start a process that can be killed.
 
@@ -200,7 +208,7 @@ class Processes:
 
             prepare = (lambda: None) if file_limit is None else partial(limit_file_size, file_limit)
             return Run(Fork(arguments, prepare))
-        line = (SCRIPT, "--work", self._sample if self._adds else "")
+        line = (SCRIPT, "--work", self._sample if self._adds else "", self._rehearsal)
         while len(self._waiting) <= AHEAD:
             self._waiting.append(_popen(*line, stdin=subprocess.PIPE))
         worker = self._waiting.popleft()
