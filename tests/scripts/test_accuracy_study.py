@@ -255,7 +255,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "hdm05").mkdir()
     (place / "walkl").mkdir()
     for seed, name in ((1, "HDM_bd_a"), (2, "HDM_bd_b"), (3, "HDM_dg_c")):
-        clip = person(seconds=5.0, rate=60.0, seed=seed, body=seed)
+        clip = person(seconds=5.0, rate=30.0, seed=seed, body=seed)
         write(place / "hdm05" / f"{name}.c3d", replace(clip, name=name))
     write(place / "walkl" / "walkl.c3d", unknown_person())
     return place
@@ -297,7 +297,7 @@ def test_the_study_resumes(
     assert all(float(row["error"]) <= float(row["rms"]) <= float(row["worst"]) for row in limb)
     dropped = {row["database"]: row for row in rows if row["kind"] == "dropout"}
     # the partner on the other side tells where it is; other bodies tell better
-    assert {int(dropped[name]["filled"]) for name in ("none", "full")} == {300}
+    assert {int(dropped[name]["filled"]) for name in ("none", "full")} == {150}
     assert float(dropped["full"]["error"]) < float(dropped["none"]["error"])
 
     # nothing is filled again
@@ -357,12 +357,12 @@ def test_recordings_of_no_known_set_have_no_database(recordings: Path, tmp_path:
 def test_windows(recordings: Path, tmp_path: Path) -> None:
     plan = study.Plan(recordings, tmp_path, ("hdm05",), 0, 3.0)
     cases = [study.draw_case(plan, "single", n) for n in range(6)]
-    assert {case.truth.frames for case in cases} == {180}
+    assert {case.truth.frames for case in cases} == {90}
     assert len({case.truth.first_frame for case in cases}) > 1
     for case in cases:
         whole = pf.read(case.file).positions
         first = case.truth.first_frame
-        np.testing.assert_array_equal(case.truth.positions, whole[first : first + 180])
+        np.testing.assert_array_equal(case.truth.positions, whole[first : first + 90])
 
 
 def test_a_failure_is_named_and_the_rest_goes_on(
