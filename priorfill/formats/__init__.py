@@ -37,7 +37,12 @@ from priorfill.formats.c3d.create import create_c3d
 from priorfill.formats.c3d.patch import beyond_range, write_c3d
 from priorfill.formats.c3d.read import parse_c3d, read_c3d, read_c3d_bytes
 from priorfill.formats.c3d.rewrite import rewrite_c3d
-from priorfill.formats.file_bytes import check_regular, os_errors_explained, read_bounded
+from priorfill.formats.file_bytes import (
+    check_regular,
+    no_such_file,
+    os_errors_explained,
+    read_bounded,
+)
 from priorfill.formats.recording import ReadOptions, Recording, clip_from_file
 from priorfill.formats.tables.motive_csv import parse_motive, recognise_motive
 from priorfill.formats.tables.nexus_csv import parse_nexus, recognise_nexus
@@ -324,7 +329,7 @@ def read(
     if path.is_dir():
         raise FormatError(f"{path}: is a folder; give the name of a file")
     if not path.exists():
-        raise FormatError(f"{path}: there is no such file; check the name")
+        raise no_such_file(path)
     check_regular(path)
     options = ReadOptions(zeros_missing, up, rate, unit, subject, ignore_residuals)
     return FORMATS[format_of(path)].read(path, options)

@@ -19,6 +19,7 @@ __all__ = [
     "check_regular",
     "check_size",
     "check_unchanged",
+    "no_such_file",
     "os_errors_explained",
     "read_bounded",
     "read_bytes",
@@ -54,6 +55,14 @@ def check_regular(path: Path) -> None:
         raise FormatError(f"{path}: is not a regular file; give the name of one")
 
 
+def no_such_file(path: Path) -> FormatError:
+    """Return the error for a file that does not exist, or seems so because its path is long."""
+    remedy = "check the name"
+    if WINDOWS and len(os.path.abspath(path)) > MAX_PATH:  # noqa: PTH100, does not resolve links
+        remedy += ", or enable long paths (LongPathsEnabled, see docs/windows.md)"
+    return FormatError(f"{path}: there is no such file; {remedy}")
+
+
 @contextmanager
 def os_errors_explained(path: Path) -> Iterator[None]:
     """Turn an OSError from opening or reading a file into a FormatError of one line.
@@ -69,10 +78,7 @@ def os_errors_explained(path: Path) -> Iterator[None]:
     except PriorfillError:  # an OutputError is an OSError
         raise
     except FileNotFoundError:
-        remedy = "check the name"
-        if WINDOWS and len(os.path.abspath(path)) > MAX_PATH:  # noqa: PTH100, also drive-relative
-            remedy += ", or enable long paths (LongPathsEnabled, see docs/windows.md)"
-        raise FormatError(f"{path}: there is no such file; {remedy}") from None
+        raise no_such_file(path) from None
     except OSError as error:
         if path.is_dir():  # Windows does not permit to open it
             raise FormatError(f"{path}: is a folder; give the name of a file") from None
