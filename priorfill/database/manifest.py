@@ -115,6 +115,11 @@ def read_manifest(folder: Path) -> Manifest:
         If the folder is not a database, or has a format version unknown to this priorfill.
     """
     if not folder.exists():
+        root = Path(folder.absolute().anchor)
+        if not root.exists():
+            raise DatabaseNotFoundError(
+                f"{folder}: there is no {root}; check the drive, or the connection to the share"
+            )
         raise DatabaseNotFoundError(
             f"{folder}: there is no database; "
             f"make one with: priorfill db add --database {folder} ..."

@@ -9,9 +9,11 @@ from urllib.parse import unquote_to_bytes
 
 import pytest
 from db_processes import make_clip
+from platforms import WINDOWS
 
 from priorfill.database import PriorDatabase
 from priorfill.database.sqlite_address import sqlite_address
+from priorfill.errors import DatabaseNotFoundError
 
 pytestmark = pytest.mark.windows
 
@@ -73,3 +75,11 @@ def test_no_write_ahead_log_and_full_flushes(tmp_path: Path) -> None:
             for name in ("journal_mode", "synchronous", "fullfsync")
         ]
     assert found == ["delete", 3, 1]
+
+
+@pytest.mark.skipif(not WINDOWS, reason="other systems have one root, which is always there")
+@pytest.mark.parametrize("root", ["\\\\no-such-server\\share\\", "Q:\\"])
+def test_a_share_or_drive_that_is_gone(root: str) -> None:
+    with pytest.raises(DatabaseNotFoundError) as caught:
+        PriorDatabase.open(f"{root}lab priors")
+    assert f"there is no {root}; check the drive, or the connection" in str(caught.value)

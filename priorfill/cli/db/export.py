@@ -167,12 +167,21 @@ def _file_stems(records: Sequence[ClipRecord]) -> dict[str, str]:
     """
     stems = {record.content: _safe(record.name) for record in records}
     for digits in (ID_DIGITS, None):  # a name may equal another one with digits
-        uses = Counter(stem.casefold() for stem in stems.values())  # case may not matter
+        uses = Counter(_without_case(stem) for stem in stems.values())  # it may not matter
         stems = {
-            content: f"{stem}-{content[:digits]}" if uses[stem.casefold()] > 1 else stem
+            content: f"{stem}-{content[:digits]}" if uses[_without_case(stem)] > 1 else stem
             for content, stem in stems.items()
         }
     return stems
+
+
+def _without_case(name: str) -> str:
+    """Return what names have in common that a file system without case may take for one.
+
+    Windows compares capital letters, in which the dotless i equals the other one; Python's
+    ``casefold`` keeps them apart.
+    """
+    return name.upper().casefold()
 
 
 def _safe(name: str) -> str:
