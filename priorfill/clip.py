@@ -203,9 +203,11 @@ def _own_positions(given: NDArray[np.float64]) -> NDArray[np.float64]:
         and given.dtype == np.float64
         and given.flags.owndata
         and not given.flags.writeable
+        and given.flags.c_contiguous
         and given.ndim == 3
     ):
         unknown = np.isnan(given)
         if (unknown.any(axis=2) == unknown.all(axis=2)).all():
             return given
-    return np.array(given, dtype=np.float64)
+    # in one layout: sums over another one differ in the last bits
+    return np.array(given, dtype=np.float64, order="C")

@@ -293,7 +293,7 @@ def _read_clips(
                 "markers to be filled nevertheless"
             )
         if kept:
-            own = np.ascontiguousarray(clip.positions[:, kept])
+            own = clip.positions[:, kept]
             own_labels = tuple(labels[k] for k in kept)
             if up is None:
                 found, found_from, up_notes = find_up_axis(own, own_labels, "", options.up)
