@@ -17,5 +17,5 @@ def test_an_expected_error_of_0_has_a_finite_weight():
     group = GapGroup(2, 4, (Gap(2, 4, 0),))
     level = Resolution(np.ones((6, 4, 3)), 100.0, 1)
     prior = targets_from([prediction], group, JoiningOptions())(level, np.arange(6))
-    np.testing.assert_array_equal(prior.pose_weight[2:4], MIN_ERROR**-2.0)
+    np.testing.assert_allclose(prior.pose_weight[2:4], MIN_ERROR**-2.0)
     assert np.isfinite(prior.acceleration_weight).all()
