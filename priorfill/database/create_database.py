@@ -20,6 +20,8 @@ from priorfill.database.segment_list import SegmentList
 from priorfill.database.sqlite_address import sqlite_address
 from priorfill.errors import DatabaseFormatError
 from priorfill.runtime.disk_flush import flush_folder
+from priorfill.runtime.held_files import WINDOWS
+from priorfill.runtime.windows_names import MAX_PATH, long_paths_enabled, name_fault
 
 __all__ = ["SEGMENTS", "create_database"]
 
@@ -27,6 +29,9 @@ SEGMENTS = "segments"
 """Name of the folder of the segments."""
 
 _CATALOGUE = "catalogue.sqlite"
+
+_NAMES_INSIDE = len("/catalogue-999.sqlite.new-journal")
+"""Length of the longest name in a database."""
 
 _UNFINISHED = re.compile(
     rf"{MANIFEST}\.new|{LOCK}|catalogue\.sqlite\.new(-journal)?|catalogue\.checksum(\.new)?"
@@ -49,10 +54,12 @@ def create_database(folder: Path, rate: float, levels: int) -> None:
     Raises
     ------
     DatabaseFormatError
-        If the folder contains other files.
+        If the folder contains other files, or Windows does not take its path.
     DatabaseLockedError
         If another process makes a database there at the same time.
     """
+    if WINDOWS:
+        _check_name(folder)
     folder.mkdir(exist_ok=True)
     _check_empty(folder)
     lock = DatabaseLock(folder)
@@ -65,6 +72,20 @@ def create_database(folder: Path, rate: float, levels: int) -> None:
         flush_folder(folder.parent)
     finally:
         lock.release()
+
+
+def _check_name(folder: Path) -> None:
+    fault = name_fault(str(folder))
+    if fault:
+        raise DatabaseFormatError(f"{folder}: {fault}; choose another name for the database")
+    length = len(str(folder.absolute())) + _NAMES_INSIDE
+    is_long = length > MAX_PATH and not str(folder).startswith("\\\\?\\")
+    if is_long and not long_paths_enabled():
+        raise DatabaseFormatError(
+            f"{folder}: the paths of its files would have up to {length} characters, and Windows "
+            f"takes {MAX_PATH}; choose a folder with a shorter path, or enable long paths "
+            "(LongPathsEnabled, see docs/windows.md)"
+        )
 
 
 def _check_empty(folder: Path) -> None:

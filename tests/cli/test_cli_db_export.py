@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +15,8 @@ from priorfill.clip import Clip
 from priorfill.database import ClipOrigin, PriorDatabase
 from priorfill.errors import OutputError
 from priorfill.formats import create_npz, read
+
+_WORDS = re.compile(r"(?<=created )\(.*?\)")
 
 
 @pytest.fixture
@@ -43,9 +46,9 @@ def test_c3d(ids: dict[tuple[str, str], str]) -> None:
     assert result.exit_code == 0
     walk, other = f"Walk-{ids['Walk', 'anna']}", f"walk-{ids['walk', 'ben']}"
     assert result.stdout.splitlines() == [
-        f"out/{walk}.c3d: Walk (anna, 1.00 s, {ids['Walk', 'anna']})",
-        f"out/run.c3d: run (anna, 1.00 s, {ids['run', 'anna']})",
-        f"out/{other}.c3d: walk (ben, 1.00 s, {ids['walk', 'ben']})",
+        f"{Path('out', walk)}.c3d: Walk (anna, 1.00 s, {ids['Walk', 'anna']})",
+        f"{Path('out/run.c3d')}: run (anna, 1.00 s, {ids['run', 'anna']})",
+        f"{Path('out', other)}.c3d: walk (ben, 1.00 s, {ids['walk', 'ben']})",
         "exported 3 clips, 3.00 s of motion",
     ]
     assert result.stderr == (
@@ -156,7 +159,8 @@ def test_existing_files(ids: object) -> None:
     result = run("db", "export", "-d", "db", "-o", "out", "run")
     assert (result.exit_code, result.stdout) == (1, "")
     assert result.stderr == (
-        "priorfill: out/run.c3d: exists already; choose another folder (-o) or use --overwrite\n"
+        f"priorfill: {Path('out/run.c3d')}: exists already; choose another folder (-o) "
+        "or use --overwrite\n"
     )
     result = run("db", "export", "-d", "db", "-o", "out")
     assert "exists already, and 2 more; choose" in result.stderr
@@ -168,14 +172,19 @@ def test_existing_files(ids: object) -> None:
 def test_wrong_folders(ids: object) -> None:
     Path("file").write_text("x")
     for folder, text in (
-        ("db", "db: is inside the database; choose another folder (-o)"),
-        ("db/out", "db/out: is inside the database; choose another folder (-o)"),
-        ("file", "file: cannot be created (File exists); choose another folder (-o)"),
-        ("file/out", "file/out: cannot be created (Not a directory); choose another folder (-o)"),
+        ("db", "is inside the database"),
+        ("db/out", "is inside the database"),
+        ("file", "cannot be created (File exists)"),
+        ("file/out", "cannot be created (Not a directory)"),
     ):
         result = run("db", "export", "-d", "db", "-o", folder)
         assert (result.exit_code, result.stdout) == (1, "")
-        assert result.stderr == f"priorfill: {text}\n"
+        expected = f"priorfill: {Path(folder)}: {text}; choose another folder (-o)\n"
+        if sys.platform == "win32":  # which has other words for it
+            result_line, expected = (_WORDS.sub("(...)", one) for one in (result.stderr, expected))
+            assert result_line == expected
+        else:
+            assert result.stderr == expected
     assert run("db", "export", "-d", "db").exit_code == 2
     assert run("db", "export", "-d", "db", "-o", "out", "--format", "bvh").exit_code == 2
 
@@ -189,6 +198,7 @@ def test_an_empty_database(here: Path) -> None:
 def test_odd_names(here: Path) -> None:
     clip = small_clip("x", 2)
     odd = ["a/b", "a:b", "../up", ".hidden", "", "ä" * 200, "tab\there", "same", "same"]
+    odd += ["NUL", "com1.x", "trail. .", "kıl", "KIL"]  # Windows takes the last two for one
     with PriorDatabase.create("db") as database:
         for seed, name in enumerate(odd):
             database.add(small_clip(name, seed))
@@ -201,7 +211,9 @@ def test_odd_names(here: Path) -> None:
     found = files()
     assert len(found) == len(odd) + 1
     assert {"_up.c3d", "hidden.c3d", "clip.c3d", "ä" * 75 + ".c3d", "tab_here.c3d"} <= set(found)
+    assert {"_NUL.c3d", "_com1.x.c3d", "trail.c3d"} <= set(found)
     assert sum(name.startswith("a_b-") for name in found) == 2
+    assert sum(name.lower().startswith(("kıl-", "kil-")) for name in found) == 2
     assert sum(name.startswith("same-") for name in found) == 3
     assert files(".") == ["db", "out"]
 
@@ -230,6 +242,7 @@ def test_a_clip_too_long_for_c3d(ids: object, here: Path, monkeypatch: pytest.Mo
     assert len(files()) == 3
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit on the size of files")
 @pytest.mark.parametrize("suffix", ["c3d", "npz"])
 def test_a_full_disk_stops_it(suffix: str, ids: object) -> None:
     """With a limit of 2 kB per file, which ezc3d alone would not notice."""

@@ -11,9 +11,9 @@ import pytest
 from db_processes import make_clip
 from platforms import WINDOWS
 
-from priorfill.database import PriorDatabase
+from priorfill.database import PriorDatabase, create_database
 from priorfill.database.sqlite_address import sqlite_address
-from priorfill.errors import DatabaseNotFoundError
+from priorfill.errors import DatabaseFormatError, DatabaseNotFoundError
 
 pytestmark = pytest.mark.windows
 
@@ -83,3 +83,22 @@ def test_a_share_or_drive_that_is_gone(root: str) -> None:
     with pytest.raises(DatabaseNotFoundError) as caught:
         PriorDatabase.open(f"{root}lab priors")
     assert f"there is no {root}; check the drive, or the connection" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("aux", "aux is the name of a device in Windows; choose another name"),
+        ("priors?", "that Windows allows in no name; choose"),
+        ("p" * 240, "and Windows takes 259; choose a folder with a shorter path"),
+    ],
+)
+def test_folders_that_windows_does_not_take(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, text: str
+) -> None:
+    monkeypatch.setattr(create_database, "WINDOWS", True)
+    monkeypatch.setattr(create_database, "long_paths_enabled", lambda: False)
+    with pytest.raises(DatabaseFormatError) as caught:
+        PriorDatabase.create(tmp_path / name)
+    assert text in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
