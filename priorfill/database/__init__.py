@@ -5,7 +5,7 @@ A database is a directory::
     priorfill-database.json   manifest: identity, format version, rate, levels; written once
     catalogue.sqlite          one row per clip; a clip exists once its row is committed
     catalogue.checksum        checksum of the catalogue as its last writer closed it
-    segments/000001.f32 ...   positions, little-endian float32, append-only, memory-mapped
+    segments/000001.f32 ...   positions, little-endian float32, append-only
     lock                      held by the one writer
 
 The catalogue lists the segments, and announces what will be appended. Announced bytes that were

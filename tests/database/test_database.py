@@ -134,6 +134,7 @@ def test_positions_outlive_the_database(folder: Path) -> None:
     assert not positions.flags.writeable
 
 
+@pytest.mark.windows
 @pytest.mark.parametrize("has_pread", [True, False])
 def test_several_threads_read_one_segment(
     folder: Path, monkeypatch: pytest.MonkeyPatch, has_pread: bool
@@ -376,6 +377,7 @@ def test_level_out_of_range(folder: Path) -> None:
 # --- one writer, many readers ---
 
 
+@pytest.mark.windows
 def test_one_writer_and_readers_with_their_own_state(folder: Path) -> None:
     with PriorDatabase.create(folder) as writer:
         writer.add(make_clip(0))
@@ -411,6 +413,7 @@ def test_read_only_folder(folder: Path) -> None:
             path.chmod(modes[path])
 
 
+@pytest.mark.windows
 def test_reading_changes_nothing(folder: Path) -> None:
     with PriorDatabase.create(folder) as database:
         database.add(make_clip())
@@ -479,12 +482,14 @@ def test_killed_after_the_catalogue_before_the_manifest(folder: Path) -> None:
         PriorDatabase.open_or_create(folder)
 
 
+@pytest.mark.windows
 def test_a_lock_does_not_outlive_its_holder(folder: Path) -> None:
     PriorDatabase.create(folder).close()
     run_and_die(die_as_writer, folder)
     PriorDatabase.open(folder, write=True).close()
 
 
+@pytest.mark.windows
 def test_hot_journal_is_rolled_back_by_a_reader(folder: Path) -> None:
     """A writer killed during SQLite's commit leaves a journal, which readers roll back."""
     with PriorDatabase.create(folder) as database:

@@ -140,6 +140,7 @@ def test_damage_is_noticed_before_anything_is_written(root: Path, name: str) -> 
     assert files(folder) == before
 
 
+@pytest.mark.windows
 def test_files_that_are_not_ours_stay(root: Path) -> None:
     folder = root / "a"
     names = ["catalogue.sqlite.bak", "catalogue-old.sqlite", "notes.txt", "segments/notes.txt"]

@@ -265,6 +265,7 @@ def test_remove_and_compact(folder: Path) -> None:
     assert state(folder) == before
 
 
+@pytest.mark.windows
 def test_readers_keep_the_state_they_opened(folder: Path) -> None:
     with PriorDatabase.create(folder) as database:
         records = [database.add(person(seed=seed)) for seed in range(3)]
