@@ -34,6 +34,10 @@ __all__ = ["DEBUG", "main"]
 DEBUG = "PRIORFILL_DEBUG"
 """Environment variable: if set, errors are shown with a traceback."""
 
+NO_RUNTIME = "DLL load failed"
+"""What Python says on Windows if a library lacks another one. Wheels of numba and ezc3d lack
+MSVCP140.dll, which is part neither of Windows nor of Python."""
+
 EXIT_FAILED = 1
 EXIT_USAGE = 2  # as click has it
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as in shells
@@ -183,6 +187,11 @@ def _in_one_line(error: BaseException) -> str:
         text = system_error(error)
     elif isinstance(error, MemoryError):
         text = "there is not enough memory; use a shorter clip or a smaller database"
+    elif isinstance(error, ImportError) and NO_RUNTIME in str(error):
+        text = (
+            "numba and ezc3d need Microsoft's Visual C++ Redistributable (x64), which is missing; "
+            "install it: winget install Microsoft.VCRedist.2015+.x64"
+        )
     else:
         text = (
             f"bug in priorfill ({type(error).__name__}: {error}); "
