@@ -87,6 +87,7 @@ def child(options: dict[str, Any], arguments: list[str]) -> None:
     """
     from priorfill.database import segments
     from priorfill.errors import PriorfillError
+    from priorfill.runtime import held_files
 
     fault = Fault(
         options.get("at", 0),
@@ -106,6 +107,9 @@ def child(options: dict[str, Any], arguments: list[str]) -> None:
 
     usual = segments.SEGMENT_BYTES
     segments.SEGMENT_BYTES = options.get("segment_bytes", usual)
+    windows, pauses = held_files.WINDOWS, held_files._PAUSES_S
+    if fault.held:  # on every system, take a refusal for that of Windows
+        held_files.WINDOWS, held_files._PAUSES_S = True, (0.0,)
     try:
         with faults:
             if options.get("plan"):
@@ -120,6 +124,7 @@ def child(options: dict[str, Any], arguments: list[str]) -> None:
                 main(arguments)
     finally:
         segments.SEGMENT_BYTES = usual
+        held_files.WINDOWS, held_files._PAUSES_S = windows, pauses
         print(f"calls {faults.calls} {faults.struck}", file=sys.stderr)
 
 

@@ -163,7 +163,10 @@ class Faults:
         def patched(path: Any, *more: Any, **options: Any) -> Any:
             if not self._is_inside(path):
                 return old(path, *more, **options)
-            return self.call(name, lambda: old(path, *more, **options))
+            # what a rename replaces may be open elsewhere; a new name, or a missing file, is not
+            target = more[0] if name in ("rename", "replace") and more else path
+            what = name if os.path.lexists(target) else f"{name} (no such file yet)"
+            return self.call(what, lambda: old(path, *more, **options))
 
         return patched
 
