@@ -108,6 +108,14 @@ def test_a_closed_stream_does_not_matter(tmp_path, walk, stream):
     assert (tmp_path / "out.npz").exists()
 
 
+def test_a_program_without_streams():
+    """As pythonw and services of Windows start it."""
+    script = f"import sys; sys.stdout = sys.stderr = None; {program()[-1]}"
+    for arguments, status in ((["methods"], 0), (["inspect", "missing.c3d"], 1)):
+        done = subprocess.run([sys.executable, "-c", script, *arguments], check=False)
+        assert done.returncode == status
+
+
 @pytest.mark.skipif(WINDOWS or not Path("/dev/full").exists(), reason="no /dev/full")
 def test_a_full_stream(tmp_path, walk):
     fill = program("fill", walk, "-o", tmp_path / "out.npz", "--method", "linear")

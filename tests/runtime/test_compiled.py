@@ -13,8 +13,6 @@ import pytest
 from priorfill.runtime import compiled as module
 from priorfill.runtime.compiled import ENTRY, cache_problem, compiled
 
-pytestmark = pytest.mark.windows
-
 SOURCE = "def double(x):\n    return 2 * x\n"
 
 DAMAGES = {
@@ -117,6 +115,7 @@ def test_a_folder_that_cannot_be_written(load, tmp_path, monkeypatch):
     assert cache_problem() == f"{tmp_path / 'cache'}: No space left on device"
 
 
+@pytest.mark.windows
 def test_no_folder_to_write_to(load, tmp_path, monkeypatch):
     # numba tries: the folder given, the one of the source, the user's
     (tmp_path / "cache").write_text("no folder")
@@ -128,6 +127,7 @@ def test_no_folder_to_write_to(load, tmp_path, monkeypatch):
     assert "can be written" in cache_problem()
 
 
+@pytest.mark.windows
 def test_a_program_folder_that_takes_no_files(load, tmp_path, monkeypatch):
     (tmp_path / "__pycache__").write_text("no folder")
     users = SimpleNamespace(user_cache_dir=str(tmp_path / "cache"))
@@ -141,6 +141,7 @@ def test_a_program_folder_that_takes_no_files(load, tmp_path, monkeypatch):
     assert cache_problem() == ""
 
 
+@pytest.mark.windows
 def test_files_that_another_process_reads(load, tmp_path, monkeypatch):
     def refuse(*_: object) -> None:
         error = PermissionError(13, "Access is denied")
