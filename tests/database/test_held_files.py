@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from db_cli import run
-from db_processes import die_in_add, make_clip, run_and_die
+from db_processes import make_clip
 from windows_files import as_on_windows
 
 from priorfill.database import ClipRecord, PriorDatabase
@@ -76,6 +76,18 @@ def remove_and_compact(folder: Path, name: str) -> int:
     with PriorDatabase.open(folder, write=True) as database:
         database.remove([record for record in database.clips() if record.name == name])
         return database.compact()
+
+
+def interrupted_add(folder: Path, seed: int) -> None:
+    """Append a clip, and end before its commit, as if the writer was killed."""
+    with pytest.MonkeyPatch.context() as patch, PriorDatabase.open(folder, write=True) as database:
+
+        def fail(*_: object) -> None:
+            raise KeyboardInterrupt
+
+        patch.setattr(Catalogue, "change", fail)
+        with pytest.raises(KeyboardInterrupt):
+            database.add(make_clip(seed))
 
 
 def leftover(folder: Path) -> int:
@@ -145,7 +157,7 @@ def test_what_a_killed_writer_appended(folder: Path, how: str) -> None:
     segment = folder / "segments" / "000001.f32"
     with PriorDatabase.open(folder) as database:
         before = contents(database)
-    run_and_die(die_in_add, folder, "before the row", 6)
+    interrupted_add(folder, 6)
     held: Any = np.memmap(segment, mode="r") if how == "mapped" else segment.open("rb")
     is_mapped = how == "mapped"
     for seed in (4, 5):
@@ -154,7 +166,7 @@ def test_what_a_killed_writer_appended(folder: Path, how: str) -> None:
             database.add(make_clip(seed))
             assert database.verify() == []
     found = reopened(folder)
-    assert found.keys() == {*before, "clip4", "clip5", "clip6"}
+    assert found.keys() == {*before, "clip4", "clip5"}
     assert {name: found[name] for name in before} == before
     assert (folder / "segments" / "000002.f32").exists() == is_mapped
     if not is_mapped:
@@ -169,13 +181,39 @@ def test_what_a_killed_writer_appended(folder: Path, how: str) -> None:
 
 def test_a_mapped_tail_in_a_compaction(folder: Path) -> None:
     segment = folder / "segments" / "000001.f32"
-    run_and_die(die_in_add, folder, "before the row", 6)
+    interrupted_add(folder, 6)
     held = np.memmap(segment, mode="r")
     remove_and_compact(folder, "clip0")
     assert segment.exists()
     del held
-    assert reopened(folder).keys() == {"clip1", "clip2", "clip6"}
+    assert reopened(folder).keys() == {"clip1", "clip2"}
     assert not segment.exists()
+    assert leftover(folder) == 0
+
+
+def test_what_readers_hold_is_not_forgotten_by_a_killed_writer(folder: Path) -> None:
+    with PriorDatabase.open(folder) as reader:
+        remove_and_compact(folder, "clip0")
+        left = leftover(folder)
+        interrupted_add(folder, 6)
+        assert reopened(folder).keys() == {"clip1", "clip2"}
+        assert leftover(folder) == left > 0
+        assert len(reader.clips()) == 3
+    assert reopened(folder).keys() == {"clip1", "clip2"}
+    assert leftover(folder) == 0
+    assert len(files(folder)) == 3
+
+
+def test_a_cut_that_was_not_made(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As wine does not where a map forbids it."""
+    interrupted_add(folder, 6)
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "truncate", lambda path, size: None)
+        with PriorDatabase.open(folder, write=True) as database:
+            database.add(make_clip(7))
+            assert database.info().leftover_bytes > 0
+            assert database.verify() == []
+    assert reopened(folder).keys() == {"clip0", "clip1", "clip2", "clip7"}
     assert leftover(folder) == 0
 
 

@@ -63,12 +63,12 @@ def run_and_die(act: Callable[..., None], *given: object) -> None:
     assert process.exitcode == DIED
 
 
-def die_in_add(folder: Path, where: str, seed: int = 1) -> None:
-    """Add a clip, and die while adding the next one."""
+def die_in_add(folder: Path, where: str) -> None:
+    """Add clip 1, and die while adding clip 2."""
     with PriorDatabase.open(folder, write=True) as database:
-        database.add(make_clip(seed))
+        database.add(make_clip(1))
         setattr(*PLACES[where], lambda *_, **__: os._exit(DIED))
-        database.add(make_clip(seed + 1))
+        database.add(make_clip(2))
 
 
 def die_as_writer(folder: Path) -> None:
