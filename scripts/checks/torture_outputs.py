@@ -35,6 +35,7 @@ from torture.jobs import remove_folder
 from torture.processes import HAS_FORK, Processes
 
 import priorfill as pf
+from priorfill.cli.encoding import replace_what_is_lacking
 from priorfill.synthetic import synthesise
 
 AT_A_CALL = 0.6
@@ -220,4 +221,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    replace_what_is_lacking()
     sys.exit(main())
