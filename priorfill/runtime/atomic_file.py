@@ -126,7 +126,7 @@ def check_writable(path: Path | str, size: int) -> None:
     temporary = folder / _temporary_name("")
     try:
         temporary.open("xb").close()
-        temporary.unlink()
+        _remove_trial(temporary)
         free = shutil.disk_usage(folder).free
     except OSError as error:
         raise _cannot_write(path, error) from error
@@ -135,6 +135,15 @@ def check_writable(path: Path | str, size: int) -> None:
             f"{path}: takes about {size / 1e6:.1f} MB, but only {free / 1e6:.1f} MB are free in "
             f"{folder}; free some space, or choose another folder"
         )
+
+
+def _remove_trial(path: Path) -> None:
+    """Remove a file; one that a virus scanner has open is removed by a later process."""
+    try:
+        retry_while_held(path.unlink)
+    except OSError as error:
+        if not is_held(error):
+            raise
 
 
 @contextmanager

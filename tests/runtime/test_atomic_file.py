@@ -359,6 +359,18 @@ def test_a_temporary_file_that_cannot_go_hides_no_error(tmp_path, refusals):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_folder_takes_files_although_a_virus_scanner_holds_them(tmp_path, refusals, monkeypatch):
+    monkeypatch.setattr(atomic_file, "_temporary_name", lambda suffix: "trial")
+    refusals.append(tmp_path / "trial")
+    check_writable(tmp_path / "out.c3d", 0)
+    refusals.clear()
+    refusals.append(tmp_path / "trial 2")
+    monkeypatch.setattr(atomic_file, "_temporary_name", lambda suffix: "trial 2")
+    refusals.count, refusals.lasts = 0, 3
+    check_writable(tmp_path / "out.c3d", 0)
+    assert [path.name for path in tmp_path.iterdir()] == ["trial"]
+
+
 @pytest.mark.parametrize("name", ["nul.c3d", "walk:2.c3d", "what?.c3d", "walk.c3d ", "new./a.c3d"])
 def test_names_that_windows_does_not_take_are_refused(tmp_path, monkeypatch, name):
     monkeypatch.setattr(atomic_file, "WINDOWS", True)
