@@ -289,12 +289,13 @@ def test_progress_is_silent_off_a_terminal(capsys: pytest.CaptureFixture[str]) -
 def test_progress_on_a_terminal(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from priorfill.cli.progress import progress
+    from priorfill.cli import progress
 
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setattr(progress, "WINDOWS", False)  # where both must be terminals
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "100")
-    with progress(None, "Work [1/2]") as show:
+    with progress.progress(None, "Work [1/2]") as show:
         show(1, 3)
         show(3, None)
     out, err = capsys.readouterr()

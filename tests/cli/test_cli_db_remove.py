@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -102,8 +103,12 @@ def test_compact(ids: object) -> None:
         (record,) = reader.clips()
         positions = reader.positions(record)
         result = run("db", "compact", "-d", "db")
-        assert (result.exit_code, result.stdout) == (0, "7.7 kB freed\n")
+        # Windows keeps what the reader has mapped until the next command that writes
+        freed = "0 bytes" if sys.platform == "win32" else "7.7 kB"
+        assert (result.exit_code, result.stdout) == (0, f"{freed} freed\n")
         assert (reader.positions(record) == positions).all()
+    if sys.platform == "win32":
+        run("db", "compact", "-d", "db")
     left = sum(path.stat().st_size for path in Path("db/segments").iterdir())
     assert left - HEADER_BYTES == (size - HEADER_BYTES) / 4
     assert run("db", "verify", "-d", "db").stdout.startswith("1 clip checked")

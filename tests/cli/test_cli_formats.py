@@ -88,7 +88,7 @@ def test_a_folder_of_recordings_and_other_files(here):
     Path("in/table.csv").write_text("a,b\n1,2\n")
     result = run("db", "add", "-v", "-d", "db", "in")
     assert result.exit_code == 0, result.stderr
-    assert result.stdout.splitlines()[0] == "added in/nexus.csv"
+    assert result.stdout.splitlines()[0] == f"added {Path('in/nexus.csv')}"
 
 
 @pytest.mark.realdata
