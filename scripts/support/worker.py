@@ -106,7 +106,7 @@ class Worker:
                 self._start()
             self._pipe.send(item)
             outcome = self._outcome()
-        except (EOFError, OSError):
+        except (EOFError, OSError, psutil.NoSuchProcess):
             self._process.join()
             code = self._process.exitcode
             self.stop()
