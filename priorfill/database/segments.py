@@ -18,9 +18,9 @@ from typing import BinaryIO, cast
 import numpy as np
 
 from priorfill.database.segment_list import Segment, SegmentList, Unused
-from priorfill.errors import DatabaseCorruptError
+from priorfill.errors import DatabaseCorruptError, DatabaseError
 from priorfill.runtime.disk_flush import flush_file, flush_folder
-from priorfill.runtime.held_files import retry_while_held
+from priorfill.runtime.held_files import is_held, retry_while_held
 
 __all__ = [
     "DTYPE",
@@ -187,7 +187,15 @@ def open_segment(path: Path, mode: str = "rb", *, buffering: int = -1) -> Binary
     """Open a segment; a folder or a pipe in its place counts as missing."""
     if path.exists() and not path.is_file():
         raise FileNotFoundError(f"{path} is no regular file")
-    return cast(BinaryIO, retry_while_held(lambda: path.open(mode, buffering)))
+    try:
+        return cast(BinaryIO, retry_while_held(lambda: path.open(mode, buffering)))
+    except OSError as error:
+        if not is_held(error):
+            raise
+        raise DatabaseError(
+            f"{path}: another program has it open for itself alone, or it is write-protected; "
+            "end that program, or check the file's permissions, and try again"
+        ) from error
 
 
 def _opened(path: Path, mode: str) -> BinaryIO:

@@ -23,6 +23,7 @@ from priorfill.database import ClipRecord, PriorDatabase
 from priorfill.database.catalogue import Catalogue
 from priorfill.database.segments import SegmentReader
 from priorfill.errors import DatabaseError
+from priorfill.runtime import held_files
 
 pytestmark = [
     pytest.mark.windows,
@@ -300,6 +301,36 @@ def test_a_record_of_what_was_removed_is_read_as_before(folder: Path) -> None:
             database.remove(database.clips())
             database.compact()
         assert reader.positions(gone).tobytes() == expected
+
+
+@pytest.mark.parametrize("times", [1, 100])
+def test_a_scanner_that_opens_a_segment_for_itself(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, times: int
+) -> None:
+    """For a moment it is waited for; then one line names the segment."""
+    really, left = Path.open, [0]
+
+    def refused(path: Path, *given: Any, **more: Any) -> Any:
+        if path.suffix == ".f32" and left[0]:
+            left[0] -= 1
+            error = PermissionError(13, "Permission denied", str(path))
+            error.winerror = 32
+            raise error
+        return really(path, *given, **more)
+
+    monkeypatch.setattr(Path, "open", refused)
+    monkeypatch.setattr(held_files, "_PAUSES_S", (0.0, 0.0))
+    with PriorDatabase.open(folder, write=True) as database:
+        left[0] = times
+        if times == 1:
+            database.add(make_clip(5))
+        else:
+            with pytest.raises(DatabaseError, match=r"000001.f32: another program has it open"):
+                database.add(make_clip(5))
+        left[0] = 0
+        database.add(make_clip(6))
+        assert database.verify() == []
+    assert len(reopened(folder)) == 3 + (times == 1) + 1
 
 
 def test_other_errors_are_not_hidden(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

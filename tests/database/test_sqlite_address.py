@@ -28,7 +28,7 @@ NAMES = ["50% #1 & größer", "a%20b;c=d", "mode=memory&cache=shared", "日本 �
         PureWindowsPath(r"\\?\C:\long\catalogue.sqlite"),
         PureWindowsPath("Z:/Labor/catalogue.sqlite"),
         PurePosixPath("//server/catalogue.sqlite"),
-        PurePosixPath("/home/a?b#c%41/catalogue.sqlite"),
+        PurePosixPath("/data/a?b#c%41/catalogue.sqlite"),
     ],
 )
 @pytest.mark.parametrize("mode", ["ro", "rw"])
