@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 from priorfill.errors import DatabaseError, DatabaseLockedError
@@ -11,6 +12,10 @@ __all__ = ["LOCK", "DatabaseLock"]
 
 LOCK = "lock"
 """Name of the file."""
+
+_NO_LOCKS = frozenset({errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP})
+_NO_LOCKS_WINDOWS = frozenset({1, 50})
+"""Errors of file systems without locks; on Windows "invalid function" and "not supported"."""
 
 
 class DatabaseLock:
@@ -38,6 +43,11 @@ class DatabaseLock:
                 f"{folder}: {error.holder} is writing to this database; wait until it has ended"
             ) from None
         except OSError as error:
+            if error.errno in _NO_LOCKS or getattr(error, "winerror", None) in _NO_LOCKS_WINDOWS:
+                raise DatabaseError(
+                    f"{folder}: the drive or share has no file locks ({error.strerror or error}), "
+                    "so two writers could damage the database; put it on another one"
+                ) from error
             raise DatabaseError(
                 f"{folder}: cannot be written to ({error.strerror or error}); check its "
                 "permissions, or copy it to a place where you may write"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sqlite3
 from contextlib import closing
 from pathlib import Path, PurePath, PurePosixPath, PureWindowsPath
@@ -11,9 +12,9 @@ import pytest
 from db_processes import make_clip
 from platforms import WINDOWS
 
-from priorfill.database import PriorDatabase, create_database
+from priorfill.database import PriorDatabase, create_database, database_lock
 from priorfill.database.sqlite_address import sqlite_address
-from priorfill.errors import DatabaseFormatError, DatabaseNotFoundError
+from priorfill.errors import DatabaseError, DatabaseFormatError, DatabaseNotFoundError
 
 pytestmark = pytest.mark.windows
 
@@ -102,3 +103,19 @@ def test_folders_that_windows_does_not_take(
         PriorDatabase.create(tmp_path / name)
     assert text in str(caught.value)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", [errno.ENOLCK, errno.ENOSYS])
+def test_a_share_without_locks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    PriorDatabase.create(tmp_path / "db").close()
+
+    def fail(path: Path) -> None:
+        raise OSError(number, "No locks available", str(path))
+
+    monkeypatch.setattr(database_lock, "acquire_lock", fail)
+    with pytest.raises(DatabaseError, match=r"has no file locks \(No locks available\), so two"):
+        PriorDatabase.open(tmp_path / "db", write=True)
+    with PriorDatabase.open(tmp_path / "db") as reader:
+        assert reader.clips() == ()
