@@ -25,6 +25,7 @@ from priorfill.evaluation.evaluation_results import FILES
 from priorfill.evaluation.gap_case import FillOutcome, GapSource
 from priorfill.evaluation.metrics import MEASURES
 from priorfill.runtime.atomic_file import replace_file
+from priorfill.runtime.held_files import is_held, retry_while_held
 
 __all__ = ["OutcomeStore"]
 
@@ -73,16 +74,17 @@ class OutcomeStore:
                 )
         try:
             (folder / CASES).mkdir(parents=True, exist_ok=True)
-            # partial files of a killed process; to start anew, everything
-            for file in (folder / CASES).glob("*" if overwrite else ".*.part.npz"):
-                file.unlink()
-            if overwrite:  # results of the evaluation that is replaced
+            if overwrite:  # results of the evaluation that is replaced: first, as users open them
                 for name in (*FILES, PLOTS):
                     for file in folder.glob(name):
-                        file.unlink()
+                        retry_while_held(file.unlink)
+            # partial files of a killed process; to start anew, everything
+            for file in (folder / CASES).glob("*" if overwrite else ".*.part.npz"):
+                retry_while_held(file.unlink)
         except OSError as error:
+            remedy = "close the program that has it open" if is_held(error) else "check permissions"
             raise OutputError(
-                f"{folder}: cannot be written ({error.strerror}); check its permissions"
+                f"{error.filename or folder}: cannot be written ({error.strerror}); {remedy}"
             ) from error
         if begun is None or overwrite:
             with replace_file(folder / SETTINGS, overwrite=True) as temporary:

@@ -156,9 +156,8 @@ def test_many_with_a_folder_of_originals(here: Path) -> None:
     result = run("db", "accept", "-d", "db", "filled", "--original", "takes")
     assert result.exit_code == 1
     assert result.stderr == (
-        f"priorfill: {Path('filled/c.c3d')}: there is no {Path('takes/c.c3d')}, the original it was "
-        "filled from; "
-        "give that file with --original\n"
+        f"priorfill: {Path('filled/c.c3d')}: there is no {Path('takes/c.c3d')}, the original "
+        "it was filled from; give that file with --original\n"
     )
     assert (
         result.stdout.splitlines()[-1] == "accepted 2 clips, 2.00 s of motion, could not accept 1"

@@ -50,7 +50,8 @@ def test_files_and_folders(here: Path) -> None:
     )
     assert (result.exit_code, result.stderr) == (0, "")
     assert result.stdout == (
-        f"skipped {Path('clips/deep/run.C3D')}: is in the database already (as run); nothing to do\n"
+        f"skipped {Path('clips/deep/run.C3D')}: is in the database already (as run); nothing to do"
+        "\n"
         f"skipped {Path('clips/walk.c3d')}: is in the database already (as walk); nothing to do\n"
         "added jump.c3d\n"
         "added 1 clip, 1.00 s of motion, skipped 2 that are there already\n"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import _thread
 import multiprocessing as mp
+import os
 import subprocess
 import sys
 import threading
@@ -13,7 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from priorfill.evaluation import evaluate, gap_case, runner
+from priorfill.errors import OutputError
+from priorfill.evaluation import EvaluationOptions, evaluate, gap_case, runner
 from priorfill.synthetic import synthesise
 
 SCRIPT = """\
@@ -84,3 +86,30 @@ def test_windows_has_a_maximum_of_processes(monkeypatch: pytest.MonkeyPatch) -> 
     plan = evaluate(synthesise("walking", seconds=1.0), methods="linear", protocol="frames").plan
     with pytest.raises(ZeroDivisionError, match="3 processes"):
         runner.run_plan(plan, jobs=100)
+
+
+@pytest.mark.windows
+def test_an_evaluation_whose_table_is_open(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a spreadsheet has it open: refused before anything is removed."""
+    clip = synthesise("walking", seconds=1.0)
+    line = {"methods": "linear", "protocol": "frames", "output": tmp_path}
+    evaluate(clip, **line)
+    kept = len(list((tmp_path / "cases").iterdir()))
+    again = EvaluationOptions(overwrite=True)
+    if sys.platform != "win32":
+        monkeypatch.setattr("pathlib.Path.unlink", _refused)
+        monkeypatch.setattr("priorfill.evaluation.outcome_store.is_held", lambda error: True)
+    with (
+        (tmp_path / "gaps.csv").open(),
+        pytest.raises(OutputError, match=r"gaps\.csv.*close the program that has it open"),
+    ):
+        evaluate(clip, **line, options=again)
+    monkeypatch.undo()
+    assert len(list((tmp_path / "cases").iterdir())) == kept > 0
+    assert evaluate(clip, **line, options=again).worked
+
+
+def _refused(path: Path, missing_ok: bool = False) -> None:
+    if path.name == "gaps.csv":
+        raise PermissionError(13, "Permission denied", str(path))
+    os.unlink(path)  # noqa: PTH108, which is replaced here
