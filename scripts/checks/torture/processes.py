@@ -23,7 +23,7 @@ from torture.clips import WrongError, is_unfinished
 TIMEOUT = 120.0
 """Seconds after which a disturbed process counts as hung."""
 
-AHEAD = 2
+AHEAD = 1
 """Number of workers that import their modules while another one works."""
 
 HAS_FORK = hasattr(os, "fork")
