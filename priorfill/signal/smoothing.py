@@ -119,7 +119,7 @@ def low_pass(path: NDArray[np.float64], rate: float, cutoff: float) -> NDArray[n
     return smooth.reshape(path.shape)
 
 
-def _orthonormal(columns: NDArray[np.float64]) -> NDArray[np.float64]:
+def _orthonormal(columns: NDArray[np.floating]) -> NDArray[np.float64]:
     """Return an orthonormal basis of a few columns that are nearly orthogonal (Gram-Schmidt)."""
     basis = np.empty(columns.shape)
     for i in range(columns.shape[1]):
