@@ -230,7 +230,7 @@ class Torture:
             must: set[str] = set()
             for number in range(0 if row.skipped else rounds):
                 if number % KEPT_FOR == 0 or len(must) == len(files) or on_tmpfs:
-                    must = self._new_database(row, job, rng, files)
+                    must = self._new_database(row, job, rng, files, on_tmpfs=on_tmpfs)
                 job.share = 1 - len(must) / len(files)
                 if mount:
                     mount.bytes = rng.randint(20_000, job.bytes + job.catalogue)
@@ -242,13 +242,15 @@ class Torture:
             self._let_go(row, folder)
             remove_folder(folder)
 
-    def _new_database(self, row: Row, job: Job, rng: random.Random, files: list[str]) -> set[str]:
+    def _new_database(
+        self, row: Row, job: Job, rng: random.Random, files: list[str], *, on_tmpfs: bool
+    ) -> set[str]:
         """Remove the database; with a reader, make one that it can hold. Return its clips."""
         self._let_go(row, job.folder)
         remove_folder(job.folder)
         rng.shuffle(files)
         job.arguments = (*ADD, str(job.folder), *files)
-        if self._reader is None:
+        if self._reader is None or on_tmpfs:  # the tmpfs is mounted later
             return set()
         first, names = files[0], {Path(files[0]).stem}
         self._processes.complete((*ADD, str(job.folder), first)).end()
