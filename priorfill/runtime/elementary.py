@@ -45,6 +45,9 @@ SIN_COEFFICIENTS = (
 HALVINGS = 2
 """Times that an angle up to π is halved before its sine is computed."""
 
+MAX_FACTORS = 64
+"""Largest power that is computed by repeated multiplication; larger ones would take long."""
+
 
 def exp(values: ArrayLike) -> _Floats:
     """Return e to the power of each value.
@@ -128,8 +131,8 @@ def power(values: ArrayLike, exponent: float) -> _Floats:
     values : array_like
         At least 0 and finite.
     exponent : float
-        Its integer part is computed by repeated multiplication, the rest from the logarithm. May
-        be infinite.
+        Up to `MAX_FACTORS`, its integer part is computed by repeated multiplication; the rest from
+        the logarithm. May be infinite.
 
     Returns
     -------
@@ -148,14 +151,17 @@ def power(values: ArrayLike, exponent: float) -> _Floats:
         with np.errstate(divide="ignore"):
             return np.asarray(1.0 / power(base, -exponent))
     result = np.ones(base.shape)
-    for _ in range(int(exponent)):
+    factors = int(exponent) if exponent <= MAX_FACTORS else 0
+    for _ in range(factors):
         result = result * base
-    rest = exponent - int(exponent)
+    rest = exponent - factors
     if rest == 0.5:
         result = result * np.sqrt(base)
     elif rest > 0.0:
         positive = base > 0.0
-        result = result * np.where(positive, exp(rest * log(np.where(positive, base, 1.0))), 0.0)
+        with np.errstate(over="ignore"):  # infinity, as elsewhere
+            logarithm = rest * log(np.where(positive, base, 1.0))
+        result = result * np.where(positive, exp(logarithm), 0.0)
     return result
 
 

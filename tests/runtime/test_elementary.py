@@ -57,6 +57,13 @@ def test_powers_of_zero_and_to_infinity() -> None:
     assert elementary.power([0.5, 1.0], math.inf).tolist() == [0.0, 1.0]
 
 
+def test_huge_exponents_take_no_longer_than_others() -> None:
+    near_one = 1.0 - 1e-9
+    found = elementary.power([0.0, 0.5, near_one, 1.0], 1e9)
+    np.testing.assert_allclose(found, [0.0, 0.0, near_one**1e9, 1.0], rtol=1e-8)
+    assert elementary.power([0.5, 1.0, 2.0], 1e308).tolist() == [0.0, 1.0, math.inf]
+
+
 def test_sines_agree_with_numpy() -> None:
     angles = 10.0 * SMALL
     assert np.abs(elementary.sin(angles) - np.sin(angles)).max() < 1e-14
