@@ -90,6 +90,8 @@ def _make_perpendicular(vector: _Floats, result: _Floats) -> None:
 def nearest_rotations(matrices: _Floats, rotations: _Floats) -> None:
     """Write the rotation R that maximises trace(R' A), for each 3 x 3 matrix A (Kabsch 1976).
 
+    R is the identity for A = 0, and NaN where A has NaN.
+
     With the singular vectors u and v of A, in the order of falling singular values, R maps v1 to
     u1, v2 to u2, and v1 x v2 to u1 x u2: this reverses the least certain axis where the nearest
     orthogonal matrix would be a reflection.
@@ -97,10 +99,15 @@ def nearest_rotations(matrices: _Floats, rotations: _Floats) -> None:
     u, v = np.empty((3, 3)), np.empty((3, 3))
     size = np.empty(3)
     for k in range(len(matrices)):
+        largest = 0.0
+        for i in range(3):
+            for j in range(3):
+                largest = max(largest, abs(matrices[k, i, j]))
+        exponent = math.frexp(largest)[1]  # so that no square overflows, or vanishes
         for i in range(3):
             size[i] = 0.0
             for j in range(3):
-                u[j, i] = matrices[k, i, j]
+                u[j, i] = math.ldexp(matrices[k, i, j], -exponent)
                 v[j, i] = 1.0 if i == j else 0.0
         _orthogonalise(u, v)
         for i in range(3):
@@ -114,7 +121,7 @@ def nearest_rotations(matrices: _Floats, rotations: _Floats) -> None:
         third = 3 - first - second
         if size[third] > size[second]:
             second, third = third, second
-        if not size[first] > 0.0:
+        if size[first] == 0.0:
             for i in range(3):
                 for j in range(3):
                     rotations[k, i, j] = 1.0 if i == j else 0.0

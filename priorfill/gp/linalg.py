@@ -168,7 +168,7 @@ def solve_blocks(matrices: NDArray[np.float64], right: NDArray[np.float64]) -> N
         solved = solveh_banded(
             bands.reshape(size, -1), right.reshape(systems * size, -1), overwrite_ab=True
         )
-    except np.linalg.LinAlgError:  # rounding has made a matrix indefinite
+    except ValueError:  # rounding has made a matrix indefinite, or a value is not finite
         return np.asarray(np.linalg.solve(matrices, right), dtype=np.float64)
     result: NDArray[np.float64] = solved.reshape(right.shape)
     return result

@@ -55,6 +55,18 @@ def test_no_extent_gives_no_rotation() -> None:
     np.testing.assert_array_equal(rotations(np.zeros((1, 3, 3)))[0], np.eye(3))
 
 
+def test_rotations_do_not_depend_on_the_scale() -> None:
+    for exponent in (-1000, 1000):
+        scaled = np.ldexp(MATRICES[:9], exponent)
+        np.testing.assert_array_equal(rotations(scaled), rotations(MATRICES[:9]))
+
+
+def test_rotations_of_unknown_points_are_unknown() -> None:
+    matrices = MATRICES[:2].copy()
+    matrices[0, 2, 2] = np.nan
+    assert np.isnan(rotations(matrices)).any(axis=(1, 2)).tolist() == [True, False]
+
+
 @pytest.mark.windows
 def test_bits_are_the_same_on_every_system() -> None:
     found = rotations(np.round(MATRICES, 6))

@@ -89,3 +89,17 @@ def test_indefinite_and_empty_blocks() -> None:
     assert solve_blocks(np.zeros((0, 2, 2)), np.zeros((0, 2, 1))).shape == (0, 2, 1)
     with pytest.raises(np.linalg.LinAlgError):
         solve_blocks(np.zeros((1, 2, 2)), np.ones((1, 2, 1)))
+
+
+def test_values_that_are_not_finite_stay_in_their_block() -> None:
+    right = np.ones((3, 2, 1))
+    right[1, 0] = np.nan
+    found = solve_blocks(np.tile(np.eye(2), (3, 1, 1)), right)
+    assert np.isnan(found).any(axis=(1, 2)).tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e300])
+def test_blocks_of_any_scale_are_solved(scale: float) -> None:
+    matrices = scale * np.array([[[2.0, 1.0], [1.0, 2.0]], [[4.0, 0.0], [0.0, 1.0]]])
+    found = solve_blocks(matrices, scale * np.array([[[3.0], [3.0]], [[4.0], [5.0]]]))
+    np.testing.assert_allclose(found[..., 0], [[1.0, 1.0], [1.0, 5.0]])
