@@ -8,6 +8,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# the first call of a compiled function takes seconds while it is compiled
+settings.register_profile("priorfill", settings(), deadline=None)
+settings.load_profile("priorfill")
 
 
 @pytest.fixture(scope="session")
