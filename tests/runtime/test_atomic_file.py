@@ -352,6 +352,33 @@ def test_a_new_file_that_a_virus_scanner_opens_for_a_moment_gets_its_name(tmp_pa
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"new"]
 
 
+def test_a_temporary_file_that_a_virus_scanner_opens_for_a_moment_is_removed(tmp_path, refusals):
+    refusals.lasts = 3
+    with pytest.raises(ValueError, match="first"), replace_file(tmp_path / "out") as temporary:
+        temporary.touch()
+        refusals.append(temporary)
+        raise ValueError("first")
+    assert refusals.count == 3
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_scanner_that_keeps_a_new_file_for_itself_is_waited_for(tmp_path, refusals, monkeypatch):
+    refused = []
+
+    def open_late(path, mode="r", **options):
+        if mode == "rb+" and len(refused) < 3:
+            refused.append(path)
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return really(path, mode, **options)
+
+    really = Path.open
+    monkeypatch.setattr(Path, "open", open_late)
+    with replace_file(tmp_path / "out") as temporary:
+        temporary.write_bytes(b"new")
+    assert len(refused) == 3
+    assert (tmp_path / "out").read_bytes() == b"new"
+
+
 def test_a_temporary_file_that_cannot_go_hides_no_error(tmp_path, refusals):
     with pytest.raises(ValueError, match="first"), replace_file(tmp_path / "out") as temporary:
         refusals.append(temporary)

@@ -11,11 +11,11 @@ pytestmark = pytest.mark.windows
     "path",
     [
         "walk 1.c3d",
-        r"C:\\Users\\Jürgen\\Läufe\\walk.c3d",
+        r"C:\Jürgen 1\Läufe\walk.c3d",
         "C:walk.c3d",
         "../clips/./walk.c3d",
-        r"\\\\server\\share\\walk.c3d",
-        r"\\\\?\\C:\\clips\\walk.c3d",
+        r"\\server\share\walk.c3d",
+        r"\\?\C:\clips\walk.c3d",
         ".hidden.c3d",
         "console.c3d",
         "com10.c3d",
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.windows
     ],
 )
 def test_names_that_windows_takes(path):
-    assert name_fault(path.replace("\\\\", "\\")) == ""
+    assert name_fault(path) == ""
 
 
 @pytest.mark.parametrize(
