@@ -98,8 +98,6 @@ complete_methods = _quietly(_methods)
 complete_datasets = _quietly(_datasets)
 complete_protocols = _quietly(lambda ctx: [(name, "") for name in PROTOCOLS])
 complete_groups = _quietly(lambda ctx: [(name, "") for name in GROUPS])
-
-
 _complete_names_of_sets = _quietly(_marker_sets)
 
 

@@ -17,6 +17,7 @@ from priorfill.cli.fill import EXIT_INCOMPLETE, check_database_options, fill, fi
 from priorfill.cli.fill_report import print_gaps, print_unfilled
 from priorfill.cli.output import MAX_ROWS, print_line, some_names
 from priorfill.cli.progress import progress
+from priorfill.integrations.qtm_rest import DEFAULT_PORT
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,7 +42,6 @@ _OTHER_HELP = {
     "trial, to learn from. Can be repeated.",
 }
 """Help of options of ``fill`` that speaks of its file."""
-
 
 MAX_WARNINGS = 5
 """Number of warnings of artefacts in a program in which they cannot be replaced."""
@@ -112,7 +112,7 @@ def nexus(host: str, **given: Any) -> None:
 @click.option(
     "--port",
     type=click.IntRange(1, 65535),
-    default=7979,
+    default=DEFAULT_PORT,
     show_default=True,
     help="Port of the scripting interface of QTM on this computer.",
 )

@@ -20,6 +20,7 @@ from priorfill.errors import IntegrationError
 __all__ = ["DEFAULT_PORT", "RestInterface"]
 
 DEFAULT_PORT = 7979
+"""Port at which QTM answers unless its project options name another one."""
 
 _HOST = "127.0.0.1"
 """Where Windows resolves ``localhost`` to IPv6 first, each call would take seconds longer."""
