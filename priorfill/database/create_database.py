@@ -54,12 +54,14 @@ def create_database(folder: Path, rate: float, levels: int) -> None:
     Raises
     ------
     DatabaseFormatError
-        If the folder contains other files, or Windows does not take its path.
+        If it is a file, or contains other files, or Windows does not take its path.
     DatabaseLockedError
         If another process makes a database there at the same time.
     """
     if WINDOWS:
-        _check_name(folder)
+        _check_name(folder)  # first, as names of devices exist in every folder
+    if folder.exists() and not folder.is_dir():
+        raise DatabaseFormatError(f"{folder}: is a file; give a folder for the database")
     folder.mkdir(exist_ok=True)
     _check_empty(folder)
     lock = DatabaseLock(folder)

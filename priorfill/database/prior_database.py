@@ -219,8 +219,6 @@ class PriorDatabase:
             raise DatabaseNotFoundError(
                 f"{path}: the folder {path.parent} does not exist; create it first"
             )
-        if path.exists() and not path.is_dir():
-            raise DatabaseFormatError(f"{path}: is a file; give a folder for the database")
         create_database(path, rate, levels)
         return cls(path, write=True)
 
