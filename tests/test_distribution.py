@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hatchling.build import build_sdist, build_wheel
+from platforms import on_wine
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -131,27 +132,21 @@ def test_the_installed_package_works(wheel: Path, tmp_path: Path) -> None:
         ["fill", gaps, "-o", "filled.c3d", "--method", "linear", "--database", starter],
         ["db", "verify", "--database", starter],
         ["db", "add", "--database", own, truth],
-        [
-            "evaluate",
-            truth,
-            "--methods",
-            "linear",
-            "--copies",
-            "1",
-            "--jobs",
-            "1",
-            "-o",
-            "Ergebnis",
-        ],
     ]
+    if not on_wine():  # which starts processes slowly
+        evaluate = ["evaluate", truth, "--methods", "linear", "--copies", "1", "--jobs", "1"]
+        commands.append([*evaluate, "-o", "Ergebnis"])
     # without site, nothing refers to the checkout
     paths = [str(site), str(Path(np.__file__).parents[1])]
     program = tmp_path / "run.py"
     program.write_text(COMMANDS.format(paths=paths, commands=commands), encoding="utf-8")
     work = tmp_path / "Labor 1"
     work.mkdir()
+    flags = ["-I", "-S", "-B"]
+    if sys.pycache_prefix is not None:  # else, every module of the dependencies is compiled
+        flags += ["-X", f"pycache_prefix={sys.pycache_prefix}"]
     done = subprocess.run(
-        [sys.executable, "-I", "-S", "-B", str(program)], cwd=work, capture_output=True, timeout=300
+        [sys.executable, *flags, str(program)], cwd=work, capture_output=True, timeout=300
     )
     output = done.stdout.decode(errors="replace")
     statuses = [line.split()[1:] for line in output.splitlines() if line.startswith("status ")]
@@ -161,7 +156,7 @@ def test_the_installed_package_works(wheel: Path, tmp_path: Path) -> None:
         ["fill", "3"],
         ["db", "0"],
         ["db", "0"],
-        ["evaluate", "0"],
+        *([] if on_wine() else [["evaluate", "0"]]),
     ], output + done.stderr.decode(errors="replace")
     assert ascii(str(site))[1:-1] in output.partition("\n")[0]
     assert {f: f.stat().st_mtime_ns for f in site.rglob("*") if f.is_file()} == before

@@ -489,7 +489,6 @@ def test_a_lock_does_not_outlive_its_holder(folder: Path) -> None:
     PriorDatabase.open(folder, write=True).close()
 
 
-@pytest.mark.windows
 def test_hot_journal_is_rolled_back_by_a_reader(folder: Path) -> None:
     """A writer killed during SQLite's commit leaves a journal, which readers roll back."""
     with PriorDatabase.create(folder) as database:

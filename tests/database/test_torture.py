@@ -9,6 +9,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from platforms import on_wine
 from scripted import load_script
 
 from priorfill.database import PriorDatabase
@@ -45,11 +46,12 @@ def test_nothing_is_lost(torture: Any, kind: str) -> None:
 @pytest.mark.windows
 def test_nothing_is_lost_while_a_reader_holds_files(script: ModuleType, in_memory: Path) -> None:
     """Processes are started as on Windows; the reader maps what a compaction replaces."""
+    operations = ["compact"] if on_wine() else ["compact", "remove"]  # which starts slowly
     options = {"seed": 5, "files": 12, "mounts": False, "reader": True, "workers": True}
     with script.Torture(in_memory / "held", **options) as torture:
-        torture.run("kill", 1, ["compact", "remove"])
+        torture.run("kill", 1, operations)
     assert [fault for row in torture.rows for fault in row.faults] == []
-    assert [row.disturbed for row in torture.rows] == [1, 1]
+    assert [row.disturbed for row in torture.rows] == [1] * len(operations)
     assert all(row.held > 0 for row in torture.rows)
 
 

@@ -67,7 +67,6 @@ def test_rotations_of_unknown_points_are_unknown() -> None:
     assert np.isnan(rotations(matrices)).any(axis=(1, 2)).tolist() == [True, False]
 
 
-@pytest.mark.windows
 def test_bits_are_the_same_on_every_system() -> None:
     found = rotations(np.round(MATRICES, 6))
     assert hashlib.sha256(found.tobytes()).hexdigest()[:16] == "0e222d7ef55c5224"

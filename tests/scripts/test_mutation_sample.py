@@ -242,7 +242,6 @@ print(left.pid, flush=True)
 """Starts a process and leaves it behind."""
 
 
-@pytest.mark.windows
 def test_processes_that_tests_leave_behind_are_killed(compiled, tmp_path):
     workspace = run.Workspace(compiled, tmp_path / "w")
     other = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)

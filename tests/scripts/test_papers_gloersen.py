@@ -191,7 +191,6 @@ def test_a_script_prints_its_table_with_values_of_the_paper(
     assert "inf" not in printed
 
 
-@pytest.mark.windows
 def test_a_script_runs_by_itself() -> None:
     """Also where the output lacks a letter of the author."""
     done = subprocess.run(

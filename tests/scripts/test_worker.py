@@ -10,8 +10,6 @@ from scripted import load_script
 
 worker = load_script("worker")
 
-pytestmark = pytest.mark.windows
-
 
 @pytest.fixture(params=["as here", "as on Windows"])
 def system(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
