@@ -42,6 +42,7 @@ from priorfill.database.record import ClipRecord
 from priorfill.database.segment_list import MAX_SEGMENTS, SegmentList
 from priorfill.database.sqlite_address import sqlite_address
 from priorfill.errors import DatabaseCorruptError, DatabaseError
+from priorfill.runtime.held_files import WINDOWS, is_held
 
 __all__ = ["Catalogue", "find_catalogue", "successor"]
 
@@ -510,6 +511,8 @@ class Catalogue:
         ------
         DatabaseCorruptError
             If there is damage.
+        DatabaseError
+            If the system refuses to read the checksum file.
         """
         if self._connection is None:
             return
@@ -524,6 +527,13 @@ class Catalogue:
             self._check_structure()
             with self._transaction("DEFERRED") as connection:
                 matches = self._checksum_file.matches(connection)
+            refusal = self._checksum_file.refusal
+            if refusal is not None:
+                raise DatabaseError(
+                    f"{self._checksum_file.path}: cannot be read ({refusal.strerror or refusal}), "
+                    "so the catalogue was not compared with it; check its permissions"
+                    f"{', and close it in other programs' if is_held(refusal) else ''}"
+                )
             if not matches and self._checksum_file.problem:
                 raise self._damaged(self._checksum_file.problem)
 
@@ -580,9 +590,11 @@ class Catalogue:
             if getattr(error, "sqlite_errorname", "") == "SQLITE_ERROR":  # no such table
                 raise self._damaged(str(error)) from error
             # full, locked, read-only, a share that is gone: not damage
+            is_busy = WINDOWS or getattr(error, "sqlite_errorname", "").startswith("SQLITE_BUSY")
+            others = "close it in other programs, and " if is_busy else ""
             raise DatabaseError(
-                f"{self.path}: cannot be used now ({error}); check free space and permissions (on "
-                "a network share also its connection and file locks), and try again"
+                f"{self.path}: cannot be used now ({error}); {others}check free space and "
+                "permissions (on a network share also its connection and file locks), and try again"
             ) from error
         except (sqlite3.Error, LookupError, ValueError, TypeError) as error:
             if isinstance(error, DatabaseError):

@@ -49,6 +49,8 @@ class CatalogueChecksum:
         Damage found by the last call of `matches`; empty if none.
     catalogue_is_damaged : bool
         Whether that damage is in the catalogue, not in the checksum file.
+    refusal : OSError or None
+        Why the system did not let the last call of `matches` read the checksum file.
     """
 
     def __init__(self, catalogue: Path, version: int) -> None:
@@ -57,6 +59,7 @@ class CatalogueChecksum:
         self.path = catalogue.with_name(catalogue.name.partition(".")[0] + suffix)
         self.problem = ""
         self.catalogue_is_damaged = False
+        self.refusal: OSError | None = None
 
     def matches(self, connection: sqlite3.Connection) -> bool:
         """Return whether the checksum covers the present state of the catalogue, and fits it.
@@ -66,7 +69,7 @@ class CatalogueChecksum:
         connection : sqlite3.Connection
             Inside a transaction, so that no other process changes the file.
         """
-        self.problem, self.catalogue_is_damaged = "", False
+        self.problem, self.catalogue_is_damaged, self.refusal = "", False, None
         try:
             if not self.path.is_file():  # a pipe would block
                 raise FileNotFoundError
@@ -74,8 +77,11 @@ class CatalogueChecksum:
                 text = file.read(MAX_BYTES).decode("ascii")
         except FileNotFoundError:
             return False
-        except (OSError, ValueError):
-            self.problem = f"{self.path} cannot be read"
+        except OSError as error:
+            self.refusal = error
+            return False
+        except ValueError:
+            self.problem = f"{self.path} is damaged"
             return False
         # read through SQLite: opening and closing the file here would drop SQLite's locks on it
         data = connection.serialize()

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from priorfill.errors import DatabaseFormatError, DatabaseNotFoundError
+from priorfill.errors import DatabaseError, DatabaseFormatError, DatabaseNotFoundError
 from priorfill.runtime.atomic_file import finish_file
-from priorfill.runtime.held_files import retry_while_held
+from priorfill.runtime.held_files import is_held, retry_while_held
 
 __all__ = [
     "FORMAT_VERSION",
@@ -86,6 +86,11 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
         The database's folder.
     manifest : Manifest
         Its content.
+
+    Raises
+    ------
+    DatabaseError
+        If another program has the present one open, on Windows.
     """
     content = {
         "format": _FORMAT,
@@ -101,7 +106,15 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
     unfinished = folder / f"{MANIFEST}.new"
     # bytes: on Windows, text would get other line ends
     unfinished.write_bytes((json.dumps(content, indent=2) + "\n").encode("utf-8"))
-    finish_file(unfinished, folder / MANIFEST)
+    try:
+        finish_file(unfinished, folder / MANIFEST)
+    except OSError as error:
+        if not is_held(error):
+            raise
+        raise DatabaseError(
+            f"{folder / MANIFEST}: another program has it open, or it is write-protected; close it "
+            "there, or check its permissions, and try again"
+        ) from error
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -113,6 +126,8 @@ def read_manifest(folder: Path) -> Manifest:
         If the folder does not exist.
     DatabaseFormatError
         If the folder is not a database, or has a format version unknown to this priorfill.
+    DatabaseError
+        If the system refuses to read the manifest.
     """
     if not folder.exists():
         root = Path(folder.absolute().anchor)
@@ -158,6 +173,11 @@ def _load(file: Path) -> Any:
         if len(data) > MAX_BYTES:
             raise ValueError("too large")
         return json.loads(data.decode("utf-8"))
+    except OSError as error:
+        raise DatabaseError(
+            f"{file}: cannot be read ({error.strerror or error}); check its permissions"
+            f"{', and close it in other programs' if is_held(error) else ''}"
+        ) from error
     except (ValueError, RecursionError) as error:
         raise _damaged(file) from error
 

@@ -23,7 +23,7 @@ from priorfill.database.segments import (
     segment_path,
     segment_paths,
 )
-from priorfill.errors import DatabaseCorruptError
+from priorfill.errors import DatabaseCorruptError, DatabaseError
 from priorfill.runtime.held_files import is_held
 
 __all__ = ["check_checksums", "find_problems", "remove_file", "remove_unused", "unused_bytes"]
@@ -149,9 +149,11 @@ def _remove_bytes(path: Path, unused: Unused, entry: Segment | None) -> bool:
     size = path.stat().st_size
     if entry is not None:
         return not entry.size < size <= unused.size or _cut_off(path, entry.size)
-    if size <= unused.size and _is_that_file(path, size, unused.start):
-        return remove_file(path)
-    return True
+    try:
+        is_ours = size <= unused.size and _is_that_file(path, size, unused.start)
+    except DatabaseError:  # a program has it open for itself alone
+        return False
+    return not is_ours or remove_file(path)
 
 
 def _remove_catalogue(path: Path) -> bool:

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import os
 import shutil
+import sqlite3
 import sys
 from collections.abc import Iterator
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from db_cli import run
 from db_processes import make_clip
 from windows_files import as_on_windows
 
-from priorfill.database import ClipRecord, PriorDatabase
+from priorfill.database import ClipRecord, PriorDatabase, catalogue
 from priorfill.database.catalogue import Catalogue
 from priorfill.database.segments import SegmentReader
 from priorfill.errors import DatabaseError
@@ -362,3 +363,66 @@ def test_commands_name_what_is_left(folder: Path) -> None:
         assert "of it waiting to be removed" in run("db", "info", "-d", folder).stdout
     assert run("db", "compact", "-d", folder).stderr == ""
     assert "waiting" not in run("db", "info", "-d", folder).stdout
+
+
+def keep_for_itself(monkeypatch: pytest.MonkeyPatch, file: Path) -> None:
+    """Refuse to open a file, as Windows does if another program shares it with nobody."""
+    really = Path.open
+
+    def refused(path: Path, *given: Any, **more: Any) -> Any:
+        if path == file:
+            error = PermissionError(13, "Permission denied", str(path))
+            error.winerror = 32
+            raise error
+        return really(path, *given, **more)
+
+    monkeypatch.setattr(Path, "open", refused)
+    monkeypatch.setattr(held_files, "_PAUSES_S", ())
+
+
+def test_a_leftover_that_another_program_keeps_for_itself(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with PriorDatabase.open(folder):
+        remove_and_compact(folder, "clip1")
+    with monkeypatch.context() as patch:
+        keep_for_itself(patch, folder / "segments" / "000001.f32")
+        with PriorDatabase.open(folder, write=True) as database:
+            database.add(make_clip(5))
+        assert leftover(folder) > 0
+    assert len(reopened(folder)) == 3
+    assert leftover(folder) == 0
+
+
+@pytest.mark.parametrize("name", ["priorfill-database.json", "catalogue.checksum"])
+def test_small_files_that_another_program_keeps_for_itself(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """No damage is reported: a copy would not help."""
+    keep_for_itself(monkeypatch, folder / name)
+    checked = run("db", "verify", "-d", folder)
+    assert checked.exit_code == 1
+    assert f"{name}: cannot be read (Permission denied)" in checked.stdout + checked.stderr
+    assert "close it in other programs" in checked.stdout + checked.stderr
+    assert "restore" not in checked.stdout + checked.stderr
+
+
+def test_a_manifest_that_is_open_during_a_conversion(tmp_path: Path) -> None:
+    folder = shutil.copytree(FIXTURE, tmp_path / "old")
+    with (
+        (folder / "priorfill-database.json").open("rb"),
+        pytest.raises(DatabaseError, match=r"priorfill-database.json: another program has it open"),
+    ):
+        PriorDatabase.open(folder, write=True)
+    assert len(reopened(folder)) == 4
+
+
+def test_a_catalogue_that_another_program_has_locked(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(catalogue, "BUSY_SECONDS", 0.05)
+    with closing(sqlite3.connect(folder / "catalogue.sqlite", isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        with pytest.raises(DatabaseError, match=r"locked\); close it in other programs"):
+            PriorDatabase.open(folder, write=True)
+    assert len(reopened(folder)) == 3
