@@ -41,6 +41,12 @@ from priorfill.synthetic import synthesise
 AT_A_CALL = 0.6
 """Share of kills at a random call instead of at a random time."""
 
+AROUND_REPLACEMENT = 0.5
+"""Share of these at one of the `LAST_CALLS`."""
+
+LAST_CALLS = 4
+"""Number of calls with which an output is flushed, replaces the old one, and is finished."""
+
 KINDS = ("fill", "evaluate")
 
 TEMPORARY = ".priorfill-*"
@@ -139,7 +145,8 @@ class Outputs:
             before = contents(job.folder)
         number = int(SIGNALS["kill"])
         if rng.random() < AT_A_CALL:
-            at, late = rng.randint(1, job.calls), rng.random() < 0.5
+            first = job.calls - LAST_CALLS if rng.random() < AROUND_REPLACEMENT else 0
+            at, late = rng.randint(max(0, first) + 1, job.calls), rng.random() < 0.5
             run = self._processes.start(job.with_faults(at=at, late=late, kill=number))
             row.killed += run.end() not in (0, 3)
         else:
