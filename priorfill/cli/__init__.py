@@ -20,8 +20,8 @@ from priorfill.cli.system import (
     TerminatedError,
     check_memory_limit,
     end_on_signals,
+    ended_by_reader,
     finish_stdout,
-    is_closed_pipe,
     open_closed_streams,
     system_error,
 )
@@ -101,7 +101,7 @@ class _Main(click.Group):
                 # paths expand themselves (path_types.py); patterns must stay as they are
                 return super().main(*args, windows_expand_args=False, **extra)
         except OSError as error:  # while printing a help page
-            if is_closed_pipe(error):
+            if ended_by_reader(error):
                 sys.exit(EXIT_BROKEN_PIPE)
             if os.environ.get(DEBUG):
                 raise
@@ -136,7 +136,7 @@ class _Main(click.Group):
             _print_cache_problem()
             raise
         except (Exception, KeyboardInterrupt) as error:
-            if isinstance(error, OSError) and is_closed_pipe(error):
+            if ended_by_reader(error):
                 ctx.exit(EXIT_BROKEN_PIPE)
             if os.environ.get(DEBUG):
                 raise

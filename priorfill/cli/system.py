@@ -20,6 +20,7 @@ __all__ = [
     "TerminatedError",
     "check_memory_limit",
     "end_on_signals",
+    "ended_by_reader",
     "finish_stdout",
     "is_closed_pipe",
     "open_closed_streams",
@@ -119,6 +120,29 @@ def is_closed_pipe(error: OSError) -> bool:
     if isinstance(error, BrokenPipeError):
         return True
     return WINDOWS and error.errno == errno.EINVAL and error.filename is None
+
+
+def ended_by_reader(error: BaseException) -> bool:
+    """Return whether a command ended because the reader of our output has closed it.
+
+    On Windows, other failures look the same, such as writing to a share that is gone. So an empty
+    line is written to stdout, to see whether that fails, too.
+
+    Parameters
+    ----------
+    error : BaseException
+        What ended the command.
+    """
+    if not isinstance(error, OSError) or not is_closed_pipe(error):
+        return False
+    if isinstance(error, BrokenPipeError):
+        return True
+    try:
+        sys.stdout.write("\n")
+        sys.stdout.flush()
+    except (OSError, ValueError):
+        return True
+    return False
 
 
 def check_memory_limit() -> None:

@@ -167,6 +167,19 @@ def test_a_closed_pipe_of_windows(monkeypatch):
     assert (done.exit_code, done.output) == (141, "")
 
 
+def test_a_share_of_windows_that_is_gone_is_no_closed_pipe(monkeypatch):
+    """Both are an invalid argument without the name of a file."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(errno.EINVAL, "Invalid argument")
+
+    monkeypatch.setattr(system, "WINDOWS", True)
+    monkeypatch.setattr("priorfill.cli.inspect.read_clips", refuse)
+    done = CliRunner().invoke(main, ["inspect", "walk.c3d"])
+    assert done.exit_code == 1
+    assert done.stderr.startswith("priorfill: Invalid argument; ")
+
+
 def test_an_interrupt_during_the_imports():
     script = (
         "import sys\n"
