@@ -163,7 +163,7 @@ def _query(ctx: click.Context, select: str) -> list[tuple[str, ...]]:
         return []
     numbers = {
         int(found[1] or 1): path
-        for path in folder.iterdir()
+        for path in folder.expanduser().iterdir()  # the shell passes on what was typed
         if (found := _CATALOGUE.fullmatch(path.name))
     }
     newest = numbers[max(numbers)].resolve()

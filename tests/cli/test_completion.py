@@ -84,6 +84,9 @@ def test_clips_of_the_database(priors: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert offered("priorfill db list -d db --subject ") == ["Anna"]
     assert offered("priorfill db edit -d db --of-session t") == ["tue"]
     assert offered("priorfill db remove wa") == []  # no database
+    for name in ("HOME", "USERPROFILE"):
+        monkeypatch.setenv(name, str(priors.parent))
+    assert offered("priorfill db remove -d ~/db r") == ["run"]
 
 
 @pytest.mark.windows
