@@ -13,9 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from torture.children import execute
-
-TIMEOUT = 120.0
-"""Seconds after which a disturbed process counts as hung."""
+from torture.processes import TIMEOUT
 
 
 def limit_file_size(size: int) -> None:
