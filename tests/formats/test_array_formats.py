@@ -79,6 +79,19 @@ def test_filled_samples_are_distinguished_from_measured_ones(path, tmp_path):
         formats.write(path, full, clip.missing, overwrite=True)
 
 
+def test_equal_clips_give_equal_bytes_on_every_system(path, monkeypatch):
+    """Without the system and the time, which zipfile and SciPy write."""
+    with monkeypatch.context() as other_system:
+        other_system.setattr("sys.platform", "win32")
+        formats.write(path, clip_with_gap())
+    if path.suffix == ".mat":
+        assert path.read_bytes()[:116].rstrip() == b"MATLAB 5.0 MAT-file, written by priorfill"
+        return
+    with zipfile.ZipFile(path) as archive:
+        made = {(entry.create_system, *entry.date_time) for entry in archive.infolist()}
+    assert made == {(3, 1980, 1, 1, 0, 0, 0)}
+
+
 def test_blanks_at_the_ends_of_labels_are_dropped(path):
     clip = replace(clip_with_gap(), labels=(*LABELS[:4], " a\x85", "b\0"))
     formats.write(path, clip)

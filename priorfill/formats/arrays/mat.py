@@ -32,6 +32,9 @@ from priorfill.formats.write_report import WriteReport
 __all__ = ["create_mat", "parse_mat", "recognise_mat"]
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
+_HEADER = b"MATLAB 5.0 MAT-file, written by priorfill".ljust(116)
+"""Text at the start of a file. SciPy's has system and time, so that no two files are equal."""
+
 _HDF5_AT = 512
 """Offset of the HDF5 signature in a file of version 7.3, after MATLAB's header text."""
 
@@ -75,7 +78,7 @@ def _save(path: Path, arrays: dict[str, Any]) -> None:
     labels = np.array(arrays["labels"], dtype=object).reshape(-1, 1)  # a cell array
     buffer = io.BytesIO()
     savemat(buffer, arrays | {"labels": labels}, do_compression=True)
-    path.write_bytes(buffer.getvalue())
+    path.write_bytes(_HEADER + buffer.getvalue()[len(_HEADER) :])
 
 
 def _check_version(data: bytes, name: str) -> None:
