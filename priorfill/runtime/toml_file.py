@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from priorfill.errors import PriorfillError
+from priorfill.runtime.held_files import is_held
 
 __all__ = ["read_toml"]
 
@@ -58,6 +59,8 @@ def read_toml(path: Path, failure: Callable[[str], PriorfillError]) -> dict[str,
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         reason = str(error).splitlines()[0]
+        if "\r" in text.replace("\r\n", ""):
+            reason = "a line ends with CR alone, which TOML does not have"
         raise failure(f"{path}: is not valid TOML: {reason}; correct it") from error
     except RecursionError:
         raise failure(_too_deep(path, text)) from None
@@ -84,7 +87,7 @@ def _text(path: Path, failure: Callable[[str], PriorfillError]) -> str:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise failure(
-            f"{path}: cannot be read ({reason}); check its name and permissions"
+            f"{path}: cannot be read ({reason}); check its name and permissions{_held(error)}"
         ) from error
     if len(data) > MAX_BYTES:
         raise failure(f"{path}: has more than {MAX_BYTES >> 10} KiB; shorten it")
@@ -95,6 +98,12 @@ def _text(path: Path, failure: Callable[[str], PriorfillError]) -> str:
         raise failure(
             f"{path}: is not valid TOML: line {line} is not UTF-8; save it as UTF-8"
         ) from error
+
+
+def _held(error: Exception) -> str:
+    """Return what else may be done about a file that cannot be read."""
+    held = isinstance(error, OSError) and is_held(error)
+    return ", and close it in other programs" if held else ""
 
 
 def _fault(content: dict[str, Any]) -> str:

@@ -39,6 +39,7 @@ FAULTS = {
     "encoding": (b"a = 1\nb = '\xff'", "line 2 is not UTF-8; save it as UTF-8"),
     "utf-16": ("a = 1".encode("utf-16"), "line 1 is not UTF-8"),
     "size": (b"#" * (MAX_BYTES + 1), "has more than 256 KiB"),
+    "old line ends": (b"a = 1\rb = 2\r", "a line ends with CR alone, which TOML does not have"),
     "zero": (b"a = '\0'", "is not valid TOML"),
     "line break in a key": (b'"a\\nb" = 2020-01-01', r"a\\nb is a date"),
 }
@@ -83,3 +84,16 @@ def test_files_that_cannot_be_read(tmp_path):
         os.mkfifo(tmp_path / "pipe.toml")
         with pytest.raises(OptionError, match="is not a regular file"):
             read_overrides(tmp_path / "pipe.toml")
+
+
+def test_a_file_that_another_program_keeps_for_itself(path, monkeypatch):
+    path.write_text("a = 1")
+
+    def refuse(*_args, **_keywords):
+        error = PermissionError(13, "Permission denied")
+        error.winerror = 32
+        raise error
+
+    monkeypatch.setattr(Path, "open", refuse)
+    with pytest.raises(OptionError, match="permissions, and close it in other programs"):
+        read_toml(path, OptionError)
