@@ -12,6 +12,7 @@ from typing import Any
 
 from priorfill.errors import DatabaseError, DatabaseFormatError, DatabaseNotFoundError
 from priorfill.runtime.atomic_file import finish_file
+from priorfill.runtime.display import shell_command
 from priorfill.runtime.held_files import is_held, retry_while_held
 
 __all__ = [
@@ -136,8 +137,8 @@ def read_manifest(folder: Path) -> Manifest:
                 f"{folder}: there is no {root}; check the drive, or the connection to the share"
             )
         raise DatabaseNotFoundError(
-            f"{folder}: there is no database; "
-            f"make one with: priorfill db add --database {folder} ..."
+            f"{folder}: there is no database; make one with: "
+            f"{shell_command(['priorfill', 'db', 'add', '--database', folder])} ..."
         )
     if not folder.is_dir():
         raise DatabaseNotFoundError(f"{folder}: is a file; give the folder of a database")

@@ -9,9 +9,10 @@ from priorfill.errors import escaped
 
 __all__ = ["csv_cell", "escaped", "shell_command"]
 
-_DIVIDING = frozenset(" \t&()^;,=@{}'%$`#")
+_DIVIDING = frozenset(" \t&()^;,=@{}'%$`#|<>\u2018\u2019\u201a\u201b")
 """Characters at which cmd or PowerShell divides an argument, or which they interpret, unless the
-argument is in double quotes. Within these, cmd still replaces %NAME% and PowerShell $NAME."""
+argument is in double quotes; for PowerShell, typographic quotes are quotes. Within double quotes,
+cmd still replaces %NAME% and PowerShell $NAME."""
 
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
 """First characters by which spreadsheets take a cell for a formula (OWASP, CSV Injection)."""

@@ -306,6 +306,8 @@ def test_opened_for_reading(folder: Path) -> None:
 def test_no_database(tmp_path: Path) -> None:
     with pytest.raises(DatabaseNotFoundError, match="there is no database; make one with"):
         PriorDatabase.open(tmp_path / "no")
+    with pytest.raises(DatabaseNotFoundError, match=r"--database (['\"]).*lab priors\1 \.\.\."):
+        PriorDatabase.open(tmp_path / "lab priors")
     (tmp_path / "file").write_text("x")
     with pytest.raises(DatabaseNotFoundError, match="is a file"):
         PriorDatabase.open(tmp_path / "file")

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from priorfill.errors import FormatError, OutputError
-from priorfill.runtime.display import csv_cell, escaped
+from priorfill.runtime.display import csv_cell, escaped, shell_command
 
 
 @pytest.mark.parametrize(
@@ -61,3 +61,9 @@ def test_messages_of_errors_are_one_line_of_bounded_length():
     text = str(FormatError("a" * 10**6 + "; remedy"))
     assert len(text) < 2100
     assert text.endswith("a; remedy")
+
+
+@pytest.mark.parametrize("path", ["Anna\u2019s takes", "Anna\u2019s", "a|b", "a&b", "a b"])
+def test_paths_are_quoted_for_shells_of_windows(path: str) -> None:
+    """For PowerShell, typographic quotes are quotes."""
+    assert shell_command(["priorfill", path], windows=True) == f'priorfill "{path}"'
