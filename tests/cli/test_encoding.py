@@ -15,7 +15,7 @@ from db_cli import LABELS, small_clip
 
 from priorfill.cli import encoding, main
 from priorfill.cli import progress as progress_module
-from priorfill.cli.encoding import encodable
+from priorfill.cli.encoding import encodable, replace_what_is_lacking
 from priorfill.cli.output import print_table
 from priorfill.cli.progress import progress
 from priorfill.clip import Clip
@@ -60,6 +60,16 @@ def test_every_sign_is_replaced_by_ascii() -> None:
         assert encodable(sign, _Stream("ascii")) == ascii_text
         assert ascii_text.isascii()
     assert encodable("\udcff", _Stream("utf-8")) == r"\udcff"
+
+
+def test_whatever_writes_to_the_streams(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As click and rich do."""
+    for name in ("stdout", "stderr"):
+        monkeypatch.setattr(sys, name, _Stream("cp1252"))
+    replace_what_is_lacking()
+    for stream in (sys.stdout, sys.stderr):
+        stream.write("\N{LESS-THAN OR EQUAL TO}歩é")
+        assert stream.text() == r"<=\u6b69é"  # type: ignore[attr-defined]
 
 
 def strange_clip(name: str = "clip", *, gaps: bool = True, seed: int = 0) -> Clip:

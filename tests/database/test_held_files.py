@@ -20,7 +20,7 @@ from db_cli import run
 from db_processes import make_clip
 from windows_files import as_on_windows
 
-from priorfill.database import ClipRecord, PriorDatabase, catalogue
+from priorfill.database import ClipRecord, PriorDatabase, catalogue, prior_database
 from priorfill.database.catalogue import Catalogue
 from priorfill.database.segments import SegmentReader
 from priorfill.errors import DatabaseError
@@ -268,6 +268,24 @@ def test_a_reader_that_opens_during_a_compaction(
         assert contents(reader).keys() == {"clip0", "clip2"}
         assert reader.verify() == []
     assert len(calls) == 2
+
+
+@pytest.mark.parametrize("error", [DatabaseError("damaged"), FileNotFoundError(2, "gone")])
+def test_a_reader_whose_catalogue_is_replaced_while_it_opens(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    calls: list[Any] = []
+
+    def late(*given: Any, **more: Any) -> Catalogue:
+        calls.append(given)
+        if len(calls) == 1:
+            remove_and_compact(folder, "clip1")
+            raise error
+        return Catalogue(*given, **more)
+
+    monkeypatch.setattr(prior_database, "Catalogue", late)
+    with PriorDatabase.open(folder) as reader:
+        assert contents(reader).keys() == {"clip0", "clip2"}
 
 
 def test_a_checksum_file_that_is_open(folder: Path) -> None:

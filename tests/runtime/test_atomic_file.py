@@ -352,6 +352,17 @@ def test_a_new_file_that_a_virus_scanner_opens_for_a_moment_gets_its_name(tmp_pa
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"new"]
 
 
+def test_a_name_that_windows_finds_taken_is_kept(tmp_path, monkeypatch):
+    def refuse(path, target):
+        raise FileExistsError(errno.EEXIST, "File exists")
+
+    monkeypatch.setattr(atomic_file, "WINDOWS", True)
+    monkeypatch.setattr(Path, "rename", refuse)
+    with pytest.raises(OutputError, match="appeared while writing"), replace_file(tmp_path / "out"):
+        pass
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_temporary_file_that_a_virus_scanner_opens_for_a_moment_is_removed(tmp_path, refusals):
     refusals.lasts = 3
     with pytest.raises(ValueError, match="first"), replace_file(tmp_path / "out") as temporary:

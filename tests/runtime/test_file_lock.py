@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from priorfill.runtime import file_lock
 from priorfill.runtime.file_lock import LockHeldError, acquire_lock
 
 pytestmark = pytest.mark.windows
@@ -32,8 +33,9 @@ def test_a_held_lock_names_its_holder(tmp_path: Path) -> None:
     lock = acquire_lock(path)
     with pytest.raises(LockHeldError, match=f"^process {os.getpid()} on {socket.gethostname()}$"):
         acquire_lock(path)
-    # Windows lets nobody else read the first byte, which is locked
-    assert path.read_bytes()[1:].decode().startswith(f"process {os.getpid()} on ")
+    with path.open("rb", buffering=0) as file:
+        file.seek(1)  # Windows lets nobody else read the first byte, which is locked
+        assert file.read().decode().startswith(f"process {os.getpid()} on ")
     path.write_text("")  # the holder could not write its name
     with pytest.raises(LockHeldError, match=r"^another process$"):
         acquire_lock(path)
@@ -68,3 +70,9 @@ def test_a_lock_ends_with_its_process(tmp_path: Path, how: str) -> None:
         finally:
             holder.kill()
         acquire_lock(path).release()
+
+
+def test_the_first_byte_is_not_read(tmp_path: Path) -> None:
+    """On Windows it is locked."""
+    (tmp_path / "lock").write_bytes(b"?process 7 on lab-pc\n")
+    assert file_lock._read_holder(tmp_path / "lock") == "process 7 on lab-pc"
