@@ -21,7 +21,7 @@ from priorfill.database.sqlite_address import sqlite_address
 from priorfill.errors import DatabaseFormatError
 from priorfill.runtime.disk_flush import flush_folder
 from priorfill.runtime.held_files import WINDOWS
-from priorfill.runtime.windows_names import MAX_PATH, long_paths_enabled, name_fault
+from priorfill.runtime.windows_names import length_fault, name_fault
 
 __all__ = ["SEGMENTS", "create_database"]
 
@@ -80,14 +80,9 @@ def _check_name(folder: Path) -> None:
     fault = name_fault(str(folder))
     if fault:
         raise DatabaseFormatError(f"{folder}: {fault}; choose another name for the database")
-    length = len(str(folder.absolute())) + _NAMES_INSIDE
-    is_long = length > MAX_PATH and not str(folder).startswith("\\\\?\\")
-    if is_long and not long_paths_enabled():
-        raise DatabaseFormatError(
-            f"{folder}: the paths of its files would have up to {length} characters, and Windows "
-            f"takes {MAX_PATH}; choose a folder with a shorter path, or enable long paths "
-            "(LongPathsEnabled, see docs/windows.md)"
-        )
+    fault = length_fault(str(folder), len(str(folder.absolute())) + _NAMES_INSIDE)
+    if fault:
+        raise DatabaseFormatError(f"{folder}: {fault}")
 
 
 def _check_empty(folder: Path) -> None:

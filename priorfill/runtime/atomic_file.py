@@ -18,7 +18,7 @@ from priorfill.errors import OutputError, PriorfillError
 from priorfill.runtime.disk_flush import flush_file, flush_folder
 from priorfill.runtime.held_files import WINDOWS, is_held, is_open_elsewhere, retry_while_held
 from priorfill.runtime.processes import is_running
-from priorfill.runtime.windows_names import MAX_PATH, long_paths_enabled, name_fault
+from priorfill.runtime.windows_names import length_fault, name_fault
 
 __all__ = ["check_target", "check_writable", "finish_file", "replace_file"]
 
@@ -87,13 +87,9 @@ def _is_same(path: Path, other: Path) -> bool:
 
 def _check_length(given: Path, target: Path) -> None:
     """Raise OutputError if Windows takes no path as long as the file or its temporary one."""
-    length = max(len(str(target)), len(str(target.parent / _temporary_name(target.suffix))))
-    if length > MAX_PATH and not str(target).startswith("\\\\?\\") and not long_paths_enabled():
-        raise OutputError(
-            f"{given}: the path would have {length} characters while it is written, and Windows "
-            f"takes {MAX_PATH}; choose a folder with a shorter path, or enable long paths "
-            "(LongPathsEnabled, see docs/windows.md)"
-        )
+    longest = max(len(str(target)), len(str(target.parent / _temporary_name(target.suffix))))
+    if fault := length_fault(str(target), longest):
+        raise OutputError(f"{given}: {fault}")
 
 
 def _open_elsewhere(path: Path) -> OutputError:

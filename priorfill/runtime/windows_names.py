@@ -8,7 +8,7 @@ import sys
 from contextlib import suppress
 from pathlib import PureWindowsPath
 
-__all__ = ["MAX_PATH", "long_paths_enabled", "name_fault"]
+__all__ = ["MAX_PATH", "length_fault", "long_paths_enabled", "name_fault"]
 
 MAX_PATH = 259
 """Longest path (characters) that Windows takes unless long paths are enabled."""
@@ -53,6 +53,25 @@ def name_fault(path: str) -> str:
         if name.split(".")[0].rstrip().upper() in _DEVICES:
             return f"{name} is the name of a device in Windows"
     return ""
+
+
+def length_fault(path: str, longest: int) -> str:
+    """Return what Windows would not take in the length of a path; empty if it takes it.
+
+    Parameters
+    ----------
+    path : str
+        The path.
+    longest : int
+        Length of the longest path that will be used there (characters).
+    """
+    if longest <= MAX_PATH or path.startswith("\\\\?\\") or long_paths_enabled():
+        return ""
+    return (
+        f"the longest path there would have {longest} characters, and Windows takes {MAX_PATH}; "
+        "choose a folder with a shorter path, or enable long paths (LongPathsEnabled, see "
+        "docs/windows.md)"
+    )
 
 
 def long_paths_enabled() -> bool:

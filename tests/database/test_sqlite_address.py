@@ -15,6 +15,7 @@ from platforms import WINDOWS
 from priorfill.database import PriorDatabase, create_database, database_lock
 from priorfill.database.sqlite_address import sqlite_address
 from priorfill.errors import DatabaseError, DatabaseFormatError, DatabaseNotFoundError
+from priorfill.runtime import windows_names
 
 pytestmark = pytest.mark.windows
 
@@ -98,7 +99,7 @@ def test_folders_that_windows_does_not_take(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, text: str
 ) -> None:
     monkeypatch.setattr(create_database, "WINDOWS", True)
-    monkeypatch.setattr(create_database, "long_paths_enabled", lambda: False)
+    monkeypatch.setattr(windows_names, "long_paths_enabled", lambda: False)
     with pytest.raises(DatabaseFormatError) as caught:
         PriorDatabase.create(tmp_path / name)
     assert text in str(caught.value)

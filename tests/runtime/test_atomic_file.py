@@ -14,7 +14,7 @@ import pytest
 from platforms import WINDOWS, on_wine
 
 from priorfill.errors import OutputError
-from priorfill.runtime import atomic_file, held_files
+from priorfill.runtime import atomic_file, held_files, windows_names
 from priorfill.runtime.atomic_file import check_target, check_writable, replace_file
 
 pytestmark = pytest.mark.windows
@@ -429,7 +429,7 @@ def test_a_path_that_is_too_long_is_refused_before_the_work(tmp_path, monkeypatc
     target = tmp_path / ("y" * 100) / ("z" * 100) / "out.c3d"
     check_target(target)
     monkeypatch.setattr(atomic_file, "WINDOWS", True)
-    monkeypatch.setattr(atomic_file, "long_paths_enabled", lambda: False)
+    monkeypatch.setattr(windows_names, "long_paths_enabled", lambda: False)
     with pytest.raises(OutputError, match=r"Windows takes 259; .* \(LongPathsEnabled"):
         check_target(target)
 
