@@ -22,7 +22,7 @@ _DRIVE = re.compile("[A-Za-z]:")
 
 
 def leads_out(name: str) -> bool:
-    r"""Return whether a name may lead out of the folder that it belongs into, on any system.
+    r"""Return whether a name may lead out of the folder that it belongs in, on any system.
 
     Parameters
     ----------

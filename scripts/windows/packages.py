@@ -40,7 +40,7 @@ NOT_FOR_WINE = ("api-ms-", "_wmi")
 """DLLs that are not unpacked: wine has the first, and the second crashes it."""
 
 NEXT_TO_PYTHON = ("python", "vcruntime")
-"""DLLs that belong into the folder of ``python.exe``."""
+"""DLLs that belong in the folder of ``python.exe``."""
 
 # Warnings, such as those of folders of wheels that an installation of pip names and does not have,
 # are not shown; errors are.
