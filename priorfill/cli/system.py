@@ -20,7 +20,6 @@ __all__ = [
     "TerminatedError",
     "check_memory_limit",
     "end_on_signals",
-    "ended_by_reader",
     "finish_stdout",
     "is_closed_pipe",
     "open_closed_streams",
@@ -122,29 +121,6 @@ def is_closed_pipe(error: OSError) -> bool:
     return WINDOWS and error.errno == errno.EINVAL and error.filename is None
 
 
-def ended_by_reader(error: BaseException) -> bool:
-    """Return whether a command ended because the reader of our output has closed it.
-
-    On Windows, other failures look the same, such as writing to a share that is gone. So an empty
-    line is written to stdout, to see whether that fails, too.
-
-    Parameters
-    ----------
-    error : BaseException
-        What ended the command.
-    """
-    if not isinstance(error, OSError) or not is_closed_pipe(error):
-        return False
-    if isinstance(error, BrokenPipeError):
-        return True
-    try:
-        sys.stdout.write("\n")
-        sys.stdout.flush()
-    except (OSError, ValueError):
-        return True
-    return False
-
-
 def check_memory_limit() -> None:
     """Prepare the libraries for a limit on the address space, as ``ulimit -v`` sets it.
 
@@ -171,12 +147,21 @@ def check_memory_limit() -> None:
     os.environ.setdefault(_BLAS_THREADS, "1")
 
 
+def _missing_root(path: str) -> str:
+    """Return the drive or share of a path if Windows has none; else an empty text."""
+    root = Path(path).absolute().anchor if WINDOWS else ""
+    return "" if not root or Path(root).exists() else root
+
+
 def system_error(error: OSError) -> str:
     """Return an error of the system as a message: where, what, and what to do."""
     what = error.strerror or str(error)
     if error.filename:
         remedy = _REMEDIES.get(error.errno or 0, "check the path")
-        if WINDOWS and len(os.fsdecode(error.filename)) > MAX_PATH:
+        root = _missing_root(os.fsdecode(error.filename)) if error.errno == errno.ENOENT else ""
+        if root:
+            what, remedy = f"there is no {root}", "check the drive, or the connection to the share"
+        elif WINDOWS and len(os.fsdecode(error.filename)) > MAX_PATH:
             remedy = "choose a shorter path, or enable long paths (see docs/windows.md)"
         elif is_held(error):
             remedy += ", and close it in other programs"

@@ -249,3 +249,24 @@ def test_messages_on_paths_say_what_to_do(tmp_path, walk, monkeypatch):
     removed = CliRunner().invoke(main, ["fill", str(walk), "-o", "out.npz"])
     assert removed.exit_code == 1
     assert removed.stderr.startswith("priorfill: the current folder was removed")
+
+
+@pytest.mark.skipif(not WINDOWS, reason="other systems have one root, which is always there")
+@pytest.mark.parametrize("root", ["\\\\no-such-server\\share\\", "Q:\\"])
+def test_a_database_on_a_drive_or_share_that_is_gone(tmp_path: Path, root: str) -> None:
+    truth, _ = make_demo_clip()
+    write(tmp_path / "walk.c3d", truth)
+    result = CliRunner().invoke(
+        main, ["db", "add", "-d", f"{root}priors", str(tmp_path / "walk.c3d")]
+    )
+    assert result.exit_code == 1
+    assert f"there is no {root}; check the drive, or the connection" in result.stderr
+
+
+def test_the_root_of_a_path_is_missing_on_windows_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    error = FileNotFoundError(errno.ENOENT, "Path not found", "priors")
+    assert system.system_error(error) == "priors: Path not found; check the path"
+    monkeypatch.setattr(system, "_missing_root", lambda _: "Q:\\")
+    assert system.system_error(error) == (
+        "priors: there is no Q:\\; check the drive, or the connection to the share"
+    )
