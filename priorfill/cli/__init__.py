@@ -15,12 +15,11 @@ import click
 
 from priorfill.cli.completion import register_shells
 from priorfill.cli.encoding import encodable, replace_what_is_lacking
-from priorfill.cli.output import print_line
+from priorfill.cli.output import ended_by_reader, print_line
 from priorfill.cli.system import (
     TerminatedError,
     check_memory_limit,
     end_on_signals,
-    ended_by_reader,
     finish_stdout,
     open_closed_streams,
     system_error,

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 __all__ = [
     "MAX_ROWS",
     "duration",
+    "ended_by_reader",
     "json_number",
     "print_json",
     "print_line",
@@ -95,6 +96,28 @@ def _errors_explained(*, err: bool = False) -> Iterator[None]:
             f"the standard output cannot be written ({error.strerror}); "
             "what the command has written to files is complete"
         ) from error
+
+
+def ended_by_reader(error: BaseException) -> bool:
+    """Return whether a command ended because the reader of our output has closed it.
+
+    On Windows, other failures look the same, such as writing to a share that is gone. So an empty
+    line is printed, to see whether that fails, too.
+
+    Parameters
+    ----------
+    error : BaseException
+        What ended the command.
+    """
+    if not isinstance(error, OSError) or not is_closed_pipe(error):
+        return False
+    if isinstance(error, BrokenPipeError):
+        return True
+    try:
+        print_line()
+    except OSError as failure:
+        return isinstance(failure, BrokenPipeError)
+    return False
 
 
 def print_json(value: Any) -> None:
