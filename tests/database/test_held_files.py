@@ -5,10 +5,12 @@ Linux shows it by `windows_files.as_on_windows`.
 
 from __future__ import annotations
 
+import ctypes
 import os
 import shutil
 import sqlite3
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import closing, nullcontext
 from pathlib import Path
@@ -444,3 +446,19 @@ def test_a_catalogue_that_another_program_has_locked(
         with pytest.raises(DatabaseError, match=r"locked\); close it in other programs"):
             PriorDatabase.open(folder, write=True)
     assert len(reopened(folder)) == 3
+
+
+@pytest.mark.skipif(sys.platform != "win32", reason="other systems share files with everybody")
+def test_a_catalogue_that_is_being_copied(folder: Path) -> None:
+    """A program that lets others only read is waited for."""
+    kernel = ctypes.WinDLL("kernel32")
+    kernel.CreateFileW.restype = ctypes.c_void_p
+    name = ctypes.c_wchar_p(str(folder / "catalogue.sqlite"))
+    read, share_read, existing = ctypes.c_uint32(0x80000000), 1, 3
+    handle = kernel.CreateFileW(name, read, share_read, None, existing, 0, None)
+    timer = threading.Timer(0.3, kernel.CloseHandle, [ctypes.c_void_p(handle)])
+    timer.start()
+    with PriorDatabase.open(folder, write=True) as database:
+        database.add(make_clip(5))
+    timer.join()
+    assert len(reopened(folder)) == 4
