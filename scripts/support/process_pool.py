@@ -5,10 +5,9 @@ from __future__ import annotations
 import os
 from concurrent.futures import ProcessPoolExecutor
 
-__all__ = ["process_pool"]
+from priorfill.evaluation.runner import MAX_PROCESSES
 
-MAX_PROCESSES = 61
-"""Windows cannot wait for more, and `ProcessPoolExecutor` refuses to start them."""
+__all__ = ["process_pool"]
 
 
 def process_pool(processes: int | None = None) -> ProcessPoolExecutor:
@@ -19,4 +18,5 @@ def process_pool(processes: int | None = None) -> ProcessPoolExecutor:
     processes : int or None
         Number of processes; None: one for each core.
     """
-    return ProcessPoolExecutor(min(processes or os.cpu_count() or 1, MAX_PROCESSES))
+    number = processes or os.cpu_count() or 1
+    return ProcessPoolExecutor(min(number, MAX_PROCESSES or number))
