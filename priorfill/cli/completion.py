@@ -173,8 +173,35 @@ def _query(ctx: click.Context, select: str) -> list[tuple[str, ...]]:
         return connection.execute(f"{select} WHERE removed_in IS NULL ORDER BY 1").fetchall()
 
 
+_CALL = "    try {\n        $response ="
+_CALL_IN_UTF_8 = """\
+    $prev_encoding = [Console]::OutputEncoding
+    try { [Console]::OutputEncoding = [System.Text.Encoding]::UTF8 } catch { }
+    try {
+        $response ="""
+_RESTORE = "    } finally {\n"
+_RESTORE_ENCODING = (
+    f"{_RESTORE}        try {{ [Console]::OutputEncoding = $prev_encoding }} catch {{ }}\n"
+)
+"""In click's script for PowerShell, which reads the names that click prints in UTF-8 by the code
+page of the console; without a console, its encoding cannot be set."""
+
+
 class _PowerShell(PowerShellComplete):
-    r"""Completion in PowerShell, where a backslash is a part of a path, no escape."""
+    r"""Completion in PowerShell, where a backslash is a part of a path, no escape.
+
+    Paths are left to PowerShell, which completes them where a program names nothing, with the
+    quotes that they need; click's script would insert them without.
+    """
+
+    source_template = PowerShellComplete.source_template.replace(_CALL, _CALL_IN_UTF_8).replace(
+        _RESTORE, _RESTORE_ENCODING
+    )
+
+    def get_completions(self, args: list[str], incomplete: str) -> list[CompletionItem[str]]:
+        """Return the completions that are no paths."""
+        found = super().get_completions(args, incomplete)
+        return [item for item in found if item.type == "plain"]
 
     def get_completion_args(self) -> tuple[list[str], str]:
         """Return the arguments before the one to be completed, and what there is of it."""

@@ -99,13 +99,38 @@ def test_a_path_of_windows_in_powershell(priors: Path) -> None:
     }
     done = CliRunner().invoke(main, [], env=environment, prog_name="priorfill")
     assert done.stdout.splitlines()[3:6] == ["plain", "walk1", "Anna"]
-    environment["COMP_WORDS"] = r"priorfill inspect C:\data\wa"
-    environment["COMP_CWORD"] = "2"
+    environment["COMP_WORDS"] = f"priorfill db list -d '{priors}' --name 'wal"  # it goes on
+    environment["COMP_CWORD"] = "6"
     done = CliRunner().invoke(main, [], env=environment, prog_name="priorfill")
-    assert done.stdout.splitlines() == ["file", r"C:\data\wa", "_"]
-    environment["COMP_WORDS"] = "priorfill inspect 'C:\\my data"  # the quotation goes on
+    assert done.stdout.splitlines()[3:6] == ["plain", "walk1", "Anna"]
+
+
+def test_powershell_completes_paths_itself() -> None:
+    """It does where the program names nothing, and quotes them, unlike click's script."""
+    environment = {
+        "_PRIORFILL_COMPLETE": "powershell_complete",
+        "COMP_WORDS": r"priorfill inspect C:\data\wa",
+        "COMP_CWORD": "2",
+    }
     done = CliRunner().invoke(main, [], env=environment, prog_name="priorfill")
-    assert done.stdout.splitlines() == ["file", r"C:\my data", "_"]
+    assert (done.exit_code, done.stdout.strip()) == (0, "")
+
+
+def test_powershell_reads_names_as_utf_8() -> None:
+    """By default, it takes the code page of the console, such as cp850."""
+    environment = {"_PRIORFILL_COMPLETE": "powershell_source"}
+    script = CliRunner().invoke(main, [], env=environment, prog_name="priorfill").stdout
+    kept, changed, called, restored = (
+        script.index(text)
+        for text in (
+            "$prev_encoding = [Console]::OutputEncoding",
+            "[Console]::OutputEncoding = [System.Text.Encoding]::UTF8",
+            "$response = & priorfill",
+            "[Console]::OutputEncoding = $prev_encoding",
+        )
+    )
+    assert kept < changed < called < restored
+    assert script.count("{") == script.count("}")
 
 
 @pytest.mark.parametrize("contents", [b"", b"no database", None])
