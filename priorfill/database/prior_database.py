@@ -35,6 +35,7 @@ from priorfill.database.record import (
 from priorfill.database.record_checks import has_odd_text, printable, with_printable_texts
 from priorfill.database.recovery import (
     check_checksums,
+    file_size,
     find_problems,
     remove_unused,
     unused_bytes,
@@ -842,7 +843,7 @@ class PriorDatabase:
             subjects=len({record.subject for record in records} - {""}),
             frames=sum(record.frames[0] for record in records),
             seconds=sum(record.duration for record in records),
-            bytes=sum(path.stat().st_size for path in files),
+            bytes=sum(map(file_size, files)),
             removed_bytes=max(0, self._segment_bytes() - _bytes_needed(records)),
             leftover_bytes=unused_bytes(self._folder, self._catalogue.segments_list),
             marker_sets=dict(sorted(Counter(record.marker_set for record in records).items())),

@@ -26,7 +26,14 @@ from priorfill.database.segments import (
 from priorfill.errors import DatabaseCorruptError, DatabaseError
 from priorfill.runtime.held_files import is_held
 
-__all__ = ["check_checksums", "find_problems", "remove_file", "remove_unused", "unused_bytes"]
+__all__ = [
+    "check_checksums",
+    "file_size",
+    "find_problems",
+    "remove_file",
+    "remove_unused",
+    "unused_bytes",
+]
 
 
 def find_problems(folder: Path, identity: str, listed: SegmentList) -> dict[int, str]:
@@ -200,16 +207,17 @@ def unused_bytes(folder: Path, listed: SegmentList) -> int:
     result = 0
     for number, unused in listed.unused.items():
         entry = listed.segments.get(number)
-        size = _size(segment_path(folder, number))
+        size = file_size(segment_path(folder, number))
         if size <= unused.size:
             result += max(0, size - (0 if entry is None else entry.size))
-    return result + sum(_size(folder.parent / name) for name in listed.files)
+    return result + sum(file_size(folder.parent / name) for name in listed.files)
 
 
-def _size(path: Path) -> int:
+def file_size(path: Path) -> int:
+    """Return the size of a file; 0 if another process has removed it."""
     try:
         return path.stat().st_size
-    except OSError:  # it has been removed
+    except OSError:
         return 0
 
 

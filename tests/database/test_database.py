@@ -181,6 +181,27 @@ def test_info(folder: Path) -> None:
     assert sum(len(data) for data in snapshot(folder).values()) == 3 * (27 + 14) * 4 * 12
 
 
+def test_info_while_a_commit_removes_its_journal(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with PriorDatabase.create(folder) as database:
+        database.add(make_clip(0))
+        expected = database.info().bytes
+        journal = folder / "catalogue.sqlite-journal"
+        journal.write_bytes(b"unfinished")
+        really = Path.is_symlink
+
+        def removed(path: Path) -> bool:
+            answer = really(path)
+            if path == journal:
+                journal.unlink()
+            return answer
+
+        with monkeypatch.context() as patch:
+            patch.setattr(Path, "is_symlink", removed)
+            assert database.info().bytes == expected
+
+
 def test_marker_set_is_recognised(folder: Path) -> None:
     labels = load("baumann41").labels
     positions = np.random.default_rng(0).normal(0, 300, (60, 41, 3))
