@@ -43,7 +43,7 @@ from priorfill.gp.linalg import power_weights
 from priorfill.gp.problem import GPModel, RegressionProblem
 from priorfill.gp.velocities import VelocityErrorOptions, VelocityPrediction, error_by_speed
 from priorfill.runtime.elementary import power
-from priorfill.runtime.option_checks import check_at_least
+from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["EnsembleOptions", "Regression", "regress"]
 
@@ -97,7 +97,8 @@ class EnsembleOptions:
     velocity_errors: VelocityErrorOptions = field(default_factory=VelocityErrorOptions)
 
     def __post_init__(self) -> None:
-        check_at_least(self, 0.0, "weight_power", "relative_std_power", "prior_blocks")
+        check_at_least(self, 0.0, "weight_power", "prior_blocks")
+        check_between(self, 0.0, 10.0, "relative_std_power")  # beyond, errors overflow
         check_at_least(self, 0.1, "selection_inflation")
         check_at_least(self, 1e-9, "min_expected_rms")
         check_at_least(self, 1, "min_common_poses")

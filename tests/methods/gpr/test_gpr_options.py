@@ -98,6 +98,7 @@ def test_samples_with_a_large_expected_error_stay_missing() -> None:
         ("segments.max_loss", 1.1),
         ("training.max_poses", 1),
         ("training.mirror_poses", 251),
+        ("ensemble.relative_std_power", 11.0),
         ("training.database.rate", 0.0),
         ("correlation.other_subject", -0.1),
         ("search.max_markers", 2),
