@@ -42,7 +42,7 @@ from priorfill.database.record import ClipRecord
 from priorfill.database.segment_list import MAX_SEGMENTS, SegmentList
 from priorfill.database.sqlite_address import sqlite_address
 from priorfill.errors import DatabaseCorruptError, DatabaseError
-from priorfill.runtime.held_files import WINDOWS, is_held, retry_while_held
+from priorfill.runtime.held_files import WINDOWS, is_held, wait_until_writable
 
 __all__ = ["Catalogue", "find_catalogue", "successor"]
 
@@ -114,7 +114,7 @@ class Catalogue:
         except FileNotFoundError as error:
             raise self._missing() from error
         if self._write:
-            self._wait_until_writable()
+            wait_until_writable(self.path)  # SQLite would open it read-only at once
             self._connect("rw")
             self._read_head()
         else:
@@ -136,15 +136,6 @@ class Catalogue:
             with self._reporting_damage():
                 self._check_structure()
         self._may_write_checksum = self._write
-
-    def _wait_until_writable(self) -> None:
-        """Wait for a moment while a program that reads the file lets nobody write to it.
-
-        Windows has such programs (copies, backups). SQLite would open the file read-only at once.
-        """
-        if WINDOWS:
-            with suppress(OSError):  # SQLite reports why
-                retry_while_held(lambda: self.path.open("r+b").close())
 
     def _connect(self, mode: str) -> None:
         if self._connection is not None:

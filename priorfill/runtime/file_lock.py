@@ -12,6 +12,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from priorfill.runtime.held_files import wait_until_writable
+
 if TYPE_CHECKING:
     from filelock import BaseFileLock
 
@@ -66,6 +68,7 @@ def acquire_lock(path: Path) -> BaseFileLock:
         preserve_lock_file=True,
         on_acquired=_write_holder,
     )
+    wait_until_writable(path)  # what is only read there would count as locked
     try:
         lock.acquire(timeout=0)
     except Timeout:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
-__all__ = ["WINDOWS", "is_held", "is_open_elsewhere", "retry_while_held"]
+__all__ = ["WINDOWS", "is_held", "is_open_elsewhere", "retry_while_held", "wait_until_writable"]
 
 _Result = TypeVar("_Result")
 
@@ -87,3 +88,18 @@ def is_open_elsewhere(path: Path) -> bool:
     except OSError as error:
         return getattr(error, "winerror", None) in _SHARING_VIOLATIONS
     return False
+
+
+def wait_until_writable(path: Path) -> None:
+    """Wait for a moment while a program that reads a file lets nobody write to it.
+
+    Copies and backups do so on Windows. Other systems do not know it: returns at once.
+
+    Parameters
+    ----------
+    path : Path
+        A file, which need not exist.
+    """
+    if WINDOWS:
+        with suppress(OSError):  # who writes to it reports why
+            retry_while_held(lambda: path.open("r+b").close())

@@ -449,11 +449,12 @@ def test_a_catalogue_that_another_program_has_locked(
 
 
 @pytest.mark.skipif(sys.platform != "win32", reason="other systems share files with everybody")
-def test_a_catalogue_that_is_being_copied(folder: Path) -> None:
+@pytest.mark.parametrize("file", ["catalogue.sqlite", "lock"])
+def test_a_database_that_is_being_copied(folder: Path, file: str) -> None:
     """A program that lets others only read is waited for."""
     kernel = ctypes.WinDLL("kernel32")
     kernel.CreateFileW.restype = ctypes.c_void_p
-    name = ctypes.c_wchar_p(str(folder / "catalogue.sqlite"))
+    name = ctypes.c_wchar_p(str(folder / file))
     read, share_read, existing = ctypes.c_uint32(0x80000000), 1, 3
     handle = kernel.CreateFileW(name, read, share_read, None, existing, 0, None)
     timer = threading.Timer(0.3, kernel.CloseHandle, [ctypes.c_void_p(handle)])
