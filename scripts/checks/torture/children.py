@@ -93,6 +93,7 @@ def child(options: dict[str, Any], arguments: list[str]) -> None:
         options.get("at", 0),
         late=options.get("late", False),
         for_ever=options.get("for_ever", False),
+        only=options.get("only", ""),
         held=options.get("held", False),
         full=options.get("full", False),
         strike=partial(kill_myself, options["kill"]) if options.get("kill") else None,

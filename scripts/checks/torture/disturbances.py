@@ -20,6 +20,13 @@ AT_A_CALL = 0.3
 AT_A_CALL_OF_STEP = 0.7
 """The same where only one step is disturbed, which takes milliseconds."""
 
+SWITCHING = {"replace": 3, "unlink": 8, "sqlite update": 4}
+"""Calls with which a compaction takes its new catalogue into use and removes the old one, with the
+number of each, among hundreds that copy."""
+
+AT_THE_SWITCH = 0.6
+"""Share of these among the kills at a call of a compaction."""
+
 Disturbance = Callable[[Job, random.Random], tuple[Run | Inline, bool]]
 
 
@@ -53,8 +60,12 @@ def killed_in_step(kind: str, signal_kind: str) -> Disturbance:
     def disturb(job: Job, rng: random.Random) -> tuple[Run | Inline, bool]:
         calls, seconds = rng.choice(job.calls_of[kind]), job.seconds_of[kind]
         if rng.random() < AT_A_CALL_OF_STEP:
+            only = ""
+            if kind == "compact" and rng.random() < AT_THE_SWITCH:
+                only, calls = rng.choice(list(SWITCHING.items()))
             at, late = rng.randint(1, calls), rng.random() < 0.5
-            run = job.processes.start(job.with_faults(at=at, late=late, kill=int(number), step=0))
+            options = {"at": at, "late": late, "only": only, "kill": int(number), "step": 0}
+            run = job.processes.start(job.with_faults(**options))
             return run, run.end() != 0
         run = job.processes.start(job.plain())
         run.wait_for_lines(1, "begin 0 ")
