@@ -8,7 +8,9 @@ the parameters that are paths expand themselves.
 
 from __future__ import annotations
 
+import ntpath
 import os
+import re
 from collections.abc import Sequence
 from glob import escape, glob
 from pathlib import Path
@@ -22,6 +24,10 @@ if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
 __all__ = ["FILE", "FOLDER", "PathArgument", "expand_wildcards"]
+
+
+_DRIVE_INSIDE = re.compile(r"[\\/][A-Za-z]:")
+"""A drive behind a folder. pathlib drops the folder (Python 3.11) and means the drive."""
 
 
 def expand_wildcards(texts: Sequence[str]) -> list[str]:
@@ -72,7 +78,7 @@ class _PathText(click.Path):
         self._completed_as = completed_as
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return a Path; on Windows, refuse what the shell divided wrongly."""
+        """Return a Path; on Windows, refuse what the shell divided wrongly, or names two drives."""
         if WINDOWS and isinstance(value, str):
             if '"' in value:
                 self.fail(
@@ -82,6 +88,13 @@ class _PathText(click.Path):
                     ctx,
                 )
             value = _with_home(value)
+            if _DRIVE_INSIDE.search(ntpath.splitdrive(value)[1]):
+                self.fail(
+                    f"{value} has a drive behind a folder, where Windows allows no colon; "
+                    "correct the path",
+                    param,
+                    ctx,
+                )
         return super().convert(value, param, ctx)
 
     def shell_complete(

@@ -81,6 +81,25 @@ def test_a_backslash_before_a_quotation_mark(here: Path) -> None:
     assert "leave the last backslash out" in done.stderr
 
 
+@pytest.mark.usefixtures("windows")
+@pytest.mark.parametrize("path", ["out/C:x.c3d", ".\\C:x.c3d", "Z:\\out\\c:\\x.c3d"])
+def test_a_drive_behind_a_folder_is_refused(here: Path, path: str) -> None:
+    """pathlib of Python 3.11 drops the folder, so the file would be written elsewhere."""
+    write(here / "a.npz", small_clip("a"))
+    for arguments in (["fill", "a.npz", "-o", path], ["db", "add", "-d", path, "a.npz"]):
+        done = run(*arguments)
+        assert done.exit_code == 2
+        assert "has a drive behind a folder" in done.stderr
+    assert [file.name for file in here.iterdir()] == ["a.npz"]
+
+
+@pytest.mark.parametrize(
+    "path", ["C:x.c3d", "z:\\a\\x.c3d", "\\\\?\\Z:\\a\\x.c3d", "\\\\server\\share\\x.c3d", "ab:x"]
+)
+def test_paths_with_one_drive_are_taken(windows: None, path: str) -> None:
+    assert str(path_types.FILE.convert(path, None, None)) == str(Path(path))
+
+
 @pytest.mark.windows
 def test_through_the_program(here: Path) -> None:
     """Files are expanded by the shell or the program, patterns by neither."""
