@@ -5,6 +5,7 @@ from __future__ import annotations
 import _thread
 import multiprocessing as mp
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -83,6 +84,16 @@ class _Slow(gap_case.GapCase):
 
     def __reduce__(self) -> tuple[object, ...]:
         return time.sleep, (self.SECONDS,)
+
+
+def test_workers_leave_interrupts_to_their_parent(monkeypatch: pytest.MonkeyPatch) -> None:
+    ignored: list[int] = []
+    monkeypatch.setattr(signal, "SIGBREAK", 21, raising=False)
+    monkeypatch.setattr(signal, "signal", lambda number, action: ignored.append(number))
+    for name in ("limit_threads", "threadpool_limits"):
+        monkeypatch.setattr(runner, name, lambda number: None)
+    runner._begin(())
+    assert ignored == [signal.SIGINT, 21]
 
 
 def test_windows_has_a_maximum_of_processes(monkeypatch: pytest.MonkeyPatch) -> None:
