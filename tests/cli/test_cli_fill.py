@@ -17,7 +17,7 @@ import pytest
 from c3d_bytes import LABELS, C3DFile, standing
 from click.testing import CliRunner, Result
 from gappy import ARM, person, with_gaps
-from platforms import on_wine
+from platforms import WINDOWS, on_wine
 
 import priorfill as pf
 from priorfill.cli import main
@@ -600,9 +600,10 @@ def test_interpolated_samples_count_as_filled(folder: Path) -> None:
 
 def test_what_was_written_but_not_added(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     line = ["fill", "walk.c3d", "-o", "my out.c3d", "-d", "db", "--add-to-database"]
+    name = '"my out.c3d"' if WINDOWS else "'my out.c3d'"
     later = (
         "my out.c3d is written but not added; add it later with: priorfill db accept "
-        "--database db 'my out.c3d' --original walk.c3d --method gpr"
+        f"--database db {name} --original walk.c3d --method gpr"
     )
     with PriorDatabase.create("db"):
         result = run(*line)
