@@ -80,11 +80,11 @@ def log(values: ArrayLike) -> _Floats:
     Parameters
     ----------
     values : array_like
-        Above 0 and finite.
 
     Returns
     -------
     ndarray [shape as given]
+        Minus infinity for 0, NaN below.
 
     Examples
     --------
@@ -93,7 +93,9 @@ def log(values: ArrayLike) -> _Floats:
     """
     from priorfill.runtime.elementary_kernels import LN2_HIGH, LN2_LOW  # numba is slow to import
 
-    mantissa, exponent = np.frexp(np.asarray(values, dtype=np.float64))
+    given = np.asarray(values, dtype=np.float64)
+    usual = (given > 0.0) & (given < math.inf)
+    mantissa, exponent = np.frexp(np.where(usual, given, 1.0))
     small = mantissa < math.sqrt(0.5)
     exponent = exponent - small
     f = np.where(small, 2.0 * mantissa, mantissa) - 1.0
@@ -101,7 +103,9 @@ def log(values: ArrayLike) -> _Floats:
     half = 0.5 * f * f
     series = _polynomial(LOG_COEFFICIENTS, s * s) * (s * s)
     low = s * (half + series) + exponent * LN2_LOW
-    return np.asarray(exponent * LN2_HIGH - ((half - low) - f))
+    result = exponent * LN2_HIGH - ((half - low) - f)
+    limit = np.where(given == 0.0, -math.inf, np.where(given == math.inf, math.inf, math.nan))
+    return np.asarray(np.where(usual, result, limit))
 
 
 def hypot(one: ArrayLike, other: ArrayLike) -> _Floats:

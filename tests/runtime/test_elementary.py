@@ -38,6 +38,11 @@ def test_exp_of_extreme_values() -> None:
     np.testing.assert_array_equal(found, [np.nan, np.inf, 0.0, 0.0, np.inf, 1.0])
 
 
+def test_log_of_extreme_values() -> None:
+    found = elementary.log([0.0, -1.0, np.nan, np.inf, 5e-324])
+    np.testing.assert_allclose(found, [-np.inf, np.nan, np.nan, np.inf, -744.4400719213812])
+
+
 def test_shapes_are_kept() -> None:
     assert elementary.exp(1.0).shape == ()
     assert elementary.exp(np.zeros((2, 0))).shape == (2, 0)
