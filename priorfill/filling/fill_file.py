@@ -185,7 +185,7 @@ def fill_file(
     >>> filled.missing.sum() < make_demo_clip()[1].missing.sum()
     np.True_
     """
-    source, output, files = Path(source), Path(output), files or FileOptions()
+    source, output, files = Path(source), Path(str(output)), files or FileOptions()
     prior, overrides = _check(source, output, database, files, arguments)
     clips = read_subjects(source, **files.reading)
     others = _read_same_subject(same_subject, source, clips, files)

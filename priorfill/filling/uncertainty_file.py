@@ -53,7 +53,7 @@ def check_uncertainty(
     OutputError
         If the folder takes no files, the file exists already, or is one of the others.
     """
-    path = Path(path)
+    path = Path(str(path))  # as in `check_target`
     _check_suffix(path)
     target = check_target(path, overwrite=overwrite, source=source)
     if output is not None and _is_same(target, output.resolve()):
@@ -106,7 +106,7 @@ def uncertainty_file(
     OutputError
         If the file exists already or cannot be written.
     """
-    path = Path(path)
+    path = Path(str(path))  # as in `check_target`
     _check_suffix(path)
     with replace_file(path, overwrite=overwrite) as temporary:
         if path.suffix.lower() == ".csv":

@@ -394,7 +394,7 @@ def write(
     >>> report.samples
     0
     """
-    path = Path(path)
+    path = Path(str(path))  # as in `check_target`
     source = clip.source
     form = _output_format(path, source.format if source is not None else None)
     copy, create = FORMATS[form].copy, FORMATS[form].create

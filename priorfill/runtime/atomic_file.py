@@ -51,7 +51,7 @@ def check_target(path: Path | str, *, overwrite: bool = False, source: Path | No
         If the path is the source, no regular file, write-protected, or an existing file (without
         `overwrite`), or if its folder neither exists nor can be created.
     """
-    given = Path(path)
+    given = Path(str(path))  # Path(Path("out/C:x")) is C:x in Python 3.11
     if WINDOWS and (fault := name_fault(str(given))):
         raise OutputError(f"{given}: {fault}; choose another name")
     target = Path(os.path.realpath(given))
@@ -173,7 +173,7 @@ def replace_file(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]
         If `path` is no possible target (see `check_target`), appears while the block runs (without
         `overwrite`), is open in another program (on Windows), or the system refuses to write.
     """
-    given = Path(path)
+    given = Path(str(path))  # Path(Path("out/C:x")) is C:x in Python 3.11
     target = check_target(given, overwrite=overwrite)
     temporary = target.parent / _temporary_name(target.suffix.lower())
     try:

@@ -487,3 +487,15 @@ class TestOpenFiles:
     def test_a_drive_that_does_not_exist(self):
         with pytest.raises(OutputError, match=r"there is no B:\\; check the drive"):
             check_target("B:/walks/out.c3d")
+
+
+@pytest.mark.skipif(not WINDOWS, reason="elsewhere, a path has no drive")
+def test_a_drive_behind_a_folder_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """pathlib of Python 3.11 drops the folder when it makes a path of a path."""
+    monkeypatch.chdir(tmp_path)
+    for path in ("out/C:x.npz", Path("out/C:x.npz")):
+        for use in (check_target, lambda path: replace_file(path).__enter__()):
+            with pytest.raises(OutputError, match="Windows allows in no name"):
+                use(path)
