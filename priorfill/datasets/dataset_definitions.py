@@ -128,7 +128,7 @@ def find_dataset(name: str) -> Dataset:
     --------
     known_datasets
     """
-    if name.endswith(".toml"):
+    if name.lower().endswith(".toml"):
         return _read(Path(name))
     datasets = {dataset.name: dataset for dataset in known_datasets()}
     if name not in datasets:

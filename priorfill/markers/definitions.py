@@ -73,7 +73,7 @@ def load(name_or_path: str | Path) -> MarkerSet:
     'left_thigh'
     """
     path = Path(name_or_path)
-    if path.suffix == ".toml" or len(path.parts) > 1:
+    if path.suffix.lower() == ".toml" or len(path.parts) > 1:
         return _read(path)
     sets = available()
     if str(name_or_path) not in sets:

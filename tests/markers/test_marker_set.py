@@ -528,3 +528,12 @@ def test_a_home_that_cannot_be_read(monkeypatch, error):
     monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)
     monkeypatch.setattr("pathlib.Path.home", refuse)
     assert "plug-in-gait" in available()
+
+
+def test_the_suffix_of_a_definition_in_upper_case(tmp_path: Path) -> None:
+    path = tmp_path / "MINE.TOML"
+    with pytest.raises(MarkerSetError, match=r"MINE\.TOML: cannot be read"):
+        load(path.name)
+    path.write_text("a = 1", encoding="utf-8")
+    with pytest.raises(MarkerSetError):
+        load(str(path))
