@@ -28,8 +28,8 @@ _REPLACEMENTS = {
     "\N{LEFT DOUBLE QUOTATION MARK}": '"',
     "\N{RIGHT DOUBLE QUOTATION MARK}": '"',
 }
-"""Signs that have a common spelling in ASCII. Other characters are shown as escape sequences, so
-that two labels or file names never look the same."""
+"""Signs that have a common spelling in ASCII. Other characters are shown as escape sequences, not
+as question marks, with which labels and file names would look the same."""
 
 _HANDLER = "priorfill-readable"
 """Name under which Python knows `_readable`."""
