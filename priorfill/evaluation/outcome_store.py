@@ -24,7 +24,7 @@ from priorfill.evaluation.evaluation_plan import EvaluationPlan, FillJob
 from priorfill.evaluation.evaluation_results import FILES
 from priorfill.evaluation.gap_case import FillOutcome, GapSource
 from priorfill.evaluation.metrics import MEASURES
-from priorfill.runtime.atomic_file import replace_file
+from priorfill.runtime.atomic_file import check_target, replace_file
 from priorfill.runtime.held_files import is_held, retry_while_held
 
 __all__ = ["OutcomeStore"]
@@ -72,6 +72,9 @@ class OutcomeStore:
                     f"{folder}: holds an evaluation with {differs}; take the same options, "
                     "another folder, or `overwrite`"
                 )
+            for name in FILES:  # before the work, as they are replaced at its end
+                for file in folder.glob(name):
+                    check_target(file, overwrite=True)
         try:
             (folder / CASES).mkdir(parents=True, exist_ok=True)
             if overwrite:  # results of the evaluation that is replaced: first, as users open them

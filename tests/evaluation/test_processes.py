@@ -128,6 +128,26 @@ def test_an_evaluation_whose_table_is_open(tmp_path: Path, monkeypatch: pytest.M
     assert evaluate(clip, **line, options=again).worked
 
 
+@pytest.mark.windows
+def test_an_open_table_is_noticed_before_the_fills(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clip = synthesise("walking", seconds=1.0)
+    line = {"methods": "linear", "protocol": "frames", "output": tmp_path}
+    evaluate(clip, **line)
+    next((tmp_path / "cases").iterdir()).unlink()
+    kept = len(list((tmp_path / "cases").iterdir()))
+    if sys.platform != "win32":
+        module = "priorfill.runtime.atomic_file"
+        monkeypatch.setattr(f"{module}.is_open_elsewhere", lambda path: path.name == "gaps.csv")
+    with (
+        (tmp_path / "gaps.csv").open(),
+        pytest.raises(OutputError, match=r"gaps\.csv: is open in another program"),
+    ):
+        evaluate(clip, **line)
+    assert len(list((tmp_path / "cases").iterdir())) == kept
+
+
 def _refused(path: Path, missing_ok: bool = False) -> None:
     if path.name == "gaps.csv":
         raise PermissionError(13, "Permission denied", str(path))
