@@ -40,12 +40,13 @@ def main() -> int:
             maker = (sys.executable, str(HERE / "long_clip.py"), str(clip))
             run([*maker, *size, "--markers", arguments.markers])
         output = Path(folder) / f"filled{clip.suffix}"
+        size_mb = clip.stat().st_size / 1e6
         read = run([*CLI, "inspect", str(clip), "--json"])
         fill = run(
             [*CLI, "fill", str(clip), "-o", str(output), "--method", arguments.method],
             accepted=DONE,
         )
-    print(f"file     {clip.stat().st_size / 1e6 if clip.exists() else 0:8.0f} MB")
+    print(f"file     {size_mb:8.0f} MB")
     for name, cost in (("inspect", read), ("fill", fill)):
         print(f"{name:8s} {cost.memory:8.0f} MB {cost.cpu:8.1f} s CPU {cost.wall:8.1f} s wall")
     print(fill.output)
