@@ -54,8 +54,13 @@ def test_a_script_from_a_pipe_gets_one_line() -> None:
 
 
 @pytest.mark.windows
-def test_an_interrupt_ends_the_wait_for_a_fill(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupt_ends_the_wait_for_a_fill(
+    monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
     """Windows looks at signals only between waits."""
+    # a program in the background of a shell ignores Ctrl-C
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
     clip = synthesise("walking", seconds=1.0)
     alone = evaluate(clip, methods="linear", protocol="frames")
     plan = replace(alone.plan, cases=(_Slow(0, "slow", 1, ()),))
