@@ -1,7 +1,7 @@
 # ruff: noqa: N802  (the names are those of the API)
 """A stub of the Nexus API 1.0.3 that behaves as its documentation says, faults included.
 
-Lists in, lists out; trials of which all frames are returned; errors on stderr instead of
+Lists in, lists out; all frames of a trial in each call; errors on stderr instead of
 exceptions; `SetTrajectory` that changes the lists it gets; nothing of the application from within.
 """
 
