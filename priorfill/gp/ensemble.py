@@ -380,8 +380,9 @@ def _calibrate(validation: _CrossValidation, options: EnsembleOptions) -> tuple[
     if factor < options.min_expected_rms:  # a clip without movement
         return options.min_expected_rms, BOUND_FACTOR
     bound = float(np.quantile(ratio, BOUND_COVERAGE)) / factor
-    towards = float(power(bound, known)) * float(power(BOUND_FACTOR, 1.0 - known))
-    return float(power(factor, known)), towards
+    # both tend to their usual values where few blocks were held out
+    shrunk = power(bound, known) * power(BOUND_FACTOR, 1.0 - known)
+    return float(power(factor, known)), float(shrunk)
 
 
 def _predicted_velocity(
