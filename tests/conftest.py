@@ -6,8 +6,10 @@ import os
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from browser import PageOpener, chromium
 from hypothesis import settings
 
 # the first call of a compiled function takes seconds while it is compiled
@@ -41,3 +43,22 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PRIORFILL_DEBUG", raising=False)
     return tmp_path
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """Chromium, once a process of the tests."""
+    with chromium() as started:
+        yield started
+
+
+@pytest.fixture
+def open_page(browser: Any) -> Iterator[PageOpener]:
+    """Open pages; the test fails if one prints to the console, has an error, or uses a network.
+
+    A test that expects such faults clears ``open_page.faults``.
+    """
+    opener = PageOpener(browser)
+    yield opener
+    opener.close()
+    opener.expect_no_faults()

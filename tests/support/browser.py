@@ -1,0 +1,142 @@
+"""A browser for tests of pages: Chromium, which Playwright drives without a network."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+
+__all__ = ["PageOpener", "chromium", "find_chromium"]
+
+NAMES = (
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+    "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
+    "C:/Program Files/Google/Chrome/Application/chrome.exe",
+)
+"""Programs looked for where ``PRIORFILL_CHROMIUM`` names none."""
+
+ARGUMENTS = (
+    "--no-sandbox",  # there is none for root, the user of containers
+    "--disable-gpu",
+    "--disable-dev-shm-usage",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+)
+
+DESKTOP = (1920, 1080)
+LAPTOP = (1366, 768)
+"""Sizes of windows (pixels)."""
+
+
+def find_chromium() -> str | None:
+    """Return the path of the system's Chromium."""
+    given = os.environ.get("PRIORFILL_CHROMIUM")
+    return given or next(filter(None, map(shutil.which, NAMES)), None)
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """Start Chromium; the test is skipped where it is not installed."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+    path = find_chromium()
+    if path is None:
+        pytest.skip("no Chromium: install it, or let PRIORFILL_CHROMIUM name it")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=path, args=list(ARGUMENTS))
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+class PageOpener:
+    """Opens pages, and notes what a page must not do.
+
+    Attributes
+    ----------
+    faults : list of str
+        Messages on the console, errors of scripts, and requests to other places than the page's own.
+    """
+
+    def __init__(self, browser: Any) -> None:
+        self._browser = browser
+        self._contexts: list[Any] = []
+        self.faults: list[str] = []
+
+    def __call__(
+        self,
+        address: Path | str,
+        *,
+        size: tuple[int, int] = LAPTOP,
+        dark: bool = False,
+        ready: str | None = None,
+        **context: Any,
+    ) -> Any:
+        """Open a file, without a network, or an address of this computer.
+
+        Parameters
+        ----------
+        address : Path or str
+            The page.
+        size : tuple of int
+            Width and height of the window (pixels).
+        dark : bool
+            Whether the user prefers dark pages.
+        ready : str, optional
+            Expression in JavaScript to wait for.
+        **context
+            More arguments of ``new_context``.
+        """
+        local = isinstance(address, Path)
+        url = Path(address).resolve().as_uri() if local else str(address)
+        made = self._browser.new_context(
+            viewport={"width": size[0], "height": size[1]},
+            color_scheme="dark" if dark else "light",
+            offline=local,
+            accept_downloads=True,
+            **context,
+        )
+        self._contexts.append(made)
+        page = made.new_page()
+        page.set_default_timeout(15_000)
+        page.on("console", lambda message: self.faults.append(f"console: {message.text}"))
+        page.on("pageerror", lambda error: self.faults.append(f"error: {error}"))
+        page.on("request", lambda request: self._note_request(url, request.url))
+        page.goto(url)
+        if ready is not None:
+            page.wait_for_function(ready)
+        return page
+
+    def close(self) -> None:
+        """Close all pages."""
+        for context in self._contexts:
+            context.close()
+
+    def expect_no_faults(self, allowed: Sequence[str] = ()) -> None:
+        """Fail if a page did what it must not.
+
+        Parameters
+        ----------
+        allowed : sequence of str
+            Texts; faults with one of them are expected.
+        """
+        faults = [fault for fault in self.faults if not any(text in fault for text in allowed)]
+        assert not faults, faults
+
+    def _note_request(self, own: str, requested: str) -> None:
+        one, other = urlsplit(own), urlsplit(requested)
+        if other.scheme in ("data", "blob"):
+            return
+        same = (one.scheme, one.netloc) == (other.scheme, other.netloc)
+        if not same or (one.scheme == "file" and one.path != other.path):
+            self.faults.append(f"request: {requested}")
