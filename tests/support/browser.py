@@ -65,7 +65,7 @@ class PageOpener:
     Attributes
     ----------
     faults : list of str
-        Messages on the console, errors of scripts, and requests to other places than the page's own.
+        Messages on the console, errors of scripts, and requests to other places than the page.
     """
 
     def __init__(self, browser: Any) -> None:
