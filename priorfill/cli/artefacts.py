@@ -99,15 +99,15 @@ def warn_of_artefacts(facts: Sequence[dict[str, Any]], file: str) -> None:
         )
 
 
-def print_left_as_measured(result: Result, file: Path, output: Path) -> None:
+def print_left_as_measured(result: Result, file: Path, output: Path | None) -> None:
     """Print on stderr which samples were rejected but not filled.
 
     Parameters
     ----------
     result : Result
         Of a fill.
-    file, output : Path
-        The file with gaps and the filled file.
+    file, output : Path or None
+        The file with gaps and the filled file; None after a dry run.
     """
     left = result.rejected & ~result.filled
     if not left.any():
@@ -115,9 +115,10 @@ def print_left_as_measured(result: Result, file: Path, output: Path) -> None:
     labels = [
         label for label, column in zip(result.clip.labels, left.T, strict=True) if column.any()
     ]
+    same = "stay as measured" if output is None else f"are the same in {output} as in {file}"
     print_line(
         f"left as measured: {int(left.sum())} rejected samples of {some_names(labels)} were not "
-        f"filled; they are the same in {output} as in {file}",
+        f"filled; they {same}",
         err=True,
     )
 

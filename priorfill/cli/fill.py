@@ -43,9 +43,9 @@ def _values(
     "-o",
     metavar="OUT",
     type=FILE,
-    required=True,
     help="File to write: a copy of FILE with its gaps filled, or a new file if the suffix is of "
-    "another format (.c3d .trc .npz .mat).",
+    "another format (.c3d .trc .npz .mat). Without it, the gaps are filled and listed, but not "
+    "written.",
 )
 @click.option(
     "--database",
@@ -167,7 +167,7 @@ def _values(
 @reading_options
 def fill(
     file: Path,
-    output: Path,
+    output: Path | None,
     database: Path | None,
     threads: int | None,
     as_json: bool,
@@ -179,6 +179,9 @@ def fill(
     --reject-artefacts or --overrides treat as missing). The recording itself, if the database
     holds it, is not learnt from. Each subject of a file is filled by itself.
 
+    Without --output this is a dry run: the table shows what would be filled and how far off it may
+    be, and no filled file is written.
+
     Exit status 0: done; 3: done, but not all gaps could be filled; 1: failed; 2: wrong usage.
     """
     from priorfill.filling.fill_file import fill_file
@@ -188,6 +191,8 @@ def fill(
     if threads is not None:
         limit_threads(threads)
     check_database_options(database, given)
+    if output is None and given["add_to_database"]:
+        raise click.UsageError("--add-to-database needs a file to write; name it (--output)")
     with progress(None, f"filling {file.name}") as show:
         done = fill_file(
             file,

@@ -47,7 +47,7 @@ def fill_facts(done: FileResult) -> dict[str, Any]:
     added = [_added_facts(one) for one in done.added]
     return {
         "file": str(done.source),
-        "output": str(done.output),
+        "output": str(done.output) if done.output else None,
         "uncertainty": str(done.uncertainty) if done.uncertainty else None,
         "method": result.method,
         "database": str(result.database) if result.database else None,
@@ -91,12 +91,14 @@ def print_fill(done: FileResult, *, every_row: bool = False) -> None:
     if result.gaps:
         print_gaps(result, rows)
         print_line()
-        print_line(f"{_summary(result)}; written to {done.output}")
+        print_line(f"{_summary(result)}; {_written(done)}")
         if done.report.rounding_mm > MIN_ROUNDING:
             print_line(
                 "filled samples are rounded to the file's number format, by up to "
                 f"{done.report.rounding_mm:.3f} mm"
             )
+    elif done.output is None:
+        print_line(f"{result.clip.name} has no gaps; nothing to write")
     else:
         print_line(f"{result.clip.name} has no gaps; {done.output} is a copy")
     if result.rejected.any():
@@ -251,6 +253,14 @@ def _summary(result: Result) -> str:
         f"filled {int(result.filled.sum())} samples with {result.method}; "
         f"{complete} of {len(requested)} gaps complete" + (f", {alone} left alone" if alone else "")
     )
+
+
+def _written(done: FileResult) -> str:
+    """Return where the filled clip is, or how to write it."""
+    if done.output is not None:
+        return f"written to {done.output}"
+    suffix = done.source.suffix or ".c3d"
+    return f"dry run, no filled file was written; write it with: -o OUT{suffix}"
 
 
 def _added_facts(added: AddedClip | None) -> dict[str, Any]:

@@ -1,4 +1,8 @@
-"""Fill the gaps of a file: read, fill each subject, write, and add to a database."""
+"""Fill the gaps of a file: read, fill each subject, write, and add to a database.
+
+Without an output this is a dry run: the same fill, of which nothing is written but what was
+requested in addition.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +43,7 @@ class FileOptions:
         How to interpret the file; see `priorfill.read`.
     uncertainty : Path or str, optional
         File for the expected error of each filled sample, .npz or .csv. It appears together with
-        the output, or neither appears.
+        the output, or neither appears; without an output it is written by itself.
     rewrite : bool
         Write a C3D file anew, with float coordinates, instead of a copy with filled samples.
     overwrite : bool
@@ -81,14 +85,16 @@ class FileResult:
 
     Attributes
     ----------
-    source, output : Path
-        The file with gaps and the filled file.
+    source : Path
+        The file with gaps.
+    output : Path or None
+        The filled file; None after a dry run.
     uncertainty : Path or None
         The file with the expected error of each filled sample, if one was requested.
     result : Result
         The fill; of several subjects merged.
     report : WriteReport
-        What writing the output changed.
+        What writing the output changed; nothing after a dry run.
     artefacts : tuple of Artefact
         Artefacts of the file: those rejected, or those found and kept as measured.
     added : tuple of AddedClip or None
@@ -115,7 +121,7 @@ class FileResult:
     """
 
     source: Path
-    output: Path
+    output: Path | None
     uncertainty: Path | None
     result: Result
     report: WriteReport
@@ -126,7 +132,7 @@ class FileResult:
 
 def fill_file(
     source: Path | str,
-    output: Path | str,
+    output: Path | str | None = None,
     *,
     database: Path | str | None = None,
     same_subject: Sequence[Path | str] = (),
@@ -143,8 +149,9 @@ def fill_file(
     ----------
     source : Path or str
         The file with gaps.
-    output : Path or str
+    output : Path or str, optional
         The file to write: a copy of the source, or a new file if its suffix is of another format.
+        None is a dry run: everything is filled, but no filled file is written.
     database : Path or str, optional
         Folder of the prior database to learn from.
     same_subject : sequence of Path or str
@@ -185,7 +192,8 @@ def fill_file(
     >>> filled.missing.sum() < make_demo_clip()[1].missing.sum()
     np.True_
     """
-    source, output, files = Path(source), Path(str(output)), files or FileOptions()
+    source, files = Path(source), files or FileOptions()
+    output = None if output is None else Path(str(output))
     prior, overrides = _check(source, output, database, files, arguments)
     clips = read_subjects(source, **files.reading)
     others = _read_same_subject(same_subject, source, clips, files)
@@ -197,7 +205,7 @@ def fill_file(
         found = merge_artefacts(subjects, [find_artefacts(clip) for clip in clips])
     arguments["overrides"] = overrides
     result = fill(clips, database=prior, same_subject=others, **arguments)
-    result = _within_range(_with_reading(result, files.reading), clips, output, files)
+    result = _within_range(_with_reading(result, files.reading), clips, output or source, files)
     done = FileResult(
         source,
         output,
@@ -206,14 +214,14 @@ def fill_file(
         _write(output, result, files),
         result.artefacts if searched else found,
     )
-    if database is None or not files.add_to_database:
+    if output is None or database is None or not files.add_to_database:
         return done
-    return _add(done, Path(database), files)
+    return _add(done, output, Path(database), files)
 
 
 def _check(
     source: Path,
-    output: Path,
+    output: Path | None,
     database: Path | str | None,
     files: FileOptions,
     arguments: FillKeywords,
@@ -226,7 +234,10 @@ def _check(
     overrides = arguments.get("overrides")
     if isinstance(overrides, (str, Path)):
         overrides = read_overrides(overrides)
-    formats.check_output(output, source=source, overwrite=files.overwrite, rewrite=files.rewrite)
+    if output is not None:
+        formats.check_output(
+            output, source=source, overwrite=files.overwrite, rewrite=files.rewrite
+        )
     if files.uncertainty is not None:
         check_uncertainty(
             files.uncertainty, source=source, output=output, overwrite=files.overwrite
@@ -234,6 +245,10 @@ def _check(
     if files.add_to_database:
         if database is None:
             raise OptionError("the result cannot be added to a database; give one (`database`)")
+        if output is None:
+            raise OptionError(
+                "a dry run adds nothing to a database; give the file to write (`output`)"
+            )
         if can_create_database(Path(database)):
             database = None
     return database, overrides
@@ -297,25 +312,27 @@ def _within_range(
     return leave_missing(result, clips, beyond, reason)
 
 
-def _write(output: Path, result: Result, files: FileOptions) -> WriteReport:
-    """Write the filled clip and its uncertainty: both or neither."""
+def _write(output: Path | None, result: Result, files: FileOptions) -> WriteReport:
+    """Write the filled clip, unless this is a dry run, and its uncertainty: both or neither."""
     with ExitStack() as stack:
         if files.uncertainty is not None:
             writing = uncertainty_file(files.uncertainty, result, overwrite=files.overwrite)
             stack.enter_context(writing)
+        if output is None:
+            return WriteReport(0, 0.0)
         return formats.write(
             output, result.clip, result.filled, overwrite=files.overwrite, rewrite=files.rewrite
         )
 
 
-def _add(done: FileResult, database: Path, files: FileOptions) -> FileResult:
+def _add(done: FileResult, output: Path, database: Path, files: FileOptions) -> FileResult:
     """Add each subject to a database; a failure does not undo what was written."""
     added: list[AddedClip | None] = []
     failure: DatabaseError | None = None
     merged = done.result.clip if done.result.subjects else None
     for one in done.result.by_subject:
         try:
-            added.append(add_subject(database, one, merged, done.output, files.reading))
+            added.append(add_subject(database, one, merged, output, files.reading))
         except (PriorfillError, OSError) as error:
             subject = files.subject if merged is None else one.clip.subject
             failure = _not_added(error, database, done, replace(files, subject=subject))

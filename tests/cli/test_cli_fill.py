@@ -398,6 +398,25 @@ def test_uncertainty_that_links_to_another_file(
 
 
 @pytest.mark.windows
+def test_dry_run(folder: Path, database: Path) -> None:
+    before = listing()
+    result = run("fill", "spot.c3d", "-m", "linear")
+    assert result.exit_code == 3, result.output  # C7 is never visible
+    assert "no filled file was written; write it with: -o OUT.c3d" in result.stdout
+    assert listing() == before
+    result = run("fill", "spot.c3d", "-m", "linear", "--json", "--uncertainty", "u.npz")
+    facts = json.loads(result.stdout)
+    assert result.exit_code == 3
+    assert facts["output"] is None
+    assert facts["gaps"]
+    assert listing() == sorted([*before, "u.npz"])  # what was asked for by name
+    result = run("fill", "spot.c3d", "-d", database, "--add-to-database")
+    assert result.exit_code == 2
+    assert "--add-to-database needs a file to write" in result.stderr
+    with pytest.raises(OptionError, match="`output`"):
+        pf.fill_file("spot.c3d", database=database, files=pf.FileOptions(add_to_database=True))
+
+
 def test_outputs_that_differ_in_case_only(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Refused where the folder takes them for one file, whatever the system."""
     monkeypatch.setattr("priorfill.filling.uncertainty_file._ignores_case", lambda folder: True)
