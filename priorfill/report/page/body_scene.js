@@ -1,0 +1,189 @@
+"use strict";
+
+const FIT_FRAMES = 200;
+// Frames, evenly spaced, from which the size of the scene is taken.
+
+const PATH_KNOTS = 1500;
+// Most frames at which the centre of the body is computed; between them it is interpolated.
+
+const KNOT_SECONDS = 0.15;
+// Time between two of these frames.
+
+const FAR_OUT = 3;
+// Samples farther from the centre than this times the upper quartile of distances are outliers.
+
+const GRID_STEPS = [5, 10, 50, 100, 500, 1000, 5000];
+// mm, possible widths of the squares of the floor.
+
+const GRID_LINES = 40;
+// Most squares of the floor along one side.
+
+const SHOWN_BY_STATE = [false, true, true, false, true, true];
+// By code of state: is the sample taken for the size of the scene? Samples in doubt are not.
+
+/** Where the body is: its path, its size, the floor and the side it faces. Lengths in mm. */
+class BodyScene {
+  /** Measure what is decoded of the shown version of a store's data. */
+  constructor(store) {
+    this.store = store;
+    this.positions = store.positions(0);
+    this.markers = store.data.markers.length;
+    this.frames = Math.max(1, store.decodedFrames);
+    this.sorted = new Float64Array(this.markers);
+    this.trace();
+    this.measure();
+    this.sides = markerSides(store.data.markers);
+  }
+
+  /** Middle value of one coordinate of the valid samples of a frame, NaN without any. */
+  median(frame, axis) {
+    let count = 0;
+    for (let marker = 0; marker < this.markers; marker++) {
+      if (SHOWN_BY_STATE[this.store.state(frame, marker)]) {
+        this.sorted[count++] = this.positions[(frame * this.markers + marker) * 3 + axis] / 10;
+      }
+    }
+    return count ? this.sorted.subarray(0, count).sort()[count >> 1] : NaN;
+  }
+
+  /** Compute the path of the centre; where no marker is visible, it is held or interpolated. */
+  trace() {
+    const rate = this.store.data.clip.rate;
+    this.step = Math.max(1, Math.round(rate * KNOT_SECONDS), Math.ceil(this.frames / PATH_KNOTS));
+    this.knots = Math.ceil((this.frames - 1) / this.step) + 1;
+    this.path = new Float64Array(this.knots * 3);
+    const raw = new Float64Array(this.knots);
+    for (let axis = 0; axis < 3; axis++) {
+      for (let knot = 0; knot < this.knots; knot++) {
+        raw[knot] = this.median(Math.min(this.frames - 1, knot * this.step), axis);
+      }
+      bridgeMissing(raw);
+      for (let knot = 0; knot < this.knots; knot++) {
+        const before = raw[Math.max(0, knot - 1)];
+        const after = raw[Math.min(this.knots - 1, knot + 1)];
+        this.path[knot * 3 + axis] = (before + 2 * raw[knot] + after) / 4;
+      }
+    }
+  }
+
+  /** Write the centre of the body in a frame to `out`. */
+  centre(frame, out) {
+    const at = Math.min(frame / this.step, this.knots - 1);
+    const knot = Math.floor(at);
+    const next = Math.min(knot + 1, this.knots - 1);
+    for (let axis = 0; axis < 3; axis++) {
+      const value = this.path[knot * 3 + axis];
+      out[axis] = value + (this.path[next * 3 + axis] - value) * (at - knot);
+    }
+  }
+
+  /** Call `visit` with the coordinates of valid samples and their distances from the centre. */
+  eachSample(visit) {
+    const centre = new Float64Array(3);
+    const from = new Float64Array(3);
+    const step = Math.max(1, Math.floor(this.frames / FIT_FRAMES));
+    for (let frame = 0; frame < this.frames; frame += step) {
+      this.centre(frame, centre);
+      for (let marker = 0; marker < this.markers; marker++) {
+        if (SHOWN_BY_STATE[this.store.state(frame, marker)]) {
+          const at = (frame * this.markers + marker) * 3;
+          for (let axis = 0; axis < 3; axis++) {
+            from[axis] = this.positions[at + axis] / 10 - centre[axis];
+          }
+          visit(from, centre, Math.hypot(from[0], from[1], from[2]));
+        }
+      }
+    }
+  }
+
+  /** Compute the boxes of the scene and of the body around its centre, the floor and its squares. */
+  measure() {
+    const distances = [];
+    this.eachSample((from, centre, distance) => distances.push(distance));
+    const sorted = Float64Array.from(distances).sort();
+    const limit = sorted.length ? FAR_OUT * Math.max(sorted[(sorted.length * 3) >> 2], 10) : 0;
+    this.body = [Infinity, Infinity, Infinity, -Infinity, -Infinity, -Infinity];
+    this.box = this.body.slice();
+    this.eachSample((from, centre, distance) => {
+      if (distance <= limit) {
+        for (let axis = 0; axis < 3; axis++) {
+          widen(this.body, axis, from[axis]);
+          widen(this.box, axis, from[axis] + centre[axis]);
+        }
+      }
+    });
+    if (!sorted.length) {
+      this.body = [-1000, -1000, -1000, 1000, 1000, 1000];
+      this.box = [-1000, -1000, 0, 1000, 1000, 2000];
+    }
+    this.size = Math.max(...[0, 1, 2].map((axis) => this.body[axis + 3] - this.body[axis]), 10);
+    this.travel = Math.max(this.box[3] - this.box[0], this.box[4] - this.box[1]);
+    this.layFloor();
+  }
+
+  /** Choose the height of the floor, the width of its squares and its edges. */
+  layFloor() {
+    const [x0, y0, lowest, x1, y1] = this.box;
+    const nearGround = lowest > -0.1 * this.size && lowest < 0.3 * this.size;
+    this.floor = nearGround ? Math.min(0, lowest) : lowest;
+    const wanted = Math.max(this.size / 8, this.travel / GRID_LINES);
+    this.grid = GRID_STEPS.find((step) => step >= wanted) || Math.ceil(wanted / 10000) * 10000;
+    const down = (value) => Math.floor(value / this.grid - 0.5) * this.grid;
+    const up = (value) => Math.ceil(value / this.grid + 0.5) * this.grid;
+    this.edges = [down(x0), down(y0), up(x1), up(y1)];
+  }
+
+  /** Horizontal angle (radians) in which the subject faces in a frame; NaN where it is unknown. */
+  facing(frame) {
+    const sum = [0, 0, 0, 0];
+    const count = [0, 0];
+    this.sides.forEach((side, marker) => {
+      if (side && SHOWN_BY_STATE[this.store.state(frame, marker)]) {
+        const at = (frame * this.markers + marker) * 3;
+        const of = side > 0 ? 0 : 1;
+        sum[of * 2] += this.positions[at];
+        sum[of * 2 + 1] += this.positions[at + 1];
+        count[of] += 1;
+      }
+    });
+    const [x, y] = [0, 1].map((axis) => sum[axis] / count[0] - sum[axis + 2] / count[1]);
+    return Math.atan2(-x, y);
+  }
+}
+
+/** Widen a box so that it holds a coordinate. */
+function widen(box, axis, value) {
+  box[axis] = Math.min(box[axis], value);
+  box[axis + 3] = Math.max(box[axis + 3], value);
+}
+
+/** Replace NaN by values between the neighbours, in place; all zeros where there is no value. */
+function bridgeMissing(values) {
+  let last = -1;
+  for (let at = 0; at <= values.length; at++) {
+    if (at < values.length && Number.isNaN(values[at])) {
+      continue;
+    }
+    const from = last >= 0 ? values[last] : at < values.length ? values[at] : 0;
+    const to = at < values.length ? values[at] : from;
+    for (let between = last + 1; between < at; between++) {
+      values[between] = from + ((to - from) * (between - last)) / (at - last);
+    }
+    last = at;
+  }
+}
+
+/** Side of each marker: 1 left, -1 right, 0 neither, by segments, otherwise by pairs of labels. */
+function markerSides(markers) {
+  const known = markers.map(({ segment }) =>
+    /^left/i.test(segment) ? 1 : /^right/i.test(segment) ? -1 : 0,
+  );
+  if (known.includes(1) && known.includes(-1)) {
+    return known;
+  }
+  const labels = new Set(markers.map(({ own }) => own));
+  return markers.map(({ own }) => {
+    const side = { L: 1, R: -1 }[own[0]] || 0;
+    return side && labels.has((side > 0 ? "R" : "L") + own.slice(1)) ? side : 0;
+  });
+}

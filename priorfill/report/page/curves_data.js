@@ -1,0 +1,205 @@
+// Series that the curves draw: coordinates, speed, distances between versions, and bands.
+
+/** Half widths of the bands of one coordinate, as parts of the 90 % bound, which is a distance in
+ * space: errors are taken as normal and alike in all directions, so that 90 % of their distances
+ * lie below the bound. The page data may carry others (`bands`). */
+const CURVE_BANDS = { half_90: 0.6579, half_50: 0.2698 };
+
+/** Median of a distance in space as part of its 90 % bound, under the same assumption. */
+const CURVE_MEDIAN_DISTANCE = 0.6152;
+
+/** Ratio of the 90 % bound to the expected rms error where no bound is known. */
+const CURVE_BOUND_FACTOR = 1.6;
+
+/** Positions in the page data are in units of 0.1 mm. */
+const CURVE_UNIT_MM = 0.1;
+
+/** Series kept in memory. 300 series of 36,000 frames take 43 MB. */
+const CURVE_SERIES_KEPT = 300;
+
+/** Which axis of the file each upright axis is, by the axis that points up in the file. */
+const CURVE_FILE_AXES = {
+  "+X": ["-Z", "+Y", "+X"],
+  "-X": ["+Z", "+Y", "-X"],
+  "+Y": ["+X", "-Z", "+Y"],
+  "-Y": ["+X", "+Z", "-Y"],
+  "+Z": ["+X", "+Y", "+Z"],
+  "-Z": ["+X", "-Y", "-Z"],
+};
+
+/** What can be drawn; `kind` is x, y, z, speed or distance. */
+const CURVE_QUANTITIES = ["x", "y", "z", "speed", "distance"];
+
+/**
+ * The title of a panel, with its unit.
+ * @param {string} kind One of CURVE_QUANTITIES.
+ * @param {string} up The axis that points up in the file, such as "+Y".
+ */
+function curveTitle(kind, up) {
+  if (kind === "speed") return "speed (mm/s)";
+  if (kind === "distance") return "distance (mm)";
+  const place = CURVE_QUANTITIES.indexOf(kind);
+  const axes = CURVE_FILE_AXES[up];
+  const file = axes ? axes[place] : "";
+  const own = file === `+${kind.toUpperCase()}` || !file ? "" : `, file ${file.replace("+", "")}`;
+  return `${kind}${kind === "z" ? " up" : ""} (mm${own})`;
+}
+
+/** Series of a clip's markers, computed when they are first needed. */
+class CurveData {
+  /** @param {Store} store The store of the page. */
+  constructor(store) {
+    this.store = store;
+    this.kept = new Map();
+  }
+
+  /** Forget all series: other data, or more frames, have come. */
+  clear() {
+    this.kept.clear();
+  }
+
+  /** Number of frames of the clip. */
+  get frames() {
+    return this.store.data.clip.frames;
+  }
+
+  /**
+   * A series from the memory, or computed by `make`.
+   * @param {string} key Its name.
+   * @param {function(): Float32Array} make Computes it.
+   */
+  remembered(key, make) {
+    let series = this.kept.get(key);
+    if (!series) {
+      series = make();
+      if (this.kept.size >= CURVE_SERIES_KEPT) this.kept.delete(this.kept.keys().next().value);
+      this.kept.set(key, series);
+    }
+    return series;
+  }
+
+  /**
+   * Values of a version of a marker, one a frame; NaN where it has none.
+   * @param {number} version Index in the page data.
+   * @param {number} marker Index in the page data.
+   * @param {string} kind "x", "y", "z" (mm) or "speed" (mm/s).
+   */
+  values(version, marker, kind) {
+    const key = `${version} ${marker} ${kind}`;
+    return this.remembered(key, () =>
+      kind === "speed" ? this.speed(version, marker) : this.coordinate(version, marker, kind));
+  }
+
+  /** Coordinate `kind` of a version of a marker (mm); NaN where it is not shown. */
+  coordinate(version, marker, kind) {
+    const series = new Float32Array(this.frames).fill(NaN);
+    const positions = this.store.positions(version);
+    if (!positions) return series;
+    const markers = this.store.data.markers.length;
+    const place = CURVE_QUANTITIES.indexOf(kind);
+    const known = Math.min(this.frames, this.store.decodedFrames);
+    for (let frame = 0; frame < known; frame += 1) {
+      if (!this.store.shown(version, frame, marker)) continue;
+      series[frame] = positions[(frame * markers + marker) * 3 + place] * CURVE_UNIT_MM;
+    }
+    return series;
+  }
+
+  /**
+   * Speed (mm/s): the distance of the neighbouring frames over the time between them; at the end
+   * of a stretch, the distance of the last two frames. NaN for a sample without neighbours.
+   */
+  speed(version, marker) {
+    const axes = ["x", "y", "z"].map((kind) => this.values(version, marker, kind));
+    const series = new Float32Array(this.frames).fill(NaN);
+    const rate = this.store.data.clip.rate;
+    for (let frame = 0; frame < this.frames; frame += 1) {
+      if (Number.isNaN(axes[0][frame])) continue;
+      const before = frame > 0 && !Number.isNaN(axes[0][frame - 1]) ? frame - 1 : frame;
+      const after = frame + 1 < this.frames && !Number.isNaN(axes[0][frame + 1]) ? frame + 1 : frame;
+      if (before === after) continue;
+      const away = axes.map((axis) => axis[after] - axis[before]);
+      series[frame] = (Math.hypot(...away) * rate) / (after - before);
+    }
+    return series;
+  }
+
+  /** Distance (mm) between two versions of a marker; NaN where one of them has no value. */
+  distance(version, other, marker) {
+    return this.remembered(`${version} ${other} ${marker} distance`, () => {
+      const series = new Float32Array(this.frames);
+      const axes = ["x", "y", "z"].map((kind) => [
+        this.values(version, marker, kind),
+        this.values(other, marker, kind),
+      ]);
+      for (let frame = 0; frame < this.frames; frame += 1) {
+        series[frame] = Math.hypot(...axes.map(([one, two]) => one[frame] - two[frame]));
+      }
+      return series;
+    });
+  }
+
+  /** The 90 % bound (mm) of the filled samples of a marker; NaN elsewhere and where unknown. */
+  bound(marker) {
+    return this.remembered(`${marker} bound`, () => {
+      const series = new Float32Array(this.frames).fill(NaN);
+      for (let frame = 0; frame < this.frames; frame += 1) {
+        if (!this.isFilled(frame, marker)) continue;
+        const bound = this.store.bound(frame, marker);
+        series[frame] = Number.isNaN(bound)
+          ? CURVE_BOUND_FACTOR * this.store.rms(frame, marker)
+          : bound;
+      }
+      return series;
+    });
+  }
+
+  /** Whether version 0 of a sample is a fill. */
+  isFilled(frame, marker) {
+    const state = this.store.state(frame, marker);
+    return state === 2 || state === 4;
+  }
+
+  /** Half width of the band of 90 or 50 % of a quantity, as part of the bound. */
+  halfWidth(kind, percent) {
+    if (kind === "speed") return NaN;
+    if (kind === "distance") return percent === 90 ? 1 : CURVE_MEDIAN_DISTANCE;
+    const name = percent === 90 ? "half_90" : "half_50";
+    return (this.store.data.bands && this.store.data.bands[name]) || CURVE_BANDS[name];
+  }
+
+  /**
+   * Stretches of frames whose state in version 0 is one of `states`, as [first, stop) pairs.
+   * @param {number} marker Index in the page data.
+   * @param {number[]} states State codes.
+   * @param {number} first First frame looked at.
+   * @param {number} stop Frame after the last one.
+   */
+  stretches(marker, states, first, stop) {
+    const found = [];
+    for (let frame = first; frame < stop; frame += 1) {
+      if (!states.includes(this.store.state(frame, marker))) continue;
+      const last = found[found.length - 1];
+      if (last && last[1] === frame) last[1] = frame + 1;
+      else found.push([frame, frame + 1]);
+    }
+    return found;
+  }
+
+  /**
+   * Other markers of the segment of a marker (of the same subject), at most `most`; where the
+   * segment is unknown, those joined to it by sticks.
+   */
+  neighbours(marker, most) {
+    const { markers, sticks } = this.store.data;
+    const own = markers[marker];
+    const alike = (other, index) =>
+      index !== marker && other.subject === own.subject && other.segment === own.segment;
+    let found = own.segment ? markers.map((m, i) => (alike(m, i) ? i : -1)) : [];
+    found = found.filter((index) => index >= 0);
+    if (!found.length) {
+      found = sticks.filter((s) => s.includes(marker)).map(([a, b]) => (a === marker ? b : a));
+    }
+    return [...new Set(found)].slice(0, most);
+  }
+}

@@ -1,0 +1,108 @@
+/** Writes values as TOML (https://toml.io/en/v1.0.0): texts, numbers, truth values, arrays, tables. */
+
+/** Characters that are written as escape sequences: controls, formats, separators, quotes. */
+const TOML_ESCAPED = /["\\]|\p{Cc}|\p{Cf}|\p{Zl}|\p{Zp}/gu;
+
+/** Short escape sequences of TOML. */
+const TOML_SHORT = {
+  "\b": "\\b", "\t": "\\t", "\n": "\\n", "\f": "\\f", "\r": "\\r", '"': '\\"', "\\": "\\\\",
+};
+
+/** Keys that need no quotes. */
+const TOML_BARE_KEY = /^[A-Za-z0-9_-]+$/;
+
+/** Half of a character beyond U+FFFF without its other half; TOML cannot hold it. */
+const LONE_SURROGATE = /\p{Cs}/u;
+
+/** What is wrong with a list of decisions or its file; the message is one line. */
+class DecisionError extends Error {}
+
+/**
+ * Write a text as a basic string of TOML.
+ * @param {string} text
+ * @returns {string} in double quotes; invisible characters as escape sequences
+ */
+function tomlText(text) {
+  if (LONE_SURROGATE.test(text)) {
+    throw new DecisionError("a text holds half a character (a lone surrogate); TOML cannot hold it");
+  }
+  const inner = text.replace(TOML_ESCAPED, (found) => {
+    if (TOML_SHORT[found] !== undefined) {
+      return TOML_SHORT[found];
+    }
+    const code = found.codePointAt(0).toString(16).toUpperCase();
+    return code.length > 4 ? `\\U${code.padStart(8, "0")}` : `\\u${code.padStart(4, "0")}`;
+  });
+  return `"${inner}"`;
+}
+
+/**
+ * Write a number; whole numbers as integers.
+ * @param {number} value
+ * @returns {string}
+ */
+function tomlNumber(value) {
+  if (Number.isNaN(value)) {
+    return "nan";
+  }
+  if (!Number.isFinite(value)) {
+    return value > 0 ? "inf" : "-inf";
+  }
+  if (Object.is(value, -0)) {
+    return "-0.0";
+  }
+  if (Number.isInteger(value) && !Number.isSafeInteger(value)) {
+    return value.toExponential().replace(/^(-?\d)e/, "$1.0e");
+  }
+  return String(value);
+}
+
+/**
+ * Write a key.
+ * @param {string} key
+ * @returns {string} in quotes where it needs them
+ */
+function tomlKey(key) {
+  return TOML_BARE_KEY.test(key) ? key : tomlText(key);
+}
+
+/**
+ * Write a value: text, number, truth value, array of values, or object (as inline table).
+ * @param {*} value
+ * @returns {string}
+ */
+function tomlValue(value) {
+  if (typeof value === "string") {
+    return tomlText(value);
+  }
+  if (typeof value === "number") {
+    return tomlNumber(value);
+  }
+  if (typeof value === "boolean") {
+    return String(value);
+  }
+  if (Array.isArray(value)) {
+    return `[${value.map(tomlValue).join(", ")}]`;
+  }
+  if (value !== null && typeof value === "object") {
+    const pairs = Object.keys(value).map((key) => `${tomlKey(key)} = ${tomlValue(value[key])}`);
+    return pairs.length > 0 ? `{ ${pairs.join(", ")} }` : "{}";
+  }
+  throw new DecisionError(`a value is ${value}; TOML has none like it`);
+}
+
+/**
+ * Write a table under its header.
+ * @param {string} header with its brackets, such as "[[gap]]"
+ * @param {Object} table
+ * @param {string[]} order keys that come first, in this order
+ * @returns {string} lines, each with its end
+ */
+function tomlTable(header, table, order) {
+  const keys = [
+    ...order.filter((key) => key in table),
+    ...Object.keys(table).filter((key) => !order.includes(key)),
+  ];
+  const rows = keys.map((key) => `${tomlKey(key)} = ${tomlValue(table[key])}\n`);
+  return `${header}\n${rows.join("")}`;
+}
