@@ -58,6 +58,7 @@ if TYPE_CHECKING:
         gap_groups,
     )
     from priorfill.markers.marker_set import MarkerSet
+    from priorfill.report.report_file import write_report
 
 _PLACES = {
     "AddedClip": "priorfill.filling.add_result",
@@ -93,6 +94,7 @@ _PLACES = {
     "read_overrides": "priorfill.filling.overrides",
     "read_subjects": "priorfill.filling.multi_subject",
     "write": "priorfill.formats",
+    "write_report": "priorfill.report.report_file",
     "write_uncertainty": "priorfill.filling.uncertainty_file",
 }
 """The module that defines each public name."""
@@ -132,6 +134,7 @@ __all__ = [
     "read_overrides",
     "read_subjects",
     "write",
+    "write_report",
     "write_uncertainty",
 ]
 

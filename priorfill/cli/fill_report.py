@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from priorfill.filling.add_result import AddedClip
     from priorfill.filling.fill_file import FileResult
     from priorfill.filling.result import FilledGap, Result
-    from priorfill.filling.result_summary import MarkerSummary
+    from priorfill.report.result_summary import MarkerSummary
 
 __all__ = ["fill_facts", "print_fill", "print_fill_notes", "print_gaps", "print_unfilled"]
 
@@ -40,7 +40,7 @@ def fill_facts(done: FileResult) -> dict[str, Any]:
     done : FileResult
         The fill.
     """
-    from priorfill.filling.result_summary import summarise_markers
+    from priorfill.report.result_summary import summarise_markers
 
     result, report = done.result, done.report
     gaps = [(one, gap) for one in result.by_subject for gap in one.gaps]
@@ -176,7 +176,7 @@ def print_gaps(result: Result, rows: int | None) -> None:
 
 def _print_gap_rows(result: Result, rows: int | None) -> None:
     """Print a row for each gap, the worst first, and what they were filled from."""
-    from priorfill.filling.result_summary import worst_first
+    from priorfill.report.result_summary import worst_first
 
     clip = result.clip
     shown = worst_first(result.gaps)[:rows]
@@ -203,7 +203,7 @@ def _print_gap_rows(result: Result, rows: int | None) -> None:
 
 def _print_markers(result: Result, rows: int | None) -> None:
     """Print a row for each marker, the worst first."""
-    from priorfill.filling.result_summary import summarise_markers
+    from priorfill.report.result_summary import summarise_markers
 
     markers = summarise_markers(result.gaps)
     print_table(

@@ -12,7 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from priorfill.errors import OptionError, OutputError
-from priorfill.runtime.atomic_file import check_target, check_writable, replace_file
+from priorfill.runtime.atomic_file import (
+    check_target,
+    check_writable,
+    is_same_file,
+    replace_file,
+)
 from priorfill.runtime.display import csv_cell
 from priorfill.runtime.npz_file import save_arrays
 
@@ -56,30 +61,9 @@ def check_uncertainty(
     path = Path(str(path))  # as in `check_target`
     _check_suffix(path)
     target = check_target(path, overwrite=overwrite, source=source)
-    if output is not None and _is_same(target, output.resolve()):
+    if output is not None and is_same_file(target, output.resolve()):
         raise OutputError(f"{path}: is the file for the filled clip; choose another name")
     check_writable(path, 0)
-
-
-def _is_same(path: Path, other: Path) -> bool:
-    """Return whether two resolved paths are those of one file, which need not exist yet."""
-    if path == other:
-        return True
-    if path.exists() and other.exists():
-        return path.samefile(other)
-    return str(path).casefold() == str(other).casefold() and _ignores_case(path.parent)
-
-
-def _ignores_case(folder: Path) -> bool:
-    """Return whether names in a folder that differ in case only are those of one file.
-
-    They are on most drives of Windows and macOS, and on memory sticks.
-    """
-    for place in (folder, *folder.parents):
-        other = place.with_name(place.name.swapcase()) if place.name else place
-        if place.exists() and other.name != place.name:
-            return other.exists() and other.samefile(place)
-    return False
 
 
 @contextmanager

@@ -6,8 +6,8 @@ import math
 
 from priorfill.errors import escaped
 from priorfill.filling.result import Result
-from priorfill.filling.result_summary import worst_first
 from priorfill.integrations.open_trial import TrialResult
+from priorfill.report.result_summary import worst_first
 
 __all__ = ["outcome", "report_lines"]
 

@@ -20,7 +20,7 @@ from priorfill.runtime.held_files import WINDOWS, is_held, is_open_elsewhere, re
 from priorfill.runtime.processes import is_running
 from priorfill.runtime.windows_names import length_fault, name_fault
 
-__all__ = ["check_target", "check_writable", "finish_file", "replace_file"]
+__all__ = ["check_target", "check_writable", "finish_file", "is_same_file", "replace_file"]
 
 _TOKEN_BYTES = 6
 """Random bytes in a temporary name, so that two writers of one target do not collide."""
@@ -101,6 +101,33 @@ def _open_elsewhere(path: Path) -> OutputError:
 def _existing_folder(target: Path) -> Path:
     """Return the folder of a file, or the first above it that exists."""
     return next(folder for folder in target.parents if folder.exists() or folder == folder.parent)
+
+
+def is_same_file(path: Path, other: Path) -> bool:
+    """Return whether two paths are those of one file, which need not exist yet.
+
+    Parameters
+    ----------
+    path, other : Path
+        Both with links resolved.
+    """
+    if path == other:
+        return True
+    if path.exists() and other.exists():
+        return path.samefile(other)
+    return str(path).casefold() == str(other).casefold() and _ignores_case(path.parent)
+
+
+def _ignores_case(folder: Path) -> bool:
+    """Return whether names in a folder that differ in case only are those of one file.
+
+    They are on most drives of Windows and macOS, and on memory sticks.
+    """
+    for place in (folder, *folder.parents):
+        other = place.with_name(place.name.swapcase()) if place.name else place
+        if place.exists() and other.name != place.name:
+            return other.exists() and other.samefile(place)
+    return False
 
 
 def check_writable(path: Path | str, size: int) -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from priorfill.filling.result import FilledGap
+if TYPE_CHECKING:
+    from priorfill.filling.result import FilledGap
 
 __all__ = ["MarkerSummary", "summarise_markers", "worst_first"]
 

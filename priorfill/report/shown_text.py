@@ -1,0 +1,42 @@
+"""Text of files as the page shows it: without control characters, and not too long."""
+
+from __future__ import annotations
+
+from priorfill.errors import escaped
+
+__all__ = ["MAX_LABEL", "MAX_TEXT", "shown"]
+
+MAX_LABEL = 80
+"""Characters of a label or name that the page shows."""
+
+MAX_TEXT = 2000
+"""Characters of a sentence that the page shows."""
+
+
+def shown(text: str, limit: int = MAX_TEXT) -> str:
+    r"""Return a text as the page shows it.
+
+    Parameters
+    ----------
+    text : str
+        From a file, or quoting one.
+    limit : int
+        Number of characters above which the middle is left out.
+
+    Returns
+    -------
+    str
+        In one line, with control and format characters as escape sequences.
+
+    Examples
+    --------
+    >>> shown("LKNE" + chr(0x202E))
+    'LKNE\\u202e'
+    >>> shown("ABCDEFGHIJ", limit=7)
+    'ABC…HIJ'
+    """
+    if len(text) > limit:  # before characters are escaped: a text can be many megabytes long
+        text = f"{text[:limit]}…{text[-limit:]}"
+    safe = escaped(text)
+    half = (limit - 1) // 2
+    return safe if len(safe) <= limit else f"{safe[:half]}…{safe[-half:]}"
