@@ -6,9 +6,8 @@ requested in addition.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -19,16 +18,16 @@ from priorfill.errors import ClipError, DatabaseError, OptionError, PriorfillErr
 from priorfill.filling.add_result import AddedClip, add_subject, can_create_database
 from priorfill.filling.fill_clip import fill
 from priorfill.filling.fill_options import FillKeywords, FillOptions
+from priorfill.filling.further_outputs import check_further_outputs, further_outputs
 from priorfill.filling.leave_missing import leave_missing
 from priorfill.filling.multi_subject import merge_artefacts, read_subjects
 from priorfill.filling.overrides import Overrides, read_overrides
 from priorfill.filling.result import Result
-from priorfill.filling.uncertainty_file import check_uncertainty, uncertainty_file
 from priorfill.formats import WriteReport
 from priorfill.methods import get_method
 from priorfill.runtime.display import shell_command
 
-__all__ = ["FileOptions", "FileResult", "fill_file"]
+__all__ = ["FileOptions", "FileResult", "FileToFill", "fill_file"]
 
 
 @dataclass(frozen=True)
@@ -103,6 +102,8 @@ class FileResult:
     not_added : DatabaseError or None
         Why a filled clip could not be added to the database although the output was written, and
         the command that adds it.
+    further : mapping of str to tuple of Path
+        The files that were written in addition, by the option of `FileOptions` that named them.
 
     See Also
     --------
@@ -128,6 +129,7 @@ class FileResult:
     artefacts: tuple[Artefact, ...] = ()
     added: tuple[AddedClip | None, ...] = ()
     not_added: DatabaseError | None = None
+    further: Mapping[str, tuple[Path, ...]] = field(default_factory=dict)
 
 
 def fill_file(
@@ -194,29 +196,102 @@ def fill_file(
     """
     source, files = Path(source), files or FileOptions()
     output = None if output is None else Path(str(output))
-    prior, overrides = _check(source, output, database, files, arguments)
-    clips = read_subjects(source, **files.reading)
-    others = _read_same_subject(same_subject, source, clips, files)
-    found: tuple[Artefact, ...] = ()
-    options = arguments.get("options") or FillOptions()
-    searched = arguments.get("reject_artefacts") or options.plausibility.hide_doubtful
-    if not searched:  # before the fill, whose results take memory too
-        subjects = [clip.subject for clip in clips]
-        found = merge_artefacts(subjects, [find_artefacts(clip) for clip in clips])
-    arguments["overrides"] = overrides
-    result = fill(clips, database=prior, same_subject=others, **arguments)
-    result = _within_range(_with_reading(result, files.reading), clips, output or source, files)
-    done = FileResult(
+    work = FileToFill.read(
         source,
         output,
-        None if files.uncertainty is None else Path(files.uncertainty),
-        result,
-        _write(output, result, files),
-        result.artefacts if searched else found,
+        database=database,
+        same_subject=same_subject,
+        files=files,
+        **arguments,
     )
+    result = work.fill()
+    done = _write(source, output, result, work.clips, files)
+    done = replace(done, artefacts=work.artefacts(result))
     if output is None or database is None or not files.add_to_database:
         return done
     return _add(done, output, Path(database), files)
+
+
+@dataclass(frozen=True, eq=False)
+class FileToFill:
+    """A file that was read to be filled, once or several times with other overrides.
+
+    Attributes
+    ----------
+    source : Path
+        The file with gaps.
+    output : Path or None
+        The file to write.
+    clips : tuple of Clip
+        One for each subject.
+    same_subject : tuple of Clip
+        Other recordings of the same subjects.
+    database : Path or str or None
+        The database to learn from.
+    files : FileOptions
+        How to read and write files.
+    arguments : FillKeywords
+        Of `priorfill.fill`; overrides are read.
+    found : tuple of Artefact or None
+        Artefacts of the file; None where each fill finds them.
+    """
+
+    source: Path
+    output: Path | None
+    clips: tuple[Clip, ...]
+    same_subject: tuple[Clip, ...]
+    database: Path | str | None
+    files: FileOptions
+    arguments: FillKeywords
+    found: tuple[Artefact, ...] | None
+
+    @classmethod
+    def read(
+        cls,
+        source: Path,
+        output: Path | None,
+        *,
+        database: Path | str | None = None,
+        same_subject: Sequence[Path | str] = (),
+        files: FileOptions,
+        **arguments: Unpack[FillKeywords],
+    ) -> FileToFill:
+        """Check what can be checked, and read the file and those of the same subjects.
+
+        Parameters
+        ----------
+        source, output, database, same_subject, files, **arguments
+            As for `fill_file`.
+        """
+        prior, overrides = _check(source, output, database, files, arguments)
+        clips = read_subjects(source, **files.reading)
+        others = _read_same_subject(same_subject, source, clips, files)
+        options = arguments.get("options") or FillOptions()
+        found = None
+        if not (arguments.get("reject_artefacts") or options.plausibility.hide_doubtful):
+            # before the fill, whose results take memory too
+            subjects = [clip.subject for clip in clips]
+            found = merge_artefacts(subjects, [find_artefacts(clip) for clip in clips])
+        arguments["overrides"] = overrides
+        return cls(source, output, clips, tuple(others), prior, files, arguments, found)
+
+    def fill(self) -> Result:
+        """Fill the gaps, but for samples that the output cannot hold."""
+        result = fill(
+            self.clips, database=self.database, same_subject=self.same_subject, **self.arguments
+        )
+        result = _with_reading(result, self.files.reading)
+        return _within_range(result, self.clips, self.output or self.source, self.files)
+
+    def artefacts(self, result: Result) -> tuple[Artefact, ...]:
+        """Return the artefacts of the file: those rejected, or those found and kept as measured.
+
+        Parameters
+        ----------
+        result : Result
+            Of `fill`.
+        """
+        return result.artefacts if self.found is None else self.found
 
 
 def _check(
@@ -238,10 +313,7 @@ def _check(
         formats.check_output(
             output, source=source, overwrite=files.overwrite, rewrite=files.rewrite
         )
-    if files.uncertainty is not None:
-        check_uncertainty(
-            files.uncertainty, source=source, output=output, overwrite=files.overwrite
-        )
+    check_further_outputs(source, output, files)
     if files.add_to_database:
         if database is None:
             raise OptionError("the result cannot be added to a database; give one (`database`)")
@@ -312,17 +384,24 @@ def _within_range(
     return leave_missing(result, clips, beyond, reason)
 
 
-def _write(output: Path | None, result: Result, files: FileOptions) -> WriteReport:
-    """Write the filled clip, unless this is a dry run, and its uncertainty: both or neither."""
-    with ExitStack() as stack:
-        if files.uncertainty is not None:
-            writing = uncertainty_file(files.uncertainty, result, overwrite=files.overwrite)
-            stack.enter_context(writing)
-        if output is None:
-            return WriteReport(0, 0.0)
-        return formats.write(
-            output, result.clip, result.filled, overwrite=files.overwrite, rewrite=files.rewrite
-        )
+def _write(
+    source: Path, output: Path | None, result: Result, clips: Sequence[Clip], files: FileOptions
+) -> FileResult:
+    """Write the filled clip, unless this is a dry run, and further outputs: all or none."""
+    with further_outputs(result, clips, files) as further:
+        report = WriteReport(0, 0.0)
+        if output is not None:
+            report = formats.write(
+                output, result.clip, result.filled, overwrite=files.overwrite, rewrite=files.rewrite
+            )
+    return FileResult(
+        source,
+        output,
+        None if files.uncertainty is None else Path(files.uncertainty),
+        result,
+        report,
+        further=further,
+    )
 
 
 def _add(done: FileResult, output: Path, database: Path, files: FileOptions) -> FileResult:
