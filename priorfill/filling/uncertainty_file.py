@@ -11,13 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from priorfill.errors import OptionError, OutputError
-from priorfill.runtime.atomic_file import (
-    check_target,
-    check_writable,
-    is_same_file,
-    replace_file,
-)
+from priorfill.errors import OptionError
+from priorfill.runtime.atomic_file import check_target, check_writable, replace_file
 from priorfill.runtime.display import csv_cell
 from priorfill.runtime.npz_file import save_arrays
 
@@ -37,7 +32,6 @@ def check_uncertainty(
     path: Path | str,
     *,
     source: Path | None = None,
-    output: Path | None = None,
     overwrite: bool = False,
 ) -> None:
     """Check before a fill whether its uncertainty can be written.
@@ -46,8 +40,8 @@ def check_uncertainty(
     ----------
     path : Path or str
         The file to write.
-    source, output : Path or None
-        The file that is read and the one for the filled clip, if any; `path` must be neither.
+    source : Path or None
+        The file that is read, if any; `path` must be another.
     overwrite : bool
         Whether an existing file may be replaced.
 
@@ -56,13 +50,11 @@ def check_uncertainty(
     OptionError
         If the format is unknown.
     OutputError
-        If the folder takes no files, the file exists already, or is one of the others.
+        If the folder takes no files, or the file exists already or is the one that is read.
     """
     path = Path(str(path))  # as in `check_target`
     _check_suffix(path)
-    target = check_target(path, overwrite=overwrite, source=source)
-    if output is not None and is_same_file(target, output.resolve()):
-        raise OutputError(f"{path}: is the file for the filled clip; choose another name")
+    check_target(path, overwrite=overwrite, source=source)
     check_writable(path, 0)
 
 

@@ -419,7 +419,7 @@ def test_dry_run(folder: Path, database: Path) -> None:
 
 def test_outputs_that_differ_in_case_only(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Refused where the folder takes them for one file, whatever the system."""
-    monkeypatch.setattr("priorfill.filling.uncertainty_file._ignores_case", lambda folder: True)
+    monkeypatch.setattr("priorfill.runtime.atomic_file._ignores_case", lambda folder: True)
     line = ["fill", "walk.c3d", "-m", "linear", "--uncertainty", "out.NPZ", "-o"]
     assert_refused(run(*line, "Out.npz"), "out.NPZ", "is the file for the filled clip")
     monkeypatch.undo()
