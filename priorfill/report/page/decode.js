@@ -71,12 +71,12 @@ async function decodePositions(coded, positions, done) {
     const frames = Math.min(coded.block, coded.frames - first);
     decodeBlock(await inflate(coded.data[b]), positions, coded.markers, first, frames);
     if (done(first + frames) === false) return;
-    if (b + 1 < coded.data.length) await pause();
+    if (b + 1 < coded.data.length) await letOthersRun();
   }
 }
 
 /** Let the browser draw and react before the next piece of work. */
-function pause() {
+function letOthersRun() {
   return new Promise((resolve) => setTimeout(resolve, 0));
 }
 
