@@ -151,6 +151,12 @@ def _values(
     help="Also write the expected error of each filled sample.",
 )
 @click.option(
+    "--report",
+    metavar="OUT.html",
+    type=FILE,
+    help="Also write a page that shows the fill in any browser: gaps, body, curves, sources.",
+)
+@click.option(
     "--rewrite",
     is_flag=True,
     help="Write a C3D file anew, with float coordinates, instead of a copy; list what changes.",
@@ -248,6 +254,7 @@ def _file_options(given: dict[str, Any]) -> FileOptions:
         "unit",
         "ignore_residuals",
         "uncertainty",
+        "report",
         "rewrite",
         "overwrite",
     )

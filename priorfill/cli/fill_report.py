@@ -49,6 +49,7 @@ def fill_facts(done: FileResult) -> dict[str, Any]:
         "file": str(done.source),
         "output": str(done.output) if done.output else None,
         "uncertainty": str(done.uncertainty) if done.uncertainty else None,
+        "report": next((str(path) for path in done.further.get("report", ())), None),
         "method": result.method,
         "database": str(result.database) if result.database else None,
         "marker_set": result.marker_set.name,
@@ -107,6 +108,8 @@ def print_fill(done: FileResult, *, every_row: bool = False) -> None:
         print_artefacts(facts, "Artefacts, treated as missing", rows)
     if done.uncertainty is not None:
         print_line(f"expected error of each filled sample: {done.uncertainty}")
+    for path in done.further.get("report", ()):
+        print_line(f"page that shows the fill: {path}")
     for added in done.added:
         if added is not None:
             print_line(added.message)

@@ -43,6 +43,8 @@ class FileOptions:
     uncertainty : Path or str, optional
         File for the expected error of each filled sample, .npz or .csv. It appears together with
         the output, or neither appears; without an output it is written by itself.
+    report : Path or str, optional
+        Page that shows the fill, .html; it appears together with the output, too.
     rewrite : bool
         Write a C3D file anew, with float coordinates, instead of a copy with filled samples.
     overwrite : bool
@@ -67,6 +69,7 @@ class FileOptions:
     zeros_missing: bool = True
     ignore_residuals: bool = False
     uncertainty: Path | str | None = None
+    report: Path | str | None = None
     rewrite: bool = False
     overwrite: bool = False
     add_to_database: bool = False

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 
 from priorfill.errors import OutputError
 from priorfill.filling.uncertainty_file import check_uncertainty, uncertainty_file
+from priorfill.report.report_data import PageContents
+from priorfill.report.report_file import check_report, report_file
 from priorfill.runtime.atomic_file import is_same_file
 
 if TYPE_CHECKING:
@@ -86,10 +88,22 @@ def _write_uncertainty(path: Path, filled: WhatWasFilled) -> Iterator[tuple[Path
         yield (path,)
 
 
+def _check_report(path: Path, source: Path, files: FileOptions) -> None:
+    check_report(path, sources=(source,), overwrite=files.overwrite)
+
+
+@contextmanager
+def _write_report(path: Path, filled: WhatWasFilled) -> Iterator[tuple[Path, ...]]:
+    contents = PageContents(before=filled.clips)
+    with report_file(path, filled.result, contents, overwrite=filled.files.overwrite):
+        yield (path,)
+
+
 FURTHER_OUTPUTS = (
     FurtherOutput(
         "uncertainty", "the file for the uncertainty", _check_uncertainty, _write_uncertainty
     ),
+    FurtherOutput("report", "the report", _check_report, _write_report),
 )
 """The files that can be written in addition, in the order in which they appear."""
 
