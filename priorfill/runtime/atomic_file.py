@@ -28,6 +28,10 @@ _TOKEN_BYTES = 6
 _TEMPORARY = re.compile(r"\.priorfill-([0-9a-f]{8})-([0-9]+)-[0-9a-f]{12}\.part(\.[^.]*)?")
 """Name of a temporary file: checksum of the computer's name, process, random bytes, suffix."""
 
+NOTE_SUFFIX = ".pair"
+"""Suffix of a note on a temporary folder that must not be removed (`priorfill.runtime.file_pair`).
+"""
+
 _MAX_IDLE_S = 24 * 3600.0
 """Time after which a temporary file of another computer, whose processes are unknown, counts as
 abandoned. Writing a file takes seconds."""
@@ -87,7 +91,7 @@ def _is_same(path: Path, other: Path) -> bool:
 
 def _check_length(given: Path, target: Path) -> None:
     """Raise OutputError if Windows takes no path as long as the file or its temporary one."""
-    longest = max(len(str(target)), len(str(target.parent / _temporary_name(target.suffix))))
+    longest = max(len(str(target)), len(str(target.parent / temporary_name(target.suffix))))
     if fault := length_fault(str(target), longest):
         raise OutputError(f"{given}: {fault}")
 
@@ -146,7 +150,7 @@ def check_writable(path: Path | str, size: int) -> None:
         If the folder does not take files, or has less space than that.
     """
     folder = _existing_folder(Path(os.path.realpath(path)))
-    temporary = folder / _temporary_name("")
+    temporary = folder / temporary_name("")
     try:
         temporary.open("xb").close()
         _remove_trial(temporary)
@@ -202,7 +206,7 @@ def replace_file(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]
     """
     given = Path(str(path))  # Path(Path("out/C:x")) is C:x in Python 3.11
     target = check_target(given, overwrite=overwrite)
-    temporary = target.parent / _temporary_name(target.suffix.lower())
+    temporary = target.parent / temporary_name(target.suffix.lower())
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         _remove_abandoned(target.parent)
@@ -210,10 +214,10 @@ def replace_file(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]
         temporary.open("xb").close()
         yield temporary
         if overwrite and target.exists():
-            _hand_on_permissions(target, temporary)
+            hand_on_permissions(target, temporary)
         if overwrite:
             _replace(given, temporary, target)
-        elif not _finish_new_file(temporary, target):
+        elif not finish_new_file(temporary, target):
             raise OutputError(f"{given}: appeared while writing; choose another name")
     except PriorfillError:
         raise
@@ -243,7 +247,14 @@ def _cannot_write(path: Path | str, error: OSError) -> OutputError:
     )
 
 
-def _temporary_name(suffix: str) -> str:
+def temporary_name(suffix: str) -> str:
+    """Return a name that no other writer uses, and that later processes know as temporary.
+
+    Parameters
+    ----------
+    suffix : str
+        Its suffix.
+    """
     return f".priorfill-{_computer()}-{os.getpid()}-{secrets.token_hex(_TOKEN_BYTES)}.part{suffix}"
 
 
@@ -255,21 +266,53 @@ def _remove_abandoned(folder: Path) -> None:
     """Remove temporary files in a folder whose process has been killed."""
     with suppress(OSError):
         for entry in os.scandir(folder):
-            name = _TEMPORARY.fullmatch(entry.name)
-            if name is not None and _is_abandoned(entry, name[1], int(name[2])):
+            if entry.name.endswith(NOTE_SUFFIX) or not is_abandoned(entry):
+                continue
+            path = Path(entry.path)
+            if not entry.is_dir(follow_symlinks=False):
                 with suppress(OSError):
-                    Path(entry.path).unlink()
+                    path.unlink()
+            elif not path.with_name(path.name + NOTE_SUFFIX).exists():
+                remove_folder(path)
 
 
-def _is_abandoned(entry: os.DirEntry[str], computer: str, process: int) -> bool:
-    """Check whether the process that wrote a temporary file has ended, as far as can be known."""
-    if computer == _computer():
-        return not is_running(process)
+def remove_folder(path: Path) -> None:
+    """Remove a temporary folder; what is open elsewhere is removed by a later process.
+
+    Parameters
+    ----------
+    path : Path
+        The folder.
+    """
+    shutil.rmtree(path, ignore_errors=True)
+
+
+def is_abandoned(entry: os.DirEntry[str]) -> bool:
+    """Check whether an entry is temporary and its process has ended, as far as can be known.
+
+    Parameters
+    ----------
+    entry : os.DirEntry
+        Of a folder.
+    """
+    name = _TEMPORARY.fullmatch(entry.name)
+    if name is None:
+        return False
+    if name[1] == _computer():
+        return not is_running(int(name[2]))
     return time.time() - entry.stat(follow_symlinks=False).st_mtime > _MAX_IDLE_S
 
 
-def _hand_on_permissions(target: Path, temporary: Path) -> None:
-    """Give a file the permissions, and where possible the owner, of the one that it replaces."""
+def hand_on_permissions(target: Path, temporary: Path) -> None:
+    """Give a file the permissions, and where possible the owner, of the one that it replaces.
+
+    Parameters
+    ----------
+    target : Path
+        The file that is replaced.
+    temporary : Path
+        The new one.
+    """
     shutil.copymode(target, temporary)
     if os.name == "nt":
         return
@@ -283,8 +326,16 @@ def _hand_on_permissions(target: Path, temporary: Path) -> None:
         shutil.copymode(target, temporary)  # a change of the owner clears some of them
 
 
-def _finish_new_file(temporary: Path, target: Path) -> bool:
-    """Rename a complete file to a name that must be free; return False if it is not."""
+def finish_new_file(temporary: Path, target: Path) -> bool:
+    """Rename a complete file to a name that must be free; return False if it is not.
+
+    Parameters
+    ----------
+    temporary : Path
+        The file, on the same drive.
+    target : Path
+        The new name.
+    """
     _flush(temporary)
     if WINDOWS:  # where a rename replaces nothing, also on file systems without links
         try:

@@ -398,12 +398,12 @@ def test_a_temporary_file_that_cannot_go_hides_no_error(tmp_path, refusals):
 
 
 def test_a_folder_takes_files_although_a_virus_scanner_holds_them(tmp_path, refusals, monkeypatch):
-    monkeypatch.setattr(atomic_file, "_temporary_name", lambda suffix: "trial")
+    monkeypatch.setattr(atomic_file, "temporary_name", lambda suffix: "trial")
     refusals.append(tmp_path / "trial")
     check_writable(tmp_path / "out.c3d", 0)
     refusals.clear()
     refusals.append(tmp_path / "trial 2")
-    monkeypatch.setattr(atomic_file, "_temporary_name", lambda suffix: "trial 2")
+    monkeypatch.setattr(atomic_file, "temporary_name", lambda suffix: "trial 2")
     refusals.count, refusals.lasts = 0, 3
     check_writable(tmp_path / "out.c3d", 0)
     assert [path.name for path in tmp_path.iterdir()] == ["trial"]
