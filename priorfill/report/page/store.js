@@ -75,8 +75,32 @@ class Store {
     for (const list of this.gapsOf) list.sort((a, b) => gaps[a].start - gaps[b].start);
   }
 
+  /**
+   * Runs of equal state of a marker.
+   * @param {number} marker
+   * @returns {Object[]} state, start, stop; of filled runs also `offset` of their errors
+   */
+  stateRuns(marker) {
+    const known = this.runsOf[marker];
+    if (known) return known;
+    const coded = this.data.states.values[marker];
+    const filled = this.filledRuns[marker];
+    const runs = [];
+    let at = 0;
+    let next = 0;
+    for (let r = 0; r + 1 < coded.length; r += 2) {
+      const run = { state: Number(coded[r]), start: at, stop: at + coded[r + 1] };
+      if (next < filled.length && filled[next].start === at) run.offset = filled[next++].offset;
+      runs.push(run);
+      at = run.stop;
+    }
+    this.runsOf[marker] = runs;
+    return runs;
+  }
+
   /** Runs of filled samples of each marker, and where their errors begin. */
   indexFilled() {
+    this.runsOf = this.data.markers.map(() => null);
     let offset = 0;
     this.filledRuns = this.data.states.values.map((runs) => {
       const found = [];

@@ -1,4 +1,16 @@
-/* All gaps: markers down, frames across. */
+/* All gaps: markers down, frames across, filled frames in the colour of their expected error. */
+
+/** Height (px) of a row with its name. */
+const ROW_HEIGHT = 16;
+
+/** Height (px) of the time axis. */
+const AXIS_HEIGHT = 32;
+
+/** Expected errors (mm) at which the legend has a number. */
+const LEGEND_MM = [0.5, 1, 2, 5, 10, 20, 50];
+
+/** Height (px) that the rows have on paper, at most. */
+const PAPER_HEIGHT = 560;
 
 class Timeline {
   /**
@@ -7,10 +19,278 @@ class Timeline {
    */
   constructor(root, store) {
     this.store = store;
-    this.canvas = element("canvas", { tabindex: "0", "aria-label": "Timeline of all gaps" });
-    root.append(this.canvas);
+    this.view = { from: 0, to: Math.max(1, store.frames) };
+    this.printing = false;
+    this.image = document.createElement("canvas");
+    this.imageKey = "";
+    this.themes = 0;
+    this.redraw = scheduled(() => this.draw());
+    this.input = new TimelineInput(this);
+    this.build(root);
+    this.arrange();
+    this.listen();
+  }
+
+  /** Make the elements. */
+  build(root) {
+    const tick = (text, name) => {
+      const on = { change: () => this.arrange() };
+      const box = element("input", { type: "checkbox", name, on });
+      return [box, element("label", {}, [box, ` ${text}`])];
+    };
+    const [all, allLabel] = tick("All markers", "all-markers");
+    const [fit, fitLabel] = tick("Fit rows", "fit-rows");
+    this.all = all;
+    this.fitRows = fit;
+    this.legend = element("div", { class: "legend" });
+    this.canvas = element("canvas", {
+      tabindex: "0", role: "application",
+      "aria-label": "Timeline of all gaps. Up and down: marker. Enter: gap. " +
+        "Plus and minus: zoom. 0: all frames.",
+    });
+    this.spacer = element("div", { class: "timeline-rows" }, [this.canvas]);
+    this.scroller = element("div", { class: "timeline-scroller" }, [this.spacer]);
+    this.tip = element("div", { class: "tip", role: "tooltip", hidden: true });
+    root.append(
+      element("div", { class: "panel-head" }, [
+        element("h2", { text: "Timeline" }), this.legend, allLabel, fitLabel,
+        this.input.buttons(),
+      ]),
+      element("div", { class: "timeline-box" }, [this.scroller, this.tip]));
+    this.drawLegend();
+  }
+
+  /** React to the store and to the user. */
+  listen() {
+    const { store } = this;
+    for (const event of ["frame", "range", "markers"]) store.on(event, this.redraw);
+    store.on("decoded", ({ version }) => {
+      if (version <= 0) this.imageKey = "";
+      this.redraw();
+    });
+    store.on("data", () => {
+      this.drawLegend();
+      this.view.to = Math.min(this.view.to, store.frames);
+      this.arrange();
+    });
+    store.on("gap", () => this.showGap());
+    store.on("play", this.redraw);
+    store.on("theme", () => {
+      this.themes++;
+      this.drawLegend();
+      this.redraw();
+    });
+    store.on("print", (on) => {
+      this.printing = on;
+      this.arrange();
+    });
+    new ResizeObserver(this.redraw).observe(this.scroller);
+    this.scroller.addEventListener("scroll", this.redraw);
+    this.input.listen(this.canvas);
+  }
+
+  /** Choose the rows, and their height. */
+  arrange() {
+    const { data } = this.store;
+    const rows = [];
+    const grouped = data.subjects.length > 1 || (data.subjects[0] || "") !== "";
+    data.subjects.forEach((name, subject) => {
+      const markers = data.markers.map((m, i) => i).filter((i) =>
+        data.markers[i].subject === subject && (this.all.checked || this.hasGap(i)));
+      if (grouped && markers.length) rows.push({ subject: name || "Subject without a name" });
+      for (const marker of markers) rows.push({ marker });
+    });
+    this.rows = rows;
+    this.rowOf = new Map(rows.map((row, i) => [row.marker, i]));
+    this.imageKey = "";
+    const squeezed = this.fitRows.checked || this.printing;
+    this.scroller.classList.toggle("whole", this.printing);
+    const room = this.printing ? PAPER_HEIGHT : parseFloat(getComputedStyle(this.scroller).maxHeight) || 200;
+    this.rowHeight = squeezed
+      ? Math.max(1, Math.min(ROW_HEIGHT, (room - AXIS_HEIGHT) / Math.max(1, rows.length)))
+      : ROW_HEIGHT;
+    const total = AXIS_HEIGHT + Math.ceil(this.rowHeight * Math.max(1, rows.length)) + 2;
+    this.spacer.style.height = `${total}px`;
+    this.redraw();
+  }
+
+  /** @returns {boolean} whether a marker has a gap, or samples that are not as measured */
+  hasGap(marker) {
+    const runs = this.store.data.states.values[marker];
+    return this.store.gapsOf[marker].length > 0 || runs.length > 2 || runs[0] !== STATE.measured;
+  }
+
+  /** Widths (px) of the column of names and of the frames. */
+  columns() {
+    const width = this.canvas.clientWidth;
+    const names = width < 500 ? 110 : Math.min(230, Math.round(width * 0.17));
+    return { names, width: Math.max(10, width - names - 6) };
   }
 
   /** Draw at once. */
-  draw() {}
+  draw() {
+    const high = this.printing ? this.spacer.clientHeight : this.scroller.clientHeight;
+    if (!this.scroller.clientWidth || !high) return;
+    this.canvas.style.height = `${high}px`;
+    const { context, width, height, ratio } = fitCanvas(this.canvas);
+    if (this.store.playing) this.input.follow();
+    this.drawRows(ratio, width, height);
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.clearRect(0, 0, this.canvas.width, this.canvas.height);
+    context.drawImage(this.image, 0, 0);
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    this.drawMarks(context, height);
+  }
+
+  /** Draw rows and axis into the stored image, unless it shows them already. */
+  drawRows(ratio, width, height) {
+    const { store, view } = this;
+    const scroll = this.scroller.scrollTop;
+    const key = [view.from, view.to, scroll, width, height, ratio, this.themes, this.rowHeight,
+      this.rows.length, store.generation, store.markers.join()].join("|");
+    if (key === this.imageKey) return;
+    this.imageKey = key;
+    this.image.width = this.canvas.width;
+    this.image.height = this.canvas.height;
+    const context = this.image.getContext("2d");
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    const { names, width: plot } = this.columns();
+    const stripes = stripePattern(context);
+    const first = Math.max(0, Math.floor(scroll / this.rowHeight));
+    const count = Math.ceil(height / this.rowHeight) + 1;
+    const chosen = new Set(store.markers);
+    this.rows.slice(first, first + count).forEach((row, i) => {
+      const top = AXIS_HEIGHT + (first + i) * this.rowHeight - scroll;
+      const box = { left: names, top, width: plot, height: this.rowHeight, ...view, names, stripes };
+      if (row.marker === undefined) this.drawSubject(context, row.subject, box);
+      else {
+        paintMarkerRow(context, store, row.marker, box);
+        paintName(context, store, row.marker, { ...box, chosen: chosen.has(row.marker) });
+      }
+    });
+    if (!this.rows.length) {
+      context.fillStyle = colours().muted;
+      context.font = "12px system-ui, sans-serif";
+      context.fillText("No marker has a gap.", names, AXIS_HEIGHT + 12);
+    }
+    paintAxis(context, store, { left: names, width: plot, height: AXIS_HEIGHT, ...view });
+  }
+
+  /** Draw the name of a subject above its markers. */
+  drawSubject(context, text, box) {
+    if (box.height < LEAST_NAMED_ROW) return;
+    context.fillStyle = colours().text;
+    context.font = "bold 12px system-ui, sans-serif";
+    context.textBaseline = "middle";
+    context.textAlign = "left";
+    context.fillText(cutText(context, text, box.names + 200), 6, box.top + box.height / 2);
+  }
+
+  /** Draw what changes often: range, gaps chosen, playhead. */
+  drawMarks(context, height) {
+    const { store } = this;
+    const shades = colours();
+    const { names, width } = this.columns();
+    context.save();
+    context.beginPath();
+    context.rect(names, 0, width + 4, height);
+    context.clip();
+    if (store.range) {
+      const left = this.xOf(store.range[0]);
+      context.fillStyle = shades.accent;
+      context.globalAlpha = 0.22;
+      context.fillRect(left, 0, Math.max(2, this.xOf(store.range[1] + 1) - left), height);
+      context.globalAlpha = 1;
+    }
+    for (const index of store.chosenGaps) this.frameGap(context, index, 1);
+    if (store.activeGap >= 0) this.frameGap(context, store.activeGap, 2);
+    const x = Math.round(this.xOf(store.frame + 0.5));
+    context.fillStyle = shades.text;
+    context.fillRect(x - 0.5, AXIS_HEIGHT - 6, 1.5, height);
+    context.beginPath();
+    context.moveTo(x - 5, AXIS_HEIGHT - 8);
+    context.lineTo(x + 5, AXIS_HEIGHT - 8);
+    context.lineTo(x, AXIS_HEIGHT);
+    context.fill();
+    context.restore();
+  }
+
+  /** Draw a frame around a gap. */
+  frameGap(context, index, thickness) {
+    const gap = this.store.data.gaps[index];
+    const row = gap && this.rowOf.get(gap.marker);
+    if (row === undefined) return;
+    const top = AXIS_HEIGHT + row * this.rowHeight - this.scroller.scrollTop;
+    if (top < AXIS_HEIGHT - this.rowHeight) return;
+    const left = this.xOf(gap.start);
+    const wide = Math.max(3, this.xOf(gap.stop) - left);
+    context.strokeStyle = colours().accent;
+    context.lineWidth = thickness;
+    context.strokeRect(left - 1, top + 0.5, wide + 2, Math.max(2, this.rowHeight - 1));
+  }
+
+  /** @returns {number} place (px) of a frame on the canvas */
+  xOf(frame) {
+    const { names, width } = this.columns();
+    return names + ((frame - this.view.from) / (this.view.to - this.view.from)) * width;
+  }
+
+  /** @returns {{frame: number, row: Object|null, near: number}} what is at a point (px); `near`
+   *   is the number of frames within which a click chooses a gap */
+  at(x, y) {
+    const { names, width } = this.columns();
+    const per = (this.view.to - this.view.from) / width;
+    const frame = Math.floor(this.view.from + (x - names) * per);
+    const index = Math.floor((y - AXIS_HEIGHT + this.scroller.scrollTop) / this.rowHeight);
+    const row = y < AXIS_HEIGHT ? null : this.rows[index] || null;
+    const inside = Math.max(0, Math.min(this.store.frames - 1, frame));
+    return { frame: inside, row, near: Math.ceil(NEAR * per), names: x < names };
+  }
+
+  /** Scroll the row and the frames of the active gap into view. */
+  showGap() {
+    const { store, scroller } = this;
+    const gap = store.data.gaps[store.activeGap];
+    const row = gap && this.rowOf.get(gap.marker);
+    if (row !== undefined) {
+      const top = row * this.rowHeight;
+      const room = scroller.clientHeight - AXIS_HEIGHT;
+      if (top < scroller.scrollTop) scroller.scrollTop = top;
+      else if (top + this.rowHeight > scroller.scrollTop + room) {
+        scroller.scrollTop = top + this.rowHeight - room;
+      }
+      const { from, to } = this.view;
+      if (gap.stop < from || gap.start > to) this.input.centre((gap.start + gap.stop) / 2);
+    }
+    this.redraw();
+  }
+
+  /** Show the meaning of the colours, in mm. */
+  drawLegend() {
+    const shades = colours();
+    const bar = element("span", { class: "scale", title: "Expected error of filled frames" });
+    bar.style.background = `linear-gradient(to right, ${shades.scale.join(",")})`;
+    const marks = element("span", { class: "scale-marks", "aria-hidden": "true" });
+    for (const mm of LEGEND_MM) {
+      const mark = element("span", { text: String(mm) });
+      mark.style.left = `${(100 * errorStep(mm)) / (SCALE_STEPS - 1)}%`;
+      marks.append(mark);
+    }
+    const whole = element("span", {
+      class: "scale-box", role: "img",
+      "aria-label": `Colours of the expected error, from ${SCALE_LOW_MM} to ${SCALE_HIGH_MM} mm`,
+    }, [bar, marks]);
+    const key = (name, text) => element("span", { class: "key" }, [
+      element("span", { class: `swatch swatch-${name}` }), text,
+    ]);
+    const states = new Set();
+    for (const runs of this.store.data.states.values) {
+      for (let r = 0; r < runs.length; r += 2) states.add(Number(runs[r]));
+    }
+    const keys = [["measured", "measured"], ["missing", "missing"], ["doubt", "in doubt"],
+      ["replaced", "replaced"], ["swapped", "labels exchanged"]];
+    this.legend.replaceChildren(
+      element("span", { text: "expected error (mm)" }), whole,
+      ...keys.filter(([name]) => states.has(STATE[name])).map(([name, text]) => key(name, text)));
+  }
 }
