@@ -46,7 +46,9 @@ if TYPE_CHECKING:
     from priorfill.filling.fill_options import FillOptions
     from priorfill.filling.gap_filter import GapFilter
     from priorfill.filling.multi_subject import read_subjects
-    from priorfill.filling.overrides import GapOverride, Overrides, read_overrides
+    from priorfill.filling.overrides import GapOverride, MadeFor, Overrides
+    from priorfill.filling.overrides_file import read_overrides, write_overrides
+    from priorfill.filling.overrides_template import overrides_template
     from priorfill.filling.provenance import Provenance
     from priorfill.filling.result import FilledGap, Result, UnfilledSpan
     from priorfill.filling.uncertainty_file import write_uncertainty
@@ -75,6 +77,7 @@ _PLACES = {
     "GapFilter": "priorfill.filling.gap_filter",
     "GapGroup": "priorfill.gaps",
     "GapOverride": "priorfill.filling.overrides",
+    "MadeFor": "priorfill.filling.overrides",
     "MarkerSet": "priorfill.markers.marker_set",
     "Overrides": "priorfill.filling.overrides",
     "PriorDatabase": "priorfill.database",
@@ -90,10 +93,12 @@ _PLACES = {
     "find_artefacts": "priorfill.artefacts",
     "find_gaps": "priorfill.gaps",
     "gap_groups": "priorfill.gaps",
+    "overrides_template": "priorfill.filling.overrides_template",
     "read": "priorfill.formats",
-    "read_overrides": "priorfill.filling.overrides",
+    "read_overrides": "priorfill.filling.overrides_file",
     "read_subjects": "priorfill.filling.multi_subject",
     "write": "priorfill.formats",
+    "write_overrides": "priorfill.filling.overrides_file",
     "write_report": "priorfill.report.report_file",
     "write_uncertainty": "priorfill.filling.uncertainty_file",
 }
@@ -114,6 +119,7 @@ __all__ = [
     "GapFilter",
     "GapGroup",
     "GapOverride",
+    "MadeFor",
     "MarkerSet",
     "Overrides",
     "PriorDatabase",
@@ -130,10 +136,12 @@ __all__ = [
     "find_artefacts",
     "find_gaps",
     "gap_groups",
+    "overrides_template",
     "read",
     "read_overrides",
     "read_subjects",
     "write",
+    "write_overrides",
     "write_report",
     "write_uncertainty",
 ]

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from gappy import person, with_gaps
 
 from priorfill.cli import main
-from priorfill.filling.overrides import read_overrides
+from priorfill.filling.overrides_file import read_overrides
 from priorfill.formats import write
 from priorfill.markers.definitions import load
 

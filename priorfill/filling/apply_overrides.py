@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from priorfill.clip import Clip
 from priorfill.filling.assemble import expected_errors
+from priorfill.filling.assign_overrides import AppliedOverrides
 from priorfill.filling.gap_filter import GapFilter
-from priorfill.filling.overrides import LEAVE, AppliedOverrides, Overrides
+from priorfill.filling.overrides import ACCEPT, LEAVE, Overrides
 from priorfill.filling.result import FilledGap, Result
 from priorfill.gaps import Gap, GapGroup, find_gaps, gap_groups, runs
 from priorfill.markers.phantoms import Phantom
@@ -79,7 +80,7 @@ def plan_runs(
         ]
     if applied is None or overrides is None:
         return (_run(clip, method, left_alone),)
-    actions = [method, *(entry.do for entry in overrides.entries)]
+    actions = [method, *(method if e.do == ACCEPT else e.do for e in overrides.entries)]
     names = list(dict.fromkeys(actions))  # the default method first
     action = np.array([names.index(name) for name in actions])[applied.number]
     open_ = clip.missing

@@ -19,12 +19,14 @@ from priorfill.database import PriorDatabase
 from priorfill.errors import DatabaseCorruptError, OptionError
 from priorfill.filling.apply_overrides import MethodRun, join_runs, plan_runs
 from priorfill.filling.assemble import filled_samples, restore_rejected, sum_up_gaps
+from priorfill.filling.assign_overrides import AppliedOverrides, apply_overrides
 from priorfill.filling.believable_fill import BelievableFill
 from priorfill.filling.database_takes import DatabaseTakes
 from priorfill.filling.fill_options import FillOptions
 from priorfill.filling.gap_filter import GapFilter
 from priorfill.filling.multi_subject import assign_same_subject, merge_results
-from priorfill.filling.overrides import AppliedOverrides, Overrides, read_overrides
+from priorfill.filling.overrides import Overrides
+from priorfill.filling.overrides_file import read_overrides
 from priorfill.filling.provenance import (
     DatabaseState,
     Provenance,
@@ -238,7 +240,7 @@ def _plan(
         cleaned, artefacts = without_artefacts(measured)
     elif options.plausibility.hide_doubtful:
         artefacts = find_artefacts(measured)
-    applied = None if settings.overrides is None else settings.overrides.apply(cleaned)
+    applied = None if settings.overrides is None else apply_overrides(settings.overrides, cleaned)
     clip = cleaned if applied is None else applied.clip
     definition = options.marker_set or recognise(clip.labels)
     known = {label for other in same_subject for label in other.labels} | shown

@@ -21,7 +21,8 @@ from priorfill.filling.fill_options import FillKeywords, FillOptions
 from priorfill.filling.further_outputs import check_further_outputs, further_outputs
 from priorfill.filling.leave_missing import leave_missing
 from priorfill.filling.multi_subject import merge_artefacts, read_subjects
-from priorfill.filling.overrides import Overrides, read_overrides
+from priorfill.filling.overrides import Overrides
+from priorfill.filling.overrides_file import read_overrides
 from priorfill.filling.result import Result
 from priorfill.formats import WriteReport
 from priorfill.methods import get_method

@@ -1,30 +1,30 @@
-"""Per-gap overrides: what a user wants done with single gaps, read from a file."""
+"""Overrides: what a user wants done with single gaps."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from priorfill.clip import Clip
 from priorfill.errors import OptionError
 from priorfill.filling.gap_filter import matching_markers
-from priorfill.gaps import runs
-from priorfill.methods import ALIASES, METHODS, resolve
+from priorfill.filling.override_entries import (
+    ACCEPT,
+    LEAVE,
+    MISSING,
+    SWAP,
+    check_entry,
+    entry_fields,
+    entry_of,
+    flat_options,
+)
+from priorfill.methods import resolve
 from priorfill.runtime.option_checks import check_not_text
-from priorfill.runtime.option_texts import close_or_all, parse_frames, parse_names
-from priorfill.runtime.toml_file import read_toml
+from priorfill.runtime.option_texts import close_or_all
 
-__all__ = ["LEAVE", "MISSING", "AppliedOverrides", "GapOverride", "Overrides", "read_overrides"]
-
-LEAVE, MISSING = "leave", "missing"
-"""Actions other than filling: leave a gap alone; treat measured samples as missing."""
-
-_KEYS = ("marker", "frames", "do", "subject", "note")
+__all__ = ["ACCEPT", "LEAVE", "MISSING", "SWAP", "GapOverride", "MadeFor", "Overrides"]
 
 
 @dataclass(frozen=True)
@@ -36,20 +36,36 @@ class GapOverride:
     markers : tuple of str
         Labels, or shell patterns of labels.
     do : str
-        `LEAVE`, `MISSING`, or the method to fill with.
+        `ACCEPT`: the default method fills, as without the override. `LEAVE`: leave missing.
+        `MISSING`: treat measured samples as missing. `SWAP`: exchange the samples of two markers.
+        Or the method to fill with.
     first, last : int or None
         First and last frame in the clip's own numbering; None: the clip's first or last frame.
     subject : str
         The subject whose markers are meant, in a file of several; empty: every subject.
+    other : str
+        The marker to exchange samples with, for `SWAP`.
+    donors : tuple of str
+        Labels, or shell patterns of labels: the markers that the method sees, besides `markers`;
+        empty: all. For a method.
+    sources : tuple of str
+        What the method learns from: ``clip``, ``same-subject``, ``database``, or
+        ``database:PATTERN`` with a shell pattern of names of clips; empty: all. For a method.
+    options : mapping of str to object
+        Options of the method by dotted name, in addition to those of the fill if its method is the
+        same.
+    note : str
+        Any text.
 
     Raises
     ------
     OptionError
-        Where there is no such action, or `markers` is a text instead of a tuple.
+        Where there is no such action, a field does not apply to it, or `markers`, `donors` or
+        `sources` is a text instead of a tuple.
 
     Examples
     --------
-    >>> GapOverride(("LKNE",), "prior", first=120, last=180).do
+    >>> GapOverride(("LKNE",), "prior", first=120, last=180, donors=("LTHI", "LTIB")).do
     'gpr'
 
     See Also
@@ -63,34 +79,55 @@ class GapOverride:
     first: int | None = None
     last: int | None = None
     subject: str = ""
+    other: str = ""
+    donors: tuple[str, ...] = ()
+    sources: tuple[str, ...] = ()
+    options: Mapping[str, Any] = field(default_factory=dict)
+    note: str = ""
 
     def __post_init__(self) -> None:
-        """Check the markers, and replace an alias of a method by its name."""
-        check_not_text(self, "markers")
-        if self.do not in (LEAVE, MISSING):
+        """Check the fields, and replace an alias of a method by its name."""
+        check_not_text(self, "markers", "donors", "sources")
+        if self.do not in (ACCEPT, LEAVE, MISSING, SWAP):
             object.__setattr__(self, "do", resolve(self.do))
+        object.__setattr__(self, "options", flat_options(self.options))
+        check_entry(self)
+
+    @property
+    def is_method(self) -> bool:
+        """Whether the samples are filled by a method that the override names."""
+        return self.do not in (ACCEPT, LEAVE, MISSING, SWAP)
 
 
-@dataclass(frozen=True, eq=False)
-class AppliedOverrides:
-    """What overrides mean for a clip.
+@dataclass(frozen=True)
+class MadeFor:
+    """What overrides were made for; a fill of something else notes the difference.
 
     Attributes
     ----------
-    clip : Clip
-        The clip without the samples that are to be treated as missing.
-    removed : ndarray of bool [shape=(frames, markers)]
-        These samples.
-    number : ndarray of int [shape=(frames, markers)]
-        For each missing sample the number of the override that applies to it, from 1; 0: none.
-    notes : tuple of str
-        Samples that were removed, and overrides without effect, a sentence each.
+    file : str
+        Name of the file, without the folder.
+    sha256 : str
+        Hash of its bytes; empty: unknown.
+    method : str
+        The method for gaps without an override; empty: unknown.
+    database : str or None
+        Content hash of the database; empty: none was used. None: unknown.
+
+    Examples
+    --------
+    >>> MadeFor("walk.c3d").file
+    'walk.c3d'
+
+    See Also
+    --------
+    Overrides : Their `made_for` is one.
     """
 
-    clip: Clip
-    removed: NDArray[np.bool_]
-    number: NDArray[np.intp]
-    notes: tuple[str, ...]
+    file: str = ""
+    sha256: str = ""
+    method: str = ""
+    database: str | None = None
 
 
 @dataclass(frozen=True)
@@ -106,10 +143,13 @@ class Overrides:
     strict : bool
         Whether each entry must match a marker of every clip; otherwise it may be meant for another
         subject.
+    made_for : MadeFor, optional
+        What they were made for.
 
     See Also
     --------
     read_overrides : Read them from a file.
+    write_overrides : Write them to a file.
     priorfill.fill : Fill the gaps of a clip.
 
     Examples
@@ -117,11 +157,57 @@ class Overrides:
     >>> overrides = Overrides((GapOverride(("LFIN", "RFIN"), "leave"),))
     >>> overrides.entries[0].do
     'leave'
+    >>> overrides.to_entries()
+    [{'marker': ['LFIN', 'RFIN'], 'do': 'leave'}]
     """
 
     entries: tuple[GapOverride, ...]
     path: Path | None = None
     strict: bool = True
+    made_for: MadeFor | None = None
+
+    @classmethod
+    def from_entries(
+        cls,
+        entries: Iterable[Mapping[str, Any]],
+        path: Path | None = None,
+        made_for: MadeFor | None = None,
+    ) -> Overrides:
+        """Make overrides of mappings with the keys of a file of overrides.
+
+        Parameters
+        ----------
+        entries : iterable of mapping
+            As from `to_entries`, or read from JSON or TOML.
+        path : Path, optional
+            The file that they are from.
+        made_for : MadeFor, optional
+            What they were made for.
+
+        Raises
+        ------
+        OptionError
+            Where an entry is invalid.
+        """
+        name = "overrides" if path is None else str(path)
+        return cls(
+            tuple(
+                GapOverride(**entry_fields(entry, f"{name}: gap {number}"))
+                for number, entry in enumerate(entries, start=1)
+            ),
+            path,
+            made_for=made_for,
+        )
+
+    def to_entries(self) -> list[dict[str, Any]]:
+        """Return the entries as dictionaries of texts, numbers and lists, for TOML or JSON.
+
+        Returns
+        -------
+        list of dict
+            With the keys of a file of overrides; those at their defaults are left out.
+        """
+        return [entry_of(entry) for entry in self.entries]
 
     @property
     def name(self) -> str:
@@ -156,190 +242,3 @@ class Overrides:
                         f"{pattern!r}; {close_or_all(pattern, [*labels])}"
                     )
         return replace(self, strict=len(clips) == 1)
-
-    def apply(self, clip: Clip) -> AppliedOverrides:
-        """Find the samples of a clip that each override applies to.
-
-        Parameters
-        ----------
-        clip : Clip
-            The clip.
-
-        Raises
-        ------
-        OptionError
-            Where a marker or frames are not the clip's, or two overrides contradict each other.
-        """
-        if self.strict:
-            self.for_subjects([clip])
-        entries = list(self._entries_of(clip))
-        removed, notes = self._remove(clip, entries)
-        number, unused = self._assign(clip, removed, entries)
-        positions = np.where(removed[..., None], np.nan, clip.positions)
-        return AppliedOverrides(clip.with_positions(positions), removed, number, (*notes, *unused))
-
-    def _entries_of(self, clip: Clip) -> Iterator[tuple[int, GapOverride, NDArray[np.bool_]]]:
-        """Return number, entry and samples of each override that may apply to a clip."""
-        for number, entry in enumerate(self.entries, start=1):
-            if entry.subject not in ("", clip.subject):
-                continue
-            frames = self._frames(number, entry, clip)
-            samples = np.zeros_like(clip.missing)
-            for pattern in entry.markers:
-                samples[frames.start : frames.stop, matching_markers(clip, pattern)] = True
-            yield number, entry, samples
-
-    def _frames(self, number: int, entry: GapOverride, clip: Clip) -> range:
-        """Return the frames of an override, counted from 0."""
-        start, end = clip.first_frame, clip.first_frame + clip.frames - 1
-        first = start if entry.first is None else entry.first
-        last = end if entry.last is None else entry.last
-        if not start <= first <= last <= end:
-            raise OptionError(
-                f"{self.name}: gap {number}: frames {first}-{last} are not all in {clip.name}, "
-                f"which has {start}-{end}"
-            )
-        return range(first - start, last - start + 1)
-
-    def _remove(
-        self, clip: Clip, entries: Sequence[tuple[int, GapOverride, NDArray[np.bool_]]]
-    ) -> tuple[NDArray[np.bool_], list[str]]:
-        """Find the measured samples to be treated as missing [shape=(frames, markers)]."""
-        removed, notes = np.zeros_like(clip.missing), []
-        for number, entry, samples in entries:
-            if entry.do != MISSING:
-                continue
-            taken = samples & ~clip.missing
-            removed |= taken
-            if taken.any():
-                notes.append(_removal_note(clip, taken))
-            elif self.strict:
-                notes.append(self._unused(number, "measured"))
-        return removed, notes
-
-    def _assign(
-        self,
-        clip: Clip,
-        removed: NDArray[np.bool_],
-        entries: Sequence[tuple[int, GapOverride, NDArray[np.bool_]]],
-    ) -> tuple[NDArray[np.intp], list[str]]:
-        """Find the override of each missing sample [shape=(frames, markers)]."""
-        missing = clip.missing | removed
-        assigned, notes = np.zeros(missing.shape, dtype=np.intp), []
-        for number, entry, samples in entries:
-            if entry.do == MISSING:
-                continue
-            own = samples & missing
-            for other in np.unique(assigned[own & (assigned > 0)]).tolist():
-                if self.entries[other - 1].do != entry.do:
-                    self._refuse(clip, own & (assigned == other), other, number)
-            if entry.do == LEAVE and (own & removed).any():
-                frame, marker = np.argwhere(own & removed)[0]
-                raise OptionError(
-                    f"{self.name}: gap {number}: {clip.labels[marker]} in frame "
-                    f"{clip.first_frame + frame} is to be treated as missing and left alone; "
-                    "remove one of the two"
-                )
-            assigned[own] = number
-            if self.strict and not own.any():
-                notes.append(self._unused(number, "missing"))
-        return assigned, notes
-
-    def _refuse(self, clip: Clip, samples: NDArray[np.bool_], one: int, two: int) -> None:
-        """Raise OptionError for two overrides that contradict each other on some samples."""
-        frame, marker = np.argwhere(samples)[0]
-        actions = ", ".join(self.entries[number - 1].do for number in (one, two))
-        raise OptionError(
-            f"{self.name}: gaps {one} and {two} contradict each other on "
-            f"{clip.labels[marker]} in frame {clip.first_frame + frame} ({actions}); "
-            "remove one, or divide the frames between them"
-        )
-
-    def _unused(self, number: int, state: str) -> str:
-        """Return the note on an override that applies to no sample."""
-        return f"{self.name}: gap {number} has no effect: no sample there is {state}"
-
-
-def read_overrides(path: Path | str) -> Overrides:
-    r"""Read a file of overrides.
-
-    Parameters
-    ----------
-    path : Path or str
-        A TOML file; docs/cli.md describes its contents.
-
-    Returns
-    -------
-    Overrides
-        For `priorfill.fill`.
-
-    Raises
-    ------
-    OptionError
-        Where the file cannot be read or its contents are invalid.
-
-    See Also
-    --------
-    priorfill.fill : Fill the gaps of a clip.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = Path(folder) / "gaps.toml"
-    ...     _ = file.write_text('[[gap]]\nmarker = "LKNE"\ndo = "leave"')
-    ...     read_overrides(file).entries[0].markers
-    ('LKNE',)
-    """
-    path = Path(path)
-    content = read_toml(path, OptionError)
-    entries = content.pop("gap", [])
-    if content:
-        raise OptionError(f"{path}: unknown key {next(iter(content))!r}; write [[gap]] tables")
-    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        raise OptionError(f"{path}: gap is not a list of tables; write [[gap]] above each")
-    return Overrides(
-        tuple(_read(entry, f"{path}: gap {n}") for n, entry in enumerate(entries, start=1)), path
-    )
-
-
-def _read(entry: dict[str, Any], where: str) -> GapOverride:
-    """Read one override."""
-    unknown = [key for key in entry if key not in _KEYS]
-    if unknown:
-        raise OptionError(f"{where}: unknown key {unknown[0]!r}; use {', '.join(_KEYS)}")
-    markers = entry.get("marker")
-    markers = list(parse_names(markers)) if isinstance(markers, str) and markers else markers
-    if not (isinstance(markers, list) and markers and all(isinstance(m, str) for m in markers)):
-        raise OptionError(f"{where}: has no marker; give a label, a pattern, or a list of these")
-    do, subject, frames = entry.get("do"), entry.get("subject", ""), entry.get("frames", ":")
-    actions = (LEAVE, MISSING, "auto", *METHODS)
-    if not isinstance(do, str) or do not in (*actions, *ALIASES):
-        raise OptionError(f"{where}: do is {do!r}; {close_or_all(str(do), actions)}")
-    if not isinstance(subject, str):
-        raise OptionError(f"{where}: subject is {subject!r}; give a name")
-    first, last = _read_frames(frames, where)
-    return GapOverride(tuple(markers), do, first, last, subject)
-
-
-def _read_frames(value: Any, where: str) -> tuple[int | None, int | None]:
-    """Read a number, or a text as `parse_frames` does."""
-    if type(value) is int:
-        return value, value
-    try:
-        return parse_frames(value if isinstance(value, str) else repr(value))
-    except OptionError as error:
-        raise OptionError(f"{where}: {error}") from None
-
-
-def _removal_note(clip: Clip, taken: NDArray[np.bool_]) -> str:
-    """Return the note on measured samples that are treated as missing."""
-    labels = [clip.labels[marker] for marker in np.flatnonzero(taken.any(axis=0))]
-    spans = [
-        f"{clip.first_frame + start}-{clip.first_frame + stop - 1}"
-        for start, stop in runs(np.logical_or.reduce(taken, axis=1))
-    ]
-    return (
-        f"treated as missing: {int(taken.sum())} measured samples of {', '.join(labels)} in frames "
-        f"{', '.join(spans)}"
-    )

@@ -20,7 +20,7 @@ from priorfill.database.manifest import read_manifest
 from priorfill.errors import MarkerSetError
 from priorfill.filling.fill_options import FillOptions
 from priorfill.filling.gap_filter import GapFilter
-from priorfill.filling.overrides import GapOverride, Overrides
+from priorfill.filling.overrides import GapOverride, MadeFor, Overrides
 from priorfill.filling.plausibility_options import PlausibilityOptions
 from priorfill.markers.definitions import load
 from priorfill.markers.marker_set import MarkerSet
@@ -264,10 +264,11 @@ class Provenance:
             "gap_filter": GapFilter(**_tuples(given["gap_filter"])),
         }
         if overrides is not None:
-            path = overrides["path"]
+            path, made_for = overrides["path"], overrides.get("made_for")
             given["overrides"] = Overrides(
                 tuple(GapOverride(**_tuples(entry)) for entry in overrides["entries"]),
                 None if path is None else Path(path),
+                made_for=None if made_for is None else MadeFor(**made_for),
             )
         return cls(**given)
 

@@ -23,6 +23,10 @@ MAX_DEPTH = 16
 MAX_DOTS = 100
 """Maximum number of dots in a line; parsing takes time with the square of the parts of a key."""
 
+MAX_SQUARED_DOTS = MAX_BYTES // 200 * MAX_DOTS**2
+"""Maximum sum of the squares of the dots of all lines: those of the slowest file of `MAX_BYTES`,
+whose lines are keys of `MAX_DOTS` dots and 200 bytes. It is parsed in seconds."""
+
 MAX_INTEGER = 2**63 - 1
 """Largest integer of TOML."""
 
@@ -30,7 +34,9 @@ _LONG_NUMBER = re.compile(r"[0-9][0-9_]{999}")
 """An integer of more digits than Python converts has a run of these."""
 
 
-def read_toml(path: Path, failure: Callable[[str], PriorfillError]) -> dict[str, Any]:
+def read_toml(
+    path: Path, failure: Callable[[str], PriorfillError], *, max_bytes: int = MAX_BYTES
+) -> dict[str, Any]:
     """Return the contents of a TOML file.
 
     Parameters
@@ -39,6 +45,8 @@ def read_toml(path: Path, failure: Callable[[str], PriorfillError]) -> dict[str,
         The file; UTF-8, with or without byte order mark.
     failure : callable
         Makes the error to raise of a message, for example a class of `priorfill.errors`.
+    max_bytes : int
+        Size limit of the file.
 
     Returns
     -------
@@ -48,13 +56,18 @@ def read_toml(path: Path, failure: Callable[[str], PriorfillError]) -> dict[str,
     Raises
     ------
     PriorfillError
-        As made by ``failure``, if the file cannot be read, is not valid TOML, exceeds `MAX_BYTES`
+        As made by ``failure``, if the file cannot be read, is not valid TOML, exceeds `max_bytes`
         or `MAX_DEPTH`, or holds an integer above `MAX_INTEGER`, or a date.
     """
-    text = _text(path, failure)
+    text = _text(path, failure, max_bytes)
+    squared = 0
     for number, line in enumerate(text.splitlines(), start=1):
-        if line.count(".") > MAX_DOTS:
+        dots = line.count(".")
+        if dots > MAX_DOTS:
             raise failure(f"{path}: line {number} has more than {MAX_DOTS} dots; divide it")
+        squared += dots**2
+    if squared > MAX_SQUARED_DOTS:
+        raise failure(f"{path}: too many lines have many dots; divide the lines")
     try:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -75,13 +88,13 @@ def read_toml(path: Path, failure: Callable[[str], PriorfillError]) -> dict[str,
     return content
 
 
-def _text(path: Path, failure: Callable[[str], PriorfillError]) -> str:
+def _text(path: Path, failure: Callable[[str], PriorfillError], max_bytes: int) -> str:
     """Return the text of a file."""
     try:
         if path.exists() and not path.is_file():  # reading a pipe might block for ever
             raise failure(f"{path}: is not a regular file; give the name of one")
         with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
+            data = file.read(max_bytes + 1)
     except PriorfillError:  # some are OSErrors
         raise
     except (OSError, ValueError) as error:
@@ -89,8 +102,8 @@ def _text(path: Path, failure: Callable[[str], PriorfillError]) -> str:
         raise failure(
             f"{path}: cannot be read ({reason}); check its name and permissions{_held(error)}"
         ) from error
-    if len(data) > MAX_BYTES:
-        raise failure(f"{path}: has more than {MAX_BYTES >> 10} KiB; shorten it")
+    if len(data) > max_bytes:
+        raise failure(f"{path}: has more than {max_bytes >> 10} KiB; shorten it")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

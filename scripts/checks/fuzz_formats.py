@@ -37,7 +37,7 @@ from priorfill.datasets.dataset_definitions import find_dataset
 from priorfill.errors import PriorfillError
 from priorfill.filling.fill_clip import fill
 from priorfill.filling.fill_options import FillOptions
-from priorfill.filling.overrides import read_overrides
+from priorfill.filling.overrides_file import read_overrides
 from priorfill.formats import is_recording, read, write
 from priorfill.formats.skeletons.asf_amc import read_amc, read_asf
 from priorfill.formats.skeletons.bvh import parse_bvh, read_bvh

@@ -158,7 +158,7 @@ def test_overrides_from_python():
         ('[[gap]]\nmarker = "C7"\nframes = 1.5\ndo = "leave"', "write 92-116"),
         (
             '[[gap]]\nmarker = "C7"\ndo = "guess"',
-            "do is 'guess'; use one of leave, missing, auto, gpr",
+            "do is 'guess'; use one of accept, leave, missing, swap, auto, gpr",
         ),
         ('[[gap]]\nmarker = "C7"', "do is None"),
         ('[[gap]]\ndo = "leave"', "has no marker"),
