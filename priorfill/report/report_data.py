@@ -75,7 +75,7 @@ def page_data(result: Result, contents: PageContents | None = None) -> dict[str,
     upright = to_upright(clip.positions, clip.up)
     shown_fill = (states == FILLED) | (states == REPLACED)
     name = clip.name if clip.source is None else clip.source.path.name
-    sticks, segments, segment_of = sticks_of(result)
+    segment_of = _segment_of(result)
     return {
         "format": FORMAT,
         "mode": "review" if contents.review else "report",
@@ -93,8 +93,8 @@ def page_data(result: Result, contents: PageContents | None = None) -> dict[str,
         "facts": [{"title": "Fill", "rows": [["Method", shown(result.method)]]}],
         "subjects": [shown(one.clip.subject, MAX_LABEL) for one in result.by_subject],
         "markers": _markers(result, segment_of),
-        "sticks": sticks,
-        "segments": segments,
+        "sticks": sticks_of(result),
+        "segments": list(dict.fromkeys(name for name in segment_of if name)),
         "versions": [{"name": "filled", "kind": "filled", "positions": encode_positions(upright)}],
         "states": encode_runs(states),
         "expected_rms": encode_sparse(result.expected_rms_mm, shown_fill),
@@ -121,6 +121,15 @@ def sample_states(result: Result) -> NDArray[np.int8]:
     states[result.filled] = FILLED
     states[result.filled & result.rejected] = REPLACED
     return states
+
+
+def _segment_of(result: Result) -> list[str]:
+    """Return the name of the segment of each marker."""
+    return [
+        shown(one.marker_set.segment.get(label, "").replace("_", " "), MAX_LABEL)
+        for one in result.by_subject
+        for label in one.clip.labels
+    ]
 
 
 def _markers(result: Result, segment_of: Sequence[str]) -> list[dict[str, Any]]:
