@@ -1,4 +1,4 @@
-// Series that the curves draw: coordinates, speed, distances between versions, and bands.
+/* Series that the curves draw: coordinates, speed, distances between versions, and bands. */
 
 /** Half widths of the bands of one coordinate, as parts of the 90 % bound, which is a distance in
  * space: errors are taken as normal and alike in all directions, so that 90 % of their distances
@@ -10,9 +10,6 @@ const CURVE_MEDIAN_DISTANCE = 0.6152;
 
 /** Ratio of the 90 % bound to the expected rms error where no bound is known. */
 const CURVE_BOUND_FACTOR = 1.6;
-
-/** Positions in the page data are in units of 0.1 mm. */
-const CURVE_UNIT_MM = 0.1;
 
 /** Series kept in memory. 300 series of 36,000 frames take 43 MB. */
 const CURVE_SERIES_KEPT = 300;
@@ -51,11 +48,26 @@ class CurveData {
   constructor(store) {
     this.store = store;
     this.kept = new Map();
+    this.known = new Map();
   }
 
-  /** Forget all series: other data, or more frames, have come. */
+  /** Forget all series: more frames have come. */
   clear() {
     this.kept.clear();
+  }
+
+  /** Forget all: other data have come. */
+  reset() {
+    this.kept.clear();
+    this.known.clear();
+  }
+
+  /**
+   * Note how many frames of a version are decoded.
+   * @param {{version: number, frames: number}} block Detail of the event "decoded".
+   */
+  note({ version, frames }) {
+    if (version >= 0) this.known.set(version, frames);
   }
 
   /** Number of frames of the clip. */
@@ -97,10 +109,10 @@ class CurveData {
     if (!positions) return series;
     const markers = this.store.data.markers.length;
     const place = CURVE_QUANTITIES.indexOf(kind);
-    const known = Math.min(this.frames, this.store.decodedFrames);
+    const known = this.known.get(version) || 0;
     for (let frame = 0; frame < known; frame += 1) {
       if (!this.store.shown(version, frame, marker)) continue;
-      series[frame] = positions[(frame * markers + marker) * 3 + place] * CURVE_UNIT_MM;
+      series[frame] = positions[(frame * markers + marker) * 3 + place] / UNITS_PER_MM;
     }
     return series;
   }
@@ -116,12 +128,35 @@ class CurveData {
     for (let frame = 0; frame < this.frames; frame += 1) {
       if (Number.isNaN(axes[0][frame])) continue;
       const before = frame > 0 && !Number.isNaN(axes[0][frame - 1]) ? frame - 1 : frame;
-      const after = frame + 1 < this.frames && !Number.isNaN(axes[0][frame + 1]) ? frame + 1 : frame;
+      const next = axes[0][frame + 1]; // undefined after the last frame
+      const after = next === next && next !== undefined ? frame + 1 : frame;
       if (before === after) continue;
       const away = axes.map((axis) => axis[after] - axis[before]);
       series[frame] = (Math.hypot(...away) * rate) / (after - before);
     }
     return series;
+  }
+
+  /**
+   * The measured or the filled part of a series of version 0. The filled part begins and ends at
+   * the measured samples next to it, so that a jump at an edge is seen.
+   * @param {number} marker Index in the page data.
+   * @param {string} kind "x", "y", "z" or "speed".
+   * @param {boolean} filled Which part.
+   */
+  part(marker, kind, filled) {
+    return this.remembered(`${marker} ${kind} part ${filled}`, () => {
+      const all = this.values(0, marker, kind);
+      const series = new Float32Array(this.frames).fill(NaN);
+      const is = (frame) =>
+        frame >= 0 && frame < this.frames && this.isFilled(frame, marker);
+      for (let frame = 0; frame < this.frames; frame += 1) {
+        const inside = is(frame);
+        const edge = filled && !inside && (is(frame - 1) || is(frame + 1));
+        if (inside === filled || edge) series[frame] = all[frame];
+      }
+      return series;
+    });
   }
 
   /** Distance (mm) between two versions of a marker; NaN where one of them has no value. */
@@ -157,7 +192,7 @@ class CurveData {
   /** Whether version 0 of a sample is a fill. */
   isFilled(frame, marker) {
     const state = this.store.state(frame, marker);
-    return state === 2 || state === 4;
+    return state === STATE.filled || state === STATE.replaced;
   }
 
   /** Half width of the band of 90 or 50 % of a quantity, as part of the bound. */
