@@ -93,7 +93,11 @@ def _parts() -> tuple[str, str, str]:
     names = sorted((path.name for path in _FOLDER.glob("*.js")), key=_place)
     scripts = "\n".join(_content(name) for name in names)
     script = f'"use strict";\n(() => {{\n{scripts}\n}})();\n'
-    return _content("page.html"), f"\n{_content('page.css')}", f"\n{script}"
+    sheets = sorted(path.name for path in _FOLDER.glob("*.css"))
+    style = "\n".join(
+        _content(name) for name in sorted(sheets, key=lambda name: name != "page.css")
+    )
+    return _content("page.html"), f"\n{style}", f"\n{script}"
 
 
 def _place(name: str) -> tuple[int, str]:

@@ -1,4 +1,4 @@
-"use strict";
+/* The camera of the body player. */
 
 const FIELD_OF_VIEW = 0.52;
 // Radians across the shorter side of the canvas: 30 degrees, little distortion at the edges.

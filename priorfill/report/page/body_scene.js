@@ -1,4 +1,4 @@
-"use strict";
+/* Where the body is: what the camera fits and follows, and the floor below it. */
 
 const FIT_FRAMES = 200;
 // Frames, evenly spaced, from which the size of the scene is taken.

@@ -19,7 +19,8 @@ class Store {
     this.compared = new Set();
     this.ghost = -1;
     this.range = null;
-    this.decisions = [];
+    this.loop = null; // frames [first, last] that are played; null is the whole clip
+    this.decisions = data.decisions || [];
     this.generation = 0;
     this.take(data);
   }
@@ -64,7 +65,6 @@ class Store {
     this.indexGaps();
     this.indexFilled();
     this.frame = Math.max(0, Math.min(this.frame, this.frames - 1));
-    this.decisions = data.decisions || [];
   }
 
   /** Gaps of each marker in order of time. */
@@ -295,7 +295,7 @@ class Store {
   }
 
   /**
-   * Advance while playing; within the chosen range, if there is one.
+   * Advance while playing; within the frames of `loop`, if they are set.
    * @param {number|null} before time (ms) of the tick before
    * @param {number} place frame, with its fraction
    */
@@ -307,7 +307,7 @@ class Store {
         const passed = Math.min(LONGEST_TICK_S, (time - before) / 1000);
         at += passed * this.speed * this.rate;
       } else if (before !== null) at = this.frame;
-      const [first, last] = this.range || [0, this.frames - 1];
+      const [first, last] = this.loop || [0, this.frames - 1];
       if (at >= last + 1 || at < first) at = first;
       this.setFrame(Math.floor(at));
       this.tick(time, at);
@@ -317,7 +317,7 @@ class Store {
   /** Take new page data, of a fill with other decisions. */
   setData(data) {
     const before = this.data.gaps[this.activeGap];
-    const { ghost, decisions } = this;
+    const { ghost } = this;
     this.take(data);
     this.chosenGaps = new Set();
     this.activeGap = before
@@ -326,7 +326,6 @@ class Store {
     this.markers = this.markers.filter((m) => m < this.markerCount);
     this.ghost = ghost < data.versions.length ? ghost : -1;
     this.compared = new Set([...this.compared].filter((v) => v < data.versions.length));
-    if (!data.decisions) this.decisions = decisions;
     this.emit("data");
     return this.decode();
   }
