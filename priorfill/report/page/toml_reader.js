@@ -1,55 +1,36 @@
-/** Reads TOML (https://toml.io/en/v1.0.0), without dates; faults are named with their line. */
+/* Reads the part of TOML (https://toml.io/en/v1.0.0) that files of overrides use. */
 
 /** Deepest nesting of arrays and tables, as in the command line. */
 const TOML_MAX_DEPTH = 16;
 
-/** Numbers: whole ones, those with another base, those with fraction or exponent, special ones. */
+/** Whole numbers, those in another base, those with a fraction or exponent, special ones. */
 const TOML_INTEGER = /^[+-]?(0|[1-9](_?\d)*)$/;
 const TOML_BASED = /^0(x[\dA-Fa-f](_?[\dA-Fa-f])*|o[0-7](_?[0-7])*|b[01](_?[01])*)$/;
 const TOML_FLOAT =
   /^[+-]?(0|[1-9](_?\d)*)(\.\d(_?\d)*([eE][+-]?\d(_?\d)*)?|[eE][+-]?\d(_?\d)*)$/;
-const TOML_SPECIAL = /^[+-]?(inf|nan)$/;
+const TOML_SPECIAL = /^([+-]?)(inf|nan)$/;
 const TOML_DATE = /^(\d{4}-\d{2}-\d{2}|\d{2}:\d{2})/;
 
-/** Characters that a text may not hold as they are. */
+/** Characters that may not be in a file as they are; tab and end of line may. */
 const TOML_CONTROL = /[\u0000-\u0008\u000b-\u001f\u007f]/;
 
-/** What the letters after a backslash mean. */
+/** What the letter after a backslash stands for. */
 const TOML_ESCAPES = { b: "\b", t: "\t", n: "\n", f: "\f", r: "\r", '"': '"', "\\": "\\" };
 
-/** A reader of one TOML text. Tables are objects without prototype, so that any key is safe. */
+/** Reads TOML; tables are objects without prototype, so that every key is safe. */
 class TomlReader {
   /**
-   * @param {string} text with or without byte order mark, with LF or CR LF
+   * @param {string} text with LF or CR LF, with or without byte order mark
    */
   constructor(text) {
     this.text = text.replace(/^\ufeff/, "").replace(/\r\n/g, "\n");
     this.at = 0;
-    /** Tables that a header opened, and values that may not be added to. */
-    this.opened = new Set();
-    this.closed = new Set();
-    /** Line of the header of each table that has one, from 1. */
+    /** Line of the header of each table, from 1. */
     this.lines = new Map();
-  }
-
-  /**
-   * Read the whole text.
-   * @returns {Object} the root table
-   */
-  read() {
-    const root = Object.create(null);
-    let table = root;
-    for (;;) {
-      this.skip(true);
-      if (this.at >= this.text.length) {
-        return root;
-      }
-      if (this.text[this.at] === "[") {
-        table = this.header(root);
-      } else {
-        this.pair(table);
-      }
-      this.endOfLine();
+    const control = TOML_CONTROL.exec(this.text);
+    if (control !== null) {
+      const what = control[0] === "\r" ? "ends with CR alone" : "holds a control character";
+      this.fail(`${what}, which TOML does not have`, control.index);
     }
   }
 
@@ -59,12 +40,11 @@ class TomlReader {
    * @param {number} [at] place in the text
    */
   fail(what, at = this.at) {
-    const line = this.lineOf(at);
-    throw new DecisionError(`line ${line}: ${what}`);
+    throw new DecisionError(`line ${this.lineOf(at)}: ${what}`);
   }
 
   /**
-   * Find the line of a place.
+   * Find the line of a place in the text.
    * @param {number} at
    * @returns {number} from 1
    */
@@ -73,39 +53,52 @@ class TomlReader {
   }
 
   /**
-   * Skip blanks and comments, and ends of lines if wanted.
-   * @param {boolean} lines
+   * Read the whole text.
+   * @param {function(string, Object): Object} open returns the table of a header such as "[[gap]]"
+   *   in the root table, or null if there is no such table
+   * @returns {Object} the root table
    */
-  skip(lines) {
+  read(open) {
+    const root = Object.create(null);
+    let table = null;
     for (;;) {
-      const next = this.text[this.at];
-      if (next === " " || next === "\t" || (lines && next === "\n")) {
-        this.at += 1;
-      } else if (next === "#") {
-        const end = this.text.indexOf("\n", this.at);
-        const comment = this.text.slice(this.at, end < 0 ? undefined : end);
-        if (TOML_CONTROL.test(comment)) {
-          this.fail("a comment holds a control character; remove it");
+      this.skip(true);
+      if (this.at >= this.text.length) {
+        return root;
+      }
+      const start = this.at;
+      if (this.text[start] === "[") {
+        table = open(this.header(), root);
+        if (table === null) {
+          this.fail("unknown or repeated table; write [made_for] once and [[gap]] tables", start);
         }
-        this.at += comment.length;
+        this.lines.set(table, this.lineOf(start));
+      } else if (table === null) {
+        this.fail("a key comes before the first table; write [[gap]] above it");
       } else {
-        return;
+        this.pair(table, 0);
+      }
+      this.skip(false);
+      if (this.at < this.text.length && this.text[this.at] !== "\n") {
+        this.fail("more follows on the line; write it on a line of its own");
       }
     }
   }
 
-  /** Skip the rest of a line, where nothing but a comment may be. */
-  endOfLine() {
-    this.skip(false);
-    if (this.at < this.text.length && this.text[this.at] !== "\n") {
-      this.fail("more follows after the end of the value; write it on a line of its own");
-    }
+  /**
+   * Skip blanks and comments, and ends of lines if wanted.
+   * @param {boolean} lines
+   */
+  skip(lines) {
+    const blank = lines ? /(?:[ \t\n]|#[^\n]*)*/y : /[ \t]*(?:#[^\n]*)?/y;
+    blank.lastIndex = this.at;
+    this.at += blank.exec(this.text)[0].length;
   }
 
   /**
    * Take a text if it comes next.
    * @param {string} wanted
-   * @returns {boolean}
+   * @returns {boolean} whether it did
    */
   take(wanted) {
     const found = this.text.startsWith(wanted, this.at);
@@ -114,131 +107,212 @@ class TomlReader {
   }
 
   /**
-   * Read `[table]` or `[[table]]`.
-   * @param {Object} root
-   * @returns {Object} the table that it opens
+   * Read a header.
+   * @returns {string} without blanks, such as "[gap.options]"
    */
-  header(root) {
-    const start = this.at;
-    const many = this.take("[[");
-    this.at += many ? 0 : 1;
-    const keys = this.keys();
-    if (!this.take(many ? "]]" : "]")) {
-      this.fail(`the table has no closing ${many ? "]]" : "]"}`);
+  header() {
+    const found = /\[[^\n#]*\]/y;
+    found.lastIndex = this.at;
+    const header = found.exec(this.text);
+    if (header === null) {
+      this.fail("the name of a table has no closing bracket");
     }
-    const last = keys.pop();
-    const parent = keys.reduce((table, key) => this.step(table, key, start), root);
-    const table = many ? this.append(parent, last, start) : this.open(parent, last, start);
-    this.opened.add(table);
-    this.lines.set(table, this.lineOf(start));
-    return table;
-  }
-
-  /** Go from a table to one inside it, which is made if there is none. */
-  step(table, key, start) {
-    let inner = table[key];
-    if (inner === undefined) {
-      inner = table[key] = Object.create(null);
-    }
-    if (Array.isArray(inner) && !this.closed.has(inner)) {
-      inner = inner[inner.length - 1];
-    }
-    if (inner === null || typeof inner !== "object" || this.closed.has(inner)) {
-      this.fail(`${safeText(key)} is a value already; it cannot be a table`, start);
-    }
-    return inner;
-  }
-
-  /** Add a table to an array of tables. */
-  append(parent, key, start) {
-    if (parent[key] === undefined) {
-      parent[key] = [];
-    }
-    if (!Array.isArray(parent[key]) || this.closed.has(parent[key])) {
-      this.fail(`${safeText(key)} is no list of tables; it was written otherwise above`, start);
-    }
-    const table = Object.create(null);
-    parent[key].push(table);
-    return table;
-  }
-
-  /** Open a table that has not been opened before. */
-  open(parent, key, start) {
-    const table = Array.isArray(parent[key]) ? parent[key] : this.step(parent, key, start);
-    if (Array.isArray(table) || this.opened.has(table)) {
-      this.fail(`the table ${safeText(key)} is there twice; join them`, start);
-    }
-    return table;
+    this.at += header[0].length;
+    return header[0].replace(/[ \t]/g, "");
   }
 
   /**
    * Read `key = value` into a table.
    * @param {Object} table
-   * @param {number} [depth] nesting
+   * @param {number} depth nesting of the table
    */
-  pair(table, depth = 0) {
+  pair(table, depth) {
     const start = this.at;
-    const keys = this.keys();
+    const key = this.key();
+    this.skip(false);
+    if (this.text[this.at] === ".") {
+      this.fail('a key has a dot; write it in quotes, as in options = { "a.b" = 1 }');
+    }
     if (!this.take("=")) {
-      this.fail("an = is missing after the key");
+      this.fail("no = follows the key; write key = value");
+    }
+    if (table[key] !== undefined) {
+      this.fail(`${safeText(key)} is given twice; remove one`, start);
     }
     this.skip(false);
-    const last = keys.pop();
-    let target = table;
-    for (const key of keys) {
-      const known = target[key] !== undefined;
-      const inner = this.step(target, key, start);
-      if (known && (Array.isArray(target[key]) || this.opened.has(inner))) {
-        this.fail(`the table ${safeText(key)} is there twice; join them`, start);
-      }
-      target = inner;
-    }
-    if (target[last] !== undefined) {
-      this.fail(`${safeText(last)} is there twice; remove one`, start);
-    }
-    for (let inner = table, index = 0; index < keys.length; index += 1) {
-      inner = inner[keys[index]];
-      this.dotted(inner);
-    }
-    target[last] = this.value(depth);
-  }
-
-  /** Note that a table was made by dots in a key, and cannot be opened by a header. */
-  dotted(table) {
-    this.dots = this.dots || new Set();
-    this.dots.add(table);
+    table[key] = this.value(depth);
   }
 
   /**
-   * Read a key, or several with dots between them.
-   * @returns {string[]}
+   * Read a key.
+   * @returns {string}
    */
-  keys() {
-    const keys = [];
-    do {
-      this.skip(false);
-      keys.push(this.key());
-      this.skip(false);
-    } while (this.take("."));
-    return keys;
-  }
-
-  /** Read one key. */
   key() {
-    const next = this.text[this.at];
-    if (next === '"' || next === "'") {
-      if (this.text.startsWith(next.repeat(3), this.at)) {
-        this.fail("a key cannot have several lines");
-      }
+    if (this.text[this.at] === '"' || this.text[this.at] === "'") {
       return this.string();
     }
-    const found = /[A-Za-z0-9_-]+/y;
-    found.lastIndex = this.at;
-    const bare = found.exec(this.text);
-    if (bare === null) {
-      this.fail("a key is missing; write key = value, [made_for] or [[gap]]");
+    const bare = /[A-Za-z0-9_-]+/y;
+    bare.lastIndex = this.at;
+    const found = bare.exec(this.text);
+    if (found === null) {
+      this.fail("a key is expected here; write key = value or [[gap]]");
     }
-    this.at += bare[0].length;
-    return bare[0];
+    this.at += found[0].length;
+    return found[0];
+  }
+
+  /**
+   * Read a value.
+   * @param {number} depth nesting so far
+   * @returns {*}
+   */
+  value(depth) {
+    if (depth > TOML_MAX_DEPTH) {
+      this.fail(`values are nested more than ${TOML_MAX_DEPTH} deep`);
+    }
+    const next = this.text[this.at];
+    if (next === '"' || next === "'") {
+      return this.string();
+    }
+    if (next === "[") {
+      return this.array(depth);
+    }
+    return next === "{" ? this.inline(depth) : this.plain();
+  }
+
+  /** Read an array, over several lines or not. */
+  array(depth) {
+    const values = [];
+    this.at += 1;
+    for (;;) {
+      this.skip(true);
+      if (this.take("]")) {
+        return values;
+      }
+      values.push(this.value(depth + 1));
+      this.skip(true);
+      if (!this.take(",") && this.text[this.at] !== "]") {
+        this.fail("a list goes on without a comma or closing ]");
+      }
+    }
+  }
+
+  /** Read an inline table, which is on one line. */
+  inline(depth) {
+    const table = Object.create(null);
+    this.at += 1;
+    this.skip(false);
+    if (this.take("}")) {
+      return table;
+    }
+    for (;;) {
+      this.skip(false);
+      this.pair(table, depth + 1);
+      this.skip(false);
+      if (this.take("}")) {
+        return table;
+      }
+      if (!this.take(",")) {
+        this.fail("a table in { } goes on without a comma or closing } on the same line");
+      }
+    }
+  }
+
+  /** Read a number or truth value. */
+  plain() {
+    const word = /[^\s,\]}#=]*/y;
+    word.lastIndex = this.at;
+    const text = word.exec(this.text)[0];
+    const digits = text.replace(/_/g, "");
+    let value;
+    if (text === "true" || text === "false") {
+      value = text === "true";
+    } else if (TOML_INTEGER.test(text) || TOML_BASED.test(text)) {
+      value = Number(digits);
+      if (!Number.isSafeInteger(value)) {
+        this.fail("a whole number is too large; it has more than 53 bits");
+      }
+      value += 0; // -0 is 0
+    } else if (TOML_FLOAT.test(text)) {
+      value = Number(digits);
+    } else if (TOML_SPECIAL.test(text)) {
+      const size = text.endsWith("inf") ? Infinity : NaN;
+      value = text.startsWith("-") ? -size : size;
+    } else if (TOML_DATE.test(text)) {
+      this.fail("a date or time is no value here; write it in quotes");
+    } else {
+      const shown = text === "" ? "no value" : `${safeText(text.slice(0, 40))}, which is no value`;
+      this.fail(`there is ${shown}; write texts in quotes`);
+    }
+    this.at += text.length;
+    return value;
+  }
+
+  /**
+   * Read a text in quotes of any of the four kinds.
+   * @returns {string}
+   */
+  string() {
+    const start = this.at;
+    const quote = this.text[start];
+    const long = this.take(quote.repeat(3));
+    if (!long) {
+      this.at += 1;
+    } else {
+      this.take("\n");
+    }
+    const parts = [];
+    for (;;) {
+      const next = this.text[this.at];
+      if (next === undefined || (next === "\n" && !long)) {
+        this.fail("a text has no closing quotes", start);
+      }
+      if (next === quote && (!long || this.text.startsWith(quote.repeat(3), this.at))) {
+        const extra = long ? this.extraQuotes(quote) : "";
+        this.at += (long ? 3 : 1) + extra.length;
+        return parts.join("") + extra;
+      }
+      parts.push(next === "\\" && quote === '"' ? this.escape(long) : next);
+      this.at += next === "\\" && quote === '"' ? 0 : 1;
+    }
+  }
+
+  /** Return the quotes before the three that close a text of several lines: they belong to it. */
+  extraQuotes(quote) {
+    let end = this.at + 3;
+    while (end < this.at + 5 && this.text[end] === quote) {
+      end += 1;
+    }
+    return this.text.slice(this.at + 3, end);
+  }
+
+  /**
+   * Read an escape sequence.
+   * @param {boolean} long whether the text has several lines
+   * @returns {string} what it stands for
+   */
+  escape(long) {
+    const start = this.at;
+    const fold = /\\[ \t]*\n[ \t\n]*/y;
+    fold.lastIndex = start;
+    const folded = long ? fold.exec(this.text) : null;
+    if (folded !== null) {
+      this.at += folded[0].length;
+      return "";
+    }
+    const short = TOML_ESCAPES[this.text[start + 1]];
+    if (short !== undefined) {
+      this.at += 2;
+      return short;
+    }
+    const coded = /\\(?:u([\dA-Fa-f]{4})|U([\dA-Fa-f]{8}))/y;
+    coded.lastIndex = start;
+    const found = coded.exec(this.text);
+    const code = found === null ? -1 : parseInt(found[1] || found[2], 16);
+    if (code < 0 || code > 0x10ffff || (code >= 0xd800 && code < 0xe000)) {
+      this.fail("a text holds an unknown escape sequence; write \\\\ for a backslash");
+    }
+    this.at += found[0].length;
+    return String.fromCodePoint(code);
   }
 }

@@ -1,4 +1,4 @@
-/** Writes values as TOML (https://toml.io/en/v1.0.0): texts, numbers, truth values, arrays, tables. */
+/* Writes values as TOML (https://toml.io/en/v1.0.0). */
 
 /** Characters that are written as escape sequences: controls, formats, separators, quotes. */
 const TOML_ESCAPED = /["\\]|\p{Cc}|\p{Cf}|\p{Zl}|\p{Zp}/gu;
@@ -24,7 +24,7 @@ class DecisionError extends Error {}
  */
 function tomlText(text) {
   if (LONE_SURROGATE.test(text)) {
-    throw new DecisionError("a text holds half a character (a lone surrogate); TOML cannot hold it");
+    throw new DecisionError("a text holds a lone surrogate, which TOML does not have");
   }
   const inner = text.replace(TOML_ESCAPED, (found) => {
     if (TOML_SHORT[found] !== undefined) {

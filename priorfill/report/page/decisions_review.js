@@ -1,0 +1,178 @@
+/* Filling and saving with decisions, on the server of a review. */
+
+/** Name of the version that holds the fill before the last one. */
+const FILL_BEFORE = "fill before";
+
+/** The part of the panel that fills and saves. */
+class DecisionReview {
+  /**
+   * @param {Store} store
+   * @param {{entries: function(): Object[], applied: function(): Object[],
+   *   filled: function(Object, Object[]), saved: function(Object[])}} actions
+   */
+  constructor(store, actions) {
+    this.store = store;
+    this.actions = actions;
+    this.link = new ServerLink(location.href);
+    this.bar = element("progress", { id: "fill-progress", "aria-label": "Progress of the fill" });
+    this.status = element("p", { class: "status", role: "status", id: "review-status" });
+    this.paths = element("dl", { class: "paths", id: "saved-paths" });
+    const { can } = store.data;
+    this.fillButton = button("Fill", () => this.run("fill"),
+      { id: "fill", class: "main-button", hidden: !can.refill });
+    this.saveButton = button("Save", () => this.run("save"),
+      { id: "save", class: "main-button", hidden: !can.save });
+    this.stopButton = button("Stop", () => this.link.cancel(), { id: "cancel" });
+    this.beforeButton = button("Show the fill before", () => this.toggleBefore(),
+      { id: "before", "aria-pressed": "false" });
+    this.closeButton = button("End review", () => this.end(), { id: "end-review" });
+    this.element = element("div", { class: "decision-review" }, [
+      element("div", { class: "field-row" }, [this.fillButton, this.saveButton, this.stopButton,
+        this.bar, this.beforeButton, this.closeButton]),
+      this.status, this.paths,
+    ]);
+    this.show(false);
+  }
+
+  /**
+   * Show what can be done.
+   * @param {boolean} pending whether decisions need a fill
+   */
+  show(pending) {
+    const { busy } = this.link;
+    this.pending = pending;
+    this.fillButton.disabled = busy || !pending;
+    this.saveButton.disabled = busy;
+    this.closeButton.disabled = busy;
+    this.stopButton.hidden = !busy;
+    this.bar.hidden = !busy;
+    const before = this.versionBefore();
+    this.beforeButton.hidden = before < 0;
+    const shown = before >= 0 && this.store.ghost === before;
+    this.beforeButton.setAttribute("aria-pressed", String(shown));
+    if (!busy && pending) this.tell("Some decisions need a fill.");
+  }
+
+  /** @returns {number} the version with the fill before, or -1 */
+  versionBefore() {
+    return this.store.data.versions.findIndex((version) => version.before === true);
+  }
+
+  /** Show the fill before as ghost and curve, or hide it. */
+  toggleBefore() {
+    const version = this.versionBefore();
+    const shown = this.store.ghost === version;
+    const compared = new Set(this.store.compared);
+    if (shown) compared.delete(version);
+    else compared.add(version);
+    this.store.setGhost(shown ? -1 : version);
+    this.store.setCompared(compared);
+    this.show(this.pending);
+  }
+
+  /**
+   * Fill, or fill and save.
+   * @param {string} action "fill" or "save"
+   */
+  async run(action) {
+    if (this.link.busy) return;
+    const entries = this.actions.entries();
+    const doing = action === "fill" ? "Filling" : "Saving";
+    this.bar.removeAttribute("value");
+    const running = this.link.run(action, entries, (done, total) => {
+      this.bar.max = Math.max(1, total);
+      this.bar.value = done;
+      this.status.textContent = `${doing}: ${formatCount(done)} of ${formatCount(total)}`;
+    });
+    this.show(this.pending);
+    this.tell(`${doing} …`);
+    try {
+      const last = await running;
+      if (last === null) this.finish("Stopped; nothing was changed.");
+      else this.receive(last, entries);
+    } catch (error) {
+      if (!(error instanceof ServerError)) throw error;
+      const text = error.message.replace(/\.$/, "");
+      this.finish(`Not ${action === "fill" ? "filled" : "saved"}: ${text}.`);
+    }
+  }
+
+  /** Take the result of a fill. */
+  receive(last, entries) {
+    const before = this.store.data;
+    if (last.data) {
+      const same = sameEffect(entries, this.actions.applied());
+      const data = (same ? withOldBefore : withVersionBefore)(last.data, before);
+      this.actions.filled(data, entries);
+    }
+    if (last.saved) {
+      this.showPaths(last.saved);
+      this.actions.saved(entries);
+      this.finish("Saved.");
+    } else {
+      this.finish("Filled.");
+    }
+  }
+
+  /** Show the paths of the files that were written. */
+  showPaths(saved) {
+    this.paths.replaceChildren(...Object.keys(saved).flatMap((key) => [
+      element("dt", { text: key === "output" ? "Filled file" : "Decisions" }),
+      element("dd", { text: safeText(saved[key]) }),
+    ]));
+  }
+
+  /** Show how a run ended. */
+  finish(text) {
+    this.show(this.pending);
+    this.tell(text);
+  }
+
+  /** End the server. */
+  async end() {
+    try {
+      await this.link.close();
+      this.tell("The review has ended; this page can be closed.");
+      this.fillButton.hidden = true;
+      this.saveButton.hidden = true;
+      this.closeButton.hidden = true;
+    } catch (error) {
+      if (!(error instanceof ServerError)) throw error;
+      this.tell(`${error.message}.`);
+    }
+  }
+
+  /** Show a line; screen readers say it. */
+  tell(text) {
+    this.status.textContent = text;
+  }
+}
+
+/**
+ * Add the fill shown so far to new data, as a version to compare with.
+ * @param {Object} data new page data
+ * @param {Object} before page data of the fill shown so far
+ * @returns {Object}
+ */
+function withVersionBefore(data, before) {
+  const shown = {
+    coding: before.states.coding,
+    values: before.states.values.map((runs) => runs.map((value, place) =>
+      (place % 2 === 0 ? Number(value !== STATE.missing) : value))),
+  };
+  const version = {
+    name: FILL_BEFORE, kind: "other", before: true, positions: before.versions[0].positions, shown,
+  };
+  return { ...data, versions: [...data.versions, version] };
+}
+
+/**
+ * Add the fill before to new data of the same fill, if there was one.
+ * @param {Object} data new page data
+ * @param {Object} before page data so far
+ * @returns {Object}
+ */
+function withOldBefore(data, before) {
+  const old = before.versions.filter((version) => version.before === true);
+  return { ...data, versions: [...data.versions, ...old] };
+}
