@@ -8,6 +8,7 @@ function startPage() {
     summary: new Summary(document.getElementById("summary"), store),
     timeline: new Timeline(document.getElementById("timeline"), store),
     table: new GapTable(document.getElementById("gap-table"), store),
+    detail: new GapDetail(document.getElementById("gap-detail"), store),
     body: new BodyPlayer(document.getElementById("body"), store),
     curves: new Curves(document.getElementById("curves"), store),
     decisions: new Decisions(document.getElementById("decisions"), store),

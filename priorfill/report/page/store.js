@@ -22,6 +22,7 @@ class Store {
     this.loop = null; // frames [first, last] that are played; null is the whole clip
     this.decisions = data.decisions || [];
     this.generation = 0;
+    this.listed = null;
     this.take(data);
   }
 
@@ -208,6 +209,12 @@ class Store {
   /** @returns {number} the number that the file gives a frame */
   frameNumber(frame) {
     return this.data.clip.first_frame + frame;
+  }
+
+  /** @returns {number[]} indices of gaps as the table lists them; worst first without a table */
+  gapOrder() {
+    if (this.listed) return this.listed();
+    return sortedGaps(this.data.gaps, null, 1);
   }
 
   /** @returns {string} "LKNE, frames 92–116" of a gap */

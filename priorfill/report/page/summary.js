@@ -9,11 +9,66 @@ class Summary {
     this.root = root;
     this.store = store;
     store.on("data", () => this.draw());
+    store.on("print", (on) => this.print(on));
     this.draw();
   }
 
-  /** Write the facts. */
+  /** Write the facts; the folds stay as they are. */
   draw() {
-    this.root.replaceChildren(element("p", { text: this.store.data.title }));
+    const open = this.box ? this.box.open : false;
+    const { facts } = this.store.data;
+    this.box = element("details", { open }, [
+      element("summary", {}, [
+        element("h2", { text: "What was done" }),
+        element("span", { class: "muted", text: ` ${this.firstFacts()}` }),
+      ]),
+      element("div", { class: "fact-groups" }, facts.map((group) => this.group(group))),
+    ]);
+    this.root.replaceChildren(this.box);
+    document.getElementById("headline").textContent = this.headline();
+  }
+
+  /** Unfold everything for paper, and fold it again. */
+  print(on) {
+    if (on) this.wasOpen = this.box.open;
+    this.box.open = on || this.wasOpen;
+  }
+
+  /** @returns {HTMLElement} facts with one title */
+  group(group) {
+    const rows = group.rows.map(([name, text]) => element("tr", {}, name
+      ? [element("th", { scope: "row", text: name }), element("td", { text })]
+      : [element("td", { text, colspan: "2" })]));
+    return element("section", { class: "fact-group" }, [
+      element("h3", { text: group.title }),
+      element("table", {}, [element("tbody", {}, rows)]),
+    ]);
+  }
+
+  /** @returns {string} the first facts in one line */
+  firstFacts() {
+    const rows = this.store.data.facts.length ? this.store.data.facts[0].rows : [];
+    return rows.slice(0, 4).map(([name, text]) =>
+      shortText(name ? `${name.toLowerCase()} ${text}` : text, 60)).join(" · ");
+  }
+
+  /** @returns {string} size of the clip and state of its gaps */
+  headline() {
+    const { store } = this;
+    const { gaps, clip } = store.data;
+    const seconds = formatNumber(store.frames / store.rate);
+    const before = store.data.markers.reduce((sum, m) => sum + m.missing_before, 0);
+    const after = store.data.markers.reduce((sum, m) => sum + m.missing_after, 0);
+    const samples = store.frames * store.markerCount;
+    const warned = gaps.filter((gap) => gap.warnings.length).length;
+    const parts = [
+      `${formatCount(store.frames)} frames at ${clip.rate} Hz (${seconds} s)`,
+      `${formatCount(store.markerCount)} markers`,
+      gaps.length === 1 ? "1 gap" : `${formatCount(gaps.length)} gaps`,
+      `missing ${formatShare(before, samples)} before, ${formatShare(after, samples)} after`,
+    ];
+    if (warned) parts.push(warned === 1 ? "1 gap with warnings"
+      : `${formatCount(warned)} gaps with warnings`);
+    return parts.join(" · ");
   }
 }

@@ -105,7 +105,8 @@ class Timeline {
     this.imageKey = "";
     const squeezed = this.fitRows.checked || this.printing;
     this.scroller.classList.toggle("whole", this.printing);
-    const room = this.printing ? PAPER_HEIGHT : parseFloat(getComputedStyle(this.scroller).maxHeight) || 200;
+    const most = parseFloat(getComputedStyle(this.scroller).maxHeight) || PAPER_HEIGHT;
+    const room = this.printing ? PAPER_HEIGHT : most;
     this.rowHeight = squeezed
       ? Math.max(1, Math.min(ROW_HEIGHT, (room - AXIS_HEIGHT) / Math.max(1, rows.length)))
       : ROW_HEIGHT;
@@ -161,7 +162,8 @@ class Timeline {
     const chosen = new Set(store.markers);
     this.rows.slice(first, first + count).forEach((row, i) => {
       const top = AXIS_HEIGHT + (first + i) * this.rowHeight - scroll;
-      const box = { left: names, top, width: plot, height: this.rowHeight, ...view, names, stripes };
+      const size = { left: names, top, width: plot, height: this.rowHeight };
+      const box = { ...size, ...view, names, stripes };
       if (row.marker === undefined) this.drawSubject(context, row.subject, box);
       else {
         paintMarkerRow(context, store, row.marker, box);
@@ -268,7 +270,7 @@ class Timeline {
   /** Show the meaning of the colours, in mm. */
   drawLegend() {
     const shades = colours();
-    const bar = element("span", { class: "scale", title: "Expected error of filled frames" });
+    const bar = element("span", { class: "scale", title: "Expected rms error of filled frames" });
     bar.style.background = `linear-gradient(to right, ${shades.scale.join(",")})`;
     const marks = element("span", { class: "scale-marks", "aria-hidden": "true" });
     for (const mm of LEGEND_MM) {
@@ -278,7 +280,7 @@ class Timeline {
     }
     const whole = element("span", {
       class: "scale-box", role: "img",
-      "aria-label": `Colours of the expected error, from ${SCALE_LOW_MM} to ${SCALE_HIGH_MM} mm`,
+      "aria-label": `Expected rms error by colour: ${SCALE_LOW_MM} to ${SCALE_HIGH_MM} mm`,
     }, [bar, marks]);
     const key = (name, text) => element("span", { class: "key" }, [
       element("span", { class: `swatch swatch-${name}` }), text,
@@ -290,7 +292,7 @@ class Timeline {
     const keys = [["measured", "measured"], ["missing", "missing"], ["doubt", "in doubt"],
       ["replaced", "replaced"], ["swapped", "labels exchanged"]];
     this.legend.replaceChildren(
-      element("span", { text: "expected error (mm)" }), whole,
+      element("span", { text: "expected rms error (mm)" }), whole,
       ...keys.filter(([name]) => states.has(STATE[name])).map(([name, text]) => key(name, text)));
   }
 }

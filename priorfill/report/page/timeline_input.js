@@ -309,7 +309,7 @@ function sampleText(store, frame, marker, near) {
     "measured, labels exchanged"];
   const error = store.rms(at, marker);
   const bound = store.bound(at, marker);
-  const errors = Number.isNaN(error) ? "" : `, expected error ${formatMm(error)}`;
+  const errors = Number.isNaN(error) ? "" : `, expected rms error ${formatMm(error)}`;
   const bounds = Number.isNaN(bound) ? "" : `, 90 % below ${formatMm(bound)}`;
   const time = (at / store.rate).toFixed(2);
   return `${shortText(store.data.markers[marker].label)}, frame ${store.frameNumber(at)} ` +
