@@ -77,9 +77,9 @@ def test_leftovers_are_noticed(script: ModuleType, tmp_path: Path) -> None:
 
 def test_exchanged_files_are_noticed(torture: Any) -> None:
     torture.rows.clear()
-    torture.run("swap", 6)
+    torture.run("swap", 3)
     (row,) = torture.rows
-    assert (row.faults, row.rounds) == ([], 6)
+    assert (row.faults, row.rounds) == ([], 3)
 
 
 def test_losses_and_damage_are_noticed(script: ModuleType, tmp_path: Path) -> None:

@@ -378,9 +378,10 @@ def test_invalid_options(options, word):
 @pytest.mark.parametrize("every", [2, 3])
 @pytest.mark.parametrize("method", ["gpr", "linear"])
 def test_fills_between_lone_frames_are_believed(method, every):
-    positions = person().positions.copy()
+    whole = person(seconds=1.5)
+    positions = whole.positions.copy()
     blank = np.arange(len(positions)) % every != 0
     positions[blank] = np.nan
-    result = pf.fill(replace(person(), positions=positions), method=method)
+    result = pf.fill(replace(whole, positions=positions), method=method)
     last = np.flatnonzero(~blank)[-1]
     assert not result.clip.missing[: last + 1].any()
