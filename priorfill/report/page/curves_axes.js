@@ -5,24 +5,26 @@ const CURVE_LEAST_FRAMES = 4;
 
 /** CSS pixels between the ticks of the time axis, and between those of a value axis. */
 const CURVE_TICK_WIDTH = 84;
-const CURVE_TICK_HEIGHT = 30;
+const CURVE_TICK_HEIGHT = 24;
 
 /** Least height of a value axis, by quantity (mm, mm/s): what is smaller is noise of cameras. */
-const CURVE_LEAST_RANGE = { x: 4, y: 4, z: 4, speed: 40, distance: 1 };
+const CURVE_LEAST_RANGE = { x: 4, y: 4, z: 4, speed: 40, distance: 1, error: 1 };
 
 /** Free space above and below the values, as part of their range. */
 const CURVE_MARGIN = 0.06;
 
 /** CSS pixels: room for numbers left of a panel, title above it, time axis below a column. */
-const CURVE_ROOM = { left: 58, right: 10, head: 20, between: 12, axis: 40, block: 12 };
+const CURVE_ROOM = { left: 58, right: 10, head: 20, between: 12, axis: 36, block: 8 };
 
 /** CSS pixels: least width of a column of panels; least and greatest height of a panel. */
 const CURVE_COLUMN_WIDTH = 300;
-const CURVE_LEAST_HEIGHT = 84;
+const CURVE_LEAST_HEIGHT = 50;
 const CURVE_MOST_HEIGHT = 150;
 
-/** CSS pixels: height of all panels together that is aimed at. */
-const CURVE_AIMED_HEIGHT = 440;
+/** Share of the window's height, and CSS pixels: height of all panels together that is aimed at. */
+const CURVE_AIMED_SHARE = 0.4;
+const CURVE_AIMED_LEAST = 240;
+const CURVE_AIMED_MOST = 560;
 
 const CURVE_FONT = "12px system-ui, sans-serif";
 const CURVE_BOLD = "600 12px system-ui, sans-serif";
@@ -142,9 +144,10 @@ function layCurves(width, markers, kinds, together) {
   const columns = Math.max(1, Math.min(groups.length, Math.floor(width / CURVE_COLUMN_WIDTH), 3));
   const blocks = Math.ceil(groups.length / columns);
   const room = CURVE_ROOM;
-  const aimed = CURVE_AIMED_HEIGHT / (blocks * kinds.length) - room.between;
+  const aimed = aimedCurvesHeight() / (blocks * kinds.length) - room.between;
   const high = Math.round(Math.min(CURVE_MOST_HEIGHT, Math.max(CURVE_LEAST_HEIGHT, aimed)));
-  const blockHigh = room.head + kinds.length * (high + room.between) + room.axis + room.block;
+  const panelsHigh = kinds.length * (high + room.between) - room.between;
+  const blockHigh = room.head + panelsHigh + room.axis + room.block;
   const wide = width / columns;
   const laid = { height: blocks * blockHigh, panels: [], heads: [], axes: [] };
   groups.forEach((group, place) => {
@@ -160,6 +163,12 @@ function layCurves(width, markers, kinds, together) {
     laid.axes.push({ x, y: y - room.between, width: inner });
   });
   return laid;
+}
+
+/** @returns {number} height (CSS pixels) of all panels together that is aimed at */
+function aimedCurvesHeight() {
+  const share = CURVE_AIMED_SHARE * window.innerHeight;
+  return Math.max(CURVE_AIMED_LEAST, Math.min(CURVE_AIMED_MOST, share));
 }
 
 /**
