@@ -61,6 +61,8 @@ if TYPE_CHECKING:
     )
     from priorfill.markers.marker_set import MarkerSet
     from priorfill.report.report_file import write_report
+    from priorfill.reviewing.session import SavedReview
+    from priorfill.reviewing.start import ReviewOptions, review
 
 _PLACES = {
     "AddedClip": "priorfill.filling.add_result",
@@ -84,6 +86,8 @@ _PLACES = {
     "PriorfillError": "priorfill.errors",
     "Provenance": "priorfill.filling.provenance",
     "Result": "priorfill.filling.result",
+    "ReviewOptions": "priorfill.reviewing.start",
+    "SavedReview": "priorfill.reviewing.session",
     "Selection": "priorfill.database",
     "UnfilledSpan": "priorfill.filling.result",
     "add_result": "priorfill.filling.add_result",
@@ -97,6 +101,7 @@ _PLACES = {
     "read": "priorfill.formats",
     "read_overrides": "priorfill.filling.overrides_file",
     "read_subjects": "priorfill.filling.multi_subject",
+    "review": "priorfill.reviewing.start",
     "write": "priorfill.formats",
     "write_overrides": "priorfill.filling.overrides_file",
     "write_report": "priorfill.report.report_file",
@@ -126,6 +131,8 @@ __all__ = [
     "PriorfillError",
     "Provenance",
     "Result",
+    "ReviewOptions",
+    "SavedReview",
     "Selection",
     "UnfilledSpan",
     "__version__",
@@ -140,6 +147,7 @@ __all__ = [
     "read",
     "read_overrides",
     "read_subjects",
+    "review",
     "write",
     "write_overrides",
     "write_report",

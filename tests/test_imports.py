@@ -25,6 +25,8 @@ ONLY_IN = {
     "urllib3": ("datasets",),
     "matplotlib": ("evaluation.plots",),
     "ezc3d": ("formats",),
+    "starlette": ("reviewing.server",),
+    "uvicorn": ("reviewing.server",),
     "numba": ("runtime.compiled",),
 }
 """Packages of others, and the only places that import them."""

@@ -44,6 +44,10 @@ EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE, also where there is no such signal
 
 _COMMANDS = {
     "fill": ("priorfill.cli.fill:fill", "Fill the gaps of a file."),
+    "review": (
+        "priorfill.cli.review:review",
+        "Accept, refuse or repeat the fill of each gap in the browser.",
+    ),
     "inspect": ("priorfill.cli.inspect:inspect", "Show the contents of a file and its gaps."),
     "db": ("priorfill.cli.db:db", "Build and maintain prior databases."),
     "evaluate": (

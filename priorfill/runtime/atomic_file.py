@@ -20,7 +20,19 @@ from priorfill.runtime.held_files import WINDOWS, is_held, is_open_elsewhere, re
 from priorfill.runtime.processes import is_running
 from priorfill.runtime.windows_names import length_fault, name_fault
 
-__all__ = ["check_target", "check_writable", "finish_file", "is_same_file", "replace_file"]
+__all__ = [
+    "NOTE_SUFFIX",
+    "check_target",
+    "check_writable",
+    "finish_file",
+    "finish_new_file",
+    "hand_on_permissions",
+    "is_abandoned",
+    "is_same_file",
+    "remove_folder",
+    "replace_file",
+    "temporary_name",
+]
 
 _TOKEN_BYTES = 6
 """Random bytes in a temporary name, so that two writers of one target do not collide."""

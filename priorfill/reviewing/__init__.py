@@ -1,0 +1,1 @@
+"""How does a user accept, refuse or repeat fills? A page on this computer, and its server."""

@@ -1,0 +1,313 @@
+"""The review of a file: fill as decided, decide again, save. It knows nothing of the web."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Unpack
+
+from priorfill import formats
+from priorfill.database import PriorDatabase
+from priorfill.errors import OptionError, OutputError
+from priorfill.filling.assign_overrides import apply_overrides
+from priorfill.filling.fill_file import FileOptions, FileToFill
+from priorfill.filling.fill_options import FillKeywords, FillOptions
+from priorfill.filling.overrides import Overrides
+from priorfill.filling.overrides_file import overrides_text, read_overrides
+from priorfill.filling.overrides_template import made_for
+from priorfill.filling.result import Result
+from priorfill.formats.file_bytes import check_unchanged, os_errors_explained
+from priorfill.report.report_data import MAX_CLIPS, PageContents, page_data
+from priorfill.runtime.atomic_file import check_target, check_writable
+from priorfill.runtime.file_pair import finish_pairs, write_pair
+
+__all__ = [
+    "FillStoppedError",
+    "Progress",
+    "ReviewSession",
+    "SavedReview",
+    "default_output",
+    "default_overrides",
+]
+
+Progress = Callable[[int, int], None]
+"""Called with the number of gap groups done and of all."""
+
+_OTHER_OUTPUTS = ("uncertainty", "report", "add_to_database")
+"""Fields of `FileOptions` for outputs that a review does not write."""
+
+
+class FillStoppedError(Exception):
+    """Raised by a callback for progress to stop a fill."""
+
+
+@dataclass(frozen=True)
+class SavedReview:
+    """What a review saved last.
+
+    Attributes
+    ----------
+    output, overrides : Path
+        The filled file, and the decisions as a file of overrides.
+    complete : bool
+        Whether everything requested was filled.
+
+    Examples
+    --------
+    >>> SavedReview(Path("a.c3d"), Path("a.overrides.toml"), complete=True).complete
+    True
+
+    See Also
+    --------
+    priorfill.review : Review the fill of a file.
+    """
+
+    output: Path
+    overrides: Path
+    complete: bool
+
+
+def default_output(source: Path) -> Path:
+    """Return where the filled file is saved if nothing else is given.
+
+    Parameters
+    ----------
+    source : Path
+        The file with gaps.
+
+    Examples
+    --------
+    >>> default_output(Path("walk.c3d")).name
+    'walk_filled.c3d'
+    """
+    return source.with_name(f"{source.stem}_filled{source.suffix}")
+
+
+def default_overrides(output: Path) -> Path:
+    """Return where decisions are saved if nothing else is given.
+
+    Parameters
+    ----------
+    output : Path
+        The filled file.
+
+    Examples
+    --------
+    >>> default_overrides(Path("walk_filled.c3d")).name
+    'walk_filled.overrides.toml'
+    """
+    return output.with_name(f"{output.stem}.overrides.toml")
+
+
+class ReviewSession:
+    """A file under review. One thread at a time may call its methods.
+
+    Parameters
+    ----------
+    source : Path or str
+        The file with gaps.
+    output : Path or str, optional
+        The file to save; next to the source by default.
+    database, same_subject, files, **arguments
+        As for `priorfill.fill_file`, but for ``overrides``: the path of the file of overrides to
+        save, next to the output by default. If it exists, the review begins with its decisions.
+
+    Raises
+    ------
+    PriorfillError
+        As `priorfill.fill_file` does, before anything is filled.
+    """
+
+    def __init__(
+        self,
+        source: Path | str,
+        output: Path | str | None = None,
+        *,
+        database: Path | str | None = None,
+        same_subject: Sequence[Path | str] = (),
+        files: FileOptions | None = None,
+        **arguments: Unpack[FillKeywords],
+    ) -> None:
+        self.source = Path(source)
+        self.output = default_output(self.source) if output is None else Path(str(output))
+        overrides = arguments.pop("overrides", None)
+        given = isinstance(overrides, (str, Path))
+        self.overrides = Path(str(overrides)) if given else default_overrides(self.output)
+        self.command: tuple[str, ...] = ()
+        self.saved: SavedReview | None = None
+        self._files = files or FileOptions()
+        self._saving = threading.Lock()
+        self._ours: dict[Path, tuple[int, int]] = {}
+        self._check_outputs()
+        if not isinstance(overrides, Overrides):
+            exists = self.overrides.exists()
+            overrides = read_overrides(self.overrides) if exists else Overrides(())
+        self.decisions = overrides.to_entries()
+        self._work = FileToFill.read(
+            self.source,
+            self.output,
+            database=database,
+            same_subject=same_subject,
+            files=self._files,
+            **arguments,
+        )
+        self._database_clips = _clip_names(self._work.database)
+        self._filled: tuple[Overrides, Result] | None = None
+        self.data: dict[str, Any] = {}
+
+    def check(self, decisions: Sequence[Mapping[str, Any]]) -> Overrides:
+        """Return decisions as overrides.
+
+        Parameters
+        ----------
+        decisions : sequence of mapping
+            With the keys of a file of overrides.
+
+        Raises
+        ------
+        OptionError
+            Where a decision is wrong, or does not fit the file.
+        """
+        overrides = Overrides.from_entries(decisions)
+        fitting = overrides.for_subjects(self._work.clips)
+        for clip in self._work.clips:
+            apply_overrides(fitting, clip)
+        return overrides
+
+    def fill(
+        self, decisions: Sequence[Mapping[str, Any]], progress: Progress | None = None
+    ) -> dict[str, Any]:
+        """Fill the file as decided; return what the page shows of it.
+
+        Parameters
+        ----------
+        decisions : sequence of mapping
+            With the keys of a file of overrides.
+        progress : callable, optional
+            Called with the number of gap groups done and of all. What it raises stops the fill,
+            and the session stays as it was.
+
+        Raises
+        ------
+        PriorfillError
+            Where a decision is wrong, or a method or the database cannot be used.
+        """
+        overrides = self.check(decisions)
+        self._fill(overrides, progress)
+        return self.data
+
+    def save(
+        self, decisions: Sequence[Mapping[str, Any]], progress: Progress | None = None
+    ) -> SavedReview:
+        """Write the filled file and the decisions: both or neither.
+
+        Parameters
+        ----------
+        decisions, progress
+            As for `fill`, which is called if these are not the decisions of the last fill.
+
+        Raises
+        ------
+        OutputError
+            Where a file cannot be written, or the source has changed since it was read.
+        """
+        overrides = self.check(decisions)
+        if self._filled is None or not _same_values(self._filled[0], overrides):
+            self._fill(overrides, progress)
+        assert self._filled is not None
+        result = self._filled[1]
+        with self._saving:
+            self._check_source()
+            write_pair(
+                self.output,
+                lambda path: formats.write(
+                    path, result.clip, result.filled, rewrite=self._files.rewrite
+                ),
+                self.overrides,
+                overrides_text(replace(overrides, made_for=made_for(result))).encode(),
+                overwrite=self._may_replace(),
+            )
+            self._ours = {path: _state(path) for path in (self.output, self.overrides)}
+            self.saved = SavedReview(self.output, self.overrides, result.complete)
+        return self.saved
+
+    def finish(self, seconds: float) -> None:
+        """Wait for files that are being written.
+
+        Parameters
+        ----------
+        seconds : float
+            How long at most.
+        """
+        if self._saving.acquire(timeout=seconds):
+            self._saving.release()
+
+    def _fill(self, overrides: Overrides, progress: Progress | None) -> None:
+        """Fill, and keep the result."""
+        arguments = self._work.arguments.copy()
+        options = arguments.get("options") or FillOptions()
+        arguments["options"] = replace(options, progress=progress)
+        arguments["overrides"] = overrides if overrides.entries else None
+        result = replace(self._work, arguments=arguments).fill()
+        contents = PageContents(
+            before=self._work.clips,
+            review=True,
+            decisions=overrides.to_entries(),
+            database_clips=self._database_clips,
+        )
+        data = page_data(result, contents)
+        if self.command:
+            data["command"] = list(self.command)
+        self._filled, self.data = (overrides, result), data
+
+    def _check_outputs(self) -> None:
+        """Raise an error for what would prevent saving."""
+        for name in _OTHER_OUTPUTS:
+            if getattr(self._files, name):
+                raise OptionError(f"a review writes no such output; leave `{name}` out")
+        finish_pairs(self.output.parent)
+        check_target(self.overrides, overwrite=self._files.overwrite, source=self.source)
+        check_writable(self.overrides, 0)
+
+    def _check_source(self) -> None:
+        """Raise OutputError if the source has changed since it was read."""
+        known = self._work.clips[0].source
+        if known is not None:
+            with os_errors_explained(self.source):
+                digest = hashlib.sha256(self.source.read_bytes()).hexdigest()
+            check_unchanged(self.source, digest, known.sha256)
+            check_target(self.output, overwrite=True, source=self.source)
+            check_target(self.overrides, overwrite=True, source=self.source)
+
+    def _may_replace(self) -> bool:
+        """Return whether existing files may be replaced: those of this review, or all."""
+        if self._files.overwrite:
+            return True
+        for path, state in self._ours.items():
+            if path.exists() and _state(path) != state:
+                raise OutputError(
+                    f"{path}: was changed after it was saved; move it elsewhere, and save again"
+                )
+        return bool(self._ours)
+
+
+def _clip_names(database: Path | str | None) -> tuple[str, ...]:
+    """Return the names of the first clips of a database."""
+    if database is None:
+        return ()
+    with PriorDatabase.open(database) as opened:
+        return tuple(dict.fromkeys(record.name for record in opened.clips()))[:MAX_CLIPS]
+
+
+def _same_values(one: Overrides, other: Overrides) -> bool:
+    """Return whether two lists of overrides differ in notes at most."""
+    pairs = [[replace(entry, note="") for entry in each.entries] for each in (one, other)]
+    return pairs[0] == pairs[1]
+
+
+def _state(path: Path) -> tuple[int, int]:
+    there = path.stat()
+    return there.st_size, there.st_mtime_ns
