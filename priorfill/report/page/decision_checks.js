@@ -22,30 +22,60 @@ function checkedEntry(entry, data, where) {
   checkMarkers(entry, data, fail);
   checkAction(entry, data, fail);
   checkFrames(entry, data, fail);
-  const found = {};
-  for (const key of ENTRY_KEYS) {
-    const empty = (key === "note" || key === "subject") && entry[key] === "";
-    if (entry[key] !== undefined && !empty) found[key] = entry[key];
-  }
-  return found;
+  const found = {
+    marker: markersValue(entryPatterns(entry)),
+    frames: framesValue(...parseFrames(entry.frames)),
+    subject: entry.subject || undefined,
+    do: (data.aliases || {})[entry.do] || entry.do,
+    with: entry.with,
+    donors: entry.donors && namesOf(entry.donors),
+    sources: entry.sources && namesOf(entry.sources),
+    options: flatOptions(entry.options || {}, "", fail),
+    note: entry.note || undefined,
+  };
+  if (Object.keys(found.options).length === 0) found.options = undefined;
+  return Object.fromEntries(Object.entries(found).filter(([, value]) => value !== undefined));
 }
 
 /**
- * Check that a value is a list of texts that are not empty.
+ * Return options by dotted name, those of tables in place of the tables.
+ * @param {Object} options
+ * @param {string} prefix
+ * @param {function(string)} fail
+ * @returns {Object}
+ */
+function flatOptions(options, prefix, fail) {
+  const flat = {};
+  for (const key of Object.keys(options)) {
+    const value = options[key];
+    const name = prefix + key;
+    const table = value !== null && typeof value === "object" && !Array.isArray(value);
+    const found = table ? flatOptions(value, `${name}.`, fail) : { [name]: value };
+    if (Array.isArray(value) && value.some((one) => typeof one === "object")) {
+      fail(`option ${shortText(safeText(name))} is a list of lists or tables`);
+    }
+    for (const one of Object.keys(found)) {
+      if (Object.hasOwn(flat, one)) fail(`option ${shortText(safeText(one))} is given twice`);
+      Object.defineProperty(flat, one, { value: found[one], enumerable: true });
+    }
+  }
+  return flat;
+}
+
+/**
+ * Whether a value is a text or list of texts with at least one name.
  * @param {*} value
  * @returns {boolean}
  */
-function isTextList(value) {
-  return Array.isArray(value) && value.length > 0 &&
-    value.every((one) => typeof one === "string" && one !== "");
+function hasNames(value) {
+  const texts = typeof value === "string" ||
+    (Array.isArray(value) && value.every((one) => typeof one === "string"));
+  return texts && namesOf(value).length > 0;
 }
 
 /** Check markers, subject and the other marker of an exchange. */
 function checkMarkers(entry, data, fail) {
-  const given = entry.marker;
-  const named = typeof given === "string" ? entryPatterns(entry).length > 0 :
-    Array.isArray(given) && given.length > 0 && given.every((one) => typeof one === "string");
-  if (!named) fail("has no marker; give a label, a pattern, or a list of these");
+  if (!hasNames(entry.marker)) fail("has no marker; give a label, a pattern, or a list of these");
   for (const key of ["subject", "note"]) {
     if (entry[key] !== undefined && typeof entry[key] !== "string") fail(`${key} is no text`);
   }
@@ -62,13 +92,18 @@ function checkMarkers(entry, data, fail) {
 
 /** Check the action, and what belongs to it. */
 function checkAction(entry, data, fail) {
-  const known = [...DO_NO_METHOD, ...data.methods];
+  const known = [...DO_NO_METHOD, ...data.methods, ...Object.keys(data.aliases || {})];
   if (typeof entry.do !== "string" || !known.includes(entry.do)) {
     fail(`do is ${safeText(entry.do === undefined ? "missing" : entry.do)}; ` +
-      `use one of ${known.join(", ")}`);
+      `use one of ${[...new Set(known)].join(", ")}`);
   }
   const swap = entry.do === DO_SWAP;
-  if (swap && typeof entry.with !== "string") fail('swap needs the other marker, as with = "RKNE"');
+  if (swap && (typeof entry.with !== "string" || entry.with === "")) {
+    fail('swap needs the other marker, as with = "RKNE"');
+  }
+  if (swap && entryPatterns(entry).length !== 1) {
+    fail("swap exchanges two markers; write a table for each pair");
+  }
   if (!swap && entry.with !== undefined) fail("only swap has the key with");
   if (swap) {
     const other = entryMarkers(data, { marker: [entry.with], subject: entry.subject });
@@ -80,7 +115,7 @@ function checkAction(entry, data, fail) {
   }
   if (entry.donors !== undefined) checkDonors(entry, data, fail);
   if (entry.sources !== undefined) checkSources(entry, fail);
-  const options = entry.options;
+  const { options } = entry;
   if (options !== undefined && (typeof options !== "object" || Array.isArray(options))) {
     fail("options are no table; write options = { name = value }");
   }
@@ -88,8 +123,8 @@ function checkAction(entry, data, fail) {
 
 /** Check donor markers. */
 function checkDonors(entry, data, fail) {
-  if (!isTextList(entry.donors)) fail("donors are no list of labels");
-  for (const label of entry.donors) {
+  if (!hasNames(entry.donors)) fail("donors are no list of labels");
+  for (const label of namesOf(entry.donors)) {
     if (entryMarkers(data, { marker: [label], subject: entry.subject }).length === 0) {
       fail(`no marker is called ${shortText(safeText(label))} (donors)`);
     }
@@ -100,7 +135,7 @@ function checkDonors(entry, data, fail) {
 function checkSources(entry, fail) {
   const known = (one) => SOURCE_KINDS.includes(one) ||
     (one.startsWith(SOURCE_PATTERN) && one.length > SOURCE_PATTERN.length);
-  if (!isTextList(entry.sources) || !entry.sources.every(known)) {
+  if (!hasNames(entry.sources) || !namesOf(entry.sources).every(known)) {
     fail(`sources are no list of ${SOURCE_KINDS.join(", ")} and database:PATTERN`);
   }
 }

@@ -2,7 +2,7 @@
 
 /** Keys of a decision, in the order in which they are written. */
 const ENTRY_KEYS = [
-  "marker", "subject", "frames", "do", "with", "donors", "sources", "options", "note",
+  "marker", "frames", "subject", "do", "with", "donors", "sources", "options", "note",
 ];
 
 /** Actions other than methods. */
@@ -16,6 +16,9 @@ const DO_NO_METHOD = [DO_ACCEPT, DO_LEAVE, DO_MISSING, DO_SWAP];
 const FRAMES_RANGE = /^\s*(-?\d{1,9})?\s*[-:\u2013]\s*(-?\d{1,9})?\s*$/;
 const FRAMES_SINGLE = /^\s*(\d{1,9})\s*$/;
 const FRAMES_AMBIGUOUS = /^\s*[-\u2013]\s*\d{1,9}\s*$/;
+
+/** A label that a text would not give back: empty, with a comma, or with blanks around it. */
+const NEEDS_LIST = /^$|,|^(?!\ufeff)[\s\x1c-\x1f\x85]|(?!\ufeff)[\s\x1c-\x1f\x85]$/;
 
 /** Characters shown as escape sequences: controls, formats, separators, half characters. */
 const HIDDEN_CHARACTERS = /\p{Cc}|\p{Cf}|\p{Zl}|\p{Zp}|\p{Cs}|\p{Co}|\p{Cn}/gu;
@@ -63,13 +66,15 @@ function parseFrames(value) {
 
 /**
  * Write frames as a decision has them.
- * @param {number} first
- * @param {number} last as the file numbers them, inclusive
- * @returns {string|number}
+ * @param {number|null} first
+ * @param {number|null} last as the file numbers them, inclusive; null: the clip's own end
+ * @returns {string|number|undefined} undefined for all frames
  */
 function framesValue(first, last) {
+  if (first === null && last === null) return undefined;
   if (first === last) return first;
-  return first < 0 || last < 0 ? `${first}:${last}` : `${first}-${last}`;
+  const colon = first === null || last === null || first < 0 || last < 0;
+  return [first, last].map((end) => (end === null ? "" : String(end))).join(colon ? ":" : "-");
 }
 
 /**
@@ -78,8 +83,18 @@ function framesValue(first, last) {
  * @returns {string|string[]}
  */
 function markersValue(labels) {
-  const plain = labels.length === 1 && labels[0] !== "" && !/^\s|,|\s$/.test(labels[0]);
-  return plain ? labels[0] : labels;
+  return labels.length === 1 && !NEEDS_LIST.test(labels[0]) ? labels[0] : labels;
+}
+
+/**
+ * Return the names of a text with commas, or of a list.
+ * @param {string|string[]} value
+ * @returns {string[]} each once
+ */
+function namesOf(value) {
+  const names = Array.isArray(value) ? value :
+    value.split(",").map((name) => name.trim()).filter((name) => name !== "");
+  return [...new Set(names)];
 }
 
 /**
@@ -88,8 +103,7 @@ function markersValue(labels) {
  * @returns {string[]}
  */
 function entryPatterns(entry) {
-  if (Array.isArray(entry.marker)) return entry.marker;
-  return entry.marker.split(",").map((name) => name.trim()).filter((name) => name !== "");
+  return namesOf(entry.marker);
 }
 
 /**

@@ -77,7 +77,8 @@ class RefillForm {
     this.gaps = targets.map((index) => store.data.gaps[index]);
     this.form = new DecisionForm(`Re-fill ${gapsText(store, targets)}`, "Add re-fill", done);
     this.form.read = () => this.read();
-    const { methods } = store.data;
+    const aliases = store.data.aliases || {};
+    const methods = store.data.methods.filter((one) => aliases[one] === undefined);
     const { method } = this.gaps[0];
     const first = methods.includes(method) ? method : methods[0];
     this.method = choice(methods.map((one) => [one, one]), first);

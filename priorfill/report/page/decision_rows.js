@@ -7,16 +7,18 @@ const MAX_ROWS = 100;
 class DecisionRows {
   /**
    * @param {Store} store
-   * @param {{remove: function(number), note: function(number, string), review: boolean}} actions
+   * @param {{remove: function(number), note: function(number, string)}} actions
+   * @param {string} pending word for decisions that the fill shown does not have
    */
-  constructor(store, actions) {
+  constructor(store, actions, pending) {
     this.store = store;
     this.actions = actions;
+    this.pending = pending;
     this.all = false;
     this.list = element("ol", { id: "decision-list", "aria-label": "Decisions" });
     this.more = button("", () => this.showAll(), { hidden: true });
     const text = "No decisions: every gap is filled as usual.";
-    this.empty = element("p", { class: "quiet", text });
+    this.empty = element("p", { class: "muted", text });
     this.element = element("div", { class: "decision-rows" }, [this.empty, this.list, this.more]);
   }
 
@@ -48,19 +50,19 @@ class DecisionRows {
     const name = `${entryMarkersText(data, entry)}, ${entryFramesText(entry)}`;
     const known = DECISION_SIGNS[entry.do];
     const pending = entryEffect(entry) !== "" && !effects.has(entryEffect(entry));
-    const state = entry.do === DO_ACCEPT ? "looked at" : pending ? "needs a fill" : "applied";
+    const state = entry.do === DO_ACCEPT ? "looked at" : pending ? this.pending : "applied";
     const text = element("span", { class: "decision-text" }, [
       button(name, () => this.jump(entry), { class: "link", title: `Show ${name}` }),
       element("span", { text: ` ${entryActionText(entry)}` }),
     ]);
     if (entry.note) {
       const note = ` “${shortText(safeText(entry.note), 200)}”`;
-      text.append(element("span", { class: "quiet", text: note }));
+      text.append(element("span", { class: "muted", text: note }));
     }
     return element("li", { data: { decision: index, do: entry.do, state } }, [
       element("span", { class: "sign", "aria-hidden": "true", text: (known || FILL).sign }),
       text,
-      element("span", { class: pending ? "state pending" : "state", text: state }),
+      element("span", { class: `decision-state${pending ? " pending" : ""}`, text: state }),
       button("Note", (event) => this.editNote(event.target, entry, index),
         { "aria-label": `Note on ${name}` }),
       button("Delete", () => this.actions.remove(index), { "aria-label": `Delete ${name}` }),

@@ -1,8 +1,5 @@
 /* The panel of decisions: accept, refuse or re-fill gaps; undo; fill, save, export, import. */
 
-/** Expected mean error (mm) below which gaps are accepted together, before the user changes it. */
-const ACCEPT_BELOW_MM = 10;
-
 class Decisions {
   /**
    * @param {HTMLElement} root
@@ -17,7 +14,7 @@ class Decisions {
     this.form = null;
     this.rows = new DecisionRows(store, {
       remove: (index) => this.remove(index), note: (index, note) => this.setNote(index, note),
-    });
+    }, store.data.mode === "review" ? "needs a fill" : "not in this fill");
     this.files = new DecisionFiles(store, {
       take: (entries, label) => this.replace(entries, label), exported: () => this.keep(),
     });
@@ -48,7 +45,7 @@ class Decisions {
 
   /** Make the panel. */
   build() {
-    this.target = element("p", { id: "decision-target", class: "target" });
+    this.target = element("p", { id: "decision-target" });
     this.place = element("div", { id: "decision-form" });
     this.gapButtons = [
       button("Accept", () => this.accept(), { id: "accept", title: "Accept (a)" }),
@@ -61,51 +58,14 @@ class Decisions {
     this.root.append(
       element("h2", { text: "Decisions" }),
       this.target,
-      element("div", { class: "field-row" }, [
+      element("div", { class: "field-row decision-buttons" }, [
         ...this.gapButtons,
         button("Samples wrong …", () => this.openSamples(DO_MISSING), { id: "mark-wrong" }),
         button("Exchange labels …", () => this.openSamples(DO_SWAP), { id: "swap" }),
         this.undoButton, this.redoButton,
       ]),
-      this.severalFields(), this.place, this.rows.element,
+      this.place, this.rows.element,
       ...(this.review ? [this.review.element] : []), this.files.element);
-  }
-
-  /** Make the fields that choose gaps by their expected error. */
-  severalFields() {
-    this.side = choice([["below", "below"], ["above", "above"]], "below");
-    this.limit = numberField(ACCEPT_BELOW_MM, { min: 0, step: "any", id: "error-limit" });
-    const group = { class: "field-row", role: "group", "aria-label": "Gaps by expected error" };
-    return element("div", group, [
-      labelled("Gaps with an expected mean error", this.side),
-      labelled("mm", this.limit),
-      button("Accept them", () => this.acceptMany(), { id: "accept-many" }),
-      button("Choose them", () => this.chooseMany(), { id: "choose-many" }),
-    ]);
-  }
-
-  /** @returns {number[]} gaps on one side of the limit; those of unknown error are on none */
-  withinLimit() {
-    const limit = Number(this.limit.value);
-    const below = this.side.value === "below";
-    if (this.limit.value === "" || !(limit >= 0)) return [];
-    const { gaps } = this.store.data;
-    return [...gaps.keys()].filter((index) => {
-      const { expected_mean: mean } = gaps[index];
-      return typeof mean === "number" && (below ? mean < limit : mean > limit);
-    });
-  }
-
-  /** Accept all gaps on one side of the limit. */
-  acceptMany() {
-    this.decide(this.withinLimit(), { do: DO_ACCEPT }, "accepted");
-  }
-
-  /** Choose all gaps on one side of the limit. */
-  chooseMany() {
-    const found = this.withinLimit();
-    this.store.setChosenGaps(found);
-    announce(`${gapsText(this.store, found)} chosen`);
   }
 
   /** @returns {number[]} the gaps that a decision is about: the chosen ones, or the active one */

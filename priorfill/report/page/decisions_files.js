@@ -11,7 +11,8 @@ class DecisionFiles {
     this.actions = actions;
     this.entries = [];
     this.name = overridesName(store.data.clip.name);
-    this.status = element("p", { class: "status", role: "status", id: "decision-file-status" });
+    const status = { class: "decision-status", role: "status", id: "decision-file-status" };
+    this.status = element("p", status);
     this.input = element("input", {
       type: "file", accept: ".toml", id: "decision-import", on: { change: () => this.read() },
     });

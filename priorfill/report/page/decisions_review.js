@@ -15,8 +15,8 @@ class DecisionReview {
     this.actions = actions;
     this.link = new ServerLink(location.href);
     this.bar = element("progress", { id: "fill-progress", "aria-label": "Progress of the fill" });
-    this.status = element("p", { class: "status", role: "status", id: "review-status" });
-    this.paths = element("dl", { class: "paths", id: "saved-paths" });
+    this.status = element("p", { class: "decision-status", role: "status", id: "review-status" });
+    this.paths = element("dl", { class: "facts", id: "saved-paths" });
     const { can } = store.data;
     this.fillButton = button("Fill", () => this.run("fill"),
       { id: "fill", class: "main-button", hidden: !can.refill });

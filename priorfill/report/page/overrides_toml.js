@@ -1,9 +1,6 @@
 /* The file of decisions, overrides.toml: what `priorfill fill --overrides` reads. */
 
-/** Comment at the top of an exported file. */
-const OVERRIDES_HEADER = "# Decisions on gaps, for priorfill fill --overrides\n";
-
-/** Order of the keys in a file. */
+/** What a file may tell about the fill that it was made for, all texts. */
 const MADE_FOR_KEYS = ["file", "sha256", "method", "database"];
 
 /** Largest file that `priorfill fill --overrides` reads, bytes. */
@@ -11,22 +8,24 @@ const OVERRIDES_MAX_BYTES = 4 << 20;
 
 /**
  * Write decisions as the text of a file of overrides.
- * @param {Object} madeFor texts: file, sha256, method, database; those that are empty are left out
+ * @param {Object} madeFor texts: file, sha256, method, database
  * @param {Object[]} entries decisions, in order
  * @returns {string}
  */
 function writeOverrides(madeFor, entries) {
   const known = Object.create(null);
   for (const key of MADE_FOR_KEYS) {
-    if (typeof madeFor[key] === "string" && madeFor[key] !== "") {
-      known[key] = madeFor[key];
-    }
+    if (typeof madeFor[key] === "string") known[key] = madeFor[key];
   }
-  const tables = entries.map((entry) => tomlTable("[[gap]]", entry, ENTRY_KEYS));
-  if (Object.keys(known).length > 0) {
-    tables.unshift(tomlTable("[made_for]", known, MADE_FOR_KEYS));
-  }
-  const text = OVERRIDES_HEADER + tables.map((table) => `\n${table}`).join("");
+  const tables = entries.map((entry) => {
+    const { options, ...rest } = entry;
+    const ordered = Object.fromEntries(
+      ENTRY_KEYS.filter((key) => rest[key] !== undefined).map((key) => [key, rest[key]]));
+    const table = tomlTable("[[gap]]", ordered);
+    return options === undefined ? table : table + tomlTable("[gap.options]", options);
+  });
+  if (Object.keys(known).length > 0) tables.unshift(tomlTable("[made_for]", known));
+  const text = tables.join("\n");
   const bytes = new TextEncoder().encode(text).length;
   if (bytes > OVERRIDES_MAX_BYTES) {
     throw new DecisionError(

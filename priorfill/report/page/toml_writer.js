@@ -8,6 +8,13 @@ const TOML_SHORT = {
   "\b": "\\b", "\t": "\\t", "\n": "\\n", "\f": "\\f", "\r": "\\r", '"': '\\"', "\\": "\\\\",
 };
 
+/** Dots that a text may hold as they are: lines of very many are refused when they are read. */
+const TOML_MAX_DOTS = 40;
+
+/** Items and characters of a list in one line; longer lists have a line for each item. */
+const TOML_LINE_ITEMS = 4;
+const TOML_LINE_WIDTH = 80;
+
 /** Keys that need no quotes. */
 const TOML_BARE_KEY = /^[A-Za-z0-9_-]+$/;
 
@@ -33,7 +40,8 @@ function tomlText(text) {
     const code = found.codePointAt(0).toString(16).toUpperCase();
     return code.length > 4 ? `\\U${code.padStart(8, "0")}` : `\\u${code.padStart(4, "0")}`;
   });
-  return `"${inner}"`;
+  const dots = inner.split(".").length - 1;
+  return `"${dots > TOML_MAX_DOTS ? inner.replaceAll(".", "\\u002E") : inner}"`;
 }
 
 /**
@@ -82,7 +90,10 @@ function tomlValue(value) {
     return String(value);
   }
   if (Array.isArray(value)) {
-    return `[${value.map(tomlValue).join(", ")}]`;
+    const items = value.map(tomlValue);
+    const line = items.join(", ");
+    const short = items.length <= TOML_LINE_ITEMS && line.length <= TOML_LINE_WIDTH;
+    return short ? `[${line}]` : `[\n${items.map((item) => `    ${item},\n`).join("")}]`;
   }
   if (value !== null && typeof value === "object") {
     const pairs = Object.keys(value).map((key) => `${tomlKey(key)} = ${tomlValue(value[key])}`);
@@ -95,14 +106,10 @@ function tomlValue(value) {
  * Write a table under its header.
  * @param {string} header with its brackets, such as "[[gap]]"
  * @param {Object} table
- * @param {string[]} order keys that come first, in this order
  * @returns {string} lines, each with its end
  */
-function tomlTable(header, table, order) {
-  const keys = [
-    ...order.filter((key) => key in table),
-    ...Object.keys(table).filter((key) => !order.includes(key)),
-  ];
+function tomlTable(header, table) {
+  const keys = Object.keys(table);
   const rows = keys.map((key) => `${tomlKey(key)} = ${tomlValue(table[key])}\n`);
   return `${header}\n${rows.join("")}`;
 }
