@@ -6,6 +6,9 @@ const CURVE_SURROUNDINGS_S = 0.5;
 /** ms between two drawings while blocks of positions are decoded. */
 const CURVE_DECODE_MS = 250;
 
+/** CSS pixels: height of the window from which all controls are shown. */
+const CURVE_HIGH_WINDOW = 1000;
+
 /** Where the playhead is put when it leaves the view while playing, as part of the view. */
 const CURVE_PLAY_PLACE = 0.1;
 
@@ -33,12 +36,15 @@ class Curves {
   /** Build the controls, the canvases and the tables. */
   build() {
     const line = (name) => element("div", { class: `curves-line ${name}` });
-    const [first, second, third] = ["markers", "options", "versions"].map(
+    const [first, second, third, fourth] = ["markers", "options", "further", "versions"].map(
       (name) => line(`curves-${name}`));
+    this.more = element("details", { class: "curves-more" }, [
+      element("summary", { text: "Compare, arrange" }), third, fourth]);
+    this.more.open = window.innerHeight >= CURVE_HIGH_WINDOW;
     this.markers = new CurveMarkers(first, this.store);
     this.zoomButtons(first);
-    this.options = new CurveOptions(second, () => this.change());
-    this.versions = new CurveVersions(third, this.store, () => this.change());
+    this.options = new CurveOptions(second, third, () => this.change());
+    this.versions = new CurveVersions(fourth, this.store, () => this.change());
     this.base = element("canvas", { class: "curves-base", "aria-hidden": "true" });
     this.overlay = element("canvas", { id: "curves-canvas", class: "curves-overlay", tabindex: "0",
       role: "img", "aria-describedby": "curves-help" });
@@ -49,7 +55,7 @@ class Curves {
     const values = element("div", { class: "curves-readout" });
     this.readout = new CurveReadout(values, this.store, this.series);
     this.note = element("p", { class: "curves-note", id: "curves-help" });
-    this.root.append(first, second, third, this.empty, this.frame, legend, values, this.note);
+    this.root.append(first, second, this.more, this.empty, this.frame, legend, values, this.note);
     this.pointer = new CurvePointer(this.overlay, this);
   }
 
@@ -95,9 +101,7 @@ class Curves {
     this.gapShown = -1;
     this.markers.list();
     this.versions.list();
-    const several = this.store.data.versions.length > 1;
-    this.options.distance.hidden = !several;
-    this.options.boxes.distance.checked = several;
+    this.options.offer(this.store.data.versions);
     this.note.textContent = this.noteText(clip);
     this.followGap();
     this.change();
@@ -109,8 +113,11 @@ class Curves {
     const turned = axes && clip.up !== "+Z"
       ? `The file's up axis is ${clip.up}: x, y, z here are ${axes.join(", ")} of the file. `
       : "";
-    return `${turned}Time 0 s is the first frame of the file. ± is the half width of the 90 % ` +
-      "band. Drag to zoom, drag the time axis to pan, Shift and drag to mark frames; the wheel " +
+    const half = [90, 50].map((percent) => this.series.halfWidth("x", percent).toFixed(2));
+    return `${turned}Bands: ${half.join(" and ")} of the 90 % bound on each side of a coordinate, ` +
+      "which 90 and 50 % of its errors do not exceed if they are alike in all directions; for " +
+      `distances, the bound itself and ${CURVE_MEDIAN_DISTANCE.toFixed(2)} of it. ± is the 90 % ` +
+      "band. Time 0 s is the first frame of the file. Drag to zoom, drag the time axis to pan, Shift and drag to mark frames; the wheel " +
       "zooms after a click, or with Ctrl. Keys: + − zoom, Page Up and Page Down pan, Enter shows " +
       "the gap, Home the clip, ← → go from frame to frame.";
   }
@@ -245,7 +252,13 @@ class Curves {
     if (hovered) this.upright(context, hovered.frame, shades.muted, [3, 3]);
     this.upright(context, this.store.frame, shades.accent, []);
     const chosen = this.chosen;
-    this.readout.show(hovered ? hovered.frame : this.store.frame, chosen, Boolean(hovered));
+    const frame = hovered ? hovered.frame : this.store.frame;
+    this.readout.show(frame, chosen, Boolean(hovered));
+    if (!this.view.shows(frame)) return;
+    for (const panel of this.laid.panels) {
+      const text = this.readout.short(panel, frame, chosen);
+      if (text) writeInCorner(context, panel, text, true);
+    }
   }
 
   /** Draw an upright line at a frame through all panels. */

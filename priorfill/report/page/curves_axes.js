@@ -5,7 +5,7 @@ const CURVE_LEAST_FRAMES = 4;
 
 /** CSS pixels between the ticks of the time axis, and between those of a value axis. */
 const CURVE_TICK_WIDTH = 84;
-const CURVE_TICK_HEIGHT = 24;
+const CURVE_TICK_HEIGHT = 17;
 
 /** Least height of a value axis, by quantity (mm, mm/s): what is smaller is noise of cameras. */
 const CURVE_LEAST_RANGE = { x: 4, y: 4, z: 4, speed: 40, distance: 1, error: 1 };
@@ -249,8 +249,7 @@ function drawPanelGrid(context, panel, view, clip) {
     const x = Math.round(frameX(panel, view, time * clip.rate)) + 0.5;
     strokeLine(context, x, panel.y, x, panel.y + panel.height);
   }
-  const count = Math.max(2, panel.height / CURVE_TICK_HEIGHT);
-  const { step, values } = niceTicks(panel.low, panel.high, count);
+  const { step, values } = valueTicks(panel);
   context.font = CURVE_FONT;
   context.textAlign = "right";
   context.textBaseline = "alphabetic";
@@ -264,26 +263,35 @@ function drawPanelGrid(context, panel, view, clip) {
   context.strokeRect(panel.x + 0.5, panel.y + 0.5, panel.width - 1, panel.height - 1);
 }
 
+/** Ticks of a value axis, as many as there is room for: steps can be 2.5 times too long. */
+function valueTicks(panel) {
+  const most = Math.max(2, Math.floor(panel.height / CURVE_TICK_HEIGHT));
+  const ticks = niceTicks(panel.low, panel.high, most);
+  return ticks.values.length > 1 ? ticks : niceTicks(panel.low, panel.high, 2 * most);
+}
+
 /** The vertical place of a value. */
 function valueY(panel, value) {
   return panel.y + panel.height * (1 - (value - panel.low) / (panel.high - panel.low));
 }
 
 /**
- * Write the title of a panel, with its unit, on a ground that keeps it legible.
+ * Write into the upper corner of a panel, on a ground that keeps the text legible.
  * @param {CanvasRenderingContext2D} context
  * @param {Object} panel
- * @param {string} title
+ * @param {string} text
+ * @param {boolean} right Whether into the right corner.
  */
-function drawPanelTitle(context, panel, title) {
+function writeInCorner(context, panel, text, right) {
   const shades = colours();
-  context.font = CURVE_BOLD;
+  context.font = right ? CURVE_FONT : CURVE_BOLD;
   context.textAlign = "left";
-  const wide = context.measureText(title).width;
-  context.globalAlpha = 0.8;
+  const wide = context.measureText(text).width;
+  const x = right ? panel.x + panel.width - wide - 11 : panel.x + 3;
+  context.globalAlpha = 0.85;
   context.fillStyle = shades.surface;
-  context.fillRect(panel.x + 3, panel.y + 3, wide + 8, 17);
+  context.fillRect(x, panel.y + 2, wide + 8, 16);
   context.globalAlpha = 1;
   context.fillStyle = shades.text;
-  context.fillText(title, panel.x + 7, panel.y + 16);
+  context.fillText(text, x + 4, panel.y + 14);
 }

@@ -107,10 +107,11 @@ class CurveMarkers {
 /** Which quantities are shown, and how. */
 class CurveOptions {
   /**
-   * @param {HTMLElement} root
+   * @param {HTMLElement} root For the quantities.
+   * @param {HTMLElement} further For how they are shown.
    * @param {function()} changed Called after each choice.
    */
-  constructor(root, changed) {
+  constructor(root, further, changed) {
     this.boxes = {};
     const box = (name, text, checked, title) => {
       const input = element("input", { type: "checkbox", on: { change: changed } });
@@ -122,14 +123,27 @@ class CurveOptions {
     root.append(
       element("span", { role: "group", "aria-label": "Quantities", class: "curves-group" }, [
         ...["x", "y", "z", "speed"].map((kind) => box(kind, kind, true)),
+        box("error", "expected error", true,
+          "Expected rms error of filled samples, and their 90 % bound"),
         this.distance,
-      ]),
+      ]));
+    further.append(
       element("span", { role: "group", "aria-label": "Panels", class: "curves-group" }, [
         box("together", "in one panel", false, "All chosen markers in the same panels"),
         box("alike", "same scale", false, "The same height for a millimetre in x, y and z"),
         box("neighbours", "neighbours", false,
           "Other markers of the segment, shifted to the mean of the marker"),
       ]));
+  }
+
+  /** Offer what the versions allow; the expected error first where nothing is compared. */
+  offer(versions) {
+    const kinds = versions.map(({ kind }) => kind).join();
+    if (kinds === this.versions) return;
+    this.versions = kinds;
+    this.distance.hidden = versions.length < 2;
+    this.boxes.distance.checked = versions.length > 1;
+    this.boxes.error.checked = !kinds.includes("truth");
   }
 
   /** Whether a box is ticked. */
@@ -160,18 +174,21 @@ class CurveVersions {
   /** Offer the versions of the page data; the truth, or else the first other, is compared. */
   list() {
     const { versions } = this.store.data;
-    this.root.hidden = versions.length < 2;
-    this.root.replaceChildren();
-    this.pair = null;
-    if (versions.length < 2) return;
-    if (![...this.store.compared].length) {
-      this.store.setCompared(versions.map((_, i) => i).slice(1, 1 + CURVE_COMPARED));
-    }
     const kinds = versions.map(({ kind }) => kind);
-    const other = Math.max(1, kinds.indexOf("truth"), kinds.indexOf("truth") < 0
-      ? kinds.indexOf("other") : 0);
-    this.pair = [0, other];
-    this.root.append(this.boxes(versions), this.pairChoice(versions));
+    if (kinds.join() !== this.kinds) this.choose(kinds);
+    this.kinds = kinds.join();
+    this.root.hidden = versions.length < 2;
+    this.root.replaceChildren(
+      ...(this.pair ? [this.boxes(versions), this.pairChoice(versions)] : []));
+  }
+
+  /** Choose what is compared at first, by the kinds of the versions. */
+  choose(kinds) {
+    const other = ["truth", "other", "original"].map((kind) => kinds.indexOf(kind));
+    const found = other.find((version) => version > 0);
+    this.pair = found === undefined ? null : [0, found];
+    if (this.store.compared.size) return;
+    this.store.setCompared(kinds.map((_, i) => i).slice(1, 1 + CURVE_COMPARED));
   }
 
   /** A box for each version. */

@@ -24,8 +24,8 @@ const CURVE_FILE_AXES = {
   "-Z": ["+X", "-Y", "-Z"],
 };
 
-/** What can be drawn; `kind` is x, y, z, speed or distance. */
-const CURVE_QUANTITIES = ["x", "y", "z", "speed", "distance"];
+/** What can be drawn: coordinates, speed, the distance between two versions, the expected error. */
+const CURVE_QUANTITIES = ["x", "y", "z", "speed", "distance", "error"];
 
 /**
  * The title of a panel, with its unit.
@@ -35,6 +35,7 @@ const CURVE_QUANTITIES = ["x", "y", "z", "speed", "distance"];
 function curveTitle(kind, up) {
   if (kind === "speed") return "speed (mm/s)";
   if (kind === "distance") return "distance (mm)";
+  if (kind === "error") return "expected error (mm)";
   const place = CURVE_QUANTITIES.indexOf(kind);
   const axes = CURVE_FILE_AXES[up];
   const file = axes ? axes[place] : "";
@@ -189,6 +190,12 @@ class CurveData {
     });
   }
 
+  /** The expected rms error (mm) of the filled samples of a marker; NaN elsewhere. */
+  rms(marker) {
+    return this.remembered(`${marker} rms`, () =>
+      Float32Array.from({ length: this.frames }, (_, frame) => this.store.rms(frame, marker)));
+  }
+
   /** Whether version 0 of a sample is a fill. */
   isFilled(frame, marker) {
     const state = this.store.state(frame, marker);
@@ -198,7 +205,7 @@ class CurveData {
   /** Half width of the band of 90 or 50 % of a quantity, as part of the bound. */
   halfWidth(kind, percent) {
     if (kind === "speed") return NaN;
-    if (kind === "distance") return percent === 90 ? 1 : CURVE_MEDIAN_DISTANCE;
+    if (kind === "distance" || kind === "error") return percent === 90 ? 1 : CURVE_MEDIAN_DISTANCE;
     const name = percent === 90 ? "half_90" : "half_50";
     return (this.store.data.bands && this.store.data.bands[name]) || CURVE_BANDS[name];
   }

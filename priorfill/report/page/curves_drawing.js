@@ -22,6 +22,9 @@ const CURVE_KIND_DASHES = { truth: [], original: [1, 3] };
 /** Frames on a CSS pixel from which a pixel column is drawn as one stroke from least to most. */
 const CURVE_DENSE = 2;
 
+/** Opacity of the shade of gaps. */
+const CURVE_GAP_ALPHA = 0.15;
+
 /** CSS pixels between two marks of doubtful samples, and between symbols on a line. */
 const CURVE_MARK_EVERY = 6;
 const CURVE_SYMBOL_EVERY = 110;
@@ -106,7 +109,7 @@ function setPanelRange(panel, range) {
   panel.low = range.low - margin - lack;
   panel.high = range.high + margin + lack;
   panel.empty = false;
-  const positive = panel.kind === "speed" || panel.kind === "distance";
+  const positive = !"xyz".includes(panel.kind);
   if (positive && (panel.low < 0 || range.low < 0.5 * range.high)) panel.low = 0;
 }
 
@@ -261,23 +264,37 @@ function fillBetween(context, upper, lower) {
 }
 
 /**
- * Shade a gap and mark its edges; what stays missing is hatched.
+ * Shade frames in which a marker is missing.
+ * @param {CanvasRenderingContext2D} context
+ * @param {Object} panel
+ * @param {CurveView} view
+ * @param {number} start First frame.
+ * @param {number} stop The frame after the last one.
+ */
+function shadeGap(context, panel, view, start, stop) {
+  const left = frameX(panel, view, start - 0.5);
+  const right = frameX(panel, view, stop - 0.5);
+  if (stop <= start || right < panel.x || left > panel.x + panel.width) return;
+  context.globalAlpha = CURVE_GAP_ALPHA;
+  context.fillStyle = colours().muted;
+  context.fillRect(left, panel.y, Math.max(1, right - left), panel.height);
+  context.globalAlpha = 1;
+}
+
+/**
+ * Mark the edges of a gap; what stays missing is hatched.
  * @param {CanvasRenderingContext2D} context
  * @param {Object} panel
  * @param {CurveView} view
  * @param {Object} gap Of the page data.
  * @param {boolean} active Whether it is the gap chosen.
  */
-function drawGap(context, panel, view, gap, active) {
-  const shades = colours();
+function edgeGap(context, panel, view, gap, active) {
   const left = frameX(panel, view, gap.start - 0.5);
   const right = frameX(panel, view, gap.stop - 0.5);
   if (right < panel.x || left > panel.x + panel.width) return;
-  context.globalAlpha = active ? 0.13 : 0.07;
-  context.fillStyle = shades.missing;
-  context.fillRect(left, panel.y, Math.max(1, right - left), panel.height);
   context.globalAlpha = active ? 0.9 : 0.45;
-  context.strokeStyle = shades.missing;
+  context.strokeStyle = colours().missing;
   context.lineWidth = 1;
   if (right - left > 3 || active) {
     for (const x of [left, right]) strokeLine(context, x, panel.y, x, panel.y + panel.height);

@@ -25,7 +25,7 @@ class CurveLegend {
       this.line(own, "solid", "measured"),
       this.line(shades.filled, "dashed", shared ? "filled, on this ground" : "filled"),
       ...this.bands(chosen),
-      this.area(shades.missing, "gap", 0.2),
+      this.area(shades.muted, "gap", 2 * CURVE_GAP_ALPHA),
     ];
     if (this.hasUnfilled(chosen)) items.push(this.sign("⫽", shades.missing, "left missing"));
     if (this.has(chosen, STATE.doubt)) items.push(this.sign("×", shades.doubt, "in doubt"));
@@ -52,12 +52,8 @@ class CurveLegend {
       const filled = markers.some((m) => this.store.filledRuns[m].length);
       return filled ? [element("li", { text: "no band: the expected error is unknown" })] : [];
     }
-    const part = (percent) => this.series.halfWidth("x", percent).toFixed(2);
-    const title = (percent) =>
-      `± ${part(percent)} of the 90 % bound, which is a distance in space: ${percent} % of the ` +
-      "errors of a coordinate lie within, if errors are alike in all directions";
-    return [90, 50].map((percent) => this.area(percent === 90 ? shades.bound90 : shades.bound50,
-      `${percent} % band (± ${part(percent)} × bound)`, 1, title(percent)));
+    return [90, 50].map((percent) => this.area(
+      percent === 90 ? shades.bound90 : shades.bound50, `${percent} % band`, 1));
   }
 
   /** Whether a state occurs in the chosen markers. */
@@ -80,11 +76,11 @@ class CurveLegend {
   }
 
   /** An item with a sample of an area. */
-  area(colour, text, opacity, title) {
+  area(colour, text, opacity) {
     const sample = element("span", { class: "curves-sample-area", "aria-hidden": "true" });
     sample.style.background = colour;
     sample.style.opacity = opacity;
-    return element("li", { title }, [sample, text]);
+    return element("li", {}, [sample, text]);
   }
 
   /** An item with a sign. */

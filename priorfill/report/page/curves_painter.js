@@ -8,7 +8,7 @@ const CURVE_NEIGHBOUR_ALPHA = 0.5;
 const CURVE_NEIGHBOURS = 8;
 
 /** CSS pixels: width of the ground in the colour of fills below a filled line. */
-const CURVE_CASING = 6;
+const CURVE_CASING = 5;
 
 /** Paints panels on a canvas. */
 class CurvePainter {
@@ -46,9 +46,9 @@ class CurvePainter {
       this.paintGaps(context, panel, view);
       this.paintBands(context, panel, view);
       for (const line of panel.lines) this.paintLine(context, panel, view, line);
-      if (panel.kind !== "distance") this.paintMarks(context, panel, view);
+      if (!["distance", "error"].includes(panel.kind)) this.paintMarks(context, panel, view);
       context.restore();
-      drawPanelTitle(context, panel, this.titleOf(panel, chosen));
+      writeInCorner(context, panel, this.titleOf(panel, chosen), false);
     }
     for (const head of laid.heads) this.paintHead(context, head, chosen);
     for (const axis of laid.axes) drawTimeAxis(context, axis, view, clip);
@@ -72,13 +72,8 @@ class CurvePainter {
     panel.markers.forEach((marker) => {
       const place = chosen.markers.indexOf(marker);
       const own = chosen.together && panel.markers.length > 1 ? markerStyle(place) : null;
-      if (panel.kind === "distance") {
-        const [one, other] = chosen.pair;
-        const colour = own ? own.colour : colours().accent;
-        const line = { role: "distance", marker, place, own, bound: this.boundOf(marker, chosen) };
-        line.series = this.series.distance(one, other, marker);
-        line.style = { colour, dash: [], width: 1.5 };
-        lines.push(line);
+      if (panel.kind === "distance" || panel.kind === "error") {
+        lines.push(this.errorLine(marker, place, own, panel.kind, chosen));
         return;
       }
       if (chosen.neighbours && !chosen.together && panel.kind !== "speed") {
@@ -86,7 +81,7 @@ class CurvePainter {
       }
       lines.push(...this.markerLines(marker, place, own, panel.kind, chosen));
     });
-    const order = ["neighbour", "version", "filled", "measured", "distance"];
+    const order = ["neighbour", "version", "filled", "measured", "error"];
     return lines.sort((a, b) => order.indexOf(a.role) - order.indexOf(b.role));
   }
 
@@ -114,6 +109,18 @@ class CurvePainter {
     return lines;
   }
 
+  /** The line of a distance between versions, or of the expected rms error; its band is at 0. */
+  errorLine(marker, place, own, kind, { pair }) {
+    const distance = kind === "distance";
+    const colour = own ? own.colour : colours()[distance ? "accent" : "filled"];
+    return {
+      role: "error", marker, place, own,
+      series: distance ? this.series.distance(...pair, marker) : this.series.rms(marker),
+      bound: distance ? this.boundOf(marker, pair) : this.series.bound(marker),
+      style: { colour, dash: [], width: 1.5 },
+    };
+  }
+
   /** Lines of the markers of the same segment. */
   neighbourLines(marker, kind) {
     return this.series.neighbours(marker, CURVE_NEIGHBOURS).map((other) => ({
@@ -124,7 +131,7 @@ class CurvePainter {
   }
 
   /** Bounds of the distance between two versions, where one is the truth and the other the fill. */
-  boundOf(marker, { pair }) {
+  boundOf(marker, pair) {
     const kinds = pair.map((version) => this.store.data.versions[version].kind);
     return kinds.includes("truth") && pair.includes(0) ? this.series.bound(marker) : null;
   }
@@ -136,7 +143,7 @@ class CurvePainter {
       if (line.role === "neighbour") continue;
       const spread = line.role === "filled" ? line.bound : null;
       widenRange(line.series, view, range, spread, this.series.halfWidth(panel.kind, 90));
-      if (line.role === "distance" && line.bound) widenRange(line.bound, view, range);
+      if (line.role === "error" && line.bound) widenRange(line.bound, view, range);
     }
     for (const line of panel.lines) {
       if (line.role === "neighbour") this.shiftNeighbour(line, panel, view, range);
@@ -174,14 +181,18 @@ class CurvePainter {
     }
   }
 
-  /** Shade the gaps of the markers of a panel. */
+  /** Shade the gaps of the markers of a panel, common frames once, and mark their edges. */
   paintGaps(context, panel, view) {
-    const { gaps } = this.store.data;
-    for (const marker of panel.markers) {
-      for (const index of this.store.gapsOf[marker]) {
-        drawGap(context, panel, view, gaps[index], index === this.store.activeGap);
-      }
+    const indices = panel.markers.flatMap((marker) => this.store.gapsOf[marker]);
+    const gaps = indices.map((index) => this.store.data.gaps[index])
+      .sort((one, other) => one.start - other.start);
+    let shaded = 0;
+    for (const gap of gaps) {
+      shadeGap(context, panel, view, Math.max(gap.start, shaded), gap.stop);
+      shaded = Math.max(shaded, gap.stop);
     }
+    const active = this.store.data.gaps[this.store.activeGap];
+    for (const gap of gaps) edgeGap(context, panel, view, gap, gap === active);
   }
 
   /** Draw the bands of fills, the wide ones first. */
@@ -192,7 +203,7 @@ class CurvePainter {
         if (!line.bound) continue;
         const factor = this.series.halfWidth(panel.kind, percent);
         context.globalAlpha = line.own ? CURVE_SHARED_ALPHA : 1;
-        const middle = line.role === "distance" ? null : line.series;
+        const middle = line.role === "error" ? null : line.series;
         drawBand(context, panel, view, middle, line.bound, { factor, colour });
         context.globalAlpha = 1;
       }
@@ -206,7 +217,7 @@ class CurvePainter {
       drawSeries(context, panel, view, line.series, ground);
     }
     drawSeries(context, panel, view, line.series, line.style);
-    if (line.own && line.role !== "filled") {
+    if (line.own) {
       drawSymbols(context, panel, view, line.series, line.own, 17 * line.place);
     }
   }

@@ -32,7 +32,7 @@ class CurveReadout {
   show(frame, chosen, pointed) {
     const seconds = (frame / this.store.rate).toFixed(3);
     const where = pointed ? "at the pointer" : "at the playhead";
-    this.place.textContent = `Frame ${this.store.frameNumber(frame)}, ${seconds} s, ${where}`;
+    this.place.textContent = `Frame ${this.store.frameNumber(frame)}, ${seconds} s, ${where}:`;
     const kinds = chosen.kinds;
     const up = this.store.data.clip.up;
     const titles = ["marker", "sample", ...kinds.map((kind) => curveTitle(kind, up))];
@@ -53,10 +53,18 @@ class CurveReadout {
     if (chosen.markers.length > CURVE_READ_VERSIONS) return rows;
     for (const version of chosen.compared) {
       const { name } = versions[version];
-      rows.push(this.row("", shortText(name, 40), chosen.kinds.map((kind) =>
-        kind === "distance" ? "" : this.text(frame, marker, kind, version, chosen)), name));
+      const values = chosen.kinds.map((kind) => ["distance", "error"].includes(kind)
+        ? "" : this.text(frame, marker, kind, version, chosen));
+      rows.push(this.row("", shortText(name, 40), values, name));
     }
     return rows;
+  }
+
+  /** The value of a panel with one marker, as short text. */
+  short(panel, frame, chosen) {
+    if (panel.markers.length !== 1) return "";
+    const text = this.text(frame, panel.markers[0], panel.kind, 0, chosen);
+    return text === "–" ? "" : text;
   }
 
   /** One row of text. */
@@ -72,6 +80,10 @@ class CurveReadout {
   text(frame, marker, kind, version, { pair }) {
     if (kind === "distance") {
       return this.number(this.series.distance(pair[0], pair[1], marker)[frame], 1);
+    }
+    if (kind === "error") {
+      const [rms, bound] = [this.series.rms(marker)[frame], this.series.bound(marker)[frame]];
+      return Number.isNaN(bound) ? "–" : `${this.number(rms, 1)}, 90 % below ${bound.toFixed(1)}`;
     }
     const value = this.number(
       this.series.values(version, marker, kind)[frame], kind === "speed" ? 0 : 1);
