@@ -37,18 +37,25 @@ class DecisionList {
   }
 
   /**
-   * Add decisions. Earlier ones that contradict them are cut where they do.
-   * @param {Object[]} added
+   * Add decisions. Earlier ones that contradict them are cut where they do; but accepting keeps
+   * the methods that were chosen before: it is their fill that is accepted.
+   * @param {Object[]} wanted
    * @param {string} label what was done
+   * @returns {boolean} whether the list has changed
    */
-  add(added, label) {
+  add(wanted, label) {
+    const kept = this.entries.filter((old) => !DO_NO_METHOD.includes(old.do));
+    const added = wanted.flatMap((entry) => (entry.do !== DO_ACCEPT ? [entry] :
+      kept.reduce((parts, old) => parts.flatMap((one) => this.rest(one, old)), [entry])));
     let entries = this.entries;
     for (const entry of added) {
       entries = entries.flatMap((old) => this.rest(old, entry));
     }
     const joined = joinEntries([...entries, ...added]);
     const ranked = [0, 1, 2].flatMap((rank) => joined.filter((one) => entryRank(one) === rank));
+    if (JSON.stringify(ranked) === JSON.stringify(this.entries)) return false;
     this.change(ranked, label);
+    return true;
   }
 
   /**

@@ -50,7 +50,7 @@ class Decisions {
     this.gapButtons = [
       button("Accept", () => this.accept(), { id: "accept", title: "Accept (a)" }),
       button("Refuse", () => this.refuse(), { id: "refuse", title: "Leave missing (x)" }),
-      button("Re-fill …", () => this.refill(),
+      button("Re-fill …", () => this.openRefill(),
         { id: "refill", title: "Another method, other donors or sources (f)" }),
     ];
     this.undoButton = button("Undo", () => this.undo(), { id: "undo", title: "Undo (z)" });
@@ -106,13 +106,16 @@ class Decisions {
    * @param {string} label what was decided
    */
   add(entries, label) {
-    this.list.add(entries, label);
-    this.changed();
-    announce(label);
+    if (this.list.add(entries, label)) {
+      this.changed();
+      announce(label);
+    } else {
+      announce("Decided so already");
+    }
   }
 
   /** Open the form that fills the gaps by another method. */
-  refill() {
+  openRefill() {
     const targets = this.targets();
     if (targets.length === 0) {
       announce("No gap is chosen");
@@ -209,8 +212,10 @@ class Decisions {
 
   /** Tell all views that the list has changed. */
   changed() {
-    this.store.setDecisions(this.list.entries);
+    const { entries } = this.list;
+    this.store.setDecisions(entries);
     this.draw();
+    if (this.review) this.review.check(entries);
   }
 
   /** Show what the buttons act on. */
@@ -219,6 +224,7 @@ class Decisions {
     const chosen = this.store.chosenGaps.size > 0;
     this.target.textContent = targets.length === 0 ? "No gap is chosen." :
       `${chosen ? "Chosen" : "Gap shown"}: ${gapsText(this.store, targets)}`;
+    if (targets.length === 1) this.target.textContent += gapBeforeText(this.store, targets[0]);
     for (const one of this.gapButtons) one.disabled = targets.length === 0;
   }
 

@@ -10,7 +10,7 @@ class DecisionFiles {
     this.store = store;
     this.actions = actions;
     this.entries = [];
-    this.name = overridesName(store.data.clip.name);
+    this.name = overridesName(store.data.title);
     const status = { class: "decision-status", role: "status", id: "decision-file-status" };
     this.status = element("p", status);
     this.input = element("input", {
@@ -159,7 +159,7 @@ function decodedText(bytes) {
  */
 function overridesName(name) {
   const stem = name.replace(/\.[A-Za-z0-9]{1,5}$/, "").replace(/[^A-Za-z0-9._-]+/g, "_");
-  return `${stem.replace(/^[._-]+/, "").slice(0, 80) || "clip"}_overrides.toml`;
+  return `${stem.replace(/^[._-]+/, "").slice(0, 80) || "clip"}_filled.overrides.toml`;
 }
 
 /**
@@ -169,8 +169,8 @@ function overridesName(name) {
  * @returns {string}
  */
 function fillCommand(data, overrides) {
-  const words = data.command || ["priorfill", "fill", data.clip.file || data.clip.name];
-  const output = overrides.replace(/_overrides\.toml$/, "_filled") + fileSuffix(data.clip.name);
+  const words = data.command || ["priorfill", "fill", data.clip.file || data.title];
+  const output = overrides.replace(/\.overrides\.toml$/, fileSuffix(data.title));
   return [...words, "-o", output, "--overrides", overrides].map(shellWord).join(" ");
 }
 

@@ -53,6 +53,21 @@ class DecisionReview {
     if (!busy && pending) this.tell("Some decisions need a fill.");
   }
 
+  /**
+   * Ask the server whether it can fill with decisions, and show what it cannot.
+   * @param {Object[]} entries
+   */
+  async check(entries) {
+    this.asked = entries;
+    if (this.link.busy) return;
+    try {
+      await this.link.check(entries);
+    } catch (error) {
+      if (!(error instanceof ServerError)) throw error;
+      if (this.asked === entries && !this.link.busy) this.tell(`${withoutDot(error.message)}.`);
+    }
+  }
+
   /** @returns {number} the version with the fill before, or -1 */
   versionBefore() {
     return this.store.data.versions.findIndex((version) => version.before === true);
@@ -92,7 +107,7 @@ class DecisionReview {
       else this.receive(last, entries);
     } catch (error) {
       if (!(error instanceof ServerError)) throw error;
-      const text = error.message.replace(/\.$/, "");
+      const text = withoutDot(error.message);
       this.finish(`Not ${action === "fill" ? "filled" : "saved"}: ${text}.`);
     }
   }
@@ -149,6 +164,15 @@ class DecisionReview {
 }
 
 /**
+ * Return a message without its last dot.
+ * @param {string} text
+ * @returns {string}
+ */
+function withoutDot(text) {
+  return text.replace(/\.$/, "");
+}
+
+/**
  * Add the fill shown so far to new data, as a version to compare with.
  * @param {Object} data new page data
  * @param {Object} before page data of the fill shown so far
@@ -162,8 +186,28 @@ function withVersionBefore(data, before) {
   };
   const version = {
     name: FILL_BEFORE, kind: "other", before: true, positions: before.versions[0].positions, shown,
+    gaps: before.gaps,
   };
   return { ...data, versions: [...data.versions, version] };
+}
+
+/**
+ * Say how a gap was filled before.
+ * @param {Store} store
+ * @param {number} index of the gap
+ * @returns {string} empty if there was no other fill before
+ */
+function gapBeforeText(store, index) {
+  const version = store.data.versions.find((one) => one.before === true);
+  if (version === undefined) return "";
+  const gap = store.data.gaps[index];
+  const old = version.gaps.find((one) =>
+    one.marker === gap.marker && one.start < gap.stop && one.stop > gap.start);
+  if (old === undefined) return "; not missing before";
+  const error = old.expected_mean === null ? "" :
+    `, expected mean error ${formatMm(old.expected_mean)}`;
+  const share = formatShare(old.filled, old.stop - old.start);
+  return `; before: ${share} filled by ${old.method}${error}`;
 }
 
 /**

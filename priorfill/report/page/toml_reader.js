@@ -25,6 +25,8 @@ class TomlReader {
   constructor(text) {
     this.text = text.replace(/^\ufeff/, "").replace(/\r\n/g, "\n");
     this.at = 0;
+    /** Place whose line was found last: lines are mostly asked for in order. */
+    this.counted = { at: 0, line: 1 };
     /** Line of the header of each table, from 1. */
     this.lines = new Map();
     const control = TOML_CONTROL.exec(this.text);
@@ -49,7 +51,10 @@ class TomlReader {
    * @returns {number} from 1
    */
   lineOf(at) {
-    return this.text.slice(0, at).split("\n").length;
+    const known = at >= this.counted.at ? this.counted : { at: 0, line: 1 };
+    const line = known.line + this.text.slice(known.at, at).split("\n").length - 1;
+    this.counted = { at, line };
+    return line;
   }
 
   /**
@@ -111,11 +116,11 @@ class TomlReader {
    * @returns {string} without blanks, such as "[gap.options]"
    */
   header() {
-    const found = /\[[^\n#]*\]/y;
+    const found = /\[\[?[ \t]*[A-Za-z_-]+(?:[ \t]*\.[ \t]*[A-Za-z_-]+)*[ \t]*\]\]?/y;
     found.lastIndex = this.at;
     const header = found.exec(this.text);
     if (header === null) {
-      this.fail("the name of a table has no closing bracket");
+      this.fail("this is no name of a table; write [made_for] or [[gap]]");
     }
     this.at += header[0].length;
     return header[0].replace(/[ \t]/g, "");
@@ -128,15 +133,12 @@ class TomlReader {
    */
   pair(table, depth) {
     const start = this.at;
-    const key = this.key();
-    this.skip(false);
-    if (this.text[this.at] === ".") {
-      this.fail('a key has a dot; write it in quotes, as in options = { "a.b" = 1 }');
-    }
+    const key = this.dottedKey();
     if (!this.take("=")) {
       this.fail("no = follows the key; write key = value");
     }
-    if (table[key] !== undefined) {
+    const within = (one, other) => one === other || one.startsWith(`${other}.`);
+    if (Object.keys(table).some((one) => within(one, key) || within(key, one))) {
       this.fail(`${safeText(key)} is given twice; remove one`, start);
     }
     this.skip(false);
@@ -144,7 +146,21 @@ class TomlReader {
   }
 
   /**
-   * Read a key.
+   * Read a key, or several with dots between them.
+   * @returns {string} joined by dots, as names of options are
+   */
+  dottedKey() {
+    const keys = [];
+    do {
+      this.skip(false);
+      keys.push(this.key());
+      this.skip(false);
+    } while (this.take("."));
+    return keys.join(".");
+  }
+
+  /**
+   * Read a single key.
    * @returns {string}
    */
   key() {
