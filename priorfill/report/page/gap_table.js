@@ -9,6 +9,9 @@ const SPARE_ROWS = 8;
 /** Expected mean error (mm) below which "Choose" chooses gaps, at first. */
 const USUAL_LIMIT_MM = 10;
 
+/** Width (characters) that a column needs at most. */
+const WIDEST_COLUMN = 18;
+
 class GapTable {
   /**
    * @param {HTMLElement} root
@@ -101,9 +104,14 @@ class GapTable {
   head(column) {
     const title = column.unit ? `${column.title} (${column.unit})` : column.title;
     const sort = button(title, () => this.sortBy(column.key), { title: column.hint || null });
-    return element("th", {
+    const made = element("th", {
       scope: "col", class: `col-${column.key}`, data: { key: column.key }, "aria-sort": "none",
     }, [sort]);
+    // rows that are out of view widen a column as well, so that it keeps its width
+    const longest = this.store.data.gaps.reduce(
+      (most, gap) => Math.max(most, column.text(gap).length), 0);
+    made.style.minWidth = `${Math.min(WIDEST_COLUMN, longest)}ch`;
+    return made;
   }
 
   /**

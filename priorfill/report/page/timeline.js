@@ -207,8 +207,10 @@ class Timeline {
     for (const index of store.chosenGaps) this.frameGap(context, index, 1);
     if (store.activeGap >= 0) this.frameGap(context, store.activeGap, 2);
     const x = Math.round(this.xOf(store.frame + 0.5));
+    context.fillStyle = shades.surface;
+    context.fillRect(x - 2, AXIS_HEIGHT, 5, height);
     context.fillStyle = shades.text;
-    context.fillRect(x - 0.5, AXIS_HEIGHT - 6, 1.5, height);
+    context.fillRect(x - 0.5, AXIS_HEIGHT - 6, 2, height);
     context.beginPath();
     context.moveTo(x - 5, AXIS_HEIGHT - 8);
     context.lineTo(x + 5, AXIS_HEIGHT - 8);
