@@ -1,16 +1,16 @@
 /* The camera of the body player. */
 
+/** Radians across the shorter side of the canvas: 30 degrees, little distortion at the edges. */
 const FIELD_OF_VIEW = 0.52;
-// Radians across the shorter side of the canvas: 30 degrees, little distortion at the edges.
 
+/** mm in front of the eye: what is nearer is not drawn. */
 const NEAREST = 20;
-// mm in front of the eye: what is nearer is not drawn.
 
+/** mm, eye to target: from a finger to a hall of 200 m. */
 const DISTANCES = [30, 400000];
-// mm, eye to target: from a finger to a hall of 200 m.
 
+/** Share of the canvas that a fitted scene fills. */
 const FIT_MARGIN = 0.86;
-// Share of the canvas that a fitted scene fills.
 
 /** A perspective camera that orbits a target. Lengths in mm, upright axes, pixels from top left. */
 class BodyCamera {
@@ -75,7 +75,7 @@ class BodyCamera {
     let distance = DISTANCES[0];
     for (let corner = 0; corner < 8; corner++) {
       const at = half.map((length, axis) => ((corner >> axis) & 1 ? length : -length));
-      const along = (direction) => at.reduce((sum, value, axis) => sum + value * direction[axis], 0);
+      const along = ([x, y, z]) => at[0] * x + at[1] * y + at[2] * z;
       const sideways = Math.abs(along(this.right)) / this.width;
       const upwards = Math.abs(along(this.up)) / this.height;
       const away = (2 * this.focal * Math.max(sideways, upwards)) / FIT_MARGIN;

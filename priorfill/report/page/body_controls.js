@@ -19,12 +19,14 @@ class BodyControls {
     this.player = player;
     this.store = store;
     this.transport = element("div", { class: "body-bar", role: "group", "aria-label": "Play" });
-    this.views = element("div", { class: "body-bar", role: "group", "aria-label": "View" });
+    this.shown = element("div", { class: "body-bar", role: "group", "aria-label": "Shown" });
+    this.views = element("div", { class: "body-views", role: "group", "aria-label": "View" });
     this.legend = element("div", { class: "body-legend", role: "list", "aria-label": "Legend" });
     this.status = element("p", { class: "body-status", id: "body-status" });
     this.seen = new Uint8Array(0);
     this.makeTransport();
     this.makeViews();
+    this.makeShown();
     this.load();
   }
 
@@ -34,8 +36,8 @@ class BodyControls {
     const go = (frames) => () => store.setFrame(store.frame + frames);
     this.play = button("Play", () => store.setPlaying(!store.playing),
       { id: "play", title: "Play or stop (space)" });
-    const back = button("◂", go(-1), { "aria-label": "Frame before", title: "Frame before (←)" });
-    const next = button("▸", go(1), { "aria-label": "Next frame", title: "Next frame (→)" });
+    const back = button("◂", go(-1), { "aria-label": "Frame before", title: "Before (←)" });
+    const next = button("▸", go(1), { "aria-label": "Next frame", title: "Next (→)" });
     this.scrub = element("input", {
       type: "range", id: "scrub", min: 0, step: 1, "aria-label": "Frame of the clip",
       on: { input: () => store.setFrame(Number(this.scrub.value)) },
@@ -50,39 +52,53 @@ class BodyControls {
     }, SPEEDS.map((speed) => element("option", { value: speed, text: `${speed} ×` })));
     this.loop = element("select", { id: "loop", on: { change: () => this.setLoop() } });
     this.transport.append(this.play, back, next, this.scrub,
-      bodyLabel("Frame", this.number), this.time,
-      bodyLabel("Speed", this.speed), bodyLabel("Loop", this.loop));
+      bodyLabel("Frame", this.number), this.time);
+    this.shown.append(bodyLabel("Speed", this.speed), bodyLabel("Loop", this.loop));
   }
 
-  /** Make the controls of the picture. */
+  /** Make the buttons of views, which lie over the picture. */
   makeViews() {
     const { player } = this;
-    const look = (name) => button(name[0].toUpperCase() + name.slice(1), () => player.view(name));
+    const view = (name, key) => button(name, () => player.view(name.toLowerCase()),
+      { title: `View from the ${name === "Side" ? "right side" : name.toLowerCase()} (${key})` });
     const zoom = (factor) => () => player.zoom(factor);
-    const check = (name, set) => {
-      const box = element("input", { type: "checkbox", on: { change: () => set(box.checked) } });
-      this.views.append(bodyLabel(name, box, true));
-      return box;
-    };
-    const choice = (id, name, options, set) => {
-      const select = element("select", { id, on: { change: () => set(select.value) } },
-        options.map(([value, text]) => element("option", { value, text })));
-      this.views.append(bodyLabel(name, select));
-      return select;
-    };
-    this.views.append(look("front"), look("side"), look("top"),
+    this.views.append(view("Front", 1), view("Side", 2), view("Top", 3),
       button("Fit", () => player.fit(), { title: "Show all of it (0)" }),
       button("+", zoom(ZOOM_KEY), { "aria-label": "Zoom in", title: "Zoom in (+)" }),
       button("−", zoom(1 / ZOOM_KEY), { "aria-label": "Zoom out", title: "Zoom out (−)" }));
-    this.follow = check("Follow", (on) => player.setFollow(on));
-    this.bounds = check("90 % bound", (on) => player.setLook("bounds", on));
-    this.ghost = choice("ghost", "Ghost", [], (value) => this.store.setGhost(Number(value)));
-    this.labels = choice("labels", "Labels",
+  }
+
+  /** Make the controls of what is shown. */
+  makeShown() {
+    const { player } = this;
+    this.ghost = this.choice("ghost", "Ghost", [], (value) => this.store.setGhost(Number(value)));
+    this.labels = this.choice("labels", "Labels",
       [["none", "None"], ["chosen", "Chosen"], ["all", "All"]],
       (value) => player.setLook("labels", value));
-    this.trail = choice("trail", "Trail",
+    this.trail = this.choice("trail", "Trail",
       TRAIL_SECONDS.map((s) => [s, s ? `± ${s} s` : "None"]),
       (value) => player.setLook("trail", Number(value)));
+    this.follow = this.check("Follow", "The camera moves with the body (c)",
+      (on) => player.setFollow(on));
+    this.bounds = this.check("90 % bound", "Where the true position is expected, in true size",
+      (on) => player.setLook("bounds", on));
+  }
+
+  /** Add a box to tick; `set` gets whether it is. */
+  check(name, title, set) {
+    const box = element("input", { type: "checkbox", on: { change: () => set(box.checked) } });
+    const label = bodyLabel(name, box, true);
+    label.title = title;
+    this.shown.append(label);
+    return box;
+  }
+
+  /** Add a list of [value, text]; `set` gets the value chosen. */
+  choice(id, name, options, set) {
+    const select = element("select", { id, on: { change: () => set(select.value) } },
+      options.map(([value, text]) => element("option", { value, text })));
+    this.shown.append(bodyLabel(name, select));
+    return select;
   }
 
   /** Take what the data of the store offer. */
@@ -112,13 +128,15 @@ class BodyControls {
     if (codes.has(STATE.filled) || codes.has(STATE.replaced)) {
       items.push({ name: "90 % bound", colour: "filled", shape: "halo" });
     }
-    if (versions.length > 1) {
-      items.push({ name: "ghost", colour: "ghost", shape: "ring" });
+    for (const version of versions.slice(1)) {
+      const colour = ghostColour(version);
+      items.push({ name: ghostName(version).toLowerCase(), colour, shape: "ring" });
     }
     if (subjects.length > 1) {
       subjects.forEach((name, i) => items.push({ name: name || "unnamed subject", subject: i }));
     }
-    this.keys = items.map((item) => ({ ...item, canvas: element("canvas", { class: "body-key" }) }));
+    this.keys = items.map((item) =>
+      ({ ...item, canvas: element("canvas", { class: "body-key" }) }));
     this.legend.replaceChildren(...this.keys.map(({ canvas, name }) =>
       element("span", { role: "listitem", title: name }, [canvas, shortText(name, LABEL_LENGTH)])));
   }
@@ -140,7 +158,7 @@ class BodyControls {
         context.arc(width / 2, height / 2, height / 2 - 1, 0, TURN);
         paintHalo(context, paint);
       } else {
-        addShape(context, shape, width / 2, height / 2, 4);
+        addShape(context, shape, width / 2, height / 2, shape === "ring" ? 2.5 : 4);
         paintShape(context, shape, paint[colour]);
       }
     }
@@ -196,7 +214,8 @@ class BodyControls {
     if (store.range) {
       options.push(["range", "Selection"]);
     }
-    this.loop.replaceChildren(...options.map(([value, text]) => element("option", { value, text })));
+    this.loop.replaceChildren(
+      ...options.map(([value, text]) => element("option", { value, text })));
     this.loop.value = options.some(([value]) => value === wanted) ? wanted : "clip";
     this.setLoop();
   }
@@ -249,6 +268,11 @@ class BodyControls {
 function bodyLabel(text, control, nameLast = false) {
   const name = element("span", { text });
   return element("label", { class: "body-label" }, nameLast ? [control, name] : [name, control]);
+}
+
+/** Name of the colour of a version in the theme. */
+function ghostColour({ kind }) {
+  return kind === "truth" ? "truth" : "ghost";
 }
 
 /** Name of a version in the menu of ghosts. */

@@ -7,8 +7,8 @@ const DEPTH_LEVELS = 6;
 const FAR_ALPHA = 0.4;
 
 /** Radius of a marker in mm, for a body of 1.8 m, and its limits in pixels. */
-const MARKER_MM = 11;
-const MARKER_PIXELS = [2, 6.5];
+const MARKER_MM = 14;
+const MARKER_PIXELS = [2.5, 7];
 
 /** Colours of the sticks of subjects, visible on light and dark; the lightness differs, too. */
 const STICK_COLOURS = ["#7d8a99", "#b5772f", "#5b6fd6", "#3f9a76", "#a85a9e", "#8a8a3a"];
@@ -16,11 +16,12 @@ const STICK_COLOURS = ["#7d8a99", "#b5772f", "#5b6fd6", "#3f9a76", "#a85a9e", "#
 /** Dashes (pixels) of sticks that end at a filled marker. */
 const FILLED_DASH = [5, 3];
 
-/** Dashes (pixels) of sticks of the ghost. */
-const GHOST_DASH = [2, 3];
+/** Opacity of what falls on the floor. */
+const SHADOW_ALPHA = 0.25;
 
-/** A ghost nearer than this (units of 0.1 mm) hides behind the marker, and is not drawn. */
-const GHOST_APART = 5;
+/** A bound is large if its radius is more than this share of the picture; opacity of its line. */
+const LARGE_BOUND = 0.12;
+const LARGE_BOUND_ALPHA = 0.35;
 
 const NO_DASH = [];
 
@@ -34,6 +35,7 @@ class BodyDrawing {
     this.store = store;
     this.camera = camera;
     this.floor = new BodyFloor(camera);
+    this.ghost = new BodyGhost(this);
     this.ends = new Float64Array(6);
     this.scratch = new Float32Array(6);
     this.load();
@@ -45,13 +47,12 @@ class BodyDrawing {
     this.count = markers.length;
     this.at = new Float32Array(this.count * 3);
     this.shadow = new Float32Array(this.count * 3);
-    this.ghostAt = new Float32Array(this.count * 3);
     this.state = new Uint8Array(this.count);
-    this.ghosted = new Uint8Array(this.count);
     this.level = new Uint8Array(this.count);
     this.subject = Uint8Array.from(markers, (m) => (m.subject || 0) % STICK_COLOURS.length);
     this.sticks = Uint16Array.from(sticks.flat());
     this.stickLevel = new Uint8Array(sticks.length);
+    this.ghost.load(this.count);
     this.floorPoints = new Float64Array(this.count * 3);
     this.spread = 1000;
     this.markerMm = MARKER_MM;
@@ -75,8 +76,7 @@ class BodyDrawing {
     const paint = colours();
     context.fillStyle = paint.surface;
     context.fillRect(0, 0, this.camera.width, this.camera.height);
-    context.lineCap = "round";
-    context.lineJoin = "round";
+    context.lineJoin = "round"; // of the outlines of labels
     this.floor.draw(context, paint);
     if (frame < 0) {
       return;
@@ -87,10 +87,7 @@ class BodyDrawing {
     if (look.bounds) {
       this.drawBounds(context, frame, paint);
     }
-    this.placeGhost(frame, look.ghost);
-    if (look.ghost >= 0) {
-      this.drawGhost(context, paint, this.store.data.versions[look.ghost].kind);
-    }
+    this.ghost.draw(context, frame, look.ghost, paint);
     this.drawMarkers(context, paint);
   }
 
@@ -123,12 +120,17 @@ class BodyDrawing {
     }
   }
 
-  /** Add a stick between projected points to the current path. */
-  addStick(context, stick, points) {
+  /**
+   * Draw a stick between projected points. A path of its own for each line is three times as fast
+   * in software as one path of many, whose crossings have to be found.
+   */
+  drawStick(context, stick, points) {
     const [a, b] = [this.sticks[stick * 2] * 3, this.sticks[stick * 2 + 1] * 3];
     if (points[a + 2] > 0 && points[b + 2] > 0) {
+      context.beginPath();
       context.moveTo(points[a], points[a + 1]);
       context.lineTo(points[b], points[b + 1]);
+      context.stroke();
     }
   }
 
@@ -137,23 +139,19 @@ class BodyDrawing {
     if (!this.scene || this.camera.pitch <= 0) {
       return;
     }
-    context.globalAlpha = paint.dark ? 0.3 : 0.16;
-    context.beginPath();
+    context.globalAlpha = SHADOW_ALPHA;
+    context.lineWidth = 2;
+    context.strokeStyle = context.fillStyle = paint.muted;
     for (let stick = 0; stick < this.stickLevel.length; stick++) {
       if (this.stickLevel[stick] < DEPTH_LEVELS) {
-        this.addStick(context, stick, this.shadow);
+        this.drawStick(context, stick, this.shadow);
       }
     }
     for (let marker = 0; marker < this.count; marker++) {
       if (this.state[marker] && this.shadow[marker * 3 + 2] > 0) {
-        const [x, y] = [this.shadow[marker * 3], this.shadow[marker * 3 + 1]];
-        context.moveTo(x, y);
-        context.lineTo(x + 0.5, y);
+        context.fillRect(this.shadow[marker * 3] - 1, this.shadow[marker * 3 + 1] - 1, 2, 2);
       }
     }
-    context.lineWidth = 3;
-    context.strokeStyle = paint.muted;
-    context.stroke();
     context.globalAlpha = 1;
   }
 
@@ -167,112 +165,57 @@ class BodyDrawing {
   drawSticks(context) {
     for (let level = DEPTH_LEVELS - 1; level >= 0; level--) {
       context.globalAlpha = levelAlpha(level);
-      for (let shade = 0; shade < STICK_COLOURS.length; shade++) {
-        for (let filled = 0; filled < 2; filled++) {
-          let any = false;
-          for (let stick = 0; stick < this.stickLevel.length; stick++) {
-            if (this.stickLevel[stick] === level &&
-                this.subject[this.sticks[stick * 2]] === shade &&
-                this.endsFilled(stick) === (filled === 1)) {
-              if (!any) {
-                context.beginPath();
-                any = true;
-              }
-              this.addStick(context, stick, this.at);
-            }
+      context.lineWidth = 3.2 - (2 * level) / DEPTH_LEVELS;
+      for (let stick = 0; stick < this.stickLevel.length; stick++) {
+        if (this.stickLevel[stick] === level) {
+          const filled = this.endsFilled(stick);
+          if (filled) {
+            context.setLineDash(FILLED_DASH);
           }
-          if (any) {
-            context.setLineDash(filled ? FILLED_DASH : NO_DASH);
-            context.lineWidth = 3.2 - (2 * level) / DEPTH_LEVELS;
-            context.strokeStyle = STICK_COLOURS[shade];
-            context.stroke();
+          context.strokeStyle = STICK_COLOURS[this.subject[this.sticks[stick * 2]]];
+          this.drawStick(context, stick, this.at);
+          if (filled) {
+            context.setLineDash(NO_DASH);
           }
         }
       }
     }
-    context.setLineDash(NO_DASH);
     context.globalAlpha = 1;
   }
 
-  /** Draw the 90 % bounds of filled markers in true size, as one area. */
+  /** Draw the 90 % bounds of filled markers in true size: areas, but large ones as lines only. */
   drawBounds(context, frame, paint) {
+    const large = LARGE_BOUND * Math.min(this.camera.width, this.camera.height);
+    context.beginPath();
+    if (this.addBounds(context, frame, 0, large)) {
+      paintHalo(context, paint);
+    }
+    context.beginPath();
+    if (this.addBounds(context, frame, large, Infinity)) {
+      context.globalAlpha = LARGE_BOUND_ALPHA;
+      context.lineWidth = 1;
+      context.strokeStyle = paint.filled;
+      context.stroke();
+      context.globalAlpha = 1;
+    }
+  }
+
+  /** Add bounds with a radius (pixels) within limits to the current path; were there any? */
+  addBounds(context, frame, least, most) {
     let any = false;
     for (let marker = 0; marker < this.count; marker++) {
       if (isFilled(this.state[marker])) {
+        const [x, y] = [this.at[marker * 3], this.at[marker * 3 + 1]];
         const bound = this.store.bound(frame, marker);
-        if (bound > 0) {
-          if (!any) {
-            context.beginPath();
-            any = true;
-          }
-          const [x, y] = [this.at[marker * 3], this.at[marker * 3 + 1]];
-          const radius = this.camera.pixels(bound, this.at[marker * 3 + 2]);
+        const radius = this.camera.pixels(bound, this.at[marker * 3 + 2]);
+        if (radius > least && radius <= most) {
           context.moveTo(x + radius, y);
           context.arc(x, y, radius, 0, TURN);
+          any = true;
         }
       }
     }
-    if (any) {
-      paintHalo(context, paint);
-    }
-  }
-
-  /** Project the ghost; it is drawn only where it is apart from the marker. */
-  placeGhost(frame, version) {
-    const { store, count, ghosted } = this;
-    const ghost = version >= 0 ? store.positions(version) : null;
-    if (!ghost) {
-      ghosted.fill(0);
-      return;
-    }
-    const shown = store.positions(0);
-    this.camera.project(ghost, frame * count * 3, count, 0.1, this.ghostAt);
-    for (let marker = 0; marker < count; marker++) {
-      const at = (frame * count + marker) * 3;
-      const apart = Math.abs(ghost[at] - shown[at]) + Math.abs(ghost[at + 1] - shown[at + 1]) +
-        Math.abs(ghost[at + 2] - shown[at + 2]);
-      const differs = !this.state[marker] || isFilled(this.state[marker]) || apart > GHOST_APART;
-      const seen = this.ghostAt[marker * 3 + 2] > 0;
-      ghosted[marker] = seen && differs && store.shown(version, frame, marker) ? 1 : 0;
-    }
-  }
-
-  /** Draw the ghost: its sticks, its markers, and lines to it from the markers of the fill. */
-  drawGhost(context, paint, kind) {
-    const { ghosted, ghostAt, at, state, sticks } = this;
-    const colour = kind === "truth" ? paint.truth : paint.ghost;
-    context.strokeStyle = colour;
-    context.beginPath();
-    for (let stick = 0; stick < this.stickLevel.length; stick++) {
-      const [a, b] = [sticks[stick * 2], sticks[stick * 2 + 1]];
-      if ((ghosted[a] && (ghosted[b] || state[b])) || (ghosted[b] && state[a])) {
-        const one = ghosted[a] ? ghostAt : at;
-        const other = ghosted[b] ? ghostAt : at;
-        context.moveTo(one[a * 3], one[a * 3 + 1]);
-        context.lineTo(other[b * 3], other[b * 3 + 1]);
-      }
-    }
-    context.setLineDash(GHOST_DASH);
-    context.lineWidth = 1.2;
-    context.stroke();
-    context.setLineDash(NO_DASH);
-    context.beginPath();
-    for (let marker = 0; marker < this.count; marker++) {
-      if (ghosted[marker] && state[marker]) {
-        context.moveTo(at[marker * 3], at[marker * 3 + 1]);
-        context.lineTo(ghostAt[marker * 3], ghostAt[marker * 3 + 1]);
-      }
-    }
-    context.lineWidth = 2.5;
-    context.stroke();
-    context.beginPath();
-    for (let marker = 0; marker < this.count; marker++) {
-      if (ghosted[marker]) {
-        const radius = this.radius(ghostAt[marker * 3 + 2]);
-        addShape(context, "ring", ghostAt[marker * 3], ghostAt[marker * 3 + 1], radius);
-      }
-    }
-    paintShape(context, "ring", colour);
+    return any;
   }
 
   /** Radius in pixels of a marker at a depth in mm. */
@@ -285,9 +228,9 @@ class BodyDrawing {
   drawMarkers(context, paint) {
     const { state, level, at } = this;
     for (let depth = DEPTH_LEVELS - 1; depth >= 0; depth--) {
-      context.globalAlpha = levelAlpha(depth);
       for (let code = 1; code < MARKER_STYLES.length; code++) {
         const { shape, colour } = MARKER_STYLES[code];
+        context.globalAlpha = code === STATE.measured ? levelAlpha(depth) : 1;
         let any = false;
         for (let marker = 0; marker < this.count; marker++) {
           if (state[marker] === code && level[marker] === depth) {

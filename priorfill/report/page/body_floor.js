@@ -1,8 +1,11 @@
 /* The floor with its grid, and the axes of the file. */
 
-/** Radius of the axes in the corner of the picture, and distance of their middle from it (pixels). */
+/** Length of the axes in the corner of the picture, and distance from the corner (pixels). */
 const AXES_PIXELS = 24;
 const AXES_CORNER = 40;
+
+/** An axis that looks shorter than this (pixels) has no name. */
+const SHORT_AXIS = 8;
 
 /** Font of texts in the picture. */
 const BODY_FONT = "12px system-ui, sans-serif";
@@ -115,7 +118,9 @@ class BodyFloor {
       context.moveTo(x, y);
       context.lineTo(x + dx, y + dy);
       context.stroke();
-      context.fillText("XYZ"[axis], x + dx * 1.4, y + dy * 1.4 + 4);
+      if (Math.hypot(dx, dy) > SHORT_AXIS) {
+        context.fillText("XYZ"[axis], x + dx * 1.4, y + dy * 1.4 + 4);
+      }
     }
     context.textAlign = "left";
   }

@@ -4,7 +4,7 @@
 const TIP_OFFSET = 14;
 
 /** Follow the body from the start if it travels farther than this times its own size. */
-const FOLLOW_TRAVEL = 1.6;
+const FOLLOW_TRAVEL = 1.2;
 
 /** Pitch (radians) of the views from the front and the side, and of the first picture. */
 const LEVEL_PITCH = 0.08;
@@ -46,7 +46,8 @@ class BodyPlayer {
     this.tip = element("div", { class: "body-tip", hidden: true });
     this.stage = element("div", { class: "body-stage" }, [this.canvas, this.tip]);
     this.controls = new BodyControls(this, this.store);
-    root.replaceChildren(this.stage, this.controls.transport, this.controls.views,
+    this.stage.append(this.controls.views);
+    root.replaceChildren(this.stage, this.controls.transport, this.controls.shown,
       this.controls.status, this.controls.legend);
     this.pointer = new BodyPointer(this.canvas, this);
   }
@@ -112,7 +113,7 @@ class BodyPlayer {
     this.ask();
   }
 
-  /** Angle (radians) from which the subject is seen from the front; that of the x axis if unknown. */
+  /** Angle (radians) of the eye for a view from the front; along the x axis if it is unknown. */
   front() {
     const facing = this.scene ? this.scene.facing(this.store.frame) : NaN;
     return Number.isNaN(facing) ? 0 : facing;
@@ -172,7 +173,7 @@ class BodyPlayer {
     this.ask();
   }
 
-  /** Choose a marker, and the gap that it is in; `more` adds it to those chosen, or takes it out. */
+  /** Choose a marker, and the gap that it is in; `more` adds it to those chosen or takes it out. */
   choose(marker, more = false) {
     const { store } = this;
     if (more) {

@@ -22,7 +22,7 @@ const REACH_MOUSE = 12;
 const REACH_TOUCH = 24;
 
 /** Keys that choose a view. */
-const VIEW_KEYS = { 1: "front", 2: "side", 3: "top" };
+const BODY_VIEW_KEYS = { 1: "front", 2: "side", 3: "top" };
 
 /** Turns events of the canvas into calls of a `BodyPlayer`. */
 class BodyPointer {
@@ -151,8 +151,8 @@ class BodyPointer {
 
   /** Keys that choose a view, a marker, or what the camera follows. */
   pressView(key) {
-    if (VIEW_KEYS[key]) {
-      this.player.view(VIEW_KEYS[key]);
+    if (BODY_VIEW_KEYS[key]) {
+      this.player.view(BODY_VIEW_KEYS[key]);
     } else if (key === "0" || key === "Home") {
       this.player.fit();
     } else if (key === "c") {

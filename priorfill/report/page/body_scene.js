@@ -1,25 +1,37 @@
 /* Where the body is: what the camera fits and follows, and the floor below it. */
 
+/** Frames, evenly spaced, from which the size of the scene is taken. */
 const FIT_FRAMES = 200;
-// Frames, evenly spaced, from which the size of the scene is taken.
 
+/** Most frames at which the centre of the body is computed; between them it is interpolated. */
 const PATH_KNOTS = 1500;
-// Most frames at which the centre of the body is computed; between them it is interpolated.
 
+/** Time between two of these frames. */
 const KNOT_SECONDS = 0.15;
-// Time between two of these frames.
 
+/** Samples farther from the centre than this times the upper quartile of distances are outliers. */
 const FAR_OUT = 3;
-// Samples farther from the centre than this times the upper quartile of distances are outliers.
 
+/** mm, possible widths of the squares of the floor. */
 const GRID_STEPS = [5, 10, 50, 100, 500, 1000, 5000];
-// mm, possible widths of the squares of the floor.
 
+/** Most squares of the floor along one side. */
 const GRID_LINES = 40;
-// Most squares of the floor along one side.
 
+/** Markers of a pair that are nearer do not show the side that the subject faces. */
+const NARROW_MM = 60;
+
+/** Pairs that show it: pelvis and shoulders rather than feet, which take steps. */
+const FACING_PAIRS = 4;
+
+/** What makes the label of a right marker from that of the left one. */
+const LEFT_TO_RIGHT = [
+  [/^L/, "R"], [/^l_/, "r_"], [/Left/, "Right"], [/left/, "right"],
+  [/([_. ])L$/, "$1R"], [/([_. ])l$/, "$1r"],
+];
+
+/** By code of state: is the sample taken for the size of the scene? Samples in doubt are not. */
 const SHOWN_BY_STATE = [false, true, true, false, true, true];
-// By code of state: is the sample taken for the size of the scene? Samples in doubt are not.
 
 /** Where the body is: its path, its size, the floor and the side it faces. Lengths in mm. */
 class BodyScene {
@@ -32,7 +44,7 @@ class BodyScene {
     this.sorted = new Float64Array(this.markers);
     this.trace();
     this.measure();
-    this.sides = markerSides(store.data.markers);
+    this.pairs = this.stiffPairs();
   }
 
   /** Middle value of one coordinate of the valid samples of a frame, NaN without any. */
@@ -96,7 +108,7 @@ class BodyScene {
     }
   }
 
-  /** Compute the boxes of the scene and of the body around its centre, the floor and its squares. */
+  /** Compute the boxes of the scene and of the body around its centre, and the floor. */
   measure() {
     const distances = [];
     this.eachSample((from, centre, distance) => distances.push(distance));
@@ -133,21 +145,46 @@ class BodyScene {
     this.edges = [down(x0), down(y0), up(x1), up(y1)];
   }
 
+  /** Pairs [left, right] of markers, those first whose distance varies least over the clip. */
+  stiffPairs() {
+    const step = Math.max(1, Math.floor(this.frames / FIT_FRAMES));
+    const scored = markerPairs(this.store.data.markers).map(([left, right]) => {
+      let [count, sum, squares] = [0, 0, 0];
+      for (let frame = 0; frame < this.frames; frame += step) {
+        const [x, y] = this.across(frame, left, right);
+        const width = Math.hypot(x, y);
+        if (width > 0) {
+          count += 1;
+          sum += width;
+          squares += width * width;
+        }
+      }
+      const mean = sum / count;
+      const spread = Math.sqrt(Math.max(0, squares / count - mean * mean));
+      return { left, right, score: count && mean > NARROW_MM ? spread / mean : Infinity };
+    });
+    scored.sort((one, other) => one.score - other.score);
+    return scored.slice(0, FACING_PAIRS).map(({ left, right }) => [left, right]);
+  }
+
+  /** Horizontal vector (mm) from the right to the left marker of a pair; zero if one is missing. */
+  across(frame, left, right) {
+    if (!this.store.state(frame, left) || !this.store.state(frame, right)) {
+      return [0, 0];
+    }
+    const [a, b] = [left, right].map((marker) => (frame * this.markers + marker) * 3);
+    return [0, 1].map((axis) => (this.positions[a + axis] - this.positions[b + axis]) / 10);
+  }
+
   /** Horizontal angle (radians) in which the subject faces in a frame; NaN where it is unknown. */
   facing(frame) {
-    const sum = [0, 0, 0, 0];
-    const count = [0, 0];
-    this.sides.forEach((side, marker) => {
-      if (side && SHOWN_BY_STATE[this.store.state(frame, marker)]) {
-        const at = (frame * this.markers + marker) * 3;
-        const of = side > 0 ? 0 : 1;
-        sum[of * 2] += this.positions[at];
-        sum[of * 2 + 1] += this.positions[at + 1];
-        count[of] += 1;
-      }
-    });
-    const [x, y] = [0, 1].map((axis) => sum[axis] / count[0] - sum[axis + 2] / count[1]);
-    return Math.atan2(-x, y);
+    let [x, y] = [0, 0];
+    for (const [left, right] of this.pairs) {
+      const [dx, dy] = this.across(frame, left, right);
+      x += dx;
+      y += dy;
+    }
+    return x || y ? Math.atan2(-x, y) : NaN;
   }
 }
 
@@ -173,17 +210,20 @@ function bridgeMissing(values) {
   }
 }
 
-/** Side of each marker: 1 left, -1 right, 0 neither, by segments, otherwise by pairs of labels. */
-function markerSides(markers) {
-  const known = markers.map(({ segment }) =>
-    /^left/i.test(segment) ? 1 : /^right/i.test(segment) ? -1 : 0,
-  );
-  if (known.includes(1) && known.includes(-1)) {
-    return known;
-  }
-  const labels = new Set(markers.map(({ own }) => own));
-  return markers.map(({ own }) => {
-    const side = { L: 1, R: -1 }[own[0]] || 0;
-    return side && labels.has((side > 0 ? "R" : "L") + own.slice(1)) ? side : 0;
+/** Pairs [left, right] of a subject's markers, by usual labels: LKNE, LeftKnee, knee_L. */
+function markerPairs(markers) {
+  const key = ({ own, subject }) => `${subject} ${own}`;
+  const places = new Map(markers.map((marker, i) => [key(marker), i]));
+  const pairs = [];
+  markers.forEach((marker, left) => {
+    const { own } = marker;
+    const right = LEFT_TO_RIGHT.map(([pattern, text]) => own.replace(pattern, text))
+      .filter((label) => label !== own)
+      .map((label) => places.get(key({ ...marker, own: label })))
+      .find((place) => place !== undefined);
+    if (right !== undefined) {
+      pairs.push([left, right]);
+    }
   });
+  return pairs;
 }

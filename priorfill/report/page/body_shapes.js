@@ -17,7 +17,7 @@ const MARKER_STYLES = [
 ];
 
 /** Radius of each shape as a multiple of that of a disc: about equal areas, fills larger. */
-const SHAPE_SCALE = { disc: 1, diamond: 1.75, cross: 1.4, square: 1.3, triangle: 1.7, ring: 1.2 };
+const SHAPE_SCALE = { disc: 1, diamond: 1.75, cross: 1.4, square: 1.3, triangle: 1.7, ring: 2.2 };
 
 /**
  * Add a shape to the current path.
@@ -57,7 +57,7 @@ function addShape(context, shape, x, y, radius) {
 function paintShape(context, shape, colour) {
   if (shape === "cross" || shape === "ring") {
     context.strokeStyle = colour;
-    context.lineWidth = 2;
+    context.lineWidth = shape === "ring" ? 1.5 : 2;
     context.stroke();
   } else {
     context.fillStyle = colour;
