@@ -117,9 +117,10 @@ class Curves {
     return `${turned}Bands: ${half.join(" and ")} of the 90 % bound on each side of a coordinate, ` +
       "which 90 and 50 % of its errors do not exceed if they are alike in all directions; for " +
       `distances, the bound itself and ${CURVE_MEDIAN_DISTANCE.toFixed(2)} of it. ± is the 90 % ` +
-      "band. Time 0 s is the first frame of the file. Drag to zoom, drag the time axis to pan, Shift and drag to mark frames; the wheel " +
-      "zooms after a click, or with Ctrl. Keys: + − zoom, Page Up and Page Down pan, Enter shows " +
-      "the gap, Home the clip, ← → go from frame to frame.";
+      "band. Time 0 s is the first frame of the file. Drag to zoom, drag the time axis to pan, " +
+      "Shift and drag to mark frames; the wheel zooms after a click, or with Ctrl. Keys: + − " +
+      "zoom, Page Up and Page Down pan, Enter shows the gap, Home the clip, ← → go from frame to " +
+      "frame.";
   }
 
   /** What the user chose. */

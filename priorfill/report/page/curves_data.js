@@ -108,14 +108,20 @@ class CurveData {
     const series = new Float32Array(this.frames).fill(NaN);
     const positions = this.store.positions(version);
     if (!positions) return series;
-    const markers = this.store.data.markers.length;
-    const place = CURVE_QUANTITIES.indexOf(kind);
+    const shown = this.presence(version, marker);
+    const step = 3 * this.store.data.markers.length;
     const known = this.known.get(version) || 0;
-    for (let frame = 0; frame < known; frame += 1) {
-      if (!this.store.shown(version, frame, marker)) continue;
-      series[frame] = positions[(frame * markers + marker) * 3 + place] / UNITS_PER_MM;
+    let at = 3 * marker + CURVE_QUANTITIES.indexOf(kind);
+    for (let frame = 0; frame < known; frame += 1, at += step) {
+      if (shown === null || shown[frame] !== 0) series[frame] = positions[at] / UNITS_PER_MM;
     }
     return series;
+  }
+
+  /** Where a version of a marker has a value: 0 where it has none; null where it always has. */
+  presence(version, marker) {
+    const all = version === 0 ? this.store.states : this.store.present[version];
+    return all ? all.subarray(marker * this.frames, (marker + 1) * this.frames) : null;
   }
 
   /**
@@ -123,17 +129,18 @@ class CurveData {
    * of a stretch, the distance of the last two frames. NaN for a sample without neighbours.
    */
   speed(version, marker) {
-    const axes = ["x", "y", "z"].map((kind) => this.values(version, marker, kind));
+    const [x, y, z] = ["x", "y", "z"].map((kind) => this.values(version, marker, kind));
     const series = new Float32Array(this.frames).fill(NaN);
-    const rate = this.store.data.clip.rate;
+    const { rate } = this.store.data.clip;
+    const known = (frame) => x[frame] === x[frame]; // not NaN
     for (let frame = 0; frame < this.frames; frame += 1) {
-      if (Number.isNaN(axes[0][frame])) continue;
-      const before = frame > 0 && !Number.isNaN(axes[0][frame - 1]) ? frame - 1 : frame;
-      const next = axes[0][frame + 1]; // undefined after the last frame
-      const after = next === next && next !== undefined ? frame + 1 : frame;
+      if (!known(frame)) continue;
+      const before = frame > 0 && known(frame - 1) ? frame - 1 : frame;
+      const after = frame + 1 < this.frames && known(frame + 1) ? frame + 1 : frame;
       if (before === after) continue;
-      const away = axes.map((axis) => axis[after] - axis[before]);
-      series[frame] = (Math.hypot(...away) * rate) / (after - before);
+      const away = Math.sqrt(
+        (x[after] - x[before]) ** 2 + (y[after] - y[before]) ** 2 + (z[after] - z[before]) ** 2);
+      series[frame] = (away * rate) / (after - before);
     }
     return series;
   }
@@ -148,13 +155,12 @@ class CurveData {
   part(marker, kind, filled) {
     return this.remembered(`${marker} ${kind} part ${filled}`, () => {
       const all = this.values(0, marker, kind);
-      const series = new Float32Array(this.frames).fill(NaN);
-      const is = (frame) =>
-        frame >= 0 && frame < this.frames && this.isFilled(frame, marker);
-      for (let frame = 0; frame < this.frames; frame += 1) {
-        const inside = is(frame);
-        const edge = filled && !inside && (is(frame - 1) || is(frame + 1));
-        if (inside === filled || edge) series[frame] = all[frame];
+      const series = filled ? new Float32Array(this.frames).fill(NaN) : all.slice();
+      for (const { start, stop } of this.store.filledRuns[marker]) {
+        if (filled) {
+          const first = Math.max(0, start - 1);
+          series.set(all.subarray(first, stop + 1), first);
+        } else series.fill(NaN, start, stop);
       }
       return series;
     });
@@ -164,12 +170,10 @@ class CurveData {
   distance(version, other, marker) {
     return this.remembered(`${version} ${other} ${marker} distance`, () => {
       const series = new Float32Array(this.frames);
-      const axes = ["x", "y", "z"].map((kind) => [
-        this.values(version, marker, kind),
-        this.values(other, marker, kind),
-      ]);
-      for (let frame = 0; frame < this.frames; frame += 1) {
-        series[frame] = Math.hypot(...axes.map(([one, two]) => one[frame] - two[frame]));
+      const [x, y, z] = ["x", "y", "z"].map((kind) => this.values(version, marker, kind));
+      const [u, v, w] = ["x", "y", "z"].map((kind) => this.values(other, marker, kind));
+      for (let t = 0; t < this.frames; t += 1) {
+        series[t] = Math.sqrt((x[t] - u[t]) ** 2 + (y[t] - v[t]) ** 2 + (z[t] - w[t]) ** 2);
       }
       return series;
     });
@@ -178,28 +182,26 @@ class CurveData {
   /** The 90 % bound (mm) of the filled samples of a marker; NaN elsewhere and where unknown. */
   bound(marker) {
     return this.remembered(`${marker} bound`, () => {
-      const series = new Float32Array(this.frames).fill(NaN);
-      for (let frame = 0; frame < this.frames; frame += 1) {
-        if (!this.isFilled(frame, marker)) continue;
+      return this.ofFilled(marker, (frame) => {
         const bound = this.store.bound(frame, marker);
-        series[frame] = Number.isNaN(bound)
-          ? CURVE_BOUND_FACTOR * this.store.rms(frame, marker)
-          : bound;
-      }
-      return series;
+        return bound === bound ? bound : CURVE_BOUND_FACTOR * this.store.rms(frame, marker);
+      });
     });
   }
 
   /** The expected rms error (mm) of the filled samples of a marker; NaN elsewhere. */
   rms(marker) {
     return this.remembered(`${marker} rms`, () =>
-      Float32Array.from({ length: this.frames }, (_, frame) => this.store.rms(frame, marker)));
+      this.ofFilled(marker, (frame) => this.store.rms(frame, marker)));
   }
 
-  /** Whether version 0 of a sample is a fill. */
-  isFilled(frame, marker) {
-    const state = this.store.state(frame, marker);
-    return state === STATE.filled || state === STATE.replaced;
+  /** A series of values of filled samples; NaN elsewhere. */
+  ofFilled(marker, value) {
+    const series = new Float32Array(this.frames).fill(NaN);
+    for (const { start, stop } of this.store.filledRuns[marker]) {
+      for (let frame = start; frame < stop; frame += 1) series[frame] = value(frame);
+    }
+    return series;
   }
 
   /** Half width of the band of 90 or 50 % of a quantity, as part of the bound. */
@@ -211,19 +213,16 @@ class CurveData {
   }
 
   /**
-   * Stretches of frames whose state in version 0 is one of `states`, as [first, stop) pairs.
+   * Stretches of frames in which a marker has a state, as [first, stop) pairs.
    * @param {number} marker Index in the page data.
-   * @param {number[]} states State codes.
-   * @param {number} first First frame looked at.
-   * @param {number} stop Frame after the last one.
+   * @param {number} state Code of STATE.
    */
-  stretches(marker, states, first, stop) {
+  stretches(marker, state) {
+    const runs = this.store.data.states.values[marker];
     const found = [];
-    for (let frame = first; frame < stop; frame += 1) {
-      if (!states.includes(this.store.state(frame, marker))) continue;
-      const last = found[found.length - 1];
-      if (last && last[1] === frame) last[1] = frame + 1;
-      else found.push([frame, frame + 1]);
+    for (let r = 0, at = 0; r + 1 < runs.length; r += 2) {
+      if (runs[r] === state) found.push([at, at + runs[r + 1]]);
+      at += runs[r + 1];
     }
     return found;
   }

@@ -19,7 +19,7 @@ const CURVE_OTHER_DASHES = [[9, 3, 2, 3], [2, 3], [12, 4], [5, 2, 2, 2, 2, 2]];
 const CURVE_FILL_DASH = [6, 3];
 const CURVE_KIND_DASHES = { truth: [], original: [1, 3] };
 
-/** Frames on a CSS pixel from which a pixel column is drawn as one stroke from least to most. */
+/** Frames on a CSS pixel from which pixel columns are filled from their least to greatest value. */
 const CURVE_DENSE = 2;
 
 /** Opacity of the shade of gaps. */
@@ -122,10 +122,6 @@ function setPanelRange(panel, range) {
  */
 function traceSeries(context, panel, view, series) {
   const [first, stop] = framesInView(view);
-  if (stop - first > CURVE_DENSE * panel.width) {
-    traceDense(context, panel, view, series);
-    return;
-  }
   let down = false;
   for (let frame = first; frame < stop; frame += 1) {
     const value = series[frame];
@@ -146,40 +142,44 @@ function traceSeries(context, panel, view, series) {
 }
 
 /**
- * The same where many frames share a pixel: each column shows its first, least, greatest and last
- * value, so that no peak is lost.
+ * Draw a series where many frames share a pixel: each column is filled from its least to its
+ * greatest value, so that no peak is lost. Rectangles are drawn much faster than strokes.
+ * @param {CanvasRenderingContext2D} context With its fill style set.
+ * @param {Object} panel
+ * @param {CurveView} view
+ * @param {Float32Array} series
+ * @param {number} width Least height of a rectangle (CSS pixels): that of the line.
  */
-function traceDense(context, panel, view, series) {
-  const [first, stop] = framesInView(view);
+function fillColumns(context, panel, view, series, width) {
   const columns = Math.max(1, Math.round(panel.width));
   const scale = panel.height / (panel.high - panel.low);
   const bottom = panel.y + panel.height + panel.low * scale;
-  let joined = false;
+  let end = NaN; // value of the frame before the column, NaN if it is missing
   for (let column = 0; column < columns; column += 1) {
-    const from = first + Math.floor(((stop - first) * column) / columns);
-    const to = first + Math.floor(((stop - first) * (column + 1)) / columns);
-    let start = NaN, end = NaN, low = Infinity, high = -Infinity;
+    const [from, to] = framesOfColumn(panel, view, column, columns);
+    let low = end === end ? end : Infinity;
+    let high = end === end ? end : -Infinity;
+    let found = false;
     for (let frame = from; frame < to; frame += 1) {
       const value = series[frame];
       if (value !== value) continue; // NaN
-      if (start !== start) start = value;
-      end = value;
+      found = true;
       if (value < low) low = value;
       if (value > high) high = value;
     }
-    if (start !== start) {
-      joined = false;
-      continue;
+    if (found) {
+      const height = Math.max(width, (high - low) * scale);
+      const middle = bottom - ((high + low) / 2) * scale;
+      context.fillRect(panel.x + column, middle - height / 2, 1, height);
     }
-    const x = frameX(panel, view, (from + to) / 2);
-    const begins = series[from] === series[from];
-    if (joined && begins) context.lineTo(x, bottom - start * scale);
-    else context.moveTo(x, bottom - start * scale);
-    context.lineTo(x, bottom - low * scale);
-    context.lineTo(x, bottom - high * scale + (low === high ? 0.5 : 0));
-    context.lineTo(x, bottom - end * scale);
-    joined = series[to - 1] === series[to - 1];
+    if (to > from) end = series[to - 1];
   }
+}
+
+/** The frames [from, to) of a pixel column of a panel. */
+function framesOfColumn(panel, view, column, columns) {
+  const at = (place) => Math.ceil(view.first + (place / columns) * view.span);
+  return [Math.max(0, at(column)), Math.min(view.frames, at(column + 1))];
 }
 
 /**
@@ -191,16 +191,20 @@ function traceDense(context, panel, view, series) {
  * @param {{colour: string, dash: number[], width: number, alpha: number}} style
  */
 function drawSeries(context, panel, view, series, style) {
-  const dense = view.span > CURVE_DENSE * panel.width;
-  context.strokeStyle = style.colour;
-  context.lineWidth = style.width;
-  context.lineJoin = "round";
   context.globalAlpha = style.alpha || 1;
-  context.setLineDash(dense ? [] : style.dash || []);
-  context.beginPath();
-  traceSeries(context, panel, view, series);
-  context.stroke();
-  context.setLineDash([]);
+  if (view.span > CURVE_DENSE * panel.width) {
+    context.fillStyle = style.colour;
+    fillColumns(context, panel, view, series, style.width);
+  } else {
+    context.strokeStyle = style.colour;
+    context.lineWidth = style.width;
+    context.lineJoin = "round";
+    context.setLineDash(style.dash || []);
+    context.beginPath();
+    traceSeries(context, panel, view, series);
+    context.stroke();
+    context.setLineDash([]);
+  }
   context.globalAlpha = 1;
 }
 

@@ -14,9 +14,10 @@ function drawMarks(context, panel, view, series, marks) {
   context.lineWidth = 1.5;
   const every = Math.max(1, Math.ceil((CURVE_MARK_EVERY * view.span) / panel.width));
   for (const [start, stop] of marks.stretches) {
-    for (let frame = start; frame < stop; frame += every) {
+    const first = Math.max(start, Math.ceil(view.first));
+    for (let frame = first; frame < stop && frame <= view.last; frame += every) {
       const value = series[frame];
-      if (value !== value || !view.shows(frame)) continue; // NaN
+      if (value !== value) continue; // NaN
       const x = frameX(panel, view, frame);
       drawSymbol(context, marks.symbol, x, valueY(panel, value), 3.5);
     }

@@ -224,14 +224,13 @@ class CurvePainter {
 
   /** Mark samples in doubt, and those whose labels were exchanged. */
   paintMarks(context, panel, view) {
-    const [first, stop] = framesInView(view);
     for (const marker of panel.markers) {
       const series = this.series.values(0, marker, panel.kind);
       for (const [state, symbol, colour] of [
         [STATE.doubt, "cross", colours().doubt],
         [STATE.swapped, "diamond", colours().swapped],
       ]) {
-        const stretches = this.series.stretches(marker, [state], first, stop);
+        const stretches = this.series.stretches(marker, state);
         drawMarks(context, panel, view, series, { stretches, symbol, colour });
       }
     }
