@@ -38,9 +38,8 @@ class Curves {
     const line = (name) => element("div", { class: `curves-line ${name}` });
     const [first, second, third, fourth] = ["markers", "options", "further", "versions"].map(
       (name) => line(`curves-${name}`));
-    this.more = element("details", { class: "curves-more" }, [
-      element("summary", { text: "Compare, arrange" }), third, fourth]);
-    this.more.open = window.innerHeight >= CURVE_HIGH_WINDOW;
+    this.more = element("div", { id: "curves-more" }, [third, fourth]);
+    first.append(element("h2", { text: "Curves" }));
     this.markers = new CurveMarkers(first, this.store);
     this.zoomButtons(first);
     this.options = new CurveOptions(second, third, () => this.change());
@@ -73,6 +72,17 @@ class Curves {
       make("Clip", "Show the whole clip", "Whole clip (Home, double click)",
         () => this.showClip()),
     ]));
+    this.moreButton = button("Compare", () => this.showMore(this.more.hidden), {
+      "aria-controls": "curves-more", title: "Compare versions, arrange panels",
+    });
+    root.append(this.moreButton);
+    this.showMore(window.innerHeight >= CURVE_HIGH_WINDOW);
+  }
+
+  /** Show or hide the controls of comparison and arrangement. */
+  showMore(shown) {
+    this.more.hidden = !shown;
+    this.moreButton.setAttribute("aria-expanded", String(shown));
   }
 
   /** Follow the store, the size and the visibility of the element. */
@@ -107,20 +117,17 @@ class Curves {
     this.change();
   }
 
-  /** How to read and move the curves. */
+  /** What the bands and the axes are. */
   noteText(clip) {
     const axes = CURVE_FILE_AXES[clip.up];
     const turned = axes && clip.up !== "+Z"
-      ? `The file's up axis is ${clip.up}: x, y, z here are ${axes.join(", ")} of the file. `
+      ? ` The file's up axis is ${clip.up}: x, y and z are ${axes.join(", ")} of the file.`
       : "";
     const half = [90, 50].map((percent) => this.series.halfWidth("x", percent).toFixed(2));
-    return `${turned}Bands: ${half.join(" and ")} of the 90 % bound on each side of a coordinate, ` +
-      "which 90 and 50 % of its errors do not exceed if they are alike in all directions; for " +
-      `distances, the bound itself and ${CURVE_MEDIAN_DISTANCE.toFixed(2)} of it. ± is the 90 % ` +
-      "band. Time 0 s is the first frame of the file. Drag to zoom, drag the time axis to pan, " +
-      "Shift and drag to mark frames; the wheel zooms after a click, or with Ctrl. Keys: + − " +
-      "zoom, Page Up and Page Down pan, Enter shows the gap, Home the clip, ← → go from frame to " +
-      "frame.";
+    return `Bands of a coordinate: ± ${half.join(" and ± ")} of the 90 % bound, which 90 and 50 % ` +
+      "of its errors do not exceed if they are alike in all directions; of a distance: the bound " +
+      `and ${CURVE_MEDIAN_DISTANCE.toFixed(2)} of it. Numbers after ± are the 90 % band. Time 0 s ` +
+      `is the first frame of the file.${turned}`;
   }
 
   /** What the user chose. */

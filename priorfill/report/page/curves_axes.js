@@ -4,7 +4,7 @@
 const CURVE_LEAST_FRAMES = 4;
 
 /** CSS pixels between the ticks of the time axis, and between those of a value axis. */
-const CURVE_TICK_WIDTH = 84;
+const CURVE_TICK_WIDTH = 64;
 const CURVE_TICK_HEIGHT = 17;
 
 /** Least height of a value axis, by quantity (mm, mm/s): what is smaller is noise of cameras. */

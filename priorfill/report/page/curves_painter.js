@@ -4,6 +4,9 @@
 const CURVE_SHARED_ALPHA = 0.55;
 const CURVE_NEIGHBOUR_ALPHA = 0.5;
 
+/** CSS pixels: width of a panel from which its title names the versions of a distance. */
+const CURVE_WIDE_PANEL = 320;
+
 /** Neighbours of a marker that are drawn at most. */
 const CURVE_NEIGHBOURS = 8;
 
@@ -59,6 +62,7 @@ class CurvePainter {
     const text = curveTitle(panel.kind, this.store.data.clip.up);
     if (panel.empty) return `${text}: no values here`;
     if (panel.kind !== "distance") return text;
+    if (panel.width < CURVE_WIDE_PANEL) return text;
     const [one, other] = pair.map((v) => shortText(this.store.data.versions[v].name, 24));
     return `${text}, ${one} to ${other}`;
   }

@@ -145,6 +145,7 @@ class CurvePointer {
       PageUp: () => curves.pan(-pan),
       PageDown: () => curves.pan(pan),
       Home: () => curves.showClip(),
+      0: () => curves.showClip(),
       Enter: () => curves.showGap(),
       Escape: () => this.escape(),
     };

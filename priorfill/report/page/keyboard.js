@@ -150,7 +150,10 @@ const PANEL_KEYS = [
   ]],
   ["Curves", [
     ["+ −", "Fewer or more frames"], ["Page ↑ ↓", "Earlier or later frames"],
-    ["Enter", "The gap"], ["Home", "All frames"],
+    ["Enter", "Zoom to the gap"], ["0 Home", "All frames, as a double click"],
+    ["Drag", "Zoom to frames"], ["Shift drag", "Range of frames"],
+    ["Drag the time axis", "Earlier or later frames"],
+    ["Wheel", "Fewer or more frames, after a click or with Ctrl"],
   ]],
 ];
 
