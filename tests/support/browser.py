@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,7 +13,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-__all__ = ["PageOpener", "chromium", "find_chromium"]
+__all__ = ["PageOpener", "chromium", "find_chromium", "wait_until"]
 
 NAMES = (
     "chromium",
@@ -42,6 +43,17 @@ def find_chromium() -> str | None:
     """Return the path of the system's Chromium."""
     given = os.environ.get("PRIORFILL_CHROMIUM")
     return given or next(filter(None, map(shutil.which, NAMES)), None)
+
+
+def wait_until(page: Any, expression: str, seconds: float = 15.0) -> None:
+    """Wait until an expression in JavaScript is true.
+
+    ``page.wait_for_function`` needs ``eval``, which pages with a content security policy lack.
+    """
+    end = time.monotonic() + seconds
+    while not page.evaluate(f"!!({expression})"):
+        assert time.monotonic() < end, f"not within {seconds} s: {expression}"
+        page.wait_for_timeout(20)
 
 
 @contextmanager
@@ -114,7 +126,7 @@ class PageOpener:
         page.on("request", lambda request: self._note_request(url, request.url))
         page.goto(url)
         if ready is not None:
-            page.wait_for_function(ready)
+            wait_until(page, ready)
         return page
 
     def close(self) -> None:
