@@ -12,6 +12,9 @@ const DISTANCES = [30, 400000];
 /** Share of the canvas that a fitted scene fills. */
 const FIT_MARGIN = 0.86;
 
+/** Steps of fitting: distance and middle in turn, each a better guess for the other. */
+const FIT_ROUNDS = 5;
+
 /** A perspective camera that orbits a target. Lengths in mm, upright axes, pixels from top left. */
 class BodyCamera {
   constructor() {
@@ -69,20 +72,35 @@ class BodyCamera {
     }
   }
 
-  /** Look at the middle of a box [x0, y0, z0, x1, y1, z1] from where all of it is seen. */
-  fit(box) {
-    const half = [0, 1, 2].map((axis) => (box[axis + 3] - box[axis]) / 2);
-    let distance = DISTANCES[0];
-    for (let corner = 0; corner < 8; corner++) {
-      const at = half.map((length, axis) => ((corner >> axis) & 1 ? length : -length));
-      const along = ([x, y, z]) => at[0] * x + at[1] * y + at[2] * z;
-      const sideways = Math.abs(along(this.right)) / this.width;
-      const upwards = Math.abs(along(this.up)) / this.height;
-      const away = (2 * this.focal * Math.max(sideways, upwards)) / FIT_MARGIN;
-      distance = Math.max(distance, along(this.back) + away);
+  /**
+   * Keep the direction, and choose target and distance so that points fill the picture.
+   * @param {Float32Array} points x, y, z of each in mm, from the origin
+   * @param {ArrayLike<number>} origin x, y, z in mm
+   */
+  fit(points, origin) {
+    this.target.set(origin);
+    for (let round = 0; round < FIT_ROUNDS; round++) {
+      let [left, right, low, high] = [Infinity, -Infinity, Infinity, -Infinity];
+      let distance = DISTANCES[0];
+      const from = [0, 1, 2].map((axis) => origin[axis] - this.target[axis]);
+      for (let at = 0; at < points.length; at += 3) {
+        const [x, y] = [points[at] + from[0], points[at + 1] + from[1]];
+        const z = points[at + 2] + from[2];
+        const across = x * this.right[0] + y * this.right[1];
+        const above = x * this.up[0] + y * this.up[1] + z * this.up[2];
+        const nearer = x * this.back[0] + y * this.back[1] + z * this.back[2];
+        const share = Math.max(Math.abs(across) / this.width, Math.abs(above) / this.height);
+        distance = Math.max(distance, nearer + (2 * this.focal * share) / FIT_MARGIN);
+        const scale = this.focal / Math.max(NEAREST, this.distance - nearer);
+        [left, right] = [Math.min(left, across * scale), Math.max(right, across * scale)];
+        [low, high] = [Math.min(low, above * scale), Math.max(high, above * scale)];
+      }
+      if (round % 2 === 0) {
+        this.distance = Math.min(DISTANCES[1], distance);
+      } else if (left <= right) {
+        this.pan(-(left + right) / 2, (low + high) / 2);
+      }
     }
-    half.forEach((length, axis) => (this.target[axis] = box[axis] + length));
-    this.distance = Math.min(DISTANCES[1], distance);
   }
 
   /**

@@ -62,8 +62,11 @@ class BodyControls {
     const view = (name, key) => button(name, () => player.view(name.toLowerCase()),
       { title: `View from the ${name === "Side" ? "right side" : name.toLowerCase()} (${key})` });
     const zoom = (factor) => () => player.zoom(factor);
+    this.follow = button("Follow", () => player.setFollow(!player.look.follow),
+      { title: "The camera moves with the body (c)" });
     this.views.append(view("Front", 1), view("Side", 2), view("Top", 3),
       button("Fit", () => player.fit(), { title: "Show all of it (0)" }),
+      this.follow,
       button("+", zoom(ZOOM_KEY), { "aria-label": "Zoom in", title: "Zoom in (+)" }),
       button("−", zoom(1 / ZOOM_KEY), { "aria-label": "Zoom out", title: "Zoom out (−)" }));
   }
@@ -78,9 +81,7 @@ class BodyControls {
     this.trail = this.choice("trail", "Trail",
       TRAIL_SECONDS.map((s) => [s, s ? `± ${s} s` : "None"]),
       (value) => player.setLook("trail", Number(value)));
-    this.follow = this.check("Follow", "The camera moves with the body (c)",
-      (on) => player.setFollow(on));
-    this.bounds = this.check("90 % bound", "Where the true position is expected, in true size",
+    this.bounds = this.check("Bound", "90 % bound: where the true position is expected, in true size",
       (on) => player.setLook("bounds", on));
   }
 
@@ -173,7 +174,7 @@ class BodyControls {
         ? speed : best);
     this.speed.value = String(nearest);
     this.ghost.value = String(store.ghost);
-    this.follow.checked = player.look.follow;
+    this.follow.setAttribute("aria-pressed", String(player.look.follow));
     this.bounds.checked = player.look.bounds;
     this.labels.value = player.look.labels;
     this.trail.value = String(player.look.trail);

@@ -4,7 +4,7 @@
 const TIP_OFFSET = 14;
 
 /** Follow the body from the start if it travels farther than this times its own size. */
-const FOLLOW_TRAVEL = 1.2;
+const FOLLOW_TRAVEL = 1.05;
 
 /** Pitch (radians) of the views from the front and the side, and of the first picture. */
 const LEVEL_PITCH = 0.08;
@@ -134,10 +134,13 @@ class BodyPlayer {
   fit() {
     this.camera.update();
     if (this.scene) {
+      const { around, places } = this.scene;
       this.scene.centre(this.store.frame, this.centre);
-      const { body, box } = this.scene;
-      const around = body.map((value, i) => value + this.centre[i % 3]);
-      this.camera.fit(this.look.follow ? around : box);
+      if (this.look.follow) {
+        this.camera.fit(around, this.centre);
+      } else {
+        this.camera.fit(places, [0, 0, 0]);
+      }
     }
     this.cameraMoved();
   }

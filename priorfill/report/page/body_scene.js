@@ -3,6 +3,12 @@
 /** Frames, evenly spaced, from which the size of the scene is taken. */
 const FIT_FRAMES = 200;
 
+/** About how many samples the camera fits. */
+const FIT_POINTS = 4000;
+
+/** Corners of what is shown of a clip without a sample (mm). */
+const EMPTY_SCENE = [-1000, -1000, 0, 1000, 1000, 2000];
+
 /** Most frames at which the centre of the body is computed; between them it is interpolated. */
 const PATH_KNOTS = 1500;
 
@@ -108,26 +114,26 @@ class BodyScene {
     }
   }
 
-  /** Compute the boxes of the scene and of the body around its centre, and the floor. */
+  /** Keep samples without outliers, from the centre of the body and as they are; their boxes. */
   measure() {
     const distances = [];
     this.eachSample((from, centre, distance) => distances.push(distance));
     const sorted = Float64Array.from(distances).sort();
     const limit = sorted.length ? FAR_OUT * Math.max(sorted[(sorted.length * 3) >> 2], 10) : 0;
-    this.body = [Infinity, Infinity, Infinity, -Infinity, -Infinity, -Infinity];
-    this.box = this.body.slice();
+    const every = Math.max(1, Math.floor(distances.length / FIT_POINTS));
+    const [around, places] = [[], []];
+    let number = 0;
     this.eachSample((from, centre, distance) => {
-      if (distance <= limit) {
-        for (let axis = 0; axis < 3; axis++) {
-          widen(this.body, axis, from[axis]);
-          widen(this.box, axis, from[axis] + centre[axis]);
-        }
+      number += 1;
+      if (distance <= limit && (number % every === 0 || distances.length < FIT_POINTS)) {
+        around.push(from[0], from[1], from[2]);
+        places.push(from[0] + centre[0], from[1] + centre[1], from[2] + centre[2]);
       }
     });
-    if (!sorted.length) {
-      this.body = [-1000, -1000, -1000, 1000, 1000, 1000];
-      this.box = [-1000, -1000, 0, 1000, 1000, 2000];
-    }
+    this.around = Float32Array.from(around.length ? around : EMPTY_SCENE);
+    this.places = Float32Array.from(places.length ? places : EMPTY_SCENE);
+    this.body = boxOf(this.around);
+    this.box = boxOf(this.places);
     this.size = Math.max(...[0, 1, 2].map((axis) => this.body[axis + 3] - this.body[axis]), 10);
     this.travel = Math.max(this.box[3] - this.box[0], this.box[4] - this.box[1]);
     this.layFloor();
@@ -188,10 +194,14 @@ class BodyScene {
   }
 }
 
-/** Widen a box so that it holds a coordinate. */
-function widen(box, axis, value) {
-  box[axis] = Math.min(box[axis], value);
-  box[axis + 3] = Math.max(box[axis + 3], value);
+/** The box [x0, y0, z0, x1, y1, z1] around points. */
+function boxOf(points) {
+  const box = [Infinity, Infinity, Infinity, -Infinity, -Infinity, -Infinity];
+  points.forEach((value, at) => {
+    box[at % 3] = Math.min(box[at % 3], value);
+    box[(at % 3) + 3] = Math.max(box[(at % 3) + 3], value);
+  });
+  return box;
 }
 
 /** Replace NaN by values between the neighbours, in place; all zeros where there is no value. */
