@@ -62,14 +62,14 @@ class Curves {
   zoomButtons(root) {
     const make = (text, label, title, fn) =>
       button(text, fn, { "aria-label": label, title, class: "curves-zoom" });
-    this.gapButton = make("Gap", "Zoom to the gap", "Zoom to the gap (Enter)",
+    this.gapButton = make("Gap", "Curves: zoom to the gap", "Zoom to the gap (Enter)",
       () => this.showGap());
     root.append(element("span", { role: "group", "aria-label": "Zoom of the curves",
       class: "curves-group" }, [
-      make("−", "Zoom out", "Zoom out (−)", () => this.zoom(CURVE_KEY_ZOOM)),
-      make("+", "Zoom in", "Zoom in (+)", () => this.zoom(1 / CURVE_KEY_ZOOM)),
+      make("−", "Curves: zoom out", "Zoom out (−)", () => this.zoom(CURVE_KEY_ZOOM)),
+      make("+", "Curves: zoom in", "Zoom in (+)", () => this.zoom(1 / CURVE_KEY_ZOOM)),
       this.gapButton,
-      make("Clip", "Show the whole clip", "Whole clip (Home, double click)",
+      make("Clip", "Curves: show the whole clip", "Whole clip (Home, double click)",
         () => this.showClip()),
     ]));
     this.moreButton = button("Compare", () => this.showMore(this.more.hidden), {
@@ -250,7 +250,7 @@ class Curves {
     const { context, width, height } = fitCanvas(this.overlay);
     const { hovered, drag } = this.pointer;
     const shades = colours();
-    context.clearRect(0, 0, width, height);
+    clearCanvas(context, width, height);
     const { range } = this.store;
     if (range) this.shade(context, range[0] - 0.5, range[1] + 0.5, shades.accent, 0.15);
     if (drag && drag.moved && drag.what !== "pan") {

@@ -71,13 +71,29 @@ function fitCanvas(canvas) {
   const height = Math.max(1, canvas.clientHeight);
   const wide = Math.round(width * ratio);
   const high = Math.round(height * ratio);
-  if (canvas.width !== wide || canvas.height !== high) {
+  if (canvas.width !== wide || canvas.height !== high || isPrinting()) {
     canvas.width = wide;
     canvas.height = high;
   }
   const context = canvas.getContext("2d");
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   return { context, width, height, ratio };
+}
+
+/** @returns {boolean} whether the page is being printed */
+function isPrinting() {
+  return document.documentElement.classList.contains("printing");
+}
+
+/**
+ * Clear a canvas that lies on another one. On paper, `fitCanvas` has cleared it, and Chromium would
+ * print what is cleared once more as a white box.
+ * @param {CanvasRenderingContext2D} context
+ * @param {number} width CSS pixels
+ * @param {number} height CSS pixels
+ */
+function clearCanvas(context, width, height) {
+  if (!isPrinting()) context.clearRect(0, 0, width, height);
 }
 
 /**

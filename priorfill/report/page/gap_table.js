@@ -218,7 +218,7 @@ class GapTable {
       for (const warning of gap.warnings) {
         cell.append(element("span", {
           class: "warning", text: warningName(warning.kind), title: warning.text,
-        }), " ");
+        }), this.printing ? ` ${warning.text} ` : " ");
       }
       return cell;
     }

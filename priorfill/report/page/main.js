@@ -22,7 +22,7 @@ function startPage() {
 }
 
 /**
- * Switch between light and dark, by the system or the button; print in light.
+ * Switch between light and dark, by the system or the button.
  * @param {Store} store
  * @param {Object} views
  */
@@ -42,25 +42,32 @@ function followTheme(store, views) {
     refresh();
   });
   system.addEventListener("change", refresh);
-  let screenTheme;
-  const drawAll = () => {
+  followPrinting(store, views, refresh);
+  refresh();
+}
+
+/**
+ * Print in light colours, as wide as the paper, all rows of the table.
+ * @param {Store} store
+ * @param {Object} views
+ * @param {function} refresh reads the colours again
+ */
+function followPrinting(store, views, refresh) {
+  const root = document.documentElement;
+  let screenTheme = null;
+  const print = (on) => {
+    if (on === (screenTheme !== null)) return;
+    const theme = on ? "light" : screenTheme;
+    screenTheme = on ? root.dataset.theme || "" : null;
+    if (theme) root.dataset.theme = theme;
+    else delete root.dataset.theme;
+    root.classList.toggle("printing", on);
+    refresh();
+    store.emit("print", on);
     for (const view of Object.values(views)) if (view.draw) view.draw();
   };
-  window.addEventListener("beforeprint", () => {
-    screenTheme = root.dataset.theme;
-    root.dataset.theme = "light";
-    refresh();
-    store.emit("print", true);
-    drawAll();
-  });
-  window.addEventListener("afterprint", () => {
-    if (screenTheme) root.dataset.theme = screenTheme;
-    else delete root.dataset.theme;
-    refresh();
-    store.emit("print", false);
-    drawAll();
-  });
-  refresh();
+  window.addEventListener("beforeprint", () => print(true));
+  window.addEventListener("afterprint", () => print(false));
 }
 
 try {

@@ -9,8 +9,12 @@ const AXIS_HEIGHT = 32;
 /** Expected errors (mm) at which the legend has a number. */
 const LEGEND_MM = [0.5, 1, 2, 5, 10, 20, 50];
 
-/** Height (px) that the rows have on paper, at most. */
-const PAPER_HEIGHT = 560;
+/** Height (px) of a row on paper, and rows on a page. */
+const PAPER_ROW_HEIGHT = 12;
+const PAPER_ROWS = 50;
+
+/** Height (px) of the timeline where the style sheet states none. */
+const USUAL_HEIGHT = 200;
 
 class Timeline {
   /**
@@ -20,7 +24,6 @@ class Timeline {
   constructor(root, store) {
     this.store = store;
     this.view = { from: 0, to: Math.max(1, store.frames) };
-    this.printing = false;
     this.image = document.createElement("canvas");
     this.imageKey = "";
     this.themes = 0;
@@ -50,13 +53,14 @@ class Timeline {
     });
     this.spacer = element("div", { class: "timeline-rows" }, [this.canvas]);
     this.scroller = element("div", { class: "timeline-scroller" }, [this.spacer]);
+    this.paper = element("div", { class: "timeline-paper" });
     this.tip = element("div", { class: "tip", role: "tooltip", hidden: true });
     root.append(
       element("div", { class: "panel-head" }, [
         element("h2", { text: "Timeline" }), this.legend, allLabel, fitLabel,
         this.input.buttons(),
       ]),
-      element("div", { class: "timeline-box" }, [this.scroller, this.tip]));
+      element("div", { class: "timeline-box" }, [this.scroller, this.tip]), this.paper);
     this.drawLegend();
   }
 
@@ -80,10 +84,7 @@ class Timeline {
       this.drawLegend();
       this.redraw();
     });
-    store.on("print", (on) => {
-      this.printing = on;
-      this.arrange();
-    });
+    store.on("print", (on) => this.print(on));
     new ResizeObserver(this.redraw).observe(this.scroller);
     this.scroller.addEventListener("scroll", this.redraw);
     this.input.listen(this.canvas);
@@ -103,11 +104,8 @@ class Timeline {
     this.rows = rows;
     this.rowOf = new Map(rows.map((row, i) => [row.marker, i]));
     this.imageKey = "";
-    const squeezed = this.fitRows.checked || this.printing;
-    this.scroller.classList.toggle("whole", this.printing);
-    const most = parseFloat(getComputedStyle(this.scroller).maxHeight) || PAPER_HEIGHT;
-    const room = this.printing ? PAPER_HEIGHT : most;
-    this.rowHeight = squeezed
+    const room = parseFloat(getComputedStyle(this.scroller).maxHeight) || USUAL_HEIGHT;
+    this.rowHeight = this.fitRows.checked
       ? Math.max(1, Math.min(ROW_HEIGHT, (room - AXIS_HEIGHT) / Math.max(1, rows.length)))
       : ROW_HEIGHT;
     const total = AXIS_HEIGHT + Math.ceil(this.rowHeight * Math.max(1, rows.length)) + 2;
@@ -123,14 +121,14 @@ class Timeline {
 
   /** Widths (px) of the column of names and of the frames. */
   columns() {
-    const width = this.canvas.clientWidth;
+    const width = this.canvas.clientWidth || this.paper.clientWidth;
     const names = width < 500 ? 110 : Math.min(230, Math.round(width * 0.17));
     return { names, width: Math.max(10, width - names - 6) };
   }
 
   /** Draw at once. */
   draw() {
-    const high = this.printing ? this.spacer.clientHeight : this.scroller.clientHeight;
+    const high = this.scroller.clientHeight;
     if (!this.scroller.clientWidth || !high) return;
     this.canvas.style.height = `${high}px`;
     const { context, width, height, ratio } = fitCanvas(this.canvas);
@@ -156,26 +154,54 @@ class Timeline {
     const context = this.image.getContext("2d");
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     const { names, width: plot } = this.columns();
-    const stripes = stripePattern(context);
     const first = Math.max(0, Math.floor(scroll / this.rowHeight));
     const count = Math.ceil(height / this.rowHeight) + 1;
-    const chosen = new Set(store.markers);
-    this.rows.slice(first, first + count).forEach((row, i) => {
-      const top = AXIS_HEIGHT + (first + i) * this.rowHeight - scroll;
-      const size = { left: names, top, width: plot, height: this.rowHeight };
-      const box = { ...size, ...view, names, stripes };
-      if (row.marker === undefined) this.drawSubject(context, row.subject, box);
-      else {
-        paintMarkerRow(context, store, row.marker, box);
-        paintName(context, store, row.marker, { ...box, chosen: chosen.has(row.marker) });
-      }
-    });
+    this.paintRows(context, first, count, -scroll);
     if (!this.rows.length) {
       context.fillStyle = colours().muted;
       context.font = "12px system-ui, sans-serif";
       context.fillText("No marker has a gap.", names, AXIS_HEIGHT + 12);
     }
     paintAxis(context, store, { left: names, width: plot, height: AXIS_HEIGHT, ...view });
+  }
+
+  /** Draw some rows; `shift` (px) moves them down. */
+  paintRows(context, first, count, shift) {
+    const { store } = this;
+    const { names, width } = this.columns();
+    const stripes = stripePattern(context);
+    const chosen = new Set(store.markers);
+    this.rows.slice(first, first + count).forEach((row, i) => {
+      const top = AXIS_HEIGHT + (first + i) * this.rowHeight + shift;
+      const size = { left: names, top, width, height: this.rowHeight };
+      const box = { ...size, ...this.view, names, stripes };
+      if (row.marker === undefined) this.drawSubject(context, row.subject, box);
+      else {
+        paintMarkerRow(context, store, row.marker, box);
+        paintName(context, store, row.marker, { ...box, chosen: chosen.has(row.marker) });
+      }
+    });
+  }
+
+  /** Draw all rows for paper, some to a page, all frames; afterwards take them away. */
+  print(on) {
+    this.paper.replaceChildren();
+    if (!on) return;
+    const { view, rowHeight } = this;
+    this.view = { from: 0, to: Math.max(1, this.store.frames) };
+    this.rowHeight = PAPER_ROW_HEIGHT;
+    for (let first = 0; first < this.rows.length; first += PAPER_ROWS) {
+      const count = Math.min(PAPER_ROWS, this.rows.length - first);
+      const canvas = element("canvas");
+      this.paper.append(canvas);
+      canvas.style.height = `${AXIS_HEIGHT + count * PAPER_ROW_HEIGHT}px`;
+      const { context } = fitCanvas(canvas);
+      const { names, width } = this.columns();
+      this.paintRows(context, first, count, -first * PAPER_ROW_HEIGHT);
+      paintAxis(context, this.store, { left: names, width, height: AXIS_HEIGHT, ...this.view });
+    }
+    this.view = view;
+    this.rowHeight = rowHeight;
   }
 
   /** Draw the name of a subject above its markers. */

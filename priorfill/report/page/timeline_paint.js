@@ -144,12 +144,13 @@ function paintName(context, store, marker, box) {
   const after = formatShare(info.missing_after, store.frames);
   const shares = box.names < 130 ? after : `${before} → ${after}`;
   context.textBaseline = "middle";
-  context.font = "11px system-ui, sans-serif";
+  const size = Math.min(12, box.height);
+  context.font = `${size - 1}px system-ui, sans-serif`;
   context.textAlign = "right";
   context.fillStyle = info.missing_after ? shades.missing : shades.muted;
   context.fillText(shares, box.names - 8, middle);
   const room = box.names - 20 - context.measureText(shares).width;
-  context.font = `${box.chosen ? "bold " : ""}12px system-ui, sans-serif`;
+  context.font = `${box.chosen ? "bold " : ""}${size}px system-ui, sans-serif`;
   context.textAlign = "left";
   context.fillStyle = box.chosen ? shades.accent : shades.text;
   context.fillText(cutText(context, info.label, room), 6, middle);
