@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.errors import ClipError
+from priorfill.errors import ClipError, MarkerNotFoundError, escaped
 from priorfill.geometry.axes import UP_AXES
+from priorfill.runtime.markup import html_table
+from priorfill.runtime.option_texts import close_or_all
 
 __all__ = ["MAX_RATE", "MIN_RATE", "Clip", "Source", "blank_incomplete_samples"]
 
@@ -54,6 +57,9 @@ class Source:
         among them. None if the file does not distinguish them.
     format : str
         Name of the file's format in `priorfill.formats.FORMATS`.
+    taken_from : ndarray of int [shape=(frames, markers)] or None
+        The point of the file that each sample is from, where a user has exchanged samples of
+        markers. None: each marker has the samples of its own point.
     """
 
     path: Path
@@ -68,11 +74,44 @@ class Source:
     notes: tuple[str, ...] = ()
     interpolated: NDArray[np.bool_] | None = field(default=None, repr=False, compare=False)
     format: str = "c3d"
+    taken_from: NDArray[np.intp] | None = field(default=None, repr=False, compare=False)
+
+    def point_of_sample(self, frames: int) -> NDArray[np.intp]:
+        """Return the point that each sample is from [shape=(frames, markers)].
+
+        Parameters
+        ----------
+        frames : int
+            Number of frames of the clip.
+        """
+        if self.taken_from is not None:
+            return self.taken_from
+        points = np.asarray(self.points, dtype=np.intp)
+        return np.broadcast_to(points, (frames, len(points)))
+
+    def exchanged(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+        """Return which samples of the file are exchanged.
+
+        Returns
+        -------
+        frames, points, taken_from : ndarray of int [shape=(samples,)]
+            A sample's frame, the point that has it, and the point that it is from, in order of
+            frames.
+        """
+        if self.taken_from is None:
+            none = np.zeros(0, dtype=np.intp)
+            return none, none, none
+        points = np.asarray(self.points, dtype=np.intp)
+        frames, markers = np.nonzero(self.taken_from != points)
+        return frames.astype(np.intp), points[markers], self.taken_from[frames, markers]
 
 
 @dataclass(frozen=True, eq=False)
 class Clip:
     """A recording of the markers of one subject.
+
+    ``clip["LTOE"]`` is the path of a marker [shape=(frames, 3), mm], a view that cannot be written
+    to; a clip contains and iterates over its labels.
 
     Attributes
     ----------
@@ -106,6 +145,8 @@ class Clip:
     >>> clip = Clip(np.zeros((240, 2, 3)), ("LTOE", "RTOE"), 120.0)
     >>> clip.frames, clip.duration
     (240, 2.0)
+    >>> clip["LTOE"].shape, "RTOE" in clip, list(clip)
+    ((240, 3), True, ['LTOE', 'RTOE'])
 
     See Also
     --------
@@ -182,6 +223,65 @@ class Clip:
     def missing(self) -> NDArray[np.bool_]:
         """Which samples are missing [shape=(frames, markers), bool]."""
         return np.isnan(self.positions[:, :, 0])
+
+    def index(self, label: str) -> int:
+        """Return the index of a marker.
+
+        Parameters
+        ----------
+        label : str
+            Its label.
+
+        Raises
+        ------
+        MarkerNotFoundError
+            A `KeyError` with similar labels, if the clip has no such marker.
+        """
+        try:
+            return self.labels.index(label)
+        except ValueError:
+            if not isinstance(label, str):
+                raise MarkerNotFoundError(
+                    f"{self.name}: markers are chosen by their labels, not by {label!r}; "
+                    "`positions` has them by number"
+                ) from None
+            raise MarkerNotFoundError(
+                f"{self.name}: has no marker {label}; {close_or_all(label, self.labels)}"
+            ) from None
+
+    def __getitem__(self, label: str) -> NDArray[np.float64]:
+        return self.positions[:, self.index(label)]
+
+    def __contains__(self, label: object) -> bool:
+        return label in self.labels
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.labels)
+
+    def __repr__(self) -> str:
+        facts = (f"{name} {value}".strip() for name, value in self._facts())
+        return escaped(f"<Clip {self.name}: {', '.join(facts)}>")
+
+    def _facts(self) -> list[tuple[str, str]]:
+        """Return what the clip holds, as names and values."""
+        last = self.first_frame + self.frames - 1
+        return [
+            *([("subject", self.subject)] if self.subject else []),
+            ("markers", str(len(self.labels))),
+            ("frames", f"{self.first_frame}\u2013{last}"),
+            ("duration", f"{self.duration:.2f} s at {self.rate:g} Hz"),
+            ("missing", f"{100 * self.missing.mean():.1f} %"),
+        ]
+
+    def _repr_html_(self) -> str:
+        """Return the clip as a notebook shows it: its facts, and markers with gaps."""
+        share = 100 * self.missing.mean(axis=0)
+        worst = sorted(np.flatnonzero(share), key=lambda marker: -share[marker])
+        return html_table(f"Clip {self.name}", ("", ""), self._facts()) + html_table(
+            "Missing by marker",
+            ("marker", "missing>"),
+            [(self.labels[marker], f"{share[marker]:.1f} %") for marker in worst],
+        )
 
     def with_positions(self, positions: NDArray[np.float64]) -> Clip:
         """Return the clip with other positions [shape=(frames, markers, 3), mm]."""

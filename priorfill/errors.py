@@ -5,7 +5,8 @@
     PriorfillError
     ├── FormatError (ValueError)          a file cannot be read in the format it appears to have
     ├── ClipError (ValueError)            the contents of a clip are unusable
-    │   └── MultipleSubjectsError         a file holds several subjects, and none is chosen
+    │   ├── MultipleSubjectsError         a file holds several subjects, and none is chosen
+    │   └── MarkerNotFoundError (KeyError)      a clip has no marker of that label
     ├── OptionError (ValueError)          an option is out of range or contradicts another
     ├── MarkerSetError (ValueError)       a marker-set definition is malformed
     ├── MethodError (ValueError)          a method is not applicable to a clip
@@ -42,6 +43,7 @@ __all__ = [
     "FetchError",
     "FormatError",
     "IntegrationError",
+    "MarkerNotFoundError",
     "MarkerSetError",
     "MethodError",
     "MultipleSubjectsError",
@@ -116,9 +118,13 @@ class PriorfillError(Exception):
 
     def __str__(self) -> str:
         """Return the message in one line, whatever the file it quotes contains."""
-        text = escaped(super().__str__())
-        half = MAX_MESSAGE // 2
-        return text if len(text) <= MAX_MESSAGE else f"{text[:half]} ... {text[-half:]}"
+        return _one_line(super().__str__())
+
+
+def _one_line(message: str) -> str:
+    text = escaped(message)
+    half = MAX_MESSAGE // 2
+    return text if len(text) <= MAX_MESSAGE else f"{text[:half]} ... {text[-half:]}"
 
 
 class FormatError(PriorfillError, ValueError):
@@ -143,6 +149,14 @@ class MultipleSubjectsError(ClipError):
     def __init__(self, message: str, subjects: Sequence[str] = ()) -> None:
         super().__init__(message)
         self.subjects = tuple(subjects)
+
+
+class MarkerNotFoundError(ClipError, KeyError):
+    """A clip has no marker of that label."""
+
+    def __str__(self) -> str:
+        """Return the message, without the quotes that a KeyError puts around it."""
+        return _one_line(str(self.args[0]))
 
 
 class OptionError(PriorfillError, ValueError):

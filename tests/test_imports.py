@@ -23,7 +23,7 @@ ONLY_IN = {
     "re2": ("datasets",),
     "requests": ("datasets",),
     "urllib3": ("datasets",),
-    "matplotlib": ("evaluation.plots",),
+    "matplotlib": ("evaluation.plots", "report.figures", "report.notebook_figure"),
     "ezc3d": ("formats",),
     "starlette": ("reviewing.server",),
     "uvicorn": ("reviewing.server",),

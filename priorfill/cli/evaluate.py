@@ -236,7 +236,7 @@ def _check_options(
 ) -> None:
     """Refuse invalid options before any work is done."""
     from priorfill.evaluation.evaluation_plan import choose_methods
-    from priorfill.evaluation.plots import check_plots
+    from priorfill.report.figures import check_plots
 
     choose_methods(methods)
     for option, given in in_output.items():

@@ -157,6 +157,20 @@ def _values(
     help="Also write a page that shows the fill in any browser: gaps, body, curves, sources.",
 )
 @click.option(
+    "--plot",
+    metavar="OUT.png|svg|pdf",
+    type=FILE,
+    help="Also draw the worst gaps. A name without a suffix is a folder for a picture of each "
+    "marker with gaps. Needs matplotlib.",
+)
+@click.option(
+    "--plot-gaps",
+    metavar="N",
+    type=click.IntRange(min=1),
+    help="Number of gaps that --plot draws, the worst first; 6 by default. In a folder, of each "
+    "marker.",
+)
+@click.option(
     "--rewrite",
     is_flag=True,
     help="Write a C3D file anew, with float coordinates, instead of a copy; list what changes.",
@@ -199,6 +213,8 @@ def fill(
     check_database_options(database, given)
     if output is None and given["add_to_database"]:
         raise click.UsageError("--add-to-database needs a file to write; name it (--output)")
+    if given["plot_gaps"] is not None and given["plot"] is None:
+        raise click.UsageError("--plot-gaps needs a file for the plot; name it (--plot)")
     with progress(None, f"filling {file.name}") as show:
         done = fill_file(
             file,
@@ -254,14 +270,16 @@ def _file_options(given: dict[str, Any]) -> FileOptions:
         "unit",
         "ignore_residuals",
         "uncertainty",
+        "plot",
         "report",
         "rewrite",
         "overwrite",
     )
+    given_names = (*names, "plot_gaps") if given["plot_gaps"] else names
     return FileOptions(
         zeros_missing=not given["keep_zeros"],
         add_to_database=given["add_to_database"],
-        **{name: given[name] for name in names},
+        **{name: given[name] for name in given_names},
     )
 
 

@@ -49,6 +49,7 @@ def fill_facts(done: FileResult) -> dict[str, Any]:
         "file": str(done.source),
         "output": str(done.output) if done.output else None,
         "uncertainty": str(done.uncertainty) if done.uncertainty else None,
+        "plot": [str(path) for path in done.further.get("plot", ())],
         "report": next((str(path) for path in done.further.get("report", ())), None),
         "method": result.method,
         "database": str(result.database) if result.database else None,
@@ -108,6 +109,7 @@ def print_fill(done: FileResult, *, every_row: bool = False) -> None:
         print_artefacts(facts, "Artefacts, treated as missing", rows)
     if done.uncertainty is not None:
         print_line(f"expected error of each filled sample: {done.uncertainty}")
+    _print_plots(done)
     for path in done.further.get("report", ()):
         print_line(f"page that shows the fill: {path}")
     for added in done.added:
@@ -256,6 +258,19 @@ def _summary(result: Result) -> str:
         f"filled {int(result.filled.sum())} samples with {result.method}; "
         f"{complete} of {len(requested)} gaps complete" + (f", {alone} left alone" if alone else "")
     )
+
+
+def _print_plots(done: FileResult) -> None:
+    """Print where plots are."""
+    files = done.further.get("plot")
+    if files is None:
+        return
+    if len(files) == 1:
+        print_line(f"plot: {files[0]}")
+    elif files:
+        print_line(f"plots of {len(files)} markers: {files[0].parent}")
+    else:
+        print_line("no gaps to plot")
 
 
 def _written(done: FileResult) -> str:

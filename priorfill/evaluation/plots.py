@@ -9,27 +9,21 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from priorfill.errors import OptionError
 from priorfill.evaluation.evaluation_results import Evaluation
 from priorfill.evaluation.summary_tables import LENGTHS, GapRow, length_class
+from priorfill.report.figures import COLOURS, default_style, new_figure, plain, save_figures
 from priorfill.runtime.atomic_file import replace_file
-from priorfill.runtime.display import escaped
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["check_plots", "draw_plots"]
-
-COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000", "#999999")
-"""Colour-blind safe colours: those of Okabe and Ito, without yellow, which is hard to see on white,
-and with grey."""
+__all__ = ["draw_plots"]
 
 SYMBOLS = "osD^vP"
 LINES = ("-", "--", ":", "-.")
@@ -44,26 +38,11 @@ MIN_ERROR = 1e-3
 STEPS = (1.0, 2.0, 5.0)
 """Ticks in each decade of a logarithmic axis."""
 
-DPI = 150
 MAX_WIDE_COLUMNS = 12
 """Number of columns of a heat map up to which its cells have room for the larger font."""
 
 DARK = 0.55
 """Position on the colour scale up to which numbers are white."""
-
-
-def check_plots() -> None:
-    """Check that plots can be drawn.
-
-    Raises
-    ------
-    OptionError
-        Where matplotlib is not installed.
-    """
-    if find_spec("matplotlib") is None:
-        raise OptionError(
-            "plots need matplotlib, which is not installed; install it with: pip install matplotlib"
-        )
 
 
 def draw_plots(folder: Path, evaluation: Evaluation) -> list[Path]:
@@ -96,17 +75,15 @@ def draw_plots(folder: Path, evaluation: Evaluation) -> list[Path]:
         )
     files = []
     for file, draw in plots:
-        with replace_file(folder / file, overwrite=True) as temporary:
-            draw().savefig(temporary, dpi=DPI)
+        with replace_file(folder / file, overwrite=True) as temporary, default_style():
+            save_figures([draw()], temporary)
         files.append(folder / file)
     return files
 
 
 def _figure(width: float, height: float) -> tuple[Figure, Axes]:
-    """Return a figure that is independent of a display, and its axes."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
+    """Return a figure and its axes."""
+    figure = new_figure(width, height)
     return figure, figure.subplots()
 
 
@@ -115,11 +92,6 @@ def _what(evaluation: Evaluation) -> str:
     clips = list(evaluation.clips)
     named = plain(clips[0]) if len(clips) == 1 else f"{len(clips)} clips"
     return f"{named}, protocol {evaluation.settings['protocol']['name']}"
-
-
-def plain(name: str) -> str:
-    """Return a name in which matplotlib finds no formula, and no control characters."""
-    return escaped(name).replace("$", r"\$")
 
 
 def _scale(axes: Axes, values: Sequence[float], axis: str) -> None:

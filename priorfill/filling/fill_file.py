@@ -24,6 +24,7 @@ from priorfill.filling.multi_subject import merge_artefacts, read_subjects
 from priorfill.filling.overrides import Overrides
 from priorfill.filling.overrides_file import read_overrides
 from priorfill.filling.result import Result
+from priorfill.filling.swaps import swap_markers
 from priorfill.formats import WriteReport
 from priorfill.methods import get_method
 from priorfill.runtime.display import shell_command
@@ -46,6 +47,11 @@ class FileOptions:
         the output, or neither appears; without an output it is written by itself.
     report : Path or str, optional
         Page that shows the fill, .html; it appears together with the output, too.
+    plot : Path or str, optional
+        File for a plot of the worst gaps, .png, .svg or .pdf, or a folder (a name without a suffix)
+        for a picture of each marker with gaps. Like the uncertainty.
+    plot_gaps : int
+        Number of gaps of the plot, the worst first; in a folder of each marker.
     rewrite : bool
         Write a C3D file anew, with float coordinates, instead of a copy with filled samples.
     overwrite : bool
@@ -70,6 +76,8 @@ class FileOptions:
     zeros_missing: bool = True
     ignore_residuals: bool = False
     uncertainty: Path | str | None = None
+    plot: Path | str | None = None
+    plot_gaps: int = 6
     report: Path | str | None = None
     rewrite: bool = False
     overwrite: bool = False
@@ -274,8 +282,10 @@ class FileToFill:
         found = None
         if not (arguments.get("reject_artefacts") or options.plausibility.hide_doubtful):
             # before the fill, whose results take memory too
-            subjects = [clip.subject for clip in clips]
-            found = merge_artefacts(subjects, [find_artefacts(clip) for clip in clips])
+            found = merge_artefacts(
+                [clip.subject for clip in clips],
+                [find_artefacts(swap_markers(overrides, clip).clip) for clip in clips],
+            )
         arguments["overrides"] = overrides
         return cls(source, output, clips, tuple(others), prior, files, arguments, found)
 
@@ -285,7 +295,9 @@ class FileToFill:
             self.clips, database=self.database, same_subject=self.same_subject, **self.arguments
         )
         result = _with_reading(result, self.files.reading)
-        return _within_range(result, self.clips, self.output or self.source, self.files)
+        overrides = result.provenance.overrides
+        measured = [swap_markers(overrides, clip).clip for clip in self.clips]
+        return _within_range(result, measured, self.output or self.source, self.files)
 
     def artefacts(self, result: Result) -> tuple[Artefact, ...]:
         """Return the artefacts of the file: those rejected, or those found and kept as measured.

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from priorfill.errors import OutputError
 from priorfill.filling.uncertainty_file import check_uncertainty, uncertainty_file
+from priorfill.report.plots import check_plot, plot_files
 from priorfill.report.report_data import PageContents
 from priorfill.report.report_file import check_report, report_file
 from priorfill.runtime.atomic_file import is_same_file
@@ -99,10 +100,20 @@ def _write_report(path: Path, filled: WhatWasFilled) -> Iterator[tuple[Path, ...
         yield (path,)
 
 
+def _check_plot(path: Path, source: Path, files: FileOptions) -> None:
+    check_plot(path, gaps=files.plot_gaps, source=source, overwrite=files.overwrite)
+
+
+def _write_plot(path: Path, filled: WhatWasFilled) -> AbstractContextManager[tuple[Path, ...]]:
+    files = filled.files
+    return plot_files(path, filled.result, gaps=files.plot_gaps, overwrite=files.overwrite)
+
+
 FURTHER_OUTPUTS = (
     FurtherOutput(
         "uncertainty", "the file for the uncertainty", _check_uncertainty, _write_uncertainty
     ),
+    FurtherOutput("plot", "the file for the plot", _check_plot, _write_plot),
     FurtherOutput("report", "the report", _check_report, _write_report),
 )
 """The files that can be written in addition, in the order in which they appear."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,9 @@ from priorfill.artefacts import Artefact
 from priorfill.clip import Clip
 from priorfill.filling.provenance import Provenance
 from priorfill.markers.marker_set import MarkerSet
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["FilledGap", "Result", "UnfilledSpan"]
 
@@ -155,6 +159,9 @@ class Result:
         Which measured samples are in doubt, or were left out when a fill that was not believed was
         repeated: nothing was learnt from them, and no fill joins them.
         They are in `clip` as measured. None: none.
+    swapped : ndarray of bool [shape=(frames, markers)] or None
+        Which samples in `clip` are measured samples of another marker of the file, because
+        overrides exchange them. None: none.
     database : Path or None
         The prior database, if one was used.
     notes : tuple of str
@@ -189,6 +196,7 @@ class Result:
     provenance: Provenance
     artefacts: tuple[Artefact, ...] = ()
     doubtful: NDArray[np.bool_] | None = None
+    swapped: NDArray[np.bool_] | None = None
     database: Path | None = None
     notes: tuple[str, ...] = ()
     subjects: tuple[Result, ...] = ()
@@ -202,3 +210,51 @@ class Result:
     def by_subject(self) -> tuple[Result, ...]:
         """The result of each subject: `subjects`, or this result alone."""
         return self.subjects or (self,)
+
+    def plot(
+        self,
+        marker: str | None = None,
+        *,
+        frames: str | tuple[int | None, int | None] | None = None,
+        gaps: int = 6,
+        truth: Clip | None = None,
+    ) -> Figure:
+        """Draw gaps with what surrounds them: measured, filled, and how far off it may be.
+
+        For each gap x, y and z over time, with the band that is expected to hold 50 % and 90 % of
+        the errors of a coordinate.
+
+        Parameters
+        ----------
+        marker : str, optional
+            Label of the marker; None: the worst gaps of all markers.
+        frames : str or tuple of int, optional
+            Draw these frames, as the file numbers them (``"92-116"``, or first and last), instead
+            of single gaps.
+        gaps : int
+            Number of gaps, the worst first; with `frames` and without `marker` of markers.
+        truth : Clip, optional
+            The same recording without gaps, to be drawn with its distance from the filled samples.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            A figure that pyplot does not know: notebooks show it, ``savefig`` writes it.
+
+        Raises
+        ------
+        MarkerNotFoundError
+            If there is no such marker.
+        OptionError
+            If matplotlib is not installed, or frames or number of gaps are out of range.
+
+        Examples
+        --------
+        >>> import priorfill as pf
+        >>> from priorfill.synthetic.demo import make_demo_clip
+        >>> result = pf.fill(make_demo_clip()[1], method="linear")
+        >>> result.plot("LKNE").savefig("LKNE.png")  # doctest: +SKIP
+        """
+        from priorfill.report.plots import plot_result
+
+        return plot_result(self, marker, frames=frames, gaps=gaps, truth=truth)

@@ -17,7 +17,7 @@ from gappy import person
 
 import priorfill as pf
 from priorfill.clip import Clip
-from priorfill.evaluation.plots import plain
+from priorfill.report.figures import plain
 from priorfill.runtime.resources import resource_path
 
 NASTY = (

@@ -743,12 +743,6 @@ def test_plots_of_nothing(tame: Clip, tmp_path: Path) -> None:
     assert plots.draw_plots(tmp_path, evaluate(tame, methods="refusing", protocol="frames")) == []
 
 
-def test_without_matplotlib(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plots, "find_spec", lambda name: None)
-    with pytest.raises(OptionError, match="pip install matplotlib"):
-        plots.check_plots()
-
-
 def test_more_methods_than_colours_are_told_apart() -> None:
     styles = [plots._style(i) for i in range(24)]
     looks = {(s["color"], s["marker"], s["linestyle"]) for s in styles}
