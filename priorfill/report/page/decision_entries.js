@@ -17,8 +17,8 @@ const FRAMES_RANGE = /^\s*(-?\d{1,9})?\s*[-:\u2013]\s*(-?\d{1,9})?\s*$/;
 const FRAMES_SINGLE = /^\s*(\d{1,9})\s*$/;
 const FRAMES_AMBIGUOUS = /^\s*[-\u2013]\s*\d{1,9}\s*$/;
 
-/** A label that a text would not give back: empty, with a comma, or with blanks around it. */
-const NEEDS_LIST = /^$|,|^(?!\ufeff)[\s\x1c-\x1f\x85]|(?!\ufeff)[\s\x1c-\x1f\x85]$/;
+/** Blanks around names, as Python has them; a label may begin with U+FEFF, which is none. */
+const OUTER_BLANKS = /^(?:(?!\ufeff)[\s\x1c-\x1f\x85])+|(?:(?!\ufeff)[\s\x1c-\x1f\x85])+$/g;
 
 /** Characters shown as escape sequences: controls, formats, separators, half characters. */
 const HIDDEN_CHARACTERS = /\p{Cc}|\p{Cf}|\p{Zl}|\p{Zp}|\p{Cs}|\p{Co}|\p{Cn}/gu;
@@ -83,7 +83,9 @@ function framesValue(first, last) {
  * @returns {string|string[]}
  */
 function markersValue(labels) {
-  return labels.length === 1 && !NEEDS_LIST.test(labels[0]) ? labels[0] : labels;
+  const alone = labels.length === 1 && labels[0] !== "" && !labels[0].includes(",") &&
+    labels[0].replace(OUTER_BLANKS, "") === labels[0];
+  return alone ? labels[0] : labels;
 }
 
 /**
@@ -93,7 +95,7 @@ function markersValue(labels) {
  */
 function namesOf(value) {
   const names = Array.isArray(value) ? value :
-    value.split(",").map((name) => name.trim()).filter((name) => name !== "");
+    value.split(",").map((name) => name.replace(OUTER_BLANKS, "")).filter((name) => name !== "");
   return [...new Set(names)];
 }
 

@@ -1,7 +1,7 @@
 /* Writes values as TOML (https://toml.io/en/v1.0.0). */
 
-/** Characters that are written as escape sequences: controls, formats, separators, quotes. */
-const TOML_ESCAPED = /["\\]|\p{Cc}|\p{Cf}|\p{Zl}|\p{Zp}/gu;
+/** Characters that are written as escape sequences: quotes, and what does not show. */
+const TOML_ESCAPED = /["\\]|\p{C}|(?! )\p{Z}/gu;
 
 /** Short escape sequences of TOML. */
 const TOML_SHORT = {
