@@ -12,6 +12,9 @@ const DISTANCES = [30, 400000];
 /** Share of the canvas that a fitted scene fills. */
 const FIT_MARGIN = 0.86;
 
+/** mm, eye to target: a single marker is not seen from nearer. */
+const FIT_LEAST = 200;
+
 /** Steps of fitting: distance and middle in turn, each a better guess for the other. */
 const FIT_ROUNDS = 5;
 
@@ -81,7 +84,7 @@ class BodyCamera {
     this.target.set(origin);
     for (let round = 0; round < FIT_ROUNDS; round++) {
       let [left, right, low, high] = [Infinity, -Infinity, Infinity, -Infinity];
-      let distance = DISTANCES[0];
+      let distance = FIT_LEAST;
       const from = [0, 1, 2].map((axis) => origin[axis] - this.target[axis]);
       for (let at = 0; at < points.length; at += 3) {
         const [x, y] = [points[at] + from[0], points[at + 1] + from[1]];
