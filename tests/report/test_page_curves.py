@@ -10,6 +10,7 @@ import numpy as np
 from browser import PageOpener, wait_until
 from page_examples import RATE, crowded_data, example_data, write_page
 
+from priorfill.report.bands import BAND_50, BAND_90, HALO_50
 from priorfill.report.encode import encode_positions, encode_runs
 
 FRAMES, MARKERS = 600, 8
@@ -121,7 +122,7 @@ def test_a_gap_is_shown_with_its_bands_and_what_stays_missing(
     assert (first, last) == (140, 319)
 
     go_to(page, 210)
-    half = 0.6579 * 1.6 * ERROR
+    half = BAND_90 * 1.6 * ERROR
     x, y, z = path_of(RKNE)[210]
     (row,) = values(page)
     assert row[:2] == ["RKNE", "filled"]
@@ -139,6 +140,9 @@ def test_a_gap_is_shown_with_its_bands_and_what_stays_missing(
     for name in ("--measured", "--filled", "--bound-90"):
         assert page.evaluate(INK, [[233, 257], "x", name]) == 0
     assert page.evaluate(INK, [[262, 300], "x", "--measured"]) > 30
+    shares = curves(page, "['x', 'distance'].map((k) => [90, 50].map((p) => "
+                          "curves.series.halfWidth(k, p)))")  # fmt: skip
+    assert shares == [[BAND_90, BAND_50], [1, HALO_50]]
     legend = page.locator(".curves-legend").inner_text()
     assert "90 % band" in legend and "left missing" in legend and "in doubt" not in legend
 

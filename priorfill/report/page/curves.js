@@ -123,11 +123,10 @@ class Curves {
     const turned = axes && clip.up !== "+Z"
       ? ` The file's up axis is ${clip.up}: x, y and z are ${axes.join(", ")} of the file.`
       : "";
-    const half = [90, 50].map((percent) => this.series.halfWidth("x", percent).toFixed(2));
-    return `Bands of a coordinate: ± ${half.join(" and ± ")} of the 90 % bound, which 90 and 50 % ` +
-      "of its errors do not exceed if they are alike in all directions; of a distance: the bound " +
-      `and ${CURVE_MEDIAN_DISTANCE.toFixed(2)} of it. Numbers after ± are the 90 % band. Time 0 s ` +
-      `is the first frame of the file.${turned}`;
+    return `Bands: 90 and 50 % of the errors of a coordinate are within ± ${CURVE_BANDS[90]} and ` +
+      `± ${CURVE_BANDS[50]} times the 90 % bound; of the distances, 90 % are below the bound and ` +
+      `50 % below ${CURVE_MEDIAN_DISTANCE} times the bound. Numbers after ± are the 90 % band. ` +
+      `Time 0 s is the first frame of the file.${turned}`;
   }
 
   /** What the user chose. */

@@ -1,12 +1,9 @@
 /* Series that the curves draw: coordinates, speed, distances between versions, and bands. */
 
-/** Half widths of the bands of one coordinate, as parts of the 90 % bound, which is a distance in
- * space: errors are taken as normal and alike in all directions, so that 90 % of their distances
- * lie below the bound. The page data may carry others (`bands`). */
-const CURVE_BANDS = { half_90: 0.6579, half_50: 0.2698 };
-
-/** Median of a distance in space as part of its 90 % bound, under the same assumption. */
-const CURVE_MEDIAN_DISTANCE = 0.6152;
+/** Half widths of the bands of one coordinate, and the median of a distance in space, as parts of
+ * the 90 % bound of the distance: those of report/bands.py, measured on recordings. */
+const CURVE_BANDS = { 90: 0.658, 50: 0.2 };
+const CURVE_MEDIAN_DISTANCE = 0.48;
 
 /** Ratio of the 90 % bound to the expected rms error where no bound is known. */
 const CURVE_BOUND_FACTOR = 1.6;
@@ -208,8 +205,7 @@ class CurveData {
   halfWidth(kind, percent) {
     if (kind === "speed") return NaN;
     if (kind === "distance" || kind === "error") return percent === 90 ? 1 : CURVE_MEDIAN_DISTANCE;
-    const name = percent === 90 ? "half_90" : "half_50";
-    return (this.store.data.bands && this.store.data.bands[name]) || CURVE_BANDS[name];
+    return CURVE_BANDS[percent];
   }
 
   /**
