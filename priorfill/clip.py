@@ -22,6 +22,9 @@ MAX_RATE = 1e6
 """Hz. No motion of a body is recorded more slowly or faster; such a rate is a slip, and durations
 would overflow."""
 
+MAX_NAME = 80
+"""Characters of a name where a clip is described in a line."""
+
 
 @dataclass(frozen=True)
 class Source:
@@ -259,14 +262,14 @@ class Clip:
         return iter(self.labels)
 
     def __repr__(self) -> str:
-        facts = (f"{name} {value}".strip() for name, value in self._facts())
-        return escaped(f"<Clip {self.name}: {', '.join(facts)}>")
+        facts = ", ".join(f"{name} {value}" for name, value in self._facts())
+        return escaped(f"<Clip {_short(self.name)}: {facts}>")
 
     def _facts(self) -> list[tuple[str, str]]:
         """Return what the clip holds, as names and values."""
         last = self.first_frame + self.frames - 1
         return [
-            *([("subject", self.subject)] if self.subject else []),
+            *([("subject", _short(self.subject))] if self.subject else []),
             ("markers", str(len(self.labels))),
             ("frames", f"{self.first_frame}\u2013{last}"),
             ("duration", f"{self.duration:.2f} s at {self.rate:g} Hz"),
@@ -286,6 +289,11 @@ class Clip:
     def with_positions(self, positions: NDArray[np.float64]) -> Clip:
         """Return the clip with other positions [shape=(frames, markers, 3), mm]."""
         return replace(self, positions=positions)
+
+
+def _short(name: str) -> str:
+    """Return a name of a file or subject for a line of text."""
+    return name if len(name) <= MAX_NAME else f"{name[:MAX_NAME]}\u2026"
 
 
 def blank_incomplete_samples(positions: NDArray[np.float64]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from itertools import count
 from string import ascii_lowercase
@@ -16,12 +15,20 @@ from priorfill.cli.artefacts import (
 )
 from priorfill.cli.option_names import with_options
 from priorfill.cli.output import MAX_ROWS, json_number, print_line, print_table, some_names
+from priorfill.report.result_summary import (
+    MarkerSummary,
+    gap_cells,
+    mm_text,
+    share_text,
+    summarise_markers,
+    summary_text,
+    worst_first,
+)
 
 if TYPE_CHECKING:
     from priorfill.filling.add_result import AddedClip
     from priorfill.filling.fill_file import FileResult
     from priorfill.filling.result import FilledGap, Result
-    from priorfill.report.result_summary import MarkerSummary
 
 __all__ = ["fill_facts", "print_fill", "print_fill_notes", "print_gaps", "print_unfilled"]
 
@@ -40,8 +47,6 @@ def fill_facts(done: FileResult) -> dict[str, Any]:
     done : FileResult
         The fill.
     """
-    from priorfill.report.result_summary import summarise_markers
-
     result, report = done.result, done.report
     gaps = [(one, gap) for one in result.by_subject for gap in one.gaps]
     added = [_added_facts(one) for one in done.added]
@@ -93,7 +98,7 @@ def print_fill(done: FileResult, *, every_row: bool = False) -> None:
     if result.gaps:
         print_gaps(result, rows)
         print_line()
-        print_line(f"{_summary(result)}; {_written(done)}")
+        print_line(f"{summary_text(result)}; {_written(done)}")
         if done.report.rounding_mm > MIN_ROUNDING:
             print_line(
                 "filled samples are rounded to the file's number format, by up to "
@@ -181,8 +186,6 @@ def print_gaps(result: Result, rows: int | None) -> None:
 
 def _print_gap_rows(result: Result, rows: int | None) -> None:
     """Print a row for each gap, the worst first, and what they were filled from."""
-    from priorfill.report.result_summary import worst_first
-
     clip = result.clip
     shown = worst_first(result.gaps)[:rows]
     letters = _letters(dict.fromkeys(source for gap in shown for source in gap.sources))
@@ -190,11 +193,7 @@ def _print_gap_rows(result: Result, rows: int | None) -> None:
         ("marker", "frames", "s>", "filled>", *_ERRORS, "from"),
         [
             (
-                gap.label,
-                f"{clip.first_frame + gap.start}-{clip.first_frame + gap.stop - 1}",
-                f"{gap.frames / clip.rate:.2f}",
-                _share(gap.filled, gap.frames),
-                *map(_mm, (gap.expected_mean_error_mm, gap.error_bound_90_mm)),
+                *gap_cells(clip, gap),
                 " ".join(letters[source] for source in gap.sources) or "-",
             )
             for gap in shown
@@ -208,8 +207,6 @@ def _print_gap_rows(result: Result, rows: int | None) -> None:
 
 def _print_markers(result: Result, rows: int | None) -> None:
     """Print a row for each marker, the worst first."""
-    from priorfill.report.result_summary import summarise_markers
-
     markers = summarise_markers(result.gaps)
     print_table(
         ("marker", "gaps>", "frames>", "filled>", *_ERRORS),
@@ -218,8 +215,8 @@ def _print_markers(result: Result, rows: int | None) -> None:
                 one.label,
                 str(one.gaps),
                 str(one.frames),
-                _share(one.filled, one.frames),
-                *map(_mm, (one.expected_mean_error_mm, one.error_bound_90_mm)),
+                share_text(one.filled, one.frames),
+                *map(mm_text, (one.expected_mean_error_mm, one.error_bound_90_mm)),
             )
             for one in markers[:rows]
         ],
@@ -234,30 +231,6 @@ def _letters(sources: Iterable[str]) -> dict[str, str]:
     names = list(sources)
     signs = ascii_lowercase if len(names) <= len(ascii_lowercase) else map(str, count(1))
     return dict(zip(names, signs, strict=False))
-
-
-def _share(filled: int, frames: int) -> str:
-    """Return a share in percent, which is 100 or 0 only where all or none were filled."""
-    percent = round(100 * filled / frames)
-    if 0 < filled < frames:
-        percent = min(max(percent, 1), 99)
-    return f"{percent} %"
-
-
-def _mm(value: float) -> str:
-    """Return a length for a table."""
-    return f"{value:.1f}" if math.isfinite(value) else "-"
-
-
-def _summary(result: Result) -> str:
-    """Return the numbers of filled samples and complete gaps in a line."""
-    requested = [gap for gap in result.gaps if gap.requested]
-    complete = sum(gap.complete for gap in requested)
-    alone = len(result.gaps) - len(requested)
-    return (
-        f"filled {int(result.filled.sum())} samples with {result.method}; "
-        f"{complete} of {len(requested)} gaps complete" + (f", {alone} left alone" if alone else "")
-    )
 
 
 def _print_plots(done: FileResult) -> None:

@@ -22,6 +22,7 @@ from priorfill.database.catalogue_rows import CatalogueRow
 from priorfill.database.convert import replaced_segments, unaccounted_bytes
 from priorfill.database.create_database import SEGMENTS, create_database
 from priorfill.database.database_lock import LOCK, DatabaseLock
+from priorfill.database.database_text import database_html, database_line
 from priorfill.database.ingest import content_hash, ingest, stored_levels, unpack_mask
 from priorfill.database.manifest import FORMAT_VERSION, MANIFEST, Manifest, read_manifest
 from priorfill.database.near_duplicates import RATE_TOLERANCE, same_motion
@@ -275,6 +276,13 @@ class PriorDatabase:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+    def __repr__(self) -> str:
+        return database_line(self)
+
+    def _repr_html_(self) -> str:
+        """Return the database as a notebook shows it: its figures, and its clips."""
+        return database_html(self)
 
     def close(self) -> None:
         """Close all files and release the lock."""

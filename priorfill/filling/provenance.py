@@ -194,6 +194,11 @@ class Provenance:
     estimate_errors: bool = True
     plausibility: Mapping[str, Any] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        from priorfill.report.result_text import provenance_line
+
+        return provenance_line(self)
+
     def fill_arguments(self, marker_set: MarkerSet | None = None) -> dict[str, Any]:
         """Return the keyword arguments of `priorfill.fill` that give the same result again.
 

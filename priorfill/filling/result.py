@@ -15,7 +15,11 @@ from priorfill.filling.provenance import Provenance
 from priorfill.markers.marker_set import MarkerSet
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.figure import Figure
+
+    from priorfill.report.notebook_page import NotebookPage
 
 __all__ = ["FilledGap", "Result", "UnfilledSpan"]
 
@@ -258,3 +262,57 @@ class Result:
         from priorfill.report.plots import plot_result
 
         return plot_result(self, marker, frames=frames, gaps=gaps, truth=truth)
+
+    def show(
+        self,
+        *,
+        before: Clip | Sequence[Clip] | None = None,
+        truth: Clip | Sequence[Clip] | None = None,
+        height: int = 800,
+    ) -> NotebookPage:
+        """Return the page that `priorfill.write_report` writes, for a notebook to show.
+
+        Parameters
+        ----------
+        before, truth : Clip or sequence of Clip, optional
+            As for `priorfill.write_report`.
+        height : int
+            Height of the frame in the notebook (pixels).
+
+        Returns
+        -------
+        NotebookPage
+            Shown where it is the last value of a cell. Elsewhere nothing is opened;
+            ``.save("walk.html")`` writes a file for the browser.
+
+        Raises
+        ------
+        OptionError
+            If the clips do not fit the result, or the height is out of range.
+
+        Examples
+        --------
+        >>> import priorfill as pf
+        >>> from priorfill.synthetic.demo import make_demo_clip
+        >>> truth, clip = make_demo_clip()
+        >>> pf.fill(clip, method="linear").show(truth=truth)
+        <page of synthetic_demo, ... MB; notebooks show it, .save("FILE.html") writes it>
+        """
+        from priorfill.report.notebook_page import NotebookPage
+        from priorfill.report.page import page_text
+        from priorfill.report.report_data import PageContents, page_data
+        from priorfill.report.shown_text import MAX_LABEL, shown
+
+        page = page_text(page_data(self, PageContents(before=before, truth=truth)))
+        return NotebookPage(shown(self.clip.name, MAX_LABEL), page, height)
+
+    def __repr__(self) -> str:
+        from priorfill.report.result_text import result_line
+
+        return result_line(self)
+
+    def _repr_html_(self) -> str:
+        """Return the result as a notebook shows it: what was done, and the worst gaps."""
+        from priorfill.report.result_text import result_html
+
+        return result_html(self)

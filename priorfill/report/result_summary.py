@@ -8,9 +8,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from priorfill.filling.result import FilledGap
+    from priorfill.clip import Clip
+    from priorfill.filling.result import FilledGap, Result
 
-__all__ = ["MarkerSummary", "summarise_markers", "worst_first"]
+__all__ = [
+    "MarkerSummary",
+    "gap_cells",
+    "mm_text",
+    "share_text",
+    "summarise_markers",
+    "summary_text",
+    "worst_first",
+]
 
 
 @dataclass(frozen=True)
@@ -78,6 +87,68 @@ def summarise_markers(gaps: Iterable[FilledGap]) -> list[MarkerSummary]:
     summaries = [_summary(label, own) for label, own in by_label.items()]
     # the order of the worst gap of each marker, except that unfilled frames are counted together
     return sorted(summaries, key=lambda one: -one.unfilled)
+
+
+def gap_cells(clip: Clip, gap: FilledGap) -> tuple[str, str, str, str, str, str]:
+    """Return marker, frames, seconds, filled share, mean error and bound of a gap for a table.
+
+    Parameters
+    ----------
+    clip : Clip
+        The clip; its numbering of frames is used.
+    gap : FilledGap
+        One of its gaps.
+    """
+    return (
+        gap.label,
+        f"{clip.first_frame + gap.start}-{clip.first_frame + gap.stop - 1}",
+        f"{gap.frames / clip.rate:.2f}",
+        share_text(gap.filled, gap.frames),
+        mm_text(gap.expected_mean_error_mm),
+        mm_text(gap.error_bound_90_mm),
+    )
+
+
+def share_text(filled: int, frames: int) -> str:
+    """Return a share in percent, which is 100 or 0 only where all or none were filled.
+
+    Parameters
+    ----------
+    filled, frames : int
+        Number of filled frames, and of all.
+    """
+    percent = round(100 * filled / frames)
+    if 0 < filled < frames:
+        percent = min(max(percent, 1), 99)
+    return f"{percent} %"
+
+
+def mm_text(value: float) -> str:
+    """Return a length (mm) for a table; a dash where it is unknown.
+
+    Parameters
+    ----------
+    value : float
+        mm.
+    """
+    return f"{value:.1f}" if math.isfinite(value) else "-"
+
+
+def summary_text(result: Result) -> str:
+    """Return the numbers of filled samples and complete gaps in a line.
+
+    Parameters
+    ----------
+    result : Result
+        Of a fill.
+    """
+    requested = [gap for gap in result.gaps if gap.requested]
+    complete = sum(gap.complete for gap in requested)
+    alone = len(result.gaps) - len(requested)
+    return (
+        f"filled {int(result.filled.sum())} samples with {result.method}; "
+        f"{complete} of {len(requested)} gaps complete" + (f", {alone} left alone" if alone else "")
+    )
 
 
 def _summary(label: str, gaps: list[FilledGap]) -> MarkerSummary:
