@@ -1,0 +1,178 @@
+"""A review without a server: decisions, fills, and what is saved."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from reviews import write_walk
+
+import priorfill as pf
+from priorfill.errors import OptionError, OutputError, PriorfillError
+from priorfill.reviewing.session import FillStoppedError, ReviewSession
+
+REFUSED = {"marker": "RANK", "do": "leave"}
+LINEAR = {"marker": "LKNE", "frames": ":", "do": "linear", "note": "by eye"}
+WRONG = {"marker": "STRN", "frames": "30-33", "do": "missing"}
+SWAPPED = {"marker": "LTOE", "do": "swap", "with": "RTOE", "frames": "50-52"}
+
+
+@pytest.fixture
+def walk(here: Path) -> Path:
+    return write_walk(Path("walk.c3d"))
+
+
+def review(source: Path, output: str | None = None, **arguments: Any) -> ReviewSession:
+    return ReviewSession(source, output, **({"method": "pchip"} | arguments))
+
+
+def test_a_review_begins_with_a_fill_and_writes_nothing(walk: Path) -> None:
+    session = review(walk)
+    data = session.fill(session.decisions)
+    assert data["mode"] == "review"
+    assert data["can"] == {"refill": True, "save": True}
+    assert sorted(data["markers"][gap["marker"]]["raw"] for gap in data["gaps"]) == [
+        "LKNE",
+        "RANK",
+        "STRN",
+    ]
+    assert [path.name for path in Path().iterdir()] == ["walk.c3d"]
+
+
+def test_a_saved_review_is_repeated_by_a_fill_byte_for_byte(walk: Path) -> None:
+    before = walk.read_bytes()
+    session = review(walk)
+    session.fill([])
+    decisions = [SWAPPED, WRONG, LINEAR, REFUSED]
+    session.fill(decisions)
+    saved = session.save(decisions)
+    assert (saved.output, saved.overrides) == (
+        Path("walk_filled.c3d"),
+        Path("walk_filled.overrides.toml"),
+    )
+    assert saved.complete
+    again = pf.fill_file(walk, "again.c3d", method="pchip", overrides=saved.overrides)
+    assert Path("again.c3d").read_bytes() == saved.output.read_bytes()
+    assert [note for note in again.result.notes if "made for" in note] == []
+    assert walk.read_bytes() == before
+
+
+def test_decisions_change_what_is_saved_and_nothing_else(walk: Path) -> None:
+    session = review(walk)
+    session.save([])
+    plain = pf.read(session.output)
+    session.save([REFUSED, LINEAR, WRONG])
+    decided = pf.read(session.output)
+    column = {label: number for number, label in enumerate(plain.labels)}
+    assert decided.missing[20:30, column["RANK"]].all()
+    assert not np.array_equal(
+        plain.positions[10:14, column["LKNE"]], decided.positions[10:14, column["LKNE"]]
+    )
+    same = np.ones(plain.missing.shape, dtype=bool)
+    same[10:14, column["LKNE"]] = same[20:30, column["RANK"]] = False
+    same[29:33, column["STRN"]] = False
+    assert np.array_equal(plain.positions[same], decided.positions[same])
+
+
+def test_saving_fills_again_only_for_other_decisions(walk: Path) -> None:
+    session = review(walk)
+    seen: list[tuple[int, int]] = []
+    session.fill([REFUSED])
+    session.save([REFUSED | {"note": "seen"}], lambda done, total: seen.append((done, total)))
+    assert seen == []
+    assert "seen" in session.overrides.read_text(encoding="utf-8")
+    session.save([], lambda done, total: seen.append((done, total)))
+    assert seen[-1][0] == seen[-1][1]
+
+
+def test_wrong_decisions_change_nothing(walk: Path) -> None:
+    session = review(walk)
+    session.fill([REFUSED])
+    for wrong in (
+        [{"marker": "NOPE", "do": "leave"}],
+        [{"marker": "LKNE", "do": "nope"}],
+        [{"marker": "LKNE", "frames": "900-901", "do": "leave"}],
+        [WRONG, {"marker": "STRN", "frames": 31, "do": "leave"}],
+        [{"do": "leave"}],
+        [1],
+    ):
+        with pytest.raises(OptionError, match=r"overrides: gap"):
+            session.fill(wrong)
+    assert session.data["decisions"] == [REFUSED]
+
+
+def test_a_stopped_fill_changes_nothing(walk: Path) -> None:
+    session = review(walk)
+    session.fill([])
+
+    def stop(done: int, total: int) -> None:
+        raise FillStoppedError
+
+    with pytest.raises(FillStoppedError):
+        session.fill([LINEAR], stop)
+    assert session.data["decisions"] == []
+    session.fill([LINEAR])
+
+
+def test_a_review_continues_with_the_decisions_of_its_file(walk: Path) -> None:
+    session = review(walk)
+    session.save([REFUSED])
+    with pytest.raises(OutputError, match="exists already"):
+        review(walk)
+    files = pf.FileOptions(overwrite=True)
+    again = review(walk, files=files)
+    assert again.decisions == [REFUSED]
+    given = review(walk, "other.c3d", overrides=session.overrides, files=files)
+    assert given.decisions == [REFUSED]
+    assert given.overrides == session.overrides
+
+
+def test_what_was_changed_in_the_meantime_is_not_replaced(walk: Path) -> None:
+    session = review(walk)
+    session.save([])
+    session.save([REFUSED])  # its own files
+    shutil.copy(walk, session.output)
+    with pytest.raises(OutputError, match=r"walk_filled\.c3d: was changed after it was saved"):
+        session.save([])
+    session.output.unlink()
+    session.save([])
+    Path("walk.c3d").write_bytes(walk.read_bytes() + b"\0" * 512)
+    saved = session.output.read_bytes()
+    with pytest.raises(PriorfillError, match="changed since it was read"):
+        session.save([REFUSED])
+    assert session.output.read_bytes() == saved
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".trc"])
+def test_a_changed_source_is_noticed_in_other_formats(walk: Path, suffix: str) -> None:
+    clip = pf.read(walk)
+    source = Path(f"other{suffix}")
+    pf.write(source, replace(clip, source=None))
+    session = review(source)
+    session.save([])
+    pf.fill_file(source, f"again{suffix}", method="pchip")
+    if suffix == ".trc":  # archives hold the time of writing
+        assert (
+            Path(f"again{suffix}").read_bytes().split(b"\n")[1:]
+            == (session.output.read_bytes().split(b"\n")[1:])
+        )
+    pf.write(source, replace(clip, source=None, rate=60.0), overwrite=True)
+    with pytest.raises(OutputError, match="changed since it was read"):
+        session.save([REFUSED])
+
+
+def test_outputs_are_checked_before_the_file_is_read(walk: Path) -> None:
+    with pytest.raises(OutputError, match="is the file that the clip was read from"):
+        review(walk, "walk.c3d", files=pf.FileOptions(overwrite=True))
+    with pytest.raises(OutputError, match="is the file that the clip was read from"):
+        review(walk, overrides="walk.c3d", files=pf.FileOptions(overwrite=True))
+    with pytest.raises(OptionError, match="no such output"):
+        review(walk, files=pf.FileOptions(uncertainty="walk.csv"))
+    with pytest.raises(OptionError, match="known are"):
+        review(walk, "walk.nope")
+    with pytest.raises(OutputError, match="name of both files"):
+        review(walk, "out.npz", overrides="out.npz").save([])
