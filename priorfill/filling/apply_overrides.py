@@ -12,40 +12,49 @@ from priorfill.clip import Clip
 from priorfill.filling.assemble import expected_errors
 from priorfill.filling.assign_overrides import AppliedOverrides
 from priorfill.filling.gap_filter import GapFilter
-from priorfill.filling.overrides import ACCEPT, LEAVE, Overrides
+from priorfill.filling.overrides import Overrides
 from priorfill.filling.result import FilledGap, Result
-from priorfill.gaps import Gap, GapGroup, find_gaps, gap_groups, runs
+from priorfill.filling.run_settings import RunSettings
+from priorfill.gaps import Gap, GapGroup, find_gaps, runs
 from priorfill.markers.phantoms import Phantom
 
 __all__ = ["MethodRun", "join_runs", "plan_runs"]
 
-BY_ANOTHER_METHOD = "filled by another method"
-"""Reason for which one of several methods leaves a gap alone; dropped when runs are joined."""
+IN_ANOTHER_WAY = "filled in another way"
+"""Reason for which one of several runs leaves a gap alone; dropped when runs are joined."""
 
 
 @dataclass(frozen=True)
 class MethodRun:
-    """The gaps of a clip that one method fills.
+    """The gaps of a clip that are filled in one way.
 
     Attributes
     ----------
-    method : str
-        The method.
+    settings : RunSettings
+        The method, and what it sees and learns from.
     left_alone : tuple of (Gap, str)
         Missing samples that it does not fill, with the reason.
+    skipped : tuple of (Gap, str)
+        Those of them that decide which gap groups the method gets: groups with a sample that is
+        not among them. What else is left alone in these groups is dropped from the estimate.
     groups : tuple of GapGroup
-        The gap groups with a sample to fill. A method gets whole groups; what is left alone in
-        them is dropped from its estimate.
+        These gap groups.
     """
 
-    method: str
+    settings: RunSettings
     left_alone: tuple[tuple[Gap, str], ...]
-    groups: tuple[GapGroup, ...]
+    skipped: tuple[tuple[Gap, str], ...]
+    groups: tuple[GapGroup, ...] = ()
+
+    @property
+    def method(self) -> str:
+        """The method."""
+        return self.settings.method
 
 
 def plan_runs(
     clip: Clip,
-    method: str,
+    settings: Sequence[RunSettings | None],
     gap_filter: GapFilter,
     applied: AppliedOverrides | None = None,
     overrides: Overrides | None = None,
@@ -57,8 +66,8 @@ def plan_runs(
     ----------
     clip : Clip
         The clip, without samples that are treated as missing.
-    method : str
-        For gaps without an override.
+    settings : sequence of (RunSettings or None)
+        For gaps without an override, then for each override.
     gap_filter : GapFilter
         The gaps to fill; those that it leaves alone stay alone, whatever the overrides are.
     applied, overrides : AppliedOverrides, Overrides, optional
@@ -69,36 +78,41 @@ def plan_runs(
     Returns
     -------
     tuple of MethodRun
-        At least one: a method also reports on clips without a gap to fill.
+        At least one: a method also reports on clips without a gap to fill. That of the default
+        gets the same gap groups whatever the overrides are, so that gaps without an override are
+        filled as if there were none.
     """
-    left_alone = gap_filter.left_alone(clip)
+    default = settings[0]
+    assert default is not None
+    filtered = gap_filter.left_alone(clip)
     if phantoms and not gap_filter.markers:
         reasons = {phantom.marker: phantom.reason for phantom in phantoms}
-        left_alone = [item for item in left_alone if item[0].marker not in reasons]
-        left_alone += [
+        filtered = [item for item in filtered if item[0].marker not in reasons]
+        filtered += [
             (gap, reasons[gap.marker]) for gap in find_gaps(clip.missing) if gap.marker in reasons
         ]
     if applied is None or overrides is None:
-        return (_run(clip, method, left_alone),)
-    actions = [method, *(method if e.do == ACCEPT else e.do for e in overrides.entries)]
-    names = list(dict.fromkeys(actions))  # the default method first
-    action = np.array([names.index(name) for name in actions])[applied.number]
+        return (MethodRun(default, tuple(filtered), tuple(filtered)),)
+    kinds: list[RunSettings] = []
+    for one in settings:
+        if one is not None and one not in kinds:
+            kinds.append(one)
+    leaving = len(kinds)
+    kind_of = np.array([leaving if one is None else kinds.index(one) for one in settings])
+    kind = kind_of[applied.number]
     open_ = clip.missing
-    for gap, _ in left_alone:
+    for gap, _ in filtered:
         open_[gap.start : gap.stop, gap.marker] = False
-    if LEAVE in names:
-        left = open_ & (action == names.index(LEAVE))
-        left_alone += _as_left_alone(left, f"left alone by {overrides.name}")
-        open_ &= ~left
-    used = [number for number in range(len(names)) if (open_ & (action == number)).any()]
-    return tuple(
-        _run(
-            clip,
-            names[number],
-            [*left_alone, *_as_left_alone(open_ & (action != number), BY_ANOTHER_METHOD)],
-        )
-        for number in used or [0]
-    )
+    left = open_ & (kind == leaving)
+    left_alone = [*filtered, *_as_left_alone(left, f"left alone by {overrides.name}")]
+    open_ &= ~left
+    used = [number for number in range(len(kinds)) if (open_ & (kind == number)).any()]
+    runs_of_kinds = []
+    for number in used or [0]:
+        alone = (*left_alone, *_as_left_alone(open_ & (kind != number), IN_ANOTHER_WAY))
+        skipped = tuple(filtered) if number == 0 else alone
+        runs_of_kinds.append(MethodRun(kinds[number], alone, skipped))
+    return tuple(runs_of_kinds)
 
 
 def join_runs(clip: Clip, applied: AppliedOverrides, results: Sequence[Result]) -> Result:
@@ -146,26 +160,16 @@ def join_runs(clip: Clip, applied: AppliedOverrides, results: Sequence[Result]) 
         expected_rms_mm=expected_rms,
         error_bound_90_mm=bound,
         gaps=tuple(_join_gap(clip, same, expected_rms, bound) for same in by_gap),
-        method=" and ".join(result.method for result in results),
+        method=_joined_names(result.method for result in results),
         doubtful=np.logical_or.reduce(doubtful) if doubtful else None,
         notes=tuple(dict.fromkeys(notes)),
         provenance=replace(results[0].provenance, source_clips=tuple(clips)),
     )
 
 
-def _run(clip: Clip, method: str, left_alone: Iterable[tuple[Gap, str]]) -> MethodRun:
-    """Return the run of a method that fills all samples but some."""
-    alone = tuple(left_alone)
-    skipped = {gap for gap, _ in alone}
-    return MethodRun(
-        method,
-        alone,
-        tuple(
-            group
-            for group in gap_groups(clip.missing)
-            if not all(gap in skipped for gap in group.gaps)
-        ),
-    )
+def _joined_names(methods: Iterable[str]) -> str:
+    """Return the names of methods, each once."""
+    return " and ".join(dict.fromkeys(methods))
 
 
 def _as_left_alone(mask: NDArray[np.bool_], reason: str) -> list[tuple[Gap, str]]:
@@ -187,7 +191,7 @@ def _join_gap(
     first = same[0]
     inside = slice(first.start, first.stop), clip.labels.index(first.label)
     rms, mean, bound = expected_errors(expected_rms[inside], error_bound_90[inside])
-    unfilled = {span for gap in same for span in gap.unfilled if span.reason != BY_ANOTHER_METHOD}
+    unfilled = {span for gap in same for span in gap.unfilled if span.reason != IN_ANOTHER_WAY}
     working = [gap for gap in same if gap.filled] or [gap for gap in same if gap.requested]
     return replace(
         first,
@@ -195,7 +199,7 @@ def _join_gap(
         expected_rms_mm=rms,
         expected_mean_error_mm=mean,
         error_bound_90_mm=bound,
-        method=" and ".join(gap.method for gap in working) or first.method,
+        method=_joined_names(gap.method for gap in working) or first.method,
         sources=tuple(dict.fromkeys(source for gap in same for source in gap.sources)),
         training_poses=max(gap.training_poses for gap in same),
         unfilled=tuple(sorted(unfilled, key=lambda span: (span.start, span.reason))),

@@ -42,13 +42,15 @@ class BelievableFill:
     takes : tuple of Take
         Recordings to learn from.
     left_alone : sequence of (Gap, str)
-        Missing samples that are not to be filled.
+        Missing samples that are not to be filled; gap groups of these alone are skipped.
     options : PlausibilityOptions
         Limits of the check.
     max_error : float or None
         mm. Samples with a greater expected mean error stay missing; None: no limit.
     estimate_errors : bool
         Whether expected errors are found from artificial gaps where the method predicts none.
+    learn_from_clip : bool
+        Whether the method may learn from the clip's own frames.
     """
 
     seen: SeenClip
@@ -57,6 +59,7 @@ class BelievableFill:
     options: PlausibilityOptions
     max_error: float | None = None
     estimate_errors: bool = True
+    learn_from_clip: bool = True
 
     def __call__(self, method: FillTask, again: FillTask) -> tuple[Estimate, _Bool]:
         """Return the estimate, and the samples that were hidden for it.
@@ -111,6 +114,7 @@ class BelievableFill:
             clip.name,
             clip.subject,
             geometry,
+            self.learn_from_clip,
         )
 
     def _check(self, seen: SeenClip) -> PlausibilityCheck:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +22,14 @@ from priorfill.filling.assemble import filled_samples, restore_rejected, sum_up_
 from priorfill.filling.assign_overrides import AppliedOverrides, apply_overrides
 from priorfill.filling.believable_fill import BelievableFill
 from priorfill.filling.database_takes import DatabaseTakes
+from priorfill.filling.fill_cache import RunEstimate, digest_of
 from priorfill.filling.fill_options import FillOptions
 from priorfill.filling.gap_filter import GapFilter
 from priorfill.filling.multi_subject import assign_same_subject, merge_results
+from priorfill.filling.override_entries import CLIP, DATABASE, SAME_SUBJECT
 from priorfill.filling.overrides import Overrides
 from priorfill.filling.overrides_file import read_overrides
+from priorfill.filling.overrides_template import notes_on_origin
 from priorfill.filling.provenance import (
     DatabaseState,
     Provenance,
@@ -37,15 +40,17 @@ from priorfill.filling.provenance import (
     source_clips,
 )
 from priorfill.filling.result import Result
+from priorfill.filling.run_settings import RunSettings, check_sources, settings_of_overrides
 from priorfill.filling.same_subject_takes import same_subject_takes
 from priorfill.filling.seen_clip import SeenClip, doubtful_samples
+from priorfill.filling.swaps import SwappedClip, check_swaps, swap_markers
 from priorfill.gaps import runs as runs_of
 from priorfill.markers.definitions import recognise
 from priorfill.markers.marker_set_check import check_marker_set
 from priorfill.markers.phantoms import find_phantoms, phantom_notes
 from priorfill.methods import get_method, get_options, resolve
 from priorfill.methods.options import differing, with_values
-from priorfill.methods.task import Estimate
+from priorfill.methods.task import Estimate, Task
 from priorfill.runtime.option_texts import seconds_of
 from priorfill.search.takes import Take
 
@@ -85,8 +90,8 @@ def fill(
     gap_filter : GapFilter, optional
         Which gaps to fill; all by default.
     overrides : Overrides or path, optional
-        What to do with single gaps: fill them by another method, leave them alone, or treat
-        measured samples as missing.
+        What to do with single gaps: fill them in another way, leave them alone, treat measured
+        samples as missing, or exchange those of two markers.
     reject_artefacts : bool
         Treat samples as missing where `priorfill.find_artefacts` finds artefacts.
     options : FillOptions, optional
@@ -95,9 +100,9 @@ def fill(
     Returns
     -------
     Result
-        Measured samples keep their bits. Samples that could not be filled stay missing; their gap
-        has the reason. For several clips, the merged result, with markers called
-        ``subject:label``.
+        Measured samples keep their bits, unless overrides exchange them. Samples that could not be
+        filled stay missing; their gap has the reason. For several clips, the merged result, with
+        markers called ``subject:label``.
 
     Raises
     ------
@@ -133,10 +138,13 @@ def fill(
         raise OptionError("there is no clip to fill; give one or several")
     if isinstance(overrides, (str, Path)):
         overrides = read_overrides(overrides)
+    if overrides is not None:
+        overrides = overrides.for_subjects(clips)
+        check_swaps(overrides, clips)
     settings = _Settings(
         resolve(method),
         (gap_filter or GapFilter()).for_subjects(clips),
-        None if overrides is None else overrides.for_subjects(clips),
+        overrides,
         reject_artefacts,
         options or FillOptions(),
     )
@@ -144,13 +152,18 @@ def fill(
     with ExitStack() as stack:
         if isinstance(database, (str, Path)):
             database = stack.enter_context(PriorDatabase.open(database))
-        shown = set() if database is None else {x for row in database.clips() for x in row.labels}
+        rows = () if database is None else database.clips()
+        if overrides is not None:
+            names = None if database is None else (row.name for row in rows)
+            check_sources(overrides, names, same_subject=bool(same_subject))
+        shown = {label for row in rows for label in row.labels}
         plans = [_plan(one, own, settings, shown) for one, own in zip(clips, others, strict=True)]
         # sums by several BLAS threads depend on their number; those by one thread do not
         stack.enter_context(threadpool_limits(1, user_api="blas"))
         groups = sum(len(run.groups) for plan in plans for run in plan.runs)
         filling = _Filling(settings, database, _Progress(groups, settings.options.progress))
-        return merge_results([filling.fill(plan) for plan in plans])
+        result = merge_results([filling.fill(plan) for plan in plans])
+    return replace(result, notes=(*notes_on_origin(result), *result.notes))
 
 
 @dataclass(frozen=True)
@@ -188,6 +201,11 @@ class _Settings:
             made = None
         object.__setattr__(self, "method_options", None if made == default else made)
 
+    @property
+    def default(self) -> RunSettings:
+        """How gaps without an override are filled."""
+        return RunSettings(self.method, self.method_options)
+
 
 @dataclass(frozen=True, eq=False)
 class _Plan:
@@ -195,8 +213,10 @@ class _Plan:
 
     Attributes
     ----------
-    measured : Clip
+    given : Clip
         The clip as given.
+    swapped : SwappedClip
+        The same with the markers exchanged that overrides swap.
     cleaned : Clip
         Without the samples of artefacts.
     artefacts : tuple of Artefact
@@ -217,7 +237,8 @@ class _Plan:
         The gaps of each method.
     """
 
-    measured: Clip
+    given: Clip
+    swapped: SwappedClip
     cleaned: Clip
     artefacts: tuple[Artefact, ...]
     clip: Clip
@@ -228,12 +249,18 @@ class _Plan:
     seen: SeenClip
     runs: tuple[MethodRun, ...]
 
+    @property
+    def measured(self) -> Clip:
+        """The clip as measured, with the markers in their right places."""
+        return self.swapped.clip
+
 
 def _plan(
-    measured: Clip, same_subject: tuple[Clip, ...], settings: _Settings, shown: set[str]
+    given: Clip, same_subject: tuple[Clip, ...], settings: _Settings, shown: set[str]
 ) -> _Plan:
     """Find what is to be done with a clip; ``shown`` are markers of the database."""
-    cleaned = measured
+    swapped = swap_markers(settings.overrides, given)
+    measured = cleaned = swapped.clip
     options = settings.options
     artefacts: tuple[Artefact, ...] = ()
     if settings.reject_artefacts:
@@ -242,6 +269,7 @@ def _plan(
         artefacts = find_artefacts(measured)
     applied = None if settings.overrides is None else apply_overrides(settings.overrides, cleaned)
     clip = cleaned if applied is None else applied.clip
+    sources = {CLIP, *([SAME_SUBJECT] if same_subject else []), *([DATABASE] if shown else [])}
     definition = options.marker_set or recognise(clip.labels)
     known = {label for other in same_subject for label in other.labels} | shown
     known |= set() if definition is None else {*definition.labels, *definition.match(clip.labels)}
@@ -250,9 +278,14 @@ def _plan(
     beyond = int(min(round(seconds_of(options.extrapolate, clip.rate) * clip.rate, 6), clip.frames))
     seen = SeenClip(clip, hidden, definition, beyond, options.plausibility.interpolate_seconds)
     runs = tuple(
-        replace(run, groups=seen.groups(run.left_alone))
+        replace(run, groups=seen.groups(run.skipped))
         for run in plan_runs(
-            clip, settings.method, settings.gap_filter, applied, settings.overrides, phantoms
+            clip,
+            settings_of_overrides(settings.overrides, clip, settings.default, sources),
+            settings.gap_filter,
+            applied,
+            settings.overrides,
+            phantoms,
         )
     )
     takes, notes = same_subject_takes(measured, same_subject, definition)
@@ -260,7 +293,8 @@ def _plan(
         clip.labels, clip.positions, definition, given=settings.options.marker_set is not None
     )
     return _Plan(
-        measured,
+        given,
+        swapped,
         cleaned,
         artefacts,
         clip,
@@ -319,6 +353,13 @@ class _Filling:
         """State of the database."""
         return None if self.database is None else database_state(self.database)
 
+    @cached_property
+    def records_digest(self) -> str:
+        """Digest of the rows of the database's clips."""
+        if self.database is None:
+            return ""
+        return digest_of(str(self.database.path), tuple(self.database.clips()))
+
     def fill(self, plan: _Plan) -> Result:
         """Fill one clip by the methods of its plan."""
         provenance = self._provenance(plan)
@@ -330,21 +371,21 @@ class _Filling:
             result = restore_rejected(result, plan.measured, plan.artefacts)
         else:
             result = replace(result, artefacts=plan.artefacts)
-        return replace(result, notes=(*result.notes, *_notes_on_doubt(result, plan.seen.hidden)))
+        swapped = plan.swapped.swapped
+        return replace(
+            result,
+            swapped=None if swapped is None else swapped & ~result.filled,
+            notes=(
+                *plan.swapped.notes,
+                *result.notes,
+                *_notes_on_doubt(result, plan.seen.hidden),
+            ),
+        )
 
     def _fill_by(self, plan: _Plan, run: MethodRun, provenance: Provenance) -> Result:
         """Fill the gaps of one method."""
-        damaged: dict[str, DatabaseCorruptError] = {}
-        begun = self.progress.done
-        while True:
-            prior = DatabaseTakes(
-                plan.clip, self.database, plan.seen.definition, self.settings.options, damaged
-            )
-            estimate, hidden = self._estimate(plan, run, prior.takes)
-            if not prior.withdrawn:
-                break
-            damaged |= prior.withdrawn  # again, without these clips
-            self.progress.done = begun
+        found = self._estimated(plan, run)
+        estimate, hidden = found.estimate, found.hidden
         samples = filled_samples(plan.clip, estimate, run.left_alone)
         gaps = sum_up_gaps(plan.clip, samples, run.method, estimate.notes, run.left_alone)
         names = [name for gap in gaps for name in gap.source_clips]
@@ -357,27 +398,70 @@ class _Filling:
             run.method,
             plan.seen.geometry.marker_set,
             np.zeros_like(samples.filled),
-            replace(provenance, source_clips=source_clips(prior.records, names)),
+            replace(provenance, source_clips=source_clips(found.records, names)),
             doubtful=hidden if hidden.any() else None,
             database=None if self.database is None else self.database.path,
-            notes=(*plan.notes, *prior.notes),
+            notes=(*plan.notes, *found.notes),
         )
+
+    def _estimated(self, plan: _Plan, run: MethodRun) -> RunEstimate:
+        """Return the estimate of a method, from the cache if it has it."""
+        cache = self.settings.options.cache
+        if cache is None:
+            return self._compute(plan, run)
+        key = self._key(plan, run)
+        if cache.holds(key):
+            for _ in run.groups:
+                self.progress()
+        found = cache.recall(key, lambda: self._compute(plan, run), lambda one: one.nbytes)
+        return found.copy()
+
+    def _key(self, plan: _Plan, run: MethodRun) -> str:
+        """Return a digest of all that the estimate of a method depends on."""
+        options = self.settings.options
+        return digest_of(
+            plan.clip,
+            plan.seen.hidden,
+            plan.seen.definition,
+            plan.seen.extrapolate,
+            run.settings,
+            run.skipped,
+            *plan.same_subject,
+            self.records_digest,
+            replace(options, method_options={}, progress=None, cache=None),
+        )
+
+    def _compute(self, plan: _Plan, run: MethodRun) -> RunEstimate:
+        """Call a method on the recordings that it may learn from."""
+        damaged: dict[str, DatabaseCorruptError] = {}
+        begun = self.progress.done
+        while True:
+            prior = DatabaseTakes(
+                plan.clip, self.database, plan.seen.definition, self.settings.options, damaged
+            )
+            takes = tuple(t for t in plan.takes + prior.takes if run.settings.may_use(t))
+            estimate, hidden = self._estimate(plan, run, takes)
+            if not prior.withdrawn:
+                return RunEstimate(estimate, hidden, prior.notes, prior.records)
+            damaged |= prior.withdrawn  # again, without these clips
+            self.progress.done = begun
 
     def _estimate(
         self, plan: _Plan, run: MethodRun, takes: tuple[Take, ...]
     ) -> tuple[Estimate, NDArray[np.bool_]]:
         """Call a method; return what is believed of its estimate, and which samples it missed."""
         options = self.settings.options
-        method: Callable[..., Estimate] = get_method(run.method)
-        if run.method == self.settings.method and self.settings.method_options is not None:
-            method = partial(method, options=self.settings.method_options)
+        method = run.settings.function()
+        if not (takes or run.settings.learn_from_clip):
+            method = _without_sources
         filling = BelievableFill(
             plan.seen,
-            plan.takes + takes,
-            run.left_alone,
+            takes,
+            run.skipped,
             options.plausibility,
             options.max_error,
             options.estimate_errors,
+            run.settings.learn_from_clip,
         )
         return filling(lambda task: method(task, self.progress), method)
 
@@ -389,7 +473,7 @@ class _Filling:
             versions=package_versions(),
             method=settings.method,
             options={} if changed is None else differing(changed),
-            clips=(identify(plan.measured),),
+            clips=(identify(plan.given),),
             same_subject=tuple(identify(clip) for clip in plan.same_subject),
             database=self.state,
             selection=settings.options.selection,
@@ -404,6 +488,14 @@ class _Filling:
             estimate_errors=settings.options.estimate_errors,
             plausibility=settings.options.plausibility.to_json(),
         )
+
+
+def _without_sources(task: Task, progress: Callable[[], None] = lambda: None) -> Estimate:
+    """Fill nothing: none of the chosen sources has a recording."""
+    reason = "none of the chosen sources has a recording to learn from"
+    for _ in task.groups:
+        progress()
+    return Estimate.without_errors(task, np.full_like(task.positions, np.nan), "", reason)
 
 
 def _frames(first: int, last: int) -> str:

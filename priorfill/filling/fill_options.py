@@ -9,6 +9,7 @@ from typing import Any, TypedDict
 
 from priorfill.database import Selection
 from priorfill.errors import OptionError
+from priorfill.filling.fill_cache import FillCache
 from priorfill.filling.gap_filter import GapFilter
 from priorfill.filling.overrides import Overrides
 from priorfill.filling.plausibility_options import PlausibilityOptions
@@ -48,6 +49,9 @@ class FillOptions:
     estimate_errors : bool
         Find expected errors from artificial gaps where the method predicts none. That takes as long
         as two more fills.
+    cache : FillCache, optional
+        What earlier fills of the same clip computed; it makes a repeated fill faster, and changes
+        no result.
     progress : callable, optional
         Called after each gap group with the number of groups done and the number of all groups.
 
@@ -76,6 +80,7 @@ class FillOptions:
     max_error: float | None = None
     plausibility: PlausibilityOptions = field(default_factory=PlausibilityOptions)
     estimate_errors: bool = True
+    cache: FillCache | None = field(default=None, repr=False, compare=False)
     progress: Callable[[int, int], None] | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:

@@ -151,7 +151,8 @@ def merge_results(results: Sequence[Result]) -> Result:
         expected_rms_mm=np.concatenate([result.expected_rms_mm for result in results], axis=1),
         error_bound_90_mm=np.concatenate([result.error_bound_90_mm for result in results], axis=1),
         rejected=np.concatenate([result.rejected for result in results], axis=1),
-        doubtful=_merge_doubtful(results),
+        doubtful=_merge_masks([result.doubtful for result in results], clips),
+        swapped=_merge_masks([result.swapped for result in results], clips),
         artefacts=merge_artefacts(
             [clip.subject for clip in clips], [result.artefacts for result in results]
         ),
@@ -211,14 +212,16 @@ def merge_artefacts(
     )
 
 
-def _merge_doubtful(results: Sequence[Result]) -> NDArray[np.bool_] | None:
-    """Return which samples of all subjects are in doubt."""
-    if all(result.doubtful is None for result in results):
+def _merge_masks(
+    masks: Sequence[NDArray[np.bool_] | None], clips: Sequence[Clip]
+) -> NDArray[np.bool_] | None:
+    """Return a mask of samples of all subjects; None where no subject has one."""
+    if all(mask is None for mask in masks):
         return None
     return np.concatenate(
         [
-            np.zeros_like(result.filled) if result.doubtful is None else result.doubtful
-            for result in results
+            np.zeros_like(clip.missing) if mask is None else mask
+            for mask, clip in zip(masks, clips, strict=True)
         ],
         axis=1,
     )
@@ -269,4 +272,13 @@ def _merge_sources(sources: Sequence[Source]) -> Source:
         },
         notes=tuple(dict.fromkeys(note for source in sources for note in source.notes)),
         interpolated=np.concatenate(interpolated, axis=1) if known else None,
+        taken_from=_merge_taken_from(sources),
     )
+
+
+def _merge_taken_from(sources: Sequence[Source]) -> NDArray[np.intp] | None:
+    """Return the points that the samples of all subjects are from; None: each from its own."""
+    frames = [len(one.taken_from) for one in sources if one.taken_from is not None]
+    if not frames:
+        return None
+    return np.concatenate([one.point_of_sample(frames[0]) for one in sources], axis=1)

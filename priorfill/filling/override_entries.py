@@ -14,8 +14,11 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ACCEPT",
+    "CLIP",
+    "DATABASE",
     "LEAVE",
     "MISSING",
+    "SAME_SUBJECT",
     "SWAP",
     "check_entry",
     "entry_fields",

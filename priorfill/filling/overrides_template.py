@@ -22,7 +22,7 @@ from priorfill.filling.overrides import (
 from priorfill.filling.result import FilledGap, Result
 from priorfill.gaps import runs
 
-__all__ = ["made_for", "overrides_template"]
+__all__ = ["made_for", "notes_on_origin", "overrides_template"]
 
 
 def overrides_template(result: Result) -> Overrides:
@@ -82,6 +82,29 @@ def made_for(result: Result) -> MadeFor:
         provenance.method,
         "" if database is None else database.content,
     )
+
+
+def notes_on_origin(result: Result) -> tuple[str, ...]:
+    """Return notes on differences between a fill and what its overrides were made for.
+
+    Parameters
+    ----------
+    result : Result
+        Of a fill.
+    """
+    overrides = result.provenance.overrides
+    if overrides is None or overrides.made_for is None:
+        return ()
+    there, here = overrides.made_for, made_for(result)
+    notes = []
+    if there.sha256 and here.sha256 and there.sha256 != here.sha256:
+        notes.append(f"another file: the contents of {here.file} are not those of {there.file}")
+    if there.method and there.method != here.method:
+        notes.append(f"another method: {there.method}, not {here.method}")
+    if there.database is not None and there.database != here.database:
+        had = "a database with other clips" if there.database else "no database"
+        notes.append(f"another database: {had}")
+    return tuple(f"{overrides.name} was made for {note}" for note in notes)
 
 
 def _entries_of(

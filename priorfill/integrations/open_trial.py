@@ -23,6 +23,8 @@ from priorfill.filling.fill_options import FillKeywords
 from priorfill.filling.gap_filter import GapFilter, matching_markers
 from priorfill.filling.leave_missing import leave_missing
 from priorfill.filling.multi_subject import read_subjects
+from priorfill.filling.overrides import SWAP
+from priorfill.filling.overrides_file import read_overrides
 from priorfill.filling.result import Result
 from priorfill.filling.uncertainty_file import check_uncertainty, write_uncertainty
 from priorfill.formats.recording import MAX_COORDINATE
@@ -239,6 +241,7 @@ def fill_trial(
     >>> done = fill_trial(open_nexus(), database="lab-priors")  # doctest: +SKIP
     """
     options = trial_options or TrialOptions()
+    _check_overrides(trial, arguments)
     if options.uncertainty is not None:
         check_uncertainty(options.uncertainty, overwrite=options.overwrite)
     gap_filter = arguments.get("gap_filter") or GapFilter()
@@ -257,6 +260,21 @@ def fill_trial(
         return done
     write_uncertainty(options.uncertainty, done.result, overwrite=options.overwrite)
     return replace(done, uncertainty=Path(options.uncertainty))
+
+
+def _check_overrides(trial: OpenTrial, arguments: FillKeywords) -> None:
+    """Read the overrides; raise OptionError where they exchange markers."""
+    overrides = arguments.get("overrides")
+    if isinstance(overrides, (str, Path)):
+        overrides = arguments["overrides"] = read_overrides(overrides)
+    if overrides is None:
+        return
+    for number, entry in enumerate(overrides.entries, start=1):
+        if entry.do == SWAP:
+            raise OptionError(
+                f"{overrides.name}: gap {number}: swap applies to files; exchange the markers in "
+                f"{trial.program}"
+            )
 
 
 def _read_clips(

@@ -33,12 +33,15 @@ class MethodEntry:
     options_class : str or None
         ``module:class`` below `priorfill.methods` of the options that its function accepts as
         ``options=``; None for a method without options. See `get_options`.
+    without_clip : bool
+        Whether it can learn from other recordings alone (`Task.learn_from_clip`).
     """
 
     place: str
     summary: str
     source: str
     options_class: str | None = None
+    without_clip: bool = False
 
 
 METHODS = {
@@ -47,24 +50,28 @@ METHODS = {
         "Gaussian-process regression on the clip's own poses and the database's",
         "priorfill",
         "gpr.options:GPROptions",
+        without_clip=True,
     ),
     "neighbours": MethodEntry(
         "baumann2011.weighted_votes:fill",
         "baumann2011 with distance-weighted votes, the clip itself searched too",
         "priorfill, after Tautges et al. 2011",
         "baumann2011.weighted_votes:NeighboursOptions",
+        without_clip=True,
     ),
     "baumann2011": MethodEntry(
         "baumann2011.neighbour_votes:fill",
         "energy with targets from the nearest poses of a database",
         "Baumann et al. 2011",
         "baumann2011.neighbour_votes:Baumann2011Options",
+        without_clip=True,
     ),
     "krueger2010": MethodEntry(
         "baumann2011.krueger2010:fill",
         "mean of the nearest poses of a database, frame by frame",
         "Krüger et al. 2010",
         "baumann2011.krueger2010:Krueger2010Options",
+        without_clip=True,
     ),
     "linear": MethodEntry(
         "interpolation:linear",

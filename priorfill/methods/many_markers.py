@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.errors import MethodError
-from priorfill.gaps import find_gaps, gap_groups
-from priorfill.geometry.distances import norms, pair_statistics
+from priorfill.gaps import find_gaps
+from priorfill.geometry.distances import norms
 from priorfill.geometry.neighbourhoods import MAX_DENSE_MARKERS, mean_places, neighbourhoods
-from priorfill.markers.describe import describe_markers
 from priorfill.methods.task import Estimate, Method, Note, Task
-from priorfill.search.takes import Take
+from priorfill.methods.task_parts import part_of_task, wanted_samples
 
 __all__ = ["by_neighbourhoods"]
 
@@ -58,10 +57,7 @@ def _fill_parts(
     method: Method, task: Task, progress: Callable[[], None], options: dict[str, Any]
 ) -> Estimate:
     """Fill a task part by part."""
-    wanted = np.zeros(task.valid.shape, dtype=bool)
-    for group in task.groups:
-        for gap in group.gaps:
-            wanted[gap.start : gap.stop, gap.marker] = True
+    wanted = wanted_samples(task)
     result = Estimate.of(task)
     bound = np.full_like(result.expected_rms, np.nan)
     bounded = False
@@ -69,7 +65,7 @@ def _fill_parts(
     parts = _parts(task, wanted)
     for gappy, columns in parts:
         try:
-            part = method(_part_of(task, gappy, columns, wanted), lambda: None, **options)
+            part = method(part_of_task(task, gappy, columns, wanted), lambda: None, **options)
         except MethodError as error:
             errors.append(error)
             reason = str(error).removeprefix(f"{task.name}: ")
@@ -129,31 +125,3 @@ def _related(task: Task, marker: int, seen: NDArray[np.intp]) -> NDArray[np.intp
         places = mean_places(take.positions(len(take.rates) - 1, columns))
         distance = np.nan_to_num(norms(places[1:] - places[0]), nan=np.inf)
     return np.asarray(seen[np.argsort(distance, kind="stable")[:NEAREST_MARKERS]])
-
-
-def _part_of(
-    task: Task, gappy: NDArray[np.intp], columns: NDArray[np.intp], wanted: NDArray[np.bool_]
-) -> Task:
-    """Return the task of some markers with gaps, and the columns of the clip that it needs."""
-    requested = wanted[:, columns] & np.isin(columns, gappy)
-    positions = np.ascontiguousarray(task.positions[:, columns])
-    labels = tuple(task.labels[column] for column in columns)
-    return Task(
-        positions,
-        labels,
-        task.rate,
-        describe_markers(labels, positions, task.marker_set, lambda: pair_statistics(positions)),
-        tuple(gap_groups(requested)),
-        tuple(_columns_of(take, columns) for take in task.takes),
-        task.name,
-        task.subject,
-    )
-
-
-def _columns_of(take: Take, columns: NDArray[np.intp]) -> Take:
-    """Return a take with some markers of the clip."""
-    return replace(
-        take,
-        shown=take.shown[columns],
-        read=lambda level, markers: take.read(level, columns[markers]),
-    )

@@ -49,6 +49,9 @@ class Task:
         Of the clip.
     known_geometry : ClipGeometry, optional
         Of the clip's upright positions; computed on first use by default.
+    learn_from_clip : bool
+        Whether methods may learn from the clip's own frames how the markers with gaps move; if
+        not, from the takes alone.
     """
 
     positions: NDArray[np.float64]
@@ -60,6 +63,7 @@ class Task:
     name: str = "clip"
     subject: str = ""
     known_geometry: ClipGeometry | None = None
+    learn_from_clip: bool = True
 
     @cached_property
     def geometry(self) -> ClipGeometry:

@@ -435,7 +435,7 @@ def tame(monkeypatch: pytest.MonkeyPatch) -> Clip:
         monkeypatch.setitem(registry.METHODS, name, MethodEntry(f"{name}:fill", "", ""))
     real = registry.get_method
     monkeypatch.setattr(
-        "priorfill.filling.fill_clip.get_method",
+        "priorfill.filling.run_settings.get_method",
         lambda name: made[name] if name in made else real(name),
     )
     return clip
@@ -534,7 +534,7 @@ def test_truth_is_not_left_in_the_database(tmp_path: Path, monkeypatch: pytest.M
         seen.append({take.name for take in task.takes})
         return Estimate.of(task)
 
-    monkeypatch.setattr("priorfill.filling.fill_clip.get_method", lambda name: spy)
+    monkeypatch.setattr("priorfill.filling.run_settings.get_method", lambda name: spy)
     # too little is left for a sketch to recognise the clip
     heavy = make_protocol("random", copies=2, share=(0.5, 0.5), max_missing=40)
     found = evaluate(clip, methods="linear", protocol=heavy, database=tmp_path / "db")

@@ -158,7 +158,7 @@ def test_a_method_may_give_bounds_or_not(monkeypatch):
     own[60:70] = np.nan
     for bound, expected in ((None, 2.0 * BOUND_FACTOR), (own, 9.0)):
         method = constant_method(bound)
-        monkeypatch.setattr("priorfill.filling.fill_clip.get_method", lambda _, m=method: m)
+        monkeypatch.setattr("priorfill.filling.run_settings.get_method", lambda _, m=method: m)
         result = fill(clip, method="gpr", options=UNBELIEVABLE)
         (gap,) = result.gaps
         assert gap.error_bound_90_mm == pytest.approx(expected)
@@ -349,7 +349,7 @@ def test_estimates_of_measured_samples_are_ignored(monkeypatch):
         estimate.notes.append(Note(1, 65, 70, "nothing", training_poses=9))
         return estimate
 
-    monkeypatch.setattr("priorfill.filling.fill_clip.get_method", lambda name: wild)
+    monkeypatch.setattr("priorfill.filling.run_settings.get_method", lambda name: wild)
     clip = with_gaps(person(), (60, 90, person().labels[:1]), (65, 70, person().labels[1:2]))
     result = fill(clip, method="gpr", options=UNBELIEVABLE)
     measured = ~clip.missing

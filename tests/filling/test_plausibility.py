@@ -185,7 +185,7 @@ def test_a_fill_below_the_floor_is_not_written(monkeypatch):
         estimate.positions[66:72, LABELS.index("LTOE"), 2] -= 300.0
         return estimate
 
-    monkeypatch.setattr("priorfill.filling.fill_clip.get_method", lambda name: sunk)
+    monkeypatch.setattr("priorfill.filling.run_settings.get_method", lambda name: sunk)
     result = pf.fill(with_gaps(person(), GAP), method="gpr")
     (gap,) = result.gaps
     assert 0 < gap.filled < gap.frames
@@ -319,7 +319,7 @@ def test_notes_tell_samples_in_doubt_from_those_left_out_of_a_repetition(monkeyp
             found[80:90, elbow] += np.linspace(0.0, 900.0, 10)[:, None]
         return Estimate(found, np.full(task.valid.shape, 100.0))
 
-    monkeypatch.setattr("priorfill.filling.fill_clip.get_method", lambda name: poor)
+    monkeypatch.setattr("priorfill.filling.run_settings.get_method", lambda name: poor)
     result = pf.fill(clip.with_positions(positions), method="gpr")
     assert result.doubtful is not None
     assert result.doubtful[edge, elbow].any()

@@ -1,7 +1,9 @@
 """Write filled samples into a copy of their source C3D file.
 
 Every other byte of the copy equals the source's: analog channels, events, parameters, header and
-measured samples. The copy is written under a temporary name, read back, compared, and then renamed.
+measured samples.
+Where a user has exchanged markers, the bytes of their samples are exchanged. The copy is written
+under a temporary name, read back, compared, and then renamed.
 """
 
 from __future__ import annotations
@@ -244,13 +246,14 @@ def _batches(plan: PatchPlan) -> Iterator[tuple[NDArray[np.uint8], slice, NDArra
     Yields
     ------
     original : ndarray of uint8
-        The next bytes.
+        The next bytes, with the samples that are exchanged in their new places.
     samples : slice
         The samples in them, in order of frames.
     places : ndarray of int [shape=(samples, bytes of a record)]
         Offsets of the samples' records in these bytes.
     """
     layout, path = plan.layout, plan.source.path
+    exchanged = plan.source.exchanged()
     cuts = range(0, layout.frames, _BATCH_FRAMES)
     edges = [0, *(layout.data_start + frame * layout.frame_bytes for frame in cuts)]
     # no sample precedes the first frame
@@ -269,9 +272,31 @@ def _batches(plan: PatchPlan) -> Iterator[tuple[NDArray[np.uint8], slice, NDArra
                 break
             some = slice(start, stop)
             offsets = layout.record_offsets(plan.frames[some], plan.points[some]) - first
-            original = np.frombuffer(part, np.uint8)
+            original = _exchanged(np.frombuffer(part, np.uint8), layout, first, exchanged)
             yield original, some, offsets[:, None] + np.arange(layout.record_bytes)
     check_unchanged(path, digest.hexdigest(), plan.source.sha256)  # by now
+
+
+def _exchanged(
+    original: NDArray[np.uint8],
+    layout: C3DLayout,
+    first: int,
+    exchanged: tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]],
+) -> NDArray[np.uint8]:
+    """Return bytes of the source, from offset ``first``, with exchanged samples in new places.
+
+    The bytes of a sample are its coordinates, residual and cameras.
+    """
+    frames, points, taken_from = exchanged
+    new = layout.record_offsets(frames, points) - first
+    old = layout.record_offsets(frames, taken_from) - first
+    inside = (new >= 0) & (new < len(original))
+    if not inside.any():
+        return original
+    record = np.arange(layout.record_bytes)
+    moved = original.copy()
+    moved[new[inside, None] + record] = original[old[inside, None] + record]
+    return moved
 
 
 def _write(temporary: Path, plan: PatchPlan) -> None:

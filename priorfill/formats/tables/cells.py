@@ -221,6 +221,37 @@ def with_cells(line: bytes, new: dict[int, bytes], delimiter: bytes) -> bytes:
     return delimiter.join(cells) + line[len(body) :]
 
 
+def with_exchanged_cells(
+    line: bytes, taken_from: dict[int, int], delimiter: bytes, *, ends_early: bool = False
+) -> bytes:
+    """Return a line in which some cells have moved, as stored: with their quotes and blanks.
+
+    Parameters
+    ----------
+    line : bytes
+        The line.
+    taken_from : dict of int to int
+        For each cell that changes, counted from 0, the one whose contents it gets. One beyond the
+        end of the line is blank.
+    delimiter : bytes
+        Separator of cells, or `BLANKS`; cells of the latter must exist.
+    ends_early : bool
+        Whether blank cells at the end of a line are left out.
+    """
+    old = cells_of(line, delimiter)
+    if delimiter == BLANKS:
+        spans = [found.span() for found in _BLANK_CELL.finditer(line)]
+        for column in sorted(taken_from, reverse=True):
+            start, stop = spans[column]
+            line = line[:start] + old[taken_from[column]] + line[stop:]
+        return line
+    old += [b""] * (max((*taken_from, *taken_from.values())) + 1 - len(old))
+    cells = [old[taken_from.get(column, column)] for column in range(len(old))]
+    while ends_early and cells and is_blank(cells[-1]):
+        cells.pop()
+    return delimiter.join(cells) + line[len(line.rstrip(b"\r\n")) :]
+
+
 def _filled(cell: bytes, text: bytes, delimiter: bytes) -> bytes:
     """Return a cell with new contents, in the quotes and between the blanks of the old ones."""
     inner = cell.strip()

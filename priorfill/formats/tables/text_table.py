@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.clip import Clip
+from priorfill.clip import Clip, Source
 from priorfill.errors import FormatError, OutputError, PriorfillError
 from priorfill.formats.file_bytes import read_source
 from priorfill.formats.recording import MAX_COORDINATE, Recording
@@ -25,6 +25,7 @@ from priorfill.formats.tables.cells import (
     is_blank,
     line_number,
     texts_of,
+    with_exchanged_cells,
 )
 from priorfill.formats.tables.cells import with_cells as _with_cells
 from priorfill.formats.tables.columns import check_labels
@@ -199,7 +200,8 @@ def write_table(
 ) -> WriteReport:
     """Write a copy of the clip's source with the cells of the filled samples replaced.
 
-    Every other byte equals the source's. If some coordinates of a sample are given, only its blank
+    Every other byte equals the source's; where a user has exchanged markers, the cells of their
+    samples are exchanged as they are. If some coordinates of a sample are given, only its blank
     cells are replaced. Filled numbers have as many decimals as measured ones. The copy is written
     under a temporary name, read back, compared, and then renamed.
 
@@ -235,7 +237,7 @@ def write_table(
     filled = check_filled(clip, filled)
     check_target(path, overwrite=overwrite, source=source.path)
     original = read_source(source)
-    parsed = parse(original, source.path.name)
+    parsed = _exchanged(parse(original, source.path.name), source)
     table = parsed.table
     frames, markers = np.nonzero(filled)
     points = np.asarray(source.points, dtype=np.intp)[markers]
@@ -256,6 +258,31 @@ def write_table(
         _verify(temporary, parsed, parse, changed, expected)
     worst = float(np.abs(rounded - in_units)[written].max(initial=0.0))
     return WriteReport(samples=len(frames), rounding_mm=worst * source.mm_per_unit)
+
+
+def _exchanged(parsed: TableRecording, source: Source) -> TableRecording:
+    """Return a file in which the samples that are exchanged have their new places."""
+    frames, points, taken_from = source.exchanged()
+    if not len(frames):
+        return parsed
+    table = parsed.table
+    needed = int(table.columns.max()) + 1
+    ends_early = any(
+        len(cells_of(table.lines[row], table.delimiter)) < needed for row in table.rows
+    )
+    moved: dict[int, dict[int, int]] = {}
+    for row, point, other in zip(table.rows[frames], points, taken_from, strict=True):
+        moved.setdefault(int(row), {}).update(
+            zip(table.columns[point].tolist(), table.columns[other].tolist(), strict=True)
+        )
+    lines = list(table.lines)
+    for row, cells in moved.items():
+        lines[row] = with_exchanged_cells(lines[row], cells, table.delimiter, ends_early=ends_early)
+    positions = parsed.recording.positions.copy()
+    positions[frames, points] = parsed.recording.positions[frames, taken_from]
+    return TableRecording(
+        replace(parsed.recording, positions=positions), replace(table, lines=lines)
+    )
 
 
 def _contents(line: bytes, delimiter: bytes, comma: bool) -> list[bytes]:

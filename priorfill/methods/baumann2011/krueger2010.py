@@ -189,7 +189,7 @@ def fill(
     """
     options = options or Krueger2010Options()
     own = own_take(pyramid(task.positions, task.rate, 1), task.name, task.subject)
-    takes = task.takes or (own,)
+    takes = task.takes if task.takes or not task.learn_from_clip else (own,)
     planner = SearchPlanner(task, takes, options.min_viable, options.min_poses)
     estimate = Estimate.of(task)
     for group in task.groups:

@@ -330,6 +330,8 @@ def fill(
     levels = pyramid(task.positions, task.rate, levels_for(task.rate))
     own = own_take(levels, task.name, task.subject)
     takes = (*task.takes, own) if options.search_own_clip else task.takes or (own,)
+    if not task.learn_from_clip:
+        takes = task.takes
     planner = SearchPlanner(task, takes, options.min_viable, options.min_poses)
     estimate = Estimate.of(task)
     for group in task.groups:

@@ -92,9 +92,10 @@ def fill(
             map_segments, setup.predictor.map_function = map, pool.map
         predictions = _first_pass(setup, estimate, map_segments, progress)
         predictions = _second_pass(setup, estimate, predictions, map_segments)
-    predictions = _interpolate_over_time(setup, estimate, predictions)
-    predictions = _fill_blackouts(setup, estimate, predictions)
-    predictions = _interpolate_remaining(setup, estimate, predictions)
+    if task.learn_from_clip:
+        predictions = _interpolate_over_time(setup, estimate, predictions)
+        predictions = _fill_blackouts(setup, estimate, predictions)
+        predictions = _interpolate_remaining(setup, estimate, predictions)
     for segment, parts in zip(setup.segments, predictions, strict=True):
         predicted = {int(marker) for part in parts for marker in part.segment.markers}
         estimate.notes.extend(note for part in parts for note in part.notes)

@@ -77,14 +77,15 @@ class SegmentPredictor:
         """
         if not segment.has_enough_visible:
             return []
-        plan = self._planner.plan(segment, completed)
-        if plan is not None:
-            return [self._from_own_frames(segment, plan)]
-        seconds = (segment.stop - segment.start) / self.task.rate
-        if seconds <= self._options.short_gap_seconds:
-            interpolated = self.interpolate(segment, self.task.positions)
-            if len(interpolated) == len(segment.markers):
-                return interpolated
+        if self.task.learn_from_clip:
+            plan = self._planner.plan(segment, completed)
+            if plan is not None:
+                return [self._from_own_frames(segment, plan)]
+            seconds = (segment.stop - segment.start) / self.task.rate
+            if seconds <= self._options.short_gap_seconds:
+                interpolated = self.interpolate(segment, self.task.positions)
+                if len(interpolated) == len(segment.markers):
+                    return interpolated
         prediction = self._from_donors(segment)
         if prediction is not None:
             return [prediction]

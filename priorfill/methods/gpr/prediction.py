@@ -110,6 +110,11 @@ def notes_on_unfilled(segment: GapSegment, task: Task) -> list[Note]:
     """Return the reason why a segment stays missing, for each marker."""
     if not segment.has_enough_visible:
         return [_note_on_blackout(segment, int(marker), task) for marker in segment.markers]
+    if not task.learn_from_clip:
+        reason = "none of the chosen sources shows it together with the visible markers"
+        return [
+            Note(int(m), segment.start, segment.stop, reason, filled=False) for m in segment.markers
+        ]
     reason = "too few frames of the clip show it together with the visible markers, "
     reason += "and no other recording does"
     if all(take.same_subject for take in task.takes):
@@ -126,7 +131,9 @@ def _note_on_blackout(segment: GapSegment, marker: int, task: Task) -> Note:
     shown = np.flatnonzero(task.valid[:, marker])
     before, after = shown[shown < segment.start], shown[shown >= segment.stop]
     reason = "fewer than three other markers are visible, and "
-    if len(shown):
+    if not task.learn_from_clip:
+        reason += "the clip is not one of the chosen sources"
+    elif len(shown):
         first = before[-1] + 1 if len(before) else 0
         last = after[0] if len(after) else len(task.valid)
         reason += f"too little of it next to the gap of {(last - first) / task.rate:.3g} s"

@@ -101,7 +101,11 @@ class Donors:
         usable = visible[common & np.isfinite(distance[visible])]
         image = mirrored(self.task.positions, self.subjects.contralateral)
         image = image[complete_poses(image[:, markers])]
-        if len(image) and not self._own_subject_moves(markers, usable):
+        if (
+            self.task.learn_from_clip
+            and len(image)
+            and not self._own_subject_moves(markers, usable)
+        ):
             # a donor pose must show every marker that is used; where the mirror image is the main
             # donor, a visible marker that it never shows would exclude it
             usable = usable[~np.isnan(image[:, usable, 0]).all(axis=0)]
@@ -114,7 +118,7 @@ class Donors:
         own = [
             SubjectSample(s.take, s.subject, s.poses[complete_poses(s.poses[:, markers])])
             for s in subjects.samples
-            if s.from_clip or s.take in subjects.same_subject_takes
+            if (s.from_clip and self.task.learn_from_clip) or s.take in subjects.same_subject_takes
         ]
         if sum(len(s.poses) for s in own) < self._options.min_own_poses:
             return False
@@ -240,6 +244,8 @@ class Donors:
             mirrored(task.positions, self.subjects.contralateral)[:, columns],
             options.max_image_poses,
         )
+        if not task.learn_from_clip:
+            image = image[:0]
         count = len(visible)
         donors = []
         if len(poses):
@@ -301,9 +307,9 @@ class Donors:
         return donors
 
     def frames_with(self, markers: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return the frames of the clip in which some markers are all visible."""
+        """Return the frames of the clip that show some markers and may be learnt from."""
         frames: NDArray[np.intp] = np.flatnonzero(self.task.valid[:, markers].all(axis=1))
-        return frames
+        return frames if self.task.learn_from_clip else frames[:0]
 
 
 def describe_donors(donors: Sequence[Donor]) -> str:

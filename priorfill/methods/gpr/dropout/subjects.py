@@ -132,10 +132,14 @@ class Subjects:
         return pooled_distances([sample.poses for sample in chosen], markers)
 
     def samples_with(self, markers: NDArray[np.intp]) -> list[SubjectSample]:
-        """Return the samples, and mirror images of samples, that show some markers together."""
+        """Return the samples, and mirror images of samples, that show some markers together.
+
+        Those of the clip are among them only if it may be learnt from.
+        """
         return [
             SubjectSample(sample.take, sample.subject, poses)
             for sample in self.samples
+            if self.task.learn_from_clip or not sample.from_clip
             for poses in (sample.poses, mirrored(sample.poses, self.contralateral))
             if complete_poses(poses[:, markers]).any()
         ]
