@@ -9,6 +9,9 @@ const AXIS_HEIGHT = 32;
 /** Expected errors (mm) at which the legend has a number. */
 const LEGEND_MM = [0.5, 1, 2, 5, 10, 20, 50];
 
+/** Height (px) of the time axis and of what surrounds the rows. */
+const FRAME_HEIGHT = AXIS_HEIGHT + 5;
+
 /** Height (px) of a row on paper, and rows on a page. */
 const PAPER_ROW_HEIGHT = 12;
 const PAPER_ROWS = 50;
@@ -106,7 +109,7 @@ class Timeline {
     this.imageKey = "";
     const room = parseFloat(getComputedStyle(this.scroller).maxHeight) || USUAL_HEIGHT;
     this.rowHeight = this.fitRows.checked
-      ? Math.max(1, Math.min(ROW_HEIGHT, (room - AXIS_HEIGHT) / Math.max(1, rows.length)))
+      ? Math.max(1, Math.min(ROW_HEIGHT, (room - FRAME_HEIGHT) / Math.max(1, rows.length)))
       : ROW_HEIGHT;
     const total = AXIS_HEIGHT + Math.ceil(this.rowHeight * Math.max(1, rows.length)) + 2;
     this.spacer.style.height = `${total}px`;
