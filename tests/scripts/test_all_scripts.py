@@ -193,6 +193,11 @@ SMOKE = {
         "mm rms; left out",
         statuses=(None,),
     ),
+    "studies/band_coverage.py": Smoke(
+        "--data {data} --repeat 1",
+        "x y z 90 %",
+        {"FILES": ("hdm05/HDM_bd_05-01_01_120.c3d",), "KINDS": ("single",), "MAX_FRAMES": 240},
+    ),
     "studies/readme_picture.py": Smoke("--data {data} -o {tmp}/fill.png", "LWRA: mean error"),
 }
 """Scripts that are tried here."""
