@@ -61,10 +61,7 @@ def differing_samples(one: bytes, other: bytes) -> set[tuple[int, int]]:
     frame = 16 * points + 4 * analog
     places = [place for place in range(len(one)) if one[place] != other[place]]
     assert all(place >= start for place in places)
-    return {
-        ((place - start) // frame + 1, (place - start) % frame // 16)
-        for place in places
-    }
+    return {((place - start) // frame + 1, (place - start) % frame // 16) for place in places}
 
 
 def test_decisions_are_filled_compared_undone_and_saved(
@@ -153,7 +150,7 @@ def test_measured_samples_are_exchanged_and_marked_as_wrong(
     both = '[[gap]]\nmarker = "LKNE"\ndo = "pchip"\n[[gap]]\nmarker = "LKNE"\ndo = "leave"\n'
     Path("wrong.toml").write_text(both, encoding="utf-8")
     page.get_by_label("Import decisions").set_input_files("wrong.toml")
-    status(page, "gaps 1 and 2 contradict each other")
+    status(page, "Decisions 1 and 2 contradict each other")
     open_page.faults = [one for one in open_page.faults if "400" not in one]
     server.stop()
     page.locator("#fill").click()

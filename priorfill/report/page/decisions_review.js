@@ -64,7 +64,7 @@ class DecisionReview {
       await this.link.check(entries);
     } catch (error) {
       if (!(error instanceof ServerError)) throw error;
-      if (this.asked === entries && !this.link.busy) this.tell(`${withoutDot(error.message)}.`);
+      if (this.asked === entries && !this.link.busy) this.tell(asSentence(error.message));
     }
   }
 
@@ -107,8 +107,7 @@ class DecisionReview {
       else this.receive(last, entries);
     } catch (error) {
       if (!(error instanceof ServerError)) throw error;
-      const text = withoutDot(error.message);
-      this.finish(`Not ${action === "fill" ? "filled" : "saved"}: ${text}.`);
+      this.finish(asSentence(error.message));
     }
   }
 
@@ -153,7 +152,7 @@ class DecisionReview {
       this.closeButton.hidden = true;
     } catch (error) {
       if (!(error instanceof ServerError)) throw error;
-      this.tell(`${error.message}.`);
+      this.tell(asSentence(error.message));
     }
   }
 
@@ -164,12 +163,12 @@ class DecisionReview {
 }
 
 /**
- * Return a message without its last dot.
+ * Return a message as a sentence.
  * @param {string} text
- * @returns {string}
+ * @returns {string} with a capital letter and a dot
  */
-function withoutDot(text) {
-  return text.replace(/\.$/, "");
+function asSentence(text) {
+  return `${text.charAt(0).toUpperCase()}${text.slice(1).replace(/\.$/, "")}.`;
 }
 
 /**
