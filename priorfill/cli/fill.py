@@ -120,6 +120,12 @@ def _values(
     help="Treat single gaps as this file specifies.",
 )
 @click.option(
+    "--write-overrides",
+    metavar="OUT.toml",
+    type=FILE,
+    help="Also write a file for --overrides with an entry for each gap, to be edited.",
+)
+@click.option(
     "--reject-artefacts",
     is_flag=True,
     help="Treat detected artefacts (label swaps, spikes, ghost or stuck markers) as missing and "
@@ -272,6 +278,7 @@ def _file_options(given: dict[str, Any]) -> FileOptions:
         "uncertainty",
         "plot",
         "report",
+        "write_overrides",
         "rewrite",
         "overwrite",
     )

@@ -56,12 +56,14 @@ def fill_facts(done: FileResult) -> dict[str, Any]:
         "uncertainty": str(done.uncertainty) if done.uncertainty else None,
         "plot": [str(path) for path in done.further.get("plot", ())],
         "report": next((str(path) for path in done.further.get("report", ())), None),
+        "overrides": next((str(path) for path in done.further.get("write_overrides", ())), None),
         "method": result.method,
         "database": str(result.database) if result.database else None,
         "marker_set": result.marker_set.name,
         "rate": result.clip.rate,
         "filled_samples": int(result.filled.sum()),
         "rejected_samples": int(result.rejected.sum()),
+        "swapped_samples": 0 if result.swapped is None else int(result.swapped.sum()),
         "missing_samples": int(result.clip.missing.sum()),
         "complete": result.complete,
         "notes": [with_options(note) for note in result.notes],
@@ -117,6 +119,8 @@ def print_fill(done: FileResult, *, every_row: bool = False) -> None:
     _print_plots(done)
     for path in done.further.get("report", ()):
         print_line(f"page that shows the fill: {path}")
+    for path in done.further.get("write_overrides", ()):
+        print_line(f"overrides, an entry for each gap: {path}")
     for added in done.added:
         if added is not None:
             print_line(added.message)

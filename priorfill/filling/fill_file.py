@@ -47,6 +47,9 @@ class FileOptions:
         the output, or neither appears; without an output it is written by itself.
     report : Path or str, optional
         Page that shows the fill, .html; it appears together with the output, too.
+    write_overrides : Path or str, optional
+        File of overrides with an entry for each gap, .toml; see `priorfill.overrides_template`.
+        Like the uncertainty.
     plot : Path or str, optional
         File for a plot of the worst gaps, .png, .svg or .pdf, or a folder (a name without a suffix)
         for a picture of each marker with gaps. Like the uncertainty.
@@ -79,6 +82,7 @@ class FileOptions:
     plot: Path | str | None = None
     plot_gaps: int = 6
     report: Path | str | None = None
+    write_overrides: Path | str | None = None
     rewrite: bool = False
     overwrite: bool = False
     add_to_database: bool = False

@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from priorfill.errors import OutputError
+from priorfill.filling.overrides_file import check_overrides_file, overrides_file
+from priorfill.filling.overrides_template import overrides_template
 from priorfill.filling.uncertainty_file import check_uncertainty, uncertainty_file
 from priorfill.report.plots import check_plot, plot_files
 from priorfill.report.report_data import PageContents
@@ -109,12 +111,26 @@ def _write_plot(path: Path, filled: WhatWasFilled) -> AbstractContextManager[tup
     return plot_files(path, filled.result, gaps=files.plot_gaps, overwrite=files.overwrite)
 
 
+def _check_overrides(path: Path, source: Path, files: FileOptions) -> None:
+    check_overrides_file(path, source=source, overwrite=files.overwrite)
+
+
+@contextmanager
+def _write_overrides(path: Path, filled: WhatWasFilled) -> Iterator[tuple[Path, ...]]:
+    template = overrides_template(filled.result)
+    with overrides_file(path, template, overwrite=filled.files.overwrite):
+        yield (path,)
+
+
 FURTHER_OUTPUTS = (
     FurtherOutput(
         "uncertainty", "the file for the uncertainty", _check_uncertainty, _write_uncertainty
     ),
     FurtherOutput("plot", "the file for the plot", _check_plot, _write_plot),
     FurtherOutput("report", "the report", _check_report, _write_report),
+    FurtherOutput(
+        "write_overrides", "the file for the overrides", _check_overrides, _write_overrides
+    ),
 )
 """The files that can be written in addition, in the order in which they appear."""
 

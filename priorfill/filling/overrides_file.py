@@ -14,7 +14,13 @@ from priorfill.runtime.atomic_file import check_target, replace_file
 from priorfill.runtime.toml_file import read_toml
 from priorfill.runtime.toml_text import toml_line
 
-__all__ = ["overrides_file", "overrides_text", "read_overrides", "write_overrides"]
+__all__ = [
+    "check_overrides_file",
+    "overrides_file",
+    "overrides_text",
+    "read_overrides",
+    "write_overrides",
+]
 
 MAX_BYTES = 1 << 22
 """Size limit of a file of overrides (4 MiB): some 20,000 entries."""
@@ -87,7 +93,8 @@ def write_overrides(path: Path | str, overrides: Overrides, *, overwrite: bool =
     OutputError
         Where the file exists already or cannot be written.
     OptionError
-        Where a text of the overrides has a lone surrogate, which TOML cannot hold.
+        Where its suffix is not .toml, or a text of the overrides has a lone surrogate, which TOML
+        cannot hold.
 
     See Also
     --------
@@ -124,11 +131,38 @@ def overrides_file(
         The file.
     """
     target = Path(str(path))
+    check_overrides_file(target, overwrite=overwrite)
     text = overrides_text(overrides)
-    check_target(target, overwrite=overwrite)
     with replace_file(target, overwrite=overwrite) as temporary:
         temporary.write_bytes(text.encode("utf-8"))
         yield target
+
+
+def check_overrides_file(
+    path: Path | str, *, source: Path | None = None, overwrite: bool = False
+) -> None:
+    """Check before a fill whether a file of overrides can be written.
+
+    Parameters
+    ----------
+    path : Path or str
+        The file to write.
+    source : Path, optional
+        The file that is filled.
+    overwrite : bool
+        Whether an existing file may be replaced.
+
+    Raises
+    ------
+    OptionError
+        Where its suffix is not .toml.
+    OutputError
+        Where the file exists already or cannot be written.
+    """
+    target = Path(str(path))
+    if target.suffix.lower() != ".toml":
+        raise OptionError(f"{target}: overrides are written as a TOML file; end its name in .toml")
+    check_target(target, overwrite=overwrite, source=source)
 
 
 def overrides_text(overrides: Overrides) -> str:
