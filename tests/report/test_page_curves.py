@@ -221,7 +221,7 @@ def test_curves_are_zoomed_panned_and_read_by_pointer_and_keys(
     assert page.locator(".curves-chip").count() == 6 and field.is_disabled()
     assert len(values(page)) == 6
     assert curves(page, "curves.laid.panels.length") == 6 * 5
-    page.get_by_role("button", name="Compare", exact=True).click()
+    page.get_by_role("button", name="Arrange", exact=True).click()
     page.get_by_label("in one panel").check()
     assert curves(page, "curves.laid.panels.length") == 5
     page.get_by_role("checkbox", name="speed").uncheck()

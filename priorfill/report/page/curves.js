@@ -72,8 +72,8 @@ class Curves {
       make("Clip", "Curves: show the whole clip", "Whole clip (Home, double click)",
         () => this.showClip()),
     ]));
-    this.moreButton = button("Compare", () => this.showMore(this.more.hidden), {
-      "aria-controls": "curves-more", title: "Compare versions, arrange panels",
+    this.moreButton = button("", () => this.showMore(this.more.hidden), {
+      "aria-controls": "curves-more",
     });
     root.append(this.moreButton);
     this.showMore(window.innerHeight >= CURVE_HIGH_WINDOW);
@@ -112,6 +112,9 @@ class Curves {
     this.markers.list();
     this.versions.list();
     this.options.offer(this.store.data.versions);
+    const several = this.store.data.versions.length > 1;
+    this.moreButton.textContent = several ? "Compare" : "Arrange";
+    this.moreButton.title = several ? "Compare versions, arrange panels" : "Arrange panels";
     this.note.textContent = this.noteText(clip);
     this.followGap();
     this.change();

@@ -197,8 +197,8 @@ function drawTimeAxis(context, axis, view, clip) {
   const shades = colours();
   const count = axis.width / CURVE_TICK_WIDTH;
   const rows = [
-    { unit: "s", shift: 0, scale: 1 / clip.rate, least: 0, y: axis.y + 17 },
-    { unit: "frame", shift: clip.first_frame, scale: 1, least: 1, y: axis.y + 33 },
+    { title: "time (s)", tick: true, shift: 0, scale: 1 / clip.rate, least: 0, y: axis.y + 17 },
+    { title: "frame", tick: false, shift: clip.first_frame, scale: 1, least: 1, y: axis.y + 33 },
   ];
   context.font = CURVE_FONT;
   for (const row of rows) {
@@ -207,7 +207,7 @@ function drawTimeAxis(context, axis, view, clip) {
     const { step, values } = niceTicks(low, high, count, row.least);
     context.textAlign = "right";
     context.fillStyle = shades.muted;
-    context.fillText(row.unit, axis.x - 8, row.y);
+    context.fillText(row.title, axis.x - 8, row.y);
     context.textAlign = "center";
     context.fillStyle = shades.text;
     context.strokeStyle = shades.muted;
@@ -219,7 +219,7 @@ function drawTimeAxis(context, axis, view, clip) {
       if (x - half >= axis.x - 6 && x + half <= axis.x + axis.width + CURVE_ROOM.right) {
         context.fillText(text, x, row.y);
       }
-      if (row.unit === "s") strokeLine(context, x, axis.y, x, axis.y + 4);
+      if (row.tick) strokeLine(context, x, axis.y, x, axis.y + 4);
     }
   }
 }
