@@ -50,7 +50,9 @@ if TYPE_CHECKING:
     from priorfill.filling.overrides_file import read_overrides, write_overrides
     from priorfill.filling.overrides_template import overrides_template
     from priorfill.filling.provenance import Provenance
+    from priorfill.filling.report_from_files import report_from_files
     from priorfill.filling.result import FilledGap, Result, UnfilledSpan
+    from priorfill.filling.result_from_files import result_from_files
     from priorfill.filling.uncertainty_file import write_uncertainty
     from priorfill.formats import read, write
     from priorfill.gaps import (
@@ -102,6 +104,8 @@ _PLACES = {
     "read_overrides": "priorfill.filling.overrides_file",
     "read_subjects": "priorfill.filling.multi_subject",
     "review": "priorfill.reviewing.start",
+    "report_from_files": "priorfill.filling.report_from_files",
+    "result_from_files": "priorfill.filling.result_from_files",
     "write": "priorfill.formats",
     "write_overrides": "priorfill.filling.overrides_file",
     "write_report": "priorfill.report.report_file",
@@ -147,6 +151,8 @@ __all__ = [
     "read",
     "read_overrides",
     "read_subjects",
+    "report_from_files",
+    "result_from_files",
     "review",
     "write",
     "write_overrides",

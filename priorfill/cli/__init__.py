@@ -48,6 +48,10 @@ _COMMANDS = {
         "priorfill.cli.review:review",
         "Accept, refuse or repeat the fill of each gap in the browser.",
     ),
+    "report": (
+        "priorfill.cli.report:report",
+        "Show in the browser what filled files have in the gaps of a file.",
+    ),
     "inspect": ("priorfill.cli.inspect:inspect", "Show the contents of a file and its gaps."),
     "db": ("priorfill.cli.db:db", "Build and maintain prior databases."),
     "evaluate": (

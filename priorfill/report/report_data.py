@@ -35,8 +35,8 @@ MISSING, MEASURED, FILLED, DOUBTFUL, REPLACED, EXCHANGED = range(6)
 """States of a sample: missing; measured; filled; measured, but in doubt; measured, then replaced by
 a fill; measured in another place, such as that of an exchanged label."""
 
-SAME_MM = 0.01
-"""mm. Positions that differ by less are the same: formats round them."""
+SAME_MM = 0.1
+"""mm. Measured samples that differ by less are the same: formats round them, and the page does."""
 
 MAX_CLIPS = 2000
 """Clips of a database that the page offers as sources."""
@@ -54,6 +54,10 @@ class PageContents:
         The same recording without gaps.
     others : sequence of (str, Clip or sequence of Clip)
         Other fills of the same gaps, with their names.
+    name : str
+        What the fill is called.
+    facts : mapping of str to sequence of (str, str)
+        More facts, as tables of name and value by title.
     review : bool
         Whether the page belongs to a review, which can fill again and save.
     decisions : sequence of mapping or None
@@ -67,6 +71,8 @@ class PageContents:
     before: Clip | Sequence[Clip] | None = None
     truth: Clip | Sequence[Clip] | None = None
     others: Sequence[tuple[str, Clip | Sequence[Clip]]] = ()
+    name: str = "filled"
+    facts: Mapping[str, Sequence[tuple[str, str]]] = field(default_factory=dict)
     review: bool = False
     decisions: Sequence[Mapping[str, Any]] | None = None
     database_clips: Sequence[str] = ()
@@ -106,7 +112,9 @@ def page_data(result: Result, contents: PageContents | None = None) -> dict[str,
         "title": shown(_file(clip) or clip.name, MAX_LABEL),
         "clip": _clip(clip),
         "facts": facts_of(
-            result, {} if truth is None else {"True errors": truth_rows(errors, result)}
+            result,
+            dict(contents.facts)
+            | ({} if truth is None else {"True errors": list(truth_rows(errors, result))}),
         ),
         "subjects": [shown(one.clip.subject, MAX_LABEL) for one in result.by_subject],
         "markers": _markers(result, before, segment_of),
@@ -186,7 +194,8 @@ def _versions(
     clip: Clip,
 ) -> list[dict[str, Any]]:
     """Return the positions of the fill, and where others differ from it."""
-    versions = [{"name": "filled", "kind": "filled", "positions": encode_positions(upright)}]
+    filled = {"kind": "filled", "positions": encode_positions(upright)}
+    versions: list[dict[str, Any]] = [{"name": shown(contents.name, MAX_LABEL)} | filled]
     if before is not None:
         known = ~np.isnan(before[..., 0])
         changed = known & ((states == MISSING) | (states == REPLACED) | (states == EXCHANGED))
