@@ -283,7 +283,7 @@ def _make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FetchError(
-            f"{folder}: cannot be created ({error.strerror}); choose another folder (--to)"
+            f"{folder}: cannot be created ({error.strerror}); choose another folder"
         ) from error
 
 
@@ -299,7 +299,7 @@ def _locked(folder: Path) -> Iterator[None]:
         ) from None
     except OSError as error:
         raise FetchError(
-            f"{folder}: cannot be written ({error.strerror}); choose another folder (--to)"
+            f"{folder}: cannot be written ({error.strerror}); choose another folder"
         ) from error
     try:
         yield
@@ -325,7 +325,7 @@ def _read_record(folder: Path, name: str) -> dict[str, _RecordedFile]:
     if content.get("dataset") != name:
         raise FetchError(
             f"{folder}: has files of the data set {content.get('dataset')}; "
-            "choose another folder (--to)"
+            "choose another folder"
         )
     with suppress(TypeError, AttributeError):
         return {path: _RecordedFile(**entry) for path, entry in content["files"].items()}

@@ -168,7 +168,7 @@ def _check_names(
         if name in taken and not _exists(member, path):
             raise FileFetchError(
                 f"{archive}: its recording {member.filename!r} would replace that of {taken[name]};"
-                " download it into a folder of its own (--only, --to)"
+                " download it into a folder of its own"
             )
     for name, original in names.items():
         for parent in PurePosixPath(name).parents:

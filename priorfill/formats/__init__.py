@@ -508,5 +508,5 @@ def _check_suffix(path: Path, error: type[FormatError] | type[OptionError]) -> N
     if path.suffix.lower() not in SUFFIXES:
         found = f"the suffix {path.suffix!r} is unknown" if path.suffix else "has no suffix"
         if path.suffix.lower() in _SKELETON_SUFFIXES:
-            found = "is a skeleton file, which only a database can use (priorfill db add --as)"
+            found = "is a skeleton file, which only a database can use (priorfill db add)"
         raise error(f"{path}: {found}; known are {', '.join(SUFFIXES)}")
