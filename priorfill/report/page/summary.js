@@ -1,5 +1,8 @@
 /* What was done: file, method, options, database, versions, notes. */
 
+/** Names of the facts that the folded summary shows. */
+const SHORT_FACTS = ["Subject", "Marker set", "Method", "Database"];
+
 class Summary {
   /**
    * @param {HTMLElement} root
@@ -45,11 +48,11 @@ class Summary {
     ]);
   }
 
-  /** @returns {string} the first facts in one line */
+  /** @returns {string} the facts that matter most, in one line */
   firstFacts() {
-    const rows = this.store.data.facts.length ? this.store.data.facts[0].rows : [];
-    return rows.slice(0, 4).map(([name, text]) =>
-      shortText(name ? `${name.toLowerCase()} ${text}` : text, 60)).join(" · ");
+    const rows = this.store.data.facts.flatMap((group) => group.rows);
+    return SHORT_FACTS.map((name) => rows.find((row) => row[0] === name)).filter((row) => row)
+      .map(([name, text]) => shortText(`${name.toLowerCase()} ${text}`, 60)).join(" · ");
   }
 
   /** @returns {string} size of the clip and state of its gaps */
