@@ -63,17 +63,15 @@ def apply_overrides(overrides: Overrides, clip: Clip) -> AppliedOverrides:
     Parameters
     ----------
     overrides : Overrides
-        The overrides.
+        The overrides, as `Overrides.for_subjects` returns them.
     clip : Clip
         The clip, in which markers are exchanged already.
 
     Raises
     ------
     OptionError
-        Where a marker or frames are not the clip's, or two overrides contradict each other.
+        Where frames are not the clip's, or two overrides contradict each other.
     """
-    if overrides.strict:
-        overrides.for_subjects([clip])
     entries = list(_entries_of(overrides, clip))
     removed, notes = _remove(overrides, clip, entries)
     number, unused = _assign(overrides, clip, removed, entries)

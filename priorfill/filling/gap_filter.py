@@ -176,11 +176,13 @@ def matching_markers(clip: Clip, pattern: str) -> list[int]:
         A label, or a shell pattern of labels, in any case; the subject may precede it
         (``Anna:L*``). A label that matches exactly takes precedence.
     """
-    names = [(label, f"{clip.subject}:{label}") for label in clip.labels]
-    exact = [marker for marker, name in enumerate(names) if pattern in name]
+    prefix = f"{clip.subject}:"
+    own = pattern[len(prefix) :] if pattern.startswith(prefix) else pattern
+    exact = [marker for marker, label in enumerate(clip.labels) if label in (pattern, own)]
     any_case = pattern.casefold()
     return exact or [
         marker
-        for marker, name in enumerate(names)
-        if any(fnmatchcase(spelling.casefold(), any_case) for spelling in name)
+        for marker, label in enumerate(clip.labels)
+        if fnmatchcase(label.casefold(), any_case)
+        or fnmatchcase(f"{prefix}{label}".casefold(), any_case)
     ]
