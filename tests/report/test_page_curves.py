@@ -265,6 +265,19 @@ def test_versions_are_compared_over_the_whole_clip(open_page: PageOpener, tmp_pa
     go_to(page, 310)
     assert values(page)[0][6] == "–"
 
+    # filled again: other values, the same view
+    page.evaluate("window.priorfill.views.curves.showFrames(195, 215)")
+    again = example_data()
+    higher = np.stack([path_of(marker) + np.array([0, 0, 7]) for marker in range(MARKERS)], axis=1)
+    again["versions"][0]["positions"] = encode_positions(higher)
+    page.evaluate("(data) => window.priorfill.store.setData(data)", again)
+    wait_until(page, DECODED)
+    go_to(page, 210)
+    wait_until(page, "document.querySelectorAll('#curves tbody tr').length === 1")
+    assert values(page)[0][4].startswith(f"{path[210, 2] + 7:.1f} ± ")
+    assert view(page) == (195, 215)
+    assert page.get_by_role("group", name="Compared versions").count() == 0
+
 
 def test_long_clips_keep_their_peaks_and_are_drawn_once(
     open_page: PageOpener, tmp_path: Path

@@ -6,6 +6,9 @@ const CURVE_SURROUNDINGS_S = 0.5;
 /** ms between two drawings while blocks of positions are decoded. */
 const CURVE_DECODE_MS = 250;
 
+/** ms between two tables of values while playing. */
+const CURVE_READ_MS = 200;
+
 /** CSS pixels: height of the window from which all controls are shown. */
 const CURVE_HIGH_WINDOW = 1000;
 
@@ -26,6 +29,7 @@ class Curves {
     this.laid = { height: 0, panels: [], heads: [], axes: [] };
     this.visible = true;
     this.waiting = false;
+    this.readAt = -Infinity;
     this.redraw = scheduled(() => { if (this.visible) this.draw(); });
     this.redrawOverlay = scheduled(() => { if (this.visible) this.drawOverlay(); });
     this.build();
@@ -95,7 +99,7 @@ class Curves {
     store.on("theme", () => this.change());
     store.on("gap", () => this.followGap());
     store.on("frame", () => this.followFrame());
-    store.on("range", () => this.redrawOverlay());
+    for (const event of ["range", "play"]) store.on(event, () => this.redrawOverlay());
     new ResizeObserver(() => this.redraw()).observe(this.root);
     new IntersectionObserver((entries) => {
       this.visible = entries[entries.length - 1].isIntersecting;
@@ -108,7 +112,7 @@ class Curves {
     const { clip } = this.store.data;
     this.series.reset();
     if (this.view.frames !== clip.frames) this.view = new CurveView(clip.frames);
-    this.gapShown = -1;
+    this.gapShown = this.store.activeGap; // the view stays where a gap is filled again
     this.markers.list();
     this.versions.list();
     this.options.offer(this.store.data.versions);
@@ -263,12 +267,20 @@ class Curves {
     this.upright(context, this.store.frame, shades.accent, []);
     const chosen = this.chosen;
     const frame = hovered ? hovered.frame : this.store.frame;
-    this.readout.show(frame, chosen, Boolean(hovered));
+    this.read(frame, chosen, Boolean(hovered));
     if (!this.view.shows(frame)) return;
     for (const panel of this.laid.panels) {
       const text = this.readout.short(panel, frame, chosen);
       if (text) writeInCorner(context, panel, text, true);
     }
+  }
+
+  /** Write the values of a frame; while playing, only as often as they can be read. */
+  read(frame, chosen, pointed) {
+    const now = performance.now();
+    if (this.store.playing && now - this.readAt < CURVE_READ_MS) return;
+    this.readAt = now;
+    this.readout.show(frame, chosen, pointed);
   }
 
   /** Draw an upright line at a frame through all panels. */
