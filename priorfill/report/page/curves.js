@@ -55,7 +55,9 @@ class Curves {
     this.empty = element("p", { class: "curves-empty", hidden: true });
     const legend = element("ul", { class: "curves-legend", "aria-label": "Legend of the curves" });
     this.legend = new CurveLegend(legend, this.store, this.series);
-    const values = element("div", { class: "curves-readout" });
+    const values = element("div", {
+      class: "curves-readout", tabindex: "0", role: "group", "aria-label": "Values of the curves",
+    });
     this.readout = new CurveReadout(values, this.store, this.series);
     this.note = element("p", { class: "curves-note", id: "curves-help" });
     this.root.append(first, second, this.more, this.empty, this.frame, legend, values, this.note);

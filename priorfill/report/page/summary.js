@@ -25,7 +25,9 @@ class Summary {
         element("h2", { text: "What was done" }),
         element("span", { class: "muted", text: ` ${this.firstFacts()}` }),
       ]),
-      element("div", { class: "fact-groups" }, facts.map((group) => this.group(group))),
+      element("div", {
+        class: "fact-groups", tabindex: "0", role: "group", "aria-label": "What was done",
+      }, facts.map((group) => this.group(group))),
     ]);
     this.root.replaceChildren(this.box);
     document.getElementById("headline").textContent = this.headline();
