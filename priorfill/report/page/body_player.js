@@ -31,7 +31,11 @@ class BodyPlayer {
     this.visible = true;
     this.offset = new Float64Array(3);
     this.centre = new Float64Array(3);
-    this.ask = scheduled(() => this.draw());
+    this.ask = scheduled(() => {
+      if (this.visible) {
+        this.draw();
+      }
+    });
     this.build(root);
     this.listen();
   }
@@ -242,9 +246,9 @@ class BodyPlayer {
     return Math.hypot(...[0, 1, 2].map((axis) => one[at + axis] - other[at + axis])) / UNITS_PER_MM;
   }
 
-  /** Draw at once, if it can be seen. */
+  /** Draw at once. */
   draw() {
-    if (!this.visible || !this.canvas.clientWidth) {
+    if (!this.canvas.clientWidth) {
       return;
     }
     const { store, camera } = this;
