@@ -62,6 +62,7 @@ if TYPE_CHECKING:
         gap_groups,
     )
     from priorfill.markers.marker_set import MarkerSet
+    from priorfill.report.notebook_progress import notebook_progress
     from priorfill.report.report_file import write_report
     from priorfill.reviewing.session import SavedReview
     from priorfill.reviewing.start import ReviewOptions, review
@@ -99,6 +100,7 @@ _PLACES = {
     "find_artefacts": "priorfill.artefacts",
     "find_gaps": "priorfill.gaps",
     "gap_groups": "priorfill.gaps",
+    "notebook_progress": "priorfill.report.notebook_progress",
     "overrides_template": "priorfill.filling.overrides_template",
     "read": "priorfill.formats",
     "read_overrides": "priorfill.filling.overrides_file",
@@ -147,6 +149,7 @@ __all__ = [
     "find_artefacts",
     "find_gaps",
     "gap_groups",
+    "notebook_progress",
     "overrides_template",
     "read",
     "read_overrides",

@@ -95,3 +95,32 @@ def test_path_of_a_marker(result: pf.Result) -> None:
             clip["rkne"]
     with pytest.raises(KeyError, match="by their labels, not by 0"):
         clip[0]  # type: ignore[index]
+
+
+def test_progress_bar(monkeypatch: pytest.MonkeyPatch) -> None:
+    from priorfill.report import notebook_progress as module
+
+    shown: list[str] = []
+
+    class Handle:
+        def update(self, bundle: dict[str, str], raw: bool) -> None:
+            shown.append(bundle["text/html"])
+
+    def display(bundle: dict[str, str], *, raw: bool, display_id: bool) -> Handle:
+        shown.append(bundle["text/html"])
+        return Handle()
+
+    monkeypatch.setattr(module, "_display", lambda: display)
+    monkeypatch.setattr(module, "INTERVAL_S", 0.0)
+    bar = pf.notebook_progress("<b>")
+    bar(1, 3)
+    bar(3, None)
+    assert shown == [
+        '<progress value="1" max="3"></progress> &lt;b&gt; 1 of 3',
+        '<progress value="3" max="3"></progress> &lt;b&gt; 3 of 3',
+    ]
+    monkeypatch.setattr(module, "INTERVAL_S", 100.0)
+    for step in range(20):
+        bar(step, 20)
+    bar(20, 20)
+    assert len(shown) == 3
