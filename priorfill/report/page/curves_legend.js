@@ -23,7 +23,7 @@ class CurveLegend {
     const own = shared ? shades.text : shades.measured;
     const items = [
       this.line(own, "solid", "measured"),
-      this.line(shades.filled, "dashed", shared ? "filled, on this ground" : "filled"),
+      this.line(shades.filled, "dashed", this.filledText(shared)),
       ...this.bands(chosen),
       this.area(shades.muted, "gap", 2 * CURVE_GAP_ALPHA),
     ];
@@ -42,6 +42,13 @@ class CurveLegend {
       items.push(this.line(shades.muted, "solid", "neighbours, shifted"));
     }
     this.root.replaceChildren(...items);
+  }
+
+  /** What the line of a fill is: a file has its name. */
+  filledText(shared) {
+    const { name } = this.store.data.versions[0];
+    const text = name === "filled" ? name : `filled (${shortText(name, 40)})`;
+    return shared ? `${text}, on this ground` : text;
   }
 
   /** The two bands, or that there are none. */
