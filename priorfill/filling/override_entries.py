@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from reprlib import Repr
 from typing import TYPE_CHECKING, Any
 
 from priorfill.errors import OptionError
@@ -41,6 +42,9 @@ MAX_DEPTH = 8
 
 _MAX_SHOWN = 60
 """Characters of a wrong value in a message."""
+
+_REPR = Repr(maxlevel=3, maxstring=_MAX_SHOWN, maxother=_MAX_SHOWN)
+"""Of values of any size and depth."""
 
 
 def entry_fields(entry: Any, where: str) -> dict[str, Any]:
@@ -267,4 +271,4 @@ def _short(text: str) -> str:
 
 def _shown(value: Any) -> str:
     """Return a wrong value as far as a message has room."""
-    return _short(repr(value))
+    return _short(_REPR.repr(value))
