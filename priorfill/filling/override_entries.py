@@ -43,8 +43,9 @@ MAX_DEPTH = 8
 _MAX_SHOWN = 60
 """Characters of a wrong value in a message."""
 
-_REPR = Repr(maxlevel=3, maxstring=_MAX_SHOWN, maxother=_MAX_SHOWN)
+_REPR = Repr()
 """Of values of any size and depth."""
+_REPR.maxlevel, _REPR.maxstring, _REPR.maxother = 3, _MAX_SHOWN, _MAX_SHOWN
 
 
 def entry_fields(entry: Any, where: str) -> dict[str, Any]:

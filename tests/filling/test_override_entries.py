@@ -45,7 +45,7 @@ def overrides(draw):
 
 
 @given(st.lists(overrides(), max_size=5), TEXTS)
-@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow], deadline=None)
+@settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow], deadline=None)
 def test_files_and_json_round_trip(tmp_path_factory, entries, text):
     path = tmp_path_factory.getbasetemp() / "round_trip.toml"
     made_for = MadeFor(text, text[::-1], "gpr", text)
@@ -134,7 +134,7 @@ def test_wrong_entries(change, words):
 
 @pytest.mark.parametrize("entry", [None, 3, "C7", ["C7"], []])
 def test_entries_that_are_no_tables(entry):
-    with pytest.raises(OptionError, match="gap 1: is .*; give a table of marker, frames"):
+    with pytest.raises(OptionError, match=r"gap 1: is .*; give a table of marker, frames"):
         Overrides.from_entries([entry])
 
 
