@@ -27,7 +27,7 @@ class CurveLegend {
       ...this.bands(chosen),
       this.area(shades.muted, "gap", 2 * CURVE_GAP_ALPHA),
     ];
-    if (this.hasUnfilled(chosen)) items.push(this.sign("⫽", shades.missing, "left missing"));
+    if (this.hasUnfilled(chosen)) items.push(this.hatched("left missing"));
     if (this.has(chosen, STATE.doubt)) items.push(this.sign("×", shades.doubt, "in doubt"));
     if (this.has(chosen, STATE.swapped)) {
       items.push(this.sign("◆", shades.swapped, "labels exchanged"));
@@ -88,6 +88,13 @@ class CurveLegend {
     sample.style.background = colour;
     sample.style.opacity = opacity;
     return element("li", {}, [sample, text]);
+  }
+
+  /** An item with a sample of what stays missing. */
+  hatched(text) {
+    const { missing } = colours();
+    const ground = `repeating-linear-gradient(135deg, ${missing} 0 1px, transparent 1px 4px)`;
+    return this.area(ground, text, 1);
   }
 
   /** An item with a sign. */
