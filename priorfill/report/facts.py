@@ -149,9 +149,9 @@ def _fill(result: Result) -> Iterator[tuple[str, str]]:
     if result.doubtful is not None:
         doubtful = int((result.doubtful & ~result.filled & ~result.clip.missing).sum())
         yield "In doubt", f"{doubtful} measured samples, kept as measured; no fill joins them"
-    if provenance.database is None:
+    if provenance.database is None and provenance.versions:  # not where nothing is known of it
         yield "Database", "none"
-    else:
+    elif provenance.database is not None:
         state = provenance.database
         name = Path(state.path).name or state.path
         yield "Database", f"{name}: {state.clips} clips at {state.rate:g} Hz, {state.content[:12]}"

@@ -125,6 +125,8 @@ class PageOpener:
         page.on("pageerror", lambda error: self.faults.append(f"error: {error}"))
         page.on("request", lambda request: self._note_request(url, request.url))
         page.goto(url)
+        if page.locator("#priorfill-data").count():  # packed scripts run after the page is loaded
+            wait_until(page, "window.priorfill || !document.getElementById('problem').hidden")
         if ready is not None:
             wait_until(page, ready)
         return page

@@ -15,10 +15,6 @@ const UNKNOWN_ERROR = 65535;
  * @returns {Promise<Uint8Array>}
  */
 async function inflate(text) {
-  if (typeof DecompressionStream === "undefined") {
-    throw new Error("this browser cannot unpack the data of the report; use Chrome 80, " +
-      "Edge 80, Firefox 113, Safari 16.4, or a later version");
-  }
   const packed = atob(text);
   const bytes = new Uint8Array(packed.length);
   for (let i = 0; i < packed.length; i++) bytes[i] = packed.charCodeAt(i);
