@@ -51,6 +51,8 @@ class BelievableFill:
         Whether expected errors are found from artificial gaps where the method predicts none.
     learn_from_clip : bool
         Whether the method may learn from the clip's own frames.
+    checkpoint : callable
+        Called often; what it raises stops the fill.
     """
 
     seen: SeenClip
@@ -60,6 +62,7 @@ class BelievableFill:
     max_error: float | None = None
     estimate_errors: bool = True
     learn_from_clip: bool = True
+    checkpoint: Callable[[], None] = lambda: None
 
     def __call__(self, method: FillTask, again: FillTask) -> tuple[Estimate, _Bool]:
         """Return the estimate, and the samples that were hidden for it.
@@ -115,6 +118,7 @@ class BelievableFill:
             clip.subject,
             geometry,
             self.learn_from_clip,
+            self.checkpoint,
         )
 
     def _check(self, seen: SeenClip) -> PlausibilityCheck:

@@ -428,7 +428,7 @@ class _Filling:
             run.skipped,
             *plan.same_subject,
             self.records_digest,
-            replace(options, method_options={}, progress=None, cache=None),
+            replace(options, method_options={}, progress=None, cache=None, checkpoint=None),
         )
 
     def _compute(self, plan: _Plan, run: MethodRun) -> RunEstimate:
@@ -462,6 +462,7 @@ class _Filling:
             options.max_error,
             options.estimate_errors,
             run.settings.learn_from_clip,
+            options.checkpoint or (lambda: None),
         )
         return filling(lambda task: method(task, self.progress), method)
 

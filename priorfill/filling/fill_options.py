@@ -54,6 +54,8 @@ class FillOptions:
         no result.
     progress : callable, optional
         Called after each gap group with the number of groups done and the number of all groups.
+    checkpoint : callable, optional
+        Called often during a fill, also from its threads; what it raises stops the fill.
 
     Raises
     ------
@@ -82,6 +84,7 @@ class FillOptions:
     estimate_errors: bool = True
     cache: FillCache | None = field(default=None, repr=False, compare=False)
     progress: Callable[[int, int], None] | None = field(default=None, repr=False, compare=False)
+    checkpoint: Callable[[], None] | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Check the limits."""

@@ -52,6 +52,8 @@ class Task:
     learn_from_clip : bool
         Whether methods may learn from the clip's own frames how the markers with gaps move; if
         not, from the takes alone.
+    checkpoint : callable
+        Called often, also from threads; what it raises stops the method.
     """
 
     positions: NDArray[np.float64]
@@ -64,6 +66,7 @@ class Task:
     subject: str = ""
     known_geometry: ClipGeometry | None = None
     learn_from_clip: bool = True
+    checkpoint: Callable[[], None] = lambda: None
 
     @cached_property
     def geometry(self) -> ClipGeometry:

@@ -57,6 +57,7 @@ def part_of_task(
         task.name,
         task.subject,
         learn_from_clip=task.learn_from_clip,
+        checkpoint=task.checkpoint,
     )
 
 

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-from priorfill.reviewing.session import FillStoppedError, Progress
+from priorfill.reviewing.session import FillStoppedError
 
 __all__ = ["ReviewJob"]
 
@@ -19,7 +19,7 @@ class ReviewJob(Generic[Outcome]):
     Parameters
     ----------
     work : callable
-        Is called with a callback for progress.
+        Is called with the job, whose `report` and `check` a fill calls.
     changed : callable
         Is called from the thread after each step and at the end.
 
@@ -35,7 +35,9 @@ class ReviewJob(Generic[Outcome]):
         What it raised.
     """
 
-    def __init__(self, work: Callable[[Progress], Outcome], changed: Callable[[], None]) -> None:
+    def __init__(
+        self, work: Callable[[ReviewJob[Outcome]], Outcome], changed: Callable[[], None]
+    ) -> None:
         self.progress: tuple[int, int] | None = None
         self.done = False
         self.outcome: Outcome | None = None
@@ -56,20 +58,30 @@ class ReviewJob(Generic[Outcome]):
         self._thread.start()
 
     def stop(self) -> None:
-        """Ask the fill to stop, which it does after the gap group at hand."""
+        """Ask the fill to stop, which it does at its next checkpoint."""
         self._stopped.set()
 
     def _run(self) -> None:
         try:
-            self.outcome = self._work(self._report)
+            self.outcome = self._work(self)
         except BaseException as error:
             self.error = error
         self.done = True
         self._changed()
 
-    def _report(self, done: int, total: int) -> None:
-        """Note the progress; raise FillStoppedError to stop the fill."""
+    def check(self) -> None:
+        """Raise FillStoppedError if the fill was asked to stop."""
         if self.stopped:
             raise FillStoppedError("stopped")
+
+    def report(self, done: int, total: int) -> None:
+        """Note the progress.
+
+        Parameters
+        ----------
+        done, total : int
+            Number of gap groups done and of all.
+        """
+        self.check()
         self.progress = done, total
         self._changed()

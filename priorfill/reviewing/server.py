@@ -18,7 +18,7 @@ from priorfill.reviewing.error_lines import error_line
 from priorfill.reviewing.guard import Guard
 from priorfill.reviewing.review_job import ReviewJob
 from priorfill.reviewing.security import ADDRESS, Visitor, new_token, parse_body
-from priorfill.reviewing.session import Progress, ReviewSession
+from priorfill.reviewing.session import ReviewSession
 
 try:
     import uvicorn
@@ -45,6 +45,8 @@ FINISH_SECONDS = 30.0
 
 SHUTDOWN_SECONDS = 2
 """How long connections may stay open when the server ends."""
+
+Job = ReviewJob[dict[str, Any]]
 
 Post = Callable[[dict[str, Any]], Awaitable[Response]]
 """Answers the content of a request."""
@@ -169,7 +171,7 @@ class _Work:
     def __init__(self, session: ReviewSession, words: Callable[[str], str]) -> None:
         self._session = session
         self._words = words
-        self._job: ReviewJob[dict[str, Any]] | None = None
+        self._job: Job | None = None
 
     async def check(self, content: dict[str, Any]) -> Response:
         """Check decisions."""
@@ -179,14 +181,16 @@ class _Work:
     async def fill(self, content: dict[str, Any]) -> Response:
         """Fill as decided, and send the data of the page."""
         decisions = await self._checked(content)
-        return await self._start(lambda progress: {"data": self._session.fill(decisions, progress)})
+        return await self._start(
+            lambda job: {"data": self._session.fill(decisions, job.report, job.check)}
+        )
 
     async def save(self, content: dict[str, Any]) -> Response:
         """Save, after a fill if the decisions are others than those of the last one."""
         decisions = await self._checked(content)
 
-        def work(progress: Progress) -> dict[str, Any]:
-            saved = self._session.save(decisions, progress)
+        def work(job: Job) -> dict[str, Any]:
+            saved = self._session.save(decisions, job.report, job.check)
             paths = {"output": str(saved.output), "overrides": str(saved.overrides)}
             return {"saved": paths, "data": self._session.data}
 
@@ -210,7 +214,7 @@ class _Work:
         await asyncio.to_thread(self._session.check, decisions)
         return decisions
 
-    async def _start(self, work: Callable[[Progress], dict[str, Any]]) -> Response:
+    async def _start(self, work: Callable[[Job], dict[str, Any]]) -> Response:
         """Start a fill or save, whose progress is streamed."""
         before = self._job
         while before is not None and not before.done and before.stopped:
@@ -243,7 +247,7 @@ class _JobStream(StreamingResponse):
 
     def __init__(
         self,
-        job: ReviewJob[dict[str, Any]],
+        job: Job,
         changed: asyncio.Event,
         words: Callable[[str], str],
     ) -> None:
@@ -259,7 +263,7 @@ class _JobStream(StreamingResponse):
 
 
 async def _lines(
-    job: ReviewJob[dict[str, Any]], changed: asyncio.Event, words: Callable[[str], str]
+    job: Job, changed: asyncio.Event, words: Callable[[str], str]
 ) -> AsyncIterator[bytes]:
     """Yield lines of progress, and the outcome."""
     told = None

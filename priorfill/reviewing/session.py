@@ -13,6 +13,7 @@ from priorfill import formats
 from priorfill.database import PriorDatabase
 from priorfill.errors import OptionError, OutputError
 from priorfill.filling.assign_overrides import apply_overrides
+from priorfill.filling.fill_cache import FillCache
 from priorfill.filling.fill_file import FileOptions, FileToFill
 from priorfill.filling.fill_options import FillKeywords, FillOptions
 from priorfill.filling.overrides import Overrides
@@ -25,6 +26,7 @@ from priorfill.runtime.atomic_file import check_target, check_writable
 from priorfill.runtime.file_pair import finish_pairs, write_pair
 
 __all__ = [
+    "Checkpoint",
     "FillStoppedError",
     "Progress",
     "ReviewSession",
@@ -36,12 +38,15 @@ __all__ = [
 Progress = Callable[[int, int], None]
 """Called with the number of gap groups done and of all."""
 
+Checkpoint = Callable[[], None]
+"""Called often; raises `FillStoppedError` to stop a fill."""
+
 _OTHER_OUTPUTS = ("uncertainty", "report", "add_to_database")
 """Fields of `FileOptions` for outputs that a review does not write."""
 
 
 class FillStoppedError(Exception):
-    """Raised by a callback for progress to stop a fill."""
+    """Raised by a checkpoint to stop a fill."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +145,7 @@ class ReviewSession:
         self.saved: SavedReview | None = None
         self._files = files or FileOptions()
         self._saving = threading.Lock()
+        self._cache = FillCache()
         self._ours: dict[Path, tuple[int, int]] = {}
         self._check_outputs()
         if not isinstance(overrides, Overrides):
@@ -178,7 +184,10 @@ class ReviewSession:
         return overrides
 
     def fill(
-        self, decisions: Sequence[Mapping[str, Any]], progress: Progress | None = None
+        self,
+        decisions: Sequence[Mapping[str, Any]],
+        progress: Progress | None = None,
+        checkpoint: Checkpoint | None = None,
     ) -> dict[str, Any]:
         """Fill the file as decided; return what the page shows of it.
 
@@ -187,8 +196,10 @@ class ReviewSession:
         decisions : sequence of mapping
             With the keys of a file of overrides.
         progress : callable, optional
-            Called with the number of gap groups done and of all. What it raises stops the fill,
-            and the session stays as it was.
+            Called with the number of gap groups done and of all.
+        checkpoint : callable, optional
+            Called often, also from threads. What it raises stops the fill, and the session stays
+            as it was.
 
         Raises
         ------
@@ -196,17 +207,20 @@ class ReviewSession:
             Where a decision is wrong, or a method or the database cannot be used.
         """
         overrides = self.check(decisions)
-        self._fill(overrides, progress)
+        self._fill(overrides, progress, checkpoint)
         return self.data
 
     def save(
-        self, decisions: Sequence[Mapping[str, Any]], progress: Progress | None = None
+        self,
+        decisions: Sequence[Mapping[str, Any]],
+        progress: Progress | None = None,
+        checkpoint: Checkpoint | None = None,
     ) -> SavedReview:
         """Write the filled file and the decisions: both or neither.
 
         Parameters
         ----------
-        decisions, progress
+        decisions, progress, checkpoint
             As for `fill`, which is called if these are not the decisions of the last fill.
 
         Raises
@@ -216,7 +230,7 @@ class ReviewSession:
         """
         overrides = self.check(decisions)
         if self._filled is None or not _same_values(self._filled[0], overrides):
-            self._fill(overrides, progress)
+            self._fill(overrides, progress, checkpoint)
         assert self._filled is not None
         result = self._filled[1]
         with self._saving:
@@ -245,11 +259,15 @@ class ReviewSession:
         if self._saving.acquire(timeout=seconds):
             self._saving.release()
 
-    def _fill(self, overrides: Overrides, progress: Progress | None) -> None:
+    def _fill(
+        self, overrides: Overrides, progress: Progress | None, checkpoint: Checkpoint | None
+    ) -> None:
         """Fill, and keep the result."""
         arguments = self._work.arguments.copy()
         options = arguments.get("options") or FillOptions()
-        arguments["options"] = replace(options, progress=progress)
+        arguments["options"] = replace(
+            options, progress=progress, checkpoint=checkpoint, cache=self._cache
+        )
         arguments["overrides"] = overrides if overrides.entries else None
         result = replace(self._work, arguments=arguments).fill()
         contents = PageContents(

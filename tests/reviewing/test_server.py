@@ -48,7 +48,7 @@ def slow(
     """Fills take until the event is set; each step reports progress."""
     go_on = threading.Event()
 
-    def fill(decisions: Any, progress: Any = None) -> dict[str, Any]:
+    def fill(decisions: Any, progress: Any, checkpoint: Any) -> dict[str, Any]:
         for step in range(1, 600):
             progress(step, 600)
             if go_on.wait(0.05):

@@ -109,11 +109,12 @@ def test_a_stopped_fill_changes_nothing(walk: Path) -> None:
     session = review(walk)
     session.fill([])
 
-    def stop(done: int, total: int) -> None:
+    def stop(*_: int) -> None:
         raise FillStoppedError
 
-    with pytest.raises(FillStoppedError):
-        session.fill([LINEAR], stop)
+    for callbacks in ({"progress": stop}, {"checkpoint": stop}):
+        with pytest.raises(FillStoppedError):
+            session.fill([{"marker": "RANK", "do": "gpr"}], **callbacks)
     assert session.data["decisions"] == []
     session.fill([LINEAR])
 

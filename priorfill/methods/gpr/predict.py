@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -75,6 +75,7 @@ class SegmentPredictor:
             For the segment, or, where its markers are never visible together, for each marker
             that can be predicted; empty where none can.
         """
+        self.task.checkpoint()
         if not segment.has_enough_visible:
             return []
         if self.task.learn_from_clip:
@@ -136,6 +137,7 @@ class SegmentPredictor:
         self, segments: Sequence[GapSegment], completed: NDArray[np.float64]
     ) -> list[SegmentPrediction]:
         """Predict the segments of a blackout together; see `BlackoutPredictor.predict`."""
+        self.task.checkpoint()
         return self._blackouts.predict(segments, completed)
 
     def _from_own_frames(self, segment: GapSegment, plan: TrainingPlan) -> SegmentPrediction:
@@ -145,7 +147,7 @@ class SegmentPredictor:
             plan.models,
             (segment.stop - segment.start) / self.task.rate,
             plan.inside,
-            self.map_function,
+            self._map_with_checkpoints,
             self._options.ensemble,
         )
         found = interpolate_nodes(found, plan.query_frames)
@@ -164,6 +166,18 @@ class SegmentPredictor:
             training_poses=plan.training_poses,
             bound_factor=found.bound_factor,
         )
+
+    def _map_with_checkpoints(
+        self, work: Callable[..., Any], *arguments: Iterable[Any]
+    ) -> Iterable[Any]:
+        """Call `map_function` with a function that can be stopped before each call."""
+
+        def checked(*one: Any) -> Any:
+            self.task.checkpoint()
+            return work(*one)
+
+        found: Iterable[Any] = self.map_function(checked, *arguments)
+        return found
 
     def _constrained(
         self, segment: GapSegment, found: Regression, visible: NDArray[np.intp], frames: slice
