@@ -1,9 +1,10 @@
-"""Clips from and to the marker data of other Python packages.
+"""Clips from and to the marker data of other Python packages, and results with their errors.
 
 * `from_timeseries`, `to_timeseries`: TimeSeries of Kinetics Toolkit,
 * `from_xarray`, `to_xarray`: DataArray of pyomeca, with dimensions axis, channel and time,
 * `from_dataframe`, `to_dataframe`: pandas,
-* `from_arrays`: NumPy.
+* `from_arrays`: NumPy,
+* `result_to_xarray`, `result_to_dataframe`: results, with what was filled and the expected errors.
 
 priorfill depends on none of these packages: the ``from_`` functions use attributes only, and the
 ``to_`` functions take the class to construct, of any version.
@@ -11,9 +12,12 @@ priorfill depends on none of these packages: the ``from_`` functions use attribu
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,11 +27,17 @@ from priorfill.errors import ClipError, OptionError
 from priorfill.formats.recording import ReadOptions, Recording, make_clip
 from priorfill.formats.units import UNITS
 
+if TYPE_CHECKING:
+    from priorfill.filling.result import Result
+
 __all__ = [
     "from_arrays",
     "from_dataframe",
     "from_timeseries",
     "from_xarray",
+    "optional_package",
+    "result_to_dataframe",
+    "result_to_xarray",
     "to_dataframe",
     "to_timeseries",
     "to_xarray",
@@ -392,6 +402,138 @@ def to_dataframe(clip: Clip, dataframe_class: Callable[..., Any], unit: str = "m
     columns = [f"{label}_{axis.upper()}" for label in clip.labels for axis in _AXES]
     values = clip.positions.reshape(clip.frames, -1) / _mm_per_unit(unit)
     return dataframe_class(values, columns=columns, index=_times(clip))
+
+
+def result_to_xarray(result: Result, dataset_class: Callable[..., Any]) -> Any:
+    """Make a Dataset from a result, with what was filled and how far off it may be.
+
+    Parameters
+    ----------
+    result : Result
+        Of a fill.
+    dataset_class : type
+        ``xarray.Dataset``.
+
+    Returns
+    -------
+    Dataset
+        Variables ``position`` (frame, marker, axis), ``filled``, ``expected_rms`` and
+        ``error_bound_90`` (frame, marker), in mm; the errors are NaN where nothing was filled or
+        they are unknown. Coordinates ``frame`` as the file numbers them, ``time`` (s, from the
+        clip's first frame), ``marker`` and ``axis``. Attributes ``rate`` (Hz), ``up``, ``name``,
+        ``subject``, ``method`` and ``provenance`` (JSON).
+
+    See Also
+    --------
+    priorfill.Result.to_xarray : The same, without the class.
+
+    Examples
+    --------
+    >>> dataset = result_to_xarray(result, xarray.Dataset)  # doctest: +SKIP
+    >>> dataset.error_bound_90.sel(marker="LKNE").max()  # doctest: +SKIP
+    """
+    clip = result.clip
+    places, mm = ("frame", "marker"), {"units": "mm"}
+    return dataset_class(
+        {
+            "position": ((*places, "axis"), clip.positions.copy(), mm),
+            "filled": (places, result.filled.copy()),
+            "expected_rms": (places, result.expected_rms_mm.copy(), mm),
+            "error_bound_90": (places, result.error_bound_90_mm.copy(), mm),
+        },
+        coords={
+            "frame": clip.first_frame + np.arange(clip.frames),
+            "time": ("frame", _times(clip), {"units": "s"}),
+            "marker": list(clip.labels),
+            "axis": list(_AXES),
+        },
+        attrs=_result_facts(result),
+    )
+
+
+def result_to_dataframe(result: Result, dataframe_class: Callable[..., Any]) -> Any:
+    """Make a pandas DataFrame from a result, with a row for each marker and frame.
+
+    Parameters
+    ----------
+    result : Result
+        Of a fill.
+    dataframe_class : type
+        ``pandas.DataFrame``.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``marker``, ``frame`` as the file numbers them, ``time_s``, ``x_mm``, ``y_mm``,
+        ``z_mm``, ``filled``, ``expected_rms_mm`` and ``error_bound_90_mm``, named as in the table
+        of `priorfill.write_uncertainty`; marker by marker. Positions are NaN where missing, errors
+        where nothing was filled or they are unknown.
+
+    See Also
+    --------
+    priorfill.Result.to_dataframe : The same, without the class.
+    to_dataframe : Positions alone, a row for each frame.
+
+    Examples
+    --------
+    >>> table = result_to_dataframe(result, pandas.DataFrame)  # doctest: +SKIP
+    >>> table[table.filled].groupby("marker").error_bound_90_mm.max()  # doctest: +SKIP
+    """
+    clip = result.clip
+    markers = len(clip.labels)
+    frames = clip.first_frame + np.arange(clip.frames)
+    table = dataframe_class(
+        {
+            "marker": np.repeat(np.array(clip.labels, dtype=object), clip.frames),
+            "frame": np.tile(frames, markers),
+            "time_s": np.tile(_times(clip), markers),
+            **{f"{_AXES[k]}_mm": clip.positions[:, :, k].T.ravel() for k in range(3)},
+            "filled": result.filled.T.ravel(),
+            "expected_rms_mm": result.expected_rms_mm.T.ravel(),
+            "error_bound_90_mm": result.error_bound_90_mm.T.ravel(),
+        }
+    )
+    table.attrs.update(_result_facts(result))
+    return table
+
+
+def optional_package(name: str) -> Any:
+    """Return a package that priorfill does not depend on.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+
+    Raises
+    ------
+    OptionError
+        If it is not installed.
+
+    Examples
+    --------
+    >>> optional_package("no_such_package")
+    Traceback (most recent call last):
+    priorfill.errors.OptionError: this needs no_such_package, which is not installed; ...
+    """
+    if find_spec(name) is None:
+        raise OptionError(
+            f"this needs {name}, which is not installed; install it with: pip install {name}"
+        )
+    return import_module(name)
+
+
+def _result_facts(result: Result) -> dict[str, Any]:
+    """Return what a result is, as attributes that files of arrays can hold."""
+    clip = result.clip
+    return {
+        "name": clip.name,
+        "subject": clip.subject,
+        "rate": clip.rate,
+        "up": clip.up,
+        "method": result.method,
+        "provenance": json.dumps(result.provenance.to_dict()),
+    }
 
 
 def _times(clip: Clip) -> NDArray[np.float64]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 from text_files import LABELS, standing
 
+import priorfill as pf
 from priorfill import interop
 from priorfill.clip import Clip
 from priorfill.errors import ClipError, OptionError
@@ -200,3 +203,57 @@ def test_unknown_units_are_refused() -> None:
     for convert in (interop.to_timeseries, interop.to_xarray, interop.to_dataframe):
         with pytest.raises(OptionError, match="unit 'ell' is unknown; use one of mm"):
             convert(clip, dict, "ell")
+
+
+@pytest.fixture(scope="module")
+def result() -> pf.Result:
+    """A fill whose clip begins at frame 92."""
+    clip = with_gap()
+    return pf.fill(replace(clip, first_frame=92, source=None), method="linear")
+
+
+def test_result_as_a_dataset(result: pf.Result) -> None:
+    made = interop.result_to_xarray(result, lambda *a, **k: SimpleNamespace(variables=a[0], **k))
+    dims, values, attributes = made.variables["error_bound_90"]
+    assert dims == ("frame", "marker")
+    assert np.array_equal(values, result.error_bound_90_mm, equal_nan=True)
+    assert attributes == {"units": "mm"}
+    assert made.variables["position"][0] == ("frame", "marker", "axis")
+    assert made.coords["frame"][0] == 92
+    assert made.coords["time"][1][1] == pytest.approx(1 / result.clip.rate)
+    provenance = json.loads(made.attrs["provenance"])
+    assert pf.Provenance.from_dict(provenance) == result.provenance
+    assert all(isinstance(value, (str, float)) for value in made.attrs.values())  # of NetCDF
+
+
+def test_result_as_a_table(result: pf.Result) -> None:
+    made = interop.result_to_dataframe(result, lambda data: SimpleNamespace(data=data, attrs={}))
+    columns = made.data
+    row = list(zip(columns["marker"], columns["frame"], strict=True)).index((LABELS[2], 97))
+    marker = result.clip.index(LABELS[2])
+    assert columns["filled"][row]
+    assert columns["error_bound_90_mm"][row] == result.error_bound_90_mm[5, marker]
+    at = [columns[f"{axis}_mm"][row] for axis in "xyz"]
+    assert np.array_equal(at, result.clip[LABELS[2]][5])
+    assert columns["filled"].sum() == result.filled.sum()
+    assert made.attrs["method"] == "linear"
+
+
+def test_results_with_the_packages_themselves(result: pf.Result) -> None:
+    pandas = pytest.importorskip("pandas")
+    xarray = pytest.importorskip("xarray")
+    dataset, table = result.to_xarray(), result.to_dataframe()
+    assert isinstance(dataset, xarray.Dataset)
+    assert isinstance(table, pandas.DataFrame)
+    one = dataset.sel(frame=97, marker=LABELS[2])
+    assert bool(one.filled)
+    row = table[(table.marker == LABELS[2]) & (table.frame == 97)].iloc[0]
+    assert row.error_bound_90_mm == float(one.error_bound_90)
+    assert row.x_mm == float(one.position.sel(axis="x"))
+
+
+def test_without_the_packages(result: pf.Result, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(interop, "find_spec", lambda name: None)
+    for export, name in ((result.to_xarray, "xarray"), (result.to_dataframe, "pandas")):
+        with pytest.raises(OptionError, match=f"pip install {name}"):
+            export()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from priorfill.artefacts import Artefact
 from priorfill.clip import Clip
 from priorfill.filling.provenance import Provenance
+from priorfill.interop import optional_package, result_to_dataframe, result_to_xarray
 from priorfill.markers.marker_set import MarkerSet
 
 if TYPE_CHECKING:
@@ -305,6 +306,45 @@ class Result:
 
         page = page_text(page_data(self, PageContents(before=before, truth=truth)))
         return NotebookPage(shown(self.clip.name, MAX_LABEL), page, height)
+
+    def to_xarray(self) -> Any:
+        """Return positions, what was filled and the expected errors as an ``xarray.Dataset``.
+
+        Returns
+        -------
+        xarray.Dataset
+            As of `priorfill.interop.result_to_xarray`: variables ``position``, ``filled``,
+            ``expected_rms`` and ``error_bound_90`` over ``frame``, ``marker`` and ``axis``.
+
+        Raises
+        ------
+        OptionError
+            If xarray is not installed.
+
+        Examples
+        --------
+        >>> result.to_xarray().position.sel(marker="LKNE", frame=slice(92, 116))  # doctest: +SKIP
+        """
+        return result_to_xarray(self, optional_package("xarray").Dataset)
+
+    def to_dataframe(self) -> Any:
+        """Return positions, what was filled and the expected errors as a ``pandas.DataFrame``.
+
+        Returns
+        -------
+        pandas.DataFrame
+            As of `priorfill.interop.result_to_dataframe`: a row for each marker and frame.
+
+        Raises
+        ------
+        OptionError
+            If pandas is not installed.
+
+        Examples
+        --------
+        >>> result.to_dataframe().query("filled and error_bound_90_mm > 20")  # doctest: +SKIP
+        """
+        return result_to_dataframe(self, optional_package("pandas").DataFrame)
 
     def __repr__(self) -> str:
         from priorfill.report.result_text import result_line
