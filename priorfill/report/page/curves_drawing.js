@@ -109,8 +109,9 @@ function setPanelRange(panel, range) {
   panel.low = range.low - margin - lack;
   panel.high = range.high + margin + lack;
   panel.empty = false;
-  const positive = !"xyz".includes(panel.kind);
-  if (positive && (panel.low < 0 || range.low < 0.5 * range.high)) panel.low = 0;
+  const errors = panel.kind === "distance" || panel.kind === "error";
+  const speed = panel.kind === "speed" && (panel.low < 0 || range.low < 0.5 * range.high);
+  if (errors || speed) panel.low = 0;
 }
 
 /**

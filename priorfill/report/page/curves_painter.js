@@ -60,7 +60,7 @@ class CurvePainter {
   /** The title of a panel. */
   titleOf(panel, { pair }) {
     const text = curveTitle(panel.kind, this.store.data.clip.up);
-    if (panel.empty) return `${text}: no values here`;
+    if (panel.empty) return `${text}: none`;
     if (panel.kind !== "distance") return text;
     if (panel.width < CURVE_WIDE_PANEL) return text;
     const [one, other] = pair.map((v) => shortText(this.store.data.versions[v].name, 24));
