@@ -19,7 +19,10 @@ ERROR = 30.0
 """mm. Expected rms error of the fills of RKNE in the example; the bound is 1.6 times as large."""
 
 READY = "window.priorfill && window.priorfill.store.positions(0)"
-DECODED = f"{READY} && window.priorfill.store.decodedFrames === window.priorfill.store.frames"
+DECODED = (
+    f"{READY} && window.priorfill.store.decodedFrames === window.priorfill.store.frames"
+    " && !window.priorfill.views.curves.timer"
+)
 
 INK = """([frames, kind, name]) => {
   const { base, laid, view } = window.priorfill.views.curves;
@@ -78,6 +81,12 @@ def view(page: Any) -> tuple[float, float]:
     """The first and the last frame in view."""
     first, last = curves(page, "[curves.view.first, curves.view.last]")
     return first, last
+
+
+def legend_of(page: Any) -> str:
+    """The text of the legend."""
+    curves(page, "0")
+    return str(page.locator(".curves-legend").inner_text())
 
 
 def go_to(page: Any, frame: int) -> None:
@@ -143,13 +152,13 @@ def test_a_gap_is_shown_with_its_bands_and_what_stays_missing(
     shares = curves(page, "['x', 'distance'].map((k) => [90, 50].map((p) => "
                           "curves.series.halfWidth(k, p)))")  # fmt: skip
     assert shares == [[BAND_90, BAND_50], [1, HALO_50]]
-    legend = page.locator(".curves-legend").inner_text()
+    legend = legend_of(page)
     assert "90 % band" in legend and "left missing" in legend and "in doubt" not in legend
 
     page.get_by_label("Add a marker to the curves").fill("lank")
     page.keyboard.press("Enter")
     page.evaluate("window.priorfill.views.curves.showFrames(290, 330)")
-    assert "in doubt" in page.locator(".curves-legend").inner_text()
+    assert "in doubt" in legend_of(page)
     assert [row[:2] for row in values(page)][1] == ["LANK", "measured"]
     page.get_by_label("Remove RKNE from the curves").click()
     curves(page, "0")
@@ -251,7 +260,7 @@ def test_versions_are_compared_over_the_whole_clip(open_page: PageOpener, tmp_pa
     assert (other[1], other[4]) == ("<b>spline.c3d", f"{path[210, 2] - 20:.1f}")
     assert page.evaluate(INK, [[170, 196], "z", "--truth"]) > 20
     assert page.evaluate(INK, [[202, 228], "distance", "--bound-90"]) > 100
-    legend = page.locator(".curves-legend").inner_text()
+    legend = legend_of(page)
     assert "truth.c3d" in legend and "<b>spline.c3d" in legend
 
     page.get_by_role("button", name="Compare", exact=True).click()

@@ -28,7 +28,7 @@ class Curves {
     this.view = new CurveView(store.frames);
     this.laid = { height: 0, panels: [], heads: [], axes: [] };
     this.visible = true;
-    this.waiting = false;
+    this.timer = 0;
     this.readAt = -Infinity;
     this.redraw = scheduled(() => { if (this.visible) this.draw(); });
     this.redrawOverlay = scheduled(() => { if (this.visible) this.drawOverlay(); });
@@ -161,13 +161,14 @@ class Curves {
   decoded(block) {
     this.series.note(block);
     const last = block.version < 0;
-    if (this.waiting && !last) return;
-    this.waiting = true;
-    setTimeout(() => {
-      this.waiting = false;
+    if (this.timer && !last) return;
+    clearTimeout(this.timer);
+    const first = block.frames <= this.store.data.versions[0].positions.block;
+    this.timer = setTimeout(() => {
+      this.timer = 0;
       this.series.clear();
       this.redraw();
-    }, last || block.frames <= this.store.data.versions[0].positions.block ? 0 : CURVE_DECODE_MS);
+    }, last || first ? 0 : CURVE_DECODE_MS);
   }
 
   /** Zoom to the active gap when another one was chosen. */
