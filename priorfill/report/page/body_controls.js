@@ -81,7 +81,8 @@ class BodyControls {
     this.trail = this.choice("trail", "Trail",
       TRAIL_SECONDS.map((s) => [s, s ? `± ${s} s` : "None"]),
       (value) => player.setLook("trail", Number(value)));
-    this.bounds = this.check("Bound", "90 % bound: where the true position is expected, in true size",
+    this.bounds = this.check("Bound",
+      "90 % bound: where the true position is expected, in true size",
       (on) => player.setLook("bounds", on));
   }
 

@@ -26,7 +26,9 @@ class GapDetail {
     const gap = store.data.gaps[store.activeGap];
     const head = element("div", { class: "panel-head" }, [
       element("h2", { text: gap ? store.gapName(store.activeGap) : "Gap" }),
-      element("span", { class: "group", role: "group", "aria-label": "Gaps as the table lists them" }, [
+      element("span", {
+        class: "group", role: "group", "aria-label": "Gaps as the table lists them",
+      }, [
         button("Previous", () => stepGap(store, -1), { title: "Gap above in the table (p)" }),
         button("Next", () => stepGap(store, 1), { title: "Gap below in the table (n)" }),
       ]),

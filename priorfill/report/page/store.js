@@ -3,15 +3,13 @@
 /** Speeds of playing, as multiples of real time. */
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
 
-/** Longest time (s) that counts as passed between two drawings; longer ones were pauses. */
-const LONGEST_TICK_S = 0.25;
-
 class Store {
   /** @param {Object} data page data, version 1 */
   constructor(data) {
     this.listeners = new Map();
     this.frame = 0;
     this.playing = false;
+    this.playRuns = 0;
     this.speed = 1;
     this.activeGap = -1;
     this.chosenGaps = new Set();
@@ -292,33 +290,13 @@ class Store {
     if (playing === this.playing) return;
     this.playing = playing;
     this.emit("play");
-    if (playing) this.tick(null, this.frame);
+    if (playing) playOn(this, ++this.playRuns, null, this.frame);
   }
 
   /** Speed of playing, as a multiple of real time. */
   setSpeed(speed) {
     this.speed = speed;
     this.emit("play");
-  }
-
-  /**
-   * Advance while playing; within the frames of `loop`, if they are set.
-   * @param {number|null} before time (ms) of the tick before
-   * @param {number} place frame, with its fraction
-   */
-  tick(before, place) {
-    requestAnimationFrame((time) => {
-      if (!this.playing) return;
-      let at = place;
-      if (before !== null && Math.floor(place) === this.frame) {
-        const passed = Math.min(LONGEST_TICK_S, (time - before) / 1000);
-        at += passed * this.speed * this.rate;
-      } else if (before !== null) at = this.frame;
-      const [first, last] = this.loop || [0, this.frames - 1];
-      if (at >= last + 1 || at < first) at = first;
-      this.setFrame(Math.floor(at));
-      this.tick(time, at);
-    });
   }
 
   /** Take new page data, of a fill with other decisions. */
