@@ -89,6 +89,12 @@ def legend_of(page: Any) -> str:
     return str(page.locator(".curves-legend").inner_text())
 
 
+def place_of(page: Any) -> str:
+    """The text above the read-out."""
+    curves(page, "0")
+    return str(page.locator(".curves-place").inner_text())
+
+
 def go_to(page: Any, frame: int) -> None:
     """Move the playhead."""
     page.evaluate("(frame) => window.priorfill.store.setFrame(frame)", frame)
@@ -137,7 +143,7 @@ def test_a_gap_is_shown_with_its_bands_and_what_stays_missing(
     assert row[:2] == ["RKNE", "filled"]
     assert row[2:5] == [f"{v:.1f} ± {half:.1f}".replace("-", "−") for v in (x, y, z)]
     assert row[6] == f"{ERROR:.1f}, 90 % below {1.6 * ERROR:.1f}"
-    assert page.locator(".curves-place").inner_text() == "Frame 311, 2.100 s, at the playhead:"
+    assert place_of(page) == "Frame 311, 2.100 s, at the playhead:"
     go_to(page, 240)
     assert values(page)[0][1:3] == ["missing", "–"]
 
@@ -170,7 +176,7 @@ def test_a_gap_is_shown_with_its_bands_and_what_stays_missing(
     curves(page, "0")
     assert before > 20 and page.evaluate(INK, [[291, 329], "x", "--measured"]) > 20
     page.get_by_label("Remove LANK from the curves").click()
-    assert page.get_by_text("Choose a gap, or add a marker.").is_visible()
+    page.get_by_text("Choose a gap, or add a marker.").wait_for()
 
 
 def test_curves_are_zoomed_panned_and_read_by_pointer_and_keys(
@@ -179,7 +185,7 @@ def test_curves_are_zoomed_panned_and_read_by_pointer_and_keys(
     page = open_page(write_page(example_data(), tmp_path / "page.html"), ready=DECODED)
     frame_now = "store.frame"
     page.mouse.move(*spot(page, 180))
-    assert page.locator(".curves-place").inner_text() == "Frame 281, 1.800 s, at the pointer:"
+    assert place_of(page) == "Frame 281, 1.800 s, at the pointer:"
     page.mouse.wheel(0, -100)  # scrolls: the curves have not the focus
     assert view(page) == (140, 319)
     page.mouse.click(*spot(page, 200))
