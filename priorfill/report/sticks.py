@@ -31,9 +31,9 @@ person are as near to each other as knee and thigh, but their distance varies by
 SAME_SEGMENT = 0.3
 """Factor of lengths within a known segment, whose markers are connected first."""
 
-NOT_ADJACENT = 10.0
-"""Factor of lengths between two segments of a body that are not neighbours, such as an elbow on the
-hip, which may stay there through the whole clip."""
+NOT_ADJACENT = 2000.0
+"""mm, added to lengths between two segments of a body that are not neighbours, such as an elbow and
+the pelvis: it may stay on the hip through the whole clip. More than `MAX_LENGTH`."""
 
 OTHER_SIDE = 3.0
 """Factor of lengths to the side of the contralateral marker: arms and legs hang on the trunk, not
@@ -146,7 +146,7 @@ def _prefer_known_neighbours(
         for other, others in segments.items():
             named = inner[one] is not None and inner[other] is not None
             if one != other and named and one != inner[other] and other != inner[one]:
-                cost[np.ix_(members, others)] *= NOT_ADJACENT
+                cost[np.ix_(members, others)] += NOT_ADJACENT
 
 
 def _inner_segment(segment: str, present: Collection[str]) -> str | None:
