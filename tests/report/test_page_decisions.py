@@ -121,6 +121,23 @@ def test_decisions_are_made_by_keys_cut_joined_and_undone(
         ("accept", "Ben"),
     }
 
+    # a form begins with the frames that were dragged, or those in doubt
+    page.evaluate("window.priorfill.store.setChosenGaps([])")
+    choose_gap(page, 0)
+    page.evaluate("window.priorfill.store.setRange([140, 199])")
+    page.locator("#refill").click()
+    page.get_by_label("Method").select_option("leave")
+    page.get_by_role("button", name="Add re-fill").click()
+    assert {**refused, "frames": "241-250"} in decisions(page)
+    page.evaluate("window.priorfill.store.setRange(null)")
+    page.evaluate("window.priorfill.store.setMarkers([2])")
+    page.evaluate("window.priorfill.store.setFrame(305)")
+    page.locator("#mark-wrong").click()
+    assert page.get_by_label("First frame").input_value() == "401"
+    assert page.get_by_label("Last frame").input_value() == "420"
+    page.keyboard.press("Escape")
+    assert page.locator("#decision-form").inner_text() == ""
+
 
 def hostile_data() -> dict[str, Any]:
     """Data whose markers and subjects have labels of `HOSTILE`."""

@@ -152,6 +152,8 @@ def test_measured_samples_are_exchanged_and_marked_as_wrong(
     page.get_by_label("Import decisions").set_input_files("wrong.toml")
     status(page, "Decisions 1 and 2 contradict each other")
     open_page.faults = [one for one in open_page.faults if "400" not in one]
+    page.locator("#end-review").click()
+    status(page, "Some decisions are not saved")
     server.stop()
     page.locator("#fill").click()
     status(page, "The review server does not answer. Export the decisions")

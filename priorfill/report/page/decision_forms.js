@@ -81,17 +81,27 @@ class RefillForm {
     const methods = store.data.methods.filter((one) => aliases[one] === undefined);
     const { method } = this.gaps[0];
     const first = methods.includes(method) ? method : methods[0];
-    this.method = choice(methods.map((one) => [one, one]), first);
+    this.method = choice([...methods.map((one) => [one, one]),
+      [DO_LEAVE, "none: leave missing"]], first);
     this.method.addEventListener("change", () => this.showOptions());
-    const gap = this.gaps[0];
-    this.frames = this.gaps.length > 1 ? null :
-      new FramesField(store, gap.start, gap.stop, "Whole gap");
+    this.frames = this.gaps.length > 1 ? null : this.framesField();
+    this.details = [this.donorFields(), this.sourceFields(), this.optionFields()];
     this.form.body.append(
       element("div", { class: "field-row" }, [labelled("Method", this.method)]),
       this.frames ? this.frames.element :
-        element("p", { text: "Frames: those of each gap." }),
-      this.donorFields(), this.sourceFields(), this.optionFields());
+        element("p", { text: "Frames: those of each gap." }), ...this.details);
     this.showOptions();
+  }
+
+  /** Make the fields for frames: those of the gap, or what is dragged of them. */
+  framesField() {
+    const [{ start, stop }] = this.gaps;
+    const frames = new FramesField(this.store, start, stop, "Whole gap");
+    const { range } = this.store;
+    if (range !== null && range[0] < stop && range[1] >= start) {
+      frames.set(Math.max(start, range[0]), Math.min(stop, range[1] + 1));
+    }
+    return frames;
   }
 
   /** Make the choice of donor markers, near ones first. */
@@ -137,8 +147,9 @@ class RefillForm {
     ]);
   }
 
-  /** List the options of the chosen method. */
+  /** Show what the chosen method has: donors, sources, and its options. */
   showOptions() {
+    for (const one of this.details) one.hidden = this.method.value === DO_LEAVE;
     const options = (this.store.data.method_options || {})[this.method.value] || [];
     this.knownField.hidden = options.length === 0;
     this.known.replaceChildren(element("option", { value: "", text: "Choose an option" }));
@@ -160,6 +171,7 @@ class RefillForm {
   /** @returns {Object} what the decisions share, besides marker and frames */
   model() {
     const model = { do: this.method.value };
+    if (model.do === DO_LEAVE) return model;
     const { data } = this.store;
     const donors = this.donors.chosen().map((index) => ownLabel(data.markers[Number(index)]));
     if (donors.length > 0) model.donors = donors;
@@ -205,9 +217,9 @@ class SamplesForm {
     this.marker = choice(markers.map((one, index) => [String(index), one.label]), String(own));
     const row = element("div", { class: "field-row" }, [labelled("Marker", this.marker)]);
     const [start, stop] = store.range ? [store.range[0], store.range[1] + 1] :
-      [store.frame, store.frame + 1];
+      doubtfulRun(store, own, store.frame);
     this.span = [start, stop];
-    this.frames = new FramesField(store, start, stop, store.range ? "As first set" : "One frame");
+    this.frames = new FramesField(store, start, stop, "As at first");
     if (swap) {
       this.other = choice([], "");
       row.append(labelled("and", this.other));
@@ -249,6 +261,22 @@ class SamplesForm {
     }
     return entriesFor(data, [marker], model);
   }
+}
+
+/**
+ * Find the samples in doubt around a frame.
+ * @param {Store} store
+ * @param {number} marker
+ * @param {number} frame from 0
+ * @returns {number[]} start and stop of the run, from 0; the frame alone if it is not in doubt
+ */
+function doubtfulRun(store, marker, frame) {
+  const inDoubt = (one) => one >= 0 && one < store.frames &&
+    store.state(one, marker) === STATE.doubt;
+  let [start, stop] = [frame, frame + 1];
+  while (inDoubt(frame) && inDoubt(start - 1)) start -= 1;
+  while (inDoubt(frame) && inDoubt(stop)) stop += 1;
+  return [start, stop];
 }
 
 /**

@@ -45,17 +45,35 @@ class DecisionList {
    */
   add(wanted, label) {
     const kept = this.entries.filter((old) => !DO_NO_METHOD.includes(old.do));
-    const added = wanted.flatMap((entry) => (entry.do !== DO_ACCEPT ? [entry] :
-      kept.reduce((parts, old) => parts.flatMap((one) => this.rest(one, old)), [entry])));
-    let entries = this.entries;
-    for (const entry of added) {
-      entries = entries.flatMap((old) => this.rest(old, entry));
-    }
-    const joined = joinEntries([...entries, ...added]);
+    const added = wanted.flatMap((entry) =>
+      (entry.do === DO_ACCEPT ? this.without([entry], kept) : [entry]));
+    const joined = joinEntries([...this.without(this.entries, added), ...added]);
     const ranked = [0, 1, 2].flatMap((rank) => joined.filter((one) => entryRank(one) === rank));
     if (JSON.stringify(ranked) === JSON.stringify(this.entries)) return false;
     this.change(ranked, label);
     return true;
+  }
+
+  /**
+   * Return what is left of decisions when others are added.
+   * @param {Object[]} entries
+   * @param {Object[]} others
+   * @returns {Object[]}
+   */
+  without(entries, others) {
+    const ofMarker = new Map();
+    for (const other of others) {
+      for (const marker of entryScope(this.data, other).markers) {
+        if (!ofMarker.has(marker)) ofMarker.set(marker, []);
+        ofMarker.get(marker).push(other);
+      }
+    }
+    return entries.flatMap((entry) => {
+      const { markers } = entryScope(this.data, entry);
+      const near = new Set([...markers].flatMap((marker) => ofMarker.get(marker) || []));
+      return [...near].reduce(
+        (parts, other) => parts.flatMap((part) => this.rest(part, other)), [entry]);
+    });
   }
 
   /**

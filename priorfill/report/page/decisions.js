@@ -9,7 +9,7 @@ class Decisions {
     this.root = root;
     this.store = store;
     this.list = new DecisionList(store.data, store.data.decisions || []);
-    this.kept = JSON.stringify(this.list.entries);
+    this.kept = store.data.unsaved === true ? "" : JSON.stringify(this.list.entries);
     store.appliedDecisions = this.list.entries;
     this.form = null;
     this.rows = new DecisionRows(store, {
@@ -40,6 +40,7 @@ class Decisions {
       saved: (entries) => {
         this.kept = JSON.stringify(entries);
       },
+      unsaved: () => this.unsaved(),
     };
   }
 

@@ -8,7 +8,8 @@ class DecisionReview {
   /**
    * @param {Store} store
    * @param {{entries: function(): Object[], applied: function(): Object[],
-   *   filled: function(Object, Object[]), saved: function(Object[])}} actions
+   *   filled: function(Object, Object[]), saved: function(Object[]),
+   *   unsaved: function(): boolean}} actions
    */
   constructor(store, actions) {
     this.store = store;
@@ -18,7 +19,7 @@ class DecisionReview {
     this.status = element("p", { class: "decision-status", role: "status", id: "review-status" });
     this.paths = element("dl", { class: "facts", id: "saved-paths" });
     const { can } = store.data;
-    this.fillButton = button("Fill", () => this.run("fill"),
+    this.fillButton = button("Fill again", () => this.run("fill"),
       { id: "fill", class: "main-button", hidden: !can.refill });
     this.saveButton = button("Save", () => this.run("save"),
       { id: "save", class: "main-button", hidden: !can.save });
@@ -40,6 +41,7 @@ class DecisionReview {
    */
   show(pending) {
     const { busy } = this.link;
+    this.warned = false;
     this.pending = pending;
     this.fillButton.disabled = busy || !pending;
     this.saveButton.disabled = busy;
@@ -142,8 +144,13 @@ class DecisionReview {
     this.tell(text);
   }
 
-  /** End the server. */
+  /** End the server; decisions that are not saved need a second click. */
   async end() {
+    if (this.actions.unsaved() && !this.warned) {
+      this.warned = true;
+      this.tell("Some decisions are not saved. End review once more ends without them.");
+      return;
+    }
     try {
       await this.link.close();
       this.tell("The review has ended; this page can be closed.");
