@@ -153,7 +153,7 @@ def test_keys_stay_with_what_is_typed_into(page: Any) -> None:
     assert store(page, "[s.activeGap, s.frame]") == before
     page.keyboard.press("?")
     dialog = page.get_by_role("dialog")
-    assert dialog.get_by_text("Next gap, in the order of the table").is_visible()
+    assert dialog.get_by_text("Gap below in the table").is_visible()
     page.keyboard.press("n")
     assert store(page, "s.activeGap") == before[0]
     page.keyboard.press("Escape")

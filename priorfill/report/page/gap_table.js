@@ -212,7 +212,7 @@ class GapTable {
     const text = column.text(gap);
     const cell = element("td", {
       class: column.number ? "number" : null,
-      title: text.length > 12 && !column.warnings ? text : null,
+      title: text.length > 12 ? text : null,
     });
     if (column.warnings) {
       for (const warning of gap.warnings) {

@@ -35,8 +35,8 @@ class Keyboard {
         act: step(-MANY_FRAMES) },
       { keys: ["ArrowRight"], shift: true, name: "Shift →", text: "Ten frames on",
         act: step(MANY_FRAMES) },
-      { keys: ["n"], text: "Next gap, in the order of the table", act: () => stepGap(store, 1) },
-      { keys: ["p"], text: "Gap before, in the order of the table", act: () => stepGap(store, -1) },
+      { keys: ["n"], text: "Gap below in the table", act: () => stepGap(store, 1) },
+      { keys: ["p"], text: "Gap above in the table", act: () => stepGap(store, -1) },
       { keys: ["["], text: "Slower", act: () => this.changeSpeed(-1) },
       { keys: ["]"], text: "Faster", act: () => this.changeSpeed(1) },
       { keys: [","], text: "Range of frames: begin here", act: () => this.setRangeEnd(0) },
@@ -115,12 +115,16 @@ class Keyboard {
     const everywhere = this.actions.map((action) => [action.name || action.keys[0], action.text]);
     everywhere.find((row) => row[0] === "Escape")[0] = "Esc";
     return element("dialog", { class: "keys", "aria-labelledby": "keys-title" }, [
-      element("h2", { id: "keys-title", text: "Keys" }),
+      element("div", { class: "panel-head" }, [
+        element("h2", { id: "keys-title", text: "Keys" }),
+        element("span", { class: "group" }, [
+          button("Close", () => this.dialog.close(), { class: "close" }),
+        ]),
+      ]),
       element("div", { class: "key-groups" }, [
         group("Everywhere", everywhere),
-        element("div", {}, PANEL_KEYS.map(([title, list]) => group(title, list))),
+        ...PANEL_KEYS.map(([title, list]) => group(title, list)),
       ]),
-      button("Close", () => this.dialog.close(), { class: "close" }),
     ]);
   }
 
@@ -136,12 +140,13 @@ const PANEL_KEYS = [
   ["Timeline", [
     ["↑ ↓", "Marker above or below"], ["+ −", "Fewer or more frames"], ["0", "All frames"],
     ["Enter", "Zoom to the gap"], ["Page ↑ ↓", "Earlier or later frames"],
-    ["Home End", "First or last frame"],
+    ["Home End", "First or last frame"], ["Drag", "Range of frames"],
+    ["Wheel", "Fewer or more frames"],
   ]],
   ["Gap table", [
     ["↑ ↓", "Gap above or below"], ["Page ↑ ↓", "Ten gaps up or down"],
     ["Home End", "First or last gap"], ["Space", "Choose, or take back"],
-    ["Shift ↑ ↓", "Choose several"],
+    ["Shift ↑ ↓", "Choose several"], ["Shift click", "Choose all between"],
   ]],
   ["Body", [
     ["← → ↑ ↓", "Turn"], ["Shift and arrows", "Move"], ["+ −", "Nearer or further"],

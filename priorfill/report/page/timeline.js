@@ -233,7 +233,9 @@ class Timeline {
       context.fillRect(left, 0, Math.max(2, this.xOf(store.range[1] + 1) - left), height);
       context.globalAlpha = 1;
     }
-    for (const index of store.chosenGaps) this.frameGap(context, index, 1);
+    if (this.rowHeight >= LEAST_NAMED_ROW) {
+      for (const index of store.chosenGaps) this.frameGap(context, index, 1);
+    }
     if (store.activeGap >= 0) this.frameGap(context, store.activeGap, 2);
     const x = Math.round(this.xOf(store.frame + 0.5));
     context.fillStyle = shades.surface;
