@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Check that no output is lost when ``fill`` or ``evaluate`` is killed.
+"""Check that no output is lost when ``fill``, ``review`` or ``evaluate`` is killed.
 
     python scripts/checks/torture_outputs.py [--rounds 50] [--kind fill] [--seed 0]
 
@@ -8,6 +8,8 @@ before, after or during a random call that writes, flushes, renames or removes.
 
 fill        ``priorfill fill -o`` replaces an existing output: it must be the old or the new file,
             byte for byte
+review      ``priorfill review`` replaces a filled file and its decisions: both are old or both
+            new, once the next process has finished what the killed one began
 evaluate    ``priorfill evaluate -o`` keeps each finished case: those that are there must be used,
             not computed again, and the results be those of an undisturbed run
 
@@ -36,6 +38,7 @@ from torture.processes import HAS_FORK, Processes
 
 import priorfill as pf
 from priorfill.cli.encoding import replace_what_is_lacking
+from priorfill.runtime.file_pair import finish_pairs
 from priorfill.synthetic import synthesise
 
 AT_A_CALL = 0.6
@@ -47,7 +50,10 @@ AROUND_REPLACEMENT = 0.5
 LAST_CALLS = 4
 """Number of calls with which an output is flushed, replaces the old one, and is finished."""
 
-KINDS = ("fill", "evaluate")
+KINDS = ("fill", "review", "evaluate")
+
+DECISIONS = {"linear": "leave", "spline": "pchip"}
+"""What a review decides on the first marker, by its method."""
 
 TEMPORARY = ".priorfill-*"
 """Files that are not finished."""
@@ -103,7 +109,8 @@ class Outputs:
         rng = random.Random(f"{kind} {self._seed}")
         began = time.monotonic()
         folder = self.work / kind
-        self._processes.rehearse(self._command(kind, Path("rehearsal")))
+        if kind != "review":  # which would wait for its page
+            self._processes.rehearse(self._command(kind, Path("rehearsal")))
         job = self._measured(kind, folder)
         wanted = contents(folder)
         for _ in range(rounds):
@@ -116,22 +123,31 @@ class Outputs:
         row.seconds = time.monotonic() - began
 
     def _command(self, kind: str, folder: Path, method: str = "spline") -> list[str]:
-        if kind == "fill":
+        if kind != "evaluate":
             target = str(folder / "out.c3d")
-            return ["fill", str(self._clip), "-o", target, "-m", method, "--overwrite"]
+            more = ["--no-browser"] if kind == "review" else []
+            return [kind, str(self._clip), "-o", target, "-m", method, "--overwrite", *more]
         options = "-m linear,spline -p markers --markers LF*,RF* --copies 1 --length 0.2 -j 0 -o"
         return ["evaluate", str(self._clip), *options.split(), str(folder)]
 
-    def _complete(self, command: list[str]) -> None:
-        run = self._processes.complete((*COMMAND_LINE, *command))
+    def _complete(self, job: _Job) -> None:
+        command = job.with_faults() if job.kind == "review" else (*COMMAND_LINE, *job.command)
+        run = self._processes.complete(command)
         if run.end() not in (0, 3):
-            raise WrongError(f"{command[0]} ended with {run.end()}: {run.errors[-400:]}")
+            raise WrongError(f"{job.kind} ended with {run.end()}: {run.errors[-400:]}")
+
+    def _job(self, kind: str, folder: Path, method: str = "spline") -> _Job:
+        """Return a job; with method linear that which writes the old output."""
+        job = _Job(kind, folder, self._command(kind, folder, method))
+        if kind == "review":
+            job.more["save"] = [{"marker": pf.read(self._clip).labels[0], "do": DECISIONS[method]}]
+        return job
 
     def _measured(self, kind: str, folder: Path) -> _Job:
         """Return a job with the number of calls and the duration of an undisturbed process."""
-        job = _Job(kind, folder, self._command(kind, folder))
-        if kind == "fill":  # to replace an output, Windows needs more calls
-            self._complete(self._command(kind, folder, "linear"))
+        job = self._job(kind, folder)
+        if kind != "evaluate":  # to replace an output, Windows needs more calls
+            self._complete(self._job(kind, folder, "linear"))
         run = self._processes.start(job.with_faults())
         if run.end() not in (0, 3):
             raise SystemExit(f"an undisturbed process failed: {run.errors}")
@@ -142,8 +158,8 @@ class Outputs:
     def _round(self, row: Row, job: _Job, rng: random.Random, wanted: dict[str, bytes]) -> None:
         remove_folder(job.folder)
         before: dict[str, bytes] = {}
-        if job.kind == "fill":
-            self._complete(self._command("fill", job.folder, "linear"))
+        if job.kind != "evaluate":
+            self._complete(self._job(job.kind, job.folder, "linear"))
             before = contents(job.folder)
         number = int(SIGNALS["kill"])
         if rng.random() < AT_A_CALL:
@@ -156,7 +172,11 @@ class Outputs:
             run.sleep(rng.uniform(0, job.seconds))
             row.killed += run.end(kill=number) not in (0, 3)
         row.unfinished += bool(list(job.folder.rglob(TEMPORARY)))
+        if job.kind == "review":
+            finish_pairs(job.folder)
         there = contents(job.folder)
+        if job.kind == "review" and there not in (before, wanted):
+            raise WrongError("the filled file and its decisions are not of the same time")
         for name, data in there.items():
             if data not in (before.get(name), wanted[name]):
                 raise WrongError(f"{name} is neither the old nor the new one")
@@ -164,7 +184,7 @@ class Outputs:
             raise WrongError(f"lost {', '.join(sorted(lost))}")
         row.new += sum(data != before.get(name) for name, data in there.items())
         times = {name: (job.folder / name).stat().st_mtime_ns for name in there}
-        self._complete(job.command)
+        self._complete(job)
         now = contents(job.folder)
         if now != wanted:
             raise WrongError(f"the next process left {sorted(now)} instead of {sorted(wanted)}")
@@ -184,16 +204,17 @@ class _Job:
     command: list[str]
     calls: int = 0
     seconds: float = 0.0
+    more: dict[str, object] = field(default_factory=dict)
 
     def with_faults(self, **fault: object) -> list[str]:
         """Return Python's arguments for the command with options of `child`."""
-        options = json.dumps({"folder": str(self.folder), **fault})
+        options = json.dumps({"folder": str(self.folder), **self.more, **fault})
         return [str(SCRIPT), "--child", options, *self.command]
 
 
 def contents(folder: Path) -> dict[str, bytes]:
     """Return what the finished outputs below a folder hold, by their names."""
-    found = {path.name: path.read_bytes() for path in folder.glob("out.c3d")}
+    found = {path.name: path.read_bytes() for path in folder.glob("out.*")}
     for path in folder.glob("cases/[0-9]*.npz"):
         with np.load(path, allow_pickle=False) as arrays:  # also the seconds, which vary
             found[f"cases/{path.name}"] = arrays["samples"].tobytes()

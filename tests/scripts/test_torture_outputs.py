@@ -10,7 +10,7 @@ from scripted import load_script
 ROUNDS = 2
 
 
-@pytest.mark.parametrize("kind", ["fill", "evaluate"])
+@pytest.mark.parametrize("kind", ["fill", "review", "evaluate"])
 def test_no_output_is_lost(in_memory: Path, kind: str) -> None:
     script = load_script("torture_outputs")
     work = in_memory / kind

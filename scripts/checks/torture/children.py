@@ -81,7 +81,8 @@ def child(options: dict[str, Any], arguments: list[str]) -> None:
     options : dict
         ``folder``: the database; fields of `Fault`; ``kill``: the signal that the fault sends;
         ``segment_bytes``: size of segments; ``plan``, ``files``, ``other``: parameters of
-        `drive`; ``step``: the step of the plan that begins the count of calls.
+        `drive`; ``step``: the step of the plan that begins the count of calls; ``save``: decisions
+        that a review saves as soon as its page can be opened, and ends.
     arguments : list of str
         Arguments of priorfill, unless there is a plan.
     """
@@ -106,6 +107,13 @@ def child(options: dict[str, Any], arguments: list[str]) -> None:
             faults.arm(fault)
         return faults.calls
 
+    if "save" in options:
+        from priorfill.reviewing.server import ReviewServer
+
+        def save(server: ReviewServer) -> None:
+            server.session.save(options["save"])
+
+        ReviewServer.wait = save  # type: ignore[method-assign]
     usual = segments.SEGMENT_BYTES
     segments.SEGMENT_BYTES = options.get("segment_bytes", usual)
     windows, pauses = held_files.WINDOWS, held_files._PAUSES_S
