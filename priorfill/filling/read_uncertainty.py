@@ -106,11 +106,10 @@ def _of_arrays(
     numbers = rms.dtype.kind == bound.dtype.kind == "f" and frames.dtype.kind in "iu"
     if not numbers or rms.shape != shape or bound.shape != shape:
         raise FormatError(f"{path}: its arrays do not fit each other; {_REMEDY}")
-    first = [int(frame) for frame in frames.ravel()[:1]]
-    if shape[0] != clip.frames or first != [clip.first_frame]:
+    if shape[0] != clip.frames:
         raise FormatError(
-            f"{path}: is on {shape[0]} frames from {', '.join(map(str, first))}, and {clip.name} "
-            f"has {clip.frames} from {clip.first_frame}; give that of the same fill"
+            f"{path}: is on {shape[0]} frames, and {clip.name} has {clip.frames}; give that of the "
+            "same fill"
         )
     place = {str(label): number for number, label in enumerate(known.ravel())}
     columns = [_column(place, label, path) for label in labels]
@@ -135,8 +134,8 @@ def _provenance(value: Any) -> Provenance | None:
         return None
 
 
-def _rows(data: bytes, path: Path) -> list[tuple[str, int, float, float, str]]:
-    """Return the rows of a table: marker, frame, rms error, bound, and sources."""
+def _rows(data: bytes, path: Path) -> list[tuple[str, float, float, float, str]]:
+    """Return the rows of a table: marker, seconds, rms error, bound, and sources."""
     try:
         lines = list(csv.reader(io.StringIO(data.decode("utf-8-sig"), newline="")))
     except (UnicodeDecodeError, csv.Error):
@@ -146,8 +145,8 @@ def _rows(data: bytes, path: Path) -> list[tuple[str, int, float, float, str]]:
     rows = []
     for number, line in enumerate(lines[1:], start=2):
         try:
-            label, frame, _, rms, bound, sources = line
-            rows.append((label, int(frame), _length(rms), _length(bound), sources))
+            label, _, seconds, rms, bound, sources = line
+            rows.append((label, float(seconds), _length(rms), _length(bound), sources))
         except ValueError:
             raise FormatError(f"{path}: line {number} is no row of the table; {_REMEDY}") from None
     return rows
@@ -158,7 +157,7 @@ def _length(cell: str) -> float:
 
 
 def _of_rows(
-    rows: Sequence[tuple[str, int, float, float, str]],
+    rows: Sequence[tuple[str, float, float, float, str]],
     clip: Clip,
     labels: Sequence[str],
     path: Path,
@@ -168,15 +167,16 @@ def _of_rows(
     rms = np.full((clip.frames, len(labels)), np.nan)
     bound = rms.copy()
     sources = {}
-    for label, frame, one, other, text in rows:
-        marker, at = place.get(label), frame - clip.first_frame
+    for label, seconds, one, other, text in rows:
+        marker = place.get(label)
         if marker is None:  # of another subject
             continue
-        if not 0 <= at < clip.frames:
+        if not -0.5 < seconds * clip.rate < clip.frames - 0.5:
             raise FormatError(
-                f"{path}: has frame {frame}, which {clip.name} does not have; give that of the "
-                "same fill"
+                f"{path}: has an error at {seconds:g} s, beyond the end of {clip.name}; give that "
+                "of the same fill"
             )
+        at = round(seconds * clip.rate)  # files of other formats may number frames otherwise
         rms[at, marker], bound[at, marker] = one, other
         sources[clip.labels[marker], at] = text
     return Uncertainty(rms, bound, sources)
