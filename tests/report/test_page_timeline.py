@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from pathlib import Path
 from typing import Any
@@ -155,3 +156,19 @@ def test_many_markers_stay_quick(open_page: PageOpener, tmp_path: Path) -> None:
     began = time.monotonic()
     assert timeline(page, "(() => { t.imageKey = ''; t.draw(); return t.rowHeight })()") < 1.0001
     assert time.monotonic() - began < 5
+
+
+def test_decisions_have_signs(page: Any) -> None:
+    picture = "t.canvas.toDataURL()"
+    timeline(page, "t.draw()")
+    before = timeline(page, picture)
+    entry = {"marker": "LKNE", "subject": "Anna", "frames": "201-250", "do": "accept"}
+    page.evaluate(f"window.priorfill.store.setDecisions([{json.dumps(entry)}])")
+    sign = page.locator("#gap-table tr[data-gap='0'] .sign")
+    assert sign.inner_text().strip() == "✓"
+    timeline(page, "t.draw()")
+    assert timeline(page, picture) != before
+    page.evaluate("window.priorfill.store.setDecisions([])")
+    assert sign.count() == 0
+    timeline(page, "t.draw()")
+    assert timeline(page, picture) == before

@@ -32,6 +32,7 @@ class Timeline {
     this.themes = 0;
     this.redraw = scheduled(() => this.draw());
     this.input = new TimelineInput(this);
+    this.marks = new TimelineMarks(this);
     this.build(root);
     this.arrange();
     this.listen();
@@ -70,7 +71,7 @@ class Timeline {
   /** React to the store and to the user. */
   listen() {
     const { store } = this;
-    for (const event of ["frame", "range", "markers"]) store.on(event, this.redraw);
+    for (const event of ["frame", "range", "markers", "decisions"]) store.on(event, this.redraw);
     store.on("decoded", ({ version }) => {
       if (version <= 0) this.imageKey = "";
       this.redraw();
@@ -141,7 +142,7 @@ class Timeline {
     context.clearRect(0, 0, this.canvas.width, this.canvas.height);
     context.drawImage(this.image, 0, 0);
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
-    this.drawMarks(context, height);
+    this.marks.draw(context, height);
   }
 
   /** Draw rows and axis into the stored image, unless it shows them already. */
@@ -215,53 +216,6 @@ class Timeline {
     context.textBaseline = "middle";
     context.textAlign = "left";
     context.fillText(cutText(context, text, box.names + 200), 6, box.top + box.height / 2);
-  }
-
-  /** Draw what changes often: range, gaps chosen, playhead. */
-  drawMarks(context, height) {
-    const { store } = this;
-    const shades = colours();
-    const { names, width } = this.columns();
-    context.save();
-    context.beginPath();
-    context.rect(names, 0, width + 4, height);
-    context.clip();
-    if (store.range) {
-      const left = this.xOf(store.range[0]);
-      context.fillStyle = shades.accent;
-      context.globalAlpha = 0.22;
-      context.fillRect(left, 0, Math.max(2, this.xOf(store.range[1] + 1) - left), height);
-      context.globalAlpha = 1;
-    }
-    if (this.rowHeight >= LEAST_NAMED_ROW) {
-      for (const index of store.chosenGaps) this.frameGap(context, index, 1);
-    }
-    if (store.activeGap >= 0) this.frameGap(context, store.activeGap, 2);
-    const x = Math.round(this.xOf(store.frame + 0.5));
-    context.fillStyle = shades.surface;
-    context.fillRect(x - 2, AXIS_HEIGHT, 5, height);
-    context.fillStyle = shades.text;
-    context.fillRect(x - 0.5, AXIS_HEIGHT - 6, 2, height);
-    context.beginPath();
-    context.moveTo(x - 5, AXIS_HEIGHT - 8);
-    context.lineTo(x + 5, AXIS_HEIGHT - 8);
-    context.lineTo(x, AXIS_HEIGHT);
-    context.fill();
-    context.restore();
-  }
-
-  /** Draw a frame around a gap. */
-  frameGap(context, index, thickness) {
-    const gap = this.store.data.gaps[index];
-    const row = gap && this.rowOf.get(gap.marker);
-    if (row === undefined) return;
-    const top = AXIS_HEIGHT + row * this.rowHeight - this.scroller.scrollTop;
-    if (top < AXIS_HEIGHT - this.rowHeight) return;
-    const left = this.xOf(gap.start);
-    const wide = Math.max(3, this.xOf(gap.stop) - left);
-    context.strokeStyle = colours().accent;
-    context.lineWidth = thickness;
-    context.strokeRect(left - 1, top + 0.5, wide + 2, Math.max(2, this.rowHeight - 1));
   }
 
   /** @returns {number} place (px) of a frame on the canvas */
