@@ -274,7 +274,7 @@ class Curves {
     if (!this.view.shows(frame)) return;
     for (const panel of this.laid.panels) {
       const text = this.readout.short(panel, frame, chosen);
-      if (text) writeInCorner(context, panel, text, true);
+      if (text) writeAbove(context, panel, text, null);
     }
   }
 

@@ -13,12 +13,13 @@ const CURVE_LEAST_RANGE = { x: 4, y: 4, z: 4, speed: 40, distance: 1, error: 1 }
 /** Free space above and below the values, as part of their range. */
 const CURVE_MARGIN = 0.06;
 
-/** CSS pixels: room for numbers left of a panel, title above it, time axis below a column. */
-const CURVE_ROOM = { left: 58, right: 10, head: 20, between: 12, axis: 36, block: 8 };
+/** CSS pixels: room for numbers left of a panel, its title above it, the symbols of markers above
+ * shared panels, the time axis below a column, and below that. */
+const CURVE_ROOM = { left: 58, right: 10, title: 17, head: 18, axis: 36, block: 6 };
 
 /** CSS pixels: least width of a column of panels; least and greatest height of a panel. */
 const CURVE_COLUMN_WIDTH = 300;
-const CURVE_LEAST_HEIGHT = 50;
+const CURVE_LEAST_HEIGHT = 48;
 const CURVE_MOST_HEIGHT = 150;
 
 /** Share of the window's height, and CSS pixels: height of all panels together that is aimed at. */
@@ -137,30 +138,35 @@ class CurveView {
  * @param {string[]} kinds Quantities, from above.
  * @param {boolean} together Whether a panel shows all markers.
  * @returns {{height: number, panels: Object[], heads: Object[], axes: Object[]}} Panels: kind,
- *   markers, x, y, width, height; heads: marker (-1: all), x, y, width; axes: x, y, width.
+ *   markers, label (marker named above it, or -1), x, y, width, height, group; heads of shared
+ *   panels and axes: x, y, width.
  */
 function layCurves(width, markers, kinds, together) {
   const groups = together ? [markers] : markers.map((marker) => [marker]);
   const columns = Math.max(1, Math.min(groups.length, Math.floor(width / CURVE_COLUMN_WIDTH), 3));
   const blocks = Math.ceil(groups.length / columns);
   const room = CURVE_ROOM;
-  const aimed = aimedCurvesHeight() / (blocks * kinds.length) - room.between;
+  const aimed = aimedCurvesHeight() / (blocks * kinds.length) - room.title;
   const high = Math.round(Math.min(CURVE_MOST_HEIGHT, Math.max(CURVE_LEAST_HEIGHT, aimed)));
-  const panelsHigh = kinds.length * (high + room.between) - room.between;
-  const blockHigh = room.head + panelsHigh + room.axis + room.block;
+  const shared = together && markers.length > 1;
+  const headHigh = shared ? room.head : 0;
+  const blockHigh = headHigh + kinds.length * (room.title + high) + room.axis + room.block;
   const wide = width / columns;
   const laid = { height: blocks * blockHigh, panels: [], heads: [], axes: [] };
   groups.forEach((group, place) => {
     const x = Math.round((place % columns) * wide) + room.left;
     const inner = Math.max(40, Math.round(wide) - room.left - room.right);
     let y = Math.floor(place / columns) * blockHigh;
-    laid.heads.push({ marker: together ? -1 : group[0], x, y, width: inner });
-    y += room.head;
-    for (const kind of kinds) {
-      laid.panels.push({ kind, markers: group, x, y, width: inner, height: high, group: place });
-      y += high + room.between;
-    }
-    laid.axes.push({ x, y: y - room.between, width: inner });
+    if (shared) laid.heads.push({ x, y, width: inner });
+    y += headHigh;
+    kinds.forEach((kind, row) => {
+      const label = row === 0 && !shared ? group[0] : -1;
+      y += room.title;
+      laid.panels.push(
+        { kind, markers: group, label, x, y, width: inner, height: high, group: place });
+      y += high;
+    });
+    laid.axes.push({ x, y, width: inner });
   });
   return laid;
 }
@@ -276,22 +282,20 @@ function valueY(panel, value) {
 }
 
 /**
- * Write into the upper corner of a panel, on a ground that keeps the text legible.
+ * Write above a panel: the title at its left end, a value at its right end.
  * @param {CanvasRenderingContext2D} context
- * @param {Object} panel
+ * @param {Object} panel With `titleStop`, where the title ends, if the text is a value.
  * @param {string} text
- * @param {boolean} right Whether into the right corner.
+ * @param {number|null} x Left end of a title (CSS pixels); null for a value, which is written only
+ *   if there is room.
  */
-function writeInCorner(context, panel, text, right) {
-  const shades = colours();
-  context.font = right ? CURVE_FONT : CURVE_BOLD;
-  context.textAlign = "left";
+function writeAbove(context, panel, text, x) {
+  context.font = CURVE_FONT;
+  context.fillStyle = colours().text;
   const wide = context.measureText(text).width;
-  const x = right ? panel.x + panel.width - wide - 11 : panel.x + 3;
-  context.globalAlpha = 0.85;
-  context.fillStyle = shades.surface;
-  context.fillRect(x, panel.y + 2, wide + 8, 16);
-  context.globalAlpha = 1;
-  context.fillStyle = shades.text;
-  context.fillText(text, x + 4, panel.y + 14);
+  const right = panel.x + panel.width;
+  if (x === null && right - wide < panel.titleStop + 8) return;
+  context.textAlign = "left";
+  context.fillText(text, x === null ? right - wide : x, panel.y - 4);
+  if (x !== null) panel.titleStop = x + wide;
 }

@@ -51,7 +51,7 @@ class CurvePainter {
       for (const line of panel.lines) this.paintLine(context, panel, view, line);
       if (!["distance", "error"].includes(panel.kind)) this.paintMarks(context, panel, view);
       context.restore();
-      writeInCorner(context, panel, this.titleOf(panel, chosen), false);
+      this.paintTitle(context, panel, chosen);
     }
     for (const head of laid.heads) this.paintHead(context, head, chosen);
     for (const axis of laid.axes) drawTimeAxis(context, axis, view, clip);
@@ -240,28 +240,37 @@ class CurvePainter {
     }
   }
 
-  /** Write the marker, or all markers with their symbols, above a column of panels. */
+  /** Write the title above a panel, after the marker if it is the first one of a column. */
+  paintTitle(context, panel, chosen) {
+    const title = this.titleOf(panel, chosen);
+    let { x } = panel;
+    if (panel.label >= 0) {
+      context.font = CURVE_BOLD;
+      context.fillStyle = colours().text;
+      context.textAlign = "left";
+      const { label } = this.store.data.markers[panel.label];
+      const text = cutText(context, label, panel.width / 2);
+      context.fillText(text, x, panel.y - 4);
+      x += context.measureText(text).width + 12;
+    }
+    writeAbove(context, panel, title, x);
+  }
+
+  /** Write all markers with their symbols above shared panels. */
   paintHead(context, head, { markers }) {
-    const { data } = this.store;
     context.font = CURVE_BOLD;
     context.textAlign = "left";
-    context.fillStyle = colours().text;
-    const y = head.y + 14;
-    if (head.marker >= 0) {
-      context.fillText(cutText(context, data.markers[head.marker].label, head.width), head.x, y);
-      return;
-    }
     const room = head.width / markers.length;
     markers.forEach((marker, place) => {
       const own = markerStyle(place);
       const x = head.x + place * room;
-      if (markers.length > 1) {
-        context.fillStyle = context.strokeStyle = own.colour;
-        context.lineWidth = 1.5;
-        drawSymbol(context, own.symbol, x + 5, y - 4, 4);
-      }
+      const y = head.y + 14;
+      context.fillStyle = context.strokeStyle = own.colour;
+      context.lineWidth = 1.5;
+      drawSymbol(context, own.symbol, x + 5, y - 4, 4);
       context.fillStyle = colours().text;
-      context.fillText(cutText(context, data.markers[marker].label, room - 24), x + 14, y);
+      const { label } = this.store.data.markers[marker];
+      context.fillText(cutText(context, label, room - 24), x + 14, y);
     });
   }
 }
