@@ -273,6 +273,20 @@ def test_versions_are_compared_over_the_whole_clip(open_page: PageOpener, tmp_pa
     page.get_by_label("truth.c3d", exact=True).uncheck()
     assert len(values(page)) == 2
     assert page.evaluate(INK, [[170, 196], "z", "--truth"]) == 0
+    page.get_by_label("neighbours").check()
+    assert "neighbours, shifted" in legend_of(page)
+    near = "curves.laid.panels[0].lines.filter((line) => line.role === 'neighbour')"
+    assert curves(page, f"{near}.map((line) => store.data.markers[line.other].label)") == ["LKNE"]
+    offset = curves(
+        page,
+        f"""((one, first, last) => {{
+        const own = curves.series.values(0, 1, "x");
+        let sum = 0;
+        for (let t = first; t <= last; t += 1) if (own[t] === own[t]) sum += one[t] - own[t];
+        return sum / (last - first + 1);
+      }})({near}[0].series, curves.view.first, curves.view.last)""",
+    )
+    assert abs(offset) < 0.01
     page.get_by_label("First version of the distance").select_option("truth.c3d")
     page.get_by_label("Second version of the distance").select_option("<b>spline.c3d")
     assert values(page)[0][6] == "25.0"

@@ -136,13 +136,13 @@ class CurveOptions {
       ]));
   }
 
-  /** Offer what the versions allow; the expected error first where nothing is compared. */
+  /** Offer what the versions allow: the distance to the truth at first, or the expected error. */
   offer(versions) {
     const kinds = versions.map(({ kind }) => kind).join();
     if (kinds === this.versions) return;
     this.versions = kinds;
     this.distance.hidden = versions.length < 2;
-    this.boxes.distance.checked = versions.length > 1;
+    this.boxes.distance.checked = kinds.includes("truth");
     this.boxes.error.checked = !kinds.includes("truth");
   }
 

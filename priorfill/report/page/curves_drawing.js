@@ -44,9 +44,11 @@ function versionStyle(versions, version) {
     return { colour: shades.ghost, dash: CURVE_KIND_DASHES.original, width: 2 };
   }
   const others = versions.map((v, i) => (v.kind === "other" ? i : -1)).filter((i) => i >= 0);
-  const place = Math.max(0, others.indexOf(version)) % CURVE_OTHER_DASHES.length;
   const palette = CURVE_OTHER_COLOURS[shades.dark ? "dark" : "light"];
-  return { colour: palette[place], dash: CURVE_OTHER_DASHES[place], width: 1.5 };
+  const place = Math.max(0, others.indexOf(version));
+  const round = Math.floor(place / palette.length); // the same colours with other dashes
+  const dash = CURVE_OTHER_DASHES[(place + round) % CURVE_OTHER_DASHES.length];
+  return { colour: palette[place % palette.length], dash, width: 1.5 };
 }
 
 /**
