@@ -29,7 +29,7 @@ try:
     from starlette.routing import Route
 except ImportError as missing:
     raise PriorfillError(
-        f'a review needs {missing.name}; install it: pip install "priorfill[review]"'
+        f'a review needs {missing.name}, which is not installed: pip install "priorfill[review]"'
     ) from missing
 
 if TYPE_CHECKING:

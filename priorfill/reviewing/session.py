@@ -152,6 +152,7 @@ class ReviewSession:
             exists = self.overrides.exists()
             overrides = read_overrides(self.overrides) if exists else Overrides(())
         self.decisions = overrides.to_entries()
+        self._saved_entries = self.decisions if self.overrides.exists() else []
         self._work = FileToFill.read(
             self.source,
             self.output,
@@ -245,6 +246,8 @@ class ReviewSession:
                 overwrite=self._may_replace(),
             )
             self._ours = {path: _state(path) for path in (self.output, self.overrides)}
+            self._saved_entries = overrides.to_entries()
+            self.data |= {"decisions": self._saved_entries, "unsaved": False}
             self.saved = SavedReview(self.output, self.overrides, result.complete)
         return self.saved
 
@@ -277,6 +280,7 @@ class ReviewSession:
             database_clips=self._database_clips,
         )
         data = page_data(result, contents)
+        data["unsaved"] = data["decisions"] != self._saved_entries
         if self.command:
             data["command"] = list(self.command)
         self._filled, self.data = (overrides, result), data

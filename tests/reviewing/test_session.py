@@ -82,8 +82,11 @@ def test_saving_fills_again_only_for_other_decisions(walk: Path) -> None:
     session = review(walk)
     seen: list[tuple[int, int]] = []
     session.fill([REFUSED])
+    assert session.data["unsaved"]
     session.save([REFUSED | {"note": "seen"}], lambda done, total: seen.append((done, total)))
     assert seen == []
+    assert not session.data["unsaved"]
+    assert session.data["decisions"] == [REFUSED | {"note": "seen"}]
     assert "seen" in session.overrides.read_text(encoding="utf-8")
     session.save([], lambda done, total: seen.append((done, total)))
     assert seen[-1][0] == seen[-1][1]
@@ -127,6 +130,7 @@ def test_a_review_continues_with_the_decisions_of_its_file(walk: Path) -> None:
     files = pf.FileOptions(overwrite=True)
     again = review(walk, files=files)
     assert again.decisions == [REFUSED]
+    assert not again.fill(again.decisions)["unsaved"]
     given = review(walk, "other.c3d", overrides=session.overrides, files=files)
     assert given.decisions == [REFUSED]
     assert given.overrides == session.overrides
