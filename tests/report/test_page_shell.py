@@ -227,4 +227,4 @@ def test_old_browsers_are_named(open_page: PageOpener, tmp_path: Path) -> None:
     page.add_init_script("delete window.DecompressionStream")
     page.reload()
     page.get_by_role("alert").wait_for(state="visible")
-    assert "use Chrome 80" in page.get_by_role("alert").inner_text()
+    assert "use Chrome 93" in page.get_by_role("alert").inner_text()

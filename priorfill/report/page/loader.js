@@ -4,7 +4,7 @@
 /** Run the packed scripts, or state why they cannot run. */
 async function runPackedScripts() {
   if (typeof DecompressionStream === "undefined") {
-    throw new Error("this browser cannot unpack it; use Chrome 80, Edge 80, Firefox 113, " +
+    throw new Error("this browser cannot unpack it; use Chrome 93, Edge 93, Firefox 113, " +
       "Safari 16.4, or a later version");
   }
   const packed = document.getElementById("priorfill-script");
