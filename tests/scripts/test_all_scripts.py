@@ -39,6 +39,7 @@ CHECKOUT_SCRIPTS = (
 
 TESTED_ELSEWHERE = {
     **dict.fromkeys(CHECKOUT_SCRIPTS, "scripts/test_checkout.py"),
+    "bench/page.py": "scripts/test_bench_page.py",
     "checks/fuzz_c3d.py": "scripts/test_fuzz_c3d.py",
     "checks/fuzz_formats.py": "scripts/test_fuzz_formats.py",
     "checks/fuzz_methods.py": "scripts/test_fuzz_methods.py",

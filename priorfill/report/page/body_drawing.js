@@ -224,26 +224,20 @@ class BodyDrawing {
     return Math.max(MARKER_PIXELS[0], Math.min(MARKER_PIXELS[1], radius));
   }
 
-  /** Draw the markers, far ones first, one path for each state. */
+  /** Draw the markers, far ones first, each in a path of its own as sticks are. */
   drawMarkers(context, paint) {
     const { state, level, at } = this;
     for (let depth = DEPTH_LEVELS - 1; depth >= 0; depth--) {
       for (let code = 1; code < MARKER_STYLES.length; code++) {
         const { shape, colour } = MARKER_STYLES[code];
         context.globalAlpha = code === STATE.measured ? levelAlpha(depth) : 1;
-        let any = false;
         for (let marker = 0; marker < this.count; marker++) {
           if (state[marker] === code && level[marker] === depth) {
-            if (!any) {
-              context.beginPath();
-              any = true;
-            }
             const from = marker * 3;
+            context.beginPath();
             addShape(context, shape, at[from], at[from + 1], this.radius(at[from + 2]));
+            paintShape(context, shape, paint[colour]);
           }
-        }
-        if (any) {
-          paintShape(context, shape, paint[colour]);
         }
       }
     }

@@ -4,8 +4,8 @@
 const LONGEST_TICK_S = 0.25;
 
 /**
- * Move on at each drawing of the screen while the store plays; within its range of frames, if there
- * is one, and from the beginning again after the last frame.
+ * Move on at each drawing of the screen while the store plays; within the frames of its loop, if
+ * there are any, and from the beginning again after the last frame.
  * @param {Store} store
  * @param {number} run number of the run of playing, so that an earlier one ends
  * @param {number|null} before time (ms) of the drawing before
@@ -18,7 +18,7 @@ function playOn(store, run, before, place) {
     if (before !== null && Math.floor(place) === store.frame) {
       at += Math.min(LONGEST_TICK_S, (time - before) / 1000) * store.speed * store.rate;
     } else if (before !== null) at = store.frame; // someone has moved it
-    const [first, last] = store.range || [0, store.frames - 1];
+    const [first, last] = store.loop || [0, store.frames - 1];
     if (at >= last + 1 || at < first) at = first;
     store.setFrame(Math.floor(at));
     playOn(store, run, time, at);

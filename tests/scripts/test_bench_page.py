@@ -1,0 +1,36 @@
+"""The benchmark of report pages runs, and says so where there is no browser."""
+
+import pytest
+from browser import find_chromium
+from scripted import load_script
+
+ARGUMENTS = ["page", "--pages", "12x60", "--markers", "12", "--repeat", "1", "--play", "0.1"]
+
+
+def test_pages_are_measured(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+    program = find_chromium()
+    if program is None:
+        pytest.skip("no Chromium: install it, or let PRIORFILL_CHROMIUM name it")
+    script = load_script("page")
+    monkeypatch.setattr("sys.argv", ARGUMENTS)
+    monkeypatch.setattr(script, "find_browser", lambda: program)
+    assert script.main() in (0, 1)  # a busy computer exceeds the bounds
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[2].split()[:2] == ["12", "60"]
+    assert len(lines[2].split()) == 9
+    assert lines[4].split()[0] == "12"
+    assert lines[5].startswith("bounds 0.5 MB for 41 x 3000")
+
+
+def test_without_a_browser_nothing_is_measured(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+    script = load_script("page")
+    monkeypatch.setattr("sys.argv", ARGUMENTS)
+    monkeypatch.setattr(script, "find_browser", lambda: None)
+    assert script.main() == 0
+    assert "nothing was measured" in capsys.readouterr().out
