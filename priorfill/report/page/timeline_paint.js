@@ -153,7 +153,8 @@ function paintName(context, store, marker, box) {
   context.font = `${box.chosen ? "bold " : ""}${size}px system-ui, sans-serif`;
   context.textAlign = "left";
   context.fillStyle = box.chosen ? shades.accent : shades.text;
-  context.fillText(cutText(context, info.label, room), 6, middle);
+  const label = store.data.subjects.length > 1 ? info.own : info.label;
+  context.fillText(cutText(context, label, room), 6, middle);
 }
 
 /**
