@@ -16,6 +16,8 @@ from priorfill.cli import main
 from priorfill.filling.overrides_file import read_overrides
 from priorfill.formats import write
 from priorfill.markers.definitions import load
+from priorfill.methods import get_options
+from priorfill.methods.options import with_values
 
 ROOT = Path(__file__).parents[1]
 COMMAND_LINE = (ROOT / "docs/cli.md").read_text(encoding="utf-8")
@@ -52,11 +54,16 @@ def test_the_example_of_a_marker_set_loads(tmp_path: Path) -> None:
 
 
 def test_the_example_of_overrides_is_read(tmp_path: Path) -> None:
-    (example,) = blocks(ROOT / "docs/cli.md", "toml")
+    example, origin = blocks(ROOT / "docs/cli.md", "toml")
     path = tmp_path / "gaps.toml"
-    path.write_text(example, encoding="utf-8")
-    frames = [(entry.first, entry.last) for entry in read_overrides(path).entries]
-    assert frames == [(120, 180), (None, None), (301, 304)]
+    path.write_text(origin + example, encoding="utf-8")
+    overrides = read_overrides(path)
+    frames = [(entry.first, entry.last) for entry in overrides.entries]
+    assert frames == [(120, 180), (None, None), (301, 304), (410, 455), (None, None)]
+    assert overrides.made_for is not None
+    assert overrides.made_for.method == "gpr"
+    options = overrides.entries[-1].options
+    assert with_values(get_options("gpr"), options).max_expected_error == 50
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
