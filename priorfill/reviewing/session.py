@@ -12,7 +12,7 @@ from typing import Any, Unpack
 from priorfill import formats
 from priorfill.database import PriorDatabase
 from priorfill.errors import OptionError, OutputError
-from priorfill.filling.assign_overrides import apply_overrides
+from priorfill.filling.check_overrides import check_overrides
 from priorfill.filling.fill_cache import FillCache
 from priorfill.filling.fill_file import FileOptions, FileToFill
 from priorfill.filling.fill_options import FillKeywords, FillOptions
@@ -179,9 +179,13 @@ class ReviewSession:
             Where a decision is wrong, or does not fit the file.
         """
         overrides = Overrides.from_entries(decisions)
-        fitting = overrides.for_subjects(self._work.clips)
-        for clip in self._work.clips:
-            apply_overrides(fitting, clip)
+        check_overrides(
+            overrides,
+            self._work.clips,
+            method=self._work.arguments.get("method", "auto"),
+            database_clips=None if self._work.database is None else self._database_clips,
+            same_subject=bool(self._work.same_subject),
+        )
         return overrides
 
     def fill(
@@ -277,7 +281,7 @@ class ReviewSession:
             before=self._work.clips,
             review=True,
             decisions=overrides.to_entries(),
-            database_clips=self._database_clips,
+            database_clips=self._database_clips[:MAX_CLIPS],
         )
         data = page_data(result, contents)
         data["unsaved"] = data["decisions"] != self._saved_entries
@@ -317,11 +321,11 @@ class ReviewSession:
 
 
 def _clip_names(database: Path | str | None) -> tuple[str, ...]:
-    """Return the names of the first clips of a database."""
+    """Return the names of the clips of a database."""
     if database is None:
         return ()
     with PriorDatabase.open(database) as opened:
-        return tuple(dict.fromkeys(record.name for record in opened.clips()))[:MAX_CLIPS]
+        return tuple(dict.fromkeys(record.name for record in opened.clips()))
 
 
 def _same_values(one: Overrides, other: Overrides) -> bool:
