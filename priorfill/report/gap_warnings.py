@@ -203,11 +203,12 @@ def _length_warning(
     ):
         return
     change = 100.0 * (length.length - length.usual) / length.usual
+    low, high = f"{length.low:.0f}", f"{length.high:.0f}"
     yield GapWarning(
         "length",
         f"{length.length:.0f} mm from {parts.label(first + length.marker)} at frame "
-        f"{parts.frame(length.frame)}, {change:+.0f} %: the measured distance on the same "
-        f"segment is {length.low:.0f} to {length.high:.0f} mm.",
+        f"{parts.frame(length.frame)} ({change:+.0f} %); the measured distance on the same "
+        f"segment is {low if low == high else f'{low} to {high}'} mm.",
     )
 
 
