@@ -188,6 +188,26 @@ function formatCount(count) {
 }
 
 /**
+ * The number of a frame as text.
+ * @param {number} number as the file numbers frames
+ * @returns {string} with a minus sign where it is negative
+ */
+function frameName(number) {
+  return number < 0 ? `−${-number}` : String(number);
+}
+
+/**
+ * A range of frames as text.
+ * @param {number} first
+ * @param {number} last as the file numbers them, inclusive
+ * @returns {string} "92–116", "7", "−5 to 3"
+ */
+function frameRange(first, last) {
+  if (first === last) return frameName(first);
+  return `${frameName(first)}${first < 0 ? " to " : "–"}${frameName(last)}`;
+}
+
+/**
  * A share as text.
  * @param {number} part
  * @param {number} whole

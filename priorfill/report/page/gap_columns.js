@@ -13,9 +13,7 @@ function warningName(kind) {
 
 /** @returns {string} frames of a gap as the file numbers them */
 function gapFrames(store, gap) {
-  const first = store.frameNumber(gap.start);
-  const last = store.frameNumber(gap.stop - 1);
-  return first === last ? String(first) : `${first}–${last}`;
+  return frameRange(store.frameNumber(gap.start), store.frameNumber(gap.stop - 1));
 }
 
 /** @returns {string} share of a gap that was filled */

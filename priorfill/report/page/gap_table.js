@@ -225,7 +225,7 @@ class GapTable {
     cell.textContent = shortText(text, 200);
     if (column.errors && gap.expected_mean !== null) {
       const swatch = element("span", { class: "error-swatch", "aria-hidden": "true" });
-      swatch.style.background = errorColour(gap.expected_mean);
+      swatch.style.background = errorColour(gap.expected_rms); // as on the timeline
       cell.prepend(swatch);
     }
     if (column.key === "filled" && gap.filled < gap.stop - gap.start && gap.requested) {

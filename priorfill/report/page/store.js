@@ -218,10 +218,9 @@ class Store {
   /** @returns {string} "LKNE, frames 92–116" of a gap */
   gapName(index) {
     const gap = this.data.gaps[index];
-    const first = this.frameNumber(gap.start);
-    const last = this.frameNumber(gap.stop - 1);
     const label = shortText(this.data.markers[gap.marker].label);
-    return first === last ? `${label}, frame ${first}` : `${label}, frames ${first}–${last}`;
+    const word = gap.stop - gap.start === 1 ? "frame" : "frames";
+    return `${label}, ${word} ${gapFrames(this, gap)}`;
   }
 
   /** Go to a frame. */

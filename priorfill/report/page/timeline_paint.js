@@ -166,7 +166,7 @@ function paintName(context, store, marker, box) {
 function paintAxis(context, store, box) {
   const shades = colours();
   const scale = box.width / (box.to - box.from);
-  const wanted = LABEL_ROOM / scale / store.rate;
+  const wanted = Math.max(LABEL_ROOM / scale, 1) / store.rate; // at least a frame
   const step = TIME_STEPS_S.find((s) => s >= wanted) || 3600;
   const digits = step < 0.1 ? 2 : step < 1 ? 1 : 0;
   context.fillStyle = shades.panel;
@@ -187,9 +187,11 @@ function paintAxis(context, store, box) {
     context.fillRect(Math.round(x), box.height - 4, 1, 4);
     if (x < box.left + 12 && k > first) continue;
     if (x > box.left + box.width - 14) continue;
+    const frameText = frameName(store.frameNumber(Math.round(frame)));
+    const middle = Math.max(x, box.left + context.measureText(frameText).width / 2);
     context.fillStyle = shades.text;
     context.fillText((k * step).toFixed(digits), Math.max(x, box.left + 8), 12);
     context.fillStyle = shades.muted;
-    context.fillText(String(store.frameNumber(Math.round(frame))), Math.max(x, box.left + 8), 25);
+    context.fillText(frameText, middle, 25);
   }
 }
