@@ -23,7 +23,12 @@ ONLY_IN = {
     "re2": ("datasets",),
     "requests": ("datasets",),
     "urllib3": ("datasets",),
-    "matplotlib": ("evaluation.plots", "report.figures", "report.notebook_figure"),
+    "matplotlib": (
+        "evaluation.plots",
+        "report.figures",
+        "report.gap_figure",
+        "report.notebook_figure",
+    ),
     "ezc3d": ("formats",),
     "starlette": ("reviewing.server",),
     "uvicorn": ("reviewing.server",),

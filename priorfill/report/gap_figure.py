@@ -106,7 +106,7 @@ def draw_panels(
     drawings = [_Drawing(result, panel, truth) for panel in panels]
     rows = [drawings[start : start + columns] for start in range(0, len(drawings), columns)]
     heights = [max(drawing.height for drawing in row) for row in rows]
-    drawn: dict[str, Any] = {}
+    drawn: set[str] = set()
     with default_style():
         figure = new_figure(width, sum(heights, MARGINS))
         figure.suptitle(title, fontsize=12)
@@ -117,7 +117,7 @@ def draw_panels(
         if drawn:
             order = [name for name in STYLES if name in drawn]
             figure.legend(
-                [drawn[name] for name in order],
+                [_sample(name) for name in order],
                 order,
                 loc="outside lower center",
                 ncols=min(len(order), 6 if columns == 1 else 8),
@@ -142,7 +142,7 @@ class _Drawing:
     def __init__(self, result: Result, panel: Panel, truth: Values | None) -> None:
         clip, shown = result.clip, slice(panel.start, panel.stop)
         self.result, self.panel = result, panel
-        self.drawn: dict[str, Any] = {}
+        self.drawn: set[str] = set()
         self.frames = clip.first_frame + np.arange(panel.start, panel.stop)
         self.positions = clip.positions[shown, panel.marker]
         self.filled = result.filled[shown, panel.marker]
@@ -161,8 +161,8 @@ class _Drawing:
         further = max(0, self.title.count("\n") + 1 - TITLE_LINES)
         return HEIGHT * self.rows / 3 + LINE_HEIGHT * further
 
-    def draw(self, part: Any) -> dict[str, Any]:
-        """Draw into a part of a figure; return an artist of each kind of data, for the legend."""
+    def draw(self, part: Any) -> set[str]:
+        """Draw into a part of a figure; return the kinds of data, for the legend."""
         axes = part.subplots(self.rows, 1, sharex=True)
         clip = self.result.clip
         for k, one in enumerate(axes[:3]):
@@ -218,25 +218,37 @@ class _Drawing:
         """Shade the gaps, and hatch what was not filled."""
         missing = np.isnan(self.positions[:, 0])
         for name, where in (("gap", self.filled | missing), ("not filled", missing)):
-            for start, stop in _runs(where):
-                # a frame is as wide as the distance to its neighbours
-                edges = self.frames[start] - 0.5, self.frames[stop - 1] + 0.5
-                self.drawn[name] = axes.axvspan(*edges, zorder=0.5, **STYLES[name])
+            # a frame is as wide as the distance to its neighbours
+            spans = [(self.frames[start] - 0.5, stop - start) for start, stop in _runs(where)]
+            if spans:
+                self.drawn.add(name)
+                all_heights = axes.get_xaxis_transform()
+                axes.broken_barh(spans, (0, 1), transform=all_heights, zorder=0.5, **STYLES[name])
 
     def _bands(self, axes: Axes, values: Values) -> None:
         """Draw the bands around filled samples."""
-        known = self.filled & np.isfinite(self.bound)
         for name, share in (("90 % band", BAND_90), ("50 % band", BAND_50)):
-            for start, stop in _runs(known):
-                run = slice(start, stop)
-                frames, middle, half = self.frames[run], values[run], share * self.bound[run]
-                if stop - start == 1:  # an area needs two frames
-                    frames = frames[0] + np.array([-0.5, 0.5])
-                    middle, half = np.repeat(middle, 2), np.repeat(half, 2)
-                step = math.ceil(len(frames) / MAX_POINTS)
-                self.drawn[name] = axes.fill_between(
-                    frames[::step], (middle - half)[::step], (middle + half)[::step], **STYLES[name]
-                )
+            half = share * self.bound
+            self._area(axes, name, values - half, values + half)
+
+    def _area(self, axes: Axes, name: str, low: Values, high: Values) -> None:
+        """Draw an area of filled samples, where it is known."""
+        from matplotlib.collections import PolyCollection
+
+        areas = []
+        for start, stop in _runs(self.filled & np.isfinite(low) & np.isfinite(high)):
+            run = slice(start, stop, math.ceil((stop - start) / MAX_POINTS))
+            frames, bottom, top = self.frames[run], low[run], high[run]
+            if len(frames) == 1:  # an area needs two frames
+                frames = frames[0] + np.array([-0.5, 0.5])
+                bottom, top = np.repeat(bottom, 2), np.repeat(top, 2)
+            there, back = np.column_stack([frames, top]), np.column_stack([frames, bottom])
+            areas.append(np.concatenate([there, back[::-1]]))
+        if areas:
+            self.drawn.add(name)
+            axes.add_collection(PolyCollection(areas, **STYLES[name]))
+            axes.update_datalim(np.concatenate(areas))
+            axes.autoscale_view()
 
     def _curves(self, axes: Axes, k: int) -> None:
         """Draw measured and filled samples of a coordinate."""
@@ -257,8 +269,8 @@ class _Drawing:
     def _curve(self, axes: Axes, name: str, curve: Values) -> None:
         """Draw a curve, and dots where a sample has no neighbours."""
         style = STYLES[name]
-        (line,) = axes.plot(*_thinned(self.frames, curve), **style)
-        self.drawn[name] = line
+        axes.plot(*_thinned(self.frames, curve), **style)
+        self.drawn.add(name)
         known = np.isfinite(curve)
         alone = known.copy()
         alone[1:] &= ~known[:-1]
@@ -270,12 +282,20 @@ class _Drawing:
         """Draw the distance of filled from recorded samples, and the bound."""
         assert self.truth is not None
         away = np.linalg.norm(self.positions - self.truth, axis=1)
-        for start, stop in _runs(self.filled & np.isfinite(self.bound)):
-            run = slice(start, stop)
-            axes.fill_between(self.frames[run], 0.0, self.bound[run], **STYLES["90 % band"])
+        self._area(axes, "90 % band", np.zeros_like(self.bound), self.bound)
         self._curve(axes, "filled", np.where(self.filled, away, np.nan))
         axes.set_ylim(0.0, None)
         axes.set_ylabel("distance from\nrecorded (mm)")
+
+
+def _sample(name: str) -> Any:
+    """Return what the legend shows of a kind of data."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    style = STYLES[name]
+    lines = {"marker", "linestyle"} & style.keys() or name in ("measured", "filled")
+    return Line2D([], [], **style) if lines else Patch(**style)
 
 
 def _expected(gaps: Sequence[FilledGap]) -> list[str]:
@@ -328,6 +348,8 @@ def _thinned(frames: NDArray[np.int_], curve: Values) -> tuple[NDArray[np.int_],
 
 def _widen(axes: Axes) -> None:
     """Give an axis a least range."""
+    if not axes.has_data() or not np.isfinite(axes.dataLim.height):
+        axes.set_yticks([])  # nothing is known; the numbers would mean nothing
     low, high = axes.get_ylim()
     short = MIN_RANGE - (high - low)
     if short > 0:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from html import escape
 from pathlib import Path
 
@@ -72,14 +71,12 @@ class NotebookPage:
         )
 
     def _repr_html_(self) -> str:
-        """Return a frame with the page."""
-        if self.megabytes > LARGE_MB:
-            warnings.warn(
-                f"the notebook grows by {self.megabytes:.0f} MB, the page of {self.name}; "
-                '.save("FILE.html") writes it to a file instead',
-                stacklevel=2,
-            )
-        return (
+        """Return a frame with the page, below a warning where the page is large."""
+        warning = (
+            f"<p>This page makes the notebook {self.megabytes:.0f} MB larger; "
+            "<code>.save(&quot;FILE.html&quot;)</code> writes it to a file instead.</p>"
+        )
+        return (warning if self.megabytes > LARGE_MB else "") + (
             f'<iframe title="priorfill" sandbox="allow-scripts allow-downloads" width="100%" '
             f'height="{self.height}" srcdoc="{escape(self.page)}"></iframe>'
         )

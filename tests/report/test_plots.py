@@ -74,7 +74,9 @@ def test_marker_with_a_gap(result: pf.Result) -> None:
     measured = curve(y, "black")
     assert np.isnan(measured[measured[:, 0] == 540, 1]).all()
     bound = result.error_bound_90_mm[40, 0]
-    for band, share in zip(y.collections, (BAND_90, BAND_50), strict=True):
+    shading, *bands = y.collections
+    assert np.ptp(shading.get_paths()[0].vertices[:, 0]) == 20
+    for band, share in zip(bands, (BAND_90, BAND_50), strict=True):
         at = band.get_paths()[0].vertices
         at = at[np.isclose(at[:, 0], 541)]
         assert np.ptp(at[:, 1]) == pytest.approx(2 * share * bound)
@@ -86,8 +88,8 @@ def test_what_was_not_filled_is_marked(result: pf.Result) -> None:
     titles = [axes[0].get_title(loc="left").replace("\n", " ") for axes in parts]
     assert len(titles) == 2
     assert "left alone, frames 601\u2013620: " in titles[1]
-    assert any(patch.get_hatch() for patch in parts[1][0].patches)
-    assert not any(patch.get_hatch() for patch in parts[0][0].patches)
+    assert any(area.get_hatch() for area in parts[1][0].collections)
+    assert not any(area.get_hatch() for area in parts[0][0].collections)
     assert result.plot("C7").subfigs[0].axes[0].get_title(loc="left").endswith("no gaps")
 
 
