@@ -285,6 +285,7 @@ class ReviewSession:
         )
         data = page_data(result, contents)
         data["unsaved"] = data["decisions"] != self._saved_entries
+        data["saves"] = {"output": str(self.output), "overrides": str(self.overrides)}
         if self.command:
             data["command"] = list(self.command)
         self._filled, self.data = (overrides, result), data

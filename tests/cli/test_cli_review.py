@@ -59,6 +59,9 @@ def test_a_review_from_the_first_look_to_ctrl_c(here: Path) -> None:
         client = ReviewClient.of(address)
         assert address == f"http://127.0.0.1:{client.port}/{client.token}/"
         assert b'"command":["priorfill","fill","walk.c3d"' in client.get().body
+        assert b'"overrides":"out/filled.overrides.toml"' in client.get().body.replace(
+            b"\\\\", b"/"
+        )
         answer = client.post("check", {"decisions": [REFUSED | {"options": {"x": 1}}]})
         assert answer.error.startswith("decision 1: ")
         assert "saved" in client.post("save", {"decisions": [REFUSED]}).lines[-1]

@@ -7,8 +7,8 @@ import logging
 import re
 import socket
 import threading
-import time
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -41,22 +41,29 @@ def client(served: tuple[ReviewServer, ReviewClient]) -> ReviewClient:
     return served[1]
 
 
+@dataclass
+class SlowFill:
+    """A fill that has begun, and whether it may end."""
+
+    begun: threading.Event = field(default_factory=threading.Event)
+    may_end: threading.Event = field(default_factory=threading.Event)
+
+
 @pytest.fixture
-def slow(
-    served: tuple[ReviewServer, ReviewClient], monkeypatch: pytest.MonkeyPatch
-) -> threading.Event:
-    """Fills take until the event is set; each step reports progress."""
-    go_on = threading.Event()
+def slow(served: tuple[ReviewServer, ReviewClient], monkeypatch: pytest.MonkeyPatch) -> SlowFill:
+    """Fills take until they may end; each step reports progress."""
+    events = SlowFill()
 
     def fill(decisions: Any, progress: Any, checkpoint: Any) -> dict[str, Any]:
         for step in range(1, 600):
             progress(step, 600)
-            if go_on.wait(0.05):
+            events.begun.set()
+            if events.may_end.wait(0.05):
                 return {"title": "slow"}
         raise AssertionError("nobody stopped the fill")
 
     monkeypatch.setattr(served[0].session, "fill", fill)
-    return go_on
+    return events
 
 
 def test_the_page_and_its_headers(client: ReviewClient) -> None:
@@ -136,27 +143,25 @@ def test_bugs_are_lines_too(
     assert (answer.status, answer.error[:17]) == (500, "bug in priorfill ")
 
 
-def test_one_fill_at_a_time_which_can_be_stopped(
-    client: ReviewClient, slow: threading.Event
-) -> None:
+def test_one_fill_at_a_time_which_can_be_stopped(client: ReviewClient, slow: SlowFill) -> None:
     lines: list[dict[str, Any]] = []
     first = threading.Thread(
         target=lambda: lines.extend(client.post("fill", {"decisions": []}).lines)
     )
     first.start()
-    deadline = time.monotonic() + 30
-    while (answer := client.post("save", {"decisions": []})).status != 409:
-        assert time.monotonic() < deadline
+    assert slow.begun.wait(30)
+    answer = client.post("save", {"decisions": []})
+    assert answer.status == 409
     assert answer.error == "a fill is running; wait for it, or stop it"
     assert client.get().status == 200
     assert client.post("cancel", {}).lines == [{"ok": True}]
     first.join(30)
     assert lines[-1] == {"error": "the fill was stopped"}
-    slow.set()
+    slow.may_end.set()
     assert client.post("fill", {"decisions": []}).lines[-1] == {"data": {"title": "slow"}}
 
 
-def test_a_page_that_leaves_stops_its_fill(client: ReviewClient, slow: threading.Event) -> None:
+def test_a_page_that_leaves_stops_its_fill(client: ReviewClient, slow: SlowFill) -> None:
     body = b'{"decisions": []}'
     with socket.create_connection(("127.0.0.1", client.port), timeout=30) as connection:
         connection.sendall(
@@ -169,7 +174,7 @@ def test_a_page_that_leaves_stops_its_fill(client: ReviewClient, slow: threading
         while b'"done"' not in received:
             received += connection.recv(1000)
     # the next request waits until the fill that was left has stopped
-    waiting = threading.Timer(1.0, slow.set)
+    waiting = threading.Timer(1.0, slow.may_end.set)
     waiting.start()
     assert client.post("fill", {"decisions": []}).lines[-1] == {"data": {"title": "slow"}}
     waiting.join()

@@ -24,7 +24,7 @@ class DecisionFiles {
       spellcheck: "false",
     });
     this.preview = element("details", { on: { toggle: () => this.showText() } }, [
-      element("summary", { text: `Contents of ${this.name}` }), this.text,
+      element("summary", { text: "Contents of the file of decisions" }), this.text,
     ]);
     this.element = element("div", { class: "decision-files" }, [
       element("div", { class: "field-row" }, [
@@ -169,9 +169,23 @@ function overridesName(name) {
  * @returns {string}
  */
 function fillCommand(data, overrides) {
-  const words = data.command || ["priorfill", "fill", data.clip.file || data.title];
+  const words = data.command || ["priorfill", "fill", data.clip.file || data.title,
+    ...(data.settings || []).flatMap(([name, value]) => optionWords(name, value))];
   const output = overrides.replace(/\.overrides\.toml$/, fileSuffix(data.title));
-  return [...words, "-o", output, "--overrides", overrides].map(shellWord).join(" ");
+  const files = data.saves || { output, overrides };
+  return [...words, "-o", files.output, "--overrides", files.overrides]
+    .map((word) => shellWord(safeText(word))).join(" ");
+}
+
+/**
+ * Return an option of a command as its words.
+ * @param {string} name
+ * @param {string|boolean} value true for options without a value
+ * @returns {string[]}
+ */
+function optionWords(name, value) {
+  if (value === true) return [`--${name}`];
+  return value.startsWith("-") ? [`--${name}=${value}`] : [`--${name}`, value];
 }
 
 /**
