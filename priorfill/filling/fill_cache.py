@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from priorfill.clip import Clip
 from priorfill.methods.task import Estimate
 
-__all__ = ["FillCache", "RunEstimate", "digest_of"]
+__all__ = ["FillCache", "RunEstimate", "digest_of", "recalled"]
 
 T = TypeVar("T")
 
@@ -122,6 +122,21 @@ class FillCache:
     def holds(self, key: str) -> bool:
         """Whether something was computed for a key."""
         return key in self._held
+
+
+def recalled(cache: FillCache | None, parts: Sequence[Any], compute: Callable[[], T]) -> T:
+    """Return what a cache holds for something, or compute it; without a cache compute it.
+
+    Parameters
+    ----------
+    cache : FillCache or None
+        The cache.
+    parts : sequence of object
+        All that the value depends on; see `digest_of`.
+    compute : callable
+        Returns the value, which is small.
+    """
+    return compute() if cache is None else cache.recall(digest_of(*parts), compute)
 
 
 def digest_of(*parts: Any) -> str:

@@ -22,7 +22,7 @@ from priorfill.filling.assemble import filled_samples, restore_rejected, sum_up_
 from priorfill.filling.assign_overrides import AppliedOverrides, apply_overrides
 from priorfill.filling.believable_fill import BelievableFill
 from priorfill.filling.database_takes import DatabaseTakes
-from priorfill.filling.fill_cache import RunEstimate, digest_of
+from priorfill.filling.fill_cache import RunEstimate, digest_of, recalled
 from priorfill.filling.fill_options import FillOptions
 from priorfill.filling.gap_filter import GapFilter
 from priorfill.filling.multi_subject import assign_same_subject, merge_results
@@ -266,7 +266,9 @@ def _plan(
     if settings.reject_artefacts:
         cleaned, artefacts = without_artefacts(measured)
     elif options.plausibility.hide_doubtful:
-        artefacts = find_artefacts(measured)
+        artefacts = recalled(
+            options.cache, ("artefacts", measured), lambda: find_artefacts(measured)
+        )
     applied = None if settings.overrides is None else apply_overrides(settings.overrides, cleaned)
     clip = cleaned if applied is None else applied.clip
     sources = {CLIP, *([SAME_SUBJECT] if same_subject else []), *([DATABASE] if shown else [])}
