@@ -188,6 +188,16 @@ SMOKE = {
         },
         statuses=(None,),
     ),
+    "studies/warning_study.py": Smoke(
+        "--data {data} --methods linear",
+        "true positions",
+        {
+            "RECORDINGS": ("hdm05/HDM_bd_05-01_01_120.c3d",),
+            "MAX_FRAMES": 240,
+            "KINDS": ("single",),
+        },
+        statuses=(None,),
+    ),
     "studies/learn_markers.py": Smoke(
         "{data}/skeleton.c3d {data}/skeleton.amc --skeleton {data}/skeleton.asf"
         " -o {tmp}/markers.toml",
