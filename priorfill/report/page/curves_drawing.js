@@ -20,7 +20,7 @@ const CURVE_FILL_DASH = [6, 3];
 const CURVE_KIND_DASHES = { truth: [], original: [1, 3] };
 
 /** Frames on a CSS pixel from which pixel columns are filled from their least to greatest value. */
-const CURVE_DENSE = 2;
+const CURVE_DENSE = 4;
 
 /** Opacity of the shade of gaps. */
 const CURVE_GAP_ALPHA = 0.15;

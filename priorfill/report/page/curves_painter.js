@@ -60,6 +60,7 @@ class CurvePainter {
   /** The title of a panel. */
   titleOf(panel, { pair }) {
     const text = curveTitle(panel.kind, this.store.data.clip.up);
+    if ((this.series.known.get(0) || 0) < this.store.frames) return `${text}: loading`;
     if (panel.empty) return `${text}: none`;
     if (panel.kind !== "distance") return text;
     if (panel.width < CURVE_WIDE_PANEL) return text;
