@@ -12,6 +12,9 @@ const EMPTY_SCENE = [-1000, -1000, 0, 1000, 1000, 2000];
 /** Most frames at which the centre of the body is computed; between them it is interpolated. */
 const PATH_KNOTS = 1500;
 
+/** Most markers of which the centre is the median, evenly spaced in the list. */
+const MEDIAN_MARKERS = 100;
+
 /** Time between two of these frames. */
 const KNOT_SECONDS = 0.15;
 
@@ -47,6 +50,7 @@ class BodyScene {
     this.positions = store.positions(0);
     this.markers = store.data.markers.length;
     this.frames = Math.max(1, store.decodedFrames);
+    this.skip = Math.ceil(this.markers / MEDIAN_MARKERS);
     this.sorted = new Float64Array(this.markers);
     this.trace();
     this.measure();
@@ -56,7 +60,7 @@ class BodyScene {
   /** Middle value of one coordinate of the valid samples of a frame, NaN without any. */
   median(frame, axis) {
     let count = 0;
-    for (let marker = 0; marker < this.markers; marker++) {
+    for (let marker = 0; marker < this.markers; marker += this.skip) {
       if (SHOWN_BY_STATE[this.store.state(frame, marker)]) {
         this.sorted[count++] = this.positions[(frame * this.markers + marker) * 3 + axis] / 10;
       }
