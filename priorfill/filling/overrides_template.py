@@ -76,8 +76,10 @@ def made_for(result: Result) -> MadeFor:
     """
     provenance = result.provenance
     clip, database = provenance.clips[0], provenance.database
+    name = clip.file or clip.name
     return MadeFor(
-        clip.file or clip.name,
+        # bytes of a name that are no UTF-8 as escape sequences: TOML cannot hold them
+        name.encode("utf-8", "backslashreplace").decode("utf-8"),
         clip.sha256,
         provenance.method,
         "" if database is None else database.content,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,13 +17,14 @@ from priorfill.filling.check_overrides import check_overrides
 from priorfill.filling.fill_cache import FillCache
 from priorfill.filling.fill_file import FileOptions, FileToFill
 from priorfill.filling.fill_options import FillKeywords, FillOptions
+from priorfill.filling.further_outputs import FURTHER_OUTPUTS
 from priorfill.filling.overrides import Overrides
 from priorfill.filling.overrides_file import overrides_text, read_overrides
 from priorfill.filling.overrides_template import made_for
 from priorfill.filling.result import Result
 from priorfill.formats.file_bytes import check_unchanged, os_errors_explained
 from priorfill.report.report_data import MAX_CLIPS, PageContents, page_data
-from priorfill.runtime.atomic_file import check_target, check_writable
+from priorfill.runtime.atomic_file import check_target, check_writable, is_same_file
 from priorfill.runtime.file_pair import finish_pairs, write_pair
 
 __all__ = [
@@ -41,7 +43,7 @@ Progress = Callable[[int, int], None]
 Checkpoint = Callable[[], None]
 """Called often; raises `FillStoppedError` to stop a fill."""
 
-_OTHER_OUTPUTS = ("uncertainty", "report", "add_to_database")
+_OTHER_OUTPUTS = (*(kind.name for kind in FURTHER_OUTPUTS), "add_to_database")
 """Fields of `FileOptions` for outputs that a review does not write."""
 
 
@@ -296,7 +298,9 @@ class ReviewSession:
             if getattr(self._files, name):
                 raise OptionError(f"a review writes no such output; leave `{name}` out")
         finish_pairs(self.output.parent)
-        check_target(self.overrides, overwrite=self._files.overwrite, source=self.source)
+        target = check_target(self.overrides, overwrite=self._files.overwrite, source=self.source)
+        if is_same_file(target, Path(os.path.realpath(self.output))):
+            raise OutputError(f"{self.output}: is the file for the decisions, too; choose another")
         check_writable(self.overrides, 0)
 
     def _check_source(self) -> None:

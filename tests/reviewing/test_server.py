@@ -174,7 +174,7 @@ def test_a_page_that_leaves_stops_its_fill(client: ReviewClient, slow: SlowFill)
         while b'"done"' not in received:
             received += connection.recv(1000)
     # the next request waits until the fill that was left has stopped
-    waiting = threading.Timer(1.0, slow.may_end.set)
+    waiting = threading.Timer(0.3, slow.may_end.set)
     waiting.start()
     assert client.post("fill", {"decisions": []}).lines[-1] == {"data": {"title": "slow"}}
     waiting.join()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -179,5 +180,38 @@ def test_outputs_are_checked_before_the_file_is_read(walk: Path) -> None:
         review(walk, files=pf.FileOptions(uncertainty="walk.csv"))
     with pytest.raises(OptionError, match="known are"):
         review(walk, "walk.nope")
-    with pytest.raises(OutputError, match="name of both files"):
-        review(walk, "out.npz", overrides="out.npz").save([])
+    with pytest.raises(OutputError, match=r"out\.npz: is the file for the decisions, too"):
+        review(walk, "out.npz", overrides="out.npz")
+    with pytest.raises(OptionError, match="no such output"):
+        review(walk, files=pf.FileOptions(write_overrides="gaps.toml"))
+    assert [path.name for path in Path().iterdir()] == ["walk.c3d"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="all names of Windows are Unicode")
+def test_a_name_that_is_no_text(walk: Path) -> None:
+    source = Path(os.fsdecode(b"walk\xff.c3d"))
+    try:
+        walk.rename(source)
+    except OSError:
+        pytest.skip("the file system takes no such name")
+    saved = review(source).save([REFUSED])
+    again = pf.fill_file(source, "again.c3d", method="pchip", overrides=saved.overrides)
+    assert Path("again.c3d").read_bytes() == saved.output.read_bytes()
+    assert again.result.notes == ()
+
+
+def test_subjects_of_one_file(here: Path) -> None:
+    clips = {name: pf.read(write_walk(Path(f"{name}.npz"))) for name in ("Anna", "Ben")}
+    both = pf.Clip(
+        np.concatenate([clip.positions for clip in clips.values()], axis=1),
+        tuple(f"{name}:{label}" for name, clip in clips.items() for label in clip.labels),
+        30.0,
+    )
+    pf.write("two.c3d", both)
+    session = review(Path("two.c3d"))
+    assert session.fill([])["subjects"] == ["Anna", "Ben"]
+    saved = session.save([REFUSED | {"subject": "Ben"}])
+    filled = {clip.subject: clip for clip in pf.read_subjects(saved.output)}
+    assert {name: clip.missing.sum() for name, clip in filled.items()} == {"Anna": 0, "Ben": 10}
+    pf.fill_file("two.c3d", "again.c3d", method="pchip", overrides=saved.overrides)
+    assert Path("again.c3d").read_bytes() == saved.output.read_bytes()
