@@ -234,6 +234,7 @@ def test_files_written_by_hand_are_read_or_refused_with_the_line(
 ) -> None:
     data = example_data()
     data["aliases"] = {"auto": "gpr", "prior": "gpr"}
+    data["settings"] = [["frames", "-5:9"], ["markers", "L KNE,$(x)"], ["skip-edges", True]]
     page = open_page(write_page(data, tmp_path / "page.html"), ready=READY)
     file = tmp_path / "hand.toml"
     file.write_bytes(b"\xef\xbb\xbf" + HAND_WRITTEN.replace("\n", "\r\n").encode())
@@ -241,6 +242,10 @@ def test_files_written_by_hand_are_read_or_refused_with_the_line(
     assert decisions(page) == read_overrides(file).to_entries()
     assert page.locator("#gap-table [data-gap='4']").inner_text().count("✕")
 
+    assert page.get_by_label("Command that repeats them").input_value() == (
+        "priorfill fill walk.c3d --frames=-5:9 --markers 'L KNE,$(x)' --skip-edges "
+        "-o walk_filled.c3d --overrides walk_filled.overrides.toml"
+    )
     before = decisions(page)
     for text, reason in FAULTS:
         file.write_bytes(text if isinstance(text, bytes) else text.encode())
