@@ -248,9 +248,13 @@ class Clip:
                     f"{self.name}: markers are chosen by their labels, not by {label!r}; "
                     "`positions` has them by number"
                 ) from None
-            raise MarkerNotFoundError(
-                f"{self.name}: has no marker {label}; {close_or_all(label, self.labels)}"
-            ) from None
+            of_subjects = [one for one in self.labels if one.endswith(f":{label}")]
+            remedy = (
+                f"did you mean {' or '.join(of_subjects)}?"
+                if of_subjects
+                else close_or_all(label, self.labels)
+            )
+            raise MarkerNotFoundError(f"{self.name}: has no marker {label}; {remedy}") from None
 
     def __getitem__(self, label: str) -> NDArray[np.float64]:
         return self.positions[:, self.index(label)]

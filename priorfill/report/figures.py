@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -48,12 +49,19 @@ def check_plots() -> None:
     Raises
     ------
     OptionError
-        Where matplotlib is not installed.
+        Where matplotlib is not installed, or cannot be imported.
     """
     if find_spec("matplotlib") is None:
         raise OptionError(
             "plots need matplotlib, which is not installed; install it with: pip install matplotlib"
         )
+    try:
+        import_module("matplotlib.figure")
+    except (ImportError, ValueError, RuntimeError, OSError) as error:  # also of wrong settings
+        raise OptionError(
+            f"plots need matplotlib, which cannot be imported ({shown(str(error), 200)}); "
+            "check its installation and settings"
+        ) from error
 
 
 @contextmanager

@@ -91,6 +91,9 @@ def test_path_of_a_marker(result: pf.Result) -> None:
     for error in (KeyError, ClipError, MarkerNotFoundError, pf.PriorfillError):
         with pytest.raises(error, match="has no marker rkne; did you mean RKNE"):
             clip["rkne"]
+    both = replace(clip, labels=("Anna:C7", "Anna:T10", "Ben:C7", "Ben:T10"))
+    with pytest.raises(KeyError, match="did you mean Anna:C7 or Ben:C7"):
+        both["C7"]
     with pytest.raises(KeyError, match="by their labels, not by 0"):
         clip[0]  # type: ignore[index]
 

@@ -202,6 +202,16 @@ def test_refused_before_the_fill(folder: Path, monkeypatch: pytest.MonkeyPatch) 
     status, output = run("--plot", "a.png")
     assert status == 2
     assert "pip install matplotlib" in " ".join(output.split())
+    monkeypatch.undo()
+    monkeypatch.chdir(folder)
+
+    def broken(name: str) -> None:
+        raise ValueError("Key backend: 'x' is not a valid value")
+
+    monkeypatch.setattr(figures, "import_module", broken)
+    status, output = run("--plot", "a.png")
+    assert status == 2
+    assert "cannot be imported (Key backend" in " ".join(output.split())
     assert not Path("a.png").exists()
 
 
