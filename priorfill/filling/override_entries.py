@@ -25,6 +25,7 @@ __all__ = [
     "entry_fields",
     "entry_of",
     "flat_options",
+    "shown_value",
 ]
 
 ACCEPT, LEAVE, MISSING, SWAP = "accept", "leave", "missing", "swap"
@@ -65,21 +66,23 @@ def entry_fields(entry: Any, where: str) -> dict[str, Any]:
         each other.
     """
     if not isinstance(entry, Mapping):
-        raise OptionError(f"{where}: is {_shown(entry)}; give a table of {', '.join(_KEYS)}")
+        raise OptionError(f"{where}: is {shown_value(entry)}; give a table of {', '.join(_KEYS)}")
     unknown = [key for key in entry if key not in _KEYS]
     if unknown:
-        raise OptionError(f"{where}: unknown key {_shown(unknown[0])}; use {', '.join(_KEYS)}")
+        raise OptionError(f"{where}: unknown key {shown_value(unknown[0])}; use {', '.join(_KEYS)}")
     do = entry.get("do")
     actions = (ACCEPT, LEAVE, MISSING, SWAP, "auto", *METHODS)
     if not isinstance(do, str) or do not in (*actions, *ALIASES):
-        raise OptionError(f"{where}: do is {_shown(do)}; {close_or_all(_short(str(do)), actions)}")
+        raise OptionError(
+            f"{where}: do is {shown_value(do)}; {close_or_all(_short(str(do)), actions)}"
+        )
     markers = _names(entry.get("marker", ()), "marker", where)
     if not markers:
         raise OptionError(f"{where}: has no marker; give a label, a pattern, or a list of these")
     first, last = _frames(entry.get("frames", ":"), where)
     options = entry.get("options", {})
     if not isinstance(options, Mapping):
-        raise OptionError(f"{where}: options is {_shown(options)}; write {{ name = value }}")
+        raise OptionError(f"{where}: options is {shown_value(options)}; write {{ name = value }}")
     fields = {
         "markers": markers,
         "do": do,
@@ -182,8 +185,8 @@ def flat_options(
             found = {path: tuple(value) if isinstance(value, list) else value}
         else:
             raise OptionError(
-                f"option {_short(path)} is {_shown(value)}; give a number, a text, true, false or "
-                "a list of these"
+                f"option {_short(path)} is {shown_value(value)}; give a number, a text, true, "
+                "false or a list of these"
             )
         twice = [one for one in found if one in flat]
         if twice:
@@ -212,7 +215,9 @@ def _check_fields(fields: Mapping[str, Any], is_method: bool) -> None:
             kind == DATABASE and colon and pattern
         ):
             known = (CLIP, SAME_SUBJECT, DATABASE, f"{DATABASE}:PATTERN")
-            raise OptionError(f"there is no source {_shown(source)}; {close_or_all(source, known)}")
+            raise OptionError(
+                f"there is no source {shown_value(source)}; {close_or_all(source, known)}"
+            )
 
 
 def _names(value: Any, key: str, where: str) -> tuple[str, ...]:
@@ -224,7 +229,7 @@ def _names(value: Any, key: str, where: str) -> tuple[str, ...]:
             return ()
     if isinstance(value, (list, tuple)) and all(isinstance(one, str) for one in value):
         return tuple(dict.fromkeys(value))
-    raise OptionError(f"{where}: {key} is {_shown(value)}; give a text or a list of texts")
+    raise OptionError(f"{where}: {key} is {shown_value(value)}; give a text or a list of texts")
 
 
 def _as_names(names: tuple[str, ...]) -> str | list[str]:
@@ -237,7 +242,7 @@ def _text(entry: Mapping[str, Any], key: str, where: str) -> str:
     """Read a text; empty by default."""
     value = entry.get(key, "")
     if not isinstance(value, str):
-        raise OptionError(f"{where}: {key} is {_shown(value)}; give a text")
+        raise OptionError(f"{where}: {key} is {shown_value(value)}; give a text")
     return value
 
 
@@ -270,6 +275,12 @@ def _short(text: str) -> str:
     return text if len(text) <= _MAX_SHOWN else f"{text[:_MAX_SHOWN]}..."
 
 
-def _shown(value: Any) -> str:
-    """Return a wrong value as far as a message has room."""
+def shown_value(value: Any) -> str:
+    """Return a wrong value as far as a message has room.
+
+    Parameters
+    ----------
+    value : object
+        Of any type, size and depth.
+    """
     return _short(_REPR.repr(value))

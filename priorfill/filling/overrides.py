@@ -19,6 +19,7 @@ from priorfill.filling.override_entries import (
     entry_fields,
     entry_of,
     flat_options,
+    shown_value,
 )
 from priorfill.methods import resolve
 from priorfill.runtime.option_checks import check_not_text
@@ -231,14 +232,20 @@ class Overrides:
             meant = [clip for clip in clips if entry.subject in ("", clip.subject)]
             if not meant:
                 raise OptionError(
-                    f"{self.name}: gap {number}: there is no subject {entry.subject}; "
-                    f"{close_or_all(entry.subject, [clip.subject for clip in clips])}"
+                    f"{self.name}: gap {number}: there is no subject "
+                    f"{shown_value(entry.subject)}; {_other_subjects(entry.subject, clips)}"
                 )
             for pattern in entry.markers:
                 if not any(matching_markers(clip, pattern) for clip in meant):
                     labels = dict.fromkeys(label for clip in meant for label in clip.labels)
                     raise OptionError(
                         f"{self.name}: gap {number}: no marker of {meant[0].name} is called "
-                        f"{pattern!r}; {close_or_all(pattern, [*labels])}"
+                        f"{shown_value(pattern)}; {close_or_all(pattern, [*labels])}"
                     )
         return replace(self, strict=len(clips) == 1)
+
+
+def _other_subjects(name: str, clips: Sequence[Clip]) -> str:
+    """Return what to write in place of an unknown subject, the end of a message."""
+    known = [clip.subject for clip in clips if clip.subject]
+    return close_or_all(name, known) if known else "the file names none; leave subject out"

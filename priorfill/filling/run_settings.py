@@ -11,7 +11,7 @@ from typing import Any
 from priorfill.clip import Clip
 from priorfill.errors import OptionError
 from priorfill.filling.gap_filter import matching_markers
-from priorfill.filling.override_entries import CLIP, DATABASE, SAME_SUBJECT
+from priorfill.filling.override_entries import CLIP, DATABASE, SAME_SUBJECT, shown_value
 from priorfill.filling.overrides import ACCEPT, GapOverride, Overrides
 from priorfill.methods import METHODS, get_method, get_options
 from priorfill.methods.options import with_values
@@ -126,7 +126,7 @@ def _settings_of(
         if not found:
             whose = f"{clip.name} ({clip.subject})" if clip.subject else clip.name
             raise OptionError(
-                f"{where}: no marker of {whose} is called {name!r}; "
+                f"{where}: no marker of {whose} is called {shown_value(name)}; "
                 f"{close_or_all(name, clip.labels)}"
             )
         seen += found
@@ -203,7 +203,7 @@ def _check_source(
     if source != DATABASE and not any(_matches(source, name) for name in known):
         pattern = source.partition(":")[2]
         raise OptionError(
-            f"{where}: no clip of the database is called {pattern!r}; "
+            f"{where}: no clip of the database is called {shown_value(pattern)}; "
             f"{close_or_all(pattern, known) if known else 'it is empty'}"
         )
 

@@ -12,6 +12,7 @@ from priorfill.clip import Clip
 from priorfill.errors import OptionError
 from priorfill.filling.assign_overrides import frames_of
 from priorfill.filling.gap_filter import matching_markers
+from priorfill.filling.override_entries import shown_value
 from priorfill.filling.overrides import SWAP, GapOverride, Overrides
 from priorfill.runtime.option_texts import close_or_all
 
@@ -136,13 +137,13 @@ def _check_swap(entry: GapOverride, clips: Sequence[Clip], where: str) -> None:
         if not any(found):
             labels = dict.fromkeys(label for clip in clips for label in clip.labels)
             raise OptionError(
-                f"{where}: no marker of {clips[0].name} is called {pattern!r}; "
+                f"{where}: no marker of {clips[0].name} is called {shown_value(pattern)}; "
                 f"{close_or_all(pattern, [*labels])}"
             )
         for clip, markers in zip(clips, found, strict=True):
             if len(markers) > 1:
                 raise OptionError(
-                    f"{where}: {pattern!r} matches {len(markers)} markers "
+                    f"{where}: {shown_value(pattern)} matches {len(markers)} markers "
                     f"({', '.join(clip.labels[marker] for marker in markers[:2])}, ...); swap "
                     "exchanges one with one"
                 )
@@ -193,7 +194,8 @@ def _note(overrides: Overrides, clip: Clip, swap: _Swap, measured: NDArray[np.bo
     if not measured.any():
         return f"{overrides.name}: gap {swap.number} has no effect: no sample there is measured"
     first = clip.first_frame + swap.frames.start
+    last = clip.first_frame + swap.frames.stop - 1
     return (
-        f"swapped: {int(measured.sum())} measured samples of {labels} in frames "
-        f"{first}-{clip.first_frame + swap.frames.stop - 1}"
+        f"swapped: {int(measured.sum())} measured samples of {labels} in "
+        f"{f'frames {first}-{last}' if last > first else f'frame {first}'}"
     )

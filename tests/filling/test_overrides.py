@@ -176,7 +176,7 @@ def test_overrides_from_python():
             '[[gap]]\nmarker = "C7"\nframes = 150\ndo = "missing"',
             "C7 in frame 150 is to be treated as missing and left alone",
         ),
-        ('[[gap]]\nmarker = "C7"\nsubject = "Ben"\ndo = "leave"', "there is no subject Ben"),
+        ('[[gap]]\nmarker = "C7"\nsubject = "Ben"\ndo = "leave"', "there is no subject 'Ben'"),
     ],
 )
 def test_invalid_overrides(tmp_path, text, words):

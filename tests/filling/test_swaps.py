@@ -106,7 +106,7 @@ def test_a_swap_without_effect_is_noted():
         ((swap(two="RKNEE"),), "gap 1: no marker of .* is called 'RKNEE'; did you mean RKNE"),
         ((swap("LKNEE"),), "gap 1: no marker of .* is called 'LKNEE'; did you mean LKNE"),
         ((swap(two="R*"),), r"gap 1: 'R\*' matches \d+ markers \(RFHD, .*\); swap exchanges one"),
-        ((swap(subject="Ben"),), "there is no subject Ben"),
+        ((swap(subject="Ben"),), "there is no subject 'Ben'"),
         ((swap(first=3, last=200),), "gap 1: frames 3-200 are not all in .* which has 101-340"),
         (
             (swap(), swap("C7"), swap("RKNE", "LKNE", first=FIRST + 70, last=None)),
