@@ -429,7 +429,14 @@ def _overrides() -> tuple[bytes, ...]:
         '[[gap]]\nmarker = ["C7", "L*"]\nframes = 2\ndo = "missing"\n'
         '[[gap]]\nmarker = "RTOE"\nsubject = "Ann"\ndo = "leave"\n'
     )
-    return (text.encode(),)
+    chosen = (
+        '[made_for]\nfile = "a.c3d"\nmethod = "linear"\n'
+        '[[gap]]\nmarker = "LKNE"\nwith = "RKNE"\ndo = "swap"\nframes = "3:4"\n'
+        '[[gap]]\nmarker = "C7"\ndo = "r1"\ndonors = ["LTOE", "RTOE", "LKNE"]\n'
+        'sources = ["clip"]\noptions = { sigma = 80.0 }\n'
+        '[[gap]]\nmarker = "R*"\ndo = "accept"\nnote = "seen"\n'
+    )
+    return text.encode(), chosen.encode()
 
 
 @cache

@@ -170,6 +170,23 @@ def test_sources(lab):
     assert np.abs(difference).max() < 1e-6
 
 
+@pytest.mark.parametrize("method", ["neighbours", "baumann2011", "krueger2010"])
+def test_methods_that_search_do_without_the_clip(lab, method):
+    gappy = with_gaps(person(), (80, 100, ("RKNE",)))
+    entry = {"marker": "RKNE", "do": method, "sources": "database:walk_5"}
+    result = fill(gappy, database=lab, overrides=overrides(entry), options=UNBELIEVABLE)
+    assert result.gaps[0].source_clips == ("walk_5",)
+    assert result.complete
+    other = replace(person(seed=8), name="static")
+    few = {"marker": "RKNE", "do": method, "sources": "same-subject"}
+    two = replace(gappy, subject="Ann"), replace(gappy, subject="Ben")
+    recorded = replace(other, subject="Ben")
+    result = fill(two, same_subject=[recorded], overrides=overrides(few), options=UNBELIEVABLE)
+    assert [gap.filled for gap in result.gaps] == [0, 20]
+    (span,) = result.gaps[0].unfilled
+    assert span.reason == "none of the chosen sources has a recording to learn from"
+
+
 def test_recordings_of_the_subject_as_the_only_source(lab):
     gappy = with_gaps(person(), (80, 140, ("RKNE",)))
     other = replace(person(seed=8), name="static")

@@ -323,6 +323,16 @@ def test_rejected_artefacts_are_replaced_only_on_request() -> None:
     assert same(replaced.clip("Anna", clip)[others], positions[others])
 
 
+def test_markers_are_not_exchanged(tmp_path: Path) -> None:
+    vicon = ViconNexus([anna()])
+    before = vicon.clip("Anna", anna()).copy()
+    path = tmp_path / "d.toml"
+    path.write_text('[[gap]]\nmarker = "LKNE"\nwith = "RKNE"\ndo = "swap"')
+    with pytest.raises(OptionError, match="gap 1: swap applies to files; exchange the markers in"):
+        quick(vicon, overrides=path)
+    assert same(vicon.clip("Anna", anna()), before)
+
+
 def test_a_database_is_learnt_from(tmp_path: Path) -> None:
     with PriorDatabase.create(tmp_path / "Datenbank ä") as made:
         made.add(person(seconds=6.0, seed=11, body=11))
