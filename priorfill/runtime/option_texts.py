@@ -24,12 +24,12 @@ __all__ = [
 Duration = float | str
 """Seconds, or a number of frames as text (``10f``), whose length depends on the clip's rate."""
 
-_RANGE = re.compile(r"\s*(-?[0-9]{1,9})?\s*[-:\u2013]\s*(-?[0-9]{1,9})?\s*")
+_RANGE = re.compile(r"\s*(-?[0-9]{1,10})?\s*[-:\u2013]\s*(-?[0-9]{1,10})?\s*")
 """``92-116``, ``92:116`` (also with an en dash); either end may be omitted."""
 
-_SINGLE = re.compile(r"\s*([0-9]{1,9})\s*")
+_SINGLE = re.compile(r"\s*([0-9]{1,10})\s*")
 
-_AMBIGUOUS = re.compile(r"\s*[-\u2013]\s*([0-9]{1,9})\s*")
+_AMBIGUOUS = re.compile(r"\s*[-\u2013]\s*([0-9]{1,10})\s*")
 """``-116``: frame -116, or all frames up to 116."""
 
 _DURATION = re.compile(

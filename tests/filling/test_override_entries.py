@@ -15,7 +15,7 @@ from priorfill.filling.overrides_file import overrides_text, read_overrides, wri
 
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
 NAMES = st.lists(TEXTS.filter(bool), min_size=1, max_size=6, unique=True).map(tuple)
-FRAMES = st.one_of(st.none(), st.integers(-(10**9) + 1, 10**9 - 1))
+FRAMES = st.one_of(st.none(), st.integers(-(2**31), 2**31 - 1))
 VALUES = st.one_of(
     st.booleans(),
     st.integers(-(2**63) + 1, 2**63 - 1),

@@ -13,9 +13,9 @@ const DO_SWAP = "swap";
 const DO_NO_METHOD = [DO_ACCEPT, DO_LEAVE, DO_MISSING, DO_SWAP];
 
 /** Frames as text: first and last with - or : between them, either of which may be left out. */
-const FRAMES_RANGE = /^\s*(-?\d{1,9})?\s*[-:\u2013]\s*(-?\d{1,9})?\s*$/;
-const FRAMES_SINGLE = /^\s*(\d{1,9})\s*$/;
-const FRAMES_AMBIGUOUS = /^\s*[-\u2013]\s*\d{1,9}\s*$/;
+const FRAMES_RANGE = /^\s*(-?\d{1,10})?\s*[-:\u2013]\s*(-?\d{1,10})?\s*$/;
+const FRAMES_SINGLE = /^\s*(\d{1,10})\s*$/;
+const FRAMES_AMBIGUOUS = /^\s*[-\u2013]\s*\d{1,10}\s*$/;
 
 /** Blanks around names, as Python has them; a label may begin with U+FEFF, which is none. */
 const OUTER_BLANKS = /^(?:(?!\ufeff)[\s\x1c-\x1f\x85])+|(?:(?!\ufeff)[\s\x1c-\x1f\x85])+$/g;
