@@ -149,7 +149,7 @@ def test_keys_stay_with_what_is_typed_into(page: Any) -> None:
     assert store(page, "[s.activeGap, s.frame]") == before
     page.get_by_label("Filter").fill("")
     page.locator("h1").click()
-    page.keyboard.press("Control+p")  # belongs to the browser
+    page.keyboard.press("Control+ArrowRight")  # belongs to the browser
     assert store(page, "[s.activeGap, s.frame]") == before
     page.keyboard.press("?")
     dialog = page.get_by_role("dialog")
@@ -190,6 +190,7 @@ def test_paper_has_everything_in_light_colours(open_page: PageOpener, tmp_path: 
     assert "The fill is 12 mm below the floor." in page.locator("#gap-table").inner_text()
     assert page.locator(".timeline-paper canvas").count() == 1
     assert not page.get_by_role("button", name="Keys").is_visible()
+    assert page.evaluate("getComputedStyle(document.documentElement).color") == "rgb(27, 31, 36)"
     assert page.evaluate("getComputedStyle(document.documentElement).backgroundColor") == (
         "rgb(255, 255, 255)"
     )
