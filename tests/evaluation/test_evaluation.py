@@ -434,10 +434,11 @@ def tame(monkeypatch: pytest.MonkeyPatch) -> Clip:
     for name in made:
         monkeypatch.setitem(registry.METHODS, name, MethodEntry(f"{name}:fill", "", ""))
     real = registry.get_method
-    monkeypatch.setattr(
-        "priorfill.filling.run_settings.get_method",
-        lambda name: made[name] if name in made else real(name),
-    )
+    for module in ("fill_clip", "run_settings"):
+        monkeypatch.setattr(
+            f"priorfill.filling.{module}.get_method",
+            lambda name: made[name] if name in made else real(name),
+        )
     return clip
 
 
