@@ -155,6 +155,8 @@ def sample_states(
         states[result.doubtful & (states == MEASURED)] = DOUBTFUL
     if before is not None:
         states[(states == MEASURED) & _differs(upright, before)] = EXCHANGED
+    if result.swapped is not None:
+        states[result.swapped & (states == MEASURED)] = EXCHANGED
     states[result.filled] = FILLED
     replaced = result.rejected if before is None else ~np.isnan(before[..., 0])
     states[result.filled & replaced] = REPLACED

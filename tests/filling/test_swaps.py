@@ -22,6 +22,8 @@ from priorfill.filling.overrides import GapOverride, Overrides
 from priorfill.filling.plausibility_options import UNCHECKED
 from priorfill.filling.provenance import Provenance
 from priorfill.formats import read, write
+from priorfill.geometry.axes import to_upright
+from priorfill.report.report_data import EXCHANGED, sample_states
 
 FIRST = 101
 GAP = (60, 90)
@@ -62,6 +64,8 @@ def test_a_fill_of_wrong_labels_is_that_of_the_right_ones():
     expected[slice(*SWAPPED), [labels.index("LKNE"), labels.index("RKNE")]] = True
     np.testing.assert_array_equal(result.swapped, expected & ~plain.filled)
     assert result.notes[0] == "swapped: 60 measured samples of LKNE and RKNE in frames 141-180"
+    states = sample_states(result, to_upright(result.clip.positions, result.clip.up))
+    np.testing.assert_array_equal(states == EXCHANGED, result.swapped)
     assert plain.swapped is None
     assert result.provenance.clips[0].content != plain.provenance.clips[0].content
     again = Provenance.from_dict(result.provenance.to_dict())
