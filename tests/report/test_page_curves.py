@@ -143,7 +143,7 @@ def test_a_gap_is_shown_with_its_bands_and_what_stays_missing(
     assert row[:2] == ["RKNE", "filled"]
     assert row[2:5] == [f"{v:.1f} ± {half:.1f}".replace("-", "−") for v in (x, y, z)]
     assert row[6] == f"{ERROR:.1f}, 90 % below {1.6 * ERROR:.1f}"
-    assert place_of(page) == "Frame 311, 2.100 s, at the playhead:"
+    assert place_of(page) == "Frame 311, 2.10 s, at the playhead:"
     go_to(page, 240)
     assert values(page)[0][1:3] == ["missing", "–"]
 
@@ -185,7 +185,7 @@ def test_curves_are_zoomed_panned_and_read_by_pointer_and_keys(
     page = open_page(write_page(example_data(), tmp_path / "page.html"), ready=DECODED)
     frame_now = "store.frame"
     page.mouse.move(*spot(page, 180))
-    assert place_of(page) == "Frame 281, 1.800 s, at the pointer:"
+    assert place_of(page) == "Frame 281, 1.80 s, at the pointer:"
     page.mouse.wheel(0, -100)  # scrolls: the curves have not the focus
     assert view(page) == (140, 319)
     page.mouse.click(*spot(page, 200))

@@ -6,6 +6,10 @@ const TRAIL_SECONDS = [0, 0.25, 0.5, 1, 2];
 /** What is played beyond both ends of a gap (s), so that its edges are seen. */
 const LOOP_MARGIN_S = 0.4;
 
+/** Digits that the number of the frame has room for at least, and room of its arrows (digits). */
+const LEAST_DIGITS = 4;
+const NUMBER_ARROWS = 5;
+
 /** Most markers listed by name below the picture. */
 const LISTED = 12;
 
@@ -110,6 +114,8 @@ class BodyControls {
     this.scrub.max = Math.max(0, store.frames - 1);
     this.number.min = clip.first_frame;
     this.number.max = store.frameNumber(Math.max(0, store.frames - 1));
+    const digits = Math.max(this.number.min.length, this.number.max.length, LEAST_DIGITS);
+    this.number.style.width = `${digits + NUMBER_ARROWS}ch`;
     this.number.title = `Frame ${this.number.min} to ${this.number.max}`;
     this.play.disabled = this.scrub.disabled = store.frames < 2;
     this.ghost.replaceChildren(element("option", { value: -1, text: "None" }),
@@ -192,7 +198,7 @@ class BodyControls {
     if (document.activeElement !== this.number || store.playing) {
       this.number.value = String(store.frameNumber(store.frame));
     }
-    const seconds = (frame) => (store.rate > 0 ? (frame / store.rate).toFixed(2) : "?");
+    const seconds = (frame) => formatSeconds(frame / store.rate, store.rate);
     this.time.textContent = `${seconds(store.frame)} / ${seconds(last)} s`;
     this.updateStatus();
   }

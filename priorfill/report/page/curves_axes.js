@@ -84,10 +84,11 @@ class CurveView {
     return this.last - this.first;
   }
 
-  /** Show the whole clip. */
+  /** Show the whole clip; a single frame is in the middle. */
   fit() {
-    this.first = 0;
-    this.last = Math.max(1, this.frames - 1);
+    const alone = this.frames < 2 ? 0.5 : 0;
+    this.first = -alone;
+    this.last = Math.max(0, this.frames - 1) + alone;
   }
 
   /** Whether the whole clip is in view. */
@@ -101,6 +102,10 @@ class CurveView {
    * @param {number} last
    */
   set(first, last) {
+    if (this.frames < 2) {
+      this.fit();
+      return;
+    }
     const most = Math.max(1, this.frames - 1);
     const span = Math.min(most, Math.max(Math.min(CURVE_LEAST_FRAMES, most), last - first));
     const middle = (first + last) / 2;
@@ -203,7 +208,8 @@ function drawTimeAxis(context, axis, view, clip) {
   const shades = colours();
   const count = axis.width / CURVE_TICK_WIDTH;
   const rows = [
-    { title: "time (s)", tick: true, shift: 0, scale: 1 / clip.rate, least: 0, y: axis.y + 17 },
+    { title: "time (s)", tick: true, shift: 0, scale: 1 / clip.rate,
+      least: view.frames < 2 ? 1 / clip.rate : 0, y: axis.y + 17 },
     { title: "frame", tick: false, shift: clip.first_frame, scale: 1, least: 1, y: axis.y + 33 },
   ];
   context.font = CURVE_FONT;

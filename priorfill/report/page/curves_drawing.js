@@ -22,6 +22,10 @@ const CURVE_KIND_DASHES = { truth: [], original: [1, 3] };
 /** Frames on a CSS pixel from which pixel columns are filled from their least to greatest value. */
 const CURVE_DENSE = 4;
 
+/** CSS pixels: size of the square of a single sample, and width of a frame from which it fits. */
+const CURVE_DOT = 3;
+const CURVE_DOT_ROOM = 4;
+
 /** Opacity of the shade of gaps. */
 const CURVE_GAP_ALPHA = 0.15;
 
@@ -138,7 +142,10 @@ function traceSeries(context, panel, view, series) {
     else {
       context.moveTo(x, y);
       const next = series[frame + 1];
-      if (next !== next || next === undefined) context.lineTo(x + 1, y); // a single sample
+      const alone = next !== next || next === undefined;
+      if (alone && panel.width >= CURVE_DOT_ROOM * view.span) {
+        context.rect(x - CURVE_DOT / 2, y - CURVE_DOT / 2, CURVE_DOT, CURVE_DOT);
+      } else if (alone) context.lineTo(x + 1, y);
     }
     down = true;
   }

@@ -30,7 +30,7 @@ class CurveReadout {
    * @param {boolean} pointed Whether the pointer is there, and not the playhead.
    */
   show(frame, chosen, pointed) {
-    const seconds = (frame / this.store.rate).toFixed(3);
+    const seconds = formatSeconds(frame / this.store.rate, this.store.rate);
     const where = pointed ? "at the pointer" : "at the playhead";
     this.place.textContent = `Frame ${this.store.frameNumber(frame)}, ${seconds} s, ${where}:`;
     const kinds = chosen.kinds;

@@ -22,6 +22,10 @@ const COLOUR_NAMES = {
   track: "--track",
 };
 
+/** Least and greatest number of decimals of a time in seconds. */
+const LEAST_TIME_DIGITS = 2;
+const MOST_TIME_DIGITS = 6;
+
 let colourCache = null;
 
 /**
@@ -185,6 +189,27 @@ function formatNumber(value) {
  */
 function formatCount(count) {
   return String(count).replace(/\B(?=(\d{3})+$)/g, ",");
+}
+
+/**
+ * A number of things as text.
+ * @param {number} count
+ * @param {string} name of one of them; an "s" is added for any other number
+ * @returns {string} "1 frame", "10,000 frames"
+ */
+function countOf(count, name) {
+  return `${formatCount(count)} ${name}${count === 1 ? "" : "s"}`;
+}
+
+/**
+ * A time as text, with decimals that tell two frames apart.
+ * @param {number} seconds
+ * @param {number} rate Hz
+ * @returns {string} "0.21" at 100 Hz, "0.004" at 240 Hz
+ */
+function formatSeconds(seconds, rate) {
+  const digits = Math.ceil(Math.log10(rate) - 1e-9);
+  return seconds.toFixed(Math.max(LEAST_TIME_DIGITS, Math.min(MOST_TIME_DIGITS, digits)));
 }
 
 /**

@@ -44,9 +44,9 @@ class GapDetail {
     const marker = store.data.markers[gap.marker];
     const rows = [];
     const add = (name, text) => { if (text) rows.push([name, text]); };
-    const seconds = ((gap.stop - gap.start) / store.rate).toFixed(2);
+    const seconds = formatSeconds((gap.stop - gap.start) / store.rate, store.rate);
     add("Segment", marker.segment);
-    add("Length", `${formatCount(gap.stop - gap.start)} frames, ${seconds} s`);
+    add("Length", `${countOf(gap.stop - gap.start, "frame")}, ${seconds} s`);
     add("Filled", `${filledShare(gap)}${gap.filled ? ` by ${gap.method}` : ""}`);
     if (gap.filled) {
       add("Expected", `mean error ${formatMm(gap.expected_mean)}, rms ` +
@@ -57,7 +57,7 @@ class GapDetail {
     }
     add("Sources", gap.sources.join(", "));
     add("Clips", clipNames(gap.clips));
-    if (gap.training_poses) add("Learnt from", `${formatCount(gap.training_poses)} poses`);
+    if (gap.training_poses) add("Learnt from", countOf(gap.training_poses, "pose"));
     for (const span of gap.unfilled) {
       add("Missing", `${gapFrames(store, span)}: ${span.reason}`);
     }

@@ -79,6 +79,7 @@ class GapTable {
     store.on("theme", () => this.remake());
     store.on("print", (on) => {
       this.printing = on;
+      this.makeHeads();
       this.remake();
     });
     this.scroller.addEventListener("scroll", this.redraw);
@@ -94,19 +95,35 @@ class GapTable {
       type: "checkbox", name: "choose-shown", "aria-label": "Choose all gaps shown",
       on: { change: () => this.input.chooseShown() },
     });
-    this.heads.replaceChildren(
-      element("th", { scope: "col", class: "col-choose" }, [this.box]),
-      ...this.columns.map((column) => this.head(column)));
+    this.makeHeads();
     this.arrange();
   }
 
-  /** @returns {HTMLElement} head of a column, with the button that sorts by it */
+  /** Make the row of heads. */
+  makeHeads() {
+    this.heads.replaceChildren(
+      element("th", { scope: "col", class: "col-choose" }, [this.box]),
+      ...this.columns.map((column) => this.head(column)));
+    this.markHeads();
+  }
+
+  /** State in the heads by which column the rows are sorted. */
+  markHeads() {
+    for (const head of this.heads.children) {
+      const sorted = head.dataset.key && head.dataset.key === this.sort.key;
+      const way = this.sort.direction > 0 ? "ascending" : "descending";
+      if (head.dataset.key) head.setAttribute("aria-sort", sorted ? way : "none");
+    }
+  }
+
+  /** @returns {HTMLElement} head of a column, with the button that sorts by it on the screen */
   head(column) {
     const title = column.unit ? `${column.title} (${column.unit})` : column.title;
     const sort = button(title, () => this.sortBy(column.key), { title: column.hint || null });
+    // a browser that prints repeats heads on each page, but not the text of their buttons
     const made = element("th", {
       scope: "col", class: `col-${column.key}`, data: { key: column.key }, "aria-sort": "none",
-    }, [sort]);
+    }, [this.printing ? title : sort]);
     // rows that are out of view widen a column as well, so that it keeps its width
     const longest = this.store.data.gaps.reduce(
       (most, gap) => Math.max(most, column.text(gap).length), 0);
@@ -136,11 +153,7 @@ class GapTable {
       (!this.warned.checked || gaps[index].warnings.length) &&
       (!words.length || gapFits(this.store, this.columns, index, words)));
     this.placeOf = new Map(this.shown.map((index, place) => [index, place]));
-    for (const head of this.heads.children) {
-      const sorted = head.dataset.key && head.dataset.key === this.sort.key;
-      const way = this.sort.direction > 0 ? "ascending" : "descending";
-      if (head.dataset.key) head.setAttribute("aria-sort", sorted ? way : "none");
-    }
+    this.markHeads();
     const all = formatCount(gaps.length);
     this.count.textContent = this.shown.length === gaps.length
       ? `${all} ${gaps.length === 1 ? "gap" : "gaps"}`

@@ -61,19 +61,19 @@ class Summary {
   headline() {
     const { store } = this;
     const { gaps, clip } = store.data;
-    const seconds = formatNumber(store.frames / store.rate);
+    const lasts = store.frames / store.rate;
+    const seconds = lasts < 1 ? formatSeconds(lasts, store.rate) : formatNumber(lasts);
     const before = store.data.markers.reduce((sum, m) => sum + m.missing_before, 0);
     const after = store.data.markers.reduce((sum, m) => sum + m.missing_after, 0);
     const samples = store.frames * store.markerCount;
     const warned = gaps.filter((gap) => gap.warnings.length).length;
     const parts = [
-      `${formatCount(store.frames)} frames at ${clip.rate} Hz (${seconds} s)`,
-      `${formatCount(store.markerCount)} markers`,
-      gaps.length === 1 ? "1 gap" : `${formatCount(gaps.length)} gaps`,
+      `${countOf(store.frames, "frame")} at ${clip.rate} Hz (${seconds} s)`,
+      countOf(store.markerCount, "marker"),
+      countOf(gaps.length, "gap"),
       `missing ${formatShare(before, samples)} before, ${formatShare(after, samples)} after`,
     ];
-    if (warned) parts.push(warned === 1 ? "1 gap with warnings"
-      : `${formatCount(warned)} gaps with warnings`);
+    if (warned) parts.push(`${countOf(warned, "gap")} with warnings`);
     return parts.join(" · ");
   }
 }

@@ -74,6 +74,7 @@ class Timeline {
     for (const event of ["frame", "range", "markers", "decisions"]) store.on(event, this.redraw);
     store.on("decoded", ({ version }) => {
       if (version <= 0) this.imageKey = "";
+      if (this.store.errors !== this.errors) this.drawLegend();
       this.redraw();
     });
     store.on("data", () => {
@@ -164,7 +165,7 @@ class Timeline {
     if (!this.rows.length) {
       context.fillStyle = colours().muted;
       context.font = "12px system-ui, sans-serif";
-      context.fillText("No marker has a gap.", names, AXIS_HEIGHT + 12);
+      context.fillText("No marker has a gap.", names + 12, AXIS_HEIGHT + 12);
     }
     paintAxis(context, store, { left: names, width: plot, height: AXIS_HEIGHT, ...view });
   }
@@ -276,10 +277,13 @@ class Timeline {
     for (const runs of this.store.data.states.values) {
       for (let r = 0; r < runs.length; r += 2) states.add(Number(runs[r]));
     }
+    this.errors = this.store.errors; // known once the first frames are decoded
+    const unknown = this.errors.rms.includes(UNKNOWN_ERROR);
     const keys = [["measured", "measured"], ["missing", "missing"], ["doubt", "in doubt"],
       ["replaced", "replaced"], ["swapped", "labels exchanged"]];
     this.legend.replaceChildren(
       element("span", { text: "expected rms error (mm)" }), whole,
-      ...keys.filter(([name]) => states.has(STATE[name])).map(([name, text]) => key(name, text)));
+      ...keys.filter(([name]) => states.has(STATE[name])).map(([name, text]) => key(name, text)),
+      ...(unknown ? [key("filled", "filled, error unknown")] : []));
   }
 }

@@ -311,7 +311,7 @@ function sampleText(store, frame, marker, near) {
   const bound = store.bound(at, marker);
   const errors = Number.isNaN(error) ? "" : `, expected rms error ${formatMm(error)}`;
   const bounds = Number.isNaN(bound) ? "" : `, 90 % below ${formatMm(bound)}`;
-  const time = (at / store.rate).toFixed(2);
+  const time = formatSeconds(at / store.rate, store.rate);
   return `${shortText(store.data.markers[marker].label)}, frame ${store.frameNumber(at)} ` +
     `(${time} s): ${names[store.state(at, marker)]}${errors}${bounds}`;
 }

@@ -158,6 +158,18 @@ function paintName(context, store, marker, box) {
 }
 
 /**
+ * Distance between two labels of the time axis.
+ * @param {number} least s
+ * @returns {number} s; parts of minutes and hours, below them and above them 1, 2 or 5 times a
+ *   power of ten seconds or hours
+ */
+function timeStep(least) {
+  if (least <= TIME_STEPS_S[0]) return niceStep(least, 1);
+  const hour = TIME_STEPS_S.at(-1);
+  return TIME_STEPS_S.find((step) => step >= least) || hour * niceStep(least / hour, 1);
+}
+
+/**
  * Draw the time axis: seconds, and frame numbers below.
  * @param {CanvasRenderingContext2D} context
  * @param {Store} store
@@ -167,8 +179,8 @@ function paintAxis(context, store, box) {
   const shades = colours();
   const scale = box.width / (box.to - box.from);
   const wanted = Math.max(LABEL_ROOM / scale, 1) / store.rate; // at least a frame
-  const step = TIME_STEPS_S.find((s) => s >= wanted) || 3600;
-  const digits = step < 0.1 ? 2 : step < 1 ? 1 : 0;
+  const step = timeStep(wanted);
+  const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
   context.fillStyle = shades.panel;
   context.fillRect(0, 0, box.left + box.width, box.height);
   context.font = "11px system-ui, sans-serif";
@@ -190,7 +202,9 @@ function paintAxis(context, store, box) {
     const frameText = frameName(store.frameNumber(Math.round(frame)));
     const middle = Math.max(x, box.left + context.measureText(frameText).width / 2);
     context.fillStyle = shades.text;
-    context.fillText((k * step).toFixed(digits), Math.max(x, box.left + 8), 12);
+    const timeText = (k * step).toFixed(digits);
+    const centre = Math.max(x, box.left + context.measureText(timeText).width / 2 - 2);
+    context.fillText(timeText, centre, 12);
     context.fillStyle = shades.muted;
     context.fillText(frameText, middle, 25);
   }
