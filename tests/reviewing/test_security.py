@@ -99,9 +99,11 @@ def test_a_request_has_one_host() -> None:
 def test_requests_of_other_pages_are_refused(origin: bytes) -> None:
     for method in ("GET", "POST", "OPTIONS"):
         assert status(method, f"/{TOKEN}/fill", HOST, JSON, (b"origin", origin)) == 403
+    assert not VISITOR.comes_from_here([HOST, (b"origin", origin)])
     own = (b"origin", b"http://127.0.0.1:4711")
     assert status("POST", f"/{TOKEN}/fill", HOST, JSON, own) == 200
     assert status("POST", f"/{TOKEN}/fill", HOST, JSON, own, own) == 403
+    assert VISITOR.comes_from_here([HOST, own])
 
 
 def test_requests_that_do_something_are_json_of_the_page_itself() -> None:
@@ -135,6 +137,7 @@ def test_requests_that_do_something_are_json_of_the_page_itself() -> None:
 def test_the_length_of_a_request_is_limited(length: bytes, expected: int) -> None:
     given = (b"content-length", length)
     assert status("POST", f"/{TOKEN}/fill", HOST, JSON, given) == expected
+    assert status("POST", f"/{TOKEN}/fill", HOST, JSON, given, given) == 400
 
 
 @pytest.mark.parametrize(

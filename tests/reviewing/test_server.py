@@ -78,6 +78,9 @@ def test_the_page_and_its_headers(client: ReviewClient) -> None:
     assert headers["referrer-policy"] == "no-referrer"
     assert headers["cache-control"] == "no-store"
     assert headers["x-content-type-options"] == "nosniff"
+    assert headers["x-frame-options"] == "DENY"
+    assert headers["cross-origin-opener-policy"] == "same-origin"
+    assert headers["cross-origin-resource-policy"] == "same-origin"
     assert headers["content-type"] == "text/html; charset=utf-8"
     assert "server" not in headers
     found = re.search(rb'id="priorfill-data">(.*?)</script>', answer.body, re.DOTALL)
@@ -269,6 +272,7 @@ def test_the_server_listens_on_this_computer_and_keeps_no_log(
     for text in (caplog.text, printed.out, printed.err):
         assert client.token not in text
     assert served[0].address == f"http://127.0.0.1:{client.port}/{client.token}/"
+    assert served[0]._socket.getsockname() == ("127.0.0.1", client.port)
     with pytest.raises(OutputError, match=f"port {client.port} of this computer cannot be used"):
         ReviewServer(served[0].session, client.port)
 
