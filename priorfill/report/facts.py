@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.report.shown_text import MAX_LABEL, shown
+from priorfill.report.shown_text import MAX_LABEL, shown, time_text
 
 if TYPE_CHECKING:
     from priorfill.clip import Clip
@@ -114,7 +114,8 @@ def _recording(result: Result) -> Iterator[tuple[str, str]]:
     last = clip.first_frame + clip.frames - 1
     yield (
         "Frames",
-        f"{clip.frames} ({clip.first_frame}-{last}), {clip.duration:.2f} s at {clip.rate:g} Hz",
+        f"{clip.frames} ({clip.first_frame}-{last}), "
+        f"{time_text(clip.duration, clip.rate)} at {clip.rate:g} Hz",
     )
     yield "Markers", str(len(clip.labels))
     sets = dict.fromkeys(_set_name(one) for one in result.by_subject)

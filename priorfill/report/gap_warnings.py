@@ -14,7 +14,7 @@ from priorfill.geometry.axes import to_upright
 from priorfill.markers.left_right import contralateral_markers
 from priorfill.report.clip_motion import ClipMotion
 from priorfill.report.gap_measures import GapMeasures, measure_gap
-from priorfill.report.shown_text import MAX_LABEL, shown
+from priorfill.report.shown_text import MAX_LABEL, shown, time_text
 from priorfill.report.warning_options import WarningOptions
 
 if TYPE_CHECKING:
@@ -232,8 +232,9 @@ def _extrapolated(gap: FilledGap, found: GapMeasures, parts: _Parts) -> str:
     if gap.start == 0 and gap.stop >= parts.result.clip.frames:
         return "The marker is never measured in this clip."
     side = "before its first" if gap.start == 0 else "after its last"
-    seconds = found.beyond_measured / parts.result.clip.rate
-    return f"Up to {seconds:.2f} s {side} measured sample: only one side of the gap is measured."
+    rate = parts.result.clip.rate
+    far = time_text(found.beyond_measured / rate, rate)
+    return f"Up to {far} {side} measured sample: only one side of the gap is measured."
 
 
 def _nothing_alike(gap: FilledGap, parts: _Parts, options: WarningOptions) -> bool:

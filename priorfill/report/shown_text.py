@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 from priorfill.errors import escaped
 
-__all__ = ["MAX_LABEL", "MAX_TEXT", "shown"]
+__all__ = ["MAX_LABEL", "MAX_TEXT", "shown", "time_text"]
 
 MAX_LABEL = 80
 """Characters of a label or name that the page shows."""
@@ -40,3 +42,22 @@ def shown(text: str, limit: int = MAX_TEXT) -> str:
     safe = escaped(text)
     half = (limit - 1) // 2
     return safe if len(safe) <= limit else f"{safe[:half]}…{safe[-half:]}"
+
+
+def time_text(seconds: float, rate: float) -> str:
+    """Return a time with decimals that tell two frames apart, two at least, as the page does.
+
+    Parameters
+    ----------
+    seconds : float
+        The time.
+    rate : float
+        Frame rate (Hz).
+
+    Examples
+    --------
+    >>> time_text(2 / 240, 240.0), time_text(0.5, 100.0)
+    ('0.008 s', '0.50 s')
+    """
+    digits = min(6, max(2, math.ceil(math.log10(rate) - 1e-9)))
+    return f"{seconds:.{digits}f} s"

@@ -82,6 +82,9 @@ def test_floor(walk: pf.Clip) -> None:
 def test_extrapolated(walk: pf.Clip) -> None:
     result = filled_with(walk, np.zeros((20, 3)), frames=slice(0, 20))
     assert "0.20 s before its first measured sample" in kinds(result)["extrapolated"]
+    fast = replace(walk, rate=240.0)  # one frame is not 0.00 s
+    result = filled_with(fast, np.zeros((1, 3)), frames=slice(0, 1))
+    assert "Up to 0.004 s before" in kinds(result)["extrapolated"]
 
 
 @pytest.mark.parametrize(("bound", "given"), [(20.0, False), (70.0, True)])

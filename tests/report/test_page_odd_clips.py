@@ -92,6 +92,20 @@ def test_a_clip_of_one_frame(open_page: PageOpener, tmp_path: Path) -> None:
     assert view == [-0.5, 0.5]  # the frame is in the middle, and no other one has a number
 
 
+def test_the_command_has_the_whole_name_of_the_file(open_page: PageOpener, tmp_path: Path) -> None:
+    data = example_data()
+    data["made_for"] = {"file": f"-{'n' * 200}.c3d", "sha256": "", "method": "gpr", "database": ""}
+    page = open_page(write_page(data, tmp_path / "page.html"), ready=READY)
+    command = page.locator("#decision-command").input_value()
+    assert command.startswith(f"priorfill fill ./-{'n' * 200}.c3d -o ")  # "-n..." were an option
+    narrow = page.locator("button:visible").evaluate_all(
+        "(all) => all.filter((one) => one.getBoundingClientRect().width < 24)"
+        ".map((one) => one.textContent)"
+    )
+    assert narrow == []  # WCAG 2.5.8: targets have 24 pixels at least
+    assert page.locator("canvas:not([aria-hidden], [aria-label])").count() == 0
+
+
 def test_heads_of_the_table_are_text_on_paper(open_page: PageOpener, tmp_path: Path) -> None:
     page = open_page(write_page(example_data(), tmp_path / "page.html"), ready=READY)
     heads = page.locator("#gap-table thead th")

@@ -144,7 +144,7 @@ class BodyControls {
       subjects.forEach((name, i) => items.push({ name: name || "unnamed subject", subject: i }));
     }
     this.keys = items.map((item) =>
-      ({ ...item, canvas: element("canvas", { class: "body-key" }) }));
+      ({ ...item, canvas: element("canvas", { class: "body-key", "aria-hidden": "true" }) }));
     this.legend.replaceChildren(...this.keys.map(({ canvas, name }) =>
       element("span", { role: "listitem", title: name }, [canvas, shortText(name, LABEL_LENGTH)])));
   }

@@ -169,12 +169,22 @@ function overridesName(name) {
  * @returns {string}
  */
 function fillCommand(data, overrides) {
-  const words = data.command || ["priorfill", "fill", data.clip.file || data.title,
+  const words = data.command || ["priorfill", "fill", fileWord(data),
     ...(data.settings || []).flatMap(([name, value]) => optionWords(name, value))];
   const output = overrides.replace(/\.overrides\.toml$/, fileSuffix(data.title));
   const files = data.saves || { output, overrides };
   return [...words, "-o", files.output, "--overrides", files.overrides]
     .map((word) => shellWord(safeText(word))).join(" ");
+}
+
+/**
+ * Return the recording as a word of a command.
+ * @param {Object} data
+ * @returns {string} its whole name, which labels cut; no name is taken for an option
+ */
+function fileWord(data) {
+  const name = (data.made_for && data.made_for.file) || data.clip.file || data.title;
+  return name.startsWith("-") ? `./${name}` : name;
 }
 
 /**
