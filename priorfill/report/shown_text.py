@@ -59,5 +59,6 @@ def time_text(seconds: float, rate: float) -> str:
     >>> time_text(2 / 240, 240.0), time_text(0.5, 100.0)
     ('0.008 s', '0.50 s')
     """
-    digits = min(6, max(2, math.ceil(math.log10(rate) - 1e-9)))
+    # rates stored as float32 are not exactly 100 Hz
+    digits = min(6, max(2, math.ceil(math.log10(rate) - 1e-3)))
     return f"{seconds:.{digits}f} s"

@@ -80,12 +80,12 @@ def test_single_samples_and_short_times_are_shown(open_page: PageOpener, tmp_pat
 
 
 def test_a_clip_of_one_frame(open_page: PageOpener, tmp_path: Path) -> None:
-    clip = pf.Clip(np.full((1, 1, 3), np.nan), ("LKNE",), 240.0, first_frame=5)
+    clip = pf.Clip(np.full((1, 1, 3), np.nan), ("LKNE",), float(np.float32(239.76)), first_frame=5)
     page = open_page(write_page(page_data(pf.fill(clip)), tmp_path / "page.html"), ready=READY)
     assert (
         page.locator("#headline")
         .inner_text()
-        .startswith("1 frame at 240 Hz (0.004 s) · 1 marker · 1 gap · missing 100 % before")
+        .startswith("1 frame at 239.76 Hz (0.004 s) · 1 marker · 1 gap · missing 100 % before")
     )
     assert "1 frame, 0.004 s" in page.locator("#gap-detail").inner_text()
     view = page.evaluate("[priorfill.views.curves.view.first, priorfill.views.curves.view.last]")

@@ -26,6 +26,12 @@ const COLOUR_NAMES = {
 const LEAST_TIME_DIGITS = 2;
 const MOST_TIME_DIGITS = 6;
 
+/** Part of a decade by which a rate may exceed 100 Hz, for example, and have its decimals. */
+const RATE_ROUNDING = 1e-3;
+
+/** Digits of a rate that are shown; formats store no more. */
+const RATE_DIGITS = 6;
+
 let colourCache = null;
 
 /**
@@ -202,13 +208,22 @@ function countOf(count, name) {
 }
 
 /**
+ * A rate as text.
+ * @param {number} rate Hz
+ * @returns {string} "119.88 Hz"
+ */
+function formatRate(rate) {
+  return `${Number(rate.toPrecision(RATE_DIGITS))} Hz`;
+}
+
+/**
  * A time as text, with decimals that tell two frames apart.
  * @param {number} seconds
  * @param {number} rate Hz
  * @returns {string} "0.21" at 100 Hz, "0.004" at 240 Hz
  */
 function formatSeconds(seconds, rate) {
-  const digits = Math.ceil(Math.log10(rate) - 1e-9);
+  const digits = Math.ceil(Math.log10(rate) - RATE_ROUNDING);
   return seconds.toFixed(Math.max(LEAST_TIME_DIGITS, Math.min(MOST_TIME_DIGITS, digits)));
 }
 

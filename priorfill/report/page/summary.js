@@ -68,7 +68,7 @@ class Summary {
     const samples = store.frames * store.markerCount;
     const warned = gaps.filter((gap) => gap.warnings.length).length;
     const parts = [
-      `${countOf(store.frames, "frame")} at ${clip.rate} Hz (${seconds} s)`,
+      `${countOf(store.frames, "frame")} at ${formatRate(clip.rate)} (${seconds} s)`,
       countOf(store.markerCount, "marker"),
       countOf(gaps.length, "gap"),
       `missing ${formatShare(before, samples)} before, ${formatShare(after, samples)} after`,
