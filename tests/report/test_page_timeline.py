@@ -19,14 +19,14 @@ POINT = """(t, marker, frame) => {
   return [box.left + t.xOf(frame + 0.5), box.top + row];
 }"""
 
-COLOUR_AT = """(t, marker, frame) => {
+COLOUR_AT = """(t, marker, frame, part = 0.5) => {
   t.draw();
   const copy = document.createElement("canvas");
   copy.width = t.canvas.width;
   copy.height = t.canvas.height;
   const pen = copy.getContext("2d", { willReadFrequently: true });
   pen.drawImage(t.canvas, 0, 0);
-  const y = 32 + (t.rowOf.get(marker) + 0.5) * t.rowHeight - t.scroller.scrollTop;
+  const y = 32 + (t.rowOf.get(marker) + part) * t.rowHeight - t.scroller.scrollTop;
   return Array.from(pen.getImageData(Math.round(t.xOf(frame)), Math.round(y), 1, 1).data);
 }"""
 
@@ -61,6 +61,12 @@ def test_colours_and_rows(page: Any) -> None:
     assert len({tuple(colour) for colour in seen}) == len(seen)
     # in the light theme a greater error is darker
     assert sum(seen[0]) > sum(seen[-1]) > sum(seen[1])
+    # a line above the fills that replace measured samples, and only above these
+    for marker, frame, line in ((3, 55, True), (0, 125, False)):
+        top, middle = (
+            timeline(page, f"({COLOUR_AT})(t, {marker}, {frame}, {part})") for part in (0.15, 0.5)
+        )
+        assert (top != middle) is line
     page.get_by_label("All markers").check()
     assert timeline(page, "t.rows.length") == 10
     page.get_by_label("Fit rows").check()
@@ -92,6 +98,14 @@ def test_clicks_and_drags(page: Any) -> None:
     assert timeline(page, "[s.frame, s.range]") == [450, [200, 300]]
     page.mouse.click(*point(page, 0, 125))
     assert timeline(page, "[s.range, s.activeGap]") == [None, 0]
+    page.mouse.click(*point(page, 6, 510), button="right")  # opens the menu of the browser
+    assert timeline(page, "s.activeGap") == 0
+    page.mouse.dblclick(*point(page, 0, 125))
+    assert timeline(page, "[Math.round(t.view.from), Math.round(t.view.to)]") == [50, 200]
+    page.get_by_role("button", name="Show all frames (0)").click()
+    page.mouse.move(page.locator("#timeline canvas").bounding_box()["x"] + 20, point(page, 1, 0)[1])
+    tip = page.locator("#timeline .tip").inner_text()
+    assert tip == "RKNE: 1 gap, missing 10 % before, 5.0 % after the fill"
     page.mouse.move(*point(page, 1, 215))
     tip = page.locator("#timeline .tip").inner_text()
     assert "RKNE, frame 316 (2.15 s): filled" in tip
@@ -152,6 +166,21 @@ def test_many_markers_stay_quick(open_page: PageOpener, tmp_path: Path) -> None:
         })()""",
     )
     assert seconds < 0.1  # 1 ms on an idle computer: the rows are drawn once
+    # columns of several frames have the colour of the greatest error in them
+    page.set_viewport_size({"width": 400, "height": 768})
+    pictures = timeline(
+        page,
+        """[300, 0].map((other) => {
+          const { start, stop, offset } = s.filledRuns[0].find((r) => r.stop - r.start > 8);
+          for (let i = 0; i < stop - start; i++) {
+            s.errors.rms[offset + i] = i % 2 && i < stop - start - 1 ? other : 300;
+          }
+          t.imageKey = "";
+          t.draw();
+          return t.canvas.toDataURL();
+        })""",
+    )
+    assert pictures[0] == pictures[1]
     page.get_by_label("Fit rows").check()
     began = time.monotonic()
     assert timeline(page, "(() => { t.imageKey = ''; t.draw(); return t.rowHeight })()") < 1.0001
