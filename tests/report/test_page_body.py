@@ -17,7 +17,7 @@ from priorfill.report.encode import encode_positions, encode_runs
 from priorfill.synthetic import synthesise
 
 READY = (
-    "() => window.priorfill && priorfill.store.decodedFrames === priorfill.store.frames"
+    "window.priorfill && priorfill.store.decodedFrames === priorfill.store.frames"
     " && priorfill.views.body.scene"
 )
 BODY = "#body .body-stage canvas"

@@ -53,6 +53,8 @@ def fast_data() -> dict[str, Any]:
     result = pf.fill(clip, method="linear")
     data = page_data(result)
     unknown = np.full(result.filled.shape, np.nan)
+    for gap in data["gaps"]:
+        gap["expected_mean"] = gap["expected_rms"] = gap["bound_90"] = None
     return data | {
         "expected_rms": encode_sparse(unknown, result.filled),
         "bound_90": encode_sparse(unknown, result.filled),
@@ -67,6 +69,7 @@ def test_single_samples_and_short_times_are_shown(open_page: PageOpener, tmp_pat
     assert page.locator("#gap-table tr[data-gap] .number").first.inner_text() == "0.00005"
     assert page.locator("#time").inner_text().endswith("/ 0.00300 s")
     assert "filled, error unknown" in page.locator("#timeline .legend").inner_text()
+    assert "error not known" in page.locator("#gap-detail").inner_text()
     texts = page.evaluate(TEXTS)
     assert {"0.0005", "0.0010", "1000010", "1000020"} <= set(texts)
     # 31 single measured samples in three panels, each of them a square of several pixels

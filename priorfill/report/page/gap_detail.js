@@ -48,7 +48,9 @@ class GapDetail {
     add("Segment", marker.segment);
     add("Length", `${countOf(gap.stop - gap.start, "frame")}, ${seconds} s`);
     add("Filled", `${filledShare(gap)}${gap.filled ? ` by ${gap.method}` : ""}`);
-    if (gap.filled) {
+    if (gap.filled && gap.bound_90 === null && gap.expected_mean === null) {
+      add("Expected", "error not known");
+    } else if (gap.filled) {
       add("Expected", `mean error ${formatMm(gap.expected_mean)}, rms ` +
         `${formatMm(gap.expected_rms)}, 90 % below ${formatMm(gap.bound_90)}`);
     }
