@@ -49,8 +49,18 @@ def test_columns_order_and_filter(page: Any) -> None:
     page.locator("#gap-table th[data-key=seconds]").get_by_role("button").click()
     assert rows(page)[0] == 1
     assert head.get_attribute("aria-sort") == "none"
+    # equal values: the worst one first
+    page.locator("#gap-table th[data-key=method]").get_by_role("button").click()
+    assert rows(page) == [1, 4, 3, 0, 2]
+    # unknown values come last, whatever the direction
+    page.evaluate("window.priorfill.store.data.gaps[0].expected_mean = null")
+    for expected in ([1, 4, 3, 2, 0], [2, 3, 4, 1, 0]):
+        page.locator("#gap-table th[data-key=mean]").get_by_role("button").click()
+        assert rows(page) == expected
+    page.evaluate("window.priorfill.store.data.gaps[0].expected_mean = 1.8")
     page.get_by_role("button", name="Worst first").click()
     assert rows(page) == [1, 4, 3, 0, 2]
+    assert page.locator("#gap-table td.incomplete").all_inner_texts() == ["50 %"]
     page.get_by_label("Filter").fill("kne ANNA")
     assert rows(page) == [1, 0]
     assert "2 of 5 gaps" in page.locator("#gap-table").inner_text()
@@ -75,11 +85,28 @@ def test_clicks_choose(page: Any) -> None:
     assert chosen(page) == [4] and store(page, "s.activeGap") == 3
     page.locator(row.format(0)).click(modifiers=["Shift"])
     assert chosen(page) == [0, 3, 4]
+    selected = page.locator("#gap-table tr[aria-selected=true]")
+    assert selected.count() == 3
     assert "3 chosen" in page.locator("#gap-table").inner_text()
     page.get_by_role("button", name="Choose none").click()
     assert chosen(page) == []
     page.get_by_role("button", name="Choose", exact=True).click()
     assert chosen(page) == [0, 2, 3]  # below 10 mm
+    page.get_by_label("Filter").fill("Anna")
+    page.get_by_role("button", name="Choose", exact=True).click()
+    assert chosen(page) == [0, 2]  # of the gaps that are listed
+    page.get_by_label("Filter").fill("")
+    # neither an unknown error is below the limit, nor that of a gap left missing
+    page.evaluate(
+        "(() => { const { gaps } = window.priorfill.store.data;"
+        " gaps[0].expected_mean = null; gaps[2].filled = 0; })()"
+    )
+    page.get_by_role("button", name="Choose", exact=True).click()
+    assert chosen(page) == [3]
+    page.evaluate(
+        "(() => { const { gaps } = window.priorfill.store.data;"
+        " gaps[0].expected_mean = 1.8; gaps[2].filled = 10; })()"
+    )
     page.get_by_label("Expected error in mm").fill("1.9")
     page.keyboard.press("Enter")
     assert chosen(page) == [0, 2]
