@@ -93,8 +93,8 @@ def write_overrides(path: Path | str, overrides: Overrides, *, overwrite: bool =
     OutputError
         Where the file exists already or cannot be written.
     OptionError
-        Where its suffix is not .toml, or a text of the overrides has a lone surrogate, which TOML
-        cannot hold.
+        Where its suffix is not .toml, or the overrides have what `priorfill.read_overrides` would
+        not read: a lone surrogate in a text, an integer of more than 64 bits, or over 4 MiB.
 
     See Also
     --------
@@ -176,7 +176,8 @@ def overrides_text(overrides: Overrides) -> str:
     Raises
     ------
     OptionError
-        Where a text of the overrides has a lone surrogate, which TOML cannot hold.
+        Where the overrides have what `read_overrides` would not read: a lone surrogate in a text,
+        an integer of more than 64 bits, or more than `MAX_BYTES`.
 
     Examples
     --------
@@ -202,7 +203,13 @@ def overrides_text(overrides: Overrides) -> str:
         except OptionError as error:
             raise OptionError(f"{overrides.name}: gap {number}: {error}") from None
         parts.append("".join(lines))
-    return "\n".join(parts)
+    text = "\n".join(parts)
+    if len(text.encode("utf-8")) > MAX_BYTES:  # which would not be read again
+        raise OptionError(
+            f"{overrides.name}: have more than {MAX_BYTES >> 10} KiB as a file; shorten notes, or "
+            "use patterns of markers"
+        )
+    return text
 
 
 def _made_for(content: Any, path: Path) -> MadeFor | None:

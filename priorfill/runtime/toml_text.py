@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from priorfill.errors import OptionError
+from priorfill.runtime.toml_file import MAX_INTEGER
 
 __all__ = ["MAX_PLAIN_DOTS", "toml_key", "toml_line", "toml_text"]
 
@@ -114,6 +115,8 @@ def _value(value: Any) -> str:
     if isinstance(value, str):
         return toml_text(value)
     if isinstance(value, int):
+        if abs(value) > MAX_INTEGER:  # which would not be read again
+            raise OptionError("an integer of more than 64 bits has no place in a TOML file")
         return str(value)
     if isinstance(value, float):
         return repr(value) if math.isfinite(value) else str(value).replace("infinity", "inf")

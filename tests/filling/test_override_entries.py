@@ -174,3 +174,20 @@ def test_a_file_that_exists_is_kept(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["d.toml"]
     write_overrides(path, Overrides(()), overwrite=True)
     assert read_overrides(path) == replace(Overrides(()), path=path)
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        (
+            GapOverride(("A",), "gpr", options={"training.max_poses": 10**30}),
+            "gap 1: an integer of more than 64 bits",
+        ),
+        (GapOverride(("A",), "leave", note="n" * (1 << 22)), "more than 4096 KiB"),
+    ],
+    ids=["integer", "size"],
+)
+def test_what_would_not_be_read_is_not_written(tmp_path, override, words):
+    with pytest.raises(OptionError, match=words):
+        write_overrides(tmp_path / "d.toml", Overrides((override,)))
+    assert list(tmp_path.iterdir()) == []
