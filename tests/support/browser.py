@@ -34,9 +34,8 @@ ARGUMENTS = (
     "--no-first-run",
 )
 
-DESKTOP = (1920, 1080)
 LAPTOP = (1366, 768)
-"""Sizes of windows (pixels)."""
+"""Size of a window (pixels)."""
 
 
 def find_chromium() -> str | None:

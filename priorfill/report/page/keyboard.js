@@ -46,7 +46,7 @@ class Keyboard {
       { keys: ["s"], text: "Choose the gap, or take it back", act: () => this.chooseActive() },
       { keys: ["a"], text: "Accept the fill", act: () => decisions.accept() },
       { keys: ["x"], text: "Refuse the fill", act: () => decisions.refuse() },
-      { keys: ["f"], text: "Fill again in another way", act: () => decisions.openRefill() },
+      { keys: ["f"], text: "Re-fill in another way", act: () => decisions.openRefill() },
       { keys: ["z"], text: "Undo a decision", act: () => decisions.undo() },
       { keys: ["y"], text: "Redo a decision", act: () => decisions.redo() },
       { keys: ["t"], text: "Light or dark colours",
