@@ -112,6 +112,10 @@ def test_decisions_are_made_by_keys_cut_joined_and_undone(
     assert "Repeated" in page.locator("#announcer").inner_text()
     page.locator("#decision-list li").nth(1).get_by_text("Delete").click()
     assert decisions(page) == [parts[0], refill]
+    assert page.locator("#redo").is_disabled()  # another step was made
+    choose_gap(page, 3)
+    page.locator("#decision-list li").first.locator("button.link").click()
+    assert page.evaluate("window.priorfill.store.activeGap") == 0
 
     page.evaluate("window.priorfill.store.setChosenGaps([0, 1, 3, 4])")
     page.locator("#accept").click()
@@ -298,6 +302,14 @@ FAULTS = (
         'line 1: gap 1: frames "92_116" are no range; write 92-116 or 92:116',
     ),
     (GOOD + "frames = 900", "line 1: gap 1: frame 900 are not all in the clip, which has 101-700"),
+    (
+        '[[gap]]\nmarker = "LKNE"\ndo = "linear"\nsources = ["x"]',
+        "line 1: gap 1: sources are no list of clip, same-subject, database and database:PATTERN",
+    ),
+    (
+        '[[gap]]\nmarker = "LKNE"\ndo = "linear"\ndonors = ["X"]',
+        "line 1: gap 1: no marker is called X (donors)",
+    ),
     (GOOD + 'note = "a', "line 4: a text has no closing quotes"),
     (GOOD + "note = 2026-01-01", "line 4: a date or time is no value here; write it in quotes"),
     (GOOD + 'do = "leave"', "line 4: do is given twice; remove one"),

@@ -127,6 +127,12 @@ def test_keys_work_anywhere(page: Any) -> None:
     press("Shift+ArrowRight")
     press(".")
     assert store(page, "s.range") == [230, 240]
+    press("Shift+ArrowLeft")
+    press("Shift+ArrowLeft")
+    press(".")  # before its beginning
+    assert store(page, "s.range") == [220, 220]
+    press("Shift+ArrowRight")
+    press("Shift+ArrowRight")
     press("Escape")
     assert store(page, "s.range") is None
     press("]")
@@ -137,6 +143,9 @@ def test_keys_work_anywhere(page: Any) -> None:
     press("Space")
     wait_until(page, "window.priorfill.store.frame > 241")
     press("Space")
+    assert store(page, "s.playing") is False
+    press("Space")
+    press("ArrowRight")  # a step ends playing
     assert store(page, "s.playing") is False
 
 
