@@ -324,8 +324,7 @@ def _read_record(folder: Path, name: str) -> dict[str, _RecordedFile]:
         return {}
     if content.get("dataset") != name:
         raise FetchError(
-            f"{folder}: has files of the data set {content.get('dataset')}; "
-            "choose another folder"
+            f"{folder}: has files of the data set {content.get('dataset')}; choose another folder"
         )
     with suppress(TypeError, AttributeError):
         return {path: _RecordedFile(**entry) for path, entry in content["files"].items()}
