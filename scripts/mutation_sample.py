@@ -36,7 +36,9 @@ from mutation.sites import Site, sites
 
 from priorfill.cli.encoding import replace_what_is_lacking
 
-NOT_NUMERIC_FOLDERS = ("cli", "formats", "database", "datasets", "integrations", "runtime")
+NOT_NUMERIC_FOLDERS = (
+    *("cli", "formats", "database", "datasets", "integrations", "reviewing", "runtime"),
+)
 """Folders without numeric modules, directly below the package."""
 
 NOT_NUMERIC = (

@@ -83,7 +83,7 @@ def test_a_method_that_cannot_work_makes_status_3(
         raise MethodError("no complete frame; record one")
 
     monkeypatch.setattr(
-        "priorfill.filling.fill_clip.get_method",
+        "priorfill.filling.run_settings.get_method",
         lambda n: refuse if n == "pchip" else get_method(n),
     )
     done = run(walk, "-m", "pchip,linear", "-p", "frames")
@@ -145,7 +145,7 @@ def test_lengths_in_frames_and_seconds(walk: Path) -> None:
 
 
 def test_without_matplotlib(walk: Path, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("priorfill.evaluation.plots.find_spec", lambda name: None)
+    monkeypatch.setattr("priorfill.report.figures.find_spec", lambda name: None)
     done = run("there-is-no.c3d", "-o", here / "out", "--plots")
     assert done.exit_code == 2
     assert done.stderr.startswith("priorfill: plots need matplotlib, which is not installed")

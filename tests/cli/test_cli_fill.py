@@ -862,7 +862,7 @@ def test_a_database_without_a_usable_clip(folder: Path, database: Path) -> None:
 def test_interrupted(folder: Path) -> None:
     """Ctrl-C during a fill: one line, status 130, no file left behind."""
     program = (
-        "import signal, priorfill.filling.fill_clip as f\n"
+        "import signal, priorfill.filling.run_settings as f\n"
         # shells start background jobs with SIGINT ignored
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "def slow(*a): signal.raise_signal(signal.SIGINT); import time; time.sleep(600)\n"

@@ -115,7 +115,7 @@ def test_markers_and_overrides_of_one_or_all(two):
     Path("d.toml").write_text('[[gap]]\nmarker = "LKNE"\nsubject = "Carl"\ndo = "leave"\n')
     result = run("-o", "new.c3d", "--overrides", "d.toml")
     assert result.exit_code == 2
-    assert "there is no subject Carl; use one of Anna, Ben" in result.stderr
+    assert "there is no subject 'Carl'; use one of Anna, Ben" in result.stderr
     assert "'HIP'" in run("-o", "new.c3d", "--markers", "HIP").stderr
 
 

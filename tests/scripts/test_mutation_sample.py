@@ -174,7 +174,7 @@ def test_numeric_modules_are_those_of_the_numeric_folders():
     folders = {Path(path).parts[1] for path in found if len(Path(path).parts) > 2}
     assert folders == {
         *("artefacts", "constraints", "energy", "evaluation", "filling", "geometry", "gp"),
-        *("markers", "methods", "search", "signal", "skeleton", "synthetic"),
+        *("markers", "methods", "report", "search", "signal", "skeleton", "synthetic"),
     }
     stems = {Path(path).stem for path in found}
     assert not stems & {"__init__", "errors", "interop", "runner", "plots", "overrides", "demo"}
