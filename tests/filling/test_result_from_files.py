@@ -13,6 +13,7 @@ import pytest
 
 import priorfill as pf
 from priorfill.errors import ClipError, FormatError, OptionError, OutputError
+from priorfill.filling.read_uncertainty import read_uncertainty
 from priorfill.filling.result_from_files import result_from_clips
 from priorfill.synthetic.demo import make_demo_clip
 
@@ -88,6 +89,11 @@ def test_up_axis_and_unit_of_the_filled_file_may_be_others(
     assert found.clip.up == clip.up
     assert np.nanmax(np.abs(found.clip.positions - result.clip.positions)) < 1e-9
     assert found.notes == ()
+    before = replace(clip, positions=clip.positions[..., [0, 2, 1]] * [1.0, 1.0, -1.0], up="+Y")
+    found = result_from_clips([before], [result.clip])
+    assert found.clip.up == "+Y"
+    assert np.nanmax(np.abs(found.clip.positions - turned)) < 1e-9
+    assert found.notes == ()
 
 
 def test_changed_and_removed_samples_are_counted(
@@ -109,6 +115,17 @@ def test_changed_and_removed_samples_are_counted(
     assert (removed.start, removed.stop, removed.filled) == (50, 53, 0)
     assert not found.complete
     assert (found.clip.positions[10:15, 2] == positions[10:15, 2]).all()
+    assert (found.clip.missing == truth.with_positions(positions).missing).all()
+
+
+def test_what_is_missing_has_no_expected_error(
+    folder: Path, demo: tuple[pf.Clip, pf.Clip, pf.Result]
+) -> None:
+    _, clip, _ = demo
+    errors = read_uncertainty(folder / "errors.npz")
+    found = result_from_clips([clip], [clip], errors)
+    assert not found.filled.any()
+    assert np.isnan(found.expected_rms_mm).all() and np.isnan(found.error_bound_90_mm).all()
 
 
 def test_a_filtered_file_is_no_list_of_gaps(demo: tuple[pf.Clip, pf.Clip, pf.Result]) -> None:
