@@ -18,17 +18,19 @@ from priorfill.cli import main
 from priorfill.cli.review import review
 
 SCRIPT = """
-import _thread, sys, threading
+import _thread, threading, time
+from pathlib import Path
 from priorfill.cli import main
 
 def interrupt():
-    sys.stdin.readline()
+    while not Path("interrupt").exists():
+        time.sleep(0.05)
     _thread.interrupt_main()  # as Ctrl-C, also on Windows
 
 threading.Thread(target=interrupt, daemon=True).start()
 main()
 """
-"""The command line; a line on stdin is Ctrl-C."""
+"""The command line; a file called ``interrupt`` is Ctrl-C."""
 
 REFUSED = {"marker": "RANK", "do": "leave"}
 
@@ -37,7 +39,7 @@ REFUSED = {"marker": "RANK", "do": "leave"}
 def started(*arguments: str) -> Iterator[subprocess.Popen[str]]:
     process = subprocess.Popen(
         [sys.executable, "-c", SCRIPT, "review", *arguments],
-        stdin=subprocess.PIPE,
+        stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         encoding="utf-8",
@@ -65,7 +67,8 @@ def test_a_review_from_the_first_look_to_ctrl_c(here: Path) -> None:
         answer = client.post("check", {"decisions": [REFUSED | {"options": {"x": 1}}]})
         assert answer.error.startswith("decision 1: ")
         assert "saved" in client.post("save", {"decisions": [REFUSED]}).lines[-1]
-        output, errors = process.communicate("\n", timeout=60)
+        Path("interrupt").touch()
+        output, errors = process.communicate(timeout=60)
     assert process.returncode == 0  # a refused gap is not incomplete
     saved = Path("out/filled.c3d"), Path("out/filled.overrides.toml")
     assert output == f"saved {saved[0]} and {saved[1]}\n"
