@@ -14,9 +14,8 @@ class WarningOptions:
     """From which value on a page warns of a gap.
 
     The defaults were chosen on ten recordings (HDM05, CMU, gait), from which 1,023 gaps of all
-    kinds were cut and filled by `gpr` and by straight lines, and confirmed on 973 others: a warning
-    should hardly be given for a fill that is right (mean error below 10 mm), nor for the true
-    positions themselves.
+    kinds were cut and filled by `gpr` and by straight lines: a warning should
+    hardly be given for a fill that is right (mean error below 10 mm), nor for the true positions themselves.
 
     Attributes
     ----------
