@@ -15,7 +15,8 @@ class WarningOptions:
 
     The defaults were chosen on ten recordings (HDM05, CMU, gait), from which 1,023 gaps of all
     kinds were cut and filled by `gpr` and by straight lines: a warning should
-    hardly be given for a fill that is right (mean error below 10 mm), nor for the true positions themselves.
+    hardly be given for a fill that is right (mean error below 10 mm), nor for the true
+    positions themselves.
 
     Attributes
     ----------
