@@ -18,6 +18,7 @@ from scipy.ndimage import maximum_filter1d
 from priorfill.filling.plausibility_options import PlausibilityOptions
 from priorfill.gaps import runs
 from priorfill.geometry.distances import norms
+from priorfill.geometry.step_lengths import MIN_STEPS, greatest_step, step_lengths
 from priorfill.markers.clip_geometry import ClipGeometry
 
 __all__ = ["CRITERIA", "FLOOR", "JUMP", "LENGTH", "SPEED", "PlausibilityCheck"]
@@ -31,12 +32,6 @@ CRITERIA = {
     JUMP: "not believed: jumps more than the measured motion",
 }
 """Every criterion, with the reason given for samples that fail it. Earlier ones take precedence."""
-
-FAST_STEPS = 3
-"""The third largest step counts as the greatest: a single wrong sample makes two large ones."""
-
-MIN_STEPS = 10
-"""Steps that a marker needs for its motion to be known."""
 
 MIN_NEIGHBOURS = 2
 """Nearby markers that show how fast a part of the body moves."""
@@ -210,7 +205,7 @@ class PlausibilityCheck:
         """Return the filled samples of a marker that are too fast [shape=(frames,)]."""
         least = 1000.0 * self.options.min_speed * self._step / self.rate
         ratio = self.options.max_speed_ratio
-        steps = _steps(path, self._step)
+        steps = step_lengths(path, self._step, 1)
         limit = max(ratio * self._greatest(marker, 1), least)
         failing = steps > limit
         if failing.any():
@@ -220,7 +215,7 @@ class PlausibilityCheck:
     def _jumps(self, marker: int, path: _Float, filled: _Bool, bound: _Float) -> _Bool:
         """Return the filled samples of a marker that jump [shape=(frames,)]."""
         ratio = self.options.max_jump_ratio
-        changes = _changes(path, self._step)
+        changes = step_lengths(path, self._step, 2)
         limit = max(ratio * self._greatest(marker, 2), self.options.min_jump)
         failing = changes > limit
         if failing.any():
@@ -244,11 +239,8 @@ class PlausibilityCheck:
         return {order: max(self._of_marker(one, order) for one in markers) for order in (1, 2)}
 
     def _of_marker(self, marker: int, order: int) -> float:
-        known = self._known_steps(marker, order)
-        known = known[~np.isnan(known)]
-        if len(known) < max(MIN_STEPS, FAST_STEPS):
-            return 0.0
-        return float(np.partition(known, -FAST_STEPS)[-FAST_STEPS])
+        greatest = greatest_step(self._known_steps(marker, order))
+        return 0.0 if math.isnan(greatest) else greatest
 
     def _known_steps(self, marker: int, order: int) -> _Float:
         """Return the measured steps of a marker (order 1), or the changes of them (2), in mm.
@@ -259,7 +251,7 @@ class PlausibilityCheck:
         known = np.full(max(len(path) - order * self._step, 0), np.nan)
         for times in range(1, MAX_STEP_MULTIPLE + 1):
             step = times * self._step
-            found = _steps(path, step) if order == 1 else _changes(path, step)
+            found = step_lengths(path, step, order)
             if (~np.isnan(found)).sum() >= MIN_STEPS:
                 known[: len(found)] = found / times**order
                 break
@@ -379,16 +371,6 @@ class PlausibilityCheck:
         variance = sum(np.where(np.isnan(rms), 0.0, rms) ** 2 for rms in expected_rms) / 3.0
         tolerance = options.max_length_error + options.length_std * np.sqrt(variance)
         return np.minimum(tolerance, max(options.max_length_error, options.max_stated_error))
-
-
-def _steps(path: _Float, step: int) -> _Float:
-    """Return the lengths of the steps of a path [shape=(frames - step,), mm]."""
-    return norms(path[step:] - path[:-step])
-
-
-def _changes(path: _Float, step: int) -> _Float:
-    """Return the changes of the steps of a path [shape=(frames - 2 step,), mm]."""
-    return norms(path[2 * step :] - 2.0 * path[step:-step] + path[: -2 * step])
 
 
 def _over_steps(values: _Float, step: int) -> _Float:

@@ -11,17 +11,12 @@ from numpy.typing import NDArray
 
 from priorfill.geometry.distances import norms
 from priorfill.geometry.floor_heights import floor_heights
+from priorfill.geometry.step_lengths import greatest_step, step_lengths
 
 __all__ = ["ClipMotion", "RigidPartner"]
 
 STEP_SECONDS = 0.01
 """s. Time step of speeds and jumps; the noise of shorter ones hides the motion."""
-
-FAST_STEPS = 3
-"""The third largest step counts as the greatest: a single wrong sample makes two large ones."""
-
-MIN_STEPS = 10
-"""Steps that a marker needs for its motion to be known."""
 
 NEIGHBOURS = 5
 """Markers nearest to a marker that show how its part of the body moves at a time."""
@@ -120,27 +115,21 @@ class ClipMotion:
         float
             mm in a time step; infinite where too little is measured.
         """
-        found = [
-            self._greatest_of[one, order]
-            for one in (marker, int(self.contralateral[marker]))
-            if one >= 0 and self._knows(one, order)
-        ]
-        return max(found, default=math.inf)
+        pair = (marker, int(self.contralateral[marker]))
+        found = [self._greatest(one, order) for one in pair if one >= 0]
+        return max((one for one in found if not math.isnan(one)), default=math.inf)
 
     @cached_property
     def _greatest_of(self) -> dict[tuple[int, int], float]:
         return {}
 
-    def _knows(self, marker: int, order: int) -> bool:
-        """Find the greatest step of a marker; return whether enough is measured."""
+    def _greatest(self, marker: int, order: int) -> float:
+        """Return the greatest measured step of a marker alone (mm); NaN where it is unknown."""
         if (marker, order) not in self._greatest_of:
-            steps = _steps(self.measured_path(marker), self.step, order)
-            steps = steps[~np.isnan(steps)]
-            known = len(steps) >= MIN_STEPS
-            self._greatest_of[marker, order] = (
-                float(np.partition(steps, -FAST_STEPS)[-FAST_STEPS]) if known else math.nan
+            self._greatest_of[marker, order] = greatest_step(
+                step_lengths(self.measured_path(marker), self.step, order)
             )
-        return not math.isnan(self._greatest_of[marker, order])
+        return self._greatest_of[marker, order]
 
     def around(self, marker: int, start: int, stop: int, order: int) -> float:
         """Return the second greatest of the greatest steps of neighbours in some frames.
@@ -167,7 +156,7 @@ class ClipMotion:
         for other in self._nearest(marker):
             path = self.positions[frames, other].copy()
             path[~self.measured[frames, other]] = np.nan
-            steps = _steps(path, self.step, order)
+            steps = step_lengths(path, self.step, order)
             if not np.isnan(steps).all():
                 fastest.append(float(np.nanmax(steps)))
         return sorted(fastest)[-2] if len(fastest) > 1 else 0.0
@@ -267,14 +256,5 @@ class ClipMotion:
         """
         reach = order * self.step
         path = self.positions[max(start - reach, 0) : stop + reach, marker]
-        steps = _steps(path, self.step, order)
+        steps = step_lengths(path, self.step, order)
         return np.asarray(steps[~np.isnan(steps)])
-
-
-def _steps(path: NDArray[np.float64], step: int, order: int) -> NDArray[np.float64]:
-    """Return the lengths of the steps of a path, or of their changes [shape=(n,), mm]."""
-    if len(path) <= order * step:
-        return np.empty(0)
-    if order == 1:
-        return norms(path[step:] - path[:-step])
-    return norms(path[2 * step :] - 2.0 * path[step:-step] + path[: -2 * step])

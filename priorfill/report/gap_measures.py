@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.geometry.distances import norms
+from priorfill.geometry.step_lengths import step_lengths
 from priorfill.report.clip_motion import ClipMotion
 
 __all__ = ["GapMeasures", "LengthError", "measure_gap"]
@@ -134,10 +135,7 @@ def _jump(motion: ClipMotion, marker: int, frames: NDArray[np.intp]) -> tuple[fl
     for edge in edges:
         # changes of the step whose three samples are on both sides of the edge
         first = max(edge - 2 * step, 0)
-        path = motion.positions[first : edge + 2 * step, marker]
-        if len(path) <= 2 * step:
-            continue
-        change = norms(path[2 * step :] - 2.0 * path[step:-step] + path[: -2 * step])
+        change = step_lengths(motion.positions[first : edge + 2 * step, marker], step, 2)
         change = change[~np.isnan(change)]
         if len(change) and float(change.max()) > worst[0]:
             usual = max(own, motion.around(marker, edge - 1, edge + 1, 2))

@@ -1,0 +1,64 @@
+"""Steps of a marker's path over time, and the greatest that it usually takes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill.geometry.distances import norms
+
+__all__ = ["MIN_STEPS", "greatest_step", "step_lengths"]
+
+FAST_STEPS = 3
+"""The third largest step counts as the greatest: a single wrong sample makes two large ones."""
+
+MIN_STEPS = 10
+"""Steps that a marker needs for its motion to be known."""
+
+
+def step_lengths(path: NDArray[np.float64], step: int, order: int) -> NDArray[np.float64]:
+    """Return the lengths of the steps of a path, or of the changes from one step to the next.
+
+    Parameters
+    ----------
+    path : ndarray [shape=(frames, 3), mm]
+        NaN where missing.
+    step : int
+        Frames of a step.
+    order : int
+        1: the steps; 2: the changes.
+
+    Returns
+    -------
+    ndarray [shape=(frames - order * step,), mm]
+        NaN where an end is missing; empty for a shorter path.
+
+    Examples
+    --------
+    >>> step_lengths(np.array([[0.0, 0.0, 0.0], [3.0, 4.0, 0.0], [3.0, 4.0, 0.0]]), 1, 1)
+    array([5., 0.])
+    """
+    if order == 1:
+        return norms(path[step:] - path[:-step])
+    return norms(path[2 * step :] - 2.0 * path[step:-step] + path[: -2 * step])
+
+
+def greatest_step(lengths: NDArray[np.float64]) -> float:
+    """Return the greatest of some steps, but for the few that wrong samples may have made.
+
+    Parameters
+    ----------
+    lengths : ndarray [shape=(steps,), mm]
+        NaN where unknown.
+
+    Returns
+    -------
+    float
+        mm; NaN where fewer than `MIN_STEPS` are known.
+    """
+    known = lengths[~np.isnan(lengths)]
+    if len(known) < MIN_STEPS:
+        return math.nan
+    return float(np.partition(known, -FAST_STEPS)[-FAST_STEPS])
