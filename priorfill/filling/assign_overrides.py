@@ -111,7 +111,7 @@ def frames_of(overrides: Overrides, number: int, clip: Clip) -> slice:
 def _entries_of(overrides: Overrides, clip: Clip) -> Iterator[_Entry]:
     """Yield each override that may apply to a clip, but for exchanges of markers."""
     for number, entry in enumerate(overrides.entries, start=1):
-        if entry.subject in ("", clip.subject) and entry.do != SWAP:
+        if entry.is_for(clip) and entry.do != SWAP:
             markers = [
                 marker for pattern in entry.markers for marker in matching_markers(clip, pattern)
             ]

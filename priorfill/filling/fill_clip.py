@@ -40,7 +40,12 @@ from priorfill.filling.provenance import (
     source_clips,
 )
 from priorfill.filling.result import Result
-from priorfill.filling.run_settings import RunSettings, check_sources, settings_of_overrides
+from priorfill.filling.run_settings import (
+    RunSettings,
+    changed_options,
+    check_sources,
+    settings_of_overrides,
+)
 from priorfill.filling.same_subject_takes import same_subject_takes
 from priorfill.filling.seen_clip import SeenClip, doubtful_samples
 from priorfill.filling.swaps import SwappedClip, check_swaps, swap_markers
@@ -49,7 +54,7 @@ from priorfill.markers.definitions import recognise
 from priorfill.markers.marker_set_check import check_marker_set
 from priorfill.markers.phantoms import find_phantoms, phantom_notes
 from priorfill.methods import get_method, get_options, resolve
-from priorfill.methods.options import differing, with_values
+from priorfill.methods.options import differing
 from priorfill.methods.task import Estimate, Task
 from priorfill.runtime.option_texts import seconds_of
 from priorfill.search.takes import Take
@@ -181,9 +186,11 @@ class _Settings:
         """Check the method and make its options object; None for the defaults."""
         get_method(self.method)
         given, default = self.options.method_options, get_options(self.method)
-        if isinstance(given, type(default)) and default is not None:
-            made = given
-        elif not isinstance(given, Mapping):
+        if isinstance(given, Mapping):
+            made = changed_options(self.method, given)
+        elif default is not None and isinstance(given, type(default)):
+            made = None if given == default else given
+        else:
             own = "no options"
             if default is not None:
                 own = f"{type(default).__name__} or a mapping of names to values"
@@ -191,15 +198,7 @@ class _Settings:
                 f"{type(given).__name__} does not apply to method {self.method}; "
                 f"{self.method} takes {own}"
             )
-        elif default is not None:
-            made = with_values(default, given)
-        elif given:
-            raise OptionError(
-                f"method {self.method} has no option {next(iter(given))!r}; it has none"
-            )
-        else:
-            made = None
-        object.__setattr__(self, "method_options", None if made == default else made)
+        object.__setattr__(self, "method_options", made)
 
     @property
     def default(self) -> RunSettings:

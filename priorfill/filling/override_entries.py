@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from reprlib import Repr
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ACCEPT",
+    "ACTIONS",
     "CLIP",
     "DATABASE",
     "LEAVE",
@@ -26,11 +27,14 @@ __all__ = [
     "entry_of",
     "flat_options",
     "shown_value",
+    "unknown_marker",
 ]
 
 ACCEPT, LEAVE, MISSING, SWAP = "accept", "leave", "missing", "swap"
 """Actions other than a method: fill as without the override; leave a gap missing; treat measured
 samples as missing; exchange the measured samples of two markers."""
+
+ACTIONS = (ACCEPT, LEAVE, MISSING, SWAP)
 
 CLIP, SAME_SUBJECT, DATABASE = "clip", "same-subject", "database"
 """Sources: the clip's own frames, other recordings of the same subject, and the database, all of
@@ -71,7 +75,7 @@ def entry_fields(entry: Any, where: str) -> dict[str, Any]:
     if unknown:
         raise OptionError(f"{where}: unknown key {shown_value(unknown[0])}; use {', '.join(_KEYS)}")
     do = entry.get("do")
-    actions = (ACCEPT, LEAVE, MISSING, SWAP, "auto", *METHODS)
+    actions = (*ACTIONS, "auto", *METHODS)
     if not isinstance(do, str) or do not in (*actions, *ALIASES):
         raise OptionError(
             f"{where}: do is {shown_value(do)}; {close_or_all(_short(str(do)), actions)}"
@@ -100,7 +104,7 @@ def entry_fields(entry: Any, where: str) -> dict[str, Any]:
             raise OptionError(f"{where}: {key} is empty; name some, or leave it out for all")
     try:
         fields["options"] = flat_options(options)
-        _check_fields(fields, is_method=do in (*METHODS, *ALIASES))
+        _check_fields(fields, is_method=do not in ACTIONS)
     except OptionError as error:
         raise OptionError(f"{where}: {error}") from None
     return fields
@@ -284,3 +288,23 @@ def shown_value(value: Any) -> str:
         Of any type, size and depth.
     """
     return _short(_REPR.repr(value))
+
+
+def unknown_marker(where: str, pattern: str, whose: str, labels: Iterable[str]) -> OptionError:
+    """Return the error for a pattern that matches no marker.
+
+    Parameters
+    ----------
+    where : str
+        The entry, the start of the message.
+    pattern : str
+        The pattern.
+    whose : str
+        The clip whose markers were searched.
+    labels : iterable of str
+        The labels of these markers.
+    """
+    return OptionError(
+        f"{where}: no marker of {whose} is called {shown_value(pattern)}; "
+        f"{close_or_all(pattern, list(dict.fromkeys(labels)))}"
+    )

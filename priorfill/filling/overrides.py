@@ -12,6 +12,7 @@ from priorfill.errors import OptionError
 from priorfill.filling.gap_filter import matching_markers
 from priorfill.filling.override_entries import (
     ACCEPT,
+    ACTIONS,
     LEAVE,
     MISSING,
     SWAP,
@@ -20,6 +21,7 @@ from priorfill.filling.override_entries import (
     entry_of,
     flat_options,
     shown_value,
+    unknown_marker,
 )
 from priorfill.methods import resolve
 from priorfill.runtime.option_checks import check_not_text
@@ -89,7 +91,7 @@ class GapOverride:
     def __post_init__(self) -> None:
         """Check the fields, and replace an alias of a method by its name."""
         check_not_text(self, "markers", "donors", "sources")
-        if self.do not in (ACCEPT, LEAVE, MISSING, SWAP):
+        if self.do not in ACTIONS:
             object.__setattr__(self, "do", resolve(self.do))
         object.__setattr__(self, "options", flat_options(self.options))
         check_entry(self)
@@ -97,7 +99,17 @@ class GapOverride:
     @property
     def is_method(self) -> bool:
         """Whether the samples are filled by a method that the override names."""
-        return self.do not in (ACCEPT, LEAVE, MISSING, SWAP)
+        return self.do not in ACTIONS
+
+    def is_for(self, clip: Clip) -> bool:
+        """Return whether the markers of a clip, of one subject, may be meant.
+
+        Parameters
+        ----------
+        clip : Clip
+            The clip.
+        """
+        return self.subject in ("", clip.subject)
 
 
 @dataclass(frozen=True)
@@ -229,7 +241,7 @@ class Overrides:
             Where an entry matches no marker of any subject.
         """
         for number, entry in enumerate(self.entries, start=1):
-            meant = [clip for clip in clips if entry.subject in ("", clip.subject)]
+            meant = [clip for clip in clips if entry.is_for(clip)]
             if not meant:
                 raise OptionError(
                     f"{self.name}: gap {number}: there is no subject "
@@ -237,10 +249,11 @@ class Overrides:
                 )
             for pattern in entry.markers:
                 if not any(matching_markers(clip, pattern) for clip in meant):
-                    labels = dict.fromkeys(label for clip in meant for label in clip.labels)
-                    raise OptionError(
-                        f"{self.name}: gap {number}: no marker of {meant[0].name} is called "
-                        f"{shown_value(pattern)}; {close_or_all(pattern, [*labels])}"
+                    raise unknown_marker(
+                        f"{self.name}: gap {number}",
+                        pattern,
+                        meant[0].name,
+                        (label for clip in meant for label in clip.labels),
                     )
         return replace(self, strict=len(clips) == 1)
 

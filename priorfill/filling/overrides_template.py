@@ -137,7 +137,7 @@ def _covered(gap: FilledGap, clip: Clip, before: tuple[GapOverride, ...]) -> NDA
     marker = clip.labels.index(gap.label)
     covered = np.zeros(gap.frames, dtype=bool)
     for entry in before:
-        if entry.do in (MISSING, SWAP) or entry.subject not in ("", clip.subject):
+        if entry.do in (MISSING, SWAP) or not entry.is_for(clip):
             continue
         if any(marker in matching_markers(clip, pattern) for pattern in entry.markers):
             offset = clip.first_frame + gap.start

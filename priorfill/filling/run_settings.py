@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence, Set
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import partial
@@ -11,7 +11,13 @@ from typing import Any
 from priorfill.clip import Clip
 from priorfill.errors import OptionError
 from priorfill.filling.gap_filter import matching_markers
-from priorfill.filling.override_entries import CLIP, DATABASE, SAME_SUBJECT, shown_value
+from priorfill.filling.override_entries import (
+    CLIP,
+    DATABASE,
+    SAME_SUBJECT,
+    shown_value,
+    unknown_marker,
+)
 from priorfill.filling.overrides import ACCEPT, GapOverride, Overrides
 from priorfill.methods import METHODS, get_method, get_options
 from priorfill.methods.options import with_values
@@ -20,7 +26,7 @@ from priorfill.methods.task_parts import seeing_only
 from priorfill.runtime.option_texts import close_or_all
 from priorfill.search.takes import Take
 
-__all__ = ["RunSettings", "check_sources", "settings_of_overrides"]
+__all__ = ["RunSettings", "changed_options", "check_sources", "settings_of_overrides"]
 
 
 @dataclass(frozen=True)
@@ -105,7 +111,7 @@ def settings_of_overrides(
     for number, entry in enumerate(() if overrides is None else overrides.entries, start=1):
         assert overrides is not None
         where = f"{overrides.name}: gap {number}"
-        meant = entry.subject in ("", clip.subject)
+        meant = entry.is_for(clip)
         if meant and entry.is_method:
             settings.append(_settings_of(entry, clip, default, available, where))
         else:
@@ -125,10 +131,7 @@ def _settings_of(
         found = matching_markers(clip, name)
         if not found:
             whose = f"{clip.name} ({clip.subject})" if clip.subject else clip.name
-            raise OptionError(
-                f"{where}: no marker of {whose} is called {shown_value(name)}; "
-                f"{close_or_all(name, clip.labels)}"
-            )
+            raise unknown_marker(where, name, whose, clip.labels)
         seen += found
     if entry.sources and CLIP not in entry.sources and not METHODS[entry.do].without_clip:
         able = ", ".join(name for name, one in METHODS.items() if one.without_clip)
@@ -137,7 +140,10 @@ def _settings_of(
         )
     options = default.options if entry.do == default.method else None
     if entry.options:
-        options = _with_options(entry, options, where)
+        try:
+            options = changed_options(entry.do, entry.options, options)
+        except OptionError as error:
+            raise OptionError(f"{where}: {error}") from None
     return RunSettings(
         entry.do,
         options,
@@ -147,17 +153,29 @@ def _settings_of(
     )
 
 
-def _with_options(entry: GapOverride, options: Any, where: str) -> Any:
-    """Return the options of a method with those of an override; None for the defaults."""
-    default = get_options(entry.do)
+def changed_options(method: str, values: Mapping[str, Any], options: Any = None) -> Any:
+    """Return the options of a method with other values; None for the defaults.
+
+    Parameters
+    ----------
+    method : str
+        The method.
+    values : mapping of str to object
+        Values by dotted name.
+    options : object, optional
+        Where other options are taken from; None: the defaults.
+
+    Raises
+    ------
+    OptionError
+        Where the method has no such option.
+    """
+    default = get_options(method)
     if default is None:
-        raise OptionError(
-            f"{where}: method {entry.do} has no option {next(iter(entry.options))!r}; it has none"
-        )
-    try:
-        changed = with_values(default if options is None else options, entry.options)
-    except OptionError as error:
-        raise OptionError(f"{where}: {error}") from None
+        if values:
+            raise OptionError(f"method {method} has no option {next(iter(values))!r}; it has none")
+        return None
+    changed = with_values(default if options is None else options, values)
     return None if changed == default else changed
 
 

@@ -12,9 +12,8 @@ from priorfill.clip import Clip
 from priorfill.errors import OptionError
 from priorfill.filling.assign_overrides import frames_of
 from priorfill.filling.gap_filter import matching_markers
-from priorfill.filling.override_entries import shown_value
+from priorfill.filling.override_entries import shown_value, unknown_marker
 from priorfill.filling.overrides import SWAP, GapOverride, Overrides
-from priorfill.runtime.option_texts import close_or_all
 
 __all__ = ["SwappedClip", "check_swaps", "exchange", "swap_markers"]
 
@@ -126,7 +125,7 @@ def check_swaps(overrides: Overrides, clips: Sequence[Clip]) -> None:
     for number, entry in enumerate(overrides.entries, start=1):
         if entry.do == SWAP:
             where = f"{overrides.name}: gap {number}"
-            _check_swap(entry, [c for c in clips if entry.subject in ("", c.subject)], where)
+            _check_swap(entry, [clip for clip in clips if entry.is_for(clip)], where)
 
 
 def _check_swap(entry: GapOverride, clips: Sequence[Clip], where: str) -> None:
@@ -135,11 +134,8 @@ def _check_swap(entry: GapOverride, clips: Sequence[Clip], where: str) -> None:
     first, second = ([matching_markers(clip, name) for clip in clips] for name in (one, two))
     for pattern, found in ((one, first), (two, second)):
         if not any(found):
-            labels = dict.fromkeys(label for clip in clips for label in clip.labels)
-            raise OptionError(
-                f"{where}: no marker of {clips[0].name} is called {shown_value(pattern)}; "
-                f"{close_or_all(pattern, [*labels])}"
-            )
+            labels = (label for clip in clips for label in clip.labels)
+            raise unknown_marker(where, pattern, clips[0].name, labels)
         for clip, markers in zip(clips, found, strict=True):
             if len(markers) > 1:
                 raise OptionError(
@@ -163,7 +159,7 @@ def _check_swap(entry: GapOverride, clips: Sequence[Clip], where: str) -> None:
 def _swaps_of(overrides: Overrides, clip: Clip) -> Iterator[_Swap]:
     """Yield the exchanges of markers of a clip."""
     for number, entry in enumerate(overrides.entries, start=1):
-        if entry.do == SWAP and entry.subject in ("", clip.subject):
+        if entry.do == SWAP and entry.is_for(clip):
             one = matching_markers(clip, entry.markers[0])
             two = matching_markers(clip, entry.other)
             if one and two:
