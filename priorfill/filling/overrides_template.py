@@ -1,4 +1,4 @@
-"""Overrides made from a result: an entry for each gap, to be edited; and what they are made for."""
+"""Overrides made from a result: an entry for each gap, to be edited; and whether they fit it."""
 
 from __future__ import annotations
 
@@ -16,13 +16,12 @@ from priorfill.filling.overrides import (
     MISSING,
     SWAP,
     GapOverride,
-    MadeFor,
     Overrides,
 )
 from priorfill.filling.result import FilledGap, Result
 from priorfill.gaps import runs
 
-__all__ = ["made_for", "notes_on_origin", "overrides_template"]
+__all__ = ["notes_on_origin", "overrides_template"]
 
 
 def overrides_template(result: Result) -> Overrides:
@@ -63,26 +62,8 @@ def overrides_template(result: Result) -> Overrides:
         for entry in _entries_of(gap, one, before, one.clip.subject if several else "")
     ]
     entries.sort(key=lambda pair: pair[0])  # stable: subjects and markers in their order
-    return Overrides((*before, *(entry for _, entry in entries)), made_for=made_for(result))
-
-
-def made_for(result: Result) -> MadeFor:
-    """Return what overrides of a result are made for.
-
-    Parameters
-    ----------
-    result : Result
-        Of a fill.
-    """
-    provenance = result.provenance
-    clip, database = provenance.clips[0], provenance.database
-    name = clip.file or clip.name
-    return MadeFor(
-        # bytes of a name that are no UTF-8 as escape sequences: TOML cannot hold them
-        name.encode("utf-8", "backslashreplace").decode("utf-8"),
-        clip.sha256,
-        provenance.method,
-        "" if database is None else database.content,
+    return Overrides(
+        (*before, *(entry for _, entry in entries)), made_for=result.provenance.made_for
     )
 
 
@@ -97,7 +78,7 @@ def notes_on_origin(result: Result) -> tuple[str, ...]:
     overrides = result.provenance.overrides
     if overrides is None or overrides.made_for is None:
         return ()
-    there, here = overrides.made_for, made_for(result)
+    there, here = overrides.made_for, result.provenance.made_for
     notes = []
     if there.sha256 and here.sha256 and there.sha256 != here.sha256:
         notes.append(f"another file: the contents of {here.file} are not those of {there.file}")

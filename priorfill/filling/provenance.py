@@ -199,6 +199,19 @@ class Provenance:
 
         return provenance_line(self)
 
+    @property
+    def made_for(self) -> MadeFor:
+        """What overrides are made for that decide on the gaps of this fill."""
+        clip, database = self.clips[0], self.database
+        name = clip.file or clip.name
+        return MadeFor(
+            # bytes of a name that are no UTF-8 as escape sequences: TOML cannot hold them
+            name.encode("utf-8", "backslashreplace").decode("utf-8"),
+            clip.sha256,
+            self.method,
+            "" if database is None else database.content,
+        )
+
     def fill_arguments(self, marker_set: MarkerSet | None = None) -> dict[str, Any]:
         """Return the keyword arguments of `priorfill.fill` that give the same result again.
 

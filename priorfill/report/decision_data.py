@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from priorfill.methods import ALIASES, DEFAULT_METHOD, METHODS, get_options
@@ -23,18 +24,11 @@ def decision_data(result: Result) -> dict[str, Any]:
     result : Result
         Of a fill.
     """
-    provenance = result.provenance
-    clip, database = provenance.clips[0], provenance.database
     return {
         "subjects_raw": [one.clip.subject for one in result.by_subject],
         "aliases": dict(ALIASES),
-        "settings": fill_settings(provenance),
-        "made_for": {
-            "file": clip.file or clip.name,
-            "sha256": clip.sha256,
-            "method": provenance.method,
-            "database": "" if database is None else database.content,
-        },
+        "settings": fill_settings(result.provenance),
+        "made_for": asdict(result.provenance.made_for),
     }
 
 

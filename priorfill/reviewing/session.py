@@ -20,7 +20,6 @@ from priorfill.filling.fill_options import FillKeywords, FillOptions
 from priorfill.filling.further_outputs import FURTHER_OUTPUTS
 from priorfill.filling.overrides import Overrides
 from priorfill.filling.overrides_file import overrides_text, read_overrides
-from priorfill.filling.overrides_template import made_for
 from priorfill.filling.result import Result
 from priorfill.formats.file_bytes import check_unchanged, os_errors_explained
 from priorfill.report.report_data import MAX_CLIPS, PageContents, page_data
@@ -248,7 +247,7 @@ class ReviewSession:
                     path, result.clip, result.filled, rewrite=self._files.rewrite
                 ),
                 self.overrides,
-                overrides_text(replace(overrides, made_for=made_for(result))).encode(),
+                overrides_text(replace(overrides, made_for=result.provenance.made_for)).encode(),
                 overwrite=self._may_replace(),
             )
             self._ours = {path: _state(path) for path in (self.output, self.overrides)}

@@ -22,7 +22,7 @@ from priorfill.filling.fill_options import FillOptions
 from priorfill.filling.gap_filter import GapFilter
 from priorfill.filling.overrides import MadeFor, Overrides
 from priorfill.filling.overrides_file import read_overrides, write_overrides
-from priorfill.filling.overrides_template import made_for, overrides_template
+from priorfill.filling.overrides_template import overrides_template
 from priorfill.filling.plausibility_options import UNCHECKED
 from priorfill.filling.provenance import Provenance
 from priorfill.filling.result import Result
@@ -352,7 +352,7 @@ def test_a_difference_from_what_they_were_made_for_is_noted(tmp_path, lab):
         f"{path} was made for another method: gpr, not linear",
         f"{path} was made for another database: a database with other clips",
     )
-    own = Overrides((), made_for=made_for(result))
+    own = Overrides((), made_for=result.provenance.made_for)
     assert fill(one, method="linear", overrides=own).notes == ()
     with_database = fill(one, method="linear", overrides=own, database=lab)
     assert with_database.notes[0] == "overrides was made for another database: no database"
