@@ -20,16 +20,12 @@ from priorfill.filling.result import FilledGap, Result, UnfilledSpan
 from priorfill.gaps import Gap, find_gaps, runs
 from priorfill.geometry.axes import from_upright
 from priorfill.markers.describe import describe
-from priorfill.report.compared import positions_like
+from priorfill.report.compared import SAME_MM, file_or_name, positions_like
 
 __all__ = ["UNKNOWN_METHOD", "result_from_clips", "result_from_files"]
 
 UNKNOWN_METHOD = "unknown"
 """Method of a fill of which nothing is known but its positions."""
-
-SAME_MM = 0.1
-"""mm. Measured samples that differ by less are the same: formats round them, C3D files of integers
-by half of their step."""
 
 MAX_CHANGED = 0.5
 """Share of the measured samples above which a file is a processed version, such as a filtered one:
@@ -180,13 +176,9 @@ def _of_subject(clip: Clip, after: Sequence[Clip], several: bool) -> Clip:
             return one
     names = ", ".join(one.subject or "one without a name" for one in after)
     raise ClipError(
-        f"{_name(after[0])}: has no subject {clip.subject or 'without a name'}, but {names}; give "
-        "another version of the same recording"
+        f"{file_or_name(after[0])}: has no subject {clip.subject or 'without a name'}, but "
+        f"{names}; give another version of the same recording"
     )
-
-
-def _name(clip: Clip) -> str:
-    return clip.name if clip.source is None else str(clip.source.path)
 
 
 def _rebuilt(

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from priorfill.errors import OptionError
 from priorfill.runtime.atomic_file import check_target, check_writable, replace_file
 from priorfill.runtime.display import csv_cell
 from priorfill.runtime.npz_file import save_arrays
+from priorfill.runtime.option_checks import check_suffix
 
 if TYPE_CHECKING:
     from priorfill.filling.result import Result
@@ -53,7 +53,7 @@ def check_uncertainty(
         If the folder takes no files, or the file exists already or is the one that is read.
     """
     path = Path(str(path))  # as in `check_target`
-    _check_suffix(path)
+    check_suffix(path, "the uncertainty", UNCERTAINTY_SUFFIXES)
     check_target(path, overwrite=overwrite, source=source)
     check_writable(path, 0)
 
@@ -83,7 +83,7 @@ def uncertainty_file(
         If the file exists already or cannot be written.
     """
     path = Path(str(path))  # as in `check_target`
-    _check_suffix(path)
+    check_suffix(path, "the uncertainty", UNCERTAINTY_SUFFIXES)
     with replace_file(path, overwrite=overwrite) as temporary:
         if path.suffix.lower() == ".csv":
             _save_table(temporary, result)
@@ -134,16 +134,6 @@ def write_uncertainty(path: Path | str, result: Result, *, overwrite: bool = Fal
     """
     with uncertainty_file(path, result, overwrite=overwrite):
         pass
-
-
-def _check_suffix(path: Path) -> None:
-    """Raise OptionError if the uncertainty cannot be written with this suffix."""
-    if path.suffix.lower() not in UNCERTAINTY_SUFFIXES:
-        raise OptionError(
-            f"{path}: the uncertainty cannot be written "
-            f"{f'with suffix {path.suffix!r}' if path.suffix else 'without a suffix'}; "
-            f"use {' or '.join(UNCERTAINTY_SUFFIXES)}"
-        )
 
 
 def _save_npz(path: Path, result: Result) -> None:

@@ -15,7 +15,11 @@ from priorfill.geometry.axes import to_upright
 if TYPE_CHECKING:
     from priorfill.filling.result import Result
 
-__all__ = ["gap_errors", "positions_like"]
+__all__ = ["SAME_MM", "file_or_name", "gap_errors", "positions_like"]
+
+SAME_MM = 0.1
+"""mm. Measured samples that differ by less are the same: formats round them, C3D files of integers
+by half of their step, and so does the page."""
 
 MAX_RATE_ERROR = 1e-3
 """Share by which rates may differ: some formats round them."""
@@ -58,8 +62,8 @@ def positions_like(
     lacking = [label for label in clip.labels if label not in place]
     if len(lacking) == len(clip.labels) or (lacking and all_markers):
         raise ClipError(
-            f"{_name(parts[0])}: has no marker {lacking[0]}, which {_name(clip)} has; "
-            "give another version of the same recording"
+            f"{file_or_name(parts[0])}: has no marker {lacking[0]}, which "
+            f"{file_or_name(clip)} has; give another version of the same recording"
         )
     upright = {id(part): to_upright(part.positions, part.up) for part in parts}
     positions = np.full((clip.frames, len(clip.labels), 3), np.nan)
@@ -103,16 +107,23 @@ def _check_fit(part: Clip, clip: Clip) -> None:
     """Raise ClipError where a recording has other frames than a clip."""
     if part.frames != clip.frames:
         raise ClipError(
-            f"{_name(part)}: has {part.frames} frames, and {_name(clip)} has {clip.frames}; "
+            f"{file_or_name(part)}: has {part.frames} frames, and {file_or_name(clip)} has "
+            f"{clip.frames}; "
             "give another version of the same recording"
         )
     if abs(part.rate - clip.rate) > MAX_RATE_ERROR * clip.rate:
         raise ClipError(
-            f"{_name(part)}: the frame rate is {part.rate:g} Hz, and that of {_name(clip)} is "
-            f"{clip.rate:g} Hz; give another version of the same recording"
+            f"{file_or_name(part)}: the frame rate is {part.rate:g} Hz, and that of "
+            f"{file_or_name(clip)} is {clip.rate:g} Hz; give another version of the same recording"
         )
 
 
-def _name(clip: Clip) -> str:
-    """Return the file of a clip, or its name."""
+def file_or_name(clip: Clip) -> str:
+    """Return the file of a clip, or the name of one made in memory.
+
+    Parameters
+    ----------
+    clip : Clip
+        The clip.
+    """
     return clip.name if clip.source is None else str(clip.source.path)

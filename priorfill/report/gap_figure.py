@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.gaps import runs
 from priorfill.report.bands import BAND_50, BAND_90
 from priorfill.report.figures import default_style, new_figure, plain
 
@@ -219,7 +220,7 @@ class _Drawing:
         missing = np.isnan(self.positions[:, 0])
         for name, where in (("gap", self.filled | missing), ("not filled", missing)):
             # a frame is as wide as the distance to its neighbours
-            spans = [(self.frames[start] - 0.5, stop - start) for start, stop in _runs(where)]
+            spans = [(self.frames[start] - 0.5, stop - start) for start, stop in runs(where)]
             if spans:
                 self.drawn.add(name)
                 all_heights = axes.get_xaxis_transform()
@@ -236,7 +237,7 @@ class _Drawing:
         from matplotlib.collections import PolyCollection
 
         areas = []
-        for start, stop in _runs(self.filled & np.isfinite(low) & np.isfinite(high)):
+        for start, stop in runs(self.filled & np.isfinite(low) & np.isfinite(high)):
             run = slice(start, stop, math.ceil((stop - start) / MAX_POINTS))
             frames, bottom, top = self.frames[run], low[run], high[run]
             if len(frames) == 1:  # an area needs two frames
@@ -320,12 +321,6 @@ def _span(first: int, start: int, stop: int) -> str:
     if stop - start == 1:
         return f"frame {first + start}"
     return f"frames {first + start}\u2013{first + stop - 1}"
-
-
-def _runs(where: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return start and stop of each run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], where, [False]]).astype(np.int8)))
-    return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
 
 
 def _thinned(frames: NDArray[np.int_], curve: Values) -> tuple[NDArray[np.int_], Values]:

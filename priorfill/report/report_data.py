@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from priorfill.geometry.axes import to_upright
 from priorfill.methods import METHODS
-from priorfill.report.compared import gap_errors, positions_like
+from priorfill.report.compared import SAME_MM, gap_errors, positions_like
 from priorfill.report.decision_data import decision_data, method_options
 from priorfill.report.encode import encode_positions, encode_runs, encode_sparse
 from priorfill.report.facts import facts_of, truth_rows
@@ -34,9 +34,6 @@ FORMAT = 1
 MISSING, MEASURED, FILLED, DOUBTFUL, REPLACED, EXCHANGED = range(6)
 """States of a sample: missing; measured; filled; measured, but in doubt; measured, then replaced by
 a fill; measured in another place, such as that of an exchanged label."""
-
-SAME_MM = 0.1
-"""mm. Measured samples that differ by less are the same: formats round them, and the page does."""
 
 MAX_CLIPS = 2000
 """Clips of a database that the page offers as sources."""

@@ -7,10 +7,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from priorfill.errors import OptionError, OutputError
 from priorfill.report.page import page_text
 from priorfill.report.report_data import PageContents, page_data
-from priorfill.runtime.atomic_file import check_target, check_writable, is_same_file, replace_file
+from priorfill.runtime.atomic_file import check_target, check_writable, replace_file
+from priorfill.runtime.option_checks import check_suffix
 
 if TYPE_CHECKING:
     from priorfill.clip import Clip
@@ -26,7 +26,6 @@ def check_report(
     path: Path | str,
     *,
     sources: Sequence[Path] = (),
-    outputs: Sequence[Path] = (),
     overwrite: bool = False,
 ) -> None:
     """Check before a fill whether its report can be written.
@@ -37,8 +36,6 @@ def check_report(
         The file to write.
     sources : sequence of Path
         Files that are read.
-    outputs : sequence of Path
-        Other files that are written; `path` must be none of them.
     overwrite : bool
         Whether an existing file may be replaced.
 
@@ -47,15 +44,12 @@ def check_report(
     OptionError
         If the suffix is not one of `REPORT_SUFFIXES`.
     OutputError
-        If the folder takes no files, the file exists already, or is one of the others.
+        If the folder takes no files, or the file exists already or is one of those read.
     """
     path = Path(str(path))  # as in `check_target`
-    _check_suffix(path)
+    check_suffix(path, "a report", REPORT_SUFFIXES)
     for source in sources or (None,):
-        target = check_target(path, overwrite=overwrite, source=source)
-    for output in outputs:
-        if is_same_file(target, output.resolve()):
-            raise OutputError(f"{path}: is another file to be written; choose another name")
+        check_target(path, overwrite=overwrite, source=source)
     check_writable(path, 0)
 
 
@@ -90,7 +84,7 @@ def report_file(
         If the file exists already or cannot be written.
     """
     path = Path(str(path))
-    _check_suffix(path)
+    check_suffix(path, "a report", REPORT_SUFFIXES)
     with replace_file(path, overwrite=overwrite) as temporary:
         temporary.write_bytes(page_text(page_data(result, contents)).encode("utf-8"))
         yield
@@ -150,13 +144,3 @@ def write_report(
     contents = PageContents(before=before, truth=truth)
     with report_file(path, result, contents, overwrite=overwrite):
         pass
-
-
-def _check_suffix(path: Path) -> None:
-    """Raise OptionError if browsers do not take a file for a page."""
-    if path.suffix.lower() not in REPORT_SUFFIXES:
-        raise OptionError(
-            f"{path}: a report cannot be written "
-            f"{f'with suffix {path.suffix!r}' if path.suffix else 'without a suffix'}; "
-            f"use {' or '.join(REPORT_SUFFIXES)}"
-        )

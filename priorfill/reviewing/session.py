@@ -22,7 +22,7 @@ from priorfill.filling.overrides import Overrides
 from priorfill.filling.overrides_file import overrides_text, read_overrides
 from priorfill.filling.result import Result
 from priorfill.formats.file_bytes import check_unchanged, os_errors_explained
-from priorfill.report.report_data import MAX_CLIPS, PageContents, page_data
+from priorfill.report.report_data import PageContents, page_data
 from priorfill.runtime.atomic_file import check_target, check_writable, is_same_file
 from priorfill.runtime.file_pair import finish_pairs, write_pair
 
@@ -282,7 +282,7 @@ class ReviewSession:
             before=self._work.clips,
             review=True,
             decisions=overrides.to_entries(),
-            database_clips=self._database_clips[:MAX_CLIPS],
+            database_clips=self._database_clips,
         )
         data = page_data(result, contents)
         data["unsaved"] = data["decisions"] != self._saved_entries

@@ -1,10 +1,13 @@
-"""Range checks for the fields of option classes."""
+"""Checks of options: ranges of fields, and suffixes of files."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
+
 from priorfill.errors import OptionError
 
-__all__ = ["check_at_least", "check_between", "check_not_text"]
+__all__ = ["check_at_least", "check_between", "check_not_text", "check_suffix"]
 
 
 def check_at_least(options: object, minimum: float, *names: str) -> None:
@@ -66,3 +69,23 @@ def check_not_text(options: object, *names: str) -> None:
             raise OptionError(
                 f"{type(options).__name__}.{name} is {value!r}; it must be a tuple, as {texts!r}"
             )
+
+
+def check_suffix(path: Path, what: str, suffixes: Sequence[str]) -> None:
+    """Raise an `OptionError` unless a file to be written has one of some suffixes, in any case.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    what : str
+        What is written, the subject of the message.
+    suffixes : sequence of str
+        In lower case, each with its dot.
+    """
+    if path.suffix.lower() not in suffixes:
+        raise OptionError(
+            f"{path}: {what} cannot be written "
+            f"{f'with suffix {path.suffix!r}' if path.suffix else 'without a suffix'}; "
+            f"use {' or '.join(suffixes)}"
+        )
