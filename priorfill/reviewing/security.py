@@ -107,10 +107,9 @@ class Visitor:
             Names in lower case, and values.
         """
         given = _by_name(headers)
-        if not self._is_own(given.get(b"host", []), b""):
-            return Refusal(403, "the address is not that of this review")
-        if b"origin" in given and not self._is_own(given[b"origin"], b"http://"):
-            return Refusal(403, "another site sent the request")
+        foreign = self._refused_place(given)
+        if foreign is not None:
+            return foreign
         if not self.has_token(path):
             return Refusal(404, "there is no such page")
         if method not in ("GET", "HEAD"):
@@ -125,9 +124,7 @@ class Visitor:
         headers : iterable of (bytes, bytes)
             Names and values.
         """
-        given = _by_name(headers)
-        own = self._is_own(given.get(b"host", []), b"")
-        return own and (b"origin" not in given or self._is_own(given[b"origin"], b"http://"))
+        return self._refused_place(_by_name(headers)) is None
 
     def has_token(self, path: str) -> bool:
         """Return whether a path begins with the token, in a time that does not depend on it.
@@ -139,6 +136,14 @@ class Visitor:
         """
         first, _ = split_path(path)
         return hmac.compare_digest(first.encode("utf-8", "replace"), self.token.encode())
+
+    def _refused_place(self, given: dict[bytes, list[bytes]]) -> Refusal | None:
+        """Return why a request to another host, or from another site, is refused."""
+        if not self._is_own(given.get(b"host", []), b""):
+            return Refusal(403, "the address is not that of this review")
+        if b"origin" in given and not self._is_own(given[b"origin"], b"http://"):
+            return Refusal(403, "another site sent the request")
+        return None
 
     def _is_own(self, values: list[bytes], before: bytes) -> bool:
         """Return whether a header has one value, which names this server."""

@@ -24,7 +24,7 @@ from priorfill.filling.result import Result
 from priorfill.formats.file_bytes import check_unchanged, os_errors_explained
 from priorfill.report.report_data import PageContents, page_data
 from priorfill.runtime.atomic_file import check_target, check_writable, is_same_file
-from priorfill.runtime.file_pair import finish_pairs, write_pair
+from priorfill.runtime.file_pair import file_state, finish_pairs, write_pair
 
 __all__ = [
     "Checkpoint",
@@ -147,7 +147,7 @@ class ReviewSession:
         self._files = files or FileOptions()
         self._saving = threading.Lock()
         self._cache = FillCache()
-        self._ours: dict[Path, tuple[int, int]] = {}
+        self._ours: dict[Path, list[int] | None] = {}
         self._check_outputs()
         if not isinstance(overrides, Overrides):
             exists = self.overrides.exists()
@@ -250,7 +250,7 @@ class ReviewSession:
                 overrides_text(replace(overrides, made_for=result.provenance.made_for)).encode(),
                 overwrite=self._may_replace(),
             )
-            self._ours = {path: _state(path) for path in (self.output, self.overrides)}
+            self._ours = {path: file_state(path) for path in (self.output, self.overrides)}
             self._saved_entries = overrides.to_entries()
             self.data |= {"decisions": self._saved_entries, "unsaved": False}
             self.saved = SavedReview(self.output, self.overrides, result.complete)
@@ -317,7 +317,7 @@ class ReviewSession:
         if self._files.overwrite:
             return True
         for path, state in self._ours.items():
-            if path.exists() and _state(path) != state:
+            if file_state(path) not in (None, state):
                 raise OutputError(
                     f"{path}: was changed after it was saved; move it elsewhere, and save again"
                 )
@@ -336,8 +336,3 @@ def _same_values(one: Overrides, other: Overrides) -> bool:
     """Return whether two lists of overrides differ in notes at most."""
     pairs = [[replace(entry, note="") for entry in each.entries] for each in (one, other)]
     return pairs[0] == pairs[1]
-
-
-def _state(path: Path) -> tuple[int, int]:
-    there = path.stat()
-    return there.st_size, there.st_mtime_ns

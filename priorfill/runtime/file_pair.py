@@ -29,7 +29,7 @@ from priorfill.runtime.atomic_file import (
     temporary_name,
 )
 
-__all__ = ["finish_pairs", "write_pair"]
+__all__ = ["file_state", "finish_pairs", "write_pair"]
 
 _FORMAT = 1
 """Version of a note."""
@@ -159,8 +159,8 @@ def _finish(
         target.name,
         str(text_target),
         base64.b64encode(text).decode("ascii"),
-        _state(target),
-        _state(text_target),
+        file_state(target),
+        file_state(text_target),
     )
     old_text = text_target.read_bytes() if text_target.exists() else None
     path, own = _note_of(waiting.parent), waiting.with_name(NOTE_SUFFIX)
@@ -206,8 +206,8 @@ def _finish_one(path: Path) -> None:
         text = base64.b64decode(note.text)
         waiting = folder / note.waiting
         ours = text_target.exists() and text_target.read_bytes() == text
-        if (ours or _state(text_target) == note.text_before) and (
-            not waiting.exists() or _state(target) == note.before
+        if (ours or file_state(text_target) == note.text_before) and (
+            not waiting.exists() or file_state(target) == note.before
         ):
             if not ours:
                 _write_text(text_target, text, overwrite=True)
@@ -234,8 +234,14 @@ def _note_of(folder: Path) -> Path:
     return folder.with_name(folder.name + NOTE_SUFFIX)
 
 
-def _state(path: Path) -> list[int] | None:
-    """Return what tells whether a file has been changed; None if there is none."""
+def file_state(path: Path) -> list[int] | None:
+    """Return what tells whether a file has been changed: size and time; None if there is none.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    """
     try:
         there = path.stat()
     except FileNotFoundError:
