@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from priorfill.filling.fill_file import FileOptions, FileResult
     from priorfill.filling.fill_options import FillOptions
 
-__all__ = ["EXIT_INCOMPLETE", "check_database_options", "fill", "fill_options"]
+__all__ = ["EXIT_INCOMPLETE", "check_database_options", "fill", "fill_arguments", "fill_options"]
 
 EXIT_INCOMPLETE = 3
 """Exit status: done, but not all gaps could be filled."""
@@ -211,7 +211,6 @@ def fill(
     Exit status 0: done; 3: done, but not all gaps could be filled; 1: failed; 2: wrong usage.
     """
     from priorfill.filling.fill_file import fill_file
-    from priorfill.filling.gap_filter import GapFilter
     from priorfill.runtime.threads import limit_threads
 
     if threads is not None:
@@ -226,15 +225,8 @@ def fill(
             file,
             output,
             database=database,
-            same_subject=given["same_subject"],
-            files=_file_options(given),
-            method=given["method"],
-            gap_filter=GapFilter(
-                given["markers"], given["frames"], given["max_gap"], given["skip_edges"]
-            ),
             overrides=given["overrides"],
-            reject_artefacts=given["reject_artefacts"],
-            options=fill_options(given, show),
+            **fill_arguments(given, show),
         )
     if as_json:
         print_json(fill_facts(done))
@@ -265,28 +257,40 @@ def check_database_options(database: Path | None, given: dict[str, Any]) -> None
             raise click.UsageError(f"{option} needs a database; give one (--database)")
 
 
+def fill_arguments(given: dict[str, Any], show: Any) -> dict[str, Any]:
+    """Return arguments of `priorfill.fill_file` and `priorfill.review` that options decide.
+
+    Parameters
+    ----------
+    given : dict
+        Values of the options of a command that fills.
+    show : callable
+        Of the progress bar.
+    """
+    from priorfill.filling.gap_filter import GapFilter
+
+    return {
+        "same_subject": given["same_subject"],
+        "files": _file_options(given),
+        "method": given["method"],
+        "gap_filter": GapFilter(
+            given["markers"], given["frames"], given["max_gap"], given["skip_edges"]
+        ),
+        "reject_artefacts": given["reject_artefacts"],
+        "options": fill_options(given, show),
+    }
+
+
 def _file_options(given: dict[str, Any]) -> FileOptions:
-    """Return how files are to be read and written."""
+    """Return how files are to be read and written; what the command lacks is at its default."""
+    from dataclasses import fields
+
     from priorfill.filling.fill_file import FileOptions
 
-    names = (
-        "subject",
-        "up",
-        "rate",
-        "unit",
-        "ignore_residuals",
-        "uncertainty",
-        "plot",
-        "report",
-        "write_overrides",
-        "rewrite",
-        "overwrite",
-    )
-    given_names = (*names, "plot_gaps") if given["plot_gaps"] else names
+    known = {field.name for field in fields(FileOptions)}
     return FileOptions(
         zeros_missing=not given["keep_zeros"],
-        add_to_database=given["add_to_database"],
-        **{name: given[name] for name in given_names},
+        **{name: value for name, value in given.items() if name in known and value is not None},
     )
 
 

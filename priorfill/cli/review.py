@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from priorfill.cli.fill import EXIT_INCOMPLETE, check_database_options, fill, fill_options
+from priorfill.cli.fill import EXIT_INCOMPLETE, check_database_options, fill, fill_arguments
 from priorfill.cli.option_names import with_options
 from priorfill.cli.output import print_line
 from priorfill.cli.path_types import FILE
@@ -18,7 +18,6 @@ from priorfill.cli.progress import progress
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from priorfill.filling.fill_file import FileOptions
     from priorfill.reviewing.session import SavedReview
 
 __all__ = ["review"]
@@ -82,7 +81,6 @@ def review(
 
     Exit status 0: ended; 3: saved, but not all gaps could be filled; 1: failed; 2: wrong usage.
     """
-    from priorfill.filling.gap_filter import GapFilter
     from priorfill.reviewing.start import ReviewOptions
     from priorfill.reviewing.start import review as review_file
     from priorfill.runtime.threads import limit_threads
@@ -105,29 +103,12 @@ def review(
                 port, not no_browser, started, _words(context), _command(context, file)
             ),
             database=given["database"],
-            same_subject=given["same_subject"],
-            files=_file_options(given),
-            method=given["method"],
-            gap_filter=GapFilter(
-                given["markers"], given["frames"], given["max_gap"], given["skip_edges"]
-            ),
             overrides=overrides,
-            reject_artefacts=given["reject_artefacts"],
-            options=fill_options(given, show),
+            **fill_arguments(given, show),
         )
     _print_end(saved)
     if saved is not None and not saved.complete:
         context.exit(EXIT_INCOMPLETE)
-
-
-def _file_options(given: dict[str, Any]) -> FileOptions:
-    """Return how files are to be read and written."""
-    from priorfill.filling.fill_file import FileOptions
-
-    names = ("subject", "up", "rate", "unit", "ignore_residuals", "rewrite", "overwrite")
-    return FileOptions(
-        zeros_missing=not given["keep_zeros"], **{name: given[name] for name in names}
-    )
 
 
 def _words(context: click.Context) -> Callable[[str], str]:
