@@ -1,7 +1,7 @@
 """Fill the gaps of a file: read, fill each subject, write, and add to a database.
 
-Without an output this is a dry run: the same fill, of which nothing is written but what was
-requested in addition.
+Without an output this is a dry run: the same fill, but only what was requested in addition is
+written.
 """
 
 from __future__ import annotations

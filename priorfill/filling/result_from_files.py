@@ -25,7 +25,7 @@ from priorfill.report.compared import SAME_MM, file_or_name, positions_like
 __all__ = ["UNKNOWN_METHOD", "result_from_clips", "result_from_files"]
 
 UNKNOWN_METHOD = "unknown"
-"""Method of a fill of which nothing is known but its positions."""
+"""Method of a fill whose positions alone are known."""
 
 MAX_CHANGED = 0.5
 """Share of the measured samples above which a file is a processed version, such as a filtered one:
@@ -148,7 +148,7 @@ class _Difference:
 
     @property
     def is_processed(self) -> bool:
-        """Whether so many samples differ that they are no replaced ones."""
+        """Whether more samples differ than a fill replaces."""
         return int(self.changed.sum()) > MAX_CHANGED * self.measured
 
     def notes(self) -> Iterator[str]:

@@ -50,7 +50,7 @@ BOUND = 20.0
 """mm, 90 % bound of filled samples."""
 
 GAPS_EVERY = 7
-"""One marker of so many has a gap in the middle of the clip."""
+"""One of this number of markers has a gap in the middle of the clip."""
 
 MEGABYTES = {(41, 3000): 0.5, (300, 10000): 6.0}
 """Largest size of a page, by markers and frames."""

@@ -10,7 +10,7 @@ import numpy as np
 
 
 def unpacked(text: str, planes: int) -> np.ndarray:
-    """The numbers of which planes of bytes were deflated."""
+    """The numbers whose planes of bytes were deflated."""
     content = np.frombuffer(zlib.decompress(base64.b64decode(text)), np.uint8)
     rows = content.reshape(planes, -1).astype(np.uint32)
     return sum(row << np.uint32(8 * plane) for plane, row in enumerate(rows))

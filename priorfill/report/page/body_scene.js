@@ -12,7 +12,7 @@ const EMPTY_SCENE = [-1000, -1000, 0, 1000, 1000, 2000];
 /** Most frames at which the centre of the body is computed; between them it is interpolated. */
 const PATH_KNOTS = 1500;
 
-/** Most markers of which the centre is the median, evenly spaced in the list. */
+/** Markers whose median is the centre, at most; they are evenly spaced in the list. */
 const MEDIAN_MARKERS = 100;
 
 /** Time between two of these frames. */
