@@ -85,7 +85,7 @@ class DecisionFiles {
     link.remove();
     setTimeout(() => URL.revokeObjectURL(address), 10000); // ms; the download has begun by then
     const count = this.entries.length;
-    this.tell(`${countText(count)} exported as ${this.name}.`);
+    this.tell(`${countOf(count, "decision")} exported as ${this.name}.`);
     this.actions.exported();
   }
 
@@ -104,7 +104,7 @@ class DecisionFiles {
       const other = madeFor.sha256 && sha256 && madeFor.sha256 !== sha256;
       this.actions.take(entries, "import");
       const source = shortText(safeText(madeFor.file || "unnamed"));
-      this.tell(`${countText(entries.length)} read from ${name} in place of the list.` +
+      this.tell(`${countOf(entries.length, "decision")} read from ${name} in place of the list.` +
         (other ? ` The file was made for another recording (${source}).` : ""));
     } catch (error) {
       const reason = error instanceof DecisionError ? error.message : "it cannot be read";
@@ -128,15 +128,6 @@ class DecisionFiles {
   tell(text) {
     this.status.textContent = text;
   }
-}
-
-/**
- * Count decisions.
- * @param {number} count
- * @returns {string}
- */
-function countText(count) {
-  return count === 1 ? "1 decision" : `${formatCount(count)} decisions`;
 }
 
 /**

@@ -154,10 +154,9 @@ class GapTable {
       (!words.length || gapFits(this.store, this.columns, index, words)));
     this.placeOf = new Map(this.shown.map((index, place) => [index, place]));
     this.markHeads();
-    const all = formatCount(gaps.length);
     this.count.textContent = this.shown.length === gaps.length
-      ? `${all} ${gaps.length === 1 ? "gap" : "gaps"}`
-      : `${formatCount(this.shown.length)} of ${all} gaps`;
+      ? countOf(gaps.length, "gap")
+      : `${formatCount(this.shown.length)} of ${formatCount(gaps.length)} gaps`;
     this.table.setAttribute("aria-rowcount", String(this.shown.length + 1));
     this.remake();
   }

@@ -290,8 +290,7 @@ function gapNear(store, marker, frame, within) {
 function markerText(store, marker) {
   const info = store.data.markers[marker];
   const segment = info.segment ? ` (${shortText(info.segment)})` : "";
-  const count = store.gapsOf[marker].length;
-  const gaps = count === 1 ? "1 gap" : `${formatCount(count)} gaps`;
+  const gaps = countOf(store.gapsOf[marker].length, "gap");
   return `${shortText(info.label, 200)}${segment}: ${gaps}, ` +
     `missing ${formatShare(info.missing_before, store.frames)} before, ` +
     `${formatShare(info.missing_after, store.frames)} after the fill`;

@@ -180,7 +180,6 @@ function paintAxis(context, store, box) {
   const scale = box.width / (box.to - box.from);
   const wanted = Math.max(LABEL_ROOM / scale, 1) / store.rate; // at least a frame
   const step = timeStep(wanted);
-  const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
   context.fillStyle = shades.panel;
   context.fillRect(0, 0, box.left + box.width, box.height);
   context.font = "11px system-ui, sans-serif";
@@ -202,7 +201,7 @@ function paintAxis(context, store, box) {
     const frameText = frameName(store.frameNumber(Math.round(frame)));
     const middle = Math.max(x, box.left + context.measureText(frameText).width / 2);
     context.fillStyle = shades.text;
-    const timeText = (k * step).toFixed(digits);
+    const timeText = tickText(k * step, step);
     const centre = Math.max(x, box.left + context.measureText(timeText).width / 2 - 2);
     context.fillText(timeText, centre, 12);
     context.fillStyle = shades.muted;
