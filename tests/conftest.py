@@ -52,13 +52,19 @@ def browser() -> Iterator[Any]:
         yield started
 
 
+@pytest.fixture(scope="session")
+def kept_page(browser: Any) -> list[Any]:
+    """The page of the window that tests use one after the other, once there is one."""
+    return []
+
+
 @pytest.fixture
-def open_page(browser: Any) -> Iterator[PageOpener]:
+def open_page(browser: Any, kept_page: list[Any]) -> Iterator[PageOpener]:
     """Open pages; the test fails if one prints to the console, has an error, or uses a network.
 
     A test that expects such faults clears ``open_page.faults``.
     """
-    opener = PageOpener(browser)
+    opener = PageOpener(browser, kept_page)
     yield opener
     opener.close()
     opener.expect_no_faults()

@@ -230,7 +230,8 @@ def test_damaged_data_are_one_line(
 
 
 def test_old_browsers_are_named(open_page: PageOpener, tmp_path: Path) -> None:
-    page = open_page(write_page(example_data(), tmp_path / "page.html"), ready=READY)
+    file = write_page(example_data(), tmp_path / "page.html")
+    page = open_page(file, ready=READY, own=True)
     page.add_init_script("delete window.DecompressionStream")
     page.reload()
     page.get_by_role("alert").wait_for(state="visible")
