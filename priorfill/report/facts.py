@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.report.shown_text import MAX_LABEL, shown, time_text
+from priorfill.report.shown_text import MAX_LABEL, message_text, shown, time_text
 
 if TYPE_CHECKING:
     from priorfill.clip import Clip
@@ -51,7 +51,7 @@ def facts_of(result: Result, further: Mapping[str, Rows] | None = None) -> list[
             ),
         ),
         ("Artefacts", _artefacts(result)),
-        ("Notes", (("", note) for note in _notes(result))),
+        ("Notes", (("", message_text(note)) for note in _notes(result))),
         ("Versions", ((name, text) for name, text in provenance.versions.items() if text)),
     ]
     return [{"title": title, "rows": rows} for title, given in tables if (rows := _rows(given))]

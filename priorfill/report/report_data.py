@@ -18,7 +18,7 @@ from priorfill.report.encode import encode_positions, encode_runs, encode_sparse
 from priorfill.report.facts import facts_of, truth_rows
 from priorfill.report.gap_warnings import gap_warnings
 from priorfill.report.result_summary import worst_first
-from priorfill.report.shown_text import MAX_LABEL, shown
+from priorfill.report.shown_text import MAX_LABEL, message_text, shown
 from priorfill.report.sticks import sticks_of
 from priorfill.report.warning_options import WarningOptions
 
@@ -148,12 +148,14 @@ def sample_states(
         Upright positions as they were measured.
     """
     states = np.where(result.clip.missing, MISSING, MEASURED).astype(np.int8)
+    known = states == MEASURED
     if result.doubtful is not None:
-        states[result.doubtful & (states == MEASURED)] = DOUBTFUL
+        states[result.doubtful & known] = DOUBTFUL
+    # a sample has one state: that it was moved matters more, and the facts count the doubts
     if before is not None:
-        states[(states == MEASURED) & _differs(upright, before)] = EXCHANGED
+        states[known & _differs(upright, before)] = EXCHANGED
     if result.swapped is not None:
-        states[result.swapped & (states == MEASURED)] = EXCHANGED
+        states[result.swapped & known] = EXCHANGED
     states[result.filled] = FILLED
     replaced = result.rejected if before is None else ~np.isnan(before[..., 0])
     states[result.filled & replaced] = REPLACED
@@ -313,7 +315,7 @@ def _gap(gap: FilledGap) -> dict[str, Any]:
             {
                 "start": span.start,
                 "stop": span.stop,
-                "reason": shown(span.reason),
+                "reason": message_text(span.reason),
                 "requested": span.requested,
             }
             for span in gap.unfilled

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
+import re
 
 from priorfill.errors import escaped
 
-__all__ = ["MAX_LABEL", "MAX_TEXT", "shown", "time_text"]
+__all__ = ["MAX_LABEL", "MAX_TEXT", "message_text", "shown", "time_text"]
 
 MAX_LABEL = 80
 """Characters of a label or name that the page shows."""
 
 MAX_TEXT = 2000
 """Characters of a sentence that the page shows."""
+
+_ARGUMENT = re.compile(r"(?<![^\s(])`([a-z][a-z_]*)`(?![^\s.,:;)])")
+"""An argument in a message of the library; labels with other characters are left alone."""
 
 
 def shown(text: str, limit: int = MAX_TEXT) -> str:
@@ -42,6 +46,24 @@ def shown(text: str, limit: int = MAX_TEXT) -> str:
     safe = escaped(text)
     half = (limit - 1) // 2
     return safe if len(safe) <= limit else f"{safe[:half]}…{safe[-half:]}"
+
+
+def message_text(text: str) -> str:
+    """Return a message or note of the library as the page shows it.
+
+    Readers of a page need not know Python, where arguments are written in backquotes.
+
+    Parameters
+    ----------
+    text : str
+        From a result.
+
+    Examples
+    --------
+    >>> message_text("Up is assumed to be +Z (see `up`).")
+    'Up is assumed to be +Z (see option up).'
+    """
+    return shown(_ARGUMENT.sub(r"option \1", text[: 2 * MAX_TEXT]))
 
 
 def time_text(seconds: float, rate: float) -> str:

@@ -23,6 +23,7 @@ from priorfill.filling.plausibility_options import UNCHECKED
 from priorfill.filling.provenance import Provenance
 from priorfill.formats import read, write
 from priorfill.geometry.axes import to_upright
+from priorfill.report.facts import facts_of
 from priorfill.report.report_data import EXCHANGED, sample_states
 
 FIRST = 101
@@ -93,6 +94,15 @@ def test_artefacts_are_searched_for_afterwards():
     assert {marker for artefact in plain.artefacts for marker in artefact.markers} >= {"RANK"}
     entries = Overrides((swap(two="RANK"),))
     assert fill(wrong, method="linear", overrides=entries, options=options).artefacts == ()
+
+
+def test_swapped_samples_in_doubt_show_as_exchanged_and_count_as_in_doubt():
+    result = fill(mislabelled(right()), overrides=Overrides((swap(),)), **LINES)
+    result = replace(result, doubtful=result.swapped.copy())
+    states = sample_states(result, to_upright(result.clip.positions, result.clip.up))
+    np.testing.assert_array_equal(states == EXCHANGED, result.swapped)
+    (fill_rows,) = (table["rows"] for table in facts_of(result) if table["title"] == "Fill")
+    assert dict(fill_rows)["In doubt"].startswith(f"{result.swapped.sum()} measured samples")
 
 
 def test_a_swap_without_effect_is_noted():

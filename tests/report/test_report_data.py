@@ -11,6 +11,7 @@ from page_decoding import decoded, expand, unpacked
 
 import priorfill as pf
 from priorfill.errors import ClipError
+from priorfill.filling.result import UnfilledSpan
 from priorfill.report.page import page_text
 from priorfill.report.report_data import PageContents, page_data
 from priorfill.synthetic.demo import make_demo_clip
@@ -49,6 +50,20 @@ def test_states_positions_and_errors_of_a_fill(demo: tuple[pf.Clip, pf.Clip, pf.
     assert sorted(gap["badness"] for gap in data["gaps"]) == list(range(len(result.gaps)))
     assert sum(m["missing_before"] for m in data["markers"]) == clip.missing.sum()
     assert sum(m["missing_after"] for m in data["markers"]) == result.clip.missing.sum()
+
+
+def test_the_page_has_options_in_place_of_arguments(
+    demo: tuple[pf.Clip, pf.Clip, pf.Result],
+) -> None:
+    result = demo[2]
+    span = UnfilledSpan(0, 1, "too few are visible (`extrapolate`)")
+    gap = replace(result.gaps[0], unfilled=(span,))
+    noted = replace(result, gaps=(gap, *result.gaps[1:]), notes=("+Z is up (see `up`), `L KNE`",))
+    data = page_data(noted)
+    reasons = [one["reason"] for row in data["gaps"] for one in row["unfilled"]]
+    assert "too few are visible (option extrapolate)" in reasons
+    rows = [row for table in data["facts"] if table["title"] == "Notes" for row in table["rows"]]
+    assert ["", "+Z is up (see option up), `L KNE`"] in rows
 
 
 def test_positions_are_upright() -> None:
