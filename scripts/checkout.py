@@ -113,7 +113,10 @@ def _run_last(venv: Path, *arguments: str) -> int:
 
 def _variables() -> dict[str, str]:
     paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    variables = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    # tests start hundreds of programs, and each would compile all modules again
+    variables.pop("PYTHONDONTWRITEBYTECODE", None)
+    return variables
 
 
 # ------------------------------------------------------------------------------------- set-up
