@@ -129,11 +129,15 @@ def find_gaps(missing: NDArray[np.bool_]) -> list[Gap]:
     gap_groups : Group gaps that overlap or touch in time.
     priorfill.Clip.missing : The mask of a clip.
     """
-    return sorted(
-        Gap(start, stop, marker)
-        for marker in range(missing.shape[1])
-        for start, stop in runs(missing[:, marker])
-    )
+    outside = np.zeros((1, missing.shape[1]), dtype=bool)
+    # edges in the order of frames; sorted by marker, beginnings and ends of gaps alternate
+    frame, marker = np.nonzero(np.diff(missing, axis=0, prepend=outside, append=outside))
+    by_marker = np.argsort(marker, kind="stable")
+    start, stop = frame[by_marker].reshape(-1, 2).T
+    marker = marker[by_marker[::2]]
+    order = np.lexsort((marker, stop, start))
+    found = np.stack([start, stop, marker], axis=1)[order].tolist()
+    return [Gap(*gap) for gap in found]
 
 
 def gap_groups(missing: NDArray[np.bool_]) -> list[GapGroup]:
@@ -162,7 +166,11 @@ def gap_groups(missing: NDArray[np.bool_]) -> list[GapGroup]:
     """
     gaps = find_gaps(missing)
     groups = []
+    first = 0
     for start, stop in runs(np.logical_or.reduce(missing, axis=1)):
-        inside = tuple(gap for gap in gaps if start <= gap.start < stop)
-        groups.append(GapGroup(start, stop, inside))
+        last = first
+        while last < len(gaps) and gaps[last].start < stop:
+            last += 1
+        groups.append(GapGroup(start, stop, tuple(gaps[first:last])))
+        first = last
     return groups

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -115,24 +116,29 @@ def sum_up_gaps(
     tuple of FilledGap
         In order of time.
     """
-    notes_of: dict[int, list[Note]] = defaultdict(list)
+    gaps = find_gaps(clip.missing)
+    of_marker: dict[int, list[Gap]] = defaultdict(list)
+    for gap in gaps:
+        of_marker[gap.marker].append(gap)
+    notes_of: dict[Gap, list[Note]] = defaultdict(list)
     for note in notes:
-        notes_of[note.marker].append(note)
-    alone_of: dict[int, list[UnfilledSpan]] = defaultdict(list)
-    for gap, reason in left_alone:
-        span = UnfilledSpan(gap.start, gap.stop, reason, requested=False)
-        alone_of[gap.marker].append(span)
+        for gap in _overlapping(of_marker[note.marker], note.start, note.stop):
+            notes_of[gap].append(note)
+    alone_of: dict[Gap, list[UnfilledSpan]] = defaultdict(list)
+    for alone, reason in left_alone:
+        span = UnfilledSpan(alone.start, alone.stop, reason, requested=False)
+        for gap in _overlapping(of_marker[alone.marker], alone.start, alone.start + 1):
+            alone_of[gap].append(span)
     return tuple(
-        _sum_up(
-            clip.labels[gap.marker],
-            gap,
-            samples,
-            method,
-            [n for n in notes_of[gap.marker] if n.start < gap.stop and n.stop > gap.start],
-            [span for span in alone_of[gap.marker] if gap.start <= span.start < gap.stop],
-        )
-        for gap in find_gaps(clip.missing)
+        _sum_up(clip.labels[gap.marker], gap, samples, method, notes_of[gap], alone_of[gap])
+        for gap in gaps
     )
+
+
+def _overlapping(gaps: Sequence[Gap], start: int, stop: int) -> Sequence[Gap]:
+    """Return the gaps of a marker, given in order of time, that have some of the frames."""
+    first = bisect_right(gaps, start, key=lambda gap: gap.stop)
+    return gaps[first : bisect_left(gaps, stop, key=lambda gap: gap.start)]
 
 
 def restore_rejected(result: Result, measured: Clip, artefacts: tuple[Artefact, ...]) -> Result:

@@ -7,14 +7,14 @@ errors of the gaps. A gap at the clip's start or end is lengthened by as many fr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.errors import MethodError
-from priorfill.gaps import Gap, gap_groups
+from priorfill.gaps import Gap, gap_groups, runs
 from priorfill.geometry.distances import norms
 from priorfill.gp.calibration import MIN_EXPECTED_RMS
 from priorfill.methods.task import Estimate, Task
@@ -28,6 +28,9 @@ HELD_OUT_BOUND_FACTOR = 2.1
 """Ratio of the 90 % bound to the rms error of the copies: larger than
 `priorfill.gp.calibration.BOUND_FACTOR`, because that error is an estimate from few gaps. It covers
 about nine errors in ten over methods in ``scripts/studies/plausibility_study.py``."""
+
+MAX_PAIRS = 100_000
+"""Pairs of a gap and a span of measured frames that are compared at once, to limit the memory."""
 
 _Fill = Callable[[Task], Estimate]
 
@@ -85,11 +88,11 @@ def _copies(task: Task, used: NDArray[np.bool_], number: int) -> list[_Copy]:
         rest = [gap for gap in group.gaps if gap.start > 0 and gap.stop < len(task.positions)]
         while rest:  # those that fit together, then those that are left
             shift = _shift(task, used, rest, number)
-            placed = []
+            placed = set()
             for gap in rest:
                 start, stop = gap.start + shift, gap.stop + shift
                 if shift and _is_free(task, used, start - 1, stop + 1, gap.marker):
-                    placed.append(gap)
+                    placed.add(gap)
                     copies.append(_Copy(gap, start, stop))
                     used[start:stop, gap.marker] = True
             if not placed:
@@ -115,20 +118,34 @@ def _shift(task: Task, used: NDArray[np.bool_], gaps: Sequence[Gap], number: int
     Copies of different rounds are on different sides of the gaps if possible.
     """
     frames = len(task.positions)
-    shifts = np.arange(1 - frames, frames)
-    score = np.zeros(len(shifts))
-    for gap in gaps:
-        free = task.valid[:, gap.marker] & ~used[:, gap.marker]
-        taken = np.concatenate([[0], np.cumsum(~free)])
-        first, last = gap.start + shifts - 1, gap.stop + shifts + 1
-        inside = (first >= 0) & (last <= frames)
-        clear = taken[np.where(inside, last, 0)] == taken[np.where(inside, first, 0)]
-        score += gap.frames * (inside & clear)
+    change = np.zeros(2 * frames)  # of the score from each shift to the next, from 1 - frames
+    for marker, some in _by_marker(gaps):
+        edges = np.array([(gap.start - 1, gap.stop + 1) for gap in some], dtype=np.intp)
+        spans = np.array(list(runs(task.valid[:, marker] & ~used[:, marker])), dtype=np.intp)
+        spans = spans.reshape(-1, 2)
+        spans = spans[np.ptp(spans, axis=1) >= np.ptp(edges, axis=1).min()]
+        batch = max(MAX_PAIRS // max(len(spans), 1), 1)
+        for first, last in (edges[i : i + batch].T for i in range(0, len(edges), batch)):
+            # a gap and the frames next to it fit into a span at these shifts
+            least, most = spans[:, :1] - first, spans[:, 1:] - last
+            fits = least <= most
+            weight = np.broadcast_to(last - first - 2, fits.shape)[fits]
+            np.add.at(change, least[fits] + frames - 1, weight)
+            np.subtract.at(change, most[fits] + frames, weight)
+    score = np.cumsum(change[:-1])
     if not score.any():
         return 0
-    side = (shifts > 0) == (number % 2 == 0)
-    best = np.lexsort((np.abs(shifts), ~side, -score))[0]
-    return int(shifts[best])
+    best = np.flatnonzero(score == score.max()) - (frames - 1)
+    side = (best > 0) == (number % 2 == 0)
+    return int(best[np.lexsort((np.abs(best), ~side))[0]])
+
+
+def _by_marker(gaps: Sequence[Gap]) -> Iterable[tuple[int, list[Gap]]]:
+    """Return the gaps of each marker."""
+    found: dict[int, list[Gap]] = {}
+    for gap in gaps:
+        found.setdefault(gap.marker, []).append(gap)
+    return found.items()
 
 
 def _is_free(

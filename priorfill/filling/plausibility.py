@@ -282,14 +282,29 @@ class PlausibilityCheck:
 
     def _neighbours(self, marker: int) -> NDArray[np.intp]:
         """Return the markers near a marker."""
-        sample = self.geometry.positions[:: max(1, len(self.geometry.positions) // MAX_SAMPLED)]
-        apart = norms(sample - sample[:, marker : marker + 1])
+        sample, low, high = self._places
+        # nowhere nearer than this
+        least = np.maximum(low - high[marker], low[marker] - high).max(axis=1)
+        some = np.flatnonzero(least < self.options.neighbour_distance)
+        apart = norms(sample[some] - sample[marker])
         seen = ~np.isnan(apart)
-        total = np.where(seen, apart, 0.0).sum(axis=0)
-        count = seen.sum(axis=0)
-        near = (count > 0) & (total < self.options.neighbour_distance * count)
-        near[marker] = False
-        return np.flatnonzero(near)
+        total = np.where(seen, apart, 0.0).sum(axis=1)
+        count = seen.sum(axis=1)
+        near = (count > 0) & (total < self.options.neighbour_distance * count) & (some != marker)
+        found: NDArray[np.intp] = some[near]
+        return found
+
+    @cached_property
+    def _places(self) -> tuple[_Float, _Float, _Float]:
+        """Evenly spaced frames, and the lowest and highest coordinates of each marker in them.
+
+        Of shape (markers, frames, 3) and (markers, 3), in mm.
+        """
+        sample = self.geometry.positions[:: max(1, len(self.geometry.positions) // MAX_SAMPLED)]
+        sample = np.ascontiguousarray(sample.transpose(1, 0, 2))
+        low = np.fmin.reduce(sample, axis=1, initial=np.inf)
+        high = np.fmax.reduce(sample, axis=1, initial=-np.inf)
+        return sample, low, high
 
     @cached_property
     def _segments(self) -> dict[str, list[int]]:

@@ -164,22 +164,42 @@ def doubtful_samples(
     """
     if not options.hide_doubtful:
         return np.zeros((clip.frames, len(clip.labels)), dtype=bool)
-    counted = [one for one in artefacts if _is_hidden(one, clip, options)]
-    return artefact_samples(counted, clip.labels, clip.frames) & ~clip.missing
+    missing = clip.missing
+    column = {label: marker for marker, label in enumerate(clip.labels)}
+    counted = [
+        one
+        for one in artefacts
+        if _is_hidden(one, missing[:, [column[label] for label in one.markers]], clip.rate, options)
+    ]
+    return artefact_samples(counted, clip.labels, clip.frames) & ~missing
 
 
-def _is_hidden(artefact: Artefact, clip: Clip, options: PlausibilityOptions) -> bool:
-    """Check whether methods are not to see the samples of an artefact."""
-    if _share_of_marker(artefact, clip) > options.max_doubtful_share:
+def _is_hidden(
+    artefact: Artefact, missing: NDArray[np.bool_], rate: float, options: PlausibilityOptions
+) -> bool:
+    """Check whether methods are not to see the samples of an artefact.
+
+    Parameters
+    ----------
+    artefact : Artefact
+        The artefact.
+    missing : ndarray of bool [shape=(frames, markers of the artefact)]
+        Which samples are missing.
+    rate : float
+        Hz.
+    options : PlausibilityOptions
+        Which artefacts count.
+    """
+    if _share_of_marker(artefact, missing) > options.max_doubtful_share:
         return False
     if artefact.kind in (JUMP, MISLABELLED):
         off = abs(artefact.distance - artefact.typical_distance)
         return (
-            artefact.stop - artefact.start <= options.max_doubtful_seconds * clip.rate
+            artefact.stop - artefact.start <= options.max_doubtful_seconds * rate
             or off > CLEARLY_WRONG * artefact.typical_distance
         )
-    reach = round(options.suspect_seconds * clip.rate)
-    return _is_clear(artefact, clip.rate, options) or _is_near_gap(artefact, clip, reach)
+    reach = round(options.suspect_seconds * rate)
+    return _is_clear(artefact, rate, options) or _is_near_gap(artefact, missing, reach)
 
 
 def _is_clear(artefact: Artefact, rate: float, options: PlausibilityOptions) -> bool:
@@ -191,19 +211,17 @@ def _is_clear(artefact: Artefact, rate: float, options: PlausibilityOptions) -> 
     return large and artefact.stop - artefact.start <= options.max_spike_seconds * rate
 
 
-def _share_of_marker(artefact: Artefact, clip: Clip) -> float:
+def _share_of_marker(artefact: Artefact, missing: NDArray[np.bool_]) -> float:
     """Return the share of the measured samples of a marker that an artefact has."""
-    markers = [clip.labels.index(label) for label in artefact.markers]
-    measured = ~clip.missing[:, markers]
-    inside = measured[artefact.start : artefact.stop].sum(axis=0)
-    return float((inside / np.maximum(measured.sum(axis=0), 1)).max())
+    inside = (~missing[artefact.start : artefact.stop]).sum(axis=0)
+    measured = len(missing) - np.count_nonzero(missing, axis=0)
+    return float((inside / np.maximum(measured, 1)).max())
 
 
-def _is_near_gap(artefact: Artefact, clip: Clip, reach: int) -> bool:
+def _is_near_gap(artefact: Artefact, missing: NDArray[np.bool_], reach: int) -> bool:
     """Check whether a marker of an artefact is missing within a number of frames from it."""
     near = slice(max(artefact.start - reach, 0), artefact.stop + reach)
-    markers = [clip.labels.index(label) for label in artefact.markers]
-    return bool(clip.missing[near, markers].any())
+    return bool(missing[near].any())
 
 
 def _with_ends(

@@ -147,6 +147,7 @@ SMOKE = {
         statuses=(None,),
     ),
     "bench/memory.py": Smoke("--minutes 0.05 --rate 30 --markers 45 --method linear", "MB: kept"),
+    "bench/scale.py": Smoke("--quick --method linear", "frayed", {"run": run_here}),
     "bench/search.py": Smoke(
         "--data {data} --poses 1000 --takes 02_01 --repeats 1 --check 9", "9 of 9 random queries"
     ),
