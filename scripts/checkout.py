@@ -81,7 +81,9 @@ def test(arguments: Sequence[str]) -> int:
     if status:
         return status
     os.environ.update(dict.fromkeys(THREADS, "1"))
-    return _run_last(environment(), "-m", "pytest", "--numprocesses", "auto", *arguments)
+    # each process gets half of the files in a row, and makes what the tests of a file share once
+    parallel = ("--numprocesses", "auto", "--dist", "worksteal")
+    return _run_last(environment(), "-m", "pytest", *parallel, *arguments)
 
 
 def demo(arguments: Sequence[str]) -> int:

@@ -40,14 +40,10 @@ def stored_and_found(name: str, request: pytest.FixtureRequest) -> tuple[Any, An
 
 
 @ROWS
-def test_error_has_not_risen(name: str, request: pytest.FixtureRequest) -> None:
-    worse = golden.regressions(*stored_and_found(name, request))
-    assert not worse, golden.message(name, worse)
-
-
-@ROWS
 def test_results_are_reproduced(name: str, request: pytest.FixtureRequest) -> None:
     stored, found = stored_and_found(name, request)
+    worse = golden.regressions(stored, found)
+    assert not worse, golden.message(name, worse)
     differences = golden.differing(stored, found)
     assert not differences, golden.message(name, differences)
 

@@ -23,6 +23,9 @@ checkout = load_script("checkout")
 ENTRIES = ("check.py", "demo.py", "make_environment.py", "test.py")
 """What can be run, by any Python."""
 
+PARALLEL = ("--numprocesses", "auto", "--dist", "worksteal")
+"""Arguments of pytest for tests on all cores."""
+
 NEEDS_SHELL = pytest.mark.skipif(
     sys.platform == "win32" or shutil.which("bash") is None,
     reason="needs bash; on Windows, the scripts ending in .py are called",
@@ -54,7 +57,7 @@ def test_tests_follow_style_and_types(commands: Commands) -> None:
         ("-m", "ruff", "check", "."),
         ("-m", "ruff", "format", "--check", "."),
         ("-m", "mypy"),
-        ("-m", "pytest", "--numprocesses", "auto", "-m", "not realdata"),
+        ("-m", "pytest", *PARALLEL, "-m", "not realdata"),
     ]
     assert {checkout.os.environ[name] for name in checkout.THREADS} == {"1"}
 
@@ -323,7 +326,7 @@ def environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
                 "-m ruff check .",
                 "-m ruff format --check .",
                 "-m mypy",
-                "-m pytest --numprocesses auto tests",
+                f"-m pytest {' '.join(PARALLEL)} tests",
             ],
         ),
     ],
