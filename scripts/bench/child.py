@@ -76,6 +76,7 @@ def run(
     *,
     environment: Mapping[str, str] | None = None,
     accepted: Sequence[int] = (0,),
+    quiet: bool = False,
 ) -> Cost:
     """Run a command and measure it.
 
@@ -87,12 +88,15 @@ def run(
         Additional environment variables.
     accepted : sequence of int
         Exit statuses that count as success.
+    quiet : bool
+        Whether what the command writes to standard error is shown only if it fails.
     """
     with tempfile.TemporaryDirectory() as folder:
         cost = Path(folder) / "cost"
         done = subprocess.run(
             [sys.executable, "-c", MEASURE, str(cost), *command],
             stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE if quiet else None,
             env={**os.environ, "PYTHONIOENCODING": "utf-8", **(environment or {})},
             encoding="utf-8",
             errors="replace",
@@ -100,5 +104,6 @@ def run(
         )
         cpu, wall, memory, status = cost.read_text(encoding="utf-8").split()
     if int(status) not in accepted:
+        sys.stderr.write(done.stderr or "")
         raise SystemExit(f"{' '.join(command)}: exit status {status}")
     return Cost(float(cpu), float(wall), float(memory), done.stdout)

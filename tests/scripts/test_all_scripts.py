@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.machinery
 import importlib.util
+import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -33,6 +34,7 @@ CHECKOUT_SCRIPTS = (
     "environment",
     "find_python",
     "make_environment.py",
+    "profile",
     "test",
     "test.py",
 )
@@ -141,6 +143,20 @@ SMOKE = {
         "marker         100",
         {"TAKE": "gaps.c3d", "START": 40, "GONE": {"marker": ("LFRM",)}, "run": run_here},
     ),
+    "bench/lab_files.py": Smoke(
+        "--data {data} --cases {data}/cases.json --database {data}/database --repeat 1",
+        "limb with a database",
+        {
+            "METHOD": "linear",
+            "REFERENCE": "linear",
+            "RAW": "gaps.c3d",
+            "SCATTERED": (90, 20, 9),
+            "MANY": (1, 5, 40),
+            "MINUTES": "0.05",
+            "run": run_here,
+        },
+        statuses=(0, 1),
+    ),
     "bench/long_clip.py": Smoke(
         "{tmp}/long.c3d --minutes 0.05 --rate 30 --markers 45",
         "90 frames, 45 markers",
@@ -148,6 +164,7 @@ SMOKE = {
     ),
     "bench/memory.py": Smoke("--minutes 0.05 --rate 30 --markers 45 --method linear", "MB: kept"),
     "bench/scale.py": Smoke("--quick --method linear", "frayed", {"run": run_here}),
+    "bench/profile_fill.py": Smoke("--top 9 {data}/gaps.c3d --method linear", "priorfill/filling"),
     "bench/search.py": Smoke(
         "--data {data} --poses 1000 --takes 02_01 --repeats 1 --check 9", "9 of 9 random queries"
     ),
@@ -274,8 +291,24 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pf.write(data / "hdm05_cut_markers" / f"HDM_{name}_120.c3d", clip)
     gappy = with_gaps(person(seconds=2.0, rate=30.0), (20, 30, ("LKNE",)))
     pf.write(data / "gaps.c3d", gappy)
+    write_cases(data, gappy.labels)
     write_skeleton(data)
     return data
+
+
+def write_cases(data: Path, labels: Sequence[str]) -> None:
+    """Write a list of clips with artificial gaps, and a database."""
+    case = {
+        "source": "gaps.c3d",
+        "first": 0,
+        "frames": 20,
+        "markers": list(labels),
+        "gaps": [["LKNE", 5, 3]],
+    }
+    cases = [{"name": f"{name}a", **case} for name in ("d01_", "d06_", "d17_")]
+    (data / "cases.json").write_text(json.dumps(cases), encoding="utf-8")
+    with pf.PriorDatabase.create(data / "database") as database:
+        database.add(person(seconds=1.0))
 
 
 def write_skeleton(data: Path) -> None:

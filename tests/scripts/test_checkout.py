@@ -319,6 +319,7 @@ def environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("environment", (), ["{environment}"]),
         ("check", (), ["-m ruff check .", "-m ruff format --check .", "-m mypy"]),
         ("demo", ("--output", "o"), ["-m priorfill demo --output o"]),
+        ("profile", ("a.c3d",), ["{scripts}/bench/profile_fill.py a.c3d"]),
         (
             "test",
             ("tests",),
@@ -338,7 +339,9 @@ def test_shell_scripts_call_those_of_python(
         [str(SCRIPTS / script), *arguments], capture_output=True, text=True, cwd=tmp_path
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines() == [line.format(environment=environment) for line in lines]
+    assert done.stdout.splitlines() == [
+        line.format(environment=environment, scripts=SCRIPTS) for line in lines
+    ]
 
 
 @NEEDS_SHELL
