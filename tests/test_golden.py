@@ -16,6 +16,7 @@ from scripted import SCRIPTS, load_script
 golden = load_script("golden")
 
 STORED = golden.stored_rows()
+run = golden.run  # which a test replaces
 
 ROWS = pytest.mark.parametrize(
     "name",
@@ -29,7 +30,7 @@ ROWS = pytest.mark.parametrize(
 @cache
 def result_of(name: str, folder: Path | None) -> Any:
     """The result of a row, computed once for all tests."""
-    return golden.run(golden.CASES[name], folder)
+    return run(golden.CASES[name], folder)
 
 
 def stored_and_found(name: str, request: pytest.FixtureRequest) -> tuple[Any, Any]:
@@ -131,31 +132,39 @@ def test_written_rows_are_read_again(tmp_path: Path) -> None:
     assert file.read_text("utf-8") == golden.STORED.read_text("utf-8")
 
 
-def run_script(*arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run the script of this checkout."""
-    here = {**os.environ, "PYTHONPATH": str(SCRIPTS.parent)}
-    command = [sys.executable, str(SCRIPTS / "golden.py"), *arguments]
-    return subprocess.run(command, env=here, capture_output=True, text=True, check=False)
+def run_script(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: str
+) -> str:
+    """Run the script in this process, and return what it prints."""
+    monkeypatch.setattr(sys, "argv", ["golden.py", *arguments])
+    monkeypatch.setattr(golden, "run", lambda case, folder: result_of(case.name, folder))
+    assert golden.main() == 0
+    return capsys.readouterr().out
 
 
-def test_the_script_prints_a_row() -> None:
-    done = run_script("--only", "dropout_database")
-    assert done.returncode == 0, done.stderr
-    (line,) = [x for x in done.stdout.splitlines() if x.startswith("dropout_database")]
+def test_the_script_prints_a_row(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    printed = run_script(capsys, monkeypatch, "--only", "dropout_database")
+    (line,) = [x for x in printed.splitlines() if x.startswith("dropout_database")]
     stored = STORED["dropout_database"]
     assert line.split()[1:3] == [str(stored.filled)] * 2
     assert f"{stored.error:.3f}" in line
     assert "same" in line
 
 
-def test_the_script_skips_recordings_that_are_absent(tmp_path: Path) -> None:
-    done = run_script("--only", "cmu_single", "--data", str(tmp_path / "absent"))
-    assert done.returncode == 0, done.stderr
-    assert "skipped, because there is no folder" in done.stdout
-    assert "cmu_single" in done.stdout.splitlines()[-1]
+def test_the_script_skips_recordings_that_are_absent(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options = ["--only", "cmu_single", "--data", str(tmp_path / "absent")]
+    printed = run_script(capsys, monkeypatch, *options)
+    assert "skipped, because there is no folder" in printed
+    assert "cmu_single" in printed.splitlines()[-1]
 
 
 def test_the_script_names_the_rows_it_does_not_have() -> None:
-    done = run_script("--only", "nonsense")
+    here = {**os.environ, "PYTHONPATH": str(SCRIPTS.parent)}
+    command = [sys.executable, str(SCRIPTS / "golden.py"), "--only", "nonsense"]
+    done = subprocess.run(command, env=here, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "there is no row nonsense" in done.stderr

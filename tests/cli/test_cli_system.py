@@ -30,7 +30,8 @@ DONE = (0, 3)
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("clips") / "walk.npz"
-    write(path, make_demo_clip()[1])
+    demo = make_demo_clip()[1]
+    write(path, demo.with_positions(demo.positions[100:180]))  # with one gap
     return path
 
 
