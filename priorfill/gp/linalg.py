@@ -7,10 +7,13 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.runtime import elementary
+from priorfill.runtime.lapack import cholesky_in_place, invert_lower_in_place
 
 __all__ = [
     "block_residuals",
@@ -111,19 +114,18 @@ def inverse_root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     array([[0.25, 0.  ],
            [0.  , 0.04]])
     """
-    from scipy.linalg.lapack import dpotrf, dtrtri  # slow to import
-
-    factor, failed = dpotrf(covariance, lower=True, clean=True)
+    # a matrix in C order is its own transpose in Fortran order
+    root: NDArray[np.float64] = covariance.T.copy(order="F")
+    definite = cholesky_in_place(root)
     for jitter in JITTER:
-        if not failed:
+        if definite:
             break
         added = jitter * np.trace(covariance) / len(covariance)
-        factor, failed = dpotrf(covariance + added * np.eye(len(covariance)), lower=True)
-    root, singular = dtrtri(factor, lower=True, overwrite_c=True)
-    if failed or singular:
+        root = (covariance.T + added * np.eye(len(covariance))).copy(order="F")
+        definite = cholesky_in_place(root)
+    if not (definite and invert_lower_in_place(root)):
         raise np.linalg.LinAlgError("a covariance matrix is not positive definite")
-    inverse: NDArray[np.float64] = root
-    return inverse
+    return root
 
 
 def solve_blocks(matrices: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -205,8 +207,8 @@ def explained_variance(
 def block_residuals(
     root: NDArray[np.float64],
     weights: NDArray[np.float64],
-    blocks: NDArray[np.intp],
-    removed: NDArray[np.float64] | None = None,
+    blocks: Sequence[NDArray[np.intp]],
+    basis: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the residuals of blocks of samples predicted from all others, in closed form.
 
@@ -218,26 +220,45 @@ def block_residuals(
         `inverse_root` of the samples' covariance with noise.
     weights : ndarray [shape=(samples, outputs)]
         The inverse covariance times the targets.
-    blocks : ndarray of int [shape=(blocks, length)]
-        The samples of each block, all blocks of one length.
-    removed : ndarray [shape=(blocks, length, length)], optional
-        Subtracted from each block of the inverse covariance, for free basis functions.
+    blocks : sequence of ndarray of int
+        The samples of each block.
+    basis : tuple of ndarray [shapes=(samples, functions)], optional
+        P and Q, where P Q' is subtracted from the inverse covariance, for free basis functions.
 
     Returns
     -------
-    residuals : ndarray [shape=(blocks, length, outputs)]
-    variance : ndarray [shape=(blocks, length)]
+    residuals : ndarray [shape=(samples of all blocks, outputs)]
+    variance : ndarray [shape=(samples of all blocks,)]
         Noise included, in the kernel's unit.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the matrix of a block is singular.
 
     See Also
     --------
-    priorfill.gp.process.FittedGP.leave_blocks_out : Blocks of any lengths.
+    priorfill.gp.process.FittedGP.leave_blocks_out : The same for all samples of a process.
     """
-    own = root.T[blocks]  # (blocks, length, samples)
-    precision = own @ np.swapaxes(own, 1, 2)
-    if removed is not None:
-        precision -= removed
-    identity = np.broadcast_to(np.eye(precision.shape[1]), precision.shape)
-    covariance = solve_blocks(precision, identity)
-    variance: NDArray[np.float64] = np.diagonal(covariance, axis1=1, axis2=2)
-    return covariance @ weights[blocks], variance
+    from priorfill.gp.block_kernels import ROWS, hold_out_blocks  # numba is slow to import
+
+    count, outputs = weights.shape
+    if basis is None:
+        basis = (np.empty((count, 0)), np.empty((count, 0)))
+    samples = np.concatenate(blocks)
+    sizes = [len(block) for block in blocks]
+    edges, longest = np.cumsum([0, *sizes], dtype=np.intp), max(sizes)
+    columns = np.empty((count + ROWS - 1, longest))
+    system = np.empty((longest, 2 * longest + outputs))
+    residuals, variance = np.empty((len(samples), outputs)), np.empty(len(samples))
+    transposed = np.ascontiguousarray(root.T)
+    weights = np.ascontiguousarray(weights)
+    hold_out_blocks(
+        transposed, weights, basis, samples, edges, (columns, system), residuals, variance
+    )
+    for number in np.flatnonzero(np.isnan(variance[edges[:-1]])):  # indefinite by rounding
+        block, place = blocks[int(number)], slice(edges[number], edges[number + 1])
+        precision = transposed[block] @ transposed[block].T - basis[0][block] @ basis[1][block].T
+        residuals[place] = np.linalg.solve(precision, weights[block])
+        variance[place] = np.diag(np.linalg.solve(precision, np.eye(len(block))))
+    return residuals, variance

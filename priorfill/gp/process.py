@@ -200,12 +200,8 @@ class FittedGP:
         """
         residuals = np.full_like(self.weights, np.nan)
         variance = np.full(len(self.weights), np.nan)
-        by_length: dict[int, list[NDArray[np.intp]]] = {}
-        for block in blocks:
-            by_length.setdefault(len(block), []).append(block)
-        for alike in by_length.values():
-            rows = np.stack(alike)
-            residuals[rows], variance[rows] = self._left_out(rows)
+        samples = np.concatenate(blocks)
+        residuals[samples], variance[samples] = self._left_out(blocks)
         return residuals, variance
 
     def leave_neighbours_out(
@@ -229,15 +225,15 @@ class FittedGP:
         residuals = np.empty((len(points), self.weights.shape[1]))
         variance = np.empty(len(points))
         for place, (point, block) in enumerate(zip(points, neighbours, strict=True)):
-            left, spread = self._left_out(block[None])
+            left, spread = self._left_out([block])
             at = int(np.flatnonzero(block == point)[0])
-            residuals[place], variance[place] = left[0, at], spread[0, at]
+            residuals[place], variance[place] = left[at], spread[at]
         return residuals, variance
 
-    def _left_out(self, rows: NDArray[np.intp]) -> tuple[_Floats, _Floats]:
-        """Return residuals and variances of blocks of one length [shape=(blocks, length)]."""
-        removed = None
+    def _left_out(self, blocks: Sequence[NDArray[np.intp]]) -> tuple[_Floats, _Floats]:
+        """Return residuals and variances of blocks, one block after the other."""
+        basis = None
         if self.basis is not None:
-            projected = self.basis.projected[rows]
-            removed = projected @ self.basis.covariance @ np.swapaxes(projected, 1, 2)
-        return block_residuals(self.root, self.weights, rows, removed)
+            projected = self.basis.projected
+            basis = (projected @ self.basis.covariance, projected)
+        return block_residuals(self.root, self.weights, blocks, basis)

@@ -24,11 +24,25 @@ def test_closed_form_equals_leaving_blocks_out(seed: int, count: int) -> None:
     features = rng.normal(size=(count, 3))
     covariance = features @ features.T + np.eye(count) * 0.1
     targets = rng.normal(size=(count, 2))
-    blocks = rng.permutation(count)[: count // 2 * 2].reshape(2, -1)
+    lengths = 1 + rng.permutation(count - 1)[:3]
+    blocks = np.split(rng.permutation(count), np.sort(lengths))[1:]  # of several lengths
     found = block_residuals(inverse_root(covariance), np.linalg.solve(covariance, targets), blocks)
     expected = naive.left_out_residuals(covariance, targets, blocks)
-    np.testing.assert_allclose(found[0], expected[0][blocks], rtol=1e-6, atol=1e-8)
-    np.testing.assert_allclose(found[1], expected[1][blocks], rtol=1e-6, atol=1e-8)
+    samples = np.concatenate(blocks)
+    np.testing.assert_allclose(found[0], expected[0][samples], rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(found[1], expected[1][samples], rtol=1e-6, atol=1e-8)
+
+
+def test_blocks_that_rounding_has_made_indefinite_are_solved() -> None:
+    root, weights = np.eye(3), np.array([[1.0], [2.0], [3.0]])
+    basis = np.array([[0.0], [2.0], [0.0]]), np.array([[0.0], [1.0], [0.0]])
+    blocks = [np.array([0]), np.array([1, 2])]
+    residuals, variance = block_residuals(root, weights, blocks, basis)
+    np.testing.assert_array_equal(residuals, [[1.0], [-2.0], [3.0]])
+    np.testing.assert_array_equal(variance, [1.0, -1.0, 1.0])
+    root[0, 0] = 0.0
+    with pytest.raises(np.linalg.LinAlgError):
+        block_residuals(root, weights, blocks)
 
 
 @given(st.integers(0, 2**31), st.integers(1, 25))
