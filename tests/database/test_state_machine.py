@@ -517,7 +517,7 @@ def test_the_database_is_what_the_model_says(tmp_path: Path) -> None:
     run_state_machine_as_test(
         Machine,
         settings=settings(
-            max_examples=20,
+            max_examples=12,
             stateful_step_count=25,
             deadline=None,
             suppress_health_check=list(HealthCheck),
@@ -532,20 +532,23 @@ def test_a_writer_goes_on_after_any_failed_call(
 ) -> None:
     """For each call: the clip added next exists, as do all that were committed."""
     script = load_script("torture_database")
+    start = in_memory / f"{operation}-{late}"
+    with PriorDatabase.create(start) as made:
+        made.add(version(0, "gappy")[0])
+        gone = made.add(version(1, "whole")[0])
+        if operation == "compact":
+            made.remove([gone])
     for at in range(1, 80):
         folder = in_memory / f"{operation}-{late}-{at}"
+        shutil.copytree(start, folder)
         with script.Faults(folder) as faults:
             faults.disarm()
-            writer = PriorDatabase.create(folder)
-            writer.add(version(0, "gappy")[0])
-            gone = writer.add(version(1, "whole")[0])
-            if operation == "compact":
-                writer.remove([gone])
+            writer = PriorDatabase.open(folder, write=True)
             clip, mask = version(0, "filled")
             act = {
                 "add": lambda w=writer: w.add(version(2, "gappy")[0]),
                 "accept": lambda w=writer, c=clip, m=mask: w.accept(c, m, filled_by="gpr"),
-                "remove": lambda w=writer, g=gone: w.remove([g]),
+                "remove": lambda w=writer: w.remove([gone]),
                 "compact": writer.compact,
             }[operation]
             faults.arm(script.Fault(at, late=late))

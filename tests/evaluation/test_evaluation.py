@@ -484,7 +484,9 @@ def test_unfilled_samples_do_not_count_in_the_comparison(tame: Clip) -> None:
 
 
 def test_a_method_that_cannot_work_does_not_stop_the_others(tame: Clip) -> None:
-    found = evaluate(tame, methods="refusing,one,faulty", protocol="frames")
+    found = evaluate(
+        tame, methods="refusing,one,faulty", protocol=make_protocol("frames", copies=2)
+    )
     cases = len(found.plan.cases)
     assert not found.worked
     row = found.methods["refusing"]
@@ -569,9 +571,10 @@ def test_wrong_usage(
 
 
 def test_clips_of_one_name_are_told_apart() -> None:
-    found = evaluate([person(), replace(person(seed=5), name=person().name)], methods="linear",
-                     protocol="frames")  # fmt: skip
-    assert list(found.clips) == [person().name, f"{person().name} (2)"]
+    first, second = person(seconds=1.0), person(seconds=1.0, seed=5)
+    some = make_protocol("frames", copies=1)
+    found = evaluate([first, replace(second, name=first.name)], methods="linear", protocol=some)
+    assert list(found.clips) == [first.name, f"{first.name} (2)"]
 
 
 # the folder
@@ -622,8 +625,10 @@ def _count_fills(monkeypatch: pytest.MonkeyPatch, last: int | None = None) -> li
 def test_it_goes_on_where_it_was_interrupted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    clip = person(seconds=1.0)
+
     def run() -> pf.Evaluation:
-        return evaluate(person(), methods="linear,spline", protocol="frames", output=tmp_path / "o")
+        return evaluate(clip, methods="linear,spline", protocol="frames", output=tmp_path / "o")
 
     with monkeypatch.context() as patch:
         _count_fills(patch, last=4)
@@ -636,14 +641,14 @@ def test_it_goes_on_where_it_was_interrupted(
     steps: list[tuple[int, int]] = []
     made = _count_fills(monkeypatch)
     found = evaluate(
-        person(), methods="linear,spline", protocol="frames", output=tmp_path / "o",
+        clip, methods="linear,spline", protocol="frames", output=tmp_path / "o",
         options=EvaluationOptions(progress=lambda done, total: steps.append((done, total))),
     )  # fmt: skip
     assert len(made) == 7
     assert steps[0] == (3, 10)
     assert steps[-1] == (10, 10)
     assert len(list((tmp_path / "o/cases").iterdir())) == 10
-    uninterrupted = evaluate(person(), methods="linear,spline", protocol="frames")
+    uninterrupted = evaluate(clip, methods="linear,spline", protocol="frames")
     assert _figures(found) == _figures(uninterrupted)
     made.clear()
     assert _figures(run()) == _figures(uninterrupted)
@@ -664,14 +669,19 @@ def _figures(found: pf.Evaluation) -> object:
     [
         ({"seed": 1}, "seed 0, not 1"),
         ({"methods": "spline"}, "methods linear, not spline"),
-        ({"protocol": "markers"}, "protocol name frames, not markers"),
-        ({"clips": person(seed=8)}, "clips"),
+        (
+            {"protocol": make_protocol("markers", markers=("LKNE",), seconds=(0.2, 0.2))},
+            "protocol name frames, not mark",
+        ),
+        ({"clips": person(seed=8, seconds=1.0)}, "clips"),
     ],
 )
 def test_other_options_in_the_same_folder(
     tmp_path: Path, options: dict[str, object], differs: str
 ) -> None:
-    given_ = {"clips": person(), "methods": "linear", "protocol": "frames", "output": tmp_path}
+    some = make_protocol("frames", copies=2)
+    given_ = {"clips": person(seconds=1.0), "methods": "linear", "protocol": some}
+    given_["output"] = tmp_path
     evaluate(**given_)
     with pytest.raises(OptionError, match=f"holds an evaluation with {differs}"):
         evaluate(**given_ | options)
@@ -697,7 +707,7 @@ def test_folders_with_other_contents_are_not_changed(tmp_path: Path) -> None:
 
 def test_processes_make_no_difference_and_a_killed_one_is_named(tmp_path: Path) -> None:
     """The last case of the pool ends the worker process that receives it."""
-    clip = person(seconds=2.0)
+    clip = person(seconds=1.0)
     alone = evaluate(clip, methods="linear", protocol="frames")
     plan = replace(alone.plan, cases=(*alone.plan.cases, _Deadly(0, "deadly", 1, ())))
     store = OutcomeStore(tmp_path, plan)
@@ -726,7 +736,7 @@ class _Deadly(gap_case.GapCase):
 
 def test_plots(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    clips = [person(), unknown(person(seed=5))]
+    clips = [person(seconds=3.0), unknown(person(seconds=3.0, seed=5))]
     some = make_protocol("markers", markers=("LKNE", "LTOE", "M05", "M06"))
     found = evaluate(clips, methods="linear,spline", protocol=some, output=tmp_path)
     files = plots.draw_plots(tmp_path, found)

