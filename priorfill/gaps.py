@@ -79,6 +79,11 @@ class GapGroup:
         """Indices of the markers missing in any frame of the group."""
         return tuple(sorted({gap.marker for gap in self.gaps}))
 
+    @property
+    def samples(self) -> int:
+        """Number of missing samples."""
+        return sum(gap.frames for gap in self.gaps)
+
 
 def runs(mask: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
     """Yield (start, stop) of each run of True in a mask [shape=(n,)]."""

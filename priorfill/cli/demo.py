@@ -13,7 +13,7 @@ from priorfill.cli.fill import EXIT_INCOMPLETE
 from priorfill.cli.fill_report import print_unfilled
 from priorfill.cli.output import print_line, print_table
 from priorfill.cli.path_types import FOLDER
-from priorfill.cli.progress import progress
+from priorfill.cli.progress import fill_progress
 
 if TYPE_CHECKING:
     import numpy as np
@@ -73,7 +73,7 @@ def demo(folder: Path, method: str) -> None:
     # from here on as `priorfill fill` does, from the file
     clip = formats.read(gaps)
     starter = resource_path("starter")
-    with progress(None, "filling the demo") as show:
+    with fill_progress("the demo") as show:
         options = FillOptions(progress=show)
         result = fill(clip, database=starter, method=method, options=options)
     formats.write(filled, result.clip, result.filled, overwrite=True)

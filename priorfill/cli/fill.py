@@ -12,7 +12,7 @@ from priorfill.cli.fill_report import fill_facts, print_fill, print_fill_notes
 from priorfill.cli.option_types import DURATION, FRAMES, as_names, every_row_option
 from priorfill.cli.output import print_json
 from priorfill.cli.path_types import FILE, FOLDER, PathArgument
-from priorfill.cli.progress import progress
+from priorfill.cli.progress import fill_progress
 from priorfill.cli.reading import excluding_options, reading_options
 
 if TYPE_CHECKING:
@@ -210,7 +210,6 @@ def fill(
 
     Exit status 0: done; 3: done, but not all gaps could be filled; 1: failed; 2: wrong usage.
     """
-    from priorfill.filling.fill_file import fill_file
     from priorfill.runtime.threads import limit_threads
 
     if threads is not None:
@@ -220,7 +219,9 @@ def fill(
         raise click.UsageError("--add-to-database needs a file to write; name it (--output)")
     if given["plot_gaps"] is not None and given["plot"] is None:
         raise click.UsageError("--plot-gaps needs a file for the plot; name it (--plot)")
-    with progress(None, f"filling {file.name}") as show:
+    with fill_progress(file.name) as show:
+        from priorfill.filling.fill_file import fill_file  # slow, so the bar is shown before
+
         done = fill_file(
             file,
             output,

@@ -16,7 +16,7 @@ from priorfill.cli.artefacts import (
 from priorfill.cli.fill import EXIT_INCOMPLETE, check_database_options, fill, fill_options
 from priorfill.cli.fill_report import print_gaps, print_unfilled
 from priorfill.cli.output import MAX_ROWS, print_line, some_names
-from priorfill.cli.progress import progress
+from priorfill.cli.progress import fill_progress
 from priorfill.integrations.qtm_rest import DEFAULT_PORT
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ def _fill_open(open_trial: Callable[[], OpenTrial], given: dict[str, Any]) -> No
         raise click.UsageError("give either --frames or --whole-trial")
     get_method(given["method"])  # refuses an unknown method before the trial is read
     trial = open_trial()
-    with progress(None, f"filling {trial.name}") as show:
+    with fill_progress(trial.name) as show:
         done = fill_trial(
             trial,
             trial_options=TrialOptions(

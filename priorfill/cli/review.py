@@ -13,7 +13,7 @@ from priorfill.cli.fill import EXIT_INCOMPLETE, check_database_options, fill, fi
 from priorfill.cli.option_names import with_options
 from priorfill.cli.output import print_line
 from priorfill.cli.path_types import FILE
-from priorfill.cli.progress import progress
+from priorfill.cli.progress import fill_progress
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -81,8 +81,6 @@ def review(
 
     Exit status 0: ended; 3: saved, but not all gaps could be filled; 1: failed; 2: wrong usage.
     """
-    from priorfill.reviewing.start import ReviewOptions
-    from priorfill.reviewing.start import review as review_file
     from priorfill.runtime.threads import limit_threads
 
     if given["threads"] is not None:
@@ -90,7 +88,9 @@ def review(
     check_database_options(given["database"], given)
     context = click.get_current_context()
     with ExitStack() as stack:
-        show = stack.enter_context(progress(None, f"filling {file.name}"))
+        show = stack.enter_context(fill_progress(file.name))
+        from priorfill.reviewing.start import ReviewOptions  # slow, so the bar is shown before
+        from priorfill.reviewing.start import review as review_file
 
         def started(address: str, opens: bool) -> None:
             stack.close()

@@ -51,6 +51,11 @@ class MethodRun:
         """The method."""
         return self.settings.method
 
+    @property
+    def samples(self) -> int:
+        """Number of missing samples of the gap groups."""
+        return sum(group.samples for group in self.groups)
+
 
 def plan_runs(
     clip: Clip,

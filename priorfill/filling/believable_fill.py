@@ -64,15 +64,14 @@ class BelievableFill:
     learn_from_clip: bool = True
     checkpoint: Callable[[], None] = lambda: None
 
-    def __call__(self, method: FillTask, again: FillTask) -> tuple[Estimate, _Bool]:
+    def __call__(self, method: FillTask) -> tuple[Estimate, _Bool]:
         """Return the estimate, and the samples that were hidden for it.
 
         Parameters
         ----------
         method : callable
-            The method.
-        again : callable
-            The same without reporting progress, for repeated fills.
+            The method. It may be called several times: for expected errors, and again where a fill
+            is not believed.
 
         Returns
         -------
@@ -82,10 +81,10 @@ class BelievableFill:
             Measured samples of the clip that were not learnt from.
         """
         seen = self.seen
-        estimate = self._estimate(self._task(seen), method, again)
+        estimate = self._estimate(self._task(seen), method)
         failures = self._failures(seen, estimate)
         if failures:
-            repeated = self._repeated(seen, estimate, failures, again)
+            repeated = self._repeated(seen, estimate, failures, method)
             if repeated is not None:
                 seen, estimate = repeated
                 failures = self._failures(seen, estimate)
@@ -95,14 +94,14 @@ class BelievableFill:
             _drop_uncertain(estimate, ~seen.geometry.valid, self.max_error)
         return seen.in_whole_clip(estimate), seen.hidden
 
-    def _estimate(self, task: Task, method: FillTask, again: FillTask) -> Estimate:
+    def _estimate(self, task: Task, method: FillTask) -> Estimate:
         """Fill a task by the method, with expected errors."""
         estimate = method(task)
         finite = np.isfinite(estimate.positions).all(axis=2)
         estimate.positions[~finite] = np.nan
         filled = ~task.valid & finite
         if self.estimate_errors and np.isnan(estimate.expected_rms[filled]).any():
-            estimate = with_held_out_errors(task, estimate, again)
+            estimate = with_held_out_errors(task, estimate, method)
         return estimate
 
     def _task(self, seen: SeenClip) -> Task:
@@ -133,7 +132,7 @@ class BelievableFill:
         return check.failures(estimate.positions, estimate.expected_rms, bound)
 
     def _repeated(
-        self, seen: SeenClip, estimate: Estimate, failures: dict[str, _Bool], again: FillTask
+        self, seen: SeenClip, estimate: Estimate, failures: dict[str, _Bool], method: FillTask
     ) -> tuple[SeenClip, Estimate] | None:
         """Fill again without suspicious samples; None where nothing is gained."""
         failing = np.logical_or.reduce(list(failures.values()))
@@ -155,7 +154,7 @@ class BelievableFill:
             for group in task.groups
             if failing[group.start : group.stop, list(group.markers)].any()
         )
-        found = self._estimate(replace(task, groups=groups), again, again)
+        found = self._estimate(replace(task, groups=groups), method)
         found = _joined(estimate, found, groups)
         left = np.logical_or.reduce([failing & False, *self._failures(other, found).values()])
         believed = failing & ~left & ~np.isnan(found.positions[..., 0])

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -47,15 +48,16 @@ from priorfill.filling.run_settings import (
     settings_of_overrides,
 )
 from priorfill.filling.same_subject_takes import same_subject_takes
+from priorfill.filling.sample_progress import CallShares, SampleProgress
 from priorfill.filling.seen_clip import SeenClip, doubtful_samples
 from priorfill.filling.swaps import SwappedClip, check_swaps, swap_markers
 from priorfill.gaps import runs as runs_of
 from priorfill.markers.definitions import recognise
 from priorfill.markers.marker_set_check import check_marker_set
 from priorfill.markers.phantoms import find_phantoms, phantom_notes
-from priorfill.methods import get_method, get_options, resolve
+from priorfill.methods import METHODS, get_method, get_options, resolve
 from priorfill.methods.options import differing
-from priorfill.methods.task import Estimate, Task
+from priorfill.methods.task import Estimate, Progress, Task
 from priorfill.runtime.option_texts import seconds_of
 from priorfill.search.takes import Take
 
@@ -165,9 +167,12 @@ def fill(
         plans = [_plan(one, own, settings, shown) for one, own in zip(clips, others, strict=True)]
         # sums by several BLAS threads depend on their number; those by one thread do not
         stack.enter_context(threadpool_limits(1, user_api="blas"))
-        groups = sum(len(run.groups) for plan in plans for run in plan.runs)
-        filling = _Filling(settings, database, _Progress(groups, settings.options.progress))
-        result = merge_results([filling.fill(plan) for plan in plans])
+        samples = sum(run.samples for plan in plans for run in plan.runs)
+        progress = SampleProgress(samples, settings.options.progress)
+        filling = _Filling(settings, database, progress)
+        done = accumulate((plan.samples for plan in plans), initial=0)
+        filled = [filling.fill(plan, first) for plan, first in zip(plans, done, strict=False)]
+        result = merge_results(filled)
     return replace(result, notes=(*notes_on_origin(result), *result.notes))
 
 
@@ -249,6 +254,11 @@ class _Plan:
     runs: tuple[MethodRun, ...]
 
     @property
+    def samples(self) -> int:
+        """Number of missing samples of all gap groups."""
+        return sum(run.samples for run in self.runs)
+
+    @property
     def measured(self) -> Clip:
         """The clip as measured, with the markers in their right places."""
         return self.swapped.clip
@@ -308,29 +318,6 @@ def _plan(
     )
 
 
-class _Progress:
-    """Counts the gap groups that are done.
-
-    Parameters
-    ----------
-    total : int
-        Number of all groups.
-    report : callable or None
-        Called with the groups done and all groups.
-    """
-
-    def __init__(self, total: int, report: Callable[[int, int], None] | None) -> None:
-        self.done = 0
-        self._total = total
-        self._report = report
-
-    def __call__(self) -> None:
-        """Count one more group."""
-        self.done += 1
-        if self._report is not None:
-            self._report(self.done, self._total)
-
-
 @dataclass(frozen=True)
 class _Filling:
     """Fills planned clips.
@@ -341,13 +328,13 @@ class _Filling:
         Arguments of `fill`.
     database : PriorDatabase or None
         Opened.
-    progress : _Progress
-        Counter of gap groups.
+    progress : SampleProgress
+        Counter of samples.
     """
 
     settings: _Settings
     database: PriorDatabase | None
-    progress: _Progress
+    progress: SampleProgress
 
     @cached_property
     def state(self) -> DatabaseState | None:
@@ -361,10 +348,13 @@ class _Filling:
             return ""
         return digest_of(str(self.database.path), tuple(self.database.clips()))
 
-    def fill(self, plan: _Plan) -> Result:
-        """Fill one clip by the methods of its plan."""
+    def fill(self, plan: _Plan, first: int) -> Result:
+        """Fill one clip by the methods of its plan; ``first`` samples are done."""
         provenance = self._provenance(plan)
-        results = [self._fill_by(plan, run, provenance) for run in plan.runs]
+        results = []
+        for run in plan.runs:
+            results.append(self._fill_by(plan, run, provenance, first))
+            first += run.samples
         result = results[0]
         if plan.applied is not None:
             result = join_runs(plan.cleaned, plan.applied, results)
@@ -383,9 +373,10 @@ class _Filling:
             ),
         )
 
-    def _fill_by(self, plan: _Plan, run: MethodRun, provenance: Provenance) -> Result:
+    def _fill_by(self, plan: _Plan, run: MethodRun, provenance: Provenance, first: int) -> Result:
         """Fill the gaps of one method."""
-        found = self._estimated(plan, run)
+        found = self._estimated(plan, run, first)
+        self.progress.reach(first + run.samples)
         estimate, hidden = found.estimate, found.hidden
         samples = filled_samples(plan.clip, estimate, run.left_alone)
         gaps = sum_up_gaps(plan.clip, samples, run.method, estimate.notes, run.left_alone)
@@ -405,16 +396,13 @@ class _Filling:
             notes=(*plan.notes, *found.notes),
         )
 
-    def _estimated(self, plan: _Plan, run: MethodRun) -> RunEstimate:
+    def _estimated(self, plan: _Plan, run: MethodRun, first: int) -> RunEstimate:
         """Return the estimate of a method, from the cache if it has it."""
         cache = self.settings.options.cache
         if cache is None:
-            return self._compute(plan, run)
+            return self._compute(plan, run, first)
         key = self._key(plan, run)
-        if cache.holds(key):
-            for _ in run.groups:
-                self.progress()
-        found = cache.recall(key, lambda: self._compute(plan, run), lambda one: one.nbytes)
+        found = cache.recall(key, lambda: self._compute(plan, run, first), lambda one: one.nbytes)
         return found.copy()
 
     def _key(self, plan: _Plan, run: MethodRun) -> str:
@@ -432,23 +420,21 @@ class _Filling:
             replace(options, method_options={}, progress=None, cache=None, checkpoint=None),
         )
 
-    def _compute(self, plan: _Plan, run: MethodRun) -> RunEstimate:
+    def _compute(self, plan: _Plan, run: MethodRun, first: int) -> RunEstimate:
         """Call a method on the recordings that it may learn from."""
         damaged: dict[str, DatabaseCorruptError] = {}
-        begun = self.progress.done
         while True:
             prior = DatabaseTakes(
                 plan.clip, self.database, plan.seen.definition, self.settings.options, damaged
             )
             takes = tuple(t for t in plan.takes + prior.takes if run.settings.may_use(t))
-            estimate, hidden = self._estimate(plan, run, takes)
+            estimate, hidden = self._estimate(plan, run, takes, first)
             if not prior.withdrawn:
                 return RunEstimate(estimate, hidden, prior.notes, prior.records)
             damaged |= prior.withdrawn  # again, without these clips
-            self.progress.done = begun
 
     def _estimate(
-        self, plan: _Plan, run: MethodRun, takes: tuple[Take, ...]
+        self, plan: _Plan, run: MethodRun, takes: tuple[Take, ...], first: int
     ) -> tuple[Estimate, NDArray[np.bool_]]:
         """Call a method; return what is believed of its estimate, and which samples it missed."""
         options = self.settings.options
@@ -465,7 +451,9 @@ class _Filling:
             run.settings.learn_from_clip,
             options.checkpoint or (lambda: None),
         )
-        return filling(lambda task: method(task, self.progress), method)
+        has_copies = options.estimate_errors and not METHODS[run.method].predicts_errors
+        shares = CallShares(self.progress, first, run.samples, has_copies)
+        return filling(lambda task: method(task, shares.next(task.samples)))
 
     def _provenance(self, plan: _Plan) -> Provenance:
         """Return the provenance of a filled clip but for the clips that were learnt from."""
@@ -492,11 +480,10 @@ class _Filling:
         )
 
 
-def _without_sources(task: Task, progress: Callable[[], None] = lambda: None) -> Estimate:
+def _without_sources(task: Task, progress: Progress) -> Estimate:
     """Fill nothing: none of the chosen sources has a recording."""
     reason = "none of the chosen sources has a recording to learn from"
-    for _ in task.groups:
-        progress()
+    progress(task.samples)
     return Estimate.without_errors(task, np.full_like(task.positions, np.nan), "", reason)
 
 

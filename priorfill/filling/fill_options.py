@@ -53,7 +53,8 @@ class FillOptions:
         What earlier fills of the same clip computed; it makes a repeated fill faster, and changes
         no result.
     progress : callable, optional
-        Called after each gap group with the number of groups done and the number of all groups.
+        Called with the number of missing samples done and that of all in the clip's gap groups:
+        with 0 before the first is filled, then whenever more are done, last with the total.
     checkpoint : callable, optional
         Called often during a fill, also from its threads; what it raises stops the fill.
 

@@ -35,6 +35,8 @@ class MethodEntry:
         ``options=``; None for a method without options. See `get_options`.
     without_clip : bool
         Whether it can learn from other recordings alone (`Task.learn_from_clip`).
+    predicts_errors : bool
+        Whether it predicts its errors. Those of other methods are found from artificial gaps.
     """
 
     place: str
@@ -42,6 +44,7 @@ class MethodEntry:
     source: str
     options_class: str | None = None
     without_clip: bool = False
+    predicts_errors: bool = False
 
 
 METHODS = {
@@ -51,6 +54,7 @@ METHODS = {
         "priorfill",
         "gpr.options:GPROptions",
         without_clip=True,
+        predicts_errors=True,
     ),
     "neighbours": MethodEntry(
         "baumann2011.weighted_votes:fill",
@@ -58,6 +62,7 @@ METHODS = {
         "priorfill, after Tautges et al. 2011",
         "baumann2011.weighted_votes:NeighboursOptions",
         without_clip=True,
+        predicts_errors=True,
     ),
     "baumann2011": MethodEntry(
         "baumann2011.neighbour_votes:fill",
@@ -65,6 +70,7 @@ METHODS = {
         "Baumann et al. 2011",
         "baumann2011.neighbour_votes:Baumann2011Options",
         without_clip=True,
+        predicts_errors=True,
     ),
     "krueger2010": MethodEntry(
         "baumann2011.krueger2010:fill",
@@ -72,6 +78,7 @@ METHODS = {
         "Krüger et al. 2010",
         "baumann2011.krueger2010:Krueger2010Options",
         without_clip=True,
+        predicts_errors=True,
     ),
     "linear": MethodEntry(
         "interpolation:linear",

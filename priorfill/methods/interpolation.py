@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gaps import Gap
-from priorfill.methods.task import Estimate, Task
+from priorfill.methods.task import Estimate, Progress, Task, no_progress
 
 __all__ = ["linear", "pchip", "spline"]
 
@@ -41,7 +41,7 @@ def _spline(times: Array, positions: Array, query: Array) -> Array:
     return np.asarray(CubicSpline(times, positions)(query))
 
 
-def _interpolated(task: Task, progress: Callable[[], None], curve: Curve, source: str) -> Estimate:
+def _interpolated(task: Task, progress: Progress, curve: Curve, source: str) -> Estimate:
     """Interpolate each marker's gaps; repeat its first and last sample beyond them."""
     positions = task.positions.copy()
     frames = np.arange(len(positions), dtype=np.float64)
@@ -55,8 +55,7 @@ def _interpolated(task: Task, progress: Callable[[], None], curve: Curve, source
             positions[inside, marker] = curve(times, samples, frames[inside])
         positions[frames < times[0], marker] = samples[0]
         positions[frames > times[-1], marker] = samples[-1]
-    for _ in task.groups:
-        progress()
+        progress(len(frames) - len(times))
 
     def source_of(gap: Gap) -> str:
         inside = gap.start > 0 and gap.stop < len(positions)
@@ -65,7 +64,7 @@ def _interpolated(task: Task, progress: Callable[[], None], curve: Curve, source
     return Estimate.without_errors(task, positions, source_of, NEVER_VISIBLE)
 
 
-def linear(task: Task, progress: Callable[[], None] = lambda: None) -> Estimate:
+def linear(task: Task, progress: Progress = no_progress) -> Estimate:
     """Fill gaps by linear interpolation between the adjacent samples.
 
     Parameters
@@ -73,7 +72,7 @@ def linear(task: Task, progress: Callable[[], None] = lambda: None) -> Estimate:
     task : Task
         The clip; its takes are not used.
     progress : callable
-        Called once per gap group.
+        Called with the number of samples done since the last call.
 
     Returns
     -------
@@ -88,7 +87,7 @@ def linear(task: Task, progress: Callable[[], None] = lambda: None) -> Estimate:
     return _interpolated(task, progress, _line, "straight lines over time")
 
 
-def pchip(task: Task, progress: Callable[[], None] = lambda: None) -> Estimate:
+def pchip(task: Task, progress: Progress = no_progress) -> Estimate:
     """Fill gaps by monotone piecewise cubic curves, which do not overshoot [FB84]_; see `linear`.
 
     References
@@ -99,6 +98,6 @@ def pchip(task: Task, progress: Callable[[], None] = lambda: None) -> Estimate:
     return _interpolated(task, progress, _pchip, "monotone cubic curves over time")
 
 
-def spline(task: Task, progress: Callable[[], None] = lambda: None) -> Estimate:
+def spline(task: Task, progress: Progress = no_progress) -> Estimate:
     """Fill gaps by cubic splines through all samples, with "not-a-knot" ends; see `linear`."""
     return _interpolated(task, progress, _spline, "cubic splines over time")

@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gaps import Gap
-from priorfill.methods.task import Estimate, Task
+from priorfill.methods.task import Estimate, Progress, Task, no_progress
 from priorfill.runtime.option_checks import check_at_least
 
 __all__ = [
@@ -444,7 +444,7 @@ def fit(
 
 
 def fill(
-    task: Task, progress: Callable[[], None] = lambda: None, options: LdsOptions | None = None
+    task: Task, progress: Progress = no_progress, options: LdsOptions | None = None
 ) -> Estimate:
     """Fill gaps by a linear dynamical system fitted to the clip.
 
@@ -453,7 +453,7 @@ def fill(
     task : Task
         The clip; its takes are not used.
     progress : callable
-        Called once per gap group.
+        Called with the number of samples done since the last call.
     options : LdsOptions, optional
         The defaults if not given.
 
@@ -474,15 +474,14 @@ def fill(
         seen = task.valid.any(axis=0)
         observed = positions[:, seen].reshape(len(positions), -1)
         middle = np.nanmean(observed, axis=0)
-        model, smoothed = fit(observed - middle, options)
+        step = task.samples / max(options.max_iterations, 1)
+        model, smoothed = fit(observed - middle, options, lambda _: progress(step))
         found = smoothed.means @ model.emission.T + middle
         found = found.reshape(len(positions), -1, 3)
         low, high = (limit(positions[:, seen], axis=0) for limit in (np.nanmin, np.nanmax))
         diverged = ((found < low - MAX_EXCURSION) | (found > high + MAX_EXCURSION)).any(axis=2)
         found[diverged] = np.nan
         positions[:, seen] = found
-    for _ in task.groups:
-        progress()
 
     def reason(gap: Gap) -> str:
         return DIVERGED if task.valid[:, gap.marker].any() else NEVER_VISIBLE

@@ -6,7 +6,6 @@ task of its own, with the markers nearest to its gaps.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import wraps
 from typing import Any
@@ -18,7 +17,7 @@ from priorfill.errors import MethodError
 from priorfill.gaps import find_gaps
 from priorfill.geometry.distances import norms
 from priorfill.geometry.neighbourhoods import MAX_DENSE_MARKERS, mean_places, neighbourhoods
-from priorfill.methods.task import Estimate, Method, Note, Task
+from priorfill.methods.task import Estimate, Method, Note, Progress, Task, no_progress
 from priorfill.methods.task_parts import part_of_task, wanted_samples
 
 __all__ = ["by_neighbourhoods"]
@@ -45,7 +44,7 @@ def by_neighbourhoods(method: Method) -> Method:
     """
 
     @wraps(method)
-    def fill(task: Task, progress: Callable[[], None] = lambda: None, **options: Any) -> Estimate:
+    def fill(task: Task, progress: Progress = no_progress, **options: Any) -> Estimate:
         if len(task.labels) <= MAX_DENSE_MARKERS:
             return method(task, progress, **options)
         return _fill_parts(method, task, progress, options)
@@ -54,7 +53,7 @@ def by_neighbourhoods(method: Method) -> Method:
 
 
 def _fill_parts(
-    method: Method, task: Task, progress: Callable[[], None], options: dict[str, Any]
+    method: Method, task: Task, progress: Progress, options: dict[str, Any]
 ) -> Estimate:
     """Fill a task part by part."""
     wanted = wanted_samples(task)
@@ -65,7 +64,7 @@ def _fill_parts(
     parts = _parts(task, wanted)
     for gappy, columns in parts:
         try:
-            part = method(part_of_task(task, gappy, columns, wanted), lambda: None, **options)
+            part = method(part_of_task(task, gappy, columns, wanted), progress, **options)
         except MethodError as error:
             errors.append(error)
             reason = str(error).removeprefix(f"{task.name}: ")
@@ -82,8 +81,6 @@ def _fill_parts(
         result.notes.extend(replace(n, marker=int(columns[n.marker])) for n in part.notes)
     if errors and len(errors) == len(parts):
         raise errors[0]
-    for _ in task.groups:
-        progress()
     return replace(result, error_bound_90=bound) if bounded else result
 
 

@@ -14,7 +14,6 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 
 from priorfill.gaps import constant_spans
 from priorfill.geometry.root_frames import rigid_frames
-from priorfill.methods.task import Estimate, Task
+from priorfill.methods.task import Estimate, Progress, Task, no_progress
 from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["RigidBodyOptions", "fill"]
@@ -73,7 +72,7 @@ NO_NEIGHBOURS = (
 
 def fill(
     task: Task,
-    progress: Callable[[], None] = lambda: None,
+    progress: Progress = no_progress,
     options: RigidBodyOptions | None = None,
 ) -> Estimate:
     """Fill gaps from markers on the same rigid body.
@@ -83,7 +82,7 @@ def fill(
     task : Task
         The clip; its takes are not used.
     progress : callable
-        Called once per gap group.
+        Called with the number of samples done since the last call.
     options : RigidBodyOptions, optional
         The defaults if not given.
 
@@ -108,7 +107,7 @@ def fill(
                 visible = np.flatnonzero(valid[first])
                 neighbours = _neighbours(spread, gap.marker, visible, options)
                 positions[span, gap.marker] = _placed(task, gap.marker, neighbours, span, options)
-        progress()
+            progress(gap.frames)
     return Estimate.without_errors(task, positions, "markers on the same rigid body", NO_NEIGHBOURS)
 
 

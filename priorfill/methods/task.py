@@ -17,7 +17,21 @@ from priorfill.markers.marker_set import MarkerSet
 from priorfill.markers.root_choice import choose_root
 from priorfill.search.takes import Take
 
-__all__ = ["MIRROR_IMAGE", "THIS_CLIP", "Estimate", "Method", "Note", "Task", "take_names"]
+__all__ = [
+    "MIRROR_IMAGE",
+    "THIS_CLIP",
+    "Estimate",
+    "Method",
+    "Note",
+    "Progress",
+    "Task",
+    "no_progress",
+    "take_names",
+]
+
+Progress = Callable[[float], None]
+"""Is called by a method with the number of missing samples done since the last call; a fraction
+where a part of the work on a sample is done."""
 
 THIS_CLIP = -1
 """Number of the clip that is filled, among the numbers of takes, and of its subject, among those of
@@ -72,6 +86,11 @@ class Task:
     def geometry(self) -> ClipGeometry:
         """Validity, distances, mirror pairs and floor of the clip."""
         return self.known_geometry or ClipGeometry(self.positions, self.labels, self.marker_set)
+
+    @property
+    def samples(self) -> int:
+        """Number of missing samples of the gap groups."""
+        return sum(group.samples for group in self.groups)
 
     @property
     def valid(self) -> NDArray[np.bool_]:
@@ -240,8 +259,8 @@ def _text(text: str | Callable[[Gap], str], gap: Gap) -> str:
 class Method(Protocol):
     """A method: a function of a task."""
 
-    def __call__(self, task: Task, progress: Callable[[], None]) -> Estimate:
-        """Fill the gaps of a task, calling ``progress`` once per gap group.
+    def __call__(self, task: Task, progress: Progress) -> Estimate:
+        """Fill the gaps of a task, calling ``progress`` with the samples done since the last call.
 
         Gaps that it cannot fill stay missing, each with a note of the reason.
 
@@ -252,6 +271,10 @@ class Method(Protocol):
             number of markers, a database.
         """
         ...
+
+
+def no_progress(samples: float) -> None:
+    """Report no progress."""
 
 
 def take_names(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from priorfill.gaps import gap_groups
 from priorfill.geometry.distances import pair_statistics
 from priorfill.markers.describe import describe_markers
-from priorfill.methods.task import Estimate, Task
+from priorfill.methods.task import Estimate, Progress, Task, no_progress
 from priorfill.search.takes import Take
 
 __all__ = ["part_of_task", "seeing_only", "wanted_samples"]
@@ -80,16 +80,14 @@ def seeing_only(
     own = np.searchsorted(columns, gappy)
 
     @wraps(method)
-    def fill(task: Task, progress: Callable[[], None] = lambda: None, **options: Any) -> Estimate:
-        part = method(
-            part_of_task(task, gappy, columns, wanted_samples(task)), lambda: None, **options
-        )
+    def fill(task: Task, progress: Progress = no_progress, **options: Any) -> Estimate:
+        chosen = part_of_task(task, gappy, columns, wanted_samples(task))
+        share = task.samples / max(chosen.samples, 1)
+        part = method(chosen, lambda samples: progress(share * samples), **options)
         result = Estimate.of(task)
         result.positions[:, gappy] = part.positions[:, own]
         result.expected_rms[:, gappy] = part.expected_rms[:, own]
         result.notes.extend(replace(n, marker=int(columns[n.marker])) for n in part.notes)
-        for _ in task.groups:
-            progress()
         if part.error_bound_90 is None:
             return result
         bound = np.full_like(result.expected_rms, np.nan)

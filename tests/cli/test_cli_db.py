@@ -304,6 +304,25 @@ def test_progress_on_a_terminal(
     assert "3/3" in err
 
 
+def test_progress_of_a_fill_on_a_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from priorfill.cli import progress
+
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setattr(progress, "WINDOWS", False)  # where both must be terminals
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "100")
+    with progress.fill_progress("a.c3d") as show:
+        read = capsys.readouterr().err  # the first paint is at once
+        show(0, 4321)
+        show(1234, 4321)
+    filled = capsys.readouterr().err
+    assert "reading and checking a.c3d" in read
+    assert "filling a.c3d" in filled
+    assert "1,234/4,321 samples" in filled
+
+
 @pytest.mark.parametrize(
     ("seconds", "text"),
     [

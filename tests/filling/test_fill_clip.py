@@ -314,14 +314,21 @@ def test_no_gaps(method):
     assert result.clip.positions.tobytes() == person().positions.tobytes()
 
 
-def test_progress_counts_the_gap_groups():
+@pytest.mark.parametrize("method", ["gpr", "r2", "linear"])
+def test_progress_counts_samples(method):
     clip = with_gaps(person(), (20, 30, ("LKNE",)), (60, 70, ("RKNE",)), (65, 90, ("C7",)))
     calls = []
-    fill(clip, options=pf.FillOptions(progress=lambda done, total: calls.append((done, total))))
-    assert calls == [(1, 2), (2, 2)]
+    options = pf.FillOptions(progress=lambda done, total: calls.append((done, total)))
+    fill(clip, method=method, options=options)
+    done = [done for done, _ in calls]
+    assert {total for _, total in calls} == {45}
+    assert done[0] == 0
+    assert done[-1] == 45
+    assert done == sorted(set(done))
+    assert len(calls) > 3  # more steps than gap groups
 
 
-def test_progress_starts_again_when_a_clip_is_found_damaged(monkeypatch):
+def test_progress_does_not_fall_when_a_clip_is_found_damaged(monkeypatch):
     class DamagedOnce(DatabaseTakes):
         def __init__(self, *arguments):
             super().__init__(*arguments)
@@ -332,7 +339,7 @@ def test_progress_starts_again_when_a_clip_is_found_damaged(monkeypatch):
     calls = []
     options = pf.FillOptions(progress=lambda done, total: calls.append((done, total)))
     fill(with_gaps(person(), (20, 30, ("LKNE",))), method="rigid", options=options)
-    assert calls == [(1, 1), (1, 1)]
+    assert calls == [(0, 10), (3, 10), (10, 10)]  # the second time begins where the first did
 
 
 def test_estimates_of_measured_samples_are_ignored(monkeypatch):

@@ -272,7 +272,9 @@ def test_a_cache_changes_nothing_and_spares_what_is_unchanged(lab, tmp_path):
         without = fill(clip(), method="linear", database=lab, overrides=given, options=bare)
         assert_same(result, without)
         assert cache.hits == hits
-        assert counted == list(range(1, len(counted) + 1))
+        assert counted == sorted(set(counted))
+        assert counted[0] == 0
+        assert counted[-1] > 0
         assert counted
     for number, other in enumerate(
         (

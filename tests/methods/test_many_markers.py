@@ -19,7 +19,7 @@ from priorfill.markers.definitions import recognise
 from priorfill.markers.describe import describe
 from priorfill.methods import get_method
 from priorfill.methods.many_markers import by_neighbourhoods
-from priorfill.methods.task import Task
+from priorfill.methods.task import Task, no_progress
 
 
 def crowd(motion: str = "walking", people: int = 8, frames: int = 60) -> Clip:
@@ -72,16 +72,11 @@ def test_a_recording_of_the_same_subject_is_divided_too():
     assert "other recordings of the same subject" in result.gaps[0].sources[0]
 
 
-def test_progress_counts_the_gap_groups_of_the_clip():
+def test_progress_counts_the_samples_of_the_clip():
     counted = []
-
-    def method(task, progress):
-        progress()
-        return get_method("linear")(task, progress)
-
     task = task_of(gappy())
-    estimate = by_neighbourhoods(method)(task, lambda: counted.append(1))
-    assert len(counted) == len(task.groups)
+    estimate = by_neighbourhoods(get_method("linear"))(task, counted.append)
+    assert sum(counted) == task.samples
     assert estimate.error_bound_90 is None
     assert {note.marker for note in estimate.notes} == {marker for _, _, marker in GAPS}
 
@@ -93,7 +88,7 @@ def test_where_a_method_cannot_work_on_a_part_the_others_are_filled():
         return get_method("rigid")(task, progress)
 
     task = task_of(gappy())
-    estimate = by_neighbourhoods(method)(task, lambda: None)
+    estimate = by_neighbourhoods(method)(task, no_progress)
     refused = [note for note in estimate.notes if note.source == "is no good; use another method"]
     assert {note.marker for note in refused} == {5, 30}
     assert not any(note.filled for note in refused)
@@ -102,7 +97,7 @@ def test_where_a_method_cannot_work_on_a_part_the_others_are_filled():
         raise MethodError("crowd: is no good; use another method")
 
     with pytest.raises(MethodError, match=r"^crowd: is no good"):
-        by_neighbourhoods(never)(task, lambda: None)
+        by_neighbourhoods(never)(task, no_progress)
 
 
 def test_a_marker_set_is_found_part_by_part():

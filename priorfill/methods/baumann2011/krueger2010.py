@@ -26,7 +26,6 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,7 +42,9 @@ from priorfill.methods.baumann2011.pose_searches import (
 from priorfill.methods.task import (
     Estimate,
     Note,
+    Progress,
     Task,
+    no_progress,
     take_names,
 )
 from priorfill.runtime.option_checks import check_at_least
@@ -163,7 +164,7 @@ def _stretches(frames: NDArray[np.intp]) -> list[tuple[int, int]]:
 
 def fill(
     task: Task,
-    progress: Callable[[], None] = lambda: None,
+    progress: Progress = no_progress,
     options: Krueger2010Options | None = None,
 ) -> Estimate:
     """Fill each frame with the mean of the poses nearest to it.
@@ -173,7 +174,7 @@ def fill(
     task : Task
         The clip and the takes to search; without takes the clip itself is searched.
     progress : callable
-        Called once per gap group.
+        Called with the number of samples done since the last call.
     options : Krueger2010Options, optional
         The defaults if not given.
 
@@ -197,5 +198,5 @@ def fill(
         for number in range(len(shown)):
             frames = group.start + np.flatnonzero(which.ravel() == number)
             _fill_alike(task, estimate, planner, takes, frames, options.neighbours)
-        progress()
+        progress(group.samples)
     return estimate

@@ -39,7 +39,6 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,7 +60,9 @@ from priorfill.methods.baumann2011.pose_searches import (
 from priorfill.methods.task import (
     Estimate,
     Note,
+    Progress,
     Task,
+    no_progress,
     take_names,
 )
 from priorfill.runtime.elementary import exp
@@ -300,7 +301,7 @@ class _GroupPrior:
 
 def fill(
     task: Task,
-    progress: Callable[[], None] = lambda: None,
+    progress: Progress = no_progress,
     options: Baumann2011Options | None = None,
 ) -> Estimate:
     """Fill the gaps of a task by the published method [B11]_.
@@ -310,7 +311,7 @@ def fill(
     task : Task
         The clip and the takes to search; without takes the clip itself is searched.
     progress : callable
-        Called once per gap group.
+        Called with the number of samples done since the last call.
     options : Baumann2011Options, optional
         The defaults if not given.
 
@@ -346,7 +347,7 @@ def fill(
             names = take_names(takes, votes)
             # a bank may hold fewer than k poses
             estimate.notes.extend(_notes(task, part, names, options, votes.shape[1]))
-        progress()
+        progress(group.samples)
     return estimate
 
 

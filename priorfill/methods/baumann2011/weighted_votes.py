@@ -7,12 +7,11 @@ what the published method can do without regression, for comparison with ``gpr``
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from priorfill.methods.baumann2011 import neighbour_votes
 from priorfill.methods.baumann2011.neighbour_votes import Baumann2011Options
-from priorfill.methods.task import Estimate, Task
+from priorfill.methods.task import Estimate, Progress, Task, no_progress
 
 __all__ = ["NeighboursOptions", "fill"]
 
@@ -31,7 +30,7 @@ class NeighboursOptions(Baumann2011Options):
 
 def fill(
     task: Task,
-    progress: Callable[[], None] = lambda: None,
+    progress: Progress = no_progress,
     options: NeighboursOptions | None = None,
 ) -> Estimate:
     """Fill the gaps of a task by distance-weighted neighbours.
@@ -41,7 +40,7 @@ def fill(
     task : Task
         The clip and the takes to search.
     progress : callable
-        Called once per gap group.
+        Called with the number of samples done since the last call.
     options : NeighboursOptions, optional
         The defaults if not given.
 

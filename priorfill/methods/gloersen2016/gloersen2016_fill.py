@@ -16,7 +16,7 @@ from priorfill.methods.gloersen2016.strategies import (
     consecutive,
     simultaneous,
 )
-from priorfill.methods.task import Estimate, Task
+from priorfill.methods.task import Estimate, Progress, Task, no_progress
 
 __all__ = ["r1", "r2"]
 
@@ -68,7 +68,7 @@ def _usable_frames(valid: Mask) -> Mask:
 
 def _filled(
     task: Task,
-    progress: Callable[[], None],
+    progress: Progress,
     options: Gloersen2016Options,
     strategy: Callable[[PcaFrames, Gloersen2016Options], Iterator[MissingMarkers]],
 ) -> Estimate:
@@ -93,11 +93,10 @@ def _filled(
                 untrained[markers[missing.markers]] = True
                 continue
             gaps, found = predicted
+            progress(len(gaps) * len(missing.markers))
             positions[np.ix_(rows[gaps], markers[missing.markers])] = found + origin[gaps]
     if strategy is simultaneous and untrained.any():
         raise MethodError(NO_COMPLETE_FRAMES.format(task.name))
-    for _ in task.groups:
-        progress()
 
     def reason(gap: Gap) -> str:
         if not task.valid[:, gap.marker].any():
@@ -111,7 +110,7 @@ def _filled(
 
 def r1(
     task: Task,
-    progress: Callable[[], None] = lambda: None,
+    progress: Progress = no_progress,
     options: Gloersen2016Options | None = None,
 ) -> Estimate:
     """Fill all markers with gaps at once: the simultaneous strategy, R1 of the publication.
@@ -121,7 +120,7 @@ def r1(
     task : Task
         The clip; its takes are not used.
     progress : callable
-        Called once per gap group.
+        Called with the number of samples done since the last call.
     options : Gloersen2016Options, optional
         The publication's constants if not given.
 
@@ -146,7 +145,7 @@ def r1(
 
 def r2(
     task: Task,
-    progress: Callable[[], None] = lambda: None,
+    progress: Progress = no_progress,
     options: Gloersen2016Options | None = None,
 ) -> Estimate:
     """Fill one marker after another: the consecutive strategy, R2 of the publication; see `r1`.

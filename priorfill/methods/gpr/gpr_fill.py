@@ -40,11 +40,14 @@ from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.postprocess import PostProcessor
 from priorfill.methods.gpr.predict import SegmentPredictor
 from priorfill.methods.gpr.prediction import SegmentPrediction, notes_on_unfilled
-from priorfill.methods.task import Estimate, Task
+from priorfill.methods.task import Estimate, Progress, Task, no_progress
 from priorfill.runtime.threads import thread_count
 from priorfill.signal.resample import Resolution
 
 __all__ = ["fill"]
+
+FIRST_SHARE = 0.5
+"""Share of the progress of a segment after the first of two passes."""
 
 _Map = Callable[..., Iterable[Any]]
 """`map`, or a function like it that works on several items at a time."""
@@ -55,7 +58,7 @@ _Predictions = tuple[tuple[SegmentPrediction, ...], ...]
 
 def fill(
     task: Task,
-    progress: Callable[[], None] = lambda: None,
+    progress: Progress = no_progress,
     options: GPROptions | None = None,
 ) -> Estimate:
     """Fill the gaps of a task by Gaussian-process regression.
@@ -65,7 +68,7 @@ def fill(
     task : Task
         The clip and the takes.
     progress : callable
-        Called once per gap group.
+        Called with the number of samples done since the last call.
     options : GPROptions, optional
         Of the method.
 
@@ -91,7 +94,7 @@ def fill(
         if len(setup.segments) < 2 * cores:
             map_segments, setup.predictor.map_function = map, pool.map
         predictions = _first_pass(setup, estimate, map_segments, progress)
-        predictions = _second_pass(setup, estimate, predictions, map_segments)
+        predictions = _second_pass(setup, estimate, predictions, map_segments, progress)
     if task.learn_from_clip:
         predictions = _interpolate_over_time(setup, estimate, predictions)
         predictions = _fill_blackouts(setup, estimate, predictions)
@@ -186,28 +189,37 @@ class _Setup:
 
 
 def _first_pass(
-    setup: _Setup, estimate: Estimate, map_segments: _Map, progress: Callable[[], None]
+    setup: _Setup, estimate: Estimate, map_segments: _Map, progress: Progress
 ) -> _Predictions:
     """Predict all segments from the measured samples, and solve all gap groups."""
     found = iter(map_segments(lambda segment: setup.predict(segment, None), setup.segments))
     predictions: list[tuple[SegmentPrediction, ...]] = []
     for number, inside in enumerate(setup.group_slices):
-        predictions += [next(found) for _ in setup.segments[inside]]
+        for segment in setup.segments[inside]:
+            predictions.append(next(found))
+            progress(_samples(segment) * (1.0 if _is_final(predictions[-1]) else FIRST_SHARE))
         setup.solve_group(estimate, predictions, number)
-        progress()
     return tuple(predictions)
 
 
 def _second_pass(
-    setup: _Setup, estimate: Estimate, predictions: _Predictions, map_segments: _Map
+    setup: _Setup,
+    estimate: Estimate,
+    predictions: _Predictions,
+    map_segments: _Map,
+    progress: Progress,
 ) -> _Predictions:
     """Predict segments with few training poses again, with poses completed by the first pass."""
-    again = [i for i, parts in enumerate(predictions) if not all(p.complete for p in parts)]
+    again = [i for i, parts in enumerate(predictions) if not _is_final(parts)]
     completed = estimate.positions
     segments = [setup.segments[i] for i in again]
     # all of them before the first is solved, which changes the estimate
-    found = list(map_segments(lambda segment: setup.predict(segment, completed), segments))
-    predictions = _replaced(predictions, dict(zip(again, found, strict=True)))
+    found = map_segments(lambda segment: setup.predict(segment, completed), segments)
+    changes: dict[int, tuple[SegmentPrediction, ...]] = {}
+    for i, parts in zip(again, found, strict=True):
+        changes[i] = parts
+        progress(_samples(setup.segments[i]) * (1.0 - FIRST_SHARE))
+    predictions = _replaced(predictions, changes)
     setup.solve(estimate, predictions, again)
     return predictions
 
@@ -281,6 +293,16 @@ def _replaced(
 ) -> _Predictions:
     """Return predictions with those of some segments replaced."""
     return tuple(changes.get(i, parts) for i, parts in enumerate(predictions))
+
+
+def _samples(segment: GapSegment) -> int:
+    """Return the number of samples of a segment."""
+    return (segment.stop - segment.start) * len(segment.markers)
+
+
+def _is_final(parts: Sequence[SegmentPrediction]) -> bool:
+    """Whether the second pass need not predict a segment again."""
+    return all(part.complete for part in parts)
 
 
 def _from_own_frames(segment: GapSegment, parts: Sequence[SegmentPrediction]) -> bool:

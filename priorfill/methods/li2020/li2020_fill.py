@@ -41,7 +41,7 @@ from priorfill.methods.li2020.training_windows import (
     choose_windows,
     shows_all,
 )
-from priorfill.methods.task import Estimate, Task
+from priorfill.methods.task import Estimate, Progress, Task, no_progress
 from priorfill.signal.resample import resample
 
 __all__ = ["pca_frames", "pca_pieces", "pca_train"]
@@ -250,7 +250,7 @@ def _filled_part(
 
 def _by_markers(
     task: Task,
-    progress: Callable[[], None],
+    progress: Progress,
     options: Li2020Options,
     complete: Complete,
     source: str,
@@ -266,8 +266,7 @@ def _by_markers(
             found = _filled_part(clip[frames], template, training, complete, options)
             here = np.ix_(frames, training.markers)
             positions[here] = np.where(np.isnan(positions[here]), found, positions[here])
-    for _ in task.groups:
-        progress()
+            progress(int(np.isnan(clip[frames, :, 0]).sum()))
 
     def reason(gap: Gap) -> str:
         if task.valid[:, gap.marker].any():
@@ -279,7 +278,7 @@ def _by_markers(
 
 
 def pca_train(
-    task: Task, progress: Callable[[], None] = lambda: None, options: Li2020Options | None = None
+    task: Task, progress: Progress = no_progress, options: Li2020Options | None = None
 ) -> Estimate:
     """Fill gaps by the eigenvectors of training windows, Eqs. (1)-(4).
 
@@ -288,7 +287,7 @@ def pca_train(
     task : Task
         The clip, and the takes from which training windows are chosen.
     progress : callable
-        Called once per gap group.
+        Called with the number of samples done since the last call.
     options : Li2020Options, optional
         The defaults if not given.
 
@@ -312,7 +311,7 @@ def pca_train(
 
 
 def pca_pieces(
-    task: Task, progress: Callable[[], None] = lambda: None, options: Li2020Options | None = None
+    task: Task, progress: Progress = no_progress, options: Li2020Options | None = None
 ) -> Estimate:
     """Fill gaps by eigenvectors of each masked window, Eqs. (5)-(8); see `pca_train`."""
     source = "eigenspaces of each window"
@@ -371,7 +370,7 @@ def _at_rate(window: TrainingWindow, rate: float) -> Array:
 
 
 def pca_frames(
-    task: Task, progress: Callable[[], None] = lambda: None, options: Li2020Options | None = None
+    task: Task, progress: Progress = no_progress, options: Li2020Options | None = None
 ) -> Estimate:
     """Fill complete missing frames by the eigenvectors of trajectories, Eqs. (9)-(16).
 
@@ -380,7 +379,7 @@ def pca_frames(
     task : Task
         The clip, and the takes from which training windows are chosen.
     progress : callable
-        Called once per gap group.
+        Called with the number of samples done since the last call.
     options : Li2020Options, optional
         The defaults if not given.
 
@@ -415,8 +414,7 @@ def pca_frames(
             those = np.array(markers)[which.ravel() == number]
             found = _completed(window[:, those], shown, halves, options)
             positions[start:stop, those] = found[start - begin : stop - begin]
-    for _ in task.groups:
-        progress()
+    progress(task.samples)
 
     def reason(gap: Gap) -> str:
         if task.valid[:, gap.marker].any():

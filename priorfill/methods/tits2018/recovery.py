@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gaps import Gap, runs
+from priorfill.methods.task import Progress, no_progress
 from priorfill.methods.tits2018 import (
     distance_bounds,
     global_pca,
@@ -69,7 +70,11 @@ class Recovery:
 
 
 def recover(
-    positions: Array, rate: float, models: Sequence[str], options: Tits2018Options
+    positions: Array,
+    rate: float,
+    models: Sequence[str],
+    options: Tits2018Options,
+    progress: Progress = no_progress,
 ) -> Recovery:
     """Fill the gaps of the markers that are visible often enough.
 
@@ -83,6 +88,8 @@ def recover(
         Names in `MODELS`; several models are averaged.
     options : Tits2018Options
         All constants.
+    progress : callable
+        Called with the number of samples done since the last call.
 
     Returns
     -------
@@ -105,6 +112,7 @@ def recover(
     for marker in np.argsort(missing.sum(axis=0), kind="stable"):
         if missing[:, marker].any():
             failed[:, kept[marker]] = state.fill(int(marker))
+            progress(int(missing[:, marker].sum()))
     window = frames_in(options.window, rate)
     for place in np.flatnonzero(missing.any(axis=0)):
         smoothed = smooth(state.filled[:, place] + origin, window)

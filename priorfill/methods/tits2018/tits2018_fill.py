@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from priorfill.errors import MethodError
 from priorfill.gaps import Gap
-from priorfill.methods.task import Estimate, Task
+from priorfill.methods.task import Estimate, Progress, Task, no_progress
 from priorfill.methods.tits2018.recovery import (
     MODELS,
     centroid,
@@ -17,7 +15,6 @@ from priorfill.methods.tits2018.tits2018_options import Tits2018Options
 
 __all__ = ["glr", "lgrnn", "li", "lpr", "pma", "wpca"]
 
-Progress = Callable[[], None]
 
 MIN_MARKERS = 4
 """A missing marker and its three references."""
@@ -66,9 +63,7 @@ def _filled(
                 f"{task.name}: no marker is visible in every frame, and poses are centred by those "
                 "that are; use pma, which then leaves the PCA out, or fill one marker first"
             )
-    recovery = recover(task.positions, task.rate, models, options)
-    for _ in task.groups:
-        progress()
+    recovery = recover(task.positions, task.rate, models, options, progress)
 
     def reason(gap: Gap) -> str:
         if not task.valid[:, gap.marker].any():
@@ -83,12 +78,8 @@ def _filled(
     return Estimate.without_errors(task, recovery.positions, source, reason)
 
 
-def _no_progress() -> None:
-    """Report no progress."""
-
-
 def li(
-    task: Task, progress: Progress = _no_progress, options: Tits2018Options | None = None
+    task: Task, progress: Progress = no_progress, options: Tits2018Options | None = None
 ) -> Estimate:
     """Fill gaps by linear interpolation in the frame of three references (``li``).
 
@@ -97,7 +88,7 @@ def li(
     task : Task
         The clip; its takes are not used.
     progress : callable
-        Called once per gap group.
+        Called with the number of samples done since the last call.
     options : Tits2018Options, optional
         The constants of the published program if not given.
 
@@ -120,21 +111,21 @@ def li(
 
 
 def lpr(
-    task: Task, progress: Progress = _no_progress, options: Tits2018Options | None = None
+    task: Task, progress: Progress = no_progress, options: Tits2018Options | None = None
 ) -> Estimate:
     """Fill gaps by a polynomial regression on the shape of three references; see `li`."""
     return _filled(task, progress, ("lpr",), options, "local polynomial regression")
 
 
 def lgrnn(
-    task: Task, progress: Progress = _no_progress, options: Tits2018Options | None = None
+    task: Task, progress: Progress = no_progress, options: Tits2018Options | None = None
 ) -> Estimate:
     """Fill gaps by a mean of frames in which three references have a similar shape; see `li`."""
     return _filled(task, progress, ("lgrnn",), options, "local generalised regression network")
 
 
 def glr(
-    task: Task, progress: Progress = _no_progress, options: Tits2018Options | None = None
+    task: Task, progress: Progress = no_progress, options: Tits2018Options | None = None
 ) -> Estimate:
     """Fill gaps by linear regression on the markers visible throughout; see `li`."""
     source = "global linear regression"
@@ -142,7 +133,7 @@ def glr(
 
 
 def wpca(
-    task: Task, progress: Progress = _no_progress, options: Tits2018Options | None = None
+    task: Task, progress: Progress = no_progress, options: Tits2018Options | None = None
 ) -> Estimate:
     """Fill gaps by the weighted PCA of Gløersen and Federolf 2016; see `li`.
 
@@ -155,7 +146,7 @@ def wpca(
 
 
 def pma(
-    task: Task, progress: Progress = _no_progress, options: Tits2018Options | None = None
+    task: Task, progress: Progress = no_progress, options: Tits2018Options | None = None
 ) -> Estimate:
     """Fill gaps by the average of all five models, weighted by probability; see `li`.
 
