@@ -170,14 +170,12 @@ def print_table(rows: list[Row]) -> None:
 def plot(rows: list[Row], file: Path, title: str) -> None:
     """Plot error ratios over clips in the database: means over orders, and a moving average."""
     try:
-        import matplotlib as mpl
+        from matplotlib.figure import Figure  # not of pyplot, which keeps figures open
     except ImportError:
         print("no plot: matplotlib is not installed (pip install matplotlib)", file=sys.stderr)
         return
-    mpl.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(figsize=(7, 4.5), layout="constrained")
+    figure = Figure(figsize=(7, 4.5), layout="constrained")
+    axes = figure.subplots()
     for mode, colour in (("measured only", "C0"), ("trust filled", "C1")):
         most = max(row.clips for row in rows) + 1
         logs = [[np.log(r.error / r.alone) for r in rows if (r.mode, r.clips) == (mode, n)]
