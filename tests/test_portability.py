@@ -25,7 +25,7 @@ DIFFERENT = re.compile(
 
 ALLOWED = {
     "energy/multiresolution.py": "a number of levels, rounded down",
-    "gp/calibration.py": "a bound found by bisection, coarser than the differences",
+    "gp/calibration.py": "a bound rounded to nine digits, coarser than the differences",
     "gp/linalg.py": "where rounding has made a matrix indefinite",
     "search/index.py": "axes of a bounding volume; what is found is compared exactly",
     "search/takes.py": "the nearest of a few rates",

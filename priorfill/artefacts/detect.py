@@ -19,7 +19,7 @@ from priorfill.artefacts.artefact import (
 from priorfill.artefacts.artefact_options import DEFAULT_ARTEFACT_OPTIONS, ArtefactOptions
 from priorfill.artefacts.discontinuities import PathBreaks, find_breaks
 from priorfill.artefacts.distance_outliers import distance_outliers
-from priorfill.artefacts.inconsistent_labels import find_inconsistent_labels
+from priorfill.artefacts.inconsistent_labels import find_inconsistent_labels, thin_frames
 from priorfill.artefacts.label_swaps import find_label_swaps, swap_labels
 from priorfill.artefacts.marker_path import MarkerPath
 from priorfill.artefacts.mislabelled import find_mislabelled
@@ -81,8 +81,7 @@ def find_artefacts(
         breaks = breaks_of(positions)
     elsewhere = _find_outlier_runs(clip, positions, references, breaks, options)
     wrong = artefact_samples(elsewhere, clip.labels, clip.frames)
-    positions = np.where(wrong[..., None], np.nan, positions) if elsewhere else positions
-    inconsistent = _find_inconsistent(clip, positions, options)
+    inconsistent = _find_inconsistent(clip, positions, wrong, options)
     return _in_order([*stuck, *swaps, *mislabelled, *inconsistent, *elsewhere])
 
 
@@ -218,9 +217,20 @@ def _find_outlier_runs(
 
 
 def _find_inconsistent(
-    clip: Clip, positions: NDArray[np.float64], options: ArtefactOptions
+    clip: Clip,
+    positions: NDArray[np.float64],
+    wrong: NDArray[np.bool_],
+    options: ArtefactOptions,
 ) -> list[Artefact]:
-    """Return the wrong labels next to blackouts that the other detectors leave."""
+    """Return the wrong labels next to blackouts that the other detectors leave.
+
+    ``wrong`` are the samples that these found [shape=(frames, markers)].
+    """
+    seen = ~(np.isnan(positions[:, :, 0]) | wrong)
+    if not thin_frames(seen, clip.rate, options.inconsistent_labels).any():
+        return []
+    if wrong.any():
+        positions = np.where(wrong[..., None], np.nan, positions)
     return [
         Artefact(
             MISLABELLED,

@@ -22,9 +22,9 @@ from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["BreakOptions", "PathBreaks", "find_breaks", "path_steps", "relative_step_sizes"]
 
-BATCH_SIZE = 4000
-"""Frames whose steps are computed at once; in a long clip all of them take several times its
-memory."""
+BATCH_SAMPLES = 30_000
+"""Samples whose steps are computed at once: in a long clip all of them take several times its
+memory, and these stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -98,31 +98,21 @@ def path_steps(positions: NDArray[np.float64]) -> NDArray[np.float64]:
         Between each frame and the next. Where the velocity is known on one side only, it is used
         alone; NaN where it is known on neither side, or one of the two frames is missing.
     """
-    step = np.full((len(positions) - 1, *positions.shape[1:]), np.nan)
-    if len(step) < 2:
-        return step
-    for start in range(0, len(step), BATCH_SIZE):
-        stop = min(start + BATCH_SIZE, len(step))
-        # a step depends on the velocities before and after its own
-        first, last = max(start - 1, 0), min(stop + 1, len(step))
-        batch = _steps_of_batch(positions[first : last + 1])
-        step[start:stop] = batch[start - first : stop - first]
-    return step
-
-
-def _steps_of_batch(positions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Do the work of `path_steps` for at least three frames."""
     velocity = positions[1:] - positions[:-1]
-    step = velocity.copy()
-    step[1:-1] -= 0.5 * (velocity[:-2] + velocity[2:])
-    step[0] -= velocity[1]
-    step[-1] -= velocity[-2]
-    one_sided = np.isnan(step[..., 0]) & ~np.isnan(velocity[..., 0])
-    frame, marker = np.nonzero(one_sided)
     outside = np.full((1, *velocity.shape[1:]), np.nan)
     padded = np.concatenate([outside, velocity, outside])
-    before, after = padded[frame, marker], padded[frame + 2, marker]
-    step[frame, marker] = velocity[frame, marker] - np.where(np.isnan(before), after, before)
+    return _misses(padded[:-2], velocity, padded[2:])
+
+
+def _misses(
+    before: NDArray[np.float64], here: NDArray[np.float64], after: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the steps from three velocities in a row [each of shape=(..., markers, 3), mm]."""
+    step: NDArray[np.float64] = here - 0.5 * (before + after)
+    one_sided = np.isnan(step[..., 0]) & ~np.isnan(here[..., 0])
+    if one_sided.any():
+        earlier, later = before[one_sided], after[one_sided]
+        step[one_sided] = here[one_sided] - np.where(np.isnan(earlier), later, earlier)
     return step
 
 
@@ -184,41 +174,68 @@ def find_breaks(
     priorfill.artefacts.find_artefacts : Calls all detectors.
     path_steps : The steps, before the reference markers are considered.
     """
-    step = path_steps(positions)
-    shape = step.shape[:2]
-    size = np.zeros(shape)
-    if shape[0] == 0:
+    steps = max(len(positions) - 1, 0)
+    size = np.zeros((steps, positions.shape[1]))
+    if steps == 0:
         return PathBreaks(size > 0, size)
     min_size = np.maximum(
         max(options.min_size, options.max_acceleration / rate**2),
-        options.noise_factor * _noise(step, references, options),
+        options.noise_factor * _noise(positions, references, options),
     )
-    # a relative step is never larger than the step itself, which rules out most frames at once
-    square = np.einsum("fmc,fmc->fm", step, step)
-    with np.errstate(invalid="ignore"):
-        frame, marker = np.nonzero(square > min_size**2)
-    last = shape[0] - 1
+    batch = max(BATCH_SAMPLES // positions.shape[1], 1)
+    for start in range(0, steps, batch):
+        stop = min(start + batch, steps)
+        # the steps before and after these count as well, and depend on a frame more each
+        first, last = max(start - 2, 0), min(stop + 2, steps)
+        part = positions[first : last + 1]
+        step = path_steps(part)
+        inner = slice(start - first, stop - first)
+        # a relative step is never larger than the step itself, which rules out most at once
+        square = np.einsum("fmc,fmc->fm", step[inner], step[inner])
+        with np.errstate(invalid="ignore"):
+            frame, marker = np.nonzero(square > min_size**2)
+        if len(frame):
+            frame += inner.start
+            found = _break_sizes(part, step, references, (frame, marker), min_size[marker], options)
+            size[frame + first, marker] = found
+    return PathBreaks(size > 0, size)
+
+
+def _break_sizes(
+    positions: NDArray[np.float64],
+    step: NDArray[np.float64],
+    references: ReferenceMarkers,
+    at: tuple[NDArray[np.intp], NDArray[np.intp]],
+    min_size: NDArray[np.float64],
+    options: BreakOptions,
+) -> NDArray[np.float64]:
+    """Return the sizes of some steps that are breaks, and 0 for those that are none (mm)."""
+    frame, marker = at
+    last = len(step) - 1
     earlier, later = np.maximum(frame - 1, 0), np.minimum(frame + 1, last)
     here, before, after = (
-        np.nan_to_num(relative_step_sizes(step, references, at, marker))
-        for at in (frame, earlier, later)
+        np.nan_to_num(relative_step_sizes(step, references, some, marker))
+        for some in (frame, earlier, later)
     )
     missing = np.isnan(positions[:, :, 0])
     edge = (frame == 0) | (frame == last)
     edge |= missing[earlier, marker] | missing[np.minimum(frame + 2, last + 1), marker]
-    breaks = here > min_size[marker] * np.where(edge, options.gap_edge_factor, 1.0)
+    breaks = here > min_size * np.where(edge, options.gap_edge_factor, 1.0)
     breaks &= np.maximum(before, after) <= options.echo_ratio * here
-    size[frame[breaks], marker[breaks]] = here[breaks]
-    return PathBreaks(size > 0, size)
+    return np.where(breaks, here, 0.0)
 
 
 def _noise(
-    step: NDArray[np.float64], references: ReferenceMarkers, options: BreakOptions
+    positions: NDArray[np.float64], references: ReferenceMarkers, options: BreakOptions
 ) -> NDArray[np.float64]:
     """Return the ``noise_quantile`` of each marker's steps [shape=(markers,), mm]."""
-    frames, markers = step.shape[:2]
-    sample = np.linspace(0, frames - 1, min(frames, options.noise_frames)).astype(np.intp)
-    frame, marker = np.repeat(sample, markers), np.tile(np.arange(markers), len(sample))
+    steps, markers = len(positions) - 1, positions.shape[1]
+    sample = np.linspace(0, steps - 1, min(steps, options.noise_frames)).astype(np.intp)
+    around = sample + np.arange(-1, 3)[:, None]
+    velocity = np.diff(positions[np.clip(around, 0, steps)], axis=0)
+    velocity[0, around[0] < 0] = velocity[2, around[3] > steps] = np.nan
+    step = _misses(*velocity)
+    frame, marker = np.divmod(np.arange(len(sample) * markers), markers)
     size = relative_step_sizes(step, references, frame, marker).reshape(len(sample), markers)
     size = np.sort(size, axis=0)  # NaN last
     count = (~np.isnan(size)).sum(axis=0)

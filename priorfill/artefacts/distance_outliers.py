@@ -22,6 +22,10 @@ STRIDE = 4
 frames than this is a spike, and found by its breaks."""
 
 
+BATCH_SIZE = 200
+"""Frames examined at once; temporary arrays of more of them leave the processor's cache."""
+
+
 @dataclass(frozen=True)
 class DistanceOutlierOptions:
     """Which distances are too large.
@@ -81,8 +85,11 @@ def distance_outliers(
     limit = options.max_ratio * normal + options.margin
     limit[~references.known] = np.nan
     factor = options.single_reference_factor
-    coarse = _too_far(_all_distances(positions[::STRIDE], references), limit, factor)
-    suspects = np.flatnonzero(coarse.any(axis=0)).tolist()
+    suspect = np.zeros(positions.shape[1], dtype=bool)
+    for start in range(0, len(positions), BATCH_SIZE * STRIDE):
+        batch = positions[start : start + BATCH_SIZE * STRIDE : STRIDE]
+        suspect |= _too_far(_all_distances(batch, references), limit, factor).any(axis=0)
+    suspects = np.flatnonzero(suspect).tolist()
     distance = {m: distances(positions, m, references.others[m]) for m in suspects}
     suspected = {m: _too_far(distance[m], limit[m], factor) for m in suspects}
     outliers = {}

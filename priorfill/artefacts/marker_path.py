@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from priorfill.artefacts.reference_markers import distances
 from priorfill.gaps import runs
+from priorfill.geometry.distances import norms
 from priorfill.runtime.option_checks import check_at_least
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "cut_path",
     "known_medians",
     "known_quantiles",
+    "thinned",
     "thinned_frames",
 ]
 
@@ -178,6 +180,17 @@ class MarkerPath:
         """Distances from the reference markers [shape=(frames, references), mm]."""
         return distances(self.positions, self.marker, self.references)
 
+    def distances_in(self, frames: NDArray[np.intp] | slice) -> NDArray[np.float64]:
+        """Return the distances in some frames only [shape=(frames, references), mm]."""
+        if "distance" in self.__dict__:
+            return self.distance[frames]
+        columns = [self.marker, *self.references.tolist()]
+        some = [self.positions[frames, column] for column in columns]
+        found = np.empty((len(some[0]), len(self.references)))
+        for column, other in enumerate(some[1:]):
+            found[:, column] = norms(other - some[0])
+        return found
+
     @property
     def spike_frames(self) -> int:
         """Longest spike in frames."""
@@ -222,6 +235,11 @@ def thinned_frames(distance: NDArray[np.float64]) -> NDArray[np.float64]:
     More than `MAX_MEDIAN_FRAMES` do not improve a median.
     """
     return distance[:: max(1, -(-len(distance) // MAX_MEDIAN_FRAMES))]
+
+
+def thinned(start: int, stop: int) -> NDArray[np.intp]:
+    """Return the frames that `thinned_frames` takes of a part of a clip."""
+    return np.arange(start, stop, max(1, -(-(stop - start) // MAX_MEDIAN_FRAMES)))
 
 
 def known_medians(values: NDArray[np.float64]) -> NDArray[np.float64]:

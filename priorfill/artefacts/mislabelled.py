@@ -88,9 +88,12 @@ def _find_forward(
     max_miss_ratio: float,
 ) -> list[MislabelledRun]:
     """Return the runs that begin at a break, in the order of the frames given."""
+    breaks = np.argwhere(broken).tolist()
+    if not breaks:
+        return []
     seen = ~np.isnan(positions[:, :, 0])
     found = []
-    for frame, marker in np.argwhere(broken).tolist():
+    for frame, marker in breaks:
         if frame == 0 or not seen[frame - 1, marker]:
             continue
         lost = np.flatnonzero(seen[frame] & seen[frame - 1] & ~seen[frame + 1])

@@ -23,7 +23,7 @@ from priorfill.artefacts.marker_path import (
     TypicalDistances,
     cut_path,
     known_medians,
-    thinned_frames,
+    thinned,
 )
 from priorfill.artefacts.spikes import find_spikes
 from priorfill.gaps import runs
@@ -96,12 +96,13 @@ def outlier_runs(
     for span in spans:
         taken[span.start : span.stop] = True
         large[max(span.start - 1, 0) : span.stop] = 0.0
-    distance = np.where(taken[:, None], np.nan, path.distance)
-    spans += _long_spans(path, cut_path(seen, large), distance)
+    spans += _long_spans(path, cut_path(seen, large), taken)
     if far is not None:
         spans += [
             SuspectSpan(start, stop, stop - start <= path.spike_frames) for start, stop in runs(far)
         ]
+    if not spans:
+        return []
     spans = _merged(spans)
     for span in spans:
         taken[span.start : span.stop] = True
@@ -111,50 +112,74 @@ def outlier_runs(
 
 
 def _long_spans(
-    path: MarkerPath, segments: list[PathSegment], distance: NDArray[np.float64]
+    path: MarkerPath, segments: list[PathSegment], taken: NDArray[np.bool_]
 ) -> list[SuspectSpan]:
-    """Return segments with unusual distances; ``distance`` is NaN in spikes."""
-    long = [segment for segment in segments if segment.frames > path.spike_frames]
-    if len(long) < 2:
+    """Return segments with unusual distances; ``taken`` are the frames of spikes."""
+    if sum(segment.frames > path.spike_frames for segment in segments) < 2:
         return []
-    main, typical = _main_segment(long, distance, path.options)
+    frames = [thinned(segment.start, segment.stop) for segment in segments]
+    distance = _without_spikes(path, np.concatenate(frames), taken)
+    ends = np.cumsum([len(some) for some in frames])[:-1]
+    inside = dict(zip(segments, np.split(distance, ends), strict=True))
+    main, typical = _main_segment(
+        [segment for segment in segments if segment.frames > path.spike_frames],
+        inside,
+        path.options,
+    )
     return [
         SuspectSpan(segment.start, segment.stop, segment.frames <= path.spike_frames)
         for segment in segments
-        if segment is not main and _is_wrong_segment(path, segment, main, typical, distance)
+        if segment is not main
+        and _is_unusual(segment, inside[segment], main, typical, path)
+        and _is_on_wrong_sides(path, segment, typical, taken)
     ]
 
 
-def _is_wrong_segment(
-    path: MarkerPath,
+def _without_spikes(
+    path: MarkerPath, frames: NDArray[np.intp], taken: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Return distances in some frames [shape=(frames, references), mm]; NaN in spikes."""
+    return np.where(taken[frames, None], np.nan, path.distances_in(frames))
+
+
+def _is_unusual(
     segment: PathSegment,
+    inside: NDArray[np.float64],
     main: PathSegment,
     typical: TypicalDistances,
-    distance: NDArray[np.float64],
+    path: MarkerPath,
 ) -> bool:
-    """Return whether the distances of a segment differ from those of the main segment."""
+    """Return whether the distances in a segment differ from those of the main segment."""
     options = path.options
-    inside = thinned_frames(distance[segment.start : segment.stop])
+    if not segment.broken and main.frames <= options.min_main_seconds * path.rate:
+        return False
     deviation, size = _confirmed_deviation(
         np.abs(inside - typical.median), typical.spread, options.min_references
     )
-    if not segment.broken:
-        return (
-            deviation > options.min_gap_deviation
-            and size > options.min_gap_distance
-            and main.frames > options.min_main_seconds * path.rate
-        )
-    if deviation <= options.min_deviation:
-        return False
+    if segment.broken:
+        return deviation > options.min_deviation
+    return deviation > options.min_gap_deviation and size > options.min_gap_distance
+
+
+def _is_on_wrong_sides(
+    path: MarkerPath, segment: PathSegment, typical: TypicalDistances, taken: NDArray[np.bool_]
+) -> bool:
+    """Return whether a segment is on the wrong side of each break at its ends, if any."""
     ends = (
         (segment.break_before, segment.start, 1),
         (segment.break_after, segment.stop, -1),
     )
-    return all(
-        is_wrong_side(distance, frame, direction, path.spike_frames, typical, options)
-        for break_size, frame, direction in ends
-        if break_size
-    )
+    compared = path.spike_frames
+    for break_size, frame, direction in ends:
+        if break_size:
+            first = max(frame - compared, 0)
+            near = np.arange(first, min(frame + compared, len(taken)))
+            distance = _without_spikes(path, near, taken)
+            if not is_wrong_side(
+                distance, frame - first, direction, compared, typical, path.options
+            ):
+                return False
+    return True
 
 
 def is_wrong_side(
@@ -194,9 +219,11 @@ def is_wrong_side(
 
 
 def _main_segment(
-    segments: list[PathSegment], distance: NDArray[np.float64], options: OutlierRunOptions
+    segments: list[PathSegment],
+    inside: dict[PathSegment, NDArray[np.float64]],
+    options: OutlierRunOptions,
 ) -> tuple[PathSegment, TypicalDistances]:
-    """Return the segment whose distances fit most of the path, and these distances.
+    """Return the segment whose distances ``inside`` fit most of the path, and these distances.
 
     The cost of a candidate includes its own deviations: the distances of a ghost marker vary so
     much that all other segments would agree with them.
@@ -205,13 +232,10 @@ def _main_segment(
     least_cost = np.inf
     longest_first = sorted(segments, key=lambda segment: -segment.frames)
     for candidate in longest_first[: options.main_candidates]:
-        typical = TypicalDistances.of(
-            distance[candidate.start : candidate.stop], options.min_spread
-        )
+        typical = TypicalDistances.of(inside[candidate], options.min_spread)
         cost = 0.0
         for segment in segments:
-            inside = thinned_frames(distance[segment.start : segment.stop])
-            deviation = known_medians(np.abs(inside - typical.median))
+            deviation = known_medians(np.abs(inside[segment] - typical.median))
             known = deviation[~np.isnan(deviation)]
             cost += segment.frames * (float(known.mean()) if len(known) else 0.0)
         if best is None or cost < least_cost:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.geometry.distances import norms
 from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = [
@@ -160,8 +161,10 @@ def distances(
     ndarray [shape=(frames, others), mm]
         NaN where one of the two is missing.
     """
-    difference = positions[:, others] - positions[:, marker : marker + 1]
-    distance: NDArray[np.float64] = np.sqrt((difference**2).sum(axis=2))
+    path = np.ascontiguousarray(positions[:, marker])
+    distance = np.empty((len(positions), len(others)))
+    for column, other in enumerate(others):  # all at once, temporary arrays leave the cache
+        distance[:, column] = norms(positions[:, other] - path)
     return distance
 
 

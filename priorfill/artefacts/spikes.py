@@ -9,6 +9,7 @@ from priorfill.artefacts.marker_path import (
     PathSegment,
     SuspectSpan,
     TypicalDistances,
+    thinned,
 )
 
 __all__ = ["find_spikes"]
@@ -33,7 +34,10 @@ def find_spikes(path: MarkerPath, segments: list[PathSegment]) -> list[SuspectSp
     outlier_runs : Adds the longer segments.
     """
     max_frames = path.spike_frames
-    typical = TypicalDistances.of(path.distance, path.options.min_spread)
+    if not any(segment.broken and segment.frames <= max_frames for segment in segments):
+        return []
+    sample = path.distances_in(thinned(0, len(path.positions)))
+    typical = TypicalDistances.of(sample, path.options.min_spread)
     spikes = []
     start = -1
     open_end, largest_break = False, 0.0
@@ -101,7 +105,9 @@ def _has_unusual_distance(
     path: MarkerPath, typical: TypicalDistances, start: int, stop: int
 ) -> bool:
     """Return whether a distance is unusual in some frames, but neither before nor after them."""
-    deviation = np.nan_to_num(np.abs(path.distance[start - 1 : stop + 1] - typical.median))
+    deviation = np.nan_to_num(
+        np.abs(path.distances_in(slice(start - 1, stop + 1)) - typical.median)
+    )
     inside = deviation[1:-1].max(axis=0)
     outside = np.maximum(deviation[0], deviation[-1])
     factor = path.options.min_spike_deviation

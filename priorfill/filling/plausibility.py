@@ -99,7 +99,8 @@ class PlausibilityCheck:
         sunk = positions[..., 2] < self._lowest - self.options.max_below_floor
         found[FLOOR][:] = filled & sunk & ~sure
         for marker in markers:
-            column = positions[:, marker], filled[:, marker]
+            # the coordinates of one marker are far apart in memory
+            column = np.ascontiguousarray(positions[:, marker]), filled[:, marker]
             found[SPEED][:, marker] = self._too_fast(int(marker), *column) & ~sure[:, marker]
             found[JUMP][:, marker] = self._jumps(int(marker), *column, bound[:, marker])
         self._wrong_lengths(positions, filled, expected_rms, found[LENGTH])
@@ -239,15 +240,22 @@ class PlausibilityCheck:
         return {order: max(self._of_marker(one, order) for one in markers) for order in (1, 2)}
 
     def _of_marker(self, marker: int, order: int) -> float:
-        greatest = greatest_step(self._known_steps(marker, order))
-        return 0.0 if math.isnan(greatest) else greatest
+        if (marker, order) not in self._greatest_steps:
+            greatest = greatest_step(self._known_steps(marker, order))
+            self._greatest_steps[marker, order] = 0.0 if math.isnan(greatest) else greatest
+        return self._greatest_steps[marker, order]
+
+    @cached_property
+    def _greatest_steps(self) -> dict[tuple[int, int], float]:
+        """The greatest step or change of it, by marker and order (mm), as far as needed so far."""
+        return {}
 
     def _known_steps(self, marker: int, order: int) -> _Float:
         """Return the measured steps of a marker (order 1), or the changes of them (2), in mm.
 
         Where hardly any are measured (every second frame is blank), longer ones are scaled.
         """
-        path = self.geometry.positions[:, marker]
+        path = np.ascontiguousarray(self.geometry.positions[:, marker])
         known = np.full(max(len(path) - order * self._step, 0), np.nan)
         for times in range(1, MAX_STEP_MULTIPLE + 1):
             step = times * self._step
@@ -322,7 +330,7 @@ class PlausibilityCheck:
         segment = self.geometry.marker_set.segment.get(label)
         if segment is None:
             return
-        path = self.geometry.positions[:, marker]
+        path = np.ascontiguousarray(self.geometry.positions[:, marker])
         found = []
         for other in self._segments[segment]:
             if other == marker:
@@ -362,14 +370,15 @@ class PlausibilityCheck:
         """Mark the filled samples whose distances from their segment are wrong."""
         both: list[tuple[int, int, _Bool]] = []
         for marker in map(int, np.flatnonzero(filled.any(axis=0))):
+            frames = np.flatnonzero(filled[:, marker])
+            path, own_rms = positions[frames, marker], expected_rms[frames, marker]
             for other, low, high in self._partners(marker):
-                length = norms(positions[:, marker] - positions[:, other])
+                length = norms(path - positions[frames, other])
                 with np.errstate(invalid="ignore"):
                     off = np.maximum(length - high, low - length)
-                    wrong = off > self._length_tolerance(
-                        expected_rms[:, marker], expected_rms[:, other]
-                    )
-                wrong &= filled[:, marker]
+                    too_far = off > self._length_tolerance(own_rms, expected_rms[frames, other])
+                wrong = np.zeros(len(positions), dtype=bool)
+                wrong[frames] = too_far
                 together = wrong & filled[:, other]
                 found[:, marker] |= wrong & ~together
                 if other > marker and together.any():

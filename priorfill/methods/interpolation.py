@@ -7,11 +7,12 @@ extrapolated curves can diverge by metres.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.gaps import Gap
+from priorfill.gaps import Gap, find_gaps
 from priorfill.methods.task import Estimate, Progress, Task, no_progress
 
 __all__ = ["linear", "pchip", "spline"]
@@ -23,10 +24,6 @@ Curve = Callable[[Array, Array, Array], Array]
 positions at the query times [shape=(m, 3)]."""
 
 NEVER_VISIBLE = "it is never visible; use a method that learns from other markers or recordings"
-
-
-def _line(times: Array, positions: Array, query: Array) -> Array:
-    return np.stack([np.interp(query, times, positions[:, i]) for i in range(3)], axis=1)
 
 
 def _pchip(times: Array, positions: Array, query: Array) -> Array:
@@ -41,21 +38,46 @@ def _spline(times: Array, positions: Array, query: Array) -> Array:
     return np.asarray(CubicSpline(times, positions)(query))
 
 
-def _interpolated(task: Task, progress: Progress, curve: Curve, source: str) -> Estimate:
+def _put_curves(curve: Curve, task: Task, positions: Array, progress: Progress) -> None:
+    """Put a curve through all samples of a marker into its gaps between two samples."""
+    frames = np.arange(len(positions), dtype=np.float64)
+    for marker in np.flatnonzero(~task.valid.all(axis=0)):
+        seen = task.valid[:, marker]
+        if seen.any():
+            times = frames[seen]
+            inside = ~seen & (frames > times[0]) & (frames < times[-1])
+            if inside.any():
+                samples = positions[seen, marker]
+                positions[inside, marker] = curve(times, samples, frames[inside])
+            progress(len(frames) - len(times))
+
+
+def _put_lines(task: Task, positions: Array, progress: Progress) -> None:
+    """Put straight lines into the gaps between two samples, all gaps at once."""
+    seen = task.valid.any(axis=0)
+    progress(int((~task.valid[:, seen]).sum()))
+    inner = [gap for gap in find_gaps(~task.valid) if gap.start > 0 and gap.stop < len(positions)]
+    if not inner:
+        return
+    start, stop, marker = np.array([(gap.start, gap.stop, gap.marker) for gap in inner]).T
+    frames = stop - start
+    first, last = positions[start - 1, marker], positions[stop, marker]
+    slope = (last - first) / (frames + 1)[:, None]
+    gap = np.repeat(np.arange(len(inner)), frames)
+    step = 1 + np.arange(len(gap)) - (np.cumsum(frames) - frames)[gap]
+    positions[start[gap] + step - 1, marker[gap]] = slope[gap] * step[:, None] + first[gap]
+
+
+def _interpolated(
+    task: Task, progress: Progress, put: Callable[[Task, Array, Progress], None], source: str
+) -> Estimate:
     """Interpolate each marker's gaps; repeat its first and last sample beyond them."""
     positions = task.positions.copy()
-    frames = np.arange(len(positions), dtype=np.float64)
-    for marker in range(positions.shape[1]):
-        seen = task.valid[:, marker]
-        if seen.all() or not seen.any():
-            continue
-        times, samples = frames[seen], positions[seen, marker]
-        inside = ~seen & (frames > times[0]) & (frames < times[-1])
-        if inside.any():
-            positions[inside, marker] = curve(times, samples, frames[inside])
-        positions[frames < times[0], marker] = samples[0]
-        positions[frames > times[-1], marker] = samples[-1]
-        progress(len(frames) - len(times))
+    put(task, positions, progress)
+    first, last = task.valid.argmax(axis=0), len(positions) - task.valid[::-1].argmax(axis=0)
+    for marker in np.flatnonzero(task.valid.any(axis=0)):
+        positions[: first[marker], marker] = positions[first[marker], marker]
+        positions[last[marker] :, marker] = positions[last[marker] - 1, marker]
 
     def source_of(gap: Gap) -> str:
         inside = gap.start > 0 and gap.stop < len(positions)
@@ -84,7 +106,7 @@ def linear(task: Task, progress: Progress = no_progress) -> Estimate:
     pchip : By monotone piecewise cubic curves.
     spline : By cubic splines.
     """
-    return _interpolated(task, progress, _line, "straight lines over time")
+    return _interpolated(task, progress, _put_lines, "straight lines over time")
 
 
 def pchip(task: Task, progress: Progress = no_progress) -> Estimate:
@@ -95,9 +117,11 @@ def pchip(task: Task, progress: Progress = no_progress) -> Estimate:
     .. [FB84] Fritsch and Butland, A method for constructing local monotone piecewise cubic
        interpolants, SIAM J. Sci. Stat. Comput. 5(2), 1984.
     """
-    return _interpolated(task, progress, _pchip, "monotone cubic curves over time")
+    return _interpolated(
+        task, progress, partial(_put_curves, _pchip), "monotone cubic curves over time"
+    )
 
 
 def spline(task: Task, progress: Progress = no_progress) -> Estimate:
     """Fill gaps by cubic splines through all samples, with "not-a-knot" ends; see `linear`."""
-    return _interpolated(task, progress, _spline, "cubic splines over time")
+    return _interpolated(task, progress, partial(_put_curves, _spline), "cubic splines over time")

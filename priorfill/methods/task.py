@@ -222,7 +222,8 @@ class Estimate:
             Names of the recordings in the training data.
         """
         missing = ~task.valid
-        given = missing & np.isfinite(positions).all(axis=2)
+        given = missing.copy()
+        given[missing] = np.isfinite(positions[missing]).all(axis=1)
         notes = [
             Note(gap.marker, gap.start, gap.stop, _text(source, gap), source_clips=takes)
             for gap in find_gaps(given)
@@ -231,7 +232,8 @@ class Estimate:
             Note(gap.marker, gap.start, gap.stop, _text(reason, gap), filled=False)
             for gap in find_gaps(missing & ~given)
         ]
-        filled = np.where(given[..., None], positions, task.positions)
+        filled = task.positions.copy()
+        filled[given] = positions[given]
         return cls(filled, np.full(missing.shape, np.nan), notes)
 
     def drop(self, samples: NDArray[np.bool_], reason: str) -> None:

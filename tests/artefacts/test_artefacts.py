@@ -292,8 +292,7 @@ def test_steps_equal_those_of_a_loop(seed: int, share: float) -> None:
     references = ReferenceMarkers(
         others, np.array([[True, True], [True, False], [True, True], [False] * 2])
     )
-    with mock.patch("priorfill.artefacts.discontinuities.BATCH_SIZE", int(rng.integers(1, 12))):
-        step = path_steps(positions)
+    step = path_steps(positions)
     np.testing.assert_allclose(step, half_third_differences(positions), atol=1e-12)
     frame, marker = np.indices(step.shape[:2]).reshape(2, -1)
     size = relative_step_sizes(step, references, frame, marker)
@@ -305,9 +304,12 @@ def test_steps_equal_those_of_a_loop(seed: int, share: float) -> None:
 
 def test_breaks_are_where_steps_are() -> None:
     positions = displace("LWRA", 100, 140, (0, 60, 0)).positions
-    breaks = find_breaks(positions, choose_reference_markers(positions), RATE)
+    references = choose_reference_markers(positions)
+    breaks = find_breaks(positions, references, RATE)
     assert np.argwhere(breaks.broken).tolist() == [[99, *column("LWRA")], [139, *column("LWRA")]]
     assert breaks.size[breaks.broken] == pytest.approx(60, abs=5)
+    with mock.patch("priorfill.artefacts.discontinuities.BATCH_SAMPLES", 9 * positions.shape[1]):
+        np.testing.assert_array_equal(find_breaks(positions, references, RATE).size, breaks.size)
 
 
 def test_reference_markers_are_on_the_same_segment() -> None:
