@@ -32,6 +32,9 @@ MIN_EXTENT = 10.0
 """mm. Minimum diagonal of the box that some marker's path fills; even a person who stands still
 sways more within a few seconds."""
 
+BATCH_FRAMES = 1000
+"""Frames whose digest is computed at a time, without copies of the whole clip."""
+
 
 def ingest(
     clip: Clip, rate: float, levels: int, filled: NDArray[np.bool_] | None, filled_by: str
@@ -163,9 +166,11 @@ def content_hash(clip: Clip) -> str:
     """Return the SHA-256 of a clip's labels, rate and positions."""
     digest = hashlib.sha256()
     digest.update(json.dumps([clip.labels, clip.rate]).encode())
-    # NaN has many bit patterns, all of which mean missing
-    positions = np.where(np.isnan(clip.positions), np.nan, clip.positions)
-    digest.update(np.ascontiguousarray(positions, dtype="<f8").tobytes())
+    for start in range(0, clip.frames, BATCH_FRAMES):
+        positions = clip.positions[start : start + BATCH_FRAMES]
+        # NaN has many bit patterns, all of which mean missing
+        alike = np.where(np.isnan(positions), np.nan, positions)
+        digest.update(np.ascontiguousarray(alike, dtype="<f8").data)
     return digest.hexdigest()
 
 

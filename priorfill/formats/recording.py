@@ -354,7 +354,8 @@ def _choose_markers(
             "label the markers first"
         )
     if options.zeros_missing:
-        zero = np.asarray((positions == 0).all(axis=2))
+        x, y, z = np.moveaxis(positions == 0, 2, 0)  # faster than `all` over three
+        zero = x & y & z
         positions[zero] = np.nan
     else:
         zero = np.zeros(positions.shape[:2], dtype=bool)
@@ -418,8 +419,10 @@ def _check_coordinates(
     positions: NDArray[np.float64], labels: tuple[str, ...], first_frame: int, name: str
 ) -> None:
     """Raise ClipError at the first coordinate beyond `MAX_COORDINATE`."""
-    beyond = (positions > MAX_COORDINATE).any(axis=2)
-    beyond |= (positions < -MAX_COORDINATE).any(axis=2)
+    far = positions > MAX_COORDINATE
+    far |= positions < -MAX_COORDINATE
+    x, y, z = np.moveaxis(far, 2, 0)  # faster than `any` over three
+    beyond = x | y | z
     if beyond.any():
         frame, marker = np.argwhere(beyond)[0]
         largest = float(np.abs(positions[frame, marker]).max())

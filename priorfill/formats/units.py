@@ -39,6 +39,9 @@ _MAX_METRES = 10.0
 _MAX_CENTIMETRES = 250.0
 """Extents, in an unknown unit, below which the unit is assumed to be m or cm."""
 
+_SAMPLED_FRAMES = 2000
+"""Evenly spaced frames from which the extent is found; the median of more is hardly different."""
+
 
 def find_unit(
     positions: NDArray[np.float64], spelled: str, option: str | None, name: str
@@ -122,6 +125,7 @@ def _extent(positions: NDArray[np.float64]) -> float:
 
     0 if no frame shows two markers.
     """
+    positions = positions[:: max(1, len(positions) // _SAMPLED_FRAMES)]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # frames without markers
         sides = np.nanmax(positions, axis=1) - np.nanmin(positions, axis=1)

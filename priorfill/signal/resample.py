@@ -36,6 +36,9 @@ KAISER_BETA = 4.533514120981248
 MAX_DENSE_TAPS = 2000
 """Taps up to which all samples are filtered, wanted or not: down to a 170th of the rate."""
 
+FIRST_SEARCH = 64
+"""Samples among which a measured one is searched first; then among twice as many, and so on."""
+
 TIME_TOLERANCE = 1e-6
 """Frames. New and old samples closer in time than this coincide; more than the rounding error of
 t = i * rate_from / rate_to in any clip that fits into memory."""
@@ -108,36 +111,49 @@ class Resolution:
         half = len(taps) // 2
         result = np.empty((last - first, len(markers), 3))
         for column, marker in enumerate(markers):
-            path = self.finest[:, marker : marker + 1]
+            start, stop, pad = _filter_range(self.finest[:, marker, 0], inside, half)
+            path = self.finest[start:stop, marker : marker + 1]
             missing = np.isnan(path[..., 0])
-            start, stop, pad = _filter_range(~missing[:, 0], inside, half)
-            padded = _interpolate_gaps(path[start:stop], missing[start:stop], pad)
-            wanted = np.arange(inside.start, inside.stop, self.step) - start + pad
-            result[:, column] = _filtered(padded, taps, wanted)[:, 0]
-            result[missing[inside][:: self.step, 0], column] = np.nan
+            padded = _interpolate_gaps(path, missing, pad)
+            wanted = np.arange(inside.start, inside.stop, self.step) - start
+            result[:, column] = _filtered(padded, taps, wanted + pad)[:, 0]
+            result[missing[wanted, 0], column] = np.nan
         return result
 
 
-def _filter_range(valid: NDArray[np.bool_], inside: slice, half: int) -> tuple[int, int, int]:
+def _filter_range(
+    coordinate: NDArray[np.float64], inside: slice, half: int
+) -> tuple[int, int, int]:
     """Return the range of samples that filtered ones depend on, and the padding they need.
 
     Parameters
     ----------
-    valid : ndarray of bool [shape=(frames,)]
-        Which samples of a marker are measured.
+    coordinate : ndarray [shape=(frames,)]
+        Of a marker; NaN where missing.
     inside : slice
         The filtered samples.
     half : int
         Half-width of the filter.
     """
-    known = np.flatnonzero(valid)
+    frames = len(coordinate)
     first, last = inside.start - half, inside.stop - 1 + half
-    if not len(known) or first < known[0] or last > known[-1]:
-        return 0, len(valid), half  # beyond the ends, the complete path is reflected
     # complete gaps, with the two samples on either side that determine the curve across them
-    before = known[np.searchsorted(known, first, side="right") - 1]
-    after = known[np.searchsorted(known, last)]
-    return max(int(before) - 1, 0), min(int(after) + 2, len(valid)), 0
+    before = _distance_to_known(coordinate[first::-1]) if 0 <= first < frames else None
+    after = _distance_to_known(coordinate[last:]) if 0 <= last < frames else None
+    if before is None or after is None:
+        return 0, frames, half  # beyond the ends, the complete path is reflected
+    return max(first - before - 1, 0), min(last + after + 2, frames), 0
+
+
+def _distance_to_known(values: NDArray[np.float64]) -> int | None:
+    """Return the index of the first value that is not NaN; None where there is none."""
+    start, size = 0, FIRST_SEARCH
+    while start < len(values):
+        known = ~np.isnan(values[start : start + size])
+        if known.any():
+            return start + int(known.argmax())
+        start, size = start + size, 2 * size
+    return None
 
 
 def resample(

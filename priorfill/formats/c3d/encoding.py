@@ -42,11 +42,12 @@ def decode_floats(raw: bytes | memoryview, processor: Processor) -> NDArray[np.f
     if processor is Processor.DEC:
         bits = np.frombuffer(raw, dtype="<u2").reshape(-1, 2)
         # the word with the sign bit comes first
-        words, factor = np.ascontiguousarray(bits[:, ::-1]).view("<f4")[:, 0], _DEC_FACTOR
+        words = np.ascontiguousarray(bits[:, ::-1]).view("<f4")[:, 0]
     else:
-        words, factor = np.frombuffer(raw, dtype=processor.order + "f4"), 1.0
+        words = np.frombuffer(raw, dtype=processor.order + "f4")
     with np.errstate(invalid="ignore"):  # signalling NaN
-        return words.astype(np.float64) / factor
+        values = words.astype(np.float64)
+        return values / _DEC_FACTOR if processor is Processor.DEC else values
 
 
 def encode_floats(values: NDArray[np.float64], processor: Processor) -> NDArray[np.uint8]:
