@@ -10,10 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from c3d_bytes import LABELS, C3DFile, standing
+from gappy import person
 from reviews import write_walk
 
 import priorfill as pf
 from priorfill.errors import OptionError, OutputError, PriorfillError
+from priorfill.filling.overrides_file import read_overrides
+from priorfill.formats.c3d.layout import parse_layout
 from priorfill.reviewing.session import FillStoppedError, ReviewSession
 
 REFUSED = {"marker": "RANK", "do": "leave"}
@@ -59,6 +63,7 @@ def test_a_saved_review_is_repeated_by_a_fill_byte_for_byte(walk: Path) -> None:
     again = pf.fill_file(walk, "again.c3d", method="pchip", overrides=saved.overrides)
     assert Path("again.c3d").read_bytes() == saved.output.read_bytes()
     assert [note for note in again.result.notes if "made for" in note] == []
+    assert read_overrides(saved.overrides).made_for == again.result.provenance.made_for
     assert walk.read_bytes() == before
 
 
@@ -91,6 +96,9 @@ def test_saving_fills_again_only_for_other_decisions(walk: Path) -> None:
     assert "seen" in session.overrides.read_text(encoding="utf-8")
     session.save([], lambda done, total: seen.append((done, total)))
     assert seen[-1][0] == seen[-1][1]
+    assert session.fill([REFUSED])["unsaved"]
+    assert not session.fill([])["unsaved"]
+    assert session._cache.hits > 0
 
 
 def test_wrong_decisions_change_nothing(walk: Path) -> None:
@@ -132,15 +140,69 @@ def test_a_review_continues_with_the_decisions_of_its_file(walk: Path) -> None:
     again = review(walk, files=files)
     assert again.decisions == [REFUSED]
     assert not again.fill(again.decisions)["unsaved"]
+    again.save([])  # in place of the earlier one
+    again.save([REFUSED])
     given = review(walk, "other.c3d", overrides=session.overrides, files=files)
     assert given.decisions == [REFUSED]
     assert given.overrides == session.overrides
+    unsaved = review(walk, "new.c3d", overrides=read_overrides(session.overrides))
+    assert unsaved.fill(unsaved.decisions)["unsaved"]
+
+
+def test_a_review_first_finishes_what_a_killed_one_began(
+    walk: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    saved = review(walk).save([REFUSED]).overrides
+    content = saved.read_bytes()
+    saved.unlink()
+
+    def finish(folder: Path) -> None:
+        (folder / saved).write_bytes(content)
+
+    monkeypatch.setattr("priorfill.reviewing.session.finish_pairs", finish)
+    assert review(walk, files=pf.FileOptions(overwrite=True)).decisions == [REFUSED]
+
+
+def test_a_file_that_is_rewritten(here: Path) -> None:
+    records = standing(40, step=0.5)
+    records[10:20, 5] = [0, 0, 0, -1]
+    Path("integers.c3d").write_bytes(C3DFile(records, LABELS, is_float=False, scale=0.5).bytes())
+    for rewrite in (False, True):
+        files = pf.FileOptions(rewrite=rewrite, overwrite=True)
+        saved = review(Path("integers.c3d"), files=files).save([])
+        assert parse_layout(saved.output.read_bytes(), "").is_float == rewrite
+
+
+def test_sources_are_those_of_the_review(walk: Path) -> None:
+    with pf.PriorDatabase.create("db") as made:
+        made.add(person(seconds=2.0, rate=30.0, seed=9))
+        (record,) = made.clips()
+        pf.write("other.c3d", person(seconds=2.0, rate=30.0, seed=8))
+    from_other = REFUSED | {"do": "gpr", "sources": "same-subject"}
+    from_clip = REFUSED | {"do": "gpr", "sources": f"database:{record.name}"}
+    for decision in (from_other, from_clip):
+        with pytest.raises(OptionError, match="there is no"):
+            review(walk).check([decision])
+    session = review(walk, database="db", same_subject=["other.c3d"])
+    session.check([from_other | {"sources": [from_other["sources"], from_clip["sources"]]}])
+    assert session.fill([])["database_clips"] == [record.name]
 
 
 def test_what_was_changed_in_the_meantime_is_not_replaced(walk: Path) -> None:
     session = review(walk)
+    session.fill([])
+    session.output.write_text("somebody else's", encoding="utf-8")
+    with pytest.raises(OutputError, match="exists already"):
+        session.save([])
+    assert session.output.read_text(encoding="utf-8") == "somebody else's"
+    session.output.unlink()
     session.save([])
     session.save([REFUSED])  # its own files
+    session.overrides.write_text("# edited", encoding="utf-8")
+    with pytest.raises(OutputError, match=r"walk_filled\.overrides\.toml: was changed after"):
+        session.save([])
+    session.overrides.unlink()
+    session.save([])
     shutil.copy(walk, session.output)
     with pytest.raises(OutputError, match=r"walk_filled\.c3d: was changed after it was saved"):
         session.save([])
@@ -151,6 +213,15 @@ def test_what_was_changed_in_the_meantime_is_not_replaced(walk: Path) -> None:
     with pytest.raises(PriorfillError, match="changed since it was read"):
         session.save([REFUSED])
     assert session.output.read_bytes() == saved
+
+
+@pytest.mark.parametrize("name", ["out.c3d", "out.toml"])
+def test_a_file_to_save_that_becomes_the_source(walk: Path, name: str) -> None:
+    session = review(walk, "out.c3d", overrides="out.toml", files=pf.FileOptions(overwrite=True))
+    session.fill([])
+    os.link(walk, name)
+    with pytest.raises(OutputError, match="is the file that the clip was read from"):
+        session.save([])
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".trc"])
