@@ -94,10 +94,10 @@ def test_saving_fills_again_only_for_other_decisions(walk: Path) -> None:
     assert not session.data["unsaved"]
     assert session.data["decisions"] == [REFUSED | {"note": "seen"}]
     assert "seen" in session.overrides.read_text(encoding="utf-8")
+    assert session.fill([])["unsaved"]
+    assert not session.fill([REFUSED | {"note": "seen"}])["unsaved"]
     session.save([], lambda done, total: seen.append((done, total)))
     assert seen[-1][0] == seen[-1][1]
-    assert session.fill([REFUSED])["unsaved"]
-    assert not session.fill([])["unsaved"]
     assert session._cache.hits > 0
 
 
@@ -242,7 +242,9 @@ def test_a_changed_source_is_noticed_in_other_formats(walk: Path, suffix: str) -
         session.save([REFUSED])
 
 
-def test_outputs_are_checked_before_the_file_is_read(walk: Path) -> None:
+def test_outputs_are_checked_before_the_file_is_read(
+    walk: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pytest.raises(OutputError, match="is the file that the clip was read from"):
         review(walk, "walk.c3d", files=pf.FileOptions(overwrite=True))
     with pytest.raises(OutputError, match="is the file that the clip was read from"):
@@ -255,6 +257,18 @@ def test_outputs_are_checked_before_the_file_is_read(walk: Path) -> None:
         review(walk, "out.npz", overrides="out.npz")
     with pytest.raises(OptionError, match="no such output"):
         review(walk, files=pf.FileOptions(write_overrides="gaps.toml"))
+    opened = Path.open
+
+    def locked(path: Path, *arguments: Any) -> Any:
+        if path.parent.name == "locked":
+            raise PermissionError(13, "Permission denied")
+        return opened(path, *arguments)
+
+    Path("locked").mkdir()
+    monkeypatch.setattr(Path, "open", locked)
+    with pytest.raises(OutputError, match=r"gaps\.toml: cannot be written"):
+        review(walk, overrides="locked/gaps.toml")
+    Path("locked").rmdir()
     assert [path.name for path in Path().iterdir()] == ["walk.c3d"]
 
 
