@@ -7,11 +7,28 @@ fill clips at the same time, more threads than cores only slow each other down.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from itertools import pairwise
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from itertools import islice, pairwise
 from typing import Any
 
-__all__ = ["VARIABLE", "limit_threads", "run_in_threads", "split_range", "thread_count"]
+__all__ = [
+    "VARIABLE",
+    "Map",
+    "limit_threads",
+    "map_in_threads",
+    "run_in_threads",
+    "split_range",
+    "thread_count",
+]
+
+Map = Callable[..., Iterable[Any]]
+"""`map`, or a function like it that works on several items at a time."""
+
+AHEAD = 2
+"""Items per thread that are begun before the results of earlier ones are used."""
 
 VARIABLE = "PRIORFILL_THREADS"
 """Environment variable with the maximum number of threads of a fill."""
@@ -67,3 +84,121 @@ def run_in_threads(work: Callable[[int, int], Any], parts: list[tuple[int, int]]
 
     with ThreadPoolExecutor(max_workers=len(parts)) as pool:
         return list(pool.map(work, *zip(*parts, strict=True)))
+
+
+@contextmanager
+def map_in_threads() -> Iterator[Map]:
+    """Yield a function like `map`, whose items the threads of a fill share; it may be nested.
+
+    A thread that waits for a result works on other items meanwhile. An item may map over others, so
+    that all threads take part even where there are fewer long items than threads.
+
+    Examples
+    --------
+    >>> with map_in_threads() as mapped:
+    ...     list(mapped(lambda row: sum(mapped(abs, row)), [[1, -2], [-3]]))
+    [3, 3]
+    """
+    threads = thread_count()
+    if threads == 1:
+        yield map
+        return
+    pool = _Pool(AHEAD * threads)
+    helpers = [threading.Thread(target=pool.help, daemon=True) for _ in range(threads - 1)]
+    try:
+        for helper in helpers:
+            helper.start()
+        yield pool.map
+    finally:
+        pool.close()
+        for helper in helpers:
+            if helper.ident is not None:
+                helper.join()
+
+
+class _Item:
+    """A call; what it returned or raised is there when it is done."""
+
+    def __init__(self, work: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+        self.done = False
+        self._work, self._arguments = work, arguments
+        self._result: Any = None
+        self.error: BaseException | None = None
+
+    def call(self) -> None:
+        try:
+            self._result = self._work(*self._arguments)
+        except BaseException as error:
+            self.error = error
+
+    def result(self) -> Any:
+        if self.error is not None:
+            raise self.error
+        return self._result
+
+
+class _Pool:
+    """The items that several threads work on.
+
+    There is no deadlock: a thread only waits for an item that another one has begun, after all
+    items below it in the stack of either thread.
+
+    Parameters
+    ----------
+    ahead : int
+        Items of each map that may be begun before the results of earlier ones are used.
+    """
+
+    def __init__(self, ahead: int) -> None:
+        self._ahead = ahead
+        self._changed = threading.Condition()
+        self._not_begun: dict[object, deque[_Item]] = {}  # of each map, the oldest first
+        self._closed = False
+
+    def map(self, work: Callable[..., Any], *items: Iterable[Any]) -> Iterator[Any]:
+        """Yield the results of calls with all items, in order."""
+        arguments = zip(*items, strict=True)
+        key, begun, not_begun = object(), deque[_Item](), deque[_Item]()
+        with self._changed:
+            self._not_begun[key] = not_begun
+        try:
+            while True:
+                more = [_Item(work, each) for each in islice(arguments, self._ahead - len(begun))]
+                begun.extend(more)
+                with self._changed:
+                    not_begun.extend(more)
+                    self._changed.notify_all()
+                if not begun:
+                    return
+                self._work_until(lambda first=begun[0]: first.done, not_begun)  # type: ignore[misc]
+                yield begun.popleft().result()
+        finally:
+            with self._changed:
+                del self._not_begun[key]
+
+    def help(self) -> None:
+        """Work on items until the pool is closed."""
+        self._work_until(lambda: self._closed, deque())
+
+    def close(self) -> None:
+        """Let helping threads end."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def _work_until(self, done: Callable[[], bool], own: deque[_Item]) -> None:
+        """Work on items until there is nothing to wait for, on those of a map first."""
+        while True:
+            with self._changed:
+                while not done() and not any(self._not_begun.values()):
+                    self._changed.wait()
+                if done():
+                    return
+                # those of the newest map are the shortest
+                item = (own or next(q for q in reversed(self._not_begun.values()) if q)).popleft()
+            item.call()
+            with self._changed:
+                item.done = True
+                self._changed.notify_all()
+            if isinstance(item.error, KeyboardInterrupt):  # at once, not when its turn comes
+                raise item.error

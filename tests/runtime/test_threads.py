@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from click.testing import CliRunner
 
 from priorfill.cli import main
 from priorfill.formats import write
-from priorfill.runtime.threads import VARIABLE, limit_threads, thread_count
+from priorfill.runtime.threads import VARIABLE, limit_threads, map_in_threads, thread_count
 from priorfill.synthetic.demo import make_demo_clip
 
 
@@ -29,6 +30,53 @@ def test_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "cpu_count", lambda: 8)
     limit_threads(2)
     assert thread_count() == 2
+
+
+@pytest.fixture
+def four_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, "4")
+    monkeypatch.setattr(os, "cpu_count", lambda: 4)
+
+
+def test_one_thread_maps_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, "1")
+    with map_in_threads() as mapped:
+        assert mapped is map
+
+
+def test_results_are_in_order_and_each_call_is_made_once(four_threads: None) -> None:
+    made = []
+
+    def work(outer: int, inner: int) -> int:
+        made.append((outer, inner))
+        return 10 * outer + inner
+
+    with map_in_threads() as mapped:
+        rows = list(mapped(lambda row: list(mapped(work, [row] * 5, range(5))), range(30)))
+        assert list(mapped(abs, [])) == []
+    assert rows == [[10 * outer + inner for inner in range(5)] for outer in range(30)]
+    assert sorted(made) == [(outer, inner) for outer in range(30) for inner in range(5)]
+
+
+def test_all_threads_take_part_in_one_long_item(four_threads: None) -> None:
+    together = threading.Barrier(4, timeout=20.0)
+    with map_in_threads() as mapped:
+        # nothing passes the barrier until four threads work on the inner items
+        assert list(mapped(lambda _: len(list(mapped(lambda _: together.wait(), range(4)))), [0]))
+
+
+def test_an_error_is_raised_and_stops_the_rest(four_threads: None) -> None:
+    made = []
+
+    def work(number: int) -> int:
+        made.append(number)
+        if number == 3:
+            raise ZeroDivisionError
+        return number
+
+    with pytest.raises(ZeroDivisionError), map_in_threads() as mapped:
+        list(mapped(lambda row: list(mapped(work, row)), [range(2), range(2, 5), range(5, 500)]))
+    assert len(made) < 100
 
 
 def test_the_filled_file_is_the_same_for_any_number_of_threads(

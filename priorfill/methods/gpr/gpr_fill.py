@@ -22,12 +22,10 @@ targets of the energy differ:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,16 +39,13 @@ from priorfill.methods.gpr.postprocess import PostProcessor
 from priorfill.methods.gpr.predict import SegmentPredictor
 from priorfill.methods.gpr.prediction import SegmentPrediction, notes_on_unfilled
 from priorfill.methods.task import Estimate, Progress, Task, no_progress
-from priorfill.runtime.threads import thread_count
+from priorfill.runtime.threads import Map, map_in_threads
 from priorfill.signal.resample import Resolution
 
 __all__ = ["fill"]
 
 FIRST_SHARE = 0.5
 """Share of the progress of a segment after the first of two passes."""
-
-_Map = Callable[..., Iterable[Any]]
-"""`map`, or a function like it that works on several items at a time."""
 
 _Predictions = tuple[tuple[SegmentPrediction, ...], ...]
 """The predictions of each segment: none, one, or one for each of some of its markers."""
@@ -86,13 +81,10 @@ def fill(
     options = options or GPROptions()
     setup = _Setup.of(task, options)
     estimate = replace(Estimate.of(task), error_bound_90=np.full(task.positions.shape[:2], np.nan))
-    cores = thread_count()
     # Segments are predicted independently, so the result does not depend on how many are predicted
     # at a time.
-    with ThreadPoolExecutor(max_workers=cores) as pool:
-        map_segments: _Map = pool.map
-        if len(setup.segments) < 2 * cores:
-            map_segments, setup.predictor.map_function = map, pool.map
+    with map_in_threads() as map_segments:
+        setup.predictor.map_function = map_segments
         predictions = _first_pass(setup, estimate, map_segments, progress)
         predictions = _second_pass(setup, estimate, predictions, map_segments, progress)
     if task.learn_from_clip:
@@ -189,7 +181,7 @@ class _Setup:
 
 
 def _first_pass(
-    setup: _Setup, estimate: Estimate, map_segments: _Map, progress: Progress
+    setup: _Setup, estimate: Estimate, map_segments: Map, progress: Progress
 ) -> _Predictions:
     """Predict all segments from the measured samples, and solve all gap groups."""
     found = iter(map_segments(lambda segment: setup.predict(segment, None), setup.segments))
@@ -206,7 +198,7 @@ def _second_pass(
     setup: _Setup,
     estimate: Estimate,
     predictions: _Predictions,
-    map_segments: _Map,
+    map_segments: Map,
     progress: Progress,
 ) -> _Predictions:
     """Predict segments with few training poses again, with poses completed by the first pass."""
