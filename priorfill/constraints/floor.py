@@ -23,7 +23,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import convolve1d, maximum_filter1d
 
 from priorfill.constraints.distance_terms import (
     MAX_CONSTRAINED_SPREAD,
@@ -36,6 +35,7 @@ from priorfill.constraints.distance_terms import (
 )
 from priorfill.geometry.distances import norms
 from priorfill.runtime.option_checks import check_at_least
+from priorfill.signal.running import running_maximum, symmetric_filter
 
 __all__ = ["FloorOptions", "enforce_floor"]
 
@@ -154,11 +154,10 @@ def _ramped(penetration: NDArray[np.float64], half_width: int) -> NDArray[np.flo
     """Return corrections (frames, markers; mm) smooth in time and no less than the penetration."""
     window = np.hanning(2 * half_width + 3)
     # the weighted mean of a running maximum over the same window is no less than the value itself
-    maximum = maximum_filter1d(penetration, 2 * half_width + 1, axis=0, mode="nearest")
-    smooth: NDArray[np.float64] = convolve1d(
-        maximum, window[1:-1] / window.sum(), axis=0, mode="nearest"
-    )
-    return smooth
+    maximum = running_maximum(penetration, half_width)
+    padded = np.pad(maximum, ((half_width, half_width), (0, 0)), mode="edge")
+    inside = np.arange(half_width, half_width + len(maximum))
+    return symmetric_filter(padded, window[1:-1] / window.sum(), inside)
 
 
 def _constant_distances(

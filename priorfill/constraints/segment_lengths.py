@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import minimum_spanning_tree
 
 from priorfill.constraints.distance_terms import (
     MAX_CONSTRAINED_SPREAD,
@@ -41,10 +40,6 @@ MAX_HALVINGS = 6
 CONVERGED = 1e-5
 """mm. Frames in which no coordinate moves farther in a step are finished; no file format stores
 smaller differences."""
-
-COST_OFFSET = 0.1
-"""mm. Added to the cost of every edge of the spanning tree, because the sparse graph takes a cost
-of 0 for no edge; the tree does not depend on it."""
 
 BATCH_SIZE = 500
 """Frames solved together: their matrices fit into the cache, however long the gap is."""
@@ -151,14 +146,35 @@ def choose_length_edges(
     graph[:-1, :-1] = among_missing
     graph[:-1, -1] = to_visible.min(axis=1, initial=np.inf)  # the last node: all visible markers
     constrained = np.isfinite(graph) & (graph < options.max_spread)
-    cost = np.where(constrained, graph + COST_OFFSET, 0.0)
-    first, second = minimum_spanning_tree(np.triu(cost, 1)).nonzero()
+    first, second = _spanning_tree(np.where(constrained, graph, np.inf))
     outward = second == len(missing)
     if outward.any():
         second[outward] += np.argmin(to_visible[first[outward]], axis=1)
     columns = np.concatenate([missing, visible])
     a, b = missing[first], columns[second]
     return LengthEdges(first.astype(np.intp), second.astype(np.intp), distance[a, b], spread[a, b])
+
+
+def _spanning_tree(cost: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the ends of the edges of a minimum spanning forest (Kruskal), the lesser one first.
+
+    Parameters
+    ----------
+    cost : ndarray [shape=(nodes, nodes)]
+        Only the part above the diagonal is used; infinite where there is no edge.
+    """
+    first, second = np.nonzero(
+        np.isfinite(np.triu(cost, 1)) & np.triu(np.ones(cost.shape, bool), 1)
+    )
+    component = np.arange(len(cost))
+    chosen = []
+    for edge in np.argsort(cost[first, second], kind="stable"):
+        one, other = component[first[edge]], component[second[edge]]
+        if one != other:
+            component[component == other] = one
+            chosen.append(edge)
+    edges = np.sort(np.array(chosen, dtype=np.intp))
+    return first[edges], second[edges]
 
 
 def hold_lengths(

@@ -13,13 +13,13 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from priorfill.filling.plausibility_options import PlausibilityOptions
 from priorfill.gaps import runs
 from priorfill.geometry.distances import norms
 from priorfill.geometry.step_lengths import MIN_STEPS, greatest_step, step_lengths
 from priorfill.markers.clip_geometry import ClipGeometry
+from priorfill.signal.running import running_maximum
 
 __all__ = ["CRITERIA", "FLOOR", "JUMP", "LENGTH", "SPEED", "PlausibilityCheck"]
 
@@ -145,8 +145,7 @@ class PlausibilityCheck:
             for start, stop in runs(filled[:, marker]):
                 inside = failing[start:stop, marker]
                 if inside.any():
-                    near = maximum_filter1d(inside.astype(np.uint8), 2 * reach + 1, mode="constant")
-                    wider[start:stop, marker] = near > 0
+                    wider[start:stop, marker] = running_maximum(inside, reach)
         return wider
 
     def suspects(self, failing: _Bool, edges: _Bool) -> _Bool:
@@ -286,7 +285,7 @@ class PlausibilityCheck:
         middle = np.take_along_axis(known, lower[None], axis=0)[0]
         middle[count < MIN_NEIGHBOURS] = 0.0
         reach = max(round(self.options.around_seconds * self.rate), 1)
-        return np.asarray(maximum_filter1d(middle, 2 * reach + 1, mode="nearest"))
+        return running_maximum(middle, reach)
 
     def _neighbours(self, marker: int) -> NDArray[np.intp]:
         """Return the markers near a marker."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from priorfill.errors import OptionError
 from priorfill.runtime.elementary import bessel_i0, sin
+from priorfill.signal.running import symmetric_filter
 
 __all__ = ["Level", "Resolution", "pyramid", "resample"]
 
@@ -304,10 +305,7 @@ def _filtered(
     are not wanted, the time would be quadratic in the ratio of the rates.
     """
     if len(taps) <= MAX_DENSE_TAPS:
-        from scipy.ndimage import correlate1d  # slow to import
-
-        smooth: NDArray[np.float64] = correlate1d(padded, taps, axis=0, mode="nearest")
-        return smooth[wanted]
+        return symmetric_filter(padded, taps, wanted)
     half = len(taps) // 2
     result = np.empty((len(wanted), *padded.shape[1:]))
     for row, at in enumerate(wanted):

@@ -136,7 +136,7 @@ def _low_pass_blocks(path: NDArray[np.float64], rate: float, cutoff: float) -> N
     A parabola, to which the low-pass tends for λ towards infinity, is fitted first. The means of
     blocks of frames of the rest are low-passed, and a spline through them gives the frames.
     """
-    from scipy.interpolate import CubicSpline
+    from priorfill.signal.cubic_spline import cubic_spline  # imports SciPy, which is slow
 
     frames = len(path)
     flat = path.reshape(frames, -1)
@@ -149,8 +149,8 @@ def _low_pass_blocks(path: NDArray[np.float64], rate: float, cutoff: float) -> N
         used = len(first) * block  # the rest, shorter than a block, is extrapolated
         means = (flat - smooth)[:used].reshape(len(first), block, -1).mean(axis=1)
         nodes = low_pass(means, rate / block, cutoff)
-        spline = CubicSpline(first + 0.5 * (block - 1), nodes, bc_type="natural")
-        smooth += spline(np.arange(frames))
+        middle = first + 0.5 * (block - 1)
+        smooth += cubic_spline(middle, nodes, np.arange(frames), natural=True)
     return smooth.reshape(path.shape)
 
 

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from naive import turned
 from scipy.optimize import least_squares
+from scipy.sparse.csgraph import minimum_spanning_tree
 
 from priorfill.constraints.distance_terms import (
     MAX_CONSTRAINED_SPREAD,
@@ -20,6 +21,7 @@ from priorfill.constraints.distance_terms import (
 from priorfill.constraints.segment_lengths import (
     LengthEdges,
     SegmentLengthOptions,
+    _spanning_tree,
     choose_length_edges,
     hold_lengths,
 )
@@ -28,6 +30,16 @@ from priorfill.geometry.distances import pair_distances
 
 OPTIONS = SegmentLengthOptions()
 SMALL_SPREAD = 0.1  # mm
+
+
+@pytest.mark.parametrize("nodes", [1, 2, 8, 30])
+@pytest.mark.parametrize("share", [0.1, 0.5, 1.0])
+def test_spanning_tree(nodes, share):
+    rng = np.random.default_rng(nodes)
+    cost = rng.uniform(1.0, 2.0, (nodes, nodes))
+    cost[rng.random(cost.shape) > share] = np.inf
+    upper = np.triu(np.where(np.isfinite(cost), cost, 0.0), 1)
+    np.testing.assert_array_equal(_spanning_tree(cost), minimum_spanning_tree(upper).nonzero())
 
 
 def arm(frames=40, seed=0):

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from priorfill.gp.ensemble import Regression
 from priorfill.methods.gpr.gap_segments import GapSegment
 from priorfill.runtime.option_checks import check_at_least
+from priorfill.signal.cubic_spline import cubic_spline
 
 __all__ = ["SplineNodeOptions", "interpolate_nodes", "spline_nodes"]
 
@@ -111,7 +111,7 @@ def interpolate_nodes(found: Regression, nodes: NDArray[np.intp]) -> Regression:
         return found
 
     def spline(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        interpolated: NDArray[np.float64] = CubicSpline(nodes, values)(frames)
+        interpolated: NDArray[np.float64] = cubic_spline(nodes, values, frames)
         interpolated[nodes - nodes[0]] = values
         return interpolated
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from priorfill.gp.calibration import MIN_EXPECTED_RMS
 from priorfill.gp.process import GaussianProcess
@@ -166,6 +165,8 @@ def interpolate_correction(
     requested : ndarray of int
         Frames, counted from the first missing one.
     """
+    from scipy.interpolate import CubicSpline  # slow to import
+
     zero = np.zeros_like(correction[:1])
     time, values = [layout.inside.astype(np.float64)], [correction]
     no_curvature: tuple[int, _Floats] = (2, zero[0])

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from priorfill.geometry.poses import evenly_spaced
 from priorfill.geometry.root_frames import RootGroup
@@ -209,6 +208,8 @@ def _read(
     rate: float,
 ) -> list[WindowSource]:
     """Read spans of a bank at the clip's rate (Hz), with a column for each marker of the clip."""
+    from scipy.interpolate import CubicSpline  # slow to import
+
     sources = []
     for match in matches:
         span = match.span
