@@ -148,7 +148,8 @@ def regress(
     inside : ndarray of bool [shape=(poses,)], optional
         Queries over which a model's weight is averaged, for the calibration; all by default.
     map_function : callable
-        `map`, or a function like it that works on several alignments at a time.
+        `map`, or a function like it that works on several items at a time, such as that of
+        `priorfill.runtime.threads.map_in_threads`.
     options : EnsembleOptions
         Weights and calibration.
 
@@ -170,9 +171,9 @@ def regress(
     if all(problem.train.velocity is not None for problem in problems):
         velocities = slice(markers, None)
         ensembles.append(_Ensemble.of(fitted, velocities, queries, markers, options))
-    for start in range(0, queries, BATCH_SIZE):
-        batch = slice(start, start + BATCH_SIZE)
-        predictions = _predict(fitted, batch, map_function)
+    batches = [slice(start, start + BATCH_SIZE) for start in range(0, queries, BATCH_SIZE)]
+    found = map_function(lambda batch: _predict(fitted, batch, map_function), batches)
+    for batch, predictions in zip(batches, found, strict=True):
         for ensemble in ensembles:
             ensemble.add(batch, predictions, inside[batch])
     position, validation = ensembles[0], ensembles[0].cross_validate()
