@@ -48,6 +48,21 @@ class ClipGeometry:
         """Which samples are measured [shape=(frames, markers)]."""
         return ~np.isnan(self.positions[..., 0])
 
+    def completed(self, positions: NDArray[np.float64]) -> ClipGeometry:
+        """Return the geometry of the clip with some missing samples filled.
+
+        Distances, pairs and floor are those of the measured samples.
+
+        Parameters
+        ----------
+        positions : ndarray [shape=(frames, markers, 3), mm]
+            Of the clip; measured samples unchanged.
+        """
+        other = ClipGeometry(positions, self.labels, self.definition)
+        for name in ("pairs", "_distances", "marker_set", "contralateral", "floor"):
+            other.__dict__[name] = getattr(self, name)  # where cached properties keep their value
+        return other
+
     @cached_property
     def pairs(self) -> PairStatistics:
         """Statistics of the distance of each pair of markers."""

@@ -14,7 +14,9 @@ targets of the energy differ:
   the gap as well, so that the fill joins the measured samples continuously.
 * Incomplete frames are no training poses in the first pass. Where too few remain, a second pass
   uses frames completed by the first one.
-* Short gaps without a better prediction are interpolated over time
+* Short gaps are interpolated over time where a regression could not do much better
+  (`priorfill.methods.gpr.short_gaps`).
+* Other short gaps without a better prediction are interpolated over time
   (`priorfill.signal.gp_interpolation`).
 * Blackouts are filled by the movement before, after, and elsewhere
   (`priorfill.methods.gpr.blackout`).
@@ -38,6 +40,7 @@ from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.postprocess import PostProcessor
 from priorfill.methods.gpr.predict import SegmentPredictor
 from priorfill.methods.gpr.prediction import SegmentPrediction, notes_on_unfilled
+from priorfill.methods.gpr.short_gaps.fill_short_gaps import ShortGapFill
 from priorfill.methods.task import Estimate, Progress, Task, no_progress
 from priorfill.runtime.threads import Map, map_in_threads
 from priorfill.signal.resample import Resolution
@@ -79,6 +82,15 @@ def fill(
     priorfill.methods.gpr.options.GPROptions : The options.
     """
     options = options or GPROptions()
+    short = ShortGapFill.of(task, options)
+    progress(sum(one.gap.frames for one in short.kept))
+    estimate = _fill_rest(short.rest, progress, options)
+    short.put_into(estimate)
+    return estimate
+
+
+def _fill_rest(task: Task, progress: Progress, options: GPROptions) -> Estimate:
+    """Fill what is not filled over time before; parameters as of `fill`."""
     setup = _Setup.of(task, options)
     estimate = replace(Estimate.of(task), error_bound_90=np.full(task.positions.shape[:2], np.nan))
     # Segments are predicted independently, so the result does not depend on how many are predicted

@@ -13,6 +13,7 @@ from priorfill.methods.gpr.dropout.options import DropoutOptions
 from priorfill.methods.gpr.ensembles import ModelOptions
 from priorfill.methods.gpr.gap_segments import SegmentOptions
 from priorfill.methods.gpr.pose_search import SearchOptions
+from priorfill.methods.gpr.short_gaps.options import ShortGapOptions
 from priorfill.methods.gpr.spline_nodes import SplineNodeOptions
 from priorfill.methods.gpr.training.options import TrainingOptions
 from priorfill.methods.gpr.training.subject_correlation import SubjectCorrelationOptions
@@ -95,6 +96,8 @@ class GPROptions:
         Gaps in which too few other markers are visible.
     joining : JoiningOptions
         Edges of gaps.
+    short_gaps : ShortGapOptions
+        Short gaps that are filled over time before all others.
     short_gap_seconds : float
         s. Up to this length, interpolation over time is preferred to a prediction from other
         recordings.
@@ -122,6 +125,7 @@ class GPROptions:
     dropout: DropoutOptions = field(default_factory=DropoutOptions)
     blackout: BlackoutOptions = field(default_factory=BlackoutOptions)
     joining: JoiningOptions = field(default_factory=JoiningOptions)
+    short_gaps: ShortGapOptions = field(default_factory=ShortGapOptions)
     short_gap_seconds: float = 0.1
     max_expected_error: float = 1000.0
 
