@@ -16,7 +16,7 @@ from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
 from priorfill.errors import OptionError
 from priorfill.filling.check_overrides import check_overrides
-from priorfill.filling.fill_cache import FillCache, digest_of
+from priorfill.filling.fill_cache import FillCache, RunEstimate, digest_of
 from priorfill.filling.fill_clip import fill
 from priorfill.filling.fill_options import FillOptions
 from priorfill.filling.gap_filter import GapFilter
@@ -27,6 +27,7 @@ from priorfill.filling.plausibility_options import UNCHECKED
 from priorfill.filling.provenance import Provenance
 from priorfill.filling.result import Result
 from priorfill.formats import read, write
+from priorfill.methods.task import Estimate, Note
 
 UNBELIEVABLE = FillOptions(plausibility=UNCHECKED)
 GAPS = ((60, 90, ARM), (80, 100, ("RKNE", "C7")), (180, 200, ("C7",)))
@@ -300,7 +301,37 @@ def test_a_cache_forgets_what_was_used_longest_ago():
         cache.recall(key, lambda one=key: one, lambda _: 1000)
     assert [cache.holds(key) for key in "abc"] == [True, False, True]
     assert digest_of(1) != digest_of(1.0) != digest_of("1.0")
-    assert digest_of(clip()) != digest_of(replace(clip(), first_frame=3))
+    small = FillCache(max_bytes=1)  # keeps the last
+    assert (small.recall("a", lambda: 1), small.holds("a")) == (1, True)
+    one = clip()
+    other = [
+        replace(one, first_frame=3),
+        replace(one, labels=one.labels[::-1]),
+        replace(one, rate=50.0),
+        replace(one, up="+Y"),
+        replace(one, name="other"),
+        replace(one, subject="other"),
+        one.with_positions(one.positions + 1e-9),
+    ]
+    assert len({digest_of(each) for each in (one, *other)}) == 1 + len(other)
+    numbers = np.arange(6.0)
+    assert (
+        len({digest_of(each) for each in (numbers, numbers.reshape(2, 3), numbers.view(int))}) == 3
+    )
+
+
+def test_what_a_cache_holds_is_not_changed_through_a_copy():
+    estimate = Estimate(*(np.zeros(shape) for shape in ((2, 1, 3), (2, 1))), [], np.zeros((2, 1)))
+    held = RunEstimate(estimate, np.zeros((2, 1), dtype=bool), (), ())
+    other = held.copy().estimate
+    other.positions[:] = 1.0
+    other.expected_rms[:] = 1.0
+    other.error_bound_90[:] = 1.0
+    other.notes.append(Note(0, 0, 2, "other"))
+    assert not estimate.positions.any()
+    assert not estimate.expected_rms.any()
+    assert not estimate.error_bound_90.any()
+    assert estimate.notes == []
 
 
 def test_a_template_gives_the_same_result(tmp_path):

@@ -206,3 +206,17 @@ def test_invalid_fourth_words_and_analog_values(tmp_path, source, word):
     clip, filled = source(is_float=True, analog=analog, change=change)
     report = rewrite_c3d(tmp_path / "out.c3d", clip, filled)
     assert report.samples == 1
+
+
+def test_rounding_is_in_millimetres(tmp_path):
+    records = standing(20)
+    records[:, :, :3] /= 1000
+    records[5, 2] = [0, 0, 0, -1]
+    (tmp_path / "m.c3d").write_bytes(C3DFile(records, LABELS, units="m").bytes())
+    clip = formats.read(tmp_path / "m.c3d")
+    filled = clip.missing
+    clip = clip.with_positions(np.where(filled[..., None], 1234.56789, clip.positions))
+    report = formats.write(tmp_path / "out.c3d", clip, filled, rewrite=True)
+    off = np.abs(formats.read(tmp_path / "out.c3d").positions - clip.positions)[filled].max()
+    assert report.rounding_mm == pytest.approx(off, rel=1e-3)
+    assert off > 0.0

@@ -49,7 +49,7 @@ async ({ run, status, lines, size }) => {
     while (progress.length === 0) await new Promise((done) => setTimeout(done, 1));
     await link.cancel();
   }
-  await filling;
+  await Promise.race([filling, new Promise((done) => setTimeout(done, 10_000))]);
   return { sent, progress, answers, busy: link.busy };
 }
 """

@@ -182,10 +182,10 @@ def test_files_that_were_changed_after_a_kill_stay(
 ) -> None:
     save(tmp_path, "old")
     assert kill_at(2, monkeypatch, tmp_path, "new")
-    (tmp_path / "out.c3d").write_text("somebody else's", encoding="utf-8")
+    (tmp_path / "out.c3d").write_text("own", encoding="utf-8")  # as long as before
     monkeypatch.setattr(atomic_file, "is_running", lambda process: False)
     finish_pairs(tmp_path)
-    assert contents(tmp_path) == ["somebody else's", "old"]
+    assert contents(tmp_path) == ["own", "old"]
     assert not list(tmp_path.glob("*.pair"))
 
 
