@@ -97,7 +97,8 @@ class BelievableFill:
     def _estimate(self, task: Task, method: FillTask) -> Estimate:
         """Fill a task by the method, with expected errors."""
         estimate = method(task)
-        finite = np.isfinite(estimate.positions).all(axis=2)
+        x, y, z = np.moveaxis(np.isfinite(estimate.positions), 2, 0)  # faster than `all` over three
+        finite = x & y & z
         estimate.positions[~finite] = np.nan
         filled = ~task.valid & finite
         if self.estimate_errors and np.isnan(estimate.expected_rms[filled]).any():
