@@ -129,7 +129,7 @@ def test_the_ensembles_have_the_published_sizes() -> None:
     models = DEFAULT.models
     assert [
         len(x) for x in (models.single_marker, models.limb, models.short_segment, models.first_pass)
-    ] == [38, 74, 8, 2]
+    ] == [17, 74, 8, 2]
     for ensemble in (models.single_marker, models.limb, models.short_segment, models.first_pass):
         assert len(set(ensemble)) == len(ensemble)
     # steps of the poses of a database, which are at 15 Hz
