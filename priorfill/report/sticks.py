@@ -130,9 +130,10 @@ def _sticks(
         cost *= np.where(_on_other_sides(length, contralateral, has_other), OTHER_SIDE, 1.0)
     sticks = _spanning_tree(cost)
     drawn = set(sticks)
+    within = np.where(np.isfinite(cost), length, np.inf)
     for members in segments.values():
-        if len(members) in CLOSED_MARKERS and np.isfinite(cost[np.ix_(members, members)]).any():
-            drawn |= _closed_line(members, length)
+        if len(members) in CLOSED_MARKERS:
+            drawn |= _closed_line(members, within)
     return sorted(drawn)
 
 

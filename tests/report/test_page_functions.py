@@ -39,17 +39,18 @@ async ({ run, status, lines, size }) => {
   const link = new ServerLink("http://127.0.0.1:1/token?a#b");
   const progress = [];
   const answers = [];
+  const soon = (one) => Promise.race([one, new Promise((done) => setTimeout(done, 5000))]);
   const note = (promise) => promise.then((value) => answers.push(value),
     (error) => answers.push(`${error.constructor.name}: ${error.message}`));
   await link.cancel();
   const filling = note(link.run(run, [{ do: "leave" }], (...done) => progress.push(done)));
   if (status === -1) {
-    await note(link.run("fill", [], () => {}));
+    await soon(note(link.run("fill", [], () => {})));
     answers.push(link.busy);
     while (progress.length === 0) await new Promise((done) => setTimeout(done, 1));
     await link.cancel();
   }
-  await Promise.race([filling, new Promise((done) => setTimeout(done, 10_000))]);
+  await soon(filling);
   return { sent, progress, answers, busy: link.busy };
 }
 """

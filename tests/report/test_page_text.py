@@ -58,10 +58,21 @@ def test_the_policy_has_the_hashes_of_what_runs() -> None:
     found = parts(page_text(page_data(pf.fill(make_demo_clip()[1], method="linear"))))
     script = zlib.decompress(base64.b64decode(found["packed"])).decode()
     rules = dict(rule.strip().split(" ", 1) for rule in found["policy"].split(";"))
-    assert rules["script-src"] == f"'sha256-{digest(found['loader'])}' 'sha256-{digest(script)}'"
-    assert rules["style-src"] == f"'sha256-{digest(found['style'])}'"
-    assert rules["default-src"] == rules["connect-src"] == rules["base-uri"] == "'none'"
-    assert "connect-src 'self'" in content_policy(connect=True)
+    expected = {
+        "default-src": "'none'",
+        "script-src": f"'sha256-{digest(found['loader'])}' 'sha256-{digest(script)}'",
+        "style-src": f"'sha256-{digest(found['style'])}'",
+        "img-src": "data: blob:",
+        "connect-src": "'none'",
+        "base-uri": "'none'",
+        "form-action": "'none'",
+    }
+    assert rules == expected
+    connected = content_policy(connect=True)
+    assert connected == "; ".join(
+        f"{name} {value}" for name, value in (expected | {"connect-src": "'self'"}).items()
+    )
+    assert parts(page_text({"title": ""}, connect=True))["policy"] == connected
     assert script.rstrip().endswith("})();")
     assert script.index("class Store") < script.index("startPage();")
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from time import perf_counter
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
 import priorfill as pf
 from priorfill.markers.marker_set import MarkerSet
-from priorfill.report.sticks import sticks_of
+from priorfill.report.sticks import MAX_MARKERS, _sticks, sticks_of
 from priorfill.synthetic import synthesise
 
 QUICK = pf.FillOptions(estimate_errors=False)
@@ -51,6 +53,9 @@ def test_a_known_set_is_joined_as_a_body(walk: pf.Clip) -> None:
         assert frozenset((f"{side}_hand", "pelvis")) not in joined
     assert frozenset(("left_thigh", "right_thigh")) not in joined
     assert frozenset(("pelvis", "thorax")) in joined
+    two = cast("pf.Result", SimpleNamespace(by_subject=(result, result)))
+    count = len(walk.labels)
+    assert sticks_of(two) == sticks + [[count + i, count + j] for i, j in sticks]
 
 
 def test_an_elbow_that_stays_at_the_hip_hangs_on_the_arm(walk: pf.Clip) -> None:
@@ -87,6 +92,53 @@ def test_markers_that_are_never_seen_together_are_not_joined() -> None:
     clip = pf.Clip(positions, ("A", "B"), 100.0)
     result = pf.fill(clip, method="linear", gap_filter=pf.GapFilter(("A",)), options=QUICK)
     assert sticks_of(replace(result, clip=clip)) == []
+
+
+def joined(
+    places: object, *, other: object = None, known: bool = False, **segments: list[int]
+) -> set[tuple[int, int]]:
+    """Sticks of markers at some places, of shape (markers, 3) or (frames, markers, 3)."""
+    positions = np.asarray(places, dtype=float)
+    if positions.ndim == 2:
+        positions = np.repeat(positions[None], 12, axis=0)
+    none = np.full(positions.shape[1], -1)
+    return set(_sticks(positions, segments, none if other is None else other, known=known))
+
+
+def test_what_is_too_long_or_changes_too_much_is_not_joined() -> None:
+    assert joined([[0, 0, 0], [0, 0, 999]]) == {(0, 1)}
+    assert joined([[0, 0, 0], [0, 0, 1001]]) == set()
+    apart = np.zeros((20, 2, 3))
+    for spread, pairs in ((149.0, {(0, 1)}), (151.0, set())):
+        apart[::2, 1, 0], apart[1::2, 1, 0] = 500.0 - spread, 500.0 + spread
+        assert joined(apart) == pairs
+    apart[:, 1, 0] = 500.0
+    for poses, pairs in ((3, {(0, 1)}), (2, set())):
+        apart[poses:, 1] = np.nan
+        assert joined(apart) == pairs
+
+
+def test_legs_hang_on_the_trunk_and_not_on_each_other() -> None:
+    legs = [[0, 50, 0], [0, -50, 0], [0, 50, -120], [0, -50, -120]]
+    assert {(0, 2), (1, 3)} <= joined(legs, other=np.array([1, 0, 3, 2]))
+    assert {(0, 1), (2, 3)} <= joined(legs)
+
+
+def test_segments_are_joined_first_and_closed() -> None:
+    square = [[0, 0, 0], [100, 0, 0], [100, 100, 0], [0, 100, 0], [50, 50, 80]]
+    lines = {(0, 1), (1, 2), (2, 3), (0, 3)}
+    assert lines <= joined(square, thigh=[0, 2, 1, 3])
+    assert (0, 2) not in joined(square, thigh=[0, 2, 1, 3])
+    assert joined(np.multiply(square, 20), thigh=[0, 1, 2]) == set()  # not of a body
+    # a marker of the segment is twice as far away as that of another
+    row = [[0, 0, 0], [150, 0, 0], [300, 0, 0]]
+    assert joined(row) == {(0, 1), (1, 2)}
+    assert (0, 2) in joined(row, known=True, thigh=[0, 2], pelvis=[1])
+
+
+def test_only_bodies_are_joined() -> None:
+    places = np.zeros((1, MAX_MARKERS + 1, 3))
+    assert joined(places) == set()
 
 
 def test_many_markers_are_fast(walk: pf.Clip) -> None:
