@@ -23,12 +23,16 @@ __all__ = [
     "cut_path",
     "known_medians",
     "known_quantiles",
+    "medians_of_parts",
     "thinned",
     "thinned_frames",
 ]
 
 MAX_MEDIAN_FRAMES = 500
 """Frames, evenly spaced, over which a median is taken."""
+
+MAX_SINGLE_PARTS = 16
+"""Parts of an array whose medians are found one after the other; more are sorted at once."""
 
 STD_PER_MAD = 1.4826
 """Standard deviation divided by median absolute deviation, for normal errors."""
@@ -219,8 +223,10 @@ def cut_path(seen: NDArray[np.bool_], size: NDArray[np.float64]) -> list[PathSeg
         Sizes of the breaks; 0 where there is none.
     """
     segments = []
+    broken = np.flatnonzero(size)
     for start, stop in runs(seen):
-        breaks = start + np.flatnonzero(size[start : stop - 1])
+        first, last = np.searchsorted(broken, (start, stop - 1)) if len(broken) else (0, 0)
+        breaks = broken[first:last]
         cuts = [start, *(breaks + 1).tolist(), stop]
         sizes = [0.0, *size[breaks].tolist(), 0.0]
         segments += [
@@ -252,6 +258,36 @@ def known_medians(values: NDArray[np.float64]) -> NDArray[np.float64]:
     low = ordered[np.maximum(count - 1, 0) // 2, column]
     high = ordered[np.minimum(count // 2, len(values) - 1), column]
     return np.where(count > 0, 0.5 * (low + high), np.nan)
+
+
+def medians_of_parts(values: NDArray[np.float64], lengths: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Return the medians of each column's known values in consecutive parts of an array.
+
+    Parameters
+    ----------
+    values : ndarray [shape=(rows, columns)]
+        NaN where unknown.
+    lengths : ndarray of int [shape=(parts,)]
+        Rows of each part, at least 1.
+
+    Returns
+    -------
+    ndarray [shape=(parts, columns)]
+        As `known_medians` gives them.
+    """
+    start = np.cumsum(lengths) - lengths
+    if len(lengths) <= MAX_SINGLE_PARTS:
+        parts = np.split(values, start[1:])
+        return np.array([known_medians(part) for part in parts]).reshape(-1, values.shape[1])
+    number = np.repeat(np.arange(len(lengths)), lengths)
+    count = np.add.reduceat(~np.isnan(values), start, axis=0, dtype=np.intp)
+    medians = np.empty(count.shape)
+    for column in range(values.shape[1]):
+        ordered = values[np.lexsort((values[:, column], number)), column]  # NaN last in each part
+        low = ordered[start + np.maximum(count[:, column] - 1, 0) // 2]
+        high = ordered[start + np.minimum(count[:, column] // 2, lengths - 1)]
+        medians[:, column] = 0.5 * (low + high)
+    return np.where(count > 0, medians, np.nan)
 
 
 def known_quantiles(values: NDArray[np.float64], quantile: float) -> NDArray[np.float64]:

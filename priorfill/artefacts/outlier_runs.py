@@ -23,6 +23,7 @@ from priorfill.artefacts.marker_path import (
     TypicalDistances,
     cut_path,
     known_medians,
+    medians_of_parts,
     thinned,
 )
 from priorfill.artefacts.spikes import find_spikes
@@ -96,7 +97,9 @@ def outlier_runs(
     for span in spans:
         taken[span.start : span.stop] = True
         large[max(span.start - 1, 0) : span.stop] = 0.0
-    spans += _long_spans(path, cut_path(seen, large), taken)
+    if not np.array_equal(large, size):
+        segments = cut_path(seen, large)
+    spans += _long_spans(path, segments, taken)
     if far is not None:
         spans += [
             SuspectSpan(start, stop, stop - start <= path.spike_frames) for start, stop in runs(far)
@@ -115,22 +118,26 @@ def _long_spans(
     path: MarkerPath, segments: list[PathSegment], taken: NDArray[np.bool_]
 ) -> list[SuspectSpan]:
     """Return segments with unusual distances; ``taken`` are the frames of spikes."""
-    if sum(segment.frames > path.spike_frames for segment in segments) < 2:
+    if not segments:
+        return []
+    long = np.array([segment.frames > path.spike_frames for segment in segments], dtype=bool)
+    longest = max(segment.frames for segment in segments)
+    gaps_only = not any(segment.broken for segment in segments)
+    if long.sum() < 2 or (gaps_only and longest <= path.options.min_main_seconds * path.rate):
         return []
     frames = [thinned(segment.start, segment.stop) for segment in segments]
+    lengths = np.array([len(some) for some in frames])
     distance = _without_spikes(path, np.concatenate(frames), taken)
-    ends = np.cumsum([len(some) for some in frames])[:-1]
-    inside = dict(zip(segments, np.split(distance, ends), strict=True))
-    main, typical = _main_segment(
-        [segment for segment in segments if segment.frames > path.spike_frames],
-        inside,
-        path.options,
-    )
+    low, high = (bound.reduce(distance, axis=0) for bound in (np.fmin, np.fmax))
+    if gaps_only and not (high - low > path.options.min_gap_distance).any():
+        return []  # no deviation is as large
+    main, typical = _main_segment(segments, long, distance, lengths, path.options)
+    size = medians_of_parts(np.abs(distance - typical.median), lengths)
     return [
         SuspectSpan(segment.start, segment.stop, segment.frames <= path.spike_frames)
-        for segment in segments
+        for segment, deviation in zip(segments, size, strict=True)
         if segment is not main
-        and _is_unusual(segment, inside[segment], main, typical, path)
+        and _is_unusual(segment, deviation, main, typical, path)
         and _is_on_wrong_sides(path, segment, typical, taken)
     ]
 
@@ -144,21 +151,22 @@ def _without_spikes(
 
 def _is_unusual(
     segment: PathSegment,
-    inside: NDArray[np.float64],
+    deviation: NDArray[np.float64],
     main: PathSegment,
     typical: TypicalDistances,
     path: MarkerPath,
 ) -> bool:
-    """Return whether the distances in a segment differ from those of the main segment."""
+    """Return whether the distances in a segment differ from those of the main segment.
+
+    ``deviation`` is the median deviation of each distance [shape=(references,), mm].
+    """
     options = path.options
     if not segment.broken and main.frames <= options.min_main_seconds * path.rate:
         return False
-    deviation, size = _confirmed_deviation(
-        np.abs(inside - typical.median), typical.spread, options.min_references
-    )
+    ratio, size = _confirmed_deviation(deviation, typical.spread, options.min_references)
     if segment.broken:
-        return deviation > options.min_deviation
-    return deviation > options.min_gap_deviation and size > options.min_gap_distance
+        return ratio > options.min_deviation
+    return ratio > options.min_gap_deviation and size > options.min_gap_distance
 
 
 def _is_on_wrong_sides(
@@ -220,42 +228,59 @@ def is_wrong_side(
 
 def _main_segment(
     segments: list[PathSegment],
-    inside: dict[PathSegment, NDArray[np.float64]],
+    long: NDArray[np.bool_],
+    distance: NDArray[np.float64],
+    lengths: NDArray[np.intp],
     options: OutlierRunOptions,
 ) -> tuple[PathSegment, TypicalDistances]:
-    """Return the segment whose distances ``inside`` fit most of the path, and these distances.
+    """Return the segment whose distances fit most of the path, and these distances.
 
     The cost of a candidate includes its own deviations: the distances of a ghost marker vary so
     much that all other segments would agree with them.
+
+    Parameters
+    ----------
+    segments : list of PathSegment
+        All segments.
+    long : ndarray of bool [shape=(segments,)]
+        Those that count.
+    distance : ndarray [shape=(frames, references), mm]
+        Distances in some frames of each segment, one segment after the other.
+    lengths : ndarray of int [shape=(segments,)]
+        How many frames these are.
+    options : OutlierRunOptions
     """
+    stop = np.cumsum(lengths)
+    frames = np.array([segment.frames for segment in segments])
+    inside, kept = np.repeat(long, lengths), lengths[long]
     best: tuple[PathSegment, TypicalDistances] | None = None
     least_cost = np.inf
-    longest_first = sorted(segments, key=lambda segment: -segment.frames)
+    longest_first = [i for i in np.argsort(-frames, kind="stable").tolist() if long[i]]
     for candidate in longest_first[: options.main_candidates]:
-        typical = TypicalDistances.of(inside[candidate], options.min_spread)
-        cost = 0.0
-        for segment in segments:
-            deviation = known_medians(np.abs(inside[segment] - typical.median))
-            known = deviation[~np.isnan(deviation)]
-            cost += segment.frames * (float(known.mean()) if len(known) else 0.0)
+        own = distance[stop[candidate] - lengths[candidate] : stop[candidate]]
+        typical = TypicalDistances.of(own, options.min_spread)
+        deviation = medians_of_parts(np.abs(distance[inside] - typical.median), kept)
+        known = (~np.isnan(deviation)).sum(axis=1)
+        mean = np.nansum(deviation, axis=1) / np.maximum(known, 1)
+        cost = float(np.cumsum(frames[long] * mean)[-1])
         if best is None or cost < least_cost:
-            best, least_cost = (candidate, typical), cost
+            best, least_cost = (segments[candidate], typical), cost
     assert best is not None
     return best
 
 
 def _confirmed_deviation(
-    deviation: NDArray[np.float64], spread: NDArray[np.float64], min_references: int
+    size: NDArray[np.float64], spread: NDArray[np.float64], min_references: int
 ) -> tuple[float, float]:
     """Return the deviation, in spreads and in mm, that enough reference markers reach."""
-    size = known_medians(deviation)
-    ratio = size / spread
-    known = np.flatnonzero(~np.isnan(ratio))
-    if not len(known):
+    ratio = (size / spread).tolist()
+    known = sorted(
+        (i for i, one in enumerate(ratio) if not math.isnan(one)), key=lambda i: -ratio[i]
+    )
+    if not known:
         return 0.0, 0.0
-    descending = known[np.argsort(-ratio[known])]
-    decisive = descending[min(min_references, len(descending)) - 1]
-    return float(ratio[decisive]), float(size[decisive])
+    decisive = known[min(min_references, len(known)) - 1]
+    return ratio[decisive], float(size[decisive])
 
 
 def _merged(spans: Sequence[SuspectSpan]) -> list[SuspectSpan]:

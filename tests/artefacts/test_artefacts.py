@@ -36,6 +36,7 @@ from priorfill.artefacts.marker_path import (
     TypicalDistances,
     cut_path,
     known_medians,
+    medians_of_parts,
 )
 from priorfill.artefacts.mislabelled import find_mislabelled
 from priorfill.artefacts.outlier_runs import is_wrong_side
@@ -320,6 +321,17 @@ def test_reference_markers_are_on_the_same_segment() -> None:
         assert own not in references.of(own)
     wrong = choose_reference_markers(mislabel("RTOE", "LFHD", FRAMES // 2 + 20).positions)
     assert set(wrong.of(column("RTOE")[0])[:2]) <= set(column("RMT5", "RHEE", "RANK", "LFHD"))
+
+
+@given(seed=st.integers(0, 2**16))
+@settings(max_examples=25, deadline=None)
+def test_medians_of_parts_are_those_of_each_part(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    lengths = rng.integers(1, 6, int(rng.integers(1, 40)))
+    values = rng.normal(size=(int(lengths.sum()), 3))
+    values[rng.random(values.shape) < 0.3] = np.nan
+    expected = [known_medians(part) for part in np.split(values, np.cumsum(lengths)[:-1])]
+    np.testing.assert_array_equal(medians_of_parts(values, lengths), expected)
 
 
 def test_distances_equal_those_of_a_loop() -> None:
