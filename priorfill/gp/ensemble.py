@@ -29,7 +29,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from itertools import groupby
 from typing import Any
@@ -124,6 +124,16 @@ class Regression:
     expected_rms: NDArray[np.float64]
     bound_factor: float
     velocity: VelocityPrediction | None = None
+
+    def subset(self, chosen: slice) -> Regression:
+        """Return the prediction of some of the poses."""
+        velocity = None if self.velocity is None else self.velocity.subset(chosen)
+        return replace(
+            self,
+            positions=self.positions[chosen],
+            expected_rms=self.expected_rms[chosen],
+            velocity=velocity,
+        )
 
 
 def regress(

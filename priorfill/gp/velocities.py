@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +57,10 @@ class VelocityPrediction:
     velocity: NDArray[np.float64]
     expected_rms: NDArray[np.float64]
     position_rms: NDArray[np.float64]
+
+    def subset(self, chosen: slice) -> VelocityPrediction:
+        """Return the prediction of some of the poses."""
+        return replace(self, velocity=self.velocity[chosen], expected_rms=self.expected_rms[chosen])
 
 
 def error_by_speed(

@@ -24,10 +24,12 @@ targets of the energy differ:
 
 from __future__ import annotations
 
+from bisect import bisect_left
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import accumulate, pairwise
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,11 +37,12 @@ from numpy.typing import NDArray
 from priorfill.energy.multiresolution import levels_for, solve_levels
 from priorfill.energy.solver import minimise
 from priorfill.methods.gpr.energy_targets import targets_from
-from priorfill.methods.gpr.gap_segments import GapSegment, split_into_segments
+from priorfill.methods.gpr.gap_segments import GapSegment, SegmentBatch
 from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.postprocess import PostProcessor
 from priorfill.methods.gpr.predict import SegmentPredictor
 from priorfill.methods.gpr.prediction import SegmentPrediction, notes_on_unfilled
+from priorfill.methods.gpr.segment_batches import plan_batches
 from priorfill.methods.gpr.short_gaps.fill_short_gaps import ShortGapFill
 from priorfill.methods.task import Estimate, Progress, Task, no_progress
 from priorfill.runtime.threads import Map, map_in_threads
@@ -93,12 +96,12 @@ def _fill_rest(task: Task, progress: Progress, options: GPROptions) -> Estimate:
     """Fill what is not filled over time before; parameters as of `fill`."""
     setup = _Setup.of(task, options)
     estimate = replace(Estimate.of(task), error_bound_90=np.full(task.positions.shape[:2], np.nan))
-    # Segments are predicted independently, so the result does not depend on how many are predicted
+    # Batches are predicted independently, so the result does not depend on how many are predicted
     # at a time.
-    with map_in_threads() as map_segments:
-        setup.predictor.map_function = map_segments
-        predictions = _first_pass(setup, estimate, map_segments, progress)
-        predictions = _second_pass(setup, estimate, predictions, map_segments, progress)
+    with map_in_threads() as map_batches:
+        setup.predictor.map_function = map_batches
+        predictions = _first_pass(setup, estimate, map_batches, progress)
+        predictions = _second_pass(setup, estimate, predictions, map_batches, progress)
     if task.learn_from_clip:
         predictions = _interpolate_over_time(setup, estimate, predictions)
         predictions = _fill_blackouts(setup, estimate, predictions)
@@ -119,11 +122,15 @@ class _Setup:
     Attributes
     ----------
     segments : tuple of GapSegment
-        Those of each gap group follow one another.
+        In order of time, so that those of each gap group follow one another.
     group_of : tuple of int
         Number of the gap group of each segment.
     group_slices : tuple of slice
         The segments of each gap group.
+    batches : tuple of SegmentBatch
+        What each regression predicts.
+    members : tuple of tuple of int
+        The segments of each batch, by their number.
     """
 
     task: Task
@@ -134,6 +141,8 @@ class _Setup:
     segments: tuple[GapSegment, ...]
     group_of: tuple[int, ...]
     group_slices: tuple[slice, ...]
+    batches: tuple[SegmentBatch, ...]
+    members: tuple[tuple[int, ...], ...]
 
     @classmethod
     def of(cls, task: Task, options: GPROptions) -> _Setup:
@@ -141,28 +150,40 @@ class _Setup:
         count = levels_for(task.rate)
         # the differences at the coarsest level extend two of its steps beyond a segment
         predictor = SegmentPredictor(task, 2 * 2 ** (count - 1), options)
-        distance = task.geometry.distance
-        by_group = [
-            split_into_segments(group, task.valid, distance, options.segments)
-            for group in task.groups
-        ]
-        stops = list(accumulate(len(segments) for segments in by_group))
+        batches = plan_batches(
+            task.groups, task.valid, task.geometry.distance, task.rate, options.segments
+        )
+        segments = sorted(
+            (segment for batch in batches for segment in batch.segments),
+            key=lambda segment: (segment.start, segment.markers[0]),
+        )
+        number_of = {id(segment): number for number, segment in enumerate(segments)}
+        starts = [segment.start for segment in segments]
+        edges = [bisect_left(starts, group.start) for group in task.groups]
+        group_slices = tuple(slice(*pair) for pair in pairwise([*edges, len(segments)]))
         return cls(
             task,
             options,
             predictor,
             PostProcessor(task, options.floor, options.smoothing),
             [Resolution(task.positions, task.rate, 2**i) for i in range(count)],
-            tuple(segment for segments in by_group for segment in segments),
-            tuple(number for number, segments in enumerate(by_group) for _ in segments),
-            tuple(slice(*edges) for edges in pairwise([0, *stops])),
+            tuple(segments),
+            tuple(
+                number
+                for number, inside in enumerate(group_slices)
+                for _ in range(inside.start, inside.stop)
+            ),
+            group_slices,
+            tuple(batches),
+            tuple(tuple(number_of[id(one)] for one in batch.segments) for batch in batches),
         )
 
     def predict(
-        self, segment: GapSegment, completed: NDArray[np.float64] | None
-    ) -> tuple[SegmentPrediction, ...]:
-        """Predict a segment from its visible markers, and post-process the predictions."""
-        return tuple(self.postprocess(p) for p in self.predictor.predict(segment, completed))
+        self, batch: SegmentBatch, completed: NDArray[np.float64] | None
+    ) -> list[tuple[SegmentPrediction, ...]]:
+        """Predict the segments of a batch, and post-process the predictions."""
+        found = self.predictor.predict_batch(batch, completed)
+        return [tuple(self.postprocess(part) for part in parts) for parts in found]
 
     def solve(self, estimate: Estimate, predictions: _Predictions, changed: Iterable[int]) -> None:
         """Minimise the energy of the gap groups of changed segments, into the estimate."""
@@ -193,16 +214,21 @@ class _Setup:
 
 
 def _first_pass(
-    setup: _Setup, estimate: Estimate, map_segments: Map, progress: Progress
+    setup: _Setup, estimate: Estimate, map_batches: Map, progress: Progress
 ) -> _Predictions:
     """Predict all segments from the measured samples, and solve all gap groups."""
-    found = iter(map_segments(lambda segment: setup.predict(segment, None), setup.segments))
-    predictions: list[tuple[SegmentPrediction, ...]] = []
-    for number, inside in enumerate(setup.group_slices):
-        for segment in setup.segments[inside]:
-            predictions.append(next(found))
-            progress(_samples(segment) * (1.0 if _is_final(predictions[-1]) else FIRST_SHARE))
-        setup.solve_group(estimate, predictions, number)
+    predictions: list[tuple[SegmentPrediction, ...]] = [()] * len(setup.segments)
+    left = Counter(setup.group_of)
+    found = map_batches(lambda batch: setup.predict(batch, None), setup.batches)
+    for members, batch in zip(setup.members, found, strict=True):
+        for index, parts in zip(members, batch, strict=True):
+            predictions[index] = parts
+            share = 1.0 if _is_final(parts) else FIRST_SHARE
+            progress(_samples(setup.segments[index]) * share)
+            group = setup.group_of[index]
+            left[group] -= 1
+            if not left[group]:
+                setup.solve_group(estimate, predictions, group)
     return tuple(predictions)
 
 
@@ -210,21 +236,27 @@ def _second_pass(
     setup: _Setup,
     estimate: Estimate,
     predictions: _Predictions,
-    map_segments: Map,
+    map_batches: Map,
     progress: Progress,
 ) -> _Predictions:
-    """Predict segments with few training poses again, with poses completed by the first pass."""
-    again = [i for i, parts in enumerate(predictions) if not _is_final(parts)]
+    """Predict batches with few training poses again, with poses completed by the first pass."""
+    again = [
+        number
+        for number, members in enumerate(setup.members)
+        if not all(_is_final(predictions[index]) for index in members)
+    ]
     completed = estimate.positions
-    segments = [setup.segments[i] for i in again]
+    batches = [setup.batches[number] for number in again]
     # all of them before the first is solved, which changes the estimate
-    found = map_segments(lambda segment: setup.predict(segment, completed), segments)
+    found = map_batches(lambda batch: setup.predict(batch, completed), batches)
     changes: dict[int, tuple[SegmentPrediction, ...]] = {}
-    for i, parts in zip(again, found, strict=True):
-        changes[i] = parts
-        progress(_samples(setup.segments[i]) * (1.0 - FIRST_SHARE))
+    for number, batch in zip(again, found, strict=True):
+        for index, parts in zip(setup.members[number], batch, strict=True):
+            changes[index] = parts
+            if not _is_final(predictions[index]):
+                progress(_samples(setup.segments[index]) * (1.0 - FIRST_SHARE))
     predictions = _replaced(predictions, changes)
-    setup.solve(estimate, predictions, again)
+    setup.solve(estimate, predictions, changes)
     return predictions
 
 

@@ -11,8 +11,8 @@ from priorfill.gp.ensemble import EnsembleOptions
 from priorfill.methods.gpr.blackout.options import BlackoutOptions
 from priorfill.methods.gpr.dropout.options import DropoutOptions
 from priorfill.methods.gpr.ensembles import ModelOptions
-from priorfill.methods.gpr.gap_segments import SegmentOptions
 from priorfill.methods.gpr.pose_search import SearchOptions
+from priorfill.methods.gpr.segment_batches import SegmentOptions
 from priorfill.methods.gpr.short_gaps.options import ShortGapOptions
 from priorfill.methods.gpr.spline_nodes import SplineNodeOptions
 from priorfill.methods.gpr.training.options import TrainingOptions

@@ -14,7 +14,7 @@ from priorfill.constraints.velocity_fusion import fuse_velocity
 from priorfill.gp.ensemble import Regression, regress
 from priorfill.methods.gpr.blackout import BlackoutPredictor
 from priorfill.methods.gpr.dropout import DropoutPredictor
-from priorfill.methods.gpr.gap_segments import GapSegment
+from priorfill.methods.gpr.gap_segments import GapSegment, SegmentBatch
 from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.gpr.prediction import SegmentPrediction
@@ -57,6 +57,30 @@ class SegmentPredictor:
             task, search, options.blackout, options.correlation, options.interpolation
         )
 
+    def predict_batch(
+        self, batch: SegmentBatch, completed: NDArray[np.float64] | None
+    ) -> list[list[SegmentPrediction]]:
+        """Predict the segments of a batch by one regression, or else each by itself.
+
+        Parameters
+        ----------
+        batch : SegmentBatch
+            What to predict.
+        completed : ndarray [shape=(frames, markers, 3), mm] or None
+            The clip filled by the first pass, to complete training poses in the second one.
+
+        Returns
+        -------
+        list of list of SegmentPrediction
+            For each segment, as of `predict`.
+        """
+        if len(batch.segments) > 1 and batch.has_enough_visible and self.task.learn_from_clip:
+            self.task.checkpoint()
+            plan = self._planner.plan(batch, completed)
+            if plan is not None:
+                return [[part] for part in self._from_own_frames(batch, plan)]
+        return [self.predict(segment, completed) for segment in batch.segments]
+
     def predict(
         self, segment: GapSegment, completed: NDArray[np.float64] | None
     ) -> list[SegmentPrediction]:
@@ -79,9 +103,10 @@ class SegmentPredictor:
         if not segment.has_enough_visible:
             return []
         if self.task.learn_from_clip:
-            plan = self._planner.plan(segment, completed)
+            batch = SegmentBatch((segment,))
+            plan = self._planner.plan(batch, completed)
             if plan is not None:
-                return [self._from_own_frames(segment, plan)]
+                return self._from_own_frames(batch, plan)
             seconds = (segment.stop - segment.start) / self.task.rate
             if seconds <= self._options.short_gap_seconds:
                 interpolated = self.interpolate(segment, self.task.positions)
@@ -140,32 +165,37 @@ class SegmentPredictor:
         self.task.checkpoint()
         return self._blackouts.predict(segments, completed)
 
-    def _from_own_frames(self, segment: GapSegment, plan: TrainingPlan) -> SegmentPrediction:
-        """Predict by regression on the clip's own frames, and on the database's if planned."""
+    def _from_own_frames(self, batch: SegmentBatch, plan: TrainingPlan) -> list[SegmentPrediction]:
+        """Predict a batch by regression on the clip's own frames, and the database's if planned."""
         found = regress(
             plan.problems,
             plan.models,
-            (segment.stop - segment.start) / self.task.rate,
+            batch.frames / self.task.rate,
             plan.inside,
             self._map_with_checkpoints,
             self._options.ensemble,
         )
-        found = interpolate_nodes(found, plan.query_frames)
-        first, last = int(plan.query_frames[0]), int(plan.query_frames[-1])
-        positions = self._constrained(segment, found, plan.visible, slice(first, last + 1))
-        source = "the clip's own frames"
-        return SegmentPrediction(
-            segment,
-            first,
-            positions,
-            found.expected_rms,
-            complete=plan.complete,
-            source=source + self.task.and_sources(plan.takes, "the database's"),
-            source_clips=(self.task.name, *plan.takes),
-            from_own_frames=True,
-            training_poses=plan.training_poses,
-            bound_factor=found.bound_factor,
-        )
+        source = "the clip's own frames" + self.task.and_sources(plan.takes, "the database's")
+        predictions = []
+        for segment, queries in zip(batch.segments, plan.queries, strict=True):
+            nodes = plan.query_frames[queries]
+            part = interpolate_nodes(found.subset(queries), nodes)
+            first, last = int(nodes[0]), int(nodes[-1])
+            predictions.append(
+                SegmentPrediction(
+                    segment,
+                    first,
+                    self._constrained(segment, part, plan.visible, slice(first, last + 1)),
+                    part.expected_rms,
+                    complete=plan.complete,
+                    source=source,
+                    source_clips=(self.task.name, *plan.takes),
+                    from_own_frames=True,
+                    training_poses=plan.training_poses,
+                    bound_factor=part.bound_factor,
+                )
+            )
+        return predictions
 
     def _map_with_checkpoints(
         self, work: Callable[..., Any], *arguments: Iterable[Any]

@@ -17,7 +17,7 @@ from priorfill.gp.problem import RegressionProblem
 from priorfill.markers.describe import describe
 from priorfill.methods.gpr.blackout import BlackoutOptions, WindowSource
 from priorfill.methods.gpr.blackout.database_windows import similar_windows
-from priorfill.methods.gpr.gap_segments import GapSegment
+from priorfill.methods.gpr.gap_segments import GapSegment, SegmentBatch
 from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.gpr.training.plan import TrainingPlanner
@@ -56,7 +56,7 @@ def arm_problem(task: Task) -> RegressionProblem:
     visible = np.setdiff1d(np.arange(len(task.labels)), markers)
     options = GPROptions()
     planner = TrainingPlanner(task, PoseSearch(task, options.search), 8, options)
-    plan = planner.plan(GapSegment(markers, start, stop + 1, visible), None)
+    plan = planner.plan(SegmentBatch((GapSegment(markers, start, stop + 1, visible),)), None)
     assert plan is not None
     _, with_other = plan.problems
     return with_other

@@ -10,8 +10,8 @@ from gappy import ARM, person, with_gaps
 from priorfill.gaps import gap_groups
 from priorfill.markers.describe import describe
 from priorfill.methods.gpr.ensembles import ModelOptions, lags_of
-from priorfill.methods.gpr.gap_segments import split_into_segments
 from priorfill.methods.gpr.options import GPROptions
+from priorfill.methods.gpr.segment_batches import plan_batches
 from priorfill.methods.gpr.training.own_clip import OwnClipProblems
 from priorfill.methods.task import Task
 
@@ -25,13 +25,9 @@ def test_queries_have_the_positions_measured_before_and_after_them():
     options = GPROptions()
     problems = OwnClipProblems(task, 8, options.training, options.spline_nodes, options.correlation)
     models = ModelOptions().limb
-    segments = [
-        part
-        for group in groups
-        for part in split_into_segments(group, task.valid, problems.distance)
-    ]
-    segment = next(part for part in segments if len(part.markers) > 1)
-    own = problems.with_lag_features(problems.problem_for(segment, None), models)
+    batches = plan_batches(groups, task.valid, problems.distance, RATE)
+    batch = next(one for one in batches if len(one.markers) > 1)
+    own = problems.with_lag_features(problems.problem_for(batch, None), models)
     lags = lags_of(models)
     some = np.array([3, 0, 5])
     fewer = own.problem.lag_source.restricted_to(some)

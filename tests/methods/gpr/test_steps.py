@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gappy import ARM, error, person, with_gaps
+from gappy import ARM, error, fill_unchecked, person, with_gaps
 from scipy.ndimage import gaussian_filter1d
 
 import priorfill as pf
@@ -406,6 +406,34 @@ def test_samples_with_too_great_an_expected_error_stay_missing(
     (gap,) = result.gaps
     assert [(part.start, part.stop) for part in gap.unfilled] == [(120, 130)]
     assert "1000 mm" in gap.unfilled[0].reason
+
+
+# --- batches of segments ---
+
+
+def test_one_regression_predicts_several_gaps_of_a_marker(monkeypatch: pytest.MonkeyPatch) -> None:
+    """About as well as one by itself; the poses next to each are training poses."""
+    found = []
+
+    def counting(training: Sequence[RegressionProblem], *rest: Any) -> Regression:
+        found.append(training[0].train.time)
+        return regress(training, *rest)
+
+    monkeypatch.setattr("priorfill.methods.gpr.predict.regress", counting)
+    truth = person(seconds=6.0)
+    gaps = [(60, 75), (150, 170), (300, 318)]
+    together = fill_unchecked(with_gaps(truth, *((a, b, ["LKNE"]) for a, b in gaps)))
+    assert len(found) == 1
+    marker = truth.labels.index("LKNE")
+    for a, b in gaps:
+        for frame in (a - 2, a - 1, b, b + 1):
+            assert np.isclose(found[0], frame / truth.rate).any()
+        alone = fill_unchecked(with_gaps(truth, (a, b, ["LKNE"])))
+        errors = [
+            np.linalg.norm((one.clip.positions - truth.positions)[a:b, marker], axis=1).mean()
+            for one in (together, alone)
+        ]
+        assert errors[0] < 1.5 * errors[1]
 
 
 # --- spline nodes ---

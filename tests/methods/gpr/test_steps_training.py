@@ -16,9 +16,10 @@ from priorfill.gp.kernels import RBF, Constant, Exponential, Linear, SubjectCorr
 from priorfill.gp.problem import GPModel, PoseSamples, RegressionProblem
 from priorfill.gp.process import GaussianProcess
 from priorfill.markers.describe import describe
-from priorfill.methods.gpr.gap_segments import GapSegment, split_into_segments
+from priorfill.methods.gpr.gap_segments import GapSegment, SegmentBatch
 from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import PoseSearch
+from priorfill.methods.gpr.segment_batches import split_into_batches
 from priorfill.methods.gpr.training.options import TrainingOptions
 from priorfill.methods.gpr.training.own_clip import OwnClipProblem, OwnClipProblems
 from priorfill.methods.gpr.training.plan import TrainingPlan, TrainingPlanner
@@ -121,11 +122,11 @@ def task_of(clip: Clip, *others: Clip) -> Task:
     )
 
 
-def arm_of(task: Task) -> GapSegment:
+def arm_of(task: Task) -> SegmentBatch:
     markers = np.array([task.labels.index(label) for label in ARM])
     frames = np.flatnonzero(~task.valid[:, markers[0]])
     visible = np.setdiff1d(np.arange(len(task.labels)), markers)
-    return GapSegment(markers, int(frames[0]), int(frames[-1]) + 1, visible)
+    return SegmentBatch((GapSegment(markers, int(frames[0]), int(frames[-1]) + 1, visible),))
 
 
 def plan_for(clip: Clip, *others: Clip) -> TrainingPlan:
@@ -258,7 +259,11 @@ def cut(distances: list[float], lost: list[int]) -> int:
     distance[0, 1:] = distance[1:, 0] = distances
     np.fill_diagonal(distance, 0.0)
     (group,) = gap_groups(~valid)
-    return sum(0 in segment.markers for segment in split_into_segments(group, valid, distance))
+    return sum(
+        len(batch.segments)
+        for batch in split_into_batches(group, valid, distance, 100.0)
+        if 0 in batch.markers
+    )
 
 
 def test_neighbours_are_weighted_by_a_gaussian_of_their_distance() -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from priorfill.gaps import Gap, gap_groups
 from priorfill.gp.ensemble import regress
-from priorfill.methods.gpr.gap_segments import GapSegment
+from priorfill.methods.gpr.gap_segments import GapSegment, SegmentBatch
 from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.prediction import OVER_TIME
 from priorfill.methods.gpr.short_gaps.estimate import ShortGapEstimate, estimate_short_gaps
@@ -155,7 +155,7 @@ def _regression_error(
     task: Task, gap: Gap, problems: OwnClipProblems, options: GPROptions
 ) -> float:
     """Return the expected rms error (mm) of one model in a gap; 0 without training."""
-    own = problems.problem_for(_segment(task, gap), None)
+    own = problems.problem_for(SegmentBatch((_segment(task, gap),)), None)
     if own is None:
         return 0.0
     found = regress(

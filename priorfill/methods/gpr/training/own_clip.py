@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from priorfill.geometry.mirror import mirrored
 from priorfill.geometry.poses import evenly_spaced
 from priorfill.gp.problem import GPModel, PoseSamples, RegressionProblem
 from priorfill.methods.gpr.ensembles import lags_of
-from priorfill.methods.gpr.gap_segments import MIN_VISIBLE, GapSegment
+from priorfill.methods.gpr.gap_segments import MIN_VISIBLE, SegmentBatch
 from priorfill.methods.gpr.spline_nodes import SplineNodeOptions, spline_nodes
 from priorfill.methods.gpr.training.lagged_poses import complete_lagged
 from priorfill.methods.gpr.training.options import TrainingOptions
@@ -30,16 +31,18 @@ class OwnClipProblem:
     ----------
     problem : RegressionProblem
         Training poses of the clip, and of its mirror image if it has been added.
-    segment : GapSegment
-        What to predict.
+    markers : ndarray of int
+        The missing markers.
     query_frames : ndarray of int
         Frames of the queries: the spline nodes (`priorfill.methods.gpr.spline_nodes`).
+    queries : tuple of slice
+        Those of each segment of the batch.
     inside : ndarray of bool [shape=(queries,)]
-        Which of them are in the segment, evenly spaced.
+        Which of them are in a segment, evenly spaced.
     visible : ndarray of int
         The visible markers, in the order of the problem: the nearest first.
     adjacent : ndarray of int
-        Training frames adjacent to the segment, which are always kept.
+        Training frames adjacent to segments, which are always kept.
     source : ndarray [shape=(frames, markers, 3), mm]
         The clip, in the second pass completed by the first one.
     complete : bool
@@ -47,8 +50,9 @@ class OwnClipProblem:
     """
 
     problem: RegressionProblem
-    segment: GapSegment
+    markers: NDArray[np.intp]
     query_frames: NDArray[np.intp]
+    queries: tuple[slice, ...]
     inside: NDArray[np.bool_]
     visible: NDArray[np.intp]
     adjacent: NDArray[np.intp]
@@ -107,13 +111,13 @@ class OwnClipProblems:
         self._correlation = correlation
 
     def problem_for(
-        self, segment: GapSegment, completed: NDArray[np.float64] | None
+        self, batch: SegmentBatch, completed: NDArray[np.float64] | None
     ) -> OwnClipProblem | None:
-        """Make a problem of the frames that show a segment's markers.
+        """Make a problem of the frames that show the markers of a batch.
 
         Parameters
         ----------
-        segment : GapSegment
+        batch : SegmentBatch
             What to predict.
         completed : ndarray [shape=(frames, markers, 3), mm] or None
             The clip filled by the first pass, to complete training poses in the second one.
@@ -123,23 +127,24 @@ class OwnClipProblems:
         OwnClipProblem or None
             None where there are too few such frames.
         """
-        options, rate = self._options, self._task.rate
+        options, rate, markers = self._options, self._task.rate, batch.markers
         source = self._task.positions if completed is None else completed
-        usable = self._usable_frames(segment, source)
+        usable = self._usable_frames(batch, source)
         if usable is None:
             return None
         visible = usable.visible
         margin = int(options.adjacent_seconds * rate) + 1
-        first, last = segment.start - margin, segment.stop + margin
-        adjacent = usable.frames[(usable.frames >= first) & (usable.frames < last)]
+        near = np.zeros(len(self.valid), dtype=bool)
+        for segment in batch.segments:
+            near[max(segment.start - margin, 0) : segment.stop + margin] = True
+        adjacent = usable.frames[near[usable.frames]]
         chosen = usable.frames[evenly_spaced(len(usable.frames), options.max_poses)]
         frames = np.union1d(adjacent, chosen)
-        around = segment.with_margin(self.valid, visible, self._margin)
-        query_frames, inside = spline_nodes(around, segment, rate, self._nodes)
+        query_frames, queries, inside = self._queries(batch, visible)
         problem = RegressionProblem(
             train=PoseSamples(
                 source[np.ix_(frames, visible)],
-                self._task.positions[np.ix_(frames, segment.markers)],
+                self._task.positions[np.ix_(frames, markers)],
                 frames / rate,
                 np.full(len(frames), THIS_CLIP),
             ),
@@ -149,24 +154,42 @@ class OwnClipProblems:
                 query_frames / rate,
                 np.full(len(query_frames), THIS_CLIP),
             ),
-            distance=self.distance[np.ix_(segment.markers, visible)].min(axis=0),
-            spread=self.spread[np.ix_(segment.markers, visible)].min(axis=0),
+            distance=self.distance[np.ix_(markers, visible)].min(axis=0),
+            spread=self.spread[np.ix_(markers, visible)].min(axis=0),
         )
         complete = usable.complete
         complete = complete and len(usable.frames) >= options.second_pass_share * usable.showing
         return OwnClipProblem(
-            problem, segment, query_frames, inside, visible, adjacent, source, complete
+            problem, markers, query_frames, queries, inside, visible, adjacent, source, complete
         )
 
+    def _queries(
+        self, batch: SegmentBatch, visible: NDArray[np.intp]
+    ) -> tuple[NDArray[np.intp], tuple[slice, ...], NDArray[np.bool_]]:
+        """Choose the frames to predict: all, those of each segment, and which are in it."""
+        nodes = [
+            spline_nodes(
+                segment.with_margin(self.valid, visible, self._margin),
+                segment,
+                self._task.rate,
+                self._nodes,
+            )
+            for segment in batch.segments
+        ]
+        stops = list(accumulate(len(frames) for frames, _ in nodes))
+        queries = tuple(slice(*edges) for edges in pairwise([0, *stops]))
+        frames, inside = (np.concatenate(parts) for parts in zip(*nodes, strict=True))
+        return frames, queries, inside
+
     def _usable_frames(
-        self, segment: GapSegment, source: NDArray[np.float64]
+        self, batch: SegmentBatch, source: NDArray[np.float64]
     ) -> _UsableFrames | None:
         """Choose the visible markers, dropping distant ones that would leave too few frames."""
         options = self._options
-        nearest = self.distance[segment.markers].min(axis=0)
-        visible = segment.visible[np.isfinite(nearest[segment.visible])]
+        nearest = self.distance[batch.markers].min(axis=0)
+        visible = batch.visible[np.isfinite(nearest[batch.visible])]
         visible = visible[np.argsort(nearest[visible], kind="stable")]
-        shown = np.logical_and.reduce(self.valid[:, segment.markers], axis=1)
+        shown = np.logical_and.reduce(self.valid[:, batch.markers], axis=1)
         showing = np.flatnonzero(shown)
         # Column n: whether a frame shows the nearest n + 1 markers together. One marker at a time,
         # because the masks of a long clip are large.
@@ -186,12 +209,12 @@ class OwnClipProblems:
         frames = showing[together[:, kept - 1]]
         if len(frames) < options.min_poses:
             return None
-        return _UsableFrames(visible[:kept], frames, len(showing), kept == len(segment.visible))
+        return _UsableFrames(visible[:kept], frames, len(showing), kept == len(batch.visible))
 
     def with_mirror_image(self, own: OwnClipProblem) -> OwnClipProblem:
         """Add poses of the clip's mirror image to a problem, unless too few are complete."""
         options, rate = self._options, self._task.rate
-        problem, markers = own.problem, own.segment.markers
+        problem, markers = own.problem, own.markers
         shown = np.logical_or.reduce(self.valid, axis=0)
         # the mirror image lacks markers without a contralateral one
         contralateral = self._task.contralateral
@@ -229,7 +252,7 @@ class OwnClipProblems:
         image = (train.recording == MIRROR_IMAGE)[:, None, None]
         step = max(1, round(self._options.velocity_seconds * self._task.rate))
         before, after = (
-            self.positions_at(self._task.positions, frames + lag, own.segment.markers, image)
+            self.positions_at(self._task.positions, frames + lag, own.markers, image)
             for lag in (-step, step)
         )
         before, after = complete_lagged(train.missing, before, after)

@@ -1,4 +1,4 @@
-"""The regression problems and the ensemble of models for a gap segment."""
+"""The regression problems and the ensemble of models for a batch of gap segments."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gp.problem import GPModel, RegressionProblem
-from priorfill.methods.gpr.gap_segments import GapSegment
+from priorfill.methods.gpr.gap_segments import SegmentBatch
 from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.gpr.training.own_clip import OwnClipProblem, OwnClipProblems
@@ -21,7 +21,7 @@ __all__ = ["TrainingPlan", "TrainingPlanner"]
 
 @dataclass(frozen=True, eq=False)
 class TrainingPlan:
-    """The training data and models for a gap segment.
+    """The training data and models for a batch of gap segments.
 
     Attributes
     ----------
@@ -31,8 +31,10 @@ class TrainingPlan:
         The ensemble.
     query_frames : ndarray of int
         Frames of the queries; see `priorfill.methods.gpr.spline_nodes`.
+    queries : tuple of slice
+        Those of each segment of the batch.
     inside : ndarray of bool [shape=(queries,)]
-        Which of them are in the segment, evenly spaced.
+        Which of them are in a segment, evenly spaced.
     visible : ndarray of int
         Visible markers of the clip's own problem, the nearest first.
     complete : bool
@@ -44,6 +46,7 @@ class TrainingPlan:
     problems: Sequence[RegressionProblem]
     models: Sequence[GPModel]
     query_frames: NDArray[np.intp]
+    queries: tuple[slice, ...]
     inside: NDArray[np.bool_]
     visible: NDArray[np.intp]
     complete: bool
@@ -56,7 +59,7 @@ class TrainingPlan:
 
 
 class TrainingPlanner:
-    """Plans the training for the gap segments of a task.
+    """Plans the training for the batches of segments of a task.
 
     Parameters
     ----------
@@ -85,13 +88,13 @@ class TrainingPlanner:
         self._models = options.models
 
     def plan(
-        self, segment: GapSegment, completed: NDArray[np.float64] | None
+        self, batch: SegmentBatch, completed: NDArray[np.float64] | None
     ) -> TrainingPlan | None:
-        """Choose the training data and the models for a segment.
+        """Choose the training data and the models for a batch.
 
         Parameters
         ----------
-        segment : GapSegment
+        batch : SegmentBatch
             What to predict.
         completed : ndarray [shape=(frames, markers, 3), mm] or None
             The clip filled by the first pass, to complete training poses in the second one.
@@ -99,17 +102,17 @@ class TrainingPlanner:
         Returns
         -------
         TrainingPlan or None
-            None where the clip shows the segment's markers in too few frames.
+            None where the clip shows the missing markers in too few frames.
         """
-        own = self.own.problem_for(segment, completed)
+        own = self.own.problem_for(batch, completed)
         if own is None:
             return None
         if completed is None and not own.complete:  # the second pass will replace it
             return _plan_of(own, self._models.first_pass)
-        seconds = (segment.stop - segment.start) / self._task.rate
+        seconds = batch.frames / self._task.rate
         if seconds <= self._options.training.short_segment_seconds:
             return _plan_of(own, self._models.short_segment)
-        if len(segment.markers) == 1:
+        if len(batch.markers) == 1:
             models = self._models.single_marker
             return _plan_of(self.own.with_lag_features(own, models), models)
         return self._limb_plan(own)
@@ -139,6 +142,7 @@ def _plan_of(
         (own.problem, *further),
         models,
         own.query_frames,
+        own.queries,
         own.inside,
         own.visible,
         own.complete,

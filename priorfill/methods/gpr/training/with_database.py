@@ -63,19 +63,19 @@ def problem_with_database(
     """
     if not task.takes:
         return None
-    columns = np.flatnonzero(search.common_markers(own.segment.markers)[own.visible])
+    columns = np.flatnonzero(search.common_markers(own.markers)[own.visible])
     visible = own.visible[columns]
     root = task.root_among(visible)
     if len(columns) < MIN_VISIBLE or root is None:
         return None
-    needed = np.concatenate([own.segment.markers, visible])
+    needed = np.concatenate([own.markers, visible])
     searched = visible[: search.options.max_markers]
     bank = search.bank(root, searched, needed, options.database.rate)
     if len(bank) < options.min_poses:
         return None
     chosen = _Training(own, search, root, bank, columns, *_chosen_rows(own, options, task.rate))
     poses = chosen.poses(options, take_correlations(task.takes, search.subjects, correlation))
-    shown = np.logical_and.reduce(task.valid[:, own.segment.markers], axis=1).sum() / task.rate
+    shown = np.logical_and.reduce(task.valid[:, own.markers], axis=1).sum() / task.rate
     problem = own.problem
     source = problem.lag_source
     return RegressionProblem(
@@ -169,7 +169,7 @@ class _Training:
 
     @property
     def _missing(self) -> NDArray[np.intp]:
-        return self.own.segment.markers
+        return self.own.markers
 
     def _nearest_bank_rows(self, options: TrainingOptions) -> NDArray[np.intp]:
         """Choose poses of the bank near the queries, then ones near the clip's training poses."""

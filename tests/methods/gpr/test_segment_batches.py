@@ -1,4 +1,4 @@
-"""Gap segments."""
+"""Gap segments, and which of them share a regression."""
 
 import numpy as np
 import pytest
@@ -7,11 +7,21 @@ from hypothesis import strategies as st
 from scipy.sparse.csgraph import connected_components
 
 from priorfill.gaps import gap_groups
-from priorfill.methods.gpr.gap_segments import (
-    MIN_VISIBLE,
+from priorfill.methods.gpr.gap_segments import MIN_VISIBLE
+from priorfill.methods.gpr.segment_batches import (
     SegmentOptions,
-    split_into_segments,
+    plan_batches,
+    split_into_batches,
 )
+
+RATE = 100.0
+
+
+def split_into_segments(group, valid, distance):
+    """The segments of all batches of a group."""
+    batches = split_into_batches(group, valid, distance, RATE)
+    segments = [segment for batch in batches for segment in batch.segments]
+    return sorted(segments, key=lambda segment: (segment.start, segment.markers[0]))
 
 
 @st.composite
@@ -113,16 +123,83 @@ def test_a_gap_is_divided_where_a_far_marker_is_needed_for_a_frame(visible, expe
     assert [(p.start, p.stop) for p in segments if p.markers[0] == 0] == expected
 
 
-def test_flickering_markers_do_not_make_many_segments():
+@settings(deadline=None, max_examples=100)
+@given(patterns())
+def test_batches_of_all_groups_cover_each_missing_sample_once(pattern):
+    valid, distance = pattern
+    count = np.zeros(valid.shape, dtype=int)
+    for batch in plan_batches(gap_groups(~valid), valid, distance, RATE):
+        lengths = []
+        stop = -1
+        for segment in batch.segments:
+            assert stop < segment.start
+            stop = segment.stop
+            np.testing.assert_array_equal(segment.markers, batch.markers)
+            np.testing.assert_array_equal(segment.visible, batch.visible)
+            assert valid[segment.start : segment.stop][:, segment.visible].all()
+            count[segment.start : segment.stop, segment.markers] += 1
+            lengths.append(segment.stop - segment.start)
+        assert min(lengths) <= batch.frames <= max(lengths)
+    np.testing.assert_array_equal(count, (~valid).astype(int))
+
+
+def test_a_flickering_near_marker_makes_two_batches():
+    """One with it and one without it, however often it appears."""
+    valid = np.ones((700, 12), dtype=bool)
+    valid[50:650, 0] = False
+    for start in range(70, 600, 30):
+        valid[start : start + 10, 1] = False
+    (group,) = gap_groups(~valid)
+    batches = split_into_batches(group, valid, near_and_far(12), RATE)
+    mine = sorted((b for b in batches if b.markers[0] == 0), key=lambda b: len(b.segments))
+    assert [(len(batch.segments), 1 in batch.visible) for batch in mine] == [
+        (18, False),
+        (19, True),
+    ]
+
+
+def test_a_short_gap_is_not_divided_where_a_marker_is_lost_for_a_few_frames():
+    for stop, expected in ((26, [(20, 26)]), (80, [(20, 22), (22, 24), (24, 80)])):
+        valid = np.ones((100, 12), dtype=bool)
+        valid[20:stop, 0] = False
+        valid[22:24, 3] = False
+        (group,) = gap_groups(~valid)
+        mine = [p for p in split_into_segments(group, valid, near_and_far(12)) if 0 in p.markers]
+        assert [(p.start, p.stop) for p in mine] == expected
+        assert 3 not in mine[len(mine) // 2].visible
+
+
+def test_gaps_of_a_marker_of_similar_length_are_one_batch():
+    valid = np.ones((1500, 12), dtype=bool)
+    lengths = (10, 11, 19, 21, 45, 300)
+    for place, length in zip(range(50, 1500, 200), lengths, strict=False):
+        valid[place : place + length, 3] = False
+    batches = plan_batches(gap_groups(~valid), valid, near_and_far(12), RATE)
+    assert [[s.stop - s.start for s in batch.segments] for batch in batches] == [
+        [10, 11, 19],
+        [21],
+        [45],
+        [300],
+    ]
+    assert [batch.frames for batch in batches] == [11, 21, 45, 300]
+
+
+def test_a_batch_has_a_limited_number_of_gaps():
+    valid = np.ones((200, 6), dtype=bool)
+    valid[20:180:2, 0] = False
+    batches = plan_batches(gap_groups(~valid), valid, near_and_far(6), RATE)
+    assert [len(batch.segments) for batch in batches] == [SegmentOptions.max_gaps] * 5
+
+
+def test_flickering_markers_do_not_make_many_batches():
     rng = np.random.default_rng(0)
     valid = rng.random((400, 30)) > 0.05
     valid[50:350, 0] = False
-    groups = gap_groups(~valid)
-    mine = [
-        p
-        for group in groups
-        for p in split_into_segments(group, valid, near_and_far(30))
-        if p.stop - p.start > 0 and 0 in p.markers and 50 <= p.start < 350
+    batches = [
+        batch
+        for group in gap_groups(~valid)
+        for batch in split_into_batches(group, valid, near_and_far(30), RATE)
     ]
-    assert sum(p.stop - p.start for p in mine) == 300
-    assert len(mine) <= 3 * SegmentOptions.max_segments
+    mine = [b for b in batches if 0 in b.markers and 50 <= b.segments[0].start < 350]
+    assert sum(p.stop - p.start for batch in mine for p in batch.segments) == 300
+    assert len(mine) <= 24
