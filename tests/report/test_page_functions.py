@@ -156,6 +156,8 @@ def test_what_is_left_of_a_decision_that_another_cuts(blank: Any) -> None:
     # next to each other
     first = {**cut, "frames": f"{base + 100}-{base + 109}"}
     assert left(part | {"subject": "Anna"}, old=first) == [first]
+    # a mark of measured samples leaves the fill of others as it is
+    assert left(part | {"subject": "Anna", "do": "missing"}) == [whole]
     # marks of measured samples stay wherever they are
     wrong = {"marker": "LKNE", "frames": f"{base}-{base + 9}", "subject": "Anna", "do": "missing"}
     leave = wrong | {"frames": base + 3, "do": "leave"}
