@@ -7,14 +7,14 @@ errors of the gaps. A gap at the clip's start or end is lengthened by as many fr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.errors import MethodError
-from priorfill.gaps import Gap, gap_groups, runs
+from priorfill.gaps import Gap, gap_groups
 from priorfill.geometry.distances import norms
 from priorfill.gp.calibration import MIN_EXPECTED_RMS
 from priorfill.methods.task import Estimate, Task
@@ -86,18 +86,18 @@ def _copies(task: Task, used: NDArray[np.bool_], number: int) -> list[_Copy]:
     copies: list[_Copy] = []
     for group in task.groups:
         rest = [gap for gap in group.gaps if gap.start > 0 and gap.stop < len(task.positions)]
+        shifts = _Shifts(task, used, rest)
         while rest:  # those that fit together, then those that are left
-            shift = _shift(task, used, rest, number)
-            placed = set()
-            for gap in rest:
-                start, stop = gap.start + shift, gap.stop + shift
-                if shift and _is_free(task, used, start - 1, stop + 1, gap.marker):
-                    placed.add(gap)
-                    copies.append(_Copy(gap, start, stop))
-                    used[start:stop, gap.marker] = True
+            shift = shifts.best(number)
+            placed = shifts.fitting(rest, shift) if shift else set()
             if not placed:
                 break
-            rest = [gap for gap in rest if gap not in placed]
+            left = [gap for gap in rest if gap not in placed]
+            shifts.place(rest, left, shift)
+            copies += [
+                _Copy(gap, gap.start + shift, gap.stop + shift) for gap in rest if gap in placed
+            ]
+            rest = left
         if number:  # a gap at an end can be lengthened only once
             continue
         for gap in group.gaps:
@@ -106,63 +106,124 @@ def _copies(task: Task, used: NDArray[np.bool_], number: int) -> list[_Copy]:
                 start, stop = gap.start - gap.frames, gap.start
             elif gap.start > 0:
                 continue
-            if _is_free(task, used, start - 1, stop + 1, gap.marker, at_end=True):
+            if _is_free_at_end(task, used, start - 1, stop + 1, gap.marker):
                 copies.append(_Copy(gap, start, stop))
                 used[start:stop, gap.marker] = True
     return copies
 
 
-def _shift(task: Task, used: NDArray[np.bool_], gaps: Sequence[Gap], number: int) -> int:
-    """Return the shift at which most samples of some gaps are measured, the smallest one; or 0.
+class _Shifts:
+    """How many samples of some gaps are measured and not used, shifted by each number of frames.
 
-    Copies of different rounds are on different sides of the gaps if possible.
+    Parameters
+    ----------
+    task : Task
+        The task.
+    used : ndarray of bool [shape=(frames, markers)]
+        Samples that are used; `place` marks others.
+    gaps : sequence of Gap
+        The gaps.
     """
-    frames = len(task.positions)
-    change = np.zeros(2 * frames)  # of the score from each shift to the next, from 1 - frames
-    for marker, some in _by_marker(gaps):
-        edges = np.array([(gap.start - 1, gap.stop + 1) for gap in some], dtype=np.intp)
-        spans = np.array(list(runs(task.valid[:, marker] & ~used[:, marker])), dtype=np.intp)
-        spans = spans.reshape(-1, 2)
+
+    def __init__(self, task: Task, used: NDArray[np.bool_], gaps: Sequence[Gap]) -> None:
+        self._valid = task.valid
+        self._used = used
+        self._frames = len(task.positions)
+        self._taken: dict[int, NDArray[np.int32]] = {}
+        # of the score from each shift to the next, from 1 - frames; whole numbers, so exact
+        self._change = np.zeros(2 * self._frames)
+        for marker, some in _by_marker(gaps).items():
+            self._add(marker, some, 1.0)
+
+    def best(self, number: int) -> int:
+        """Return the shift at which most samples are measured, the smallest one; or 0.
+
+        Copies of different rounds are on different sides of the gaps if possible.
+        """
+        score = np.cumsum(self._change[:-1])
+        if not score.any():
+            return 0
+        best = np.flatnonzero(score == score.max()) - (self._frames - 1)
+        side = (best > 0) == (number % 2 == 0)
+        return int(best[np.lexsort((np.abs(best), ~side))[0]])
+
+    def fitting(self, gaps: Sequence[Gap], shift: int) -> set[Gap]:
+        """Return the gaps whose frames, and those next to them, are measured and not used."""
+        found: set[Gap] = set()
+        for marker, some in _by_marker(gaps).items():
+            taken = self._taken_before(marker)
+            start, stop = _edges(some).T + shift
+            inside = (start >= 0) & (stop <= self._frames)
+            free = taken[np.where(inside, stop, 0)] == taken[np.where(inside, start, 0)]
+            found.update(some[i] for i in np.flatnonzero(inside & free))
+        return found
+
+    def place(self, gaps: Sequence[Gap], left: Sequence[Gap], shift: int) -> None:
+        """Use the samples of the gaps that are not left, in shifted frames."""
+        before, after = _by_marker(gaps), _by_marker(left)
+        for marker, some in before.items():
+            rest = after.get(marker, [])
+            if len(rest) == len(some):
+                continue
+            self._add(marker, some, -1.0)
+            self._taken.pop(marker, None)
+            kept = set(rest)
+            for gap in some:
+                if gap not in kept:
+                    self._used[gap.start + shift : gap.stop + shift, marker] = True
+            self._add(marker, rest, 1.0)
+
+    def _taken_before(self, marker: int) -> NDArray[np.int32]:
+        """Return how many samples before each frame are not free [shape=(frames + 1,)]."""
+        if marker not in self._taken:
+            taken = np.zeros(self._frames + 1, dtype=np.int32)
+            np.cumsum(~self._free(marker), out=taken[1:])
+            self._taken[marker] = taken
+        return self._taken[marker]
+
+    def _free(self, marker: int) -> NDArray[np.bool_]:
+        return self._valid[:, marker] & ~self._used[:, marker]
+
+    def _add(self, marker: int, gaps: Sequence[Gap], sign: float) -> None:
+        """Add the samples of a marker's gaps."""
+        if not gaps:
+            return
+        edges = _edges(gaps)
+        free = np.concatenate([[False], self._free(marker), [False]])
+        spans = np.flatnonzero(free[1:] != free[:-1]).reshape(-1, 2)
         spans = spans[np.ptp(spans, axis=1) >= np.ptp(edges, axis=1).min()]
         batch = max(MAX_PAIRS // max(len(spans), 1), 1)
         for first, last in (edges[i : i + batch].T for i in range(0, len(edges), batch)):
             # a gap and the frames next to it fit into a span at these shifts
             least, most = spans[:, :1] - first, spans[:, 1:] - last
             fits = least <= most
-            weight = np.broadcast_to(last - first - 2, fits.shape)[fits]
-            np.add.at(change, least[fits] + frames - 1, weight)
-            np.subtract.at(change, most[fits] + frames, weight)
-    score = np.cumsum(change[:-1])
-    if not score.any():
-        return 0
-    best = np.flatnonzero(score == score.max()) - (frames - 1)
-    side = (best > 0) == (number % 2 == 0)
-    return int(best[np.lexsort((np.abs(best), ~side))[0]])
+            weight = sign * np.broadcast_to(last - first - 2, fits.shape)[fits]
+            np.add.at(self._change, least[fits] + self._frames - 1, weight)
+            np.subtract.at(self._change, most[fits] + self._frames, weight)
 
 
-def _by_marker(gaps: Sequence[Gap]) -> Iterable[tuple[int, list[Gap]]]:
+def _edges(gaps: Sequence[Gap]) -> NDArray[np.intp]:
+    """Return the frames of gaps with one more on either side [shape=(gaps, 2)]."""
+    return np.array([(gap.start - 1, gap.stop + 1) for gap in gaps], dtype=np.intp)
+
+
+def _by_marker(gaps: Sequence[Gap]) -> dict[int, list[Gap]]:
     """Return the gaps of each marker."""
     found: dict[int, list[Gap]] = {}
     for gap in gaps:
         found.setdefault(gap.marker, []).append(gap)
-    return found.items()
+    return found
 
 
-def _is_free(
-    task: Task,
-    used: NDArray[np.bool_],
-    start: int,
-    stop: int,
-    marker: int,
-    *,
-    at_end: bool = False,
+def _is_free_at_end(
+    task: Task, used: NDArray[np.bool_], start: int, stop: int, marker: int
 ) -> bool:
-    """Whether a marker is measured and not used in some frames; next to a gap but for its edge."""
+    """Whether a marker is measured and not used in some frames but for one next to a gap."""
     frames = slice(max(start, 0), stop)
-    if not (start + at_end >= 0 and stop - at_end <= len(task.positions)):
+    if start + 1 < 0 or stop - 1 > len(task.positions):
         return False
     free = task.valid[frames, marker] & ~used[frames, marker]
-    return int((~free).sum()) <= at_end and len(free) > 2
+    return int((~free).sum()) <= 1 and len(free) > 2
 
 
 def _errors(task: Task, copies: list[_Copy], fill: _Fill) -> list[tuple[Gap, float]]:

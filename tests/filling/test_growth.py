@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from priorfill.filling.assemble import _overlapping
-from priorfill.filling.held_out_errors import _shift
+from priorfill.filling.held_out_errors import _Shifts
 from priorfill.filling.plausibility import MAX_SAMPLED, PlausibilityCheck
 from priorfill.filling.plausibility_options import PlausibilityOptions
 from priorfill.gaps import Gap, find_gaps, gap_groups
@@ -26,21 +26,22 @@ def random_task(seed: int) -> Task:
 
 
 def plain_shift(free, gaps, number):
-    """The shift of `_shift`, one after the other."""
+    """The best shift, and the gaps that fit there, tried one after the other."""
     frames = len(free)
-    best, best_score = 0, (0, False, 0)
+    best, fitting_best, best_score = 0, set(), (0, False, 0)
     for shift in range(1 - frames, frames):
         fitting = [
-            gap.frames
+            gap
             for gap in gaps
             if gap.start + shift > 0
             and gap.stop + shift < frames
             and free[gap.start + shift - 1 : gap.stop + shift + 1, gap.marker].all()
         ]
-        score = (sum(fitting), (shift > 0) == (number % 2 == 0), -abs(shift))
-        if score[0] and score > best_score:
-            best, best_score = shift, score
-    return best
+        samples = sum(gap.frames for gap in fitting)
+        score = (samples, (shift > 0) == (number % 2 == 0), -abs(shift))
+        if samples and score > best_score:
+            best, fitting_best, best_score = shift, set(fitting), score
+    return best, fitting_best
 
 
 @settings(max_examples=40)
@@ -49,10 +50,19 @@ def test_copies_of_gaps_are_shifted_to_where_most_fit(seed, number):
     task = random_task(seed)
     used = np.random.default_rng(seed).random(task.valid.shape) < 0.05
     for group in task.groups:
-        inner = [gap for gap in group.gaps if gap.start > 0 and gap.stop < len(used)]
-        if inner:
-            expected = plain_shift(task.valid & ~used, inner, number)
-            assert _shift(task, used, inner, number) == expected
+        rest = [gap for gap in group.gaps if gap.start > 0 and gap.stop < len(used)]
+        shifts = _Shifts(task, used, rest)
+        placed = set(rest)
+        while rest and placed:
+            shift, placed = plain_shift(task.valid & ~used, rest, number)
+            assert shifts.best(number) == shift
+            assert not placed or shifts.fitting(rest, shift) == placed
+            left = [gap for gap in rest if gap not in placed]
+            shifts.place(rest, left, shift)
+            assert all(
+                used[gap.start + shift : gap.stop + shift, gap.marker].all() for gap in placed
+            )
+            rest = left
 
 
 @settings(max_examples=20)
