@@ -18,9 +18,12 @@ from priorfill.cli import main
 from priorfill.cli.review import review
 
 SCRIPT = """
-import _thread, threading, time
+import _thread, signal, threading, time
 from pathlib import Path
 from priorfill.cli import main
+
+# shells start background jobs with SIGINT ignored
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 def interrupt():
     while not Path("interrupt").exists():
