@@ -84,6 +84,38 @@ def test_every_change_is_reported(tmp_path, source, monkeypatch):
     assert any("residuals of" in change for change in changes)
 
 
+@pytest.mark.parametrize("bit", [0, 6])
+def test_every_camera_is_compared(tmp_path, source, monkeypatch, bit):
+    write = ezc3d.c3d.write
+
+    def spoil(self, path):
+        # ezc3d takes the upper byte of the fourth word for the residual, and truncates it
+        self["data"]["meta_points"]["residuals"][0, 5, 5] = STEP * ((1 << bit) + 0.5)
+        write(self, path)
+
+    monkeypatch.setattr(ezc3d.c3d, "write", spoil)
+    clip, filled = source()
+    changes = rewrite_c3d(tmp_path / "out.c3d", clip, filled).changes
+    assert [change for change in changes if "samples differ" in change] == [
+        "cameras of 1 measured samples differ"
+    ]
+
+
+def test_unsigned_analog_values(tmp_path, source, monkeypatch):
+    """ezc3d reads them as signed."""
+    analog = np.linspace(0, 65535, 72).astype(int).reshape(12, 2, 3)
+    clip, filled = source(analog=analog, parameters={"ANALOG": {"FORMAT": ["UNSIGNED"]}})
+    assert "analog values differ" in rewrite_c3d(tmp_path / "out.c3d", clip, filled).changes
+    write = ezc3d.c3d.write
+
+    def correct(self, path):
+        self["data"]["analogs"] %= 1 << 16
+        write(self, path)
+
+    monkeypatch.setattr(ezc3d.c3d, "write", correct)
+    assert "analog values differ" not in rewrite_c3d(tmp_path / "2.c3d", clip, filled).changes
+
+
 def test_lost_events_are_reported(tmp_path, source):
     def with_events(content: bytes) -> bytes:
         head = bytearray(content)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+
 import numpy as np
 import pytest
 import text_files as files
@@ -11,7 +13,6 @@ from text_cases import CASES, with_gap
 from priorfill import formats
 from priorfill.clip import Clip
 from priorfill.filling.swaps import exchange
-from priorfill.formats.c3d.layout import parse_layout, read_points
 
 FRAMES = slice(3, 7)
 """Frames in which markers are exchanged; in some of them the first is missing."""
@@ -64,28 +65,31 @@ def test_a_gap_that_has_moved_is_filled(tmp_path):
     assert (tmp_path / "out.c3d").read_bytes() == C3DFile(records, LABELS).bytes()
 
 
-def test_samples_of_a_rewritten_c3d_file(tmp_path):
-    records = standing(step=0.1)
-    cameras = np.tile(np.arange(records.shape[1]), (len(records), 1))
-    records[:, :, 3] = 256 * cameras + 3
+@pytest.mark.parametrize("is_float", [True, False])
+def test_samples_of_a_rewritten_c3d_file(tmp_path, is_float):
+    records = standing(step=None if is_float else 0.1)
+    # cameras and residual of each point
+    records[:, :, 3] = 256 * (12 * np.arange(10) + 7) + np.arange(10) + 3
     records[5, 2] = records[5, 4] = [0, 0, 0, -1]
-    (tmp_path / "in.c3d").write_bytes(C3DFile(records, LABELS, is_float=False).bytes())
+    if is_float:
+        records[6, 4, 0] = np.nan  # missing, with cameras
+    (tmp_path / "in.c3d").write_bytes(C3DFile(records, LABELS, is_float=is_float).bytes())
     clip = exchanged(formats.read(tmp_path / "in.c3d"), (2, 6))
-    filled = untouched(clip)
-    filled[5, 4] = True
+    filled = clip.missing
+    filled[5, 6] = False
+    assert filled.sum() == 1 + is_float
     clip = clip.with_positions(np.where(filled[..., None], 100.0, clip.positions))
     report = formats.write(tmp_path / "out.c3d", clip, filled, rewrite=True)
     again = formats.read(tmp_path / "out.c3d")
     np.testing.assert_allclose(again.positions, clip.positions, rtol=1e-6)
     assert again.missing[5, 6]
     assert not any("measured samples differ" in change for change in report.changes)
+    records[FRAMES, [2, 6]] = records[FRAMES, [6, 2]]
+    records[filled, 3] = 0
     data = (tmp_path / "out.c3d").read_bytes()
-    words = read_points(data, parse_layout(data, ""))[1].astype(int)
-    cameras[FRAMES, [2, 6]] = cameras[FRAMES, [6, 2]]
-    cameras[5, 4] = 0
-    shown = words >= 0
-    assert shown.sum() == words.size - 1
-    np.testing.assert_array_equal((words >> 8)[shown], cameras[shown])
+    start = 512 * (struct.unpack("<H", data[16:18])[0] - 1)
+    stored = np.frombuffer(data, "<f4", records.size, start).reshape(records.shape)
+    np.testing.assert_array_equal(stored[..., 3], records[..., 3])
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -138,7 +138,11 @@ def _exchange(
     points: NDArray[np.intp],
     taken_from: NDArray[np.intp],
 ) -> None:
-    """Exchange samples in ezc3d's content, with their residuals and cameras."""
+    """Exchange samples in ezc3d's content, with their residuals and cameras.
+
+    ezc3d takes the upper byte of the fourth word for the residual and the lower one for the
+    cameras; both are exchanged, so that nothing depends on it.
+    """
     for values in (
         data["points"],
         data["meta_points"]["residuals"],
