@@ -11,6 +11,7 @@ from browser import PageOpener
 from page_examples import example_data
 
 import priorfill.report
+from priorfill.filling.overrides_file import MAX_BYTES
 
 FOLDER = Path(priorfill.report.__file__).parent / "page"
 
@@ -230,3 +231,92 @@ def test_what_is_drawn_of_fills_and_times(blank: Any) -> None:
     # bounds of more than 12 % of the picture's height are lines
     assert found["bounds"] == [["halo"], ["halo"], ["stroke"]]
     assert found["texts"][:6] == ["time (s)", "frame", "0", "101", "1", "201"]
+
+
+IMPORTED = """
+async ({ data, size }) => {
+  const store = new Store(data);
+  const taken = [];
+  const files = new DecisionFiles(store, { take: (entries) => taken.push(entries) });
+  const text = '[[gap]]\\nmarker = "LKNE"\\nsubject = "Anna"\\ndo = "leave"\\n#';
+  const transfer = new DataTransfer();
+  transfer.items.add(new File([text.padEnd(size, "x")], "d.toml"));
+  files.input.files = transfer.files;
+  await files.read();
+  return [taken.length, files.status.textContent, files.input.value];
+}
+"""
+
+
+def test_how_long_an_imported_file_may_be(blank: Any) -> None:
+    def imported(size: int) -> list[Any]:
+        found: list[Any] = blank.evaluate(IMPORTED, {"data": example_data(), "size": size})
+        return found
+
+    assert imported(MAX_BYTES) == [1, "1 decision read from d.toml in place of the list.", ""]
+    reason = "d.toml was not imported: has more than 4096 KiB."
+    assert imported(MAX_BYTES + 1) == [0, reason, ""]
+
+
+REVIEWED = """
+async ({ data, unsaved }) => {
+  const sent = [];
+  let done;
+  window.fetch = async (url) => {
+    const action = url.split("/").pop();
+    sent.push(action);
+    if (action !== "fill") return new Response("{}");
+    return new Promise((resolve) => {
+      done = () => resolve(new Response('{"error":"no"}'));
+    });
+  };
+  const review = new DecisionReview(new Store({ ...data, can: { refill: true, save: true } }),
+    { entries: () => [], unsaved: () => unsaved });
+  const states = [];
+  const note = () => states.push([
+    ...[review.fillButton, review.saveButton, review.closeButton].map((one) => one.disabled),
+    ...[review.stopButton, review.bar, review.closeButton].map((one) => one.hidden),
+    review.status.textContent,
+  ]);
+  review.show(true);
+  note();
+  const running = review.run("fill");
+  note();
+  review.show(true);  // a decision is made
+  review.closeButton.click();
+  await review.run("save");
+  note();
+  done();
+  await running;
+  note();
+  await review.end();
+  note();
+  review.show(true);
+  await review.end();
+  note();
+  await review.end();
+  note();
+  return { sent, states };
+}
+"""
+"""A review that fills, during which everything but stopping waits, and that ends."""
+
+
+def test_a_review_ends_after_the_fill_and_what_is_not_saved_holds_it(blank: Any) -> None:
+    fills, waits = [False] * 3 + [True, True, False], [True] * 3 + [False] * 3
+    pending = "Some decisions need a fill."
+    unsaved = "Some decisions are not saved. End review once more ends without them."
+    ended = [*fills[:5], True, "The review has ended; this page can be closed."]
+    found = blank.evaluate(REVIEWED, {"data": example_data(), "unsaved": True})
+    assert found["states"] == [
+        [*fills, pending],
+        [*waits, "Filling …"],
+        [*waits, "Filling …"],
+        [*fills, "No."],
+        [*fills, unsaved],
+        [*fills, unsaved],  # the decisions are others than those of the first click
+        ended,
+    ]
+    assert found["sent"] == ["fill", "close"]
+    found = blank.evaluate(REVIEWED, {"data": example_data(), "unsaved": False})
+    assert found["states"][4] == ended

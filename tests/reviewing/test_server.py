@@ -43,27 +43,27 @@ def client(served: tuple[ReviewServer, ReviewClient]) -> ReviewClient:
 
 @dataclass
 class SlowFill:
-    """A fill that has begun, and whether it may end."""
+    """A fill that takes until it may end; each step reports progress."""
 
     begun: threading.Event = field(default_factory=threading.Event)
     may_end: threading.Event = field(default_factory=threading.Event)
 
-
-@pytest.fixture
-def slow(served: tuple[ReviewServer, ReviewClient], monkeypatch: pytest.MonkeyPatch) -> SlowFill:
-    """Fills take until they may end; each step reports progress."""
-    events = SlowFill()
-
-    def fill(decisions: Any, progress: Any, checkpoint: Any) -> dict[str, Any]:
+    def fill(self, decisions: Any, progress: Any, checkpoint: Any) -> dict[str, Any]:
+        """Take the place of `ReviewSession.fill`."""
         for step in range(1, 600):
             progress(step, 600)
-            events.begun.set()
-            if events.may_end.wait(0.05):
+            self.begun.set()
+            if self.may_end.wait(0.05):
                 return {"title": "slow"}
         raise AssertionError("nobody stopped the fill")
 
-    monkeypatch.setattr(served[0].session, "fill", fill)
-    return events
+
+@pytest.fixture
+def slow(served: tuple[ReviewServer, ReviewClient], monkeypatch: pytest.MonkeyPatch) -> SlowFill:
+    """The fills of the server."""
+    fills = SlowFill()
+    monkeypatch.setattr(served[0].session, "fill", fills.fill)
+    return fills
 
 
 def test_the_page_and_its_headers(client: ReviewClient) -> None:
@@ -277,13 +277,22 @@ def test_the_server_listens_on_this_computer_and_keeps_no_log(
         ReviewServer(served[0].session, client.port)
 
 
-def test_the_page_ends_the_review(here: Path) -> None:
-    session = ReviewSession(write_walk(Path("walk.c3d")), method="linear")
+def test_the_page_ends_the_review_and_its_fill(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    session, slow = ReviewSession(write_walk(Path("walk.c3d")), method="linear"), SlowFill()
+    monkeypatch.setattr(session, "fill", slow.fill)
     session.data = {"title": "walk"}
     server = ReviewServer(session)
     server.start()
     client = ReviewClient.of(server.address)
+    lines: list[dict[str, Any]] = []
+    filling = threading.Thread(
+        target=lambda: lines.extend(client.post("fill", {"decisions": []}).lines)
+    )
+    filling.start()
+    assert slow.begun.wait(30)
     assert client.post("close", {}).lines == [{"ok": True}]
+    filling.join(30)
+    assert lines[-1] == {"error": "the fill was stopped"}
     server.wait()
     server.stop()
     with pytest.raises(ConnectionError):
