@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from priorfill.filling.plausibility_options import PlausibilityOptions
 from priorfill.gaps import runs
 from priorfill.geometry.distances import norms
+from priorfill.geometry.floor_heights import is_stood_on
 from priorfill.geometry.step_lengths import MIN_STEPS, greatest_step, step_lengths
 from priorfill.markers.clip_geometry import ClipGeometry
 from priorfill.signal.running import running_maximum
@@ -199,7 +200,7 @@ class PlausibilityCheck:
     def _lowest(self) -> float:
         """Height of the floor (mm); minus infinity where there is none."""
         floor = self.geometry.floor
-        if not np.isfinite(floor).any():
+        if not is_stood_on(self.geometry.positions, floor, self.rate):
             return -np.inf
         frames = len(self.geometry.positions)
         heights = self.geometry.positions[:: max(1, frames // MAX_HEIGHT_FRAMES), :, 2]

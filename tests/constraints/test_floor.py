@@ -14,9 +14,12 @@ from priorfill.constraints.floor import (
     enforce_floor,
 )
 from priorfill.errors import OptionError
+from priorfill.formats import read
+from priorfill.geometry.axes import to_upright
 from priorfill.geometry.floor_heights import (
     FloorHeightOptions,
     floor_heights,
+    is_stood_on,
 )
 
 RATE = 100.0
@@ -90,6 +93,52 @@ def test_the_lower_foot_sets_the_floor_of_both():
     clip[:, 5:, 2] += 7.0
     floor = floor_heights(clip, np.r_[5:10, 0:5])
     np.testing.assert_array_equal(floor[:5], floor[5:])
+
+
+def test_feet_stand_still_also_on_a_treadmill_and_where_frames_are_blank():
+    clip = leg(frames=300)
+    floor = floor_heights(clip, np.full(5, -1))
+    assert is_stood_on(clip, floor, RATE)
+    clip[..., 0] += 1300.0 * np.arange(300)[:, None] / RATE
+    clip[1::2] = np.nan
+    assert is_stood_on(clip, floor, RATE)
+    assert not is_stood_on(clip, np.full(5, -np.inf), RATE)
+    clip[:, 2:] = np.nan
+    assert not is_stood_on(clip, floor, RATE)
+
+
+def test_a_body_in_free_flight_stands_nowhere():
+    time = np.arange(60) / RATE
+    thrown = np.zeros((60, 5, 3))
+    thrown[..., 2] = (4905.0 * (time - 0.3) ** 2)[:, None] + 30.0 * np.arange(5)
+    floor = floor_heights(thrown, np.full(5, -1))
+    assert np.isfinite(floor).all()
+    assert not is_stood_on(thrown, floor, RATE)
+    # two samples at the lowest point are slow; a third one makes 4 %
+    thrown[:5] = thrown[30]
+    assert not is_stood_on(thrown, floor, RATE)
+    thrown[5] = thrown[30]
+    assert is_stood_on(thrown, floor, RATE)
+    blank = np.full((120, 5, 3), np.nan)
+    blank[::2] = thrown
+    assert is_stood_on(blank, floor, 2 * RATE)
+    thrown[6:8] = thrown[30]
+    assert is_stood_on(thrown, floor - 9.0, RATE)
+    assert not is_stood_on(thrown, floor - 11.0, RATE)
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize(
+    "name",
+    ["gait/HC040A40.c3d", "cmu/127_07.c3d", "hdm05/HDM_dg_06-03_03_120.c3d", "walkl/WalkL.c3d"],
+)
+def test_recorded_feet_stand_on_the_floor(data, name):
+    """The recording of each folder whose feet stand for the shortest time."""
+    clip = read(data / name)
+    positions = to_upright(clip.positions, clip.up)
+    floor = floor_heights(positions, np.full(len(clip.labels), -1))
+    assert is_stood_on(positions, floor, clip.rate)
+    assert is_stood_on(positions[::2], floor, clip.rate / 2)
 
 
 @settings(deadline=None, max_examples=30)
