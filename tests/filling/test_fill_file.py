@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from gappy import ARM, person, with_gaps
 import priorfill as pf
 from priorfill.clip import Clip
 from priorfill.errors import ClipError, OptionError, OutputError
+from priorfill.filling.overrides import GapOverride, Overrides
 from priorfill.filling.plausibility_options import UNCHECKED
 from priorfill.formats import read, write
 
@@ -83,6 +85,87 @@ def test_nothing_is_filled_that_cannot_be_written(two, monkeypatch):
     ):
         with pytest.raises(error, match=words):
             pf.fill_file("two.c3d", output, files=pf.FileOptions(**options))
+
+
+FURTHER = {
+    "uncertainty": "how.npz",
+    "plot": "plot.png",
+    "report": "page.html",
+    "write_overrides": "gaps.toml",
+}
+"""Fields of `FileOptions` that name further outputs."""
+
+WHAT = {
+    "uncertainty": "the file for the uncertainty",
+    "plot": "the file for the plot",
+    "report": "the report",
+}
+
+
+@pytest.fixture
+def spot(here: Path) -> Path:
+    """A file with two gaps of one marker."""
+    write("spot.c3d", with_gaps(person(), (60, 90, ("LKNE",)), (200, 240, ("LKNE",))))
+    return Path("spot.c3d")
+
+
+def test_further_outputs_are_checked_before_the_fill(spot, monkeypatch):
+    monkeypatch.setattr("priorfill.filling.fill_file.fill", None)
+
+    def refused(words: str, overwrite: bool, **options: str) -> None:
+        files = pf.FileOptions(overwrite=overwrite, **options)
+        with pytest.raises(OutputError, match=words):
+            pf.fill_file(spot, files=files)
+
+    for name, path in FURTHER.items():
+        Path(path).write_text("mine")
+        refused(f"{path}: exists already", False, **{name: path})
+        Path(path).unlink()
+        Path(path).hardlink_to(spot)
+        refused(f"{path}: is the file that the clip was read from", True, **{name: path})
+        Path(path).unlink()
+    for (one, what), other in zip(WHAT.items(), list(FURTHER)[1:], strict=True):
+        Path(FURTHER[one]).write_text("mine")
+        Path(FURTHER[other]).hardlink_to(FURTHER[one])
+        both = {name: FURTHER[name] for name in (one, other)}
+        refused(f"{FURTHER[other]}: is {what}; choose another name", True, **both)
+        for path in both.values():
+            Path(path).unlink()
+
+
+@pytest.mark.parametrize("name", FURTHER)
+def test_a_file_that_appears_during_the_fill_is_kept(spot, name):
+    path = Path(FURTHER[name])
+    options = replace(UNBELIEVABLE, progress=lambda done, total: path.write_text("mine"))
+    files = pf.FileOptions(**{name: path})
+    with pytest.raises(OutputError, match=f"{path}: exists already"):
+        pf.fill_file(spot, "out.c3d", method="linear", files=files, options=options)
+    assert path.read_text() == "mine"
+    assert sorted(Path().iterdir()) == sorted([path, spot])
+
+
+def test_further_outputs_are_replaced_together(spot):
+    for path in ("out.c3d", *FURTHER.values()):
+        Path(path).write_text("mine")
+    files = pf.FileOptions(plot_gaps=2, overwrite=True, **FURTHER)
+    # the page shows measured samples that the fill exchanges
+    swap = GapOverride(("LANK",), "swap", first=5, last=9, other="RANK")
+    done = pf.fill_file(
+        spot,
+        "out.c3d",
+        method="linear",
+        files=files,
+        options=UNBELIEVABLE,
+        overrides=Overrides((swap,)),
+    )
+    assert done.further == {name: (Path(path),) for name, path in FURTHER.items()}
+    assert list(done.further) == list(FURTHER)
+    assert np.load("how.npz")["filled"].sum() == done.result.filled.sum() == 70
+    assert pf.read_overrides("gaps.toml").to_entries()
+    assert '"as measured"' in Path("page.html").read_text("utf-8")
+    width, height = struct.unpack(">II", Path("plot.png").read_bytes()[16:24])
+    expected = done.result.plot(gaps=2).get_size_inches()
+    assert height / width == pytest.approx(expected[1] / expected[0], rel=0.01)
 
 
 def test_artefacts_are_reported_or_rejected(here):
