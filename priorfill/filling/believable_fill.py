@@ -17,7 +17,7 @@ from priorfill.filling.held_out_errors import with_held_out_errors
 from priorfill.filling.plausibility import CRITERIA, JUMP, SPEED, PlausibilityCheck
 from priorfill.filling.plausibility_options import PlausibilityOptions
 from priorfill.filling.seen_clip import SeenClip
-from priorfill.gaps import Gap, GapGroup
+from priorfill.gaps import Gap, GapGroup, gap_groups
 from priorfill.geometry.axes import to_upright
 from priorfill.gp.calibration import BOUND_FACTOR, MEAN_FACTOR
 from priorfill.methods.task import Estimate, Note, Task
@@ -26,6 +26,9 @@ from priorfill.search.takes import Take
 __all__ = ["BelievableFill", "FillTask"]
 
 _Bool = NDArray[np.bool_]
+
+SHORT_SECONDS = 0.2
+"""s. Length of gaps that are always filled again with others of their gap group."""
 
 FillTask = Callable[[Task], Estimate]
 """A method with its options."""
@@ -150,12 +153,10 @@ class BelievableFill:
         if other.frames != seen.frames:  # the suspects are most of what the ends show
             return None
         task = self._task(other)
-        groups = tuple(
-            group
-            for group in task.groups
-            if failing[group.start : group.stop, list(group.markers)].any()
-        )
-        found = self._estimate(replace(task, groups=groups), method)
+        doubted = failing | suspects
+        groups = _to_repeat(task, doubted)
+        completed = np.where(doubted[..., None], np.nan, estimate.positions)
+        found = self._estimate(replace(task, groups=groups, completed=completed), method)
         found = _joined(estimate, found, groups)
         left = np.logical_or.reduce([failing & False, *self._failures(other, found).values()])
         believed = failing & ~left & ~np.isnan(found.positions[..., 0])
@@ -183,6 +184,22 @@ class BelievableFill:
             self._check(seen).next_to_doubtful(estimate.positions, doubtful),
             "too far from the next sample, which is in doubt",
         )
+
+
+def _to_repeat(task: Task, doubted: _Bool) -> tuple[GapGroup, ...]:
+    """Return the gap groups of gaps with doubted samples, and of short gaps next to them.
+
+    Short gaps take little time, and their markers are visible again once they are filled.
+    """
+    short = SHORT_SECONDS * task.rate
+    missing = np.zeros_like(doubted)
+    for group in task.groups:
+        if not doubted[group.start : group.stop, list(group.markers)].any():
+            continue
+        for gap in group.gaps:
+            inside = (slice(gap.start, gap.stop), gap.marker)
+            missing[inside] = gap.frames <= short or doubted[inside].any()
+    return tuple(gap_groups(missing))
 
 
 def _joined(first: Estimate, second: Estimate, groups: Sequence[GapGroup]) -> Estimate:

@@ -68,6 +68,9 @@ class Task:
         not, from the takes alone.
     checkpoint : callable
         Called often, also from threads; what it raises stops the method.
+    completed : ndarray [shape=(frames, markers, 3), mm], optional
+        The clip with its gaps filled by an earlier call of the method, NaN where that fill is not
+        believed: a method may use it to complete the poses that it learns from.
     """
 
     positions: NDArray[np.float64]
@@ -81,6 +84,7 @@ class Task:
     known_geometry: ClipGeometry | None = None
     learn_from_clip: bool = True
     checkpoint: Callable[[], None] = lambda: None
+    completed: NDArray[np.float64] | None = None
 
     @cached_property
     def geometry(self) -> ClipGeometry:

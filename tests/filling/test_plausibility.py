@@ -330,6 +330,33 @@ def test_notes_tell_samples_in_doubt_from_those_left_out_of_a_repetition(monkeyp
     assert "LELB" in left_out
 
 
+def test_only_what_fails_is_filled_again(monkeypatch):
+    """The hand's gap fails; of the others in the same gap group, the short one is filled again."""
+    clip = with_gaps(person(), (60, 90, ("LELB",)), (70, 120, ("RKNE",)), (75, 80, ("RTOE",)))
+    elbow, knee = LABELS.index("LELB"), LABELS.index("RKNE")
+    tasks = []
+
+    def poor(task, progress=None):
+        """Wrong at the end of the elbow's gap, unless the samples after it are hidden."""
+        tasks.append(task)
+        found = np.where(task.valid[..., None], task.positions, person().positions)
+        if task.valid[90, elbow]:
+            found[80:90, elbow] += np.linspace(0.0, 900.0, 10)[:, None]
+        return Estimate(found, np.full(task.valid.shape, 100.0))
+
+    monkeypatch.setattr("priorfill.filling.run_settings.get_method", lambda name: poor)
+    result = pf.fill(clip, method="gpr")
+    first, again = tasks
+    assert first.completed is None
+    assert {gap.marker for group in first.groups for gap in group.gaps} >= {elbow, knee}
+    repeated = {LABELS[gap.marker] for group in again.groups for gap in group.gaps}
+    assert repeated == {"LELB", "RTOE"}
+    known = again.completed
+    assert np.isnan(known[85, elbow]).all(), "what failed completes no pose"
+    assert np.allclose(known[100, knee], person().positions[100, knee])
+    assert result.filled[60:90, elbow].all() and result.filled[70:120, knee].all()
+
+
 def test_a_single_neighbour_shows_no_speed():
     """Of the hand, only the finger is measured in the gap, and jumps like the fill."""
     hand = ("LWRA", "LWRB", "LFRM", "LELB", "LUPA", "LSHO")

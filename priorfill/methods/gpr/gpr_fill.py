@@ -96,12 +96,16 @@ def _fill_rest(task: Task, progress: Progress, options: GPROptions) -> Estimate:
     """Fill what is not filled over time before; parameters as of `fill`."""
     setup = _Setup.of(task, options)
     estimate = replace(Estimate.of(task), error_bound_90=np.full(task.positions.shape[:2], np.nan))
+    elsewhere = _filled_elsewhere(task)
+    if task.completed is not None:
+        estimate.positions[elsewhere] = task.completed[elsewhere]
     # Batches are predicted independently, so the result does not depend on how many are predicted
     # at a time.
     with map_in_threads() as map_batches:
         setup.predictor.map_function = map_batches
         predictions = _first_pass(setup, estimate, map_batches, progress)
-        predictions = _second_pass(setup, estimate, predictions, map_batches, progress)
+        if task.completed is None:
+            predictions = _second_pass(setup, estimate, predictions, map_batches, progress)
     if task.learn_from_clip:
         predictions = _interpolate_over_time(setup, estimate, predictions)
         predictions = _fill_blackouts(setup, estimate, predictions)
@@ -112,7 +116,18 @@ def _fill_rest(task: Task, progress: Progress, options: GPROptions) -> Estimate:
         unfilled = notes_on_unfilled(segment, task)
         estimate.notes.extend(note for note in unfilled if note.marker not in predicted)
     _drop_uncertain(estimate, options.max_expected_error)
+    estimate.positions[elsewhere] = np.nan
     return estimate
+
+
+def _filled_elsewhere(task: Task) -> NDArray[np.bool_]:
+    """Return the missing samples that an earlier call filled [shape=(frames, markers)]."""
+    if task.completed is None:
+        return np.zeros(task.valid.shape, dtype=bool)
+    elsewhere: NDArray[np.bool_] = ~task.valid & ~np.isnan(task.completed[..., 0])
+    for gap in (gap for group in task.groups for gap in group.gaps):
+        elsewhere[gap.start : gap.stop, gap.marker] = False
+    return elsewhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,14 +231,18 @@ class _Setup:
 def _first_pass(
     setup: _Setup, estimate: Estimate, map_batches: Map, progress: Progress
 ) -> _Predictions:
-    """Predict all segments from the measured samples, and solve all gap groups."""
+    """Predict all segments, and solve all gap groups.
+
+    Training poses are measured, or completed by an earlier call; then this pass is the only one.
+    """
+    completed = setup.task.completed
     predictions: list[tuple[SegmentPrediction, ...]] = [()] * len(setup.segments)
     left = Counter(setup.group_of)
-    found = map_batches(lambda batch: setup.predict(batch, None), setup.batches)
+    found = map_batches(lambda batch: setup.predict(batch, completed), setup.batches)
     for members, batch in zip(setup.members, found, strict=True):
         for index, parts in zip(members, batch, strict=True):
             predictions[index] = parts
-            share = 1.0 if _is_final(parts) else FIRST_SHARE
+            share = 1.0 if completed is not None or _is_final(parts) else FIRST_SHARE
             progress(_samples(setup.segments[index]) * share)
             group = setup.group_of[index]
             left[group] -= 1

@@ -95,7 +95,7 @@ def test_samples_with_a_large_expected_error_stay_missing() -> None:
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("segments.max_loss", 1.1),
+        ("segments.max_share", 1.1),
         ("training.max_poses", 1),
         ("training.mirror_poses", 251),
         ("ensemble.relative_std_power", 11.0),

@@ -7,6 +7,7 @@ tolerance.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -19,11 +20,16 @@ import priorfill as pf
 from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
 from priorfill.energy.solver import solve_exactly
+from priorfill.gaps import gap_groups
 from priorfill.gp.ensemble import Regression, regress
 from priorfill.gp.problem import RegressionProblem
+from priorfill.markers.describe import describe
 from priorfill.markers.marker_set import MarkerSet
+from priorfill.methods.gpr import gpr_fill
 from priorfill.methods.gpr.gap_segments import GapSegment
+from priorfill.methods.gpr.predict import SegmentPredictor
 from priorfill.methods.gpr.prediction import SegmentPrediction
+from priorfill.methods.task import Task
 
 RATE = 60.0
 NOISE = 0.2
@@ -257,16 +263,42 @@ def test_other_recordings_help_a_clip_that_shows_little(walkers: PriorDatabase) 
 # --- second pass ---
 
 
-def test_a_second_pass_learns_from_frames_that_the_first_one_completed() -> None:
+def leg_and_flickering_markers() -> tuple[Clip, Clip]:
+    """The truth, and a clip without the leg's middle; others are missing, far from that gap."""
     truth = person(seconds=6.0, rate=30.0)
     others = [label for label in truth.labels if label not in LEG]
-    # a marker each is missing nearly all the time, none of them near the leg's gap
+    # a marker each is missing nearly all the time
     spans = [*range(0, 64, 8), *range(124, 172, 8)]
     holes = [(s, s + 8, [label]) for s, label in zip(spans, others[-len(spans) :], strict=True)]
-    clip = with_gaps(truth, (75, 115, LEG), *holes)
+    return truth, with_gaps(truth, (75, 115, LEG), *holes)
+
+
+def test_a_second_pass_learns_from_frames_that_the_first_one_completed() -> None:
+    truth, clip = leg_and_flickering_markers()
     leg = clip.missing.copy()
     leg[:75] = leg[115:] = False
     assert error(pf.fill(clip).clip.positions, truth.positions, leg) < 12.0
+
+
+def test_a_fill_of_some_gaps_learns_from_frames_that_an_earlier_one_completed() -> None:
+    truth, clip = leg_and_flickering_markers()
+    (group,) = (g for g in gap_groups(clip.missing) if g.start == 75)
+    task = Task(clip.positions, clip.labels, clip.rate, describe(clip), (group,))
+    passes: list[bool] = []
+    predict = SegmentPredictor.predict_batch
+
+    def noted(self: SegmentPredictor, batch: Any, completed: Any) -> Any:
+        passes.append(completed is not None)
+        return predict(self, batch, completed)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(SegmentPredictor, "predict_batch", noted)
+        found = gpr_fill.fill(replace(task, completed=truth.positions)).positions
+    assert passes == [True], "one pass, with completed frames"
+    leg = clip.missing.copy()
+    leg[:75] = leg[115:] = False
+    assert error(found, truth.positions, leg) < 12.0
+    assert np.isnan(found[clip.missing & ~leg]).all(), "no other gap is filled"
 
 
 # --- interpolation over time ---
