@@ -94,6 +94,7 @@ class Catalogue:
         self._rate, self._levels = manifest.rate, manifest.levels
         self._write = write
         self._connection: sqlite3.Connection | None = None
+        self._is_unfinished = False  # whether a failed transaction waits to be rolled back
         self._is_verified = True  # whether the checksum file covers every byte
         self._may_write_checksum = False  # never of a damaged file
         self._state = 0
@@ -141,6 +142,7 @@ class Catalogue:
         if self._connection is not None:
             self._connection.close()
         with self._reporting_damage():
+            self._is_unfinished = False
             self._connection = sqlite3.connect(
                 sqlite_address(self.path.absolute(), mode),
                 uri=True,
@@ -346,6 +348,7 @@ class Catalogue:
 
     def _read(self, sql: str, parameters: Any) -> list[tuple[Any, ...]]:
         assert self._connection is not None
+        self._end_unfinished()
         if self._connection.in_transaction:
             return self._connection.execute(sql, parameters).fetchall()
         with self._transaction("DEFERRED") as connection:
@@ -573,14 +576,21 @@ class Catalogue:
     @contextmanager
     def _transaction(self, kind: str) -> Iterator[sqlite3.Connection]:
         assert self._connection is not None
+        self._end_unfinished()
         try:
             self._connection.execute(f"BEGIN {kind}")
             yield self._connection
             self._connection.execute("COMMIT")
         except BaseException:
-            if self._connection.in_transaction:
-                self._connection.execute("ROLLBACK")
+            self._is_unfinished = self._connection.in_transaction
+            self._end_unfinished()
             raise
+
+    def _end_unfinished(self) -> None:
+        """Roll back a transaction that failed, and that could not be rolled back at that time."""
+        if self._is_unfinished and self._connection is not None:
+            self._connection.execute("ROLLBACK")
+            self._is_unfinished = False
 
     @contextmanager
     def _reporting_damage(self) -> Iterator[None]:

@@ -495,6 +495,28 @@ def content_of(recording: int, kind: str) -> str:
         shutil.rmtree(folder)
 
 
+def test_a_transaction_that_cannot_be_rolled_back_is_rolled_back_later(tmp_path: Path) -> None:
+    """Else, the first clip of a merge would count as damaged, and be left out."""
+    for name, recordings_of in (("own", ()), ("other", ((0, "gappy"), (1, "whole")))):
+        with PriorDatabase.create(tmp_path / name) as database:
+            for recording, kind in recordings_of:
+                database.add(version(recording, kind)[0], ClipOrigin(subject="carl"))
+    script = load_script("torture_database")
+    with script.Faults(tmp_path) as faults:
+        faults.disarm()
+        with (
+            PriorDatabase.open(tmp_path / "own", write=True) as writer,
+            PriorDatabase.open(tmp_path / "other") as other,
+        ):
+            faults.arm(script.Fault(1, only="sqlite commit", for_ever=True))
+            with pytest.raises((OSError, DatabaseError)):
+                writer.add(version(2, "whole")[0], ClipOrigin(subject="carl"))
+            faults.disarm()
+            assert writer.clips() == ()
+            merged = writer.merge(other)
+        assert (len(merged.added), merged.damaged) == (2, ())
+
+
 def test_the_database_is_what_the_model_says(tmp_path: Path) -> None:
     others = []
     for number, clips in enumerate(
