@@ -168,7 +168,7 @@ def content_hash(clip: Clip) -> str:
     digest.update(json.dumps([clip.labels, clip.rate]).encode())
     for start in range(0, clip.frames, BATCH_FRAMES):
         positions = clip.positions[start : start + BATCH_FRAMES]
-        # NaN has many bit patterns, all of which mean missing
+        # NaN has many bit patterns, and they all mean missing
         alike = np.where(np.isnan(positions), np.nan, positions)
         digest.update(np.ascontiguousarray(alike, dtype="<f8").data)
     return digest.hexdigest()

@@ -48,7 +48,7 @@ class SampleProgress:
         self.reach(0.0)
 
     def reach(self, done: float) -> None:
-        """Report that at least so many samples are done."""
+        """Report that at least this number of samples is done."""
         whole = min(int(done), self._total)
         if whole > self._shown:
             self._shown = whole

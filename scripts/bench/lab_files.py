@@ -219,7 +219,7 @@ def scattered(bench: Bench) -> Iterator[Row]:
 
 
 def _scattered_clip(data: Path) -> pf.Clip:
-    """Return a recorded gait with short gaps at random places, none of which touch.
+    """Return a recorded gait with short gaps at random places that do not touch.
 
     The longest recording with enough markers that are always visible is played more slowly, to have
     the number of frames.

@@ -14,7 +14,7 @@ FRAMES = 100
 
 
 def motion(*speeds: float, **changes: Any) -> ClipMotion:
-    """Markers on parallel lines, 10 mm apart, which move so many mm a frame."""
+    """Markers on parallel lines, 10 mm apart, that move by a number of mm in each frame."""
     positions = np.zeros((FRAMES, len(speeds), 3))
     positions[..., 0] = np.arange(FRAMES)[:, None] * np.array(speeds)
     positions[..., 1] = 10.0 * np.arange(len(speeds))

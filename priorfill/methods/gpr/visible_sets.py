@@ -111,7 +111,7 @@ def merge_visible_sets(
 
 
 def _merge_all(sets: VisibleSets, weight: _Float, max_share: float, max_loss: float) -> VisibleSets:
-    """Merge sets, all of which are compared with each other."""
+    """Merge sets, and compare each of them with all others."""
     visible, frames, spans = sets.visible.copy(), sets.frames.copy(), list(sets.spans)
     importance = np.maximum(visible @ weight, MIN_IMPORTANCE)
     alive = np.ones(len(sets), dtype=bool)
