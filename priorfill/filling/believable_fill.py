@@ -21,6 +21,7 @@ from priorfill.gaps import Gap, GapGroup, gap_groups
 from priorfill.geometry.axes import to_upright
 from priorfill.gp.calibration import BOUND_FACTOR, MEAN_FACTOR
 from priorfill.methods.task import Estimate, Note, Task
+from priorfill.methods.task_parts import wanted_samples
 from priorfill.search.takes import Take
 
 __all__ = ["BelievableFill", "FillTask"]
@@ -154,10 +155,9 @@ class BelievableFill:
             return None
         task = self._task(other)
         doubted = failing | suspects
-        groups = _to_repeat(task, doubted)
         completed = np.where(doubted[..., None], np.nan, estimate.positions)
-        found = self._estimate(replace(task, groups=groups, completed=completed), method)
-        found = _joined(estimate, found, groups)
+        task = replace(task, groups=_to_repeat(task, doubted), completed=completed)
+        found = _joined(estimate, self._estimate(task, method), wanted_samples(task))
         left = np.logical_or.reduce([failing & False, *self._failures(other, found).values()])
         believed = failing & ~left & ~np.isnan(found.positions[..., 0])
         return (other, found) if believed.any() and left.sum() < failing.sum() else None
@@ -202,11 +202,8 @@ def _to_repeat(task: Task, doubted: _Bool) -> tuple[GapGroup, ...]:
     return tuple(gap_groups(missing))
 
 
-def _joined(first: Estimate, second: Estimate, groups: Sequence[GapGroup]) -> Estimate:
-    """Return an estimate in which some gap groups are those of another one."""
-    inside = np.zeros(first.expected_rms.shape, dtype=bool)
-    for gap in (gap for group in groups for gap in group.gaps):
-        inside[gap.start : gap.stop, gap.marker] = True
+def _joined(first: Estimate, second: Estimate, inside: _Bool) -> Estimate:
+    """Return an estimate in which some samples are those of another one."""
 
     def concerned(note: Note) -> bool:
         return bool(inside[note.start : note.stop, note.marker].any())

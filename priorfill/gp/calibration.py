@@ -11,7 +11,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BOUND_COVERAGE", "BOUND_FACTOR", "MEAN_FACTOR", "MIN_EXPECTED_RMS", "common_bound"]
+from priorfill.runtime.elementary import power
+
+__all__ = [
+    "BOUND_COVERAGE",
+    "BOUND_FACTOR",
+    "MEAN_FACTOR",
+    "MIN_EXPECTED_RMS",
+    "calibrate",
+    "common_bound",
+]
 
 BOUND_FACTOR = 1.6
 """Ratio of the 90 % bound to the expected rms error, where it is not calibrated. It is 1.44 for
@@ -42,6 +51,45 @@ MAX_STEPS = 60
 
 MIN_BOUND = 1e-9
 """mm. Least bound of a sample; avoids a division by zero."""
+
+
+def calibrate(
+    ratio: NDArray[np.float64], blocks: int, prior_blocks: float, min_factor: float
+) -> tuple[float, float]:
+    """Calibrate expected errors by the errors of blocks that were held out.
+
+    Parameters
+    ----------
+    ratio : ndarray [any shape]
+        Error of each held-out sample in units of its expected rms error.
+    blocks : int
+        Number of blocks.
+    prior_blocks : float
+        The calibration without data, 1 and `BOUND_FACTOR`, counts as this many blocks.
+    min_factor : float
+        Least factor: that of a clip without movement is 0.
+
+    Returns
+    -------
+    factor : float
+        By which expected errors are to be multiplied.
+    bound : float
+        Ratio of the bound below which 90 % of the errors lie to the calibrated expected error.
+
+    Examples
+    --------
+    >>> factor, bound = calibrate(np.full(100, 2.0), 8, 8.0, 1e-3)
+    >>> round(factor, 3), round(bound, 3)
+    (1.414, 1.265)
+    """
+    known = blocks / (blocks + prior_blocks)
+    factor = float(np.sqrt((ratio**2).mean()))
+    if factor < min_factor:
+        return min_factor, BOUND_FACTOR
+    bound = float(np.quantile(ratio, BOUND_COVERAGE)) / factor
+    # both tend to their usual values where few blocks were held out
+    shrunk = power(bound, known) * power(BOUND_FACTOR, 1.0 - known)
+    return float(power(factor, known)), float(shrunk)
 
 
 def common_bound(bounds: NDArray[np.float64]) -> float:

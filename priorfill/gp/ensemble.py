@@ -37,7 +37,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.gp.calibration import BOUND_COVERAGE, BOUND_FACTOR
+from priorfill.gp.calibration import calibrate
 from priorfill.gp.fitted_models import FittedModel, FittedModels, Predictions, SharedCovariances
 from priorfill.gp.linalg import power_weights
 from priorfill.gp.problem import GPModel, RegressionProblem
@@ -386,14 +386,7 @@ def _calibrate(validation: _CrossValidation, options: EnsembleOptions) -> tuple[
         "k,krm->rm", validation.weight, validation.held_out_variance + disagreement
     )
     ratio = np.sqrt((mean**2).sum(axis=2) / np.maximum(variance, MIN_VARIANCE))
-    known = validation.blocks / (validation.blocks + options.prior_blocks)
-    factor = float(np.sqrt((ratio**2).mean()))
-    if factor < options.min_expected_rms:  # a clip without movement
-        return options.min_expected_rms, BOUND_FACTOR
-    bound = float(np.quantile(ratio, BOUND_COVERAGE)) / factor
-    # both tend to their usual values where few blocks were held out
-    shrunk = power(bound, known) * power(BOUND_FACTOR, 1.0 - known)
-    return float(power(factor, known)), float(shrunk)
+    return calibrate(ratio, validation.blocks, options.prior_blocks, options.min_expected_rms)
 
 
 def _predicted_velocity(

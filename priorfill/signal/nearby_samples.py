@@ -23,7 +23,7 @@ from priorfill.gp.linalg import solve_blocks
 from priorfill.gp.process import GaussianProcess
 from priorfill.signal.gp_interpolation import MIN_SAMPLES_PER_SIDE
 
-__all__ = ["NearbySamples", "SampleWeights"]
+__all__ = ["NearbySamples", "SampleWeights", "rows_by_marker"]
 
 MIN_SCALE = 1e-9
 """mm². Least scale of a process: that of a marker that does not move is 0."""
@@ -95,10 +95,7 @@ class NearbySamples:
         markers, starts = gaps
         frames = np.zeros((len(starts), 2 * per_side), dtype=np.intp)
         used = np.zeros(frames.shape, dtype=bool)
-        edges = np.flatnonzero(np.diff(markers)) + 1
-        for rows in np.split(np.arange(len(markers)), edges):
-            if not len(rows):
-                continue
+        for rows in rows_by_marker(markers):
             own = known[int(markers[rows[0]])]
             before = np.searchsorted(own, starts[rows])[:, None] - np.arange(per_side, 0, -1)
             after = np.searchsorted(own, starts[rows] + length)[:, None] + np.arange(per_side)
@@ -196,6 +193,19 @@ class SampleWeights:
         product = self.precision[self.pattern] @ centred
         scale = (centred * product).sum(axis=(1, 2)) / (3.0 * np.maximum(count - 2, 1))
         return found, np.maximum(scale, MIN_SCALE)
+
+
+def rows_by_marker(markers: _Ints) -> list[_Ints]:
+    """Return the rows of each marker, which must follow each other.
+
+    Examples
+    --------
+    >>> [list(map(int, rows)) for rows in rows_by_marker(np.array([3, 3, 5]))]
+    [[0, 1], [2]]
+    """
+    if not len(markers):
+        return []
+    return np.split(np.arange(len(markers)), np.flatnonzero(np.diff(markers)) + 1)
 
 
 def _solve(

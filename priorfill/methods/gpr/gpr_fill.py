@@ -45,6 +45,7 @@ from priorfill.methods.gpr.prediction import SegmentPrediction, notes_on_unfille
 from priorfill.methods.gpr.segment_batches import plan_batches
 from priorfill.methods.gpr.short_gaps.fill_short_gaps import ShortGapFill
 from priorfill.methods.task import Estimate, Progress, Task, no_progress
+from priorfill.methods.task_parts import wanted_samples
 from priorfill.runtime.threads import Map, map_in_threads
 from priorfill.signal.resample import Resolution
 
@@ -124,10 +125,8 @@ def _filled_elsewhere(task: Task) -> NDArray[np.bool_]:
     """Return the missing samples that an earlier call filled [shape=(frames, markers)]."""
     if task.completed is None:
         return np.zeros(task.valid.shape, dtype=bool)
-    elsewhere: NDArray[np.bool_] = ~task.valid & ~np.isnan(task.completed[..., 0])
-    for gap in (gap for group in task.groups for gap in group.gaps):
-        elsewhere[gap.start : gap.stop, gap.marker] = False
-    return elsewhere
+    filled: NDArray[np.bool_] = ~task.valid & ~np.isnan(task.completed[..., 0])
+    return filled & ~wanted_samples(task)
 
 
 @dataclass(frozen=True, eq=False)

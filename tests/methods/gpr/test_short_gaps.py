@@ -88,7 +88,7 @@ def test_expected_errors_are_found_on_blocks_that_are_left_out(monkeypatch):
     truth, gaps = turning(noise=1.0)
     error, expected, _ = estimated(truth, gaps)
     assert 0.8 < rms(expected) / rms(error) < 1.25
-    monkeypatch.setattr(estimate, "_calibrate", lambda *_: (1.0, 1.6))
+    monkeypatch.setattr(estimate, "calibrate", lambda *_: (1.0, 1.6))
     smallest = ShortGapOptions(processes=OPTIONS.processes[:1])
     kept, far = estimated(truth, gaps, smallest)[:2]
     assert 0.7 < rms(far) / rms(kept) < 1.4  # the factor of each candidate

@@ -26,12 +26,11 @@ from numpy.typing import NDArray
 
 from priorfill.gaps import Gap
 from priorfill.geometry.poses import evenly_spaced
-from priorfill.gp.calibration import BOUND_COVERAGE, BOUND_FACTOR
+from priorfill.gp.calibration import calibrate
 from priorfill.gp.linalg import power_weights
 from priorfill.methods.gpr.short_gaps.local_paths import LocalPaths
 from priorfill.methods.gpr.short_gaps.options import ShortGapOptions
-from priorfill.runtime.elementary import power
-from priorfill.signal.nearby_samples import NearbySamples, SampleWeights
+from priorfill.signal.nearby_samples import NearbySamples, SampleWeights, rows_by_marker
 
 __all__ = ["ShortGapEstimate", "estimate_short_gaps"]
 
@@ -297,7 +296,7 @@ def _held_out_errors(clip: _Clip, blocks: NearbySamples) -> Iterator[tuple[int, 
     truth = clip.positions[blocks.inside, blocks.markers[:, None]]
     measured = ~np.isnan(truth[..., 0])
     square = ((candidates.positions - truth) ** 2).sum(axis=3)
-    for rows in _rows_by_marker(blocks.markers):
+    for rows in rows_by_marker(blocks.markers):
         if len(rows) < options.min_blocks:
             continue
         inside = measured[rows]
@@ -310,30 +309,9 @@ def _held_out_errors(clip: _Clip, blocks: NearbySamples) -> Iterator[tuple[int, 
         factor = np.where(enough, np.maximum(factor, MIN_ERROR**2), np.nan)
         mean, expected = own.combined(factor, options.weight_power)
         error = np.sqrt(((mean - truth[rows]) ** 2).sum(axis=2))
-        calibration, bound = _calibrate((error / expected)[inside], len(rows), options.prior_blocks)
+        ratio = (error / expected)[inside]
+        calibration, bound = calibrate(ratio, len(rows), options.prior_blocks, MIN_ERROR)
         yield int(blocks.markers[rows[0]]), _HeldOutError(factor, calibration, bound)
-
-
-def _calibrate(ratio: _Floats, blocks: int, prior_blocks: float) -> tuple[float, float]:
-    """Return the factor of the expected error, and that of the bound, by held-out errors.
-
-    Both are shrunk towards 1 and `BOUND_FACTOR` where there are few blocks, as in
-    `priorfill.gp.ensemble`.
-    """
-    known = blocks / (blocks + prior_blocks)
-    factor = float(np.sqrt((ratio**2).mean()))
-    if factor < MIN_ERROR:
-        return MIN_ERROR, BOUND_FACTOR
-    bound = float(np.quantile(ratio, BOUND_COVERAGE)) / factor
-    shrunk = power(bound, known) * power(BOUND_FACTOR, 1.0 - known)
-    return float(power(factor, known)), float(shrunk)
-
-
-def _rows_by_marker(markers: _Ints) -> list[_Ints]:
-    """Return the rows of each marker, which follow each other."""
-    if not len(markers):
-        return []
-    return np.split(np.arange(len(markers)), np.flatnonzero(np.diff(markers)) + 1)
 
 
 def _estimates(
@@ -342,7 +320,7 @@ def _estimates(
     """Yield the estimates of the gaps whose error is known."""
     block = _block_length(some.length)
     candidates = _Candidates.of(clip, some)
-    for rows in _rows_by_marker(some.markers):
+    for rows in rows_by_marker(some.markers):
         marker = int(some.markers[rows[0]])
         error = errors.get((marker, block))
         if error is None:

@@ -21,6 +21,7 @@ from priorfill.methods.gpr.prediction import OVER_TIME
 from priorfill.methods.gpr.short_gaps.estimate import ShortGapEstimate, estimate_short_gaps
 from priorfill.methods.gpr.training.own_clip import OwnClipProblems
 from priorfill.methods.task import Estimate, Note, Task
+from priorfill.methods.task_parts import wanted_samples
 
 __all__ = ["ShortGapFill"]
 
@@ -119,12 +120,11 @@ def _with_known(task: Task, kept: Sequence[ShortGapEstimate]) -> Task:
     if not kept:
         return task
     positions = task.positions.copy()
-    known = {(one.gap.marker, one.gap.start) for one in kept}
+    missing = wanted_samples(task)
     for one in kept:
-        positions[one.gap.start : one.gap.stop, one.gap.marker] = one.positions
-    missing = np.zeros(task.valid.shape, dtype=bool)
-    for gap in (gap for group in task.groups for gap in group.gaps):
-        missing[gap.start : gap.stop, gap.marker] = (gap.marker, gap.start) not in known
+        place = (slice(one.gap.start, one.gap.stop), one.gap.marker)
+        positions[place] = one.positions
+        missing[place] = False
     return replace(
         task,
         positions=positions,
