@@ -655,6 +655,8 @@ class PriorDatabase:
         ------
         OptionError
             If the rates or levels differ.
+        DatabaseCorruptError
+            If this database is damaged.
         DatabaseError
             If this database was opened for reading.
         """
@@ -671,12 +673,14 @@ class PriorDatabase:
             try:
                 other.check(record)
                 row, blocks = other._catalogue.row(record), other._blocks(record)
-                replaced = self._versions_to_replace(row, blocks, accepted=False)
-                added.append(self._store(blocks, row, replaced))
-            except DuplicateClipError:
-                skipped.append(record)
             except DatabaseCorruptError as error:
                 damaged.append(str(error))
+            else:  # damage found from here on is that of this database
+                try:
+                    replaced = self._versions_to_replace(row, blocks, accepted=False)
+                    added.append(self._store(blocks, row, replaced))
+                except DuplicateClipError:
+                    skipped.append(record)
             if progress is not None:
                 progress(done, len(records))
         return MergeResult(tuple(added), tuple(skipped), tuple(damaged))

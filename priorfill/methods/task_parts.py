@@ -56,6 +56,7 @@ def part_of_task(
         tuple(_columns_of(take, columns) for take in task.takes),
         task.name,
         task.subject,
+        completed=None if task.completed is None else task.completed[:, columns],
         learn_from_clip=task.learn_from_clip,
         checkpoint=task.checkpoint,
     )

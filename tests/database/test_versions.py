@@ -25,7 +25,12 @@ from priorfill.database.sketch import (
     is_version,
     sketch,
 )
-from priorfill.errors import DatabaseError, DuplicateClipError, OptionError
+from priorfill.errors import (
+    DatabaseCorruptError,
+    DatabaseError,
+    DuplicateClipError,
+    OptionError,
+)
 from priorfill.filling.fill_clip import fill
 
 FIXTURE = Path(__file__).parents[1] / "fixtures" / "database-1"
@@ -311,6 +316,25 @@ def test_merge(folder: Path, tmp_path: Path) -> None:
         slow.merge(source)
     with PriorDatabase.open(one) as database, pytest.raises(DatabaseError, match="for reading"):
         database.remove(database.clips())
+
+
+def test_damage_of_its_own_ends_a_merge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is not reported as damage of the other database."""
+    for name, seed in (("own", 1), ("other", 2)):
+        with PriorDatabase.create(tmp_path / name) as database:
+            database.add(person(seed=seed))
+
+    def damaged(*_: object, **__: object) -> None:
+        raise DatabaseCorruptError("own: the catalogue is damaged")
+
+    with (
+        PriorDatabase.open(tmp_path / "own", write=True) as database,
+        PriorDatabase.open(tmp_path / "other") as other,
+        monkeypatch.context() as patch,
+    ):
+        patch.setattr(database, "_store", damaged)
+        with pytest.raises(DatabaseCorruptError, match="own: the catalogue"):
+            database.merge(other)
 
 
 # --- growth ---

@@ -21,6 +21,7 @@ from priorfill.markers.describe import describe
 from priorfill.methods import get_method
 from priorfill.methods.many_markers import by_neighbourhoods
 from priorfill.methods.task import Task, no_progress
+from priorfill.methods.task_parts import part_of_task, wanted_samples
 
 
 @cache
@@ -100,6 +101,16 @@ def test_where_a_method_cannot_work_on_a_part_the_others_are_filled():
 
     with pytest.raises(MethodError, match=r"^crowd: is no good"):
         by_neighbourhoods(never)(task, no_progress)
+
+
+def test_a_part_sees_the_earlier_fill_of_its_markers():
+    clip = gappy()
+    task = replace(task_of(clip), completed=crowd().positions)
+    columns = np.array([4, 5, 100])
+    part = part_of_task(task, columns[:1], columns, wanted_samples(task))
+    assert part.completed is not None
+    np.testing.assert_array_equal(part.completed, crowd().positions[:, columns])
+    assert part_of_task(task_of(clip), columns, columns, clip.missing).completed is None
 
 
 def test_a_marker_set_is_found_part_by_part():
