@@ -15,7 +15,7 @@ from priorfill.database import PriorDatabase
 from priorfill.gaps import gap_groups
 from priorfill.geometry.axes import from_upright
 from priorfill.markers.marker_set import MarkerSet
-from priorfill.methods.baumann2011 import krueger2010
+from priorfill.methods.baumann2011 import krueger2010, neighbour_votes
 from priorfill.methods.baumann2011.krueger2010 import Krueger2010Options
 from priorfill.methods.task import Task
 from priorfill.search.takes import own_take
@@ -108,6 +108,21 @@ def test_each_frame_gets_the_mean_of_its_nearest_poses(seed, k):
     group = task.root_among(np.array([0, 1, 2, 3]))
     expected = frame_by_frame(gappy, others, [0, 1, 2, 3], group.template, [0, 1, 2, 3, 4, 5, 7], k)
     np.testing.assert_allclose(found.positions, expected, atol=1e-3)  # the bank is float32
+
+
+@pytest.mark.parametrize("module", [krueger2010, neighbour_votes])
+def test_only_the_markers_of_a_gap_group_are_filled(module):
+    truth, others = body(0, 24), [body(1, 60)]
+    gappy = truth.copy()
+    gappy[5:15, list(HIDDEN)] = np.nan
+    task = task_of(gappy, others, set(range(6)))
+    missing = np.isnan(gappy[..., 0])
+    for marker in HIDDEN:
+        wanted = missing & (np.arange(9) == marker)
+        found = module.fill(replace(task, groups=tuple(gap_groups(wanted))))
+        expected = np.where(wanted[..., None], module.fill(task).positions, gappy)
+        np.testing.assert_allclose(found.positions, expected, atol=1e-3)
+        assert {note.marker for note in found.notes} == {marker}
 
 
 def test_unreliable_markers_search_only_where_others_are_too_few():

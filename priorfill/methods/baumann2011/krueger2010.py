@@ -26,6 +26,7 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -124,11 +125,12 @@ def _fill_alike(
     planner: SearchPlanner,
     takes: tuple[Take, ...],
     frames: NDArray[np.intp],
+    markers: Sequence[int],
     k: int,
 ) -> None:
-    """Fill frames in which the same markers are visible, and add notes; changes the estimate."""
+    """Fill some markers where the same ones are visible, and add notes; changes the estimate."""
     stretches = _stretches(frames)
-    plan = planner.plan(task.valid[frames[0]])
+    plan = planner.plan(task.valid[frames[0]], markers)
     estimate.notes.extend(
         Note(int(marker), start, stop, reason, filled=False)
         for markers, reason in plan.unsearched
@@ -197,6 +199,6 @@ def fill(
         shown, which = np.unique(task.valid[group.start : group.stop], axis=0, return_inverse=True)
         for number in range(len(shown)):
             frames = group.start + np.flatnonzero(which.ravel() == number)
-            _fill_alike(task, estimate, planner, takes, frames, options.neighbours)
+            _fill_alike(task, estimate, planner, takes, frames, group.markers, options.neighbours)
         progress(group.samples)
     return estimate

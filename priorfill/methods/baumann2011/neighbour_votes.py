@@ -155,7 +155,8 @@ def _planned(
     parts: list[_SearchedFrames] = []
     notes: list[Note] = []
     for start, stop in _stretches(task.valid, planner.reliable, group, options):
-        plan = planner.plan(np.logical_and.reduce(task.valid[start:stop], axis=0))
+        visible = np.logical_and.reduce(task.valid[start:stop], axis=0)
+        plan = planner.plan(visible, group.markers)
         parts += [_SearchedFrames(start, stop, search) for search in plan.searches]
         notes += [
             Note(int(marker), start, stop, reason, filled=False)

@@ -9,6 +9,7 @@ per clip; here those that the takes lack are dropped, and the exact search needs
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -127,20 +128,25 @@ class SearchPlanner:
         """Return the pose bank of a search at a frame rate (Hz)."""
         return self._banks.get(search.root, search.viable, search.wanted, rate)
 
-    def plan(self, visible: NDArray[np.bool_]) -> SearchPlan:
-        """Plan the searches for all markers that are not visible.
+    def plan(self, visible: NDArray[np.bool_], markers: Sequence[int]) -> SearchPlan:
+        """Plan the searches for the markers of a gap group that are not visible.
 
         Parameters
         ----------
         visible : ndarray of bool [shape=(markers,)]
             Markers that are measured throughout the frames of the search.
+        markers : sequence of int
+            Markers of the gap group; others may be missing too, and are not searched for.
 
         Returns
         -------
         SearchPlan
             Searches, and the markers that no take shows together with visible ones.
         """
-        wanted = np.flatnonzero(~visible)
+        of_group = np.array(markers, dtype=np.intp)
+        wanted = of_group[~visible[of_group]]
+        if not len(wanted):
+            return SearchPlan([], [])
         viable = np.flatnonzero(visible & self.reliable)
         if len(viable) < self._min_viable:
             viable = np.flatnonzero(visible)
