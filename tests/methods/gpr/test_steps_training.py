@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -122,19 +123,28 @@ def task_of(clip: Clip, *others: Clip) -> Task:
     )
 
 
-def arm_of(task: Task) -> SegmentBatch:
-    markers = np.array([task.labels.index(label) for label in ARM])
+def arm_of(task: Task, labels: Sequence[str] = ARM) -> SegmentBatch:
+    markers = np.array([task.labels.index(label) for label in labels])
     frames = np.flatnonzero(~task.valid[:, markers[0]])
     visible = np.setdiff1d(np.arange(len(task.labels)), markers)
     return SegmentBatch((GapSegment(markers, int(frames[0]), int(frames[-1]) + 1, visible),))
 
 
-def plan_for(clip: Clip, *others: Clip) -> TrainingPlan:
+def plan_for(clip: Clip, *others: Clip, labels: Sequence[str] = ARM) -> TrainingPlan:
     task, options = task_of(clip, *others), GPROptions()
     planner = TrainingPlanner(task, PoseSearch(task, options.search), 8, options)
-    plan = planner.plan(arm_of(task), None)
+    plan = planner.plan(arm_of(task, labels), None)
     assert plan is not None
     return plan
+
+
+@pytest.mark.parametrize(("marker", "has_image"), [("RELB", True), ("RBAC", False)])
+def test_a_single_marker_is_predicted_from_the_mirror_image_too(
+    marker: str, has_image: bool
+) -> None:
+    clip = with_gaps(person(seconds=4.0, rate=20.0), (30, 50, [marker]))
+    (problem,) = plan_for(clip, labels=[marker]).problems
+    assert (MIRROR_IMAGE in problem.train.recording) == has_image
 
 
 @pytest.mark.parametrize(

@@ -67,7 +67,8 @@ class TrainingOptions:
     adjacent_seconds : float
         s. Poses nearer than this to the gap are all used.
     mirror_poses : int
-        Of `max_poses`, for several missing markers: poses of the clip's mirror image.
+        Of `max_poses`, in segments longer than `short_segment_seconds`: poses of the clip's mirror
+        image.
     min_poses : int
         With fewer complete poses of its own, a clip is filled from other recordings alone.
     enough_poses : int

@@ -114,7 +114,8 @@ class TrainingPlanner:
             return _plan_of(own, self._models.short_segment)
         if len(batch.markers) == 1:
             models = self._models.single_marker
-            return _plan_of(self.own.with_lag_features(own, models), models)
+            mixed = self.own.with_lag_features(self.own.with_mirror_image(own), models)
+            return _plan_of(mixed, models)
         return self._limb_plan(own)
 
     def _limb_plan(self, own: OwnClipProblem) -> TrainingPlan:
