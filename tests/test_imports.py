@@ -62,6 +62,10 @@ ARRAYS_ONLY = (
     "methods.gpr.blackout.windows",
     "methods.gpr.dropout.marker_coupling",
     "methods.gpr.dropout.predict_from_donors",
+    "methods.gpr.sources.combine",
+    "methods.gpr.sources.gap_layout",
+    "methods.gpr.sources.similar_windows",
+    "methods.gpr.sources.window_regression",
     "methods.gpr.training.lagged_poses",
 )
 """Places that see arrays, and neither clips nor tasks."""

@@ -29,6 +29,9 @@ own, and a bank holds part of the complete database."""
 POSES_PER_BATCH = 2**12
 """Poses transformed into root frames at a time: in double precision they take about 1 MB."""
 
+ROWS_PER_PRODUCT = 2**14
+"""Poses whose distances from given ones are computed at a time."""
+
 
 @dataclass(frozen=True, eq=False)
 class Neighbours:
@@ -138,6 +141,11 @@ class PoseBank:
         return len(self.rows)
 
     @property
+    def poses(self) -> int:
+        """Number of rows, those included that are not searched."""
+        return len(self._take)
+
+    @property
     def nbytes(self) -> int:
         """Memory in bytes."""
         arrays = (self.rows, self._usable, self._take, self._rate_ratio, self._positions)
@@ -193,6 +201,46 @@ class PoseBank:
         """
         columns = np.searchsorted(self._needed, markers)
         return self._positions[np.ix_(rows, columns)].astype(np.float64)
+
+    def squared_distances(
+        self, markers: NDArray[np.intp], poses: NDArray[np.float64]
+    ) -> NDArray[np.float32]:
+        """Return the squared distances of all searched poses from some poses.
+
+        Parameters
+        ----------
+        markers : ndarray of int
+            The markers that are compared; as of `positions`.
+        poses : ndarray [shape=(poses, markers, 3), mm]
+            In root frames, by the bank's root group.
+
+        Returns
+        -------
+        ndarray [shape=(rows, poses), mm²]
+            Per marker; a row for each of `rows`.
+        """
+        columns = np.searchsorted(self._needed, markers)
+        root = np.array(self._root.markers, dtype=np.intp)
+        queries = poses.reshape(len(poses), -1).astype(np.float32)
+        square = np.empty((len(self.rows), len(poses)), dtype=np.float32)
+        local = np.empty((ROWS_PER_PRODUCT, 3 * len(markers)), dtype=np.float32)
+        norms = np.einsum("ij,ij->i", queries, queries)
+        for start in range(0, len(self.rows), ROWS_PER_PRODUCT):
+            rows = self.rows[start : start + ROWS_PER_PRODUCT]
+            part = local[: len(rows)]
+            if len(self.rows) > MAX_BRUTE_FORCE_POSES:
+                from priorfill.search.kernels import in_root_frames
+
+                shape = self._root.template - self._root.template.mean(axis=0)
+                in_root_frames(self._positions, rows, 0, len(rows), root, shape, columns, part)
+            else:
+                part[:] = self._in_root_frames(rows, columns).reshape(len(rows), -1)
+            found = part @ queries.T
+            found *= -2.0
+            found += norms
+            found += np.einsum("ij,ij->i", part, part)[:, None]
+            square[start : start + len(rows)] = found
+        return square / np.float32(len(markers))
 
     def take(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return the index of the take that each row comes from."""

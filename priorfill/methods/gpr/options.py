@@ -14,6 +14,7 @@ from priorfill.methods.gpr.ensembles import ModelOptions
 from priorfill.methods.gpr.pose_search import SearchOptions
 from priorfill.methods.gpr.segment_batches import SegmentOptions
 from priorfill.methods.gpr.short_gaps.options import ShortGapOptions
+from priorfill.methods.gpr.sources.options import GapWindowOptions
 from priorfill.methods.gpr.spline_nodes import SplineNodeOptions
 from priorfill.methods.gpr.training.options import TrainingOptions
 from priorfill.methods.gpr.training.subject_correlation import SubjectCorrelationOptions
@@ -76,6 +77,8 @@ class GPROptions:
         Search of the database.
     models : ModelOptions
         Ensembles of models.
+    gap_windows : GapWindowOptions
+        Windows of the database that are as long as a limb's gap.
     ensemble : EnsembleOptions
         Weights of models, and calibration of expected errors.
     spline_nodes : SplineNodeOptions
@@ -115,6 +118,7 @@ class GPROptions:
     correlation: SubjectCorrelationOptions = field(default_factory=SubjectCorrelationOptions)
     search: SearchOptions = field(default_factory=SearchOptions)
     models: ModelOptions = field(default_factory=ModelOptions)
+    gap_windows: GapWindowOptions = field(default_factory=GapWindowOptions)
     ensemble: EnsembleOptions = field(default_factory=EnsembleOptions)
     spline_nodes: SplineNodeOptions = field(default_factory=SplineNodeOptions)
     velocity_fusion: VelocityFusionOptions = field(default_factory=VelocityFusionOptions)

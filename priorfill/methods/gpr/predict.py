@@ -18,6 +18,8 @@ from priorfill.methods.gpr.gap_segments import GapSegment, SegmentBatch
 from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.gpr.prediction import SegmentPrediction
+from priorfill.methods.gpr.sources.combine import combined
+from priorfill.methods.gpr.sources.gap_windows import GapWindows
 from priorfill.methods.gpr.spline_nodes import interpolate_nodes
 from priorfill.methods.gpr.training.plan import TrainingPlan, TrainingPlanner
 from priorfill.methods.task import Task
@@ -52,6 +54,9 @@ class SegmentPredictor:
         self._options = options
         search = PoseSearch(task, options.search)
         self._planner = TrainingPlanner(task, search, margin, options)
+        self._windows = GapWindows(
+            task, search, options.gap_windows, options.training.database.rate
+        )
         self._dropouts = DropoutPredictor(task, options.dropout)
         self._blackouts = BlackoutPredictor(
             task, search, options.blackout, options.correlation, options.interpolation
@@ -181,11 +186,15 @@ class SegmentPredictor:
             nodes = plan.query_frames[queries]
             part = interpolate_nodes(found.subset(queries), nodes)
             first, last = int(nodes[0]), int(nodes[-1])
+            frames = slice(first, last + 1)
+            part = self._fused(segment, part, frames)
+            if plan.takes:
+                part = self._with_windows(segment, part, plan.visible, first)
             predictions.append(
                 SegmentPrediction(
                     segment,
                     first,
-                    self._constrained(segment, part, plan.visible, slice(first, last + 1)),
+                    self._constrained(segment, part, plan.visible, frames),
                     part.expected_rms,
                     complete=plan.complete,
                     source=source,
@@ -209,20 +218,36 @@ class SegmentPredictor:
         found: Iterable[Any] = self.map_function(checked, *arguments)
         return found
 
+    def _fused(self, segment: GapSegment, found: Regression, frames: slice) -> Regression:
+        """Return a prediction with its positions fused with its velocities, if it has any."""
+        if found.velocity is None:
+            return found
+        positions = fuse_velocity(
+            found.positions,
+            found.velocity,
+            self.task.positions[frames, segment.markers],
+            self.task.rate,
+            self._options.velocity_fusion,
+        )
+        return replace(found, positions=positions)
+
+    def _with_windows(
+        self, segment: GapSegment, found: Regression, visible: NDArray[np.intp], first: int
+    ) -> Regression:
+        """Combine a prediction, from a first frame on, with that of windows of the database."""
+        self.task.checkpoint()
+        windows = self._windows.predict(segment, visible)
+        if windows is None:
+            return found
+        power = self._options.gap_windows.weight_power
+        return combined(found, windows, segment.start - first, power)[0]
+
     def _constrained(
         self, segment: GapSegment, found: Regression, visible: NDArray[np.intp], frames: slice
     ) -> NDArray[np.float64]:
-        """Return positions fused with velocities, and with the lengths of body segments kept."""
+        """Return positions with the lengths of body segments kept."""
         markers, measured = segment.markers, self.task.positions[frames]
         positions = found.positions
-        if found.velocity is not None:
-            positions = fuse_velocity(
-                positions,
-                found.velocity,
-                measured[:, markers],
-                self.task.rate,
-                self._options.velocity_fusion,
-            )
         geometry, options = self.task.geometry, self._options.segment_lengths
         edges = choose_length_edges(geometry.distance, geometry.spread, markers, visible, options)
         anchors, edges = edges.anchored(len(markers))

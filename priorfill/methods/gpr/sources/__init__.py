@@ -1,0 +1,1 @@
+"""Sources of a limb's prediction other than the regression of poses."""
