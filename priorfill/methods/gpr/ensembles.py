@@ -45,6 +45,15 @@ def _combinations(
     )
 
 
+def _grouped(models: Sequence[GPModel]) -> tuple[GPModel, ...]:
+    """Return models, each once, those of one alignment and of one lag feature together."""
+    found: dict[Alignment, dict[LagFeature | None, dict[GPModel, None]]] = {}
+    for model in models:
+        of_alignment = found.setdefault(model.alignment, {})
+        of_alignment.setdefault(model.lag_feature, {})[model] = None
+    return tuple(m for by_lag in found.values() for some in by_lag.values() for m in some)
+
+
 _SUBJECT = SubjectCorrelation()
 
 
@@ -163,6 +172,9 @@ _LIMB = (
     *_combinations([_NEAR], [LagFeature(1.0 / 15.0, weight=0.8)], [_PLAIN, _LIMB_SMOOTH]),
 )
 
+# Fills sets of one marker a joint better than either ensemble alone.
+_LOOSE_MARKER = _grouped((*_LIMB, *_SINGLE_MARKER))
+
 
 @dataclass(frozen=True)
 class ModelOptions:
@@ -172,6 +184,9 @@ class ModelOptions:
     ----------
     single_marker : tuple of GPModel
         For one marker, whose neighbours on the same body segment are mostly visible.
+    loose_marker : tuple of GPModel
+        For one marker that moves relative to its neighbours, such as those of sparse marker sets:
+        the models of both other ensembles.
     limb : tuple of GPModel
         For several markers at once, mostly those of a limb, which moves relative to what is
         visible.
@@ -182,6 +197,7 @@ class ModelOptions:
     """
 
     single_marker: tuple[GPModel, ...] = _SINGLE_MARKER
+    loose_marker: tuple[GPModel, ...] = _LOOSE_MARKER
     limb: tuple[GPModel, ...] = _LIMB
     short_segment: tuple[GPModel, ...] = _SHORT_SEGMENT
     first_pass: tuple[GPModel, ...] = _FIRST_PASS

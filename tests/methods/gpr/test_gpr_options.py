@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import groupby
 
 import numpy as np
 import pytest
@@ -127,10 +128,14 @@ def test_every_option_is_documented() -> None:
 
 def test_the_ensembles_have_the_published_sizes() -> None:
     models = DEFAULT.models
-    assert [
-        len(x) for x in (models.single_marker, models.limb, models.short_segment, models.first_pass)
-    ] == [17, 74, 8, 2]
-    for ensemble in (models.single_marker, models.limb, models.short_segment, models.first_pass):
+    ensembles = (
+        *(models.single_marker, models.loose_marker, models.limb),
+        *(models.short_segment, models.first_pass),
+    )
+    assert [len(x) for x in ensembles] == [17, 91, 74, 8, 2]
+    for ensemble in ensembles:
         assert len(set(ensemble)) == len(ensemble)
+        for key in (lambda m: m.alignment, lambda m: (m.alignment, m.lag_feature)):
+            assert len([*groupby(ensemble, key)]) == len({key(m) for m in ensemble})
     # steps of the poses of a database, which are at 15 Hz
     np.testing.assert_allclose(np.array(lags_of(models.limb)) * 15.0, [1.0, 2.0, 4.0])

@@ -36,6 +36,10 @@ MODELS = [GPModel(Alignment("rigid", 220.0, 0.005, 10.0), None, PROCESS)]
 CORRELATION = SubjectCorrelationOptions()
 OPTIONS = EnsembleOptions()
 GAP = np.arange(40, 80)
+JOINTS = (
+    *("LFHD", "C7", "STRN", "LSHO", "LELB", "LWRA", "RSHO", "RELB", "RWRA"),
+    *("LFWT", "LKNE", "LANK", "RFWT", "RKNE", "RANK"),
+)
 
 
 def bending(seed: int, noise: float, bend: float = 0.0) -> RegressionProblem:
@@ -145,6 +149,20 @@ def test_a_single_marker_is_predicted_from_the_mirror_image_too(
     clip = with_gaps(person(seconds=4.0, rate=20.0), (30, 50, [marker]))
     (problem,) = plan_for(clip, labels=[marker]).problems
     assert (MIRROR_IMAGE in problem.train.recording) == has_image
+
+
+@pytest.mark.parametrize("labels", [JOINTS, None])
+def test_a_marker_without_a_rigid_segment_is_predicted_like_a_limb(
+    labels: tuple[str, ...] | None,
+) -> None:
+    clip = person(seconds=4.0, rate=20.0)
+    if labels is not None:
+        clip = Clip(clip.positions[:, [clip.labels.index(x) for x in labels]], labels, clip.rate)
+    other = person(seconds=4.0, rate=30.0, seed=9)
+    plan = plan_for(with_gaps(clip, (30, 50, ["LWRA"])), other, labels=["LWRA"])
+    models = GPROptions().models
+    assert plan.models == (models.single_marker if labels is None else models.loose_marker)
+    assert len(plan.problems) == (1 if labels is None else 2)  # the second is of the database
 
 
 @pytest.mark.parametrize(

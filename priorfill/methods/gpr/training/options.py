@@ -87,6 +87,10 @@ class TrainingOptions:
     short_segment_seconds : float
         s. Segments no longer than this are predicted by a small ensemble: they are determined by
         the samples at their edges.
+    min_third_weight : float
+        A single marker is predicted like a limb if only two neighbours have a greater weight in
+        the alignment (`priorfill.gp.features.Alignment`): it has no rigid segment. In sets of 41
+        markers one or two of the thigh are below this, in sets of one marker a joint most are.
     database : DatabaseTrainingOptions
         Training data of the clip and the database together.
     """
@@ -101,6 +105,7 @@ class TrainingOptions:
     second_pass_share: float = 0.7
     velocity_seconds: float = 1.0 / 30.0
     short_segment_seconds: float = 0.1
+    min_third_weight: float = 0.1
     database: DatabaseTrainingOptions = field(default_factory=DatabaseTrainingOptions)
 
     def __post_init__(self) -> None:
@@ -108,5 +113,6 @@ class TrainingOptions:
         check_at_least(self, 3, "min_kept_markers")
         check_between(self, 0, self.max_poses, "mirror_poses")
         check_at_least(self, 0.0, "adjacent_seconds", "short_segment_seconds")
+        check_at_least(self, 0.0, "min_third_weight")
         check_at_least(self, 1e-3, "velocity_seconds")
         check_between(self, 0.0, 1.0, "enough_share", "second_pass_share")

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.gp.problem import GPModel, RegressionProblem
-from priorfill.methods.gpr.gap_segments import SegmentBatch
+from priorfill.methods.gpr.gap_segments import MIN_VISIBLE, SegmentBatch
 from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.gpr.training.own_clip import OwnClipProblem, OwnClipProblems
 from priorfill.methods.gpr.training.with_database import problem_with_database
-from priorfill.methods.task import Task
+from priorfill.methods.task import MIRROR_IMAGE, Task
 
 __all__ = ["TrainingPlan", "TrainingPlanner"]
 
@@ -112,17 +112,28 @@ class TrainingPlanner:
         seconds = batch.frames / self._task.rate
         if seconds <= self._options.training.short_segment_seconds:
             return _plan_of(own, self._models.short_segment)
-        if len(batch.markers) == 1:
-            models = self._models.single_marker
-            mixed = self.own.with_lag_features(self.own.with_mirror_image(own), models)
-            return _plan_of(mixed, models)
-        return self._limb_plan(own)
+        mixed = self.own.with_mirror_image(own)
+        if len(batch.markers) > 1:
+            return self._limb_plan(mixed, self._models.limb)
+        if self._is_loose(mixed):
+            return self._limb_plan(mixed, self._models.loose_marker)
+        models = self._models.single_marker
+        return _plan_of(self.own.with_lag_features(mixed, models), models)
 
-    def _limb_plan(self, own: OwnClipProblem) -> TrainingPlan:
-        """Plan for several markers: with the mirror image, velocities, and the database."""
-        models = self._models.limb
-        limb = self.own.with_lag_features(self.own.with_mirror_image(own), models)
-        limb = self.own.with_velocities(limb)
+    def _is_loose(self, own: OwnClipProblem) -> bool:
+        """Whether a marker moves relative to its neighbours, and there is more to learn from.
+
+        Three neighbours at constant distances would define its position.
+        """
+        alignment = self._models.single_marker[0].alignment
+        weights = alignment.marker_weights(own.problem.distance, own.problem.spread).alignment
+        few = np.sort(weights)[-MIN_VISIBLE] < self._options.training.min_third_weight
+        image = (own.problem.train.recording == MIRROR_IMAGE).any()
+        return bool(few and (image or self._task.takes))
+
+    def _limb_plan(self, own: OwnClipProblem, models: Sequence[GPModel]) -> TrainingPlan:
+        """Plan with velocities, and with the database."""
+        limb = self.own.with_velocities(self.own.with_lag_features(own, models))
         with_database = problem_with_database(
             limb, self._task, self._search, self._options.training, self._options.correlation
         )
