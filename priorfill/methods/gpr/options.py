@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from priorfill.constraints.floor import FloorOptions
+from priorfill.constraints.rigid_pairs import RigidPairOptions
 from priorfill.constraints.segment_lengths import SegmentLengthOptions
 from priorfill.constraints.velocity_fusion import VelocityFusionOptions
 from priorfill.gp.ensemble import EnsembleOptions
@@ -87,6 +88,8 @@ class GPROptions:
         Combination of positions and velocities.
     segment_lengths : SegmentLengthOptions
         Distances that are kept.
+    rigid_pairs : RigidPairOptions
+        Distances that are kept in blackouts.
     floor : FloorOptions
         The floor constraint.
     smoothing : SmoothingOptions
@@ -123,6 +126,7 @@ class GPROptions:
     spline_nodes: SplineNodeOptions = field(default_factory=SplineNodeOptions)
     velocity_fusion: VelocityFusionOptions = field(default_factory=VelocityFusionOptions)
     segment_lengths: SegmentLengthOptions = field(default_factory=SegmentLengthOptions)
+    rigid_pairs: RigidPairOptions = field(default_factory=RigidPairOptions)
     floor: FloorOptions = field(default_factory=FloorOptions)
     smoothing: SmoothingOptions = field(default_factory=SmoothingOptions)
     interpolation: InterpolationOptions = field(default_factory=InterpolationOptions)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.constraints.rigid_pairs import hold_rigid_pairs
 from priorfill.constraints.segment_lengths import choose_length_edges, hold_lengths
 from priorfill.constraints.velocity_fusion import fuse_velocity
 from priorfill.gp.ensemble import Regression, regress
@@ -168,7 +169,19 @@ class SegmentPredictor:
     ) -> list[SegmentPrediction]:
         """Predict the segments of a blackout together; see `BlackoutPredictor.predict`."""
         self.task.checkpoint()
-        return self._blackouts.predict(segments, completed)
+        return [self._kept_rigid(part) for part in self._blackouts.predict(segments, completed)]
+
+    def _kept_rigid(self, found: SegmentPrediction) -> SegmentPrediction:
+        """Return the prediction of a blackout with nearly constant distances kept."""
+        inside = np.ix_(found.segment.markers, found.segment.markers)
+        positions = hold_rigid_pairs(
+            found.positions,
+            found.expected_rms,
+            self.task.geometry.distance[inside],
+            self.task.geometry.spread[inside],
+            self._options.rigid_pairs,
+        )
+        return replace(found, positions=positions)
 
     def _from_own_frames(self, batch: SegmentBatch, plan: TrainingPlan) -> list[SegmentPrediction]:
         """Predict a batch by regression on the clip's own frames, and the database's if planned."""

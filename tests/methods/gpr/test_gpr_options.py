@@ -70,13 +70,16 @@ def filled(kind: str, name: str = "", value: object = None) -> Estimate:
         ("segment_lengths.spread_factor", 0.0),
         ("dropout.weight_power", 0.0),
         ("blackout.edge_seconds", 0.05),
+        ("rigid_pairs.max_spread", 0.0),
         ("joining.seconds", 0.1),
         ("max_expected_error", 1.0),
     ],
 )
 def test_an_option_changes_the_fill(name: str, value: object) -> None:
     group = name.split(".")[0]
-    kind = group if group in ("dropout", "blackout") else "limb"
+    kind = {"dropout": "dropout", "blackout": "blackout", "rigid_pairs": "blackout"}.get(
+        group, "limb"
+    )
     plain, changed = filled(kind), filled(kind, name, value)
     missing = ~task(kind).valid
     same = np.array_equal(plain.positions[missing], changed.positions[missing], equal_nan=True)
