@@ -151,8 +151,8 @@ def regress(
     problems : sequence of RegressionProblem
         Training sets for the same missing markers and the same queries.
     models : sequence of GPModel
-        Each is fitted to each problem that has its lag feature. Those of one alignment, and among
-        these those of one lag feature, must follow each other.
+        Each is fitted to each problem that has its lag feature and no models of its own. Those of
+        one alignment, and among these those of one lag feature, must follow each other.
     block_seconds : float
         s. Length of the held-out blocks: that of the gap.
     inside : ndarray of bool [shape=(poses,)], optional
@@ -210,6 +210,12 @@ class _FittedEnsemble:
     problem_of: NDArray[np.intp]  # (models,)
 
     @property
+    def models_of_problem(self) -> NDArray[np.intp]:
+        """Number of models that are fitted to the problem of each model [shape=(models,)]."""
+        counts: NDArray[np.intp] = np.bincount(self.problem_of)[self.problem_of]
+        return counts
+
+    @property
     def models(self) -> list[FittedModel]:
         """The fitted models of all problems and alignments."""
         return [model for models in self.by_alignment for model in models.fitted]
@@ -222,7 +228,9 @@ def _fit(
     map_function: Callable[..., Iterable[FittedModels]],
 ) -> _FittedEnsemble:
     """Fit the models; parameters as of `regress`."""
-    supported = [[m for m in models if problem.supports(m)] for problem in problems]
+    supported = [
+        [m for m in (models if p.models is None else p.models) if p.supports(m)] for p in problems
+    ]
     shared = [
         SharedCovariances.of(problem, some, block_seconds)
         for problem, some in zip(problems, supported, strict=True)
@@ -308,6 +316,9 @@ class _Ensemble:
         error = np.maximum(self.error[:, None] * relative, MIN_MODEL_ERROR)
         error = error * penalty[self.fitted.problem_of, None]
         weight = power_weights(error, self.options.weight_power)
+        if len(penalty) > 1:
+            weight /= self.fitted.models_of_problem[:, None]
+            weight /= weight.sum(axis=0)
         mean = np.einsum("kq,kqmi->qmi", weight, each)
         each -= mean
         # spelt out, because a sum over an axis of length three is slow

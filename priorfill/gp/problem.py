@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -179,6 +179,8 @@ class RegressionProblem:
         are longer or shorter, and their markers are placed elsewhere.
     lag_source : LagSource, optional
         Needed where `train` has lagged positions.
+    models : sequence of GPModel, optional
+        The models that are fitted to this problem, where they are not those of all problems.
     """
 
     train: PoseSamples
@@ -188,6 +190,7 @@ class RegressionProblem:
     error_penalty: float = 1.0
     offset_variance: float = 0.0
     lag_source: LagSource | None = None
+    models: Sequence[GPModel] | None = None
 
     def query_batch(self, chosen: slice) -> PoseSamples:
         """Return some of the query poses, with lagged positions if the training poses have them."""

@@ -29,8 +29,6 @@ class SearchOptions:
     ----------
     queries : int
         Frames of the clip that are searched for, evenly spaced.
-    neighbours : int
-        Nearest poses of each.
     max_markers : int
         Visible markers that are compared, the nearest to the missing ones.
     rate : float
@@ -41,13 +39,12 @@ class SearchOptions:
     """
 
     queries: int = 100
-    neighbours: int = 12
     max_markers: int = 12
     rate: float = 30.0
     max_poses: int = 1_000_000
 
     def __post_init__(self) -> None:
-        check_at_least(self, 1, "queries", "neighbours", "max_poses")
+        check_at_least(self, 1, "queries", "max_poses")
         check_at_least(self, 3, "max_markers")
         check_at_least(self, 0.1, "rate")
 
@@ -96,6 +93,7 @@ class PoseSearch:
         root: RootGroup,
         markers: NDArray[np.intp],
         poses: NDArray[np.float64],
+        neighbours: int,
     ) -> NDArray[np.intp]:
         """Return the rows of a bank that are nearest to poses, the nearest first, each once.
 
@@ -109,10 +107,12 @@ class PoseSearch:
             Markers of the poses.
         poses : ndarray [shape=(poses, markers, 3), mm]
             Complete; evenly spaced ones are searched for.
+        neighbours : int
+            Nearest poses of each.
         """
         chosen = poses[evenly_spaced(len(poses), self.options.queries)]
         queries = self.in_clip_order(markers, chosen)
-        rows = bank.search(queries, root.frames(queries), self.options.neighbours)[1]
+        rows = bank.search(queries, root.frames(queries), neighbours)[1]
         return _by_rank(rows)
 
     def in_clip_order(

@@ -60,7 +60,8 @@ def filled(kind: str, name: str = "", value: object = None) -> Estimate:
         ("training.database.penalty_per_doubling", 0.8),
         ("training.database.offset_variance", 0.0),
         ("correlation.mirror_image", 0.1),
-        ("search.neighbours", 1),
+        ("training.database.gap_poses", 2),
+        ("training.database.gap_neighbours", 1),
         ("ensemble.weight_power", 0.0),
         ("ensemble.relative_std_power", 5.0),
         ("ensemble.prior_blocks", 0.0),
@@ -131,14 +132,12 @@ def test_every_option_is_documented() -> None:
 
 def test_the_ensembles_have_the_published_sizes() -> None:
     models = DEFAULT.models
-    ensembles = (
-        *(models.single_marker, models.loose_marker, models.limb),
-        *(models.short_segment, models.first_pass),
-    )
-    assert [len(x) for x in ensembles] == [17, 91, 74, 8, 2]
+    ensembles = [getattr(models, field) for field in models.__dataclass_fields__]
+    assert [len(ensemble) for ensemble in ensembles] == [17, 91, 74, 12, 8, 2]
     for ensemble in ensembles:
         assert len(set(ensemble)) == len(ensemble)
         for key in (lambda m: m.alignment, lambda m: (m.alignment, m.lag_feature)):
             assert len([*groupby(ensemble, key)]) == len({key(m) for m in ensemble})
     # steps of the poses of a database, which are at 15 Hz
-    np.testing.assert_allclose(np.array(lags_of(models.limb)) * 15.0, [1.0, 2.0, 4.0])
+    lags = lags_of((*models.limb, *models.limb_with_database))
+    np.testing.assert_allclose(np.array(lags) * 15.0, [1.0, 2.0, 4.0])

@@ -119,6 +119,24 @@ def test_a_penalty_shifts_the_mixture_towards_the_other_problem() -> None:
     assert penalised / (1 - penalised) == pytest.approx(even / (1 - even) * 1.2**-8, rel=0.01)
 
 
+def test_a_problem_with_more_models_has_no_more_weight() -> None:
+    """Its own models are those of the call, each three times."""
+    own, others = bending(1, 2.0), replace(bending(2, 2.0, bend=30.0), query=bending(1, 2.0).query)
+    few, many = (
+        regress([own, replace(others, models=models)], MODELS, 0.4).positions
+        for models in (None, [*MODELS, *MODELS, *MODELS])
+    )
+    np.testing.assert_allclose(many, few, atol=1e-6)
+
+
+def test_a_problem_is_predicted_by_its_own_models() -> None:
+    problem = bending(1, 2.0)
+    others = [GPModel(Alignment("heading", 220.0, 0.005), None, PROCESS)]
+    own = regress([replace(problem, models=others)], MODELS, 0.4).positions
+    np.testing.assert_array_equal(own, regress([problem], others, 0.4).positions)
+    assert not np.allclose(own, regress([problem], MODELS, 0.4).positions)
+
+
 def task_of(clip: Clip, *others: Clip) -> Task:
     takes = tuple(same_subject_take(other, clip.labels) for other in others)
     groups = tuple(gap_groups(clip.missing))

@@ -13,9 +13,6 @@ __all__ = ["DatabaseTrainingOptions", "TrainingOptions"]
 class DatabaseTrainingOptions:
     """Training data of the clip and the database together.
 
-    The default numbers of poses sum up to about `TrainingOptions.max_poses`, so that these
-    problems take no longer than those of the clip alone.
-
     Attributes
     ----------
     own_poses : int
@@ -24,8 +21,12 @@ class DatabaseTrainingOptions:
         Poses of the clip's mirror image.
     gap_poses : int
         Poses of the database nearest to those in the gap.
+    gap_neighbours : int
+        Nearest poses of each pose in the gap from which these are chosen.
     other_poses : int
         Poses of the database nearest to the clip's training poses.
+    clip_neighbours : int
+        Nearest poses of each training pose of the clip from which these are chosen.
     rate : float
         Hz. Resolution at which the database is searched: at a lower rate the same number of poses
         is more varied.
@@ -41,8 +42,10 @@ class DatabaseTrainingOptions:
 
     own_poses: int = 60
     mirror_poses: int = 30
-    gap_poses: int = 120
+    gap_poses: int = 1000
+    gap_neighbours: int = 200
     other_poses: int = 60
+    clip_neighbours: int = 12
     rate: float = 15.0
     sufficient_seconds: float = 4.0
     penalty_per_doubling: float = 0.1
@@ -50,7 +53,7 @@ class DatabaseTrainingOptions:
 
     def __post_init__(self) -> None:
         check_at_least(self, 0, "mirror_poses", "gap_poses", "other_poses", "offset_variance")
-        check_at_least(self, 1, "own_poses")
+        check_at_least(self, 1, "own_poses", "gap_neighbours", "clip_neighbours")
         check_at_least(self, 0.1, "rate", "sufficient_seconds")
         check_between(self, 0.0, 0.9, "penalty_per_doubling")
 

@@ -28,7 +28,7 @@ class TrainingPlan:
     problems : sequence of RegressionProblem
         All with the same queries: of the clip, and of the clip with the database.
     models : sequence of GPModel
-        The ensemble.
+        The ensemble of the problems without models of their own.
     query_frames : ndarray of int
         Frames of the queries; see `priorfill.methods.gpr.spline_nodes`.
     queries : tuple of slice
@@ -133,9 +133,16 @@ class TrainingPlanner:
 
     def _limb_plan(self, own: OwnClipProblem, models: Sequence[GPModel]) -> TrainingPlan:
         """Plan with velocities, and with the database."""
-        limb = self.own.with_velocities(self.own.with_lag_features(own, models))
+        further = self._models.limb_with_database
+        all_models = (*models, *further) if self._task.takes else models
+        limb = self.own.with_velocities(self.own.with_lag_features(own, all_models))
         with_database = problem_with_database(
-            limb, self._task, self._search, self._options.training, self._options.correlation
+            limb,
+            self._task,
+            self._search,
+            self._options.training,
+            self._options.correlation,
+            further,
         )
         if with_database is None:
             return _plan_of(limb, models)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,12 +10,13 @@ from numpy.typing import NDArray
 
 from priorfill.geometry.poses import evenly_spaced
 from priorfill.geometry.root_frames import RootGroup
-from priorfill.gp.problem import PoseSamples, RegressionProblem
+from priorfill.gp.problem import GPModel, PoseSamples, RegressionProblem
 from priorfill.methods.gpr.gap_segments import MIN_VISIBLE
 from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.gpr.training.lagged_poses import complete_lagged
 from priorfill.methods.gpr.training.options import TrainingOptions
 from priorfill.methods.gpr.training.own_clip import OwnClipProblem
+from priorfill.methods.gpr.training.same_subject import body_differences
 from priorfill.methods.gpr.training.subject_correlation import (
     SubjectCorrelationOptions,
     take_correlations,
@@ -33,6 +35,7 @@ def problem_with_database(
     search: PoseSearch,
     options: TrainingOptions,
     correlation: SubjectCorrelationOptions,
+    models: Sequence[GPModel],
 ) -> tuple[RegressionProblem, tuple[str, ...]] | None:
     """Make a problem of poses of the clip, its mirror image and the database.
 
@@ -48,6 +51,8 @@ def problem_with_database(
         Number of poses.
     correlation : SubjectCorrelationOptions
         Correlations of the takes' subjects.
+    models : sequence of GPModel
+        Those that are fitted to the problem.
 
     Returns
     -------
@@ -74,7 +79,7 @@ def problem_with_database(
     if len(bank) < options.min_poses:
         return None
     chosen = _Training(own, search, root, bank, columns, *_chosen_rows(own, options, task.rate))
-    poses = chosen.poses(options, take_correlations(task.takes, search.subjects, correlation))
+    poses = chosen.poses(options, correlation)
     shown = np.logical_and.reduce(task.valid[:, own.markers], axis=1).sum() / task.rate
     problem = own.problem
     source = problem.lag_source
@@ -86,6 +91,7 @@ def problem_with_database(
         _error_penalty(shown, options),
         options.database.offset_variance,
         None if source is None else source.restricted_to(columns),
+        models,
     ), take_names(task.takes, bank.take(poses.bank_rows))
 
 
@@ -145,27 +151,51 @@ class _Training:
         return np.concatenate([self.clip_rows, self.image_rows])
 
     def poses(
-        self, options: TrainingOptions, correlations: NDArray[np.float64]
+        self, options: TrainingOptions, correlation: SubjectCorrelationOptions
     ) -> _DatabaseProblemPoses:
         """Return the poses of the clip, its mirror image and the database, in this order."""
         bank, own, rows = self.bank, self.own.problem.train, self.own_rows
         bank_rows = self._nearest_bank_rows(options)
         take = bank.take(bank_rows)
-        subject = self.search.subjects[take]
-        visible = bank.positions(bank_rows, self.visible)
+        visible, missing = (bank.positions(bank_rows, m) for m in (self.visible, self._missing))
+        subject = self._subjects(take, visible, missing, correlation)
         offset = self._world_offsets(visible, subject)
+        others = take_correlations(self.search.task.takes, self.search.subjects, correlation)[take]
         own_correlation = np.ones(len(own.time)) if own.correlation is None else own.correlation
         samples = PoseSamples(
             np.concatenate([own.visible[rows][:, self.columns], visible + offset]),
-            np.concatenate([own.missing[rows], bank.positions(bank_rows, self._missing)]),
+            np.concatenate([own.missing[rows], missing]),
             np.concatenate([own.time[rows], bank_rows / bank.rates(bank_rows)]),
             np.concatenate([own.recording[rows], take]),
-            np.concatenate([own_correlation[rows], correlations[take]]),
+            np.concatenate([own_correlation[rows], np.where(subject == THIS_CLIP, 1.0, others)]),
             np.concatenate([own.recording[rows], subject]),
             self._lagged(bank_rows, visible, offset),
             self._velocity(bank_rows, options.velocity_seconds),
         )
         return _DatabaseProblemPoses(samples, bank_rows)
+
+    def _subjects(
+        self,
+        take: NDArray[np.intp],
+        visible: NDArray[np.float64],
+        missing: NDArray[np.float64],
+        options: SubjectCorrelationOptions,
+    ) -> NDArray[np.intp]:
+        """Return the subject of each pose of the database; `THIS_CLIP` for the clip's own."""
+        own, task = self.own.problem.train, self.search.task
+        clip = own.visible[self.clip_rows][:, self.columns], own.missing[self.clip_rows]
+        near = slice(self.search.options.max_markers)
+        difference = body_differences(
+            np.concatenate([part[:, near] for part in clip], axis=1),
+            np.concatenate([visible[:, near], missing[:, near]], axis=1),
+            take,
+        )
+        same_name = [t.subject != "" and t.subject == task.subject for t in task.takes]
+        virtual = np.array([t.virtual_markers for t in task.takes], dtype=bool)
+        limit = np.where(same_name, options.same_name_distance, options.same_subject_distance)
+        # virtual markers are not placed where the subject's markers were
+        same = (difference <= limit[take]) & ~virtual[take]
+        return np.where(same, THIS_CLIP, self.search.subjects[take])
 
     @property
     def _missing(self) -> NDArray[np.intp]:
@@ -175,11 +205,14 @@ class _Training:
         """Choose poses of the bank near the queries, then ones near the clip's training poses."""
         problem, count = self.own.problem, options.database
 
-        def nearest(poses: NDArray[np.float64]) -> NDArray[np.intp]:
-            return self.search.nearest(self.bank, self.root, self.visible, poses)
+        def nearest(poses: NDArray[np.float64], neighbours: int) -> NDArray[np.intp]:
+            return self.search.nearest(self.bank, self.root, self.visible, poses, neighbours)
 
-        near_gap = nearest(problem.query.visible[:, self.columns])[: count.gap_poses]
-        near_clip = nearest(problem.train.visible[self.clip_rows][:, self.columns])
+        near_gap = nearest(problem.query.visible[:, self.columns], count.gap_neighbours)
+        near_gap = near_gap[: count.gap_poses]
+        near_clip = nearest(
+            problem.train.visible[self.clip_rows][:, self.columns], count.clip_neighbours
+        )
         near_clip = near_clip[~np.isin(near_clip, near_gap)][: count.other_poses]
         return np.concatenate([near_gap, near_clip])
 
