@@ -3,12 +3,17 @@
 
     python scripts/studies/growth_study.py [--set gait|baumann41] [--orders 10] [--processes 2]
     [-o FOLDER]
+    python scripts/studies/growth_study.py --library FOLDER|DATABASE [--sizes 1,10,100,1000]
+    [--cases 5] [--seed 0] [--processes 2] [-o FOLDER]
 
 Starts with an empty database and takes recordings in random order. A leg or an arm is removed from
 each for one second and filled with the database as it is; then the filled clip is accepted into the
 database, with its mask. This is done with measured samples only as training data, and with
 ``trust_filled``. Mean errors are compared with those of the same gap without a database: a table by
 number of clips in the database, a CSV file of all fills, and a plot (with matplotlib).
+
+With ``--library``, gaps of several kinds in takes that are held out are filled with random parts of
+a large library of recordings, or of a database: ``growth.json``, ``growth.png`` and a table.
 """
 
 from __future__ import annotations
@@ -29,6 +34,8 @@ from numpy.typing import NDArray
 from priorfill.cli.encoding import replace_what_is_lacking
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+sys.path.append(str(Path(__file__).resolve().parent))
+import growth_library
 from method_alone import method_alone
 from process_pool import process_pool
 from recordings import add_data_option, subject_of
@@ -233,8 +240,21 @@ def main() -> int:
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--method", default="auto")
     parser.add_argument("--clips", type=int, help="number of recordings")
+    parser.add_argument("--library", type=Path, help="folder of C3D files, or a database")
+    parser.add_argument("--sizes", default="1,10,100,1000", help="takes of its parts")
+    parser.add_argument("--cases", type=int, default=5, help="takes held out for each kind of gap")
+    parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("-o", "--output", type=Path, default=Path())
     arguments = parser.parse_args()
+    if arguments.library is not None:
+        return growth_library.run(
+            arguments.library,
+            [int(size) for size in arguments.sizes.split(",")],
+            arguments.cases,
+            arguments.seed,
+            arguments.processes,
+            arguments.output,
+        )
     cases = read_cases(arguments.data, arguments.set)[: arguments.clips]
     if not cases:
         print(f"{arguments.data}: no recordings of this set; use --data", file=sys.stderr)
