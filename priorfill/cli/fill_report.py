@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from itertools import count
 from string import ascii_lowercase
@@ -30,7 +31,14 @@ if TYPE_CHECKING:
     from priorfill.filling.fill_file import FileResult
     from priorfill.filling.result import FilledGap, Result
 
-__all__ = ["fill_facts", "print_fill", "print_fill_notes", "print_gaps", "print_unfilled"]
+__all__ = [
+    "fill_facts",
+    "print_fill",
+    "print_fill_notes",
+    "print_gaps",
+    "print_unfilled",
+    "worth_of_database",
+]
 
 MIN_ROUNDING = 0.001
 """Smallest rounding error of a coordinate (mm) worth a line."""
@@ -101,6 +109,9 @@ def print_fill(done: FileResult, *, every_row: bool = False) -> None:
         print_gaps(result, rows)
         print_line()
         print_line(f"{summary_text(result)}; {_written(done)}")
+        worth = worth_of_database(result)
+        if worth:
+            print_line(worth)
         if done.report.rounding_mm > MIN_ROUNDING:
             print_line(
                 "filled samples are rounded to the file's number format, by up to "
@@ -146,6 +157,26 @@ def print_fill_notes(done: FileResult) -> None:
         warn_of_artefacts(artefact_facts(done.artefacts, result.clip), str(done.source))
     print_left_as_measured(result, done.source, done.output)
     print_unfilled(result)
+
+
+def worth_of_database(result: Result) -> str:
+    """Return a line that says how much smaller the database makes errors; empty where unknown.
+
+    Parameters
+    ----------
+    result : Result
+        Of a fill.
+    """
+    gaps = [g for g in result.gaps if math.isfinite(g.expected_mean_error_without_database_mm)]
+    frames = sum(gap.filled for gap in gaps)
+    if not frames:
+        return ""
+    with_it = sum(gap.filled * gap.expected_mean_error_mm for gap in gaps) / frames
+    without = sum(gap.filled * gap.expected_mean_error_without_database_mm for gap in gaps) / frames
+    return (
+        f"the database was used for {len(gaps)} gap{'s' if len(gaps) > 1 else ''}: expected mean "
+        f"error {mm_text(with_it)} mm, {mm_text(without)} mm without it"
+    )
 
 
 def print_unfilled(result: Result) -> None:
@@ -305,6 +336,9 @@ def _gap_facts(result: Result, gap: FilledGap) -> dict[str, Any]:
         "expected_rms_mm": json_number(gap.expected_rms_mm, 3),
         "expected_mean_error_mm": json_number(gap.expected_mean_error_mm, 3),
         "error_bound_90_mm": json_number(gap.error_bound_90_mm, 3),
+        "expected_mean_error_without_database_mm": json_number(
+            gap.expected_mean_error_without_database_mm, 3
+        ),
         "method": gap.method,
         "sources": list(gap.sources),
         "source_clips": list(gap.source_clips),

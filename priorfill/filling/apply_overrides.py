@@ -209,4 +209,5 @@ def _join_gap(
         training_poses=max(gap.training_poses for gap in same),
         unfilled=tuple(sorted(unfilled, key=lambda span: (span.start, span.reason))),
         source_clips=tuple(dict.fromkeys(name for gap in working for name in gap.source_clips)),
+        expected_mean_error_without_database_mm=float("nan"),
     )

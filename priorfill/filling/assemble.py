@@ -221,7 +221,19 @@ def _sum_up(
         training_poses=max((note.training_poses for note in used), default=0),
         unfilled=tuple(sorted(unfilled, key=lambda span: span.start)),
         source_clips=tuple(dict.fromkeys(name for note in notes for name in note.source_clips)),
+        expected_mean_error_without_database_mm=_error_without_database(gap, samples, used),
     )
+
+
+def _error_without_database(gap: Gap, samples: FilledSamples, notes: Sequence[Note]) -> float:
+    """Return the mean error (mm) expected without the database; NaN where it is unknown."""
+    rms = samples.expected_rms[gap.start : gap.stop, gap.marker].copy()
+    known = False
+    for note in notes:
+        if np.isfinite(note.relative_error):
+            rms[max(note.start - gap.start, 0) : note.stop - gap.start] /= note.relative_error
+            known = True
+    return expected_errors(rms, rms)[1] if known else float("nan")
 
 
 def _unfilled_spans(

@@ -89,6 +89,8 @@ class FilledGap:
         Frames that were left missing; empty where all were filled.
     source_clips : tuple of str
         Recordings learnt from, the most used first.
+    expected_mean_error_without_database_mm : float
+        What `expected_mean_error_mm` would be without the database; NaN where unknown.
 
     See Also
     --------
@@ -115,6 +117,7 @@ class FilledGap:
     training_poses: int
     unfilled: tuple[UnfilledSpan, ...]
     source_clips: tuple[str, ...]
+    expected_mean_error_without_database_mm: float = float("nan")
 
     @property
     def frames(self) -> int:

@@ -28,7 +28,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from itertools import groupby
@@ -41,8 +41,15 @@ from priorfill.gp.calibration import calibrate
 from priorfill.gp.fitted_models import FittedModel, FittedModels, Predictions, SharedCovariances
 from priorfill.gp.linalg import power_weights
 from priorfill.gp.problem import GPModel, RegressionProblem
+from priorfill.gp.simulated_errors import (
+    SimulatedErrorOptions,
+    combined_errors,
+    gap_errors,
+    likeness_of,
+    log_ratio_to_own,
+)
 from priorfill.gp.velocities import VelocityErrorOptions, VelocityPrediction, error_by_speed
-from priorfill.runtime.elementary import power
+from priorfill.runtime.elementary import exp, log, power
 from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["EnsembleOptions", "Regression", "regress"]
@@ -86,6 +93,8 @@ class EnsembleOptions:
         otherwise the problem with the greatest weight is calibrated alone.
     velocity_errors : VelocityErrorOptions
         Of the expected errors of velocities.
+    simulated : SimulatedErrorOptions
+        What gaps simulated in other recordings count.
     """
 
     weight_power: float = 8.0
@@ -95,6 +104,7 @@ class EnsembleOptions:
     min_expected_rms: float = 1e-3
     min_common_poses: int = 20
     velocity_errors: VelocityErrorOptions = field(default_factory=VelocityErrorOptions)
+    simulated: SimulatedErrorOptions = field(default_factory=SimulatedErrorOptions)
 
     def __post_init__(self) -> None:
         check_at_least(self, 0.0, "weight_power", "prior_blocks")
@@ -118,12 +128,16 @@ class Regression:
         Factor of `expected_rms` that gives the bound below which 90 % of the errors are expected.
     velocity : VelocityPrediction or None
         Velocities of the missing markers, if the training poses of all problems have them.
+    relative_error : float
+        Ratio of the error to that of the first problem alone, as the held-out blocks and the
+        simulated gaps show it; NaN without simulated gaps.
     """
 
     positions: NDArray[np.float64]
     expected_rms: NDArray[np.float64]
     bound_factor: float
     velocity: VelocityPrediction | None = None
+    relative_error: float = float("nan")
 
     def subset(self, chosen: slice) -> Regression:
         """Return the prediction of some of the poses."""
@@ -177,10 +191,10 @@ def regress(
         inside = np.ones(queries, dtype=bool)
     fitted = _fit(problems, models, block_seconds, map_function)
     markers = problems[0].train.missing.shape[1]
-    ensembles = [_Ensemble.of(fitted, slice(0, markers), queries, markers, options)]
+    worth = _log_ratios(fitted, slice(0, markers), options)
+    ensembles = [_Ensemble.of(fitted, slice(0, markers), worth, queries, options)]
     if all(problem.train.velocity is not None for problem in problems):
-        velocities = slice(markers, None)
-        ensembles.append(_Ensemble.of(fitted, velocities, queries, markers, options))
+        ensembles.append(_Ensemble.of(fitted, slice(markers, None), worth, queries, options))
     batches = [slice(start, start + BATCH_SIZE) for start in range(0, queries, BATCH_SIZE)]
     found = map_function(lambda batch: _predict(fitted, batch, map_function), batches)
     for batch, predictions in zip(batches, found, strict=True):
@@ -189,6 +203,7 @@ def regress(
     position, validation = ensembles[0], ensembles[0].cross_validate()
     factor, bound = _calibrate(validation, options)
     factor *= float(power(options.selection_inflation, validation.further_weight))
+    factor, bound = _calibrate_by_simulation(position, factor, bound, options)
     velocity = None
     if len(ensembles) > 1:
         velocity = _predicted_velocity(ensembles[1], validation, options)
@@ -197,6 +212,7 @@ def regress(
         np.maximum(position.predicted_rms * factor, options.min_expected_rms),
         bound,
         velocity,
+        _relative_error(position, options),
     )
 
 
@@ -258,6 +274,96 @@ def _predict(
     )
 
 
+def _held_out_errors(models: Sequence[FittedModel], targets: slice) -> NDArray[np.float64]:
+    """Return the cross-validated rms errors of models [shape=(models,)]."""
+    return np.sqrt([(m.residuals[:, targets] ** 2).sum(axis=2).mean() for m in models])
+
+
+def _model_errors(
+    fitted: _FittedEnsemble,
+    targets: slice,
+    worth: Mapping[int, float],
+    options: EnsembleOptions,
+) -> NDArray[np.float64]:
+    """Return the errors by which the models are weighted [shape=(models,)].
+
+    Parameters
+    ----------
+    fitted : _FittedEnsemble
+        The models.
+    targets : slice
+        Which targets: positions or velocities.
+    worth : mapping of int to float
+        Of problems with simulated gaps: logarithm of the ratio of their errors to those of the
+        clip's own problem, the first one.
+    options : EnsembleOptions
+        Weights.
+    """
+    models = fitted.models
+    held_out = _held_out_errors(models, targets)
+    error = held_out.copy()
+
+    own_level = _level(held_out[fitted.problem_of == 0], options)
+    simulation = options.simulated
+    for number, problem in enumerate(fitted.problems[1:], start=1):
+        some = np.flatnonzero(fitted.problem_of == number)
+        difference = simulation.held_out_trust * (_level(held_out[some], options) - own_level)
+        gaps = problem.simulated_gaps
+        if gaps:
+            simulated = np.stack([models[k].simulated_residuals[:, targets] for k in some])
+            share = simulation.model_share(gaps)
+            error[some] = combined_errors(
+                held_out[some], gap_errors(simulated, gaps), likeness_of(gaps), share
+            )
+            share = simulation.level_share(gaps)
+            simulated_ratio = worth[number] + simulation.own_bias
+            difference = (1.0 - share) * difference + share * simulated_ratio
+        error[some] *= float(exp(own_level + difference - _level(error[some], options)))
+    return error
+
+
+def _simulated_share(fitted: _FittedEnsemble, options: EnsembleOptions) -> float:
+    """Return the largest share of simulated gaps in the errors of a problem's models.
+
+    Errors that are means of two kinds differ less from model to model, and are more certain.
+    """
+    return max(options.simulated.model_share(p.simulated_gaps) for p in fitted.problems)
+
+
+def _level(error: NDArray[np.float64], options: EnsembleOptions) -> float:
+    """Return the logarithm of the weighted mean of models' errors."""
+    some = np.maximum(error, MIN_MODEL_ERROR)
+    return float(log(power_weights(some, options.weight_power) @ some))
+
+
+def _log_ratios(
+    fitted: _FittedEnsemble, targets: slice, options: EnsembleOptions
+) -> dict[int, float]:
+    """Return how much larger a problem's errors are than those of the clip's own problem.
+
+    Returns
+    -------
+    dict of int to float
+        The logarithm of the ratio in the simulated gaps, of each problem with such gaps.
+    """
+    ratios = {}
+    for number, problem in enumerate(fitted.problems):
+        gaps = problem.simulated_gaps
+        if not gaps:
+            continue
+        models = [fitted.models[k] for k in np.flatnonzero(fitted.problem_of == number)]
+        residuals = np.stack([model.simulated_residuals[:, targets] for model in models])
+        error = combined_errors(
+            _held_out_errors(models, targets),
+            gap_errors(residuals, gaps),
+            likeness_of(gaps),
+            options.simulated.model_share(gaps),
+        )
+        weight = power_weights(np.maximum(error, MIN_MODEL_ERROR), options.weight_power)
+        ratios[number] = log_ratio_to_own(residuals, weight, gaps)
+    return ratios
+
+
 @dataclass(eq=False)
 class _Ensemble:
     """The weighted mean of the models for some of the targets, one batch of queries at a time.
@@ -271,27 +377,29 @@ class _Ensemble:
     mean: NDArray[np.float64]  # (queries, targets, 3)
     predicted_rms: NDArray[np.float64]  # (queries, targets), not calibrated
     total_weight: NDArray[np.float64]  # (models,), summed over the queries in the gap
-    error: NDArray[np.float64]  # (models,), cross-validated, rms
+    error: NDArray[np.float64]  # (models,), rms; of the blocks and the simulated gaps
+    power: float  # of the weights
 
     @classmethod
     def of(
         cls,
         fitted: _FittedEnsemble,
         targets: slice,
+        worth: Mapping[int, float],
         queries: int,
-        markers: int,
         options: EnsembleOptions,
     ) -> _Ensemble:
         """Return an ensemble without predictions."""
-        square = [(m.residuals[:, targets] ** 2).sum(axis=2).mean() for m in fitted.models]
+        markers = fitted.problems[0].train.missing.shape[1]
         return cls(
             fitted,
             targets,
             options,
             np.empty((queries, markers, 3)),
             np.empty((queries, markers)),
-            np.zeros(len(square)),
-            np.sqrt(square),
+            np.zeros(len(fitted.models)),
+            _model_errors(fitted, targets, worth, options),
+            options.weight_power * (1.0 + _simulated_share(fitted, options)),
         )
 
     def add(
@@ -315,7 +423,7 @@ class _Ensemble:
         relative = power(relative_std, self.options.relative_std_power)
         error = np.maximum(self.error[:, None] * relative, MIN_MODEL_ERROR)
         error = error * penalty[self.fitted.problem_of, None]
-        weight = power_weights(error, self.options.weight_power)
+        weight = power_weights(error, self.power)
         if len(penalty) > 1:
             weight /= self.fitted.models_of_problem[:, None]
             weight /= weight.sum(axis=0)
@@ -391,13 +499,98 @@ def _calibrate(validation: _CrossValidation, options: EnsembleOptions) -> tuple[
     bound : float
         Ratio of the bound below which 90 % of the errors lie to the calibrated rms error.
     """
-    mean = validation.ensemble_residuals
-    disagreement = ((validation.residuals - mean) ** 2).sum(axis=3)
-    variance = np.einsum(
-        "k,krm->rm", validation.weight, validation.held_out_variance + disagreement
-    )
-    ratio = np.sqrt((mean**2).sum(axis=2) / np.maximum(variance, MIN_VARIANCE))
+    ratio = _relative_errors(validation.weight, validation.residuals, validation.held_out_variance)
     return calibrate(ratio, validation.blocks, options.prior_blocks, options.min_expected_rms)
+
+
+def _calibrate_by_simulation(
+    ensemble: _Ensemble, factor: float, bound: float, options: EnsembleOptions
+) -> tuple[float, float]:
+    """Return factors that hold for simulated gaps as well; as given where there are none."""
+    fitted = ensemble.fitted
+    for number, problem in enumerate(fitted.problems):
+        gaps = problem.simulated_gaps
+        if not gaps:
+            continue
+        share = options.simulated.calibration_share(gaps)
+        ratio = _relative_errors(*_in_simulated_gaps(ensemble, number))
+        simulated, tail = calibrate(ratio, len(gaps), 0.0, options.min_expected_rms)
+        factor = float(power(factor, 1.0 - share) * power(simulated, share))
+        bound = float(power(bound, 1.0 - share) * power(tail, share))
+    return factor, bound
+
+
+def _relative_error(ensemble: _Ensemble, options: EnsembleOptions) -> float:
+    """Return the ratio of the error to that of the clip's own problem; see `Regression`."""
+    fitted, weight = ensemble.fitted, ensemble.total_weight / ensemble.total_weight.sum()
+    own = np.flatnonzero(fitted.problem_of == 0)
+    held_out = np.maximum(_held_out_errors(fitted.models, ensemble.targets), MIN_MODEL_ERROR)
+    ratio = float(log(weight @ held_out)) - _level(held_out[own], options)
+    found = float("nan")
+    for number, problem in enumerate(fitted.problems):
+        gaps = problem.simulated_gaps
+        if not gaps:
+            continue
+        share = options.simulated.level_share(gaps)
+        shares, residuals, _ = _in_simulated_gaps(ensemble, number)
+        simulated = log_ratio_to_own(residuals, shares, gaps)
+        simulated += options.simulated.own_bias * (1.0 - shares[0])
+        found = float(exp((1.0 - share) * ratio + share * simulated))
+    return found
+
+
+def _in_simulated_gaps(
+    ensemble: _Ensemble, number: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return weights, residuals and predicted variances in the simulated gaps of a problem.
+
+    Parameters
+    ----------
+    ensemble : _Ensemble
+        Of positions, with its weights in the gap.
+    number : int
+        Of the problem.
+
+    Returns
+    -------
+    weight : ndarray [shape=(models + 1,)]
+        Of the clip's own problem as a whole, then of the problem's models; sum 1.
+    residuals : ndarray [shape=(models + 1, poses of all gaps, missing markers, 3), mm]
+    variance : ndarray [shape=(models + 1, poses of all gaps, missing markers), mm²]
+    """
+    fitted, targets = ensemble.fitted, ensemble.targets
+    gaps = fitted.problems[number].simulated_gaps
+    some = np.flatnonzero(fitted.problem_of == number)
+    models = [fitted.models[k] for k in some]
+    own = float(ensemble.total_weight[fitted.problem_of == 0].sum())
+    weight = np.concatenate([[own], ensemble.total_weight[some]])
+    weight = weight / weight.sum()
+    own_residuals = np.concatenate([gap.own_residuals for gap in gaps])
+    own_variance = np.concatenate([gap.own_rms for gap in gaps]) ** 2
+    residuals = np.stack([own_residuals, *(m.simulated_residuals[:, targets] for m in models)])
+    variance = np.stack([own_variance, *(m.simulated_variance[:, targets] for m in models)])
+    return weight, residuals, variance
+
+
+def _relative_errors(
+    weight: NDArray[np.float64], residuals: NDArray[np.float64], variance: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return errors of a weighted mean in units of its predicted rms error.
+
+    Parameters
+    ----------
+    weight : ndarray [shape=(models,)]
+        Sum 1.
+    residuals : ndarray [shape=(models, poses, targets, 3)]
+        Of each model.
+    variance : ndarray [shape=(models, poses, targets)]
+        Predicted by each model.
+    """
+    mean = np.einsum("k,krmi->rmi", weight, residuals)
+    disagreement = ((residuals - mean) ** 2).sum(axis=3)
+    total = np.einsum("k,krm->rm", weight, variance + disagreement)
+    ratio: NDArray[np.float64] = np.sqrt((mean**2).sum(axis=2) / np.maximum(total, MIN_VARIANCE))
+    return ratio
 
 
 def _predicted_velocity(

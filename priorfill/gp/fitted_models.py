@@ -34,12 +34,15 @@ class SharedCovariances:
         Training poses that are held out together.
     held_out : ndarray of int
         The training poses of all blocks, in order of time.
+    simulated : list of ndarray of int
+        Training poses of each simulated gap.
     pairs : Pairs
         Of the training poses, with the covariances in time of all kernels.
     """
 
     blocks: list[NDArray[np.intp]]
     held_out: NDArray[np.intp]
+    simulated: list[NDArray[np.intp]]
     pairs: Pairs
     _problem: RegressionProblem
     _kernels: tuple[Kernel, ...]
@@ -55,7 +58,9 @@ class SharedCovariances:
         held_out = held_out[np.argsort(train.time[held_out], kind="stable")]
         processes = dict.fromkeys(_with_offset(model.process, problem) for model in models)
         kernels = tuple(process.kernel for process in processes)
-        return cls(blocks, held_out, _precomputed(train.pairs(train), kernels), problem, kernels)
+        simulated = [gap.rows for gap in problem.simulated_gaps]
+        pairs = _precomputed(train.pairs(train), kernels)
+        return cls(blocks, held_out, simulated, pairs, problem, kernels)
 
     def query_pairs(self, query: PoseSamples) -> Pairs:
         """Return the pairs of queries with the training poses, and their covariances in time."""
@@ -114,10 +119,14 @@ class FittedModel:
         Upright; of the positions, then of the velocities, each block predicted from the others.
     held_out_variance : ndarray [shape=(held-out poses, targets), mm² and mm²/s²]
         Their predicted variance (Euclidean).
+    simulated_residuals, simulated_variance : ndarray
+        The same of the simulated gaps, one gap after the other.
     """
 
     residuals: NDArray[np.float64]
     held_out_variance: NDArray[np.float64]
+    simulated_residuals: NDArray[np.float64]
+    simulated_variance: NDArray[np.float64]
     _fitted: FittedGP
     _noise_variance: float
     _unit: _Floats  # (targets,), mm² or (mm/s)² of one unit of the kernel
@@ -154,9 +163,17 @@ class FittedModel:
         left = variance[held_out, None]
         # the scale of the covariance of each target, by cross-validation [RW06, section 5.4.2]
         unit = ((residuals**2).sum(axis=2) / left).mean(axis=0)
+        simulated = np.concatenate([held_out[:0], *shared.simulated])
+        gap_residuals, gap_variance = residuals[:0], left[:0]
+        if len(simulated):
+            local, variance = fitted.leave_blocks_out(shared.simulated)
+            gap_residuals = local[simulated].reshape(len(simulated), -1, 3)
+            gap_variance = variance[simulated, None]
         return cls(
             residuals @ np.swapaxes(rotation[held_out], 1, 2),
             left * unit,
+            gap_residuals @ np.swapaxes(rotation[simulated], 1, 2),
+            gap_variance * unit,
             fitted,
             process.noise_variance,
             unit,

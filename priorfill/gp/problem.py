@@ -13,7 +13,7 @@ from priorfill.gp.features import Alignment, LagFeature
 from priorfill.gp.kernels import Pairs
 from priorfill.gp.process import GaussianProcess
 
-__all__ = ["GPModel", "LagSource", "PoseSamples", "RegressionProblem"]
+__all__ = ["GPModel", "LagSource", "PoseSamples", "RegressionProblem", "SimulatedGap"]
 
 MIN_BLOCK_SECONDS = 1e-3
 """s. Length of a held-out block at least; shorter than any frame."""
@@ -160,6 +160,29 @@ class LagSource(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class SimulatedGap:
+    """Training poses of another recording that are held out together, as if they were the gap.
+
+    Attributes
+    ----------
+    rows : ndarray of int
+        The training poses, ascending.
+    own_residuals : ndarray [shape=(poses, missing markers, 3), mm]
+        Measured minus predicted positions, upright, of a prediction from the other poses of that
+        recording alone.
+    own_rms : ndarray [shape=(poses, missing markers), mm]
+        Its expected rms error.
+    likeness : float
+        From 0 to 1, how far its errors are those of the gap; 1 for recordings of the same body.
+    """
+
+    rows: NDArray[np.intp]
+    own_residuals: NDArray[np.float64]
+    own_rms: NDArray[np.float64]
+    likeness: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
 class RegressionProblem:
     """Training poses, and query poses with the same visible markers.
 
@@ -181,6 +204,8 @@ class RegressionProblem:
         Needed where `train` has lagged positions.
     models : sequence of GPModel, optional
         The models that are fitted to this problem, where they are not those of all problems.
+    simulated_gaps : tuple of SimulatedGap
+        Gaps in other recordings, which show what this problem is worth.
     """
 
     train: PoseSamples
@@ -191,6 +216,7 @@ class RegressionProblem:
     offset_variance: float = 0.0
     lag_source: LagSource | None = None
     models: Sequence[GPModel] | None = None
+    simulated_gaps: tuple[SimulatedGap, ...] = ()
 
     def query_batch(self, chosen: slice) -> PoseSamples:
         """Return some of the query poses, with lagged positions if the training poses have them."""

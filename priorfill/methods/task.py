@@ -164,6 +164,8 @@ class Note:
         Names of the recordings in the training data.
     training_poses : int
         Number of training poses or windows; 0 without training, as for interpolation over time.
+    relative_error : float
+        Ratio of the expected error to the one expected without the database; NaN where unknown.
     """
 
     marker: int
@@ -173,6 +175,7 @@ class Note:
     filled: bool = True
     source_clips: tuple[str, ...] = ()
     training_poses: int = 0
+    relative_error: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from platforms import WINDOWS, on_wine
 
 import priorfill as pf
 from priorfill.cli import main
+from priorfill.cli.fill_report import worth_of_database
 from priorfill.clip import Clip
 from priorfill.database import ClipOrigin, PriorDatabase
 from priorfill.errors import OptionError, OutputError
@@ -152,6 +154,26 @@ def test_json_and_database(folder: Path, database: Path) -> None:
     assert (gap["frames"], gap["seconds"], gap["filled"]) == (240, 4.0, 240)
     assert gap["sources"] == ["other subjects of the database"]
     assert gap["unfilled"] == []
+    assert gap["expected_mean_error_without_database_mm"] is None  # the clip never shows it
+    (hand,) = [gap for gap in facts["gaps"] if gap["marker"] == "LFIN"]
+    assert hand["expected_mean_error_without_database_mm"] > 0.0
+
+
+def test_a_line_tells_what_the_database_was_worth() -> None:
+    """Weighted by frames, of the gaps that it was used for."""
+    unknown = SimpleNamespace(
+        filled=10, expected_mean_error_mm=9.0, expected_mean_error_without_database_mm=float("nan")
+    )
+    gaps = [
+        SimpleNamespace(
+            filled=filled, expected_mean_error_mm=2.0, expected_mean_error_without_database_mm=worse
+        )
+        for filled, worse in ((30, 4.0), (10, 8.0))
+    ]
+    line = worth_of_database(SimpleNamespace(gaps=[*gaps, unknown]))
+    assert line.startswith("the database was used for 2 gaps")
+    assert line.endswith("2.0 mm, 5.0 mm without it")
+    assert worth_of_database(SimpleNamespace(gaps=[unknown])) == ""
 
 
 def test_published_method(folder: Path, database: Path) -> None:

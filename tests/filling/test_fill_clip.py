@@ -145,7 +145,7 @@ def constant_method(bound):
         shape = task.positions.shape
         notes = [
             Note(0, 60, 80, "one", training_poses=12),
-            Note(0, 80, 90, "two", training_poses=30),
+            Note(0, 80, 90, "two", training_poses=30, relative_error=0.5),
         ]
         return Estimate(np.full(shape, 7.0), np.full(shape[:2], 2.0), notes, bound)
 
@@ -163,6 +163,8 @@ def test_a_method_may_give_bounds_or_not(monkeypatch):
         (gap,) = result.gaps
         assert gap.error_bound_90_mm == pytest.approx(expected)
         assert gap.expected_mean_error_mm == pytest.approx(2.0 * MEAN_FACTOR)
+        without = (20 * 2.0 + 10 * 4.0) / 30
+        assert gap.expected_mean_error_without_database_mm == pytest.approx(without * MEAN_FACTOR)
         assert (gap.method, gap.training_poses) == ("gpr", 30)
         assert (result.error_bound_90_mm[70:90, 0] == expected).all()
         assert (

@@ -303,6 +303,7 @@ def test_the_variance_of_an_ensemble_includes_the_disagreement_of_its_models():
         np.empty((queries, markers)),
         np.zeros(models),
         np.ones(models),
+        EnsembleOptions().weight_power,
     )
     ensemble.add(slice(0, queries), [found], np.ones(queries, dtype=bool))
     mean = found.mean.mean(axis=0)

@@ -189,6 +189,10 @@ _LIMB_WITH_DATABASE = (
     *_combinations([_NEAR], _LIMB_LAGS[:1], [_LIMB_SMOOTH]),
 )
 
+_SIMULATED_GAP = _combinations(
+    [_SEGMENT, _UPRIGHT, _WHOLE_BODY], [None], [_PLAIN, _LIMB_SMOOTH, _LIMB_LOCAL]
+)
+
 
 @dataclass(frozen=True)
 class ModelOptions:
@@ -206,6 +210,8 @@ class ModelOptions:
         visible.
     limb_with_database : tuple of GPModel
         For the same markers, learnt from the clip and the database together.
+    simulated_gap : tuple of GPModel
+        For gaps simulated in other recordings, whose own poses show what they are worth.
     short_segment : tuple of GPModel
         For segments of a few frames; where gaps have ragged edges there are hundreds of them.
     first_pass : tuple of GPModel
@@ -216,5 +222,6 @@ class ModelOptions:
     loose_marker: tuple[GPModel, ...] = _LOOSE_MARKER
     limb: tuple[GPModel, ...] = _LIMB
     limb_with_database: tuple[GPModel, ...] = _LIMB_WITH_DATABASE
+    simulated_gap: tuple[GPModel, ...] = _SIMULATED_GAP
     short_segment: tuple[GPModel, ...] = _SHORT_SEGMENT
     first_pass: tuple[GPModel, ...] = _FIRST_PASS

@@ -215,6 +215,7 @@ class SegmentPredictor:
                     from_own_frames=True,
                     training_poses=plan.training_poses,
                     bound_factor=part.bound_factor,
+                    relative_error=part.relative_error,
                 )
             )
         return predictions

@@ -43,6 +43,8 @@ class SegmentPrediction:
         Poses of the largest regression problem, or windows for a blackout; 0 without training.
     bound_factor : float
         Factor of `expected_rms` that gives the bound below which 90 % of the errors are expected.
+    relative_error : float
+        Ratio of the error to the one expected without the database; NaN where unknown.
     """
 
     segment: GapSegment
@@ -55,6 +57,7 @@ class SegmentPrediction:
     from_own_frames: bool = False
     training_poses: int = 0
     bound_factor: float = BOUND_FACTOR
+    relative_error: float = float("nan")
 
     @property
     def last(self) -> int:
@@ -72,6 +75,7 @@ class SegmentPrediction:
                 self.source,
                 source_clips=self.source_clips,
                 training_poses=self.training_poses,
+                relative_error=self.relative_error,
             )
             for m in self.segment.markers
         ]

@@ -46,9 +46,17 @@ def combined(
     weight = power_weights(np.stack([errors[0], source.error_penalty * errors[1]]), power)
     positions, expected = found.positions.copy(), found.expected_rms.copy()
     step = source.positions - positions[frames]
+    before = float(expected[frames].mean())
     positions[frames] += weight[1][..., None] * step
     expected[frames] = np.sqrt((weight * errors**2).sum(axis=0))
+    change = float(expected[frames].mean()) / max(before, MIN_ERROR)
     return (
-        replace(found, positions=positions, expected_rms=expected, velocity=None),
+        replace(
+            found,
+            positions=positions,
+            expected_rms=expected,
+            velocity=None,
+            relative_error=found.relative_error * change,
+        ),
         float(weight[1].mean()),
     )

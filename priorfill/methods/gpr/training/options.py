@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from priorfill.methods.gpr.sources.simulated_gaps import SimulatedGapOptions
 from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["DatabaseTrainingOptions", "TrainingOptions"]
@@ -96,6 +97,8 @@ class TrainingOptions:
         markers one or two of the thigh are below this, in sets of one marker a joint most are.
     database : DatabaseTrainingOptions
         Training data of the clip and the database together.
+    simulated_gaps : SimulatedGapOptions
+        Gaps in other recordings, which show what the database is worth.
     """
 
     max_poses: int = 250
@@ -110,6 +113,7 @@ class TrainingOptions:
     short_segment_seconds: float = 0.1
     min_third_weight: float = 0.1
     database: DatabaseTrainingOptions = field(default_factory=DatabaseTrainingOptions)
+    simulated_gaps: SimulatedGapOptions = field(default_factory=SimulatedGapOptions)
 
     def __post_init__(self) -> None:
         check_at_least(self, 2, "max_poses", "min_poses", "enough_poses")

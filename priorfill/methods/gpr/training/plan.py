@@ -143,6 +143,7 @@ class TrainingPlanner:
             self._options.training,
             self._options.correlation,
             further,
+            self._models.simulated_gap,
         )
         if with_database is None:
             return _plan_of(limb, models)

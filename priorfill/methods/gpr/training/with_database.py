@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from priorfill.geometry.poses import evenly_spaced
 from priorfill.geometry.root_frames import RootGroup
-from priorfill.gp.problem import GPModel, PoseSamples, RegressionProblem
+from priorfill.gp.problem import GPModel, PoseSamples, RegressionProblem, SimulatedGap
 from priorfill.methods.gpr.gap_segments import MIN_VISIBLE
 from priorfill.methods.gpr.pose_search import PoseSearch
+from priorfill.methods.gpr.sources.simulated_gaps import SimulatedPlace, SimulatedPlaces
 from priorfill.methods.gpr.training.lagged_poses import complete_lagged
 from priorfill.methods.gpr.training.options import TrainingOptions
 from priorfill.methods.gpr.training.own_clip import OwnClipProblem
@@ -36,6 +37,7 @@ def problem_with_database(
     options: TrainingOptions,
     correlation: SubjectCorrelationOptions,
     models: Sequence[GPModel],
+    simulation_models: Sequence[GPModel],
 ) -> tuple[RegressionProblem, tuple[str, ...]] | None:
     """Make a problem of poses of the clip, its mirror image and the database.
 
@@ -53,6 +55,8 @@ def problem_with_database(
         Correlations of the takes' subjects.
     models : sequence of GPModel
         Those that are fitted to the problem.
+    simulation_models : sequence of GPModel
+        Those that predict simulated gaps from each recording's own poses.
 
     Returns
     -------
@@ -79,12 +83,16 @@ def problem_with_database(
     if len(bank) < options.min_poses:
         return None
     chosen = _Training(own, search, root, bank, columns, *_chosen_rows(own, options, task.rate))
-    poses = chosen.poses(options, correlation)
+    near_gap = chosen.rows_near_gap(options)
+    simulation = chosen.simulation(task, options)
+    places = simulation.find(near_gap)
+    bank_rows = chosen.with_other_rows(near_gap, places, options)
+    poses = chosen.poses(bank_rows, options, correlation)
     shown = np.logical_and.reduce(task.valid[:, own.markers], axis=1).sum() / task.rate
     problem = own.problem
     source = problem.lag_source
     return RegressionProblem(
-        poses.samples,
+        poses,
         replace(problem.query, visible=problem.query.visible[:, columns]),
         problem.distance[columns],
         problem.spread[columns],
@@ -92,7 +100,8 @@ def problem_with_database(
         options.database.offset_variance,
         None if source is None else source.restricted_to(columns),
         models,
-    ), take_names(task.takes, bank.take(poses.bank_rows))
+        chosen.simulated_gaps(simulation, places, bank_rows, poses, simulation_models),
+    ), take_names(task.takes, bank.take(bank_rows))
 
 
 def _error_penalty(shown_seconds: float, options: TrainingOptions) -> float:
@@ -114,14 +123,6 @@ def _chosen_rows(
         np.union1d(adjacent, spaced),
         image[evenly_spaced(len(image), options.database.mirror_poses)],
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _DatabaseProblemPoses:
-    """Training poses, and which rows of the bank those of the database are."""
-
-    samples: PoseSamples
-    bank_rows: NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,18 +152,20 @@ class _Training:
         return np.concatenate([self.clip_rows, self.image_rows])
 
     def poses(
-        self, options: TrainingOptions, correlation: SubjectCorrelationOptions
-    ) -> _DatabaseProblemPoses:
+        self,
+        bank_rows: NDArray[np.intp],
+        options: TrainingOptions,
+        correlation: SubjectCorrelationOptions,
+    ) -> PoseSamples:
         """Return the poses of the clip, its mirror image and the database, in this order."""
         bank, own, rows = self.bank, self.own.problem.train, self.own_rows
-        bank_rows = self._nearest_bank_rows(options)
         take = bank.take(bank_rows)
         visible, missing = (bank.positions(bank_rows, m) for m in (self.visible, self._missing))
         subject = self._subjects(take, visible, missing, correlation)
         offset = self._world_offsets(visible, subject)
         others = take_correlations(self.search.task.takes, self.search.subjects, correlation)[take]
         own_correlation = np.ones(len(own.time)) if own.correlation is None else own.correlation
-        samples = PoseSamples(
+        return PoseSamples(
             np.concatenate([own.visible[rows][:, self.columns], visible + offset]),
             np.concatenate([own.missing[rows], missing]),
             np.concatenate([own.time[rows], bank_rows / bank.rates(bank_rows)]),
@@ -172,7 +175,6 @@ class _Training:
             self._lagged(bank_rows, visible, offset),
             self._velocity(bank_rows, options.velocity_seconds),
         )
-        return _DatabaseProblemPoses(samples, bank_rows)
 
     def _subjects(
         self,
@@ -201,20 +203,90 @@ class _Training:
     def _missing(self) -> NDArray[np.intp]:
         return self.own.markers
 
-    def _nearest_bank_rows(self, options: TrainingOptions) -> NDArray[np.intp]:
-        """Choose poses of the bank near the queries, then ones near the clip's training poses."""
-        problem, count = self.own.problem, options.database
+    def rows_near_gap(self, options: TrainingOptions) -> NDArray[np.intp]:
+        """Choose poses of the bank near the queries."""
+        poses, count = self.own.problem.query.visible[:, self.columns], options.database
+        return self._nearest(poses, count.gap_neighbours)[: count.gap_poses]
 
-        def nearest(poses: NDArray[np.float64], neighbours: int) -> NDArray[np.intp]:
-            return self.search.nearest(self.bank, self.root, self.visible, poses, neighbours)
+    def with_other_rows(
+        self,
+        near_gap: NDArray[np.intp],
+        places: Sequence[SimulatedPlace],
+        options: TrainingOptions,
+    ) -> NDArray[np.intp]:
+        """Add poses next to simulated gaps, then ones near the clip's training poses."""
+        count = options.database
+        contexts = [place.context(options.simulated_gaps.context_poses) for place in places]
+        context = np.unique(np.concatenate([near_gap[:0], *contexts]))
+        rows = np.concatenate([near_gap, context[~np.isin(context, near_gap)]])
+        poses = self.own.problem.train.visible[self.clip_rows][:, self.columns]
+        near_clip = self._nearest(poses, count.clip_neighbours)
+        near_clip = near_clip[~np.isin(near_clip, rows)]
+        missing = len(near_gap) + count.other_poses - len(rows)
+        return np.concatenate([rows, near_clip[: max(missing, 0)]])
 
-        near_gap = nearest(problem.query.visible[:, self.columns], count.gap_neighbours)
-        near_gap = near_gap[: count.gap_poses]
-        near_clip = nearest(
-            problem.train.visible[self.clip_rows][:, self.columns], count.clip_neighbours
+    def _nearest(self, poses: NDArray[np.float64], neighbours: int) -> NDArray[np.intp]:
+        return self.search.nearest(self.bank, self.root, self.visible, poses, neighbours)
+
+    def simulation(self, task: Task, options: TrainingOptions) -> SimulatedPlaces:
+        """Return what simulates the longest segment of the gap in the bank."""
+        own, query = self.own, self.own.problem.query
+        longest = max(own.queries, key=lambda part: part.stop - part.start)
+        rows = longest.start + np.flatnonzero(own.inside[longest])
+        gap = PoseSamples(
+            query.visible[rows][:, self.columns],
+            query.missing[rows],
+            query.time[rows],
+            query.recording[rows],
         )
-        near_clip = near_clip[~np.isin(near_clip, near_gap)][: count.other_poses]
-        return np.concatenate([near_gap, near_clip])
+        seconds = len(task.positions) / task.rate
+        return SimulatedPlaces(
+            self.bank,
+            self.root,
+            self.search,
+            self.visible,
+            self._missing,
+            gap,
+            float(gap.time[0]),
+            seconds - float(gap.time[-1]),
+            options.simulated_gaps,
+        )
+
+    def simulated_gaps(
+        self,
+        simulation: SimulatedPlaces,
+        places: Sequence[SimulatedPlace],
+        bank_rows: NDArray[np.intp],
+        poses: PoseSamples,
+        models: Sequence[GPModel],
+    ) -> tuple[SimulatedGap, ...]:
+        """Predict the places from their takes' own poses, where enough of them are trained with."""
+        problem = self.own.problem
+        distance, spread = problem.distance[self.columns], problem.spread[self.columns]
+        image = problem.train.recording == MIRROR_IMAGE
+        correlation = problem.train.correlation
+        mirror = None
+        if image.any() and correlation is not None:
+            mirror = float(correlation[image][0])
+        first = len(self.own_rows)
+        found = []
+        for place in places:
+            at = np.flatnonzero(np.isin(bank_rows, place.gap_rows))
+            if len(at) < simulation.options.min_gap_poses:
+                continue
+            own = simulation.predict_own(place, models, distance, spread, mirror)
+            rows = np.searchsorted(place.gap_rows, bank_rows[at])
+            measured = self.bank.positions(bank_rows[at], self._missing)
+            offset = poses.visible[first + at] - self.bank.positions(bank_rows[at], self.visible)
+            found.append(
+                SimulatedGap(
+                    first + at,
+                    measured - own.positions[rows],
+                    own.expected_rms[rows],
+                    simulation.options.likeness(offset),
+                )
+            )
+        return tuple(found)
 
     def _world_offsets(
         self, visible: NDArray[np.float64], subject: NDArray[np.intp]
