@@ -289,6 +289,41 @@ class PoseBank:
         distance, found = self._index.nearest(queries.reshape(len(queries), -1), k)
         return distance / np.sqrt(len(self._viable)), self.rows[found]
 
+    def distances(self, pose: NDArray[np.float64], frames: RootFrames) -> NDArray[np.float64]:
+        """Return the distance of one pose from every row that is searched.
+
+        Parameters
+        ----------
+        pose : ndarray [shape=(1, markers, 3), mm]
+            With all markers of the clip; the viable ones are compared.
+        frames : RootFrames
+            Its root frame.
+
+        Returns
+        -------
+        ndarray [shape=(len(rows),), mm]
+            Rms distance per viable marker, of each row of `rows`.
+        """
+        if self._index is None:
+            return np.empty(0)
+        query = frames.to_local(pose[:, self._viable]).reshape(-1)
+        square = self._index.squared_distances(query).astype(np.float64)
+        distance: NDArray[np.float64] = np.sqrt(square / len(self._viable))
+        return distance
+
+    def usable_spans(self, rows: NDArray[np.intp], first: int, last: int) -> NDArray[np.bool_]:
+        """Return for which rows all from ``first`` to ``last`` after it are usable.
+
+        Usable are complete poses, between complete poses of the same take.
+        """
+        begin, end = rows + first, rows + last
+        inside = (begin >= 0) & (end < len(self._usable))
+        begin, end = np.where(inside, begin, 0), np.where(inside, end, 0)
+        unusable = np.concatenate([[0], np.cumsum(~self._usable)])
+        usable: NDArray[np.bool_] = inside & (unusable[end + 1] == unusable[begin])
+        usable &= self._take[begin] == self._take[end]
+        return usable
+
     def nearest(self, positions: NDArray[np.float64], frames: RootFrames, k: int) -> Neighbours:
         """Find the k nearest poses of each query, and their wanted markers with derivatives.
 

@@ -52,6 +52,9 @@ bounds in more of them costs more than the measurements it saves."""
 QUERIES_PER_GROUP = 16
 """Queries bounded together by one query segment; 16 frames at 120 Hz are similar enough."""
 
+POSES_PER_BATCH = 2**14
+"""Poses that are measured at a time without an index, so that differences stay in the cache."""
+
 MIN_SEED_SPANS = 512
 """Spans whose poses are measured first, to find how far the neighbours may be."""
 
@@ -183,6 +186,25 @@ class PoseIndex:
         else:
             squares, rows = self._spans.nearest(single, k)
         return np.sqrt(squares), rows.astype(np.intp, copy=False)
+
+    def squared_distances(self, query: NDArray[np.floating]) -> NDArray[np.float32]:
+        """Return the squared distance of one query from every pose [shape=(poses,), mm²].
+
+        Parameters
+        ----------
+        query : ndarray [shape=(dimensions,), mm]
+            Without missing values. Rounded to single precision, as the poses are.
+
+        See Also
+        --------
+        nearest : The nearest poses alone, in less time.
+        """
+        single = np.asarray(query, dtype=np.float32)
+        squares = np.empty(len(self), dtype=np.float32)
+        for at in range(0, len(self), POSES_PER_BATCH):
+            away = self._poses[at : at + POSES_PER_BATCH] - single
+            squares[at : at + POSES_PER_BATCH] = np.einsum("pd,pd->p", away, away)
+        return squares
 
 
 class _SpanData(NamedTuple):

@@ -312,3 +312,26 @@ def test_a_large_bank_is_searched_in_part():
         rows = np.array([5, 20, 9, 38, 42])
         assert bank.shifted(rows, 2).tolist() == [7, 22, 9, 38, 44]
         assert bank.shifted(rows, -2).tolist() == [3, 18, 7, 36, 42]
+
+
+def test_the_distances_of_a_pose_from_all_rows_are_those_of_the_search():
+    rng = np.random.default_rng(8)
+    recordings = make_recordings(rng)
+    root = root_group(recordings[0], (0, 1, 2))
+    bank = PoseBank(as_takes(recordings), root, np.array([0, 1, 2, 3]), np.array([4]), 30.0)
+    pose = rng.normal(0.0, 300.0, (1, 6, 3))
+    distance, rows = bank.search(pose, root.frames(pose), len(bank))
+    found = bank.distances(pose, root.frames(pose))
+    np.testing.assert_allclose(found[np.searchsorted(bank.rows, rows[0])], distance[0], rtol=1e-5)
+
+
+def test_usable_spans_are_complete_and_of_one_take():
+    rng = np.random.default_rng(9)
+    first, second = make_recordings(rng, (40, 30))
+    first[20, 4] = np.nan
+    root = root_group(first, (0, 1, 2))
+    bank = PoseBank(as_takes([first, second]), root, np.array([0, 1, 2, 3]), np.array([4]), 30.0)
+    usable = bank.usable_spans(np.arange(70), -2, 5)
+    # the first and the last pose of a take have no velocity, nor have those next to a gap
+    expected = [3 <= r <= 13 or 24 <= r <= 33 or 43 <= r <= 63 for r in range(70)]
+    assert usable.tolist() == expected

@@ -20,7 +20,7 @@ from priorfill.geometry.root_frames import RootGroup, root_group
 from priorfill.methods.gpr.blackout import (
     BlackoutOptions,
     MirrorImage,
-    WindowSource,
+    WindowSources,
     predict_blackout,
 )
 from priorfill.methods.gpr.blackout.curves import (
@@ -215,7 +215,7 @@ def predicted(positions: np.ndarray, start: int, stop: int) -> np.ndarray:
 
     image = MirrorImage(np.full(markers, -1, dtype=np.intp), 0.95)  # no marker has a counterpart
     found = predict_blackout(
-        [WindowSource(positions)],
+        WindowSources(positions),
         start,
         stop,
         100.0,

@@ -16,26 +16,30 @@ from priorfill.methods.gpr.blackout import (
     BlackoutOptions,
     BlackoutPredictor,
     MirrorImage,
-    WindowSource,
+    WindowSources,
 )
-from priorfill.methods.gpr.blackout.correction import correct_from_edges
+from priorfill.methods.gpr.blackout.body_size import compare_sizes, constant_distances
+from priorfill.methods.gpr.blackout.context_noise import match_noise
+from priorfill.methods.gpr.blackout.correction import _left_out_together, correct_from_edges
 from priorfill.methods.gpr.blackout.curves import interpolate_correction
-from priorfill.methods.gpr.blackout.database_windows import _Match, _spaced, _Span
+from priorfill.methods.gpr.blackout.database_windows import _spaced
+from priorfill.methods.gpr.blackout.edge_features import edge_features
 from priorfill.methods.gpr.blackout.predict_blackout import (
     _error_without_windows,
     _from_windows,
 )
-from priorfill.methods.gpr.blackout.stacking import stack_curves
+from priorfill.methods.gpr.blackout.stacking import combine_curves, stacking_weights
 from priorfill.methods.gpr.blackout.window_layout import WindowLayout
 from priorfill.methods.gpr.blackout.windows import (
+    FIRST_TAKE,
+    OWN,
     BlackoutWindows,
-    _edge_features,
     collect_windows,
 )
 from priorfill.methods.gpr.gap_segments import GapSegment
 from priorfill.methods.gpr.pose_search import PoseSearch, SearchOptions
 from priorfill.methods.gpr.training.subject_correlation import SubjectCorrelationOptions
-from priorfill.methods.task import Task
+from priorfill.methods.task import THIS_CLIP, Task
 from priorfill.signal.gp_interpolation import InterpolationOptions
 
 OPTIONS = BlackoutOptions()
@@ -56,8 +60,14 @@ def about_vertical(angles: np.ndarray) -> np.ndarray:
     return turns
 
 
-def windows_of(edges: np.ndarray, inside: np.ndarray, rotation: np.ndarray) -> BlackoutWindows:
-    """Windows of the clip that have no frame in common."""
+def windows_of(
+    edges: np.ndarray,
+    inside: np.ndarray,
+    rotation: np.ndarray,
+    source: np.ndarray | None = None,
+    subject: np.ndarray | None = None,
+) -> BlackoutWindows:
+    """Windows that have no frame in common, of the clip by default."""
     count = len(edges)
     return BlackoutWindows(
         context=np.zeros((count, 12, MARKERS, 3)),
@@ -65,10 +75,9 @@ def windows_of(edges: np.ndarray, inside: np.ndarray, rotation: np.ndarray) -> B
         edges=edges,
         rotation=rotation,
         start=100 * np.arange(count),
-        source=np.zeros(count, dtype=np.intp),
+        source=np.full(count, OWN) if source is None else source,
+        subject=np.full(count, THIS_CLIP) if subject is None else subject,
         correlation=np.ones(count),
-        own=np.ones(count, dtype=bool),
-        own_image=np.zeros(count, dtype=bool),
     )
 
 
@@ -84,7 +93,7 @@ def test_stacking_matches_ridge_regression() -> None:
     curves = rng.normal(0.0, 10.0, (3, 1 + 7, INSIDE, 2, 3))
     curves[0] *= 0.5
     truth, weight = rng.normal(0.0, 5.0, (7, INSIDE, 2, 3)), rng.uniform(0.1, 1.0, 7)
-    found = stack_curves(curves, truth, weight, OPTIONS)
+    found = combine_curves(stacking_weights(curves[:, 1:], truth, weight, OPTIONS), curves)
     expected = np.zeros_like(found)
     for marker in range(2):
         wrong = ((curves[:, 1:, :, marker] - truth[:, :, marker]) ** 2).sum(axis=3).mean(axis=2)
@@ -116,7 +125,8 @@ def test_windows_of_little_weight_do_not_choose_the_curve() -> None:
     blackout = rng.normal(0.0, 10.0, (2, 1, INSIDE, MARKERS, 3))
     curves = np.concatenate([blackout, truth + np.where(right, 0.0, noise)], axis=1)
     for favoured, weight in ((0, np.where(first, 1.0, 0.05)), (1, np.where(first, 0.05, 1.0))):
-        stacked = stack_curves(curves, truth, weight, OPTIONS)[0]
+        weights = stacking_weights(curves[:, 1:], truth, weight, OPTIONS)
+        stacked = combine_curves(weights, curves)[0]
         away = np.linalg.norm(stacked - blackout[:, 0], axis=-1).mean((1, 2))
         assert away[favoured] < 0.2 * away[1 - favoured]
 
@@ -185,7 +195,8 @@ def refitted(
 @pytest.mark.parametrize("explained", [0.0, 0.15, 1.0])
 def test_the_correction_matches_refitting_without_each_window(explained: float) -> None:
     windows, wrong, scale, weight = problem(0, explained)
-    correction, left = correct_from_edges(windows, wrong, scale, weight, 10, OPTIONS)
+    every = np.arange(len(wrong))
+    correction, left, _ = correct_from_edges(windows, wrong, scale, weight, every, 10, OPTIONS)
     expected, expected_left = refitted(windows, wrong, scale, weight)
     np.testing.assert_allclose(correction, expected, atol=1e-3)
     np.testing.assert_allclose(left, expected_left, atol=1e-3)
@@ -198,7 +209,10 @@ def test_the_correction_is_scaled_by_its_cross_validated_gain() -> None:
         found = []
         for seed in range(5):
             windows, wrong, scale, weight = problem(seed, explained)
-            correction, left = correct_from_edges(windows, wrong, scale, weight, 10, OPTIONS)
+            every = np.arange(len(wrong))
+            correction, left, _ = correct_from_edges(
+                windows, wrong, scale, weight, every, 10, OPTIONS
+            )
             square = weight[:, None] ** 2
             # on the windows that determine the gain, never worse than no correction
             assert (square * left**2).sum() <= (square * wrong**2).sum() * (1 + 1e-9)
@@ -227,7 +241,7 @@ def turned_problem() -> tuple[BlackoutWindows, np.ndarray, np.ndarray]:
 
 def test_errors_of_the_curves_are_predicted_from_the_edges_at_any_heading() -> None:
     windows, curves, truth = turned_problem()
-    found, expected_rms = _from_windows(windows, curves, layout(), OPTIONS)
+    found, expected_rms = _from_windows(windows, lambda part: curves[:, part], layout(), OPTIONS)
     # of 30 mm
     away = np.linalg.norm(found - truth, axis=-1).mean()
     assert away < 8.0
@@ -260,7 +274,7 @@ def two_kinds() -> tuple[BlackoutWindows, np.ndarray]:
 
 def test_windows_whose_curves_disagree_as_the_blackouts_do_count_most() -> None:
     windows, curves = two_kinds()
-    found, expected_rms = _from_windows(windows, curves, layout(), OPTIONS)
+    found, expected_rms = _from_windows(windows, lambda part: curves[:, part], layout(), OPTIONS)
     away = [np.linalg.norm(found - curve[0], axis=-1).mean() for curve in curves]
     # with equal weights both would be 10 mm
     assert away[0] < 5.0 < 15.0 < away[1]
@@ -282,7 +296,7 @@ def test_the_mirror_image_is_correlated_with_the_clip_but_not_the_same() -> None
     assert group is not None
     contralateral = np.array([1, 0, 3, 2])
     windows = collect_windows(
-        [WindowSource(positions)],
+        WindowSources(positions),
         np.arange(MARKERS),
         MirrorImage(contralateral, 0.95),
         90,
@@ -309,13 +323,10 @@ def test_edge_features_are_distances_covered_by_velocity_and_acceleration() -> N
     pose = rng.normal(0.0, 200.0, (MARKERS, 3))
     group = root_group(pose[None], list(range(MARKERS)))
     assert group is not None
-    one_sided = WindowLayout(
-        frames=12, before=np.arange(-6, 0), after=np.arange(0), inside=np.array([2, 6]), step=2
-    )
     time = -OPTIONS.difference_seconds * np.arange(3)  # the nearest frame first
     motion = np.stack([0.0 * time, 200.0 * time, 0.5 * 2000.0 * time**2])
     poses = pose + motion[:, :, None, None] * np.array([0.0, 0.0, 1.0])
-    features = _edge_features(poses, one_sided, group, OPTIONS)[0].reshape(3, 3, MARKERS, 3)
+    features = edge_features(poses, [3], group, OPTIONS)[0].reshape(3, 3, MARKERS, 3)
     np.testing.assert_allclose(features[1:, 0], features[:1, 0].repeat(2, axis=0), atol=1e-9)
     np.testing.assert_allclose(features[0, 1:], 0.0, atol=1e-9)
     # 0.15 s at 200 mm/s; 0.1² s² at 2 m/s²
@@ -325,12 +336,82 @@ def test_edge_features_are_distances_covered_by_velocity_and_acceleration() -> N
 
 
 def test_windows_of_the_database_keep_their_distance() -> None:
-    """Windows of 20 frames that begin less than 5 frames from a better one are left out."""
-    span = _Span(edges=((9, 0), (30, 20)), length=20.0, first=-3, last=23, rate=30.0)
-    rows = (100, 104, 105, 300, 98, 95)
-    matches = [_Match(float(i), row, span) for i, row in enumerate(rows)]
-    assert [match.row for match in _spaced(matches, 0.25, 10)] == [100, 105, 300, 95]
-    assert [match.row for match in _spaced(matches, 0.25, 2)] == [100, 105]
+    """Windows that begin less than 5 frames from a better one are left out."""
+    rows = np.array([100, 104, 105, 300, 98, 95])
+    assert rows[_spaced(rows, 5.0, 10)].tolist() == [100, 105, 300, 95]
+    assert rows[_spaced(rows, 5.0, 2)].tolist() == [100, 105]
+
+
+def test_all_of_a_take_or_of_a_subject_is_left_out() -> None:
+    """Two takes of subject 0 and one of subject 1; the first window is the blackout."""
+    source = FIRST_TAKE + np.array([0, 0, 0, 1, 1, 2])
+    subject = np.array([0, 0, 0, 0, 0, 1])
+    edges, rotation = np.zeros((6, 1)), about_vertical(np.zeros(6))
+    inside = np.zeros((6, INSIDE, MARKERS, 3))
+
+    def left_out(subject: np.ndarray) -> list[list[int]]:
+        windows = windows_of(edges, inside, rotation, source, subject)
+        return [block.tolist() for block in _left_out_together(windows, np.array([0, 4]), 10)]
+
+    assert left_out(subject) == [[0, 1, 2, 3], [4]]
+    # the clip's own subject is among the takes: others may be predicted from theirs as well
+    assert left_out(np.where(subject == 1, THIS_CLIP, subject)) == [[0, 1], [4]]
+
+
+def test_windows_of_the_database_count_by_the_distance_of_their_edges() -> None:
+    count = 1 + 40
+    edges = np.arange(count, dtype=float)[:, None]
+    source = np.full(count, FIRST_TAKE)
+    rotation = about_vertical(np.zeros(count))
+    inside = np.zeros((count, INSIDE, MARKERS, 3))
+    near = windows_of(edges, inside, rotation, source, source).nearness(OPTIONS)
+    # of the 20th nearest window
+    np.testing.assert_allclose(near, 1.0 / (1.0 + (np.arange(1, count) / 20.0) ** 4))
+    np.testing.assert_array_equal(windows_of(edges, inside, rotation).nearness(OPTIONS), 1.0)
+
+
+def test_the_expected_error_grows_with_the_distance_from_all_windows() -> None:
+    rng = np.random.default_rng(4)
+    count = 1 + 40
+    edges = rng.normal(0.0, 20.0, (count, 6))
+    curves = rng.normal(0.0, 10.0, (3, count, INSIDE, MARKERS, 3))
+    inside = rng.normal(0.0, 10.0, (count, INSIDE, MARKERS, 3))
+    source = FIRST_TAKE + np.arange(count)
+    found = []
+    for away in (0.0, 300.0):
+        edges[0] = away
+        windows = windows_of(edges, inside, about_vertical(np.zeros(count)), source, source)
+        found.append(_from_windows(windows, lambda part: curves[:, part], layout(), OPTIONS)[1])
+    assert found[1].mean() > 1.3 * found[0].mean()
+
+
+def test_noise_like_the_clips_is_added_to_windows_of_the_database() -> None:
+    rng = np.random.default_rng(0)
+    context = np.zeros((1 + 200, 12, MARKERS, 3)) + np.arange(12)[:, None, None] ** 2
+    context += rng.normal(0.0, 0.2, context.shape)
+    context[0] += rng.normal(0.0, 0.8, context[0].shape)
+    of_takes = np.arange(201) > 100
+    found = match_noise(context, of_takes, layout())
+    np.testing.assert_array_equal(found[~of_takes], context[~of_takes])
+    assert 0.6 < (found - context)[of_takes].std() < 1.0  # 0.8 mm
+    smooth = context.copy()
+    smooth[0] = smooth[1]
+    assert (match_noise(smooth, of_takes, layout()) - smooth).std() < 0.1
+
+
+def test_other_subjects_are_brought_to_the_clips_size() -> None:
+    rng = np.random.default_rng(2)
+    # two segments of five markers, one of which moves relative to the other
+    shape = rng.uniform(-200.0, 200.0, (10, 3))
+    clip = np.repeat(shape[None], 30, axis=0)
+    clip[:, 5:] += rng.normal(0.0, 100.0, (30, 1, 3))
+    body = constant_distances(clip)
+    taller = 1.1 * clip[:10] + rng.normal(0.0, 2.0, (10, 10, 3))
+    same = clip[10:20] + rng.normal(0.0, 0.5, (10, 10, 3))
+    scale, own = compare_sizes(body, np.concatenate([taller, same]), np.repeat([4, 7], 10))
+    np.testing.assert_allclose(scale[:10], 1.0 / 1.1, rtol=0.02)
+    np.testing.assert_array_equal(scale[10:], 1.0)
+    assert own.tolist() == [False] * 10 + [True] * 10
 
 
 def test_a_correction_begins_and_ends_without_a_jump_or_a_bend() -> None:

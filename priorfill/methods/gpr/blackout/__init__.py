@@ -24,13 +24,13 @@ References
 from priorfill.methods.gpr.blackout.fill_blackouts import BlackoutPredictor
 from priorfill.methods.gpr.blackout.options import BlackoutOptions
 from priorfill.methods.gpr.blackout.predict_blackout import BlackoutPrediction, predict_blackout
-from priorfill.methods.gpr.blackout.windows import MirrorImage, WindowSource
+from priorfill.methods.gpr.blackout.windows import MirrorImage, WindowSources
 
 __all__ = [
     "BlackoutOptions",
     "BlackoutPrediction",
     "BlackoutPredictor",
     "MirrorImage",
-    "WindowSource",
+    "WindowSources",
     "predict_blackout",
 ]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from priorfill.methods.gpr.blackout.database_windows import similar_windows
 from priorfill.methods.gpr.blackout.options import BlackoutOptions
 from priorfill.methods.gpr.blackout.predict_blackout import predict_blackout
-from priorfill.methods.gpr.blackout.windows import MirrorImage, WindowSource
+from priorfill.methods.gpr.blackout.windows import MirrorImage, WindowSources
 from priorfill.methods.gpr.gap_segments import GapSegment
 from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.gpr.prediction import OVER_TIME, SegmentPrediction
@@ -90,7 +90,7 @@ class BlackoutPredictor:
         )
         wanted = np.unique(np.concatenate([s.markers for s in segments]))
         positions, expected_rms, windows = self._predict_markers(
-            [WindowSource(clip), *others], start, stop, wanted
+            WindowSources(clip, others), start, stop, wanted
         )
         source, clips = OVER_TIME, [self.task.name]
         if windows:
@@ -163,7 +163,7 @@ class BlackoutPredictor:
         return [found, *over_time] if len(found.segment.markers) else over_time
 
     def _predict_markers(
-        self, sources: Sequence[WindowSource], start: int, stop: int, wanted: NDArray[np.intp]
+        self, sources: WindowSources, start: int, stop: int, wanted: NDArray[np.intp]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
         """Predict all markers of a blackout.
 

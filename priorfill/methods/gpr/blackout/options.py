@@ -89,11 +89,16 @@ class BlackoutOptions:
         s. An acceleration at an edge enters multiplied by the square of this.
     max_database_windows : int
         Windows of the database.
+    database_window_spacing : float
+        s. Distance between the first frames of windows of one recording.
+    max_stacked_windows, max_scored_windows : int
+        Those with the most similar edges, by whose errors the curves are combined, and on which
+        the errors of the corrected curves are estimated.
+    similar_windows : int
+        A window counts half if its edges are as far from the blackout's as those of this window, in
+        order of distance.
     search_markers : int
         Markers by which poses of the database are searched.
-    edge_neighbours : int
-        Poses of the database nearest to each edge that are examined; those at both edges must
-        belong together.
     max_edge_distance : float
         mm. Rms distance of the markers at the edges above which a window of the database belongs
         to a different movement. The most similar walks of other people are at 60 to 90 mm;
@@ -149,9 +154,12 @@ class BlackoutOptions:
     min_paired_share: float = 0.5
     velocity_seconds: float = 0.15
     acceleration_seconds: float = 0.1
-    max_database_windows: int = 60
+    max_database_windows: int = 500
+    database_window_spacing: float = 0.1
+    max_stacked_windows: int = 200
+    max_scored_windows: int = 100
+    similar_windows: int = 20
     search_markers: int = 12
-    edge_neighbours: int = 240
     max_edge_distance: float = 130.0
     weight_power: float = 8.0
     stacking_ridge: float = 0.02
@@ -177,6 +185,7 @@ class BlackoutOptions:
             "marker_decay_seconds",
             "common_decay_seconds",
             "window_spacing",
+            "database_window_spacing",
             "scale_log_std",
         )
         check_at_least(
@@ -187,7 +196,6 @@ class BlackoutOptions:
             "max_windows",
             "max_candidates",
             "min_windows",
-            "edge_neighbours",
         )
         check_at_least(self, 2, "max_edge_samples")  # two give a velocity
         check_at_least(self, 3, "search_markers")  # three points define a frame of reference

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,12 +17,12 @@ from priorfill.methods.gpr.blackout.curves import (
     interpolate_expected_rms,
 )
 from priorfill.methods.gpr.blackout.options import BlackoutOptions
-from priorfill.methods.gpr.blackout.stacking import stack_curves
+from priorfill.methods.gpr.blackout.stacking import combine_curves, stacking_weights
 from priorfill.methods.gpr.blackout.window_layout import WindowLayout, lay_out_window
 from priorfill.methods.gpr.blackout.windows import (
     BlackoutWindows,
     MirrorImage,
-    WindowSource,
+    WindowSources,
     collect_windows,
 )
 from priorfill.runtime.elementary import exp, hypot, log, power
@@ -30,6 +30,11 @@ from priorfill.runtime.elementary import exp, hypot, log, power
 __all__ = ["BlackoutPrediction", "predict_blackout"]
 
 _Floats = NDArray[np.float64]
+
+_CurvesOf = Callable[[slice | NDArray[np.intp]], _Floats]
+
+WINDOWS_PER_BATCH = 100
+"""Windows whose curves are evaluated at a time: a second of 41 markers takes 20 MB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +58,7 @@ class BlackoutPrediction:
 
 
 def predict_blackout(
-    sources: Sequence[WindowSource],
+    sources: WindowSources,
     start: int,
     stop: int,
     rate: float,
@@ -66,8 +71,8 @@ def predict_blackout(
 
     Parameters
     ----------
-    sources : sequence of WindowSource
-        The clip, which is missing in the blackout, and other recordings.
+    sources : WindowSources
+        The clip, which is missing in the blackout, and windows of other recordings.
     start, stop : int
         First frame of the blackout, and the frame after its last one.
     rate : float
@@ -90,7 +95,7 @@ def predict_blackout(
     --------
     priorfill.methods.gpr.blackout.BlackoutPredictor : Predicts the blackouts of a task.
     """
-    clip = sources[0].positions
+    clip = sources.clip
     known = ~np.isnan(clip[..., 0])
     layout = lay_out_window(known[:, wanted], start, stop, rate, options)
     if layout is None:
@@ -114,9 +119,11 @@ def predict_blackout(
     count = 0
     if windows is not None and len(windows) >= options.min_windows:
         count = len(windows)
-        inside, expected_rms = _from_windows(
-            windows, evaluate_curves(curves, windows.context), layout, options
-        )
+
+        def of_windows(chosen: slice | NDArray[np.intp]) -> _Floats:
+            return evaluate_curves(curves, windows.context[chosen])
+
+        inside, expected_rms = _from_windows(windows, of_windows, layout, options)
     else:
         values = evaluate_curves(curves, context)
         inside = values.mean(axis=0)[0]
@@ -166,7 +173,7 @@ def _error_without_windows(
 
 
 def _from_windows(
-    windows: BlackoutWindows, curves: _Floats, layout: WindowLayout, options: BlackoutOptions
+    windows: BlackoutWindows, curves: _CurvesOf, layout: WindowLayout, options: BlackoutOptions
 ) -> tuple[_Floats, _Floats]:
     """Combine and correct the curves of the blackout by those of the windows.
 
@@ -174,8 +181,9 @@ def _from_windows(
     ----------
     windows : BlackoutWindows
         The blackout and the windows.
-    curves : ndarray [shape=(curves, 1 + windows, frames inside, markers, 3), mm]
-        Their curves.
+    curves : callable
+        Returns the curves of some windows, the blackout among them
+        [shape=(curves, windows, frames inside, markers, 3), mm].
     layout : WindowLayout
         Of the blackout.
     options : BlackoutOptions
@@ -187,43 +195,65 @@ def _from_windows(
     expected_rms : ndarray [shape=(frames inside, markers), mm]
     """
     truth = windows.inside[1:]
-    scale = _relative_scale(curves, options)
+    scale = _relative_scale(_disagreement(curves, 1 + len(windows)), options)
     # windows are informative if their curves disagree as much as the blackout's
     difference = log(scale[1:] / scale[0]) / options.scale_log_std
     similarity = exp(-0.5 * difference**2) + options.min_similarity
-    own_windows = windows.own[1:].sum() >= options.min_windows
-    scored = windows.scored(options.min_windows)
-    # the clip's own windows determine how smooth it is: poses of a database are smoothed
-    trained = (windows.own | windows.own_image)[1:] if own_windows else scored
-    weight = trained * similarity / scale[1:]
-    combined = stack_curves(curves, truth, weight, options)
+    similarity *= windows.nearness(options)
+    trained, scored = windows.trained(options), windows.scored(options)
+    weight = similarity / scale[1:]
+    stacking = stacking_weights(curves(1 + trained), truth[trained], weight[trained], options)
+    combined = np.concatenate(
+        [combine_curves(stacking, curves(part)) for part in _batches(1 + len(truth))]
+    )
     errors = np.einsum("wqmi,wij->wqmj", truth - combined[1:], windows.rotation[1:])
-    correction, residuals = correct_from_edges(
-        windows, errors.reshape(len(errors), -1), scale, weight, layout.length, options
+    correction, residuals, variance = correct_from_edges(
+        windows, errors.reshape(len(errors), -1), scale, weight, scored, layout.length, options
     )
     positions: _Floats = combined[0] + correction.reshape(truth.shape[1:]) @ windows.rotation[0].T
     size = power(scale, options.error_scale_exponent)
     relative = residuals.reshape(-1, *truth.shape[1:]) / size[1:][scored][:, None, None, None]
+    if windows.of_takes.any():
+        relative *= np.sqrt(np.maximum(variance, 1.0))[:, None, None, None]
     share = similarity[scored] / similarity[scored].sum()
     expected_rms: _Floats = size[0] * np.sqrt(np.tensordot(share, (relative**2).sum(axis=-1), 1))
-    if not own_windows:
+    if windows.own[1:].sum() < options.min_windows and not windows.of_takes.any():
         # without own windows the error of other recordings on this clip cannot be validated
-        mean = curves[:, 0].mean(axis=0)
+        mean = curves(np.zeros(1, dtype=np.intp))[:, 0].mean(axis=0)
         distance = np.sqrt(((positions - mean) ** 2).sum(axis=-1))
         positions = (positions + mean) / 2.0
         expected_rms = hypot(expected_rms, distance / 2.0)
     return positions, expected_rms
 
 
-def _relative_scale(curves: _Floats, options: BlackoutOptions) -> _Floats:
+def _batches(count: int) -> list[slice]:
+    """Return slices of up to `WINDOWS_PER_BATCH` windows."""
+    return [slice(at, at + WINDOWS_PER_BATCH) for at in range(0, count, WINDOWS_PER_BATCH)]
+
+
+def _disagreement(curves: _CurvesOf, count: int) -> _Floats:
+    """Return the rms distance of the curves from their mean [shape=(windows,), mm]."""
+    parts = [
+        np.sqrt(curves(part).var(axis=0).sum(axis=-1).mean(axis=(1, 2))) for part in _batches(count)
+    ]
+    return np.concatenate(parts)
+
+
+def _relative_scale(disagreement: _Floats, options: BlackoutOptions) -> _Floats:
     """Return how much the curves disagree in each window, relative to the median window.
+
+    Parameters
+    ----------
+    disagreement : ndarray [shape=(1 + windows,), mm]
+        Of the curves.
+    options : BlackoutOptions
+        `BlackoutOptions.min_relative_scale`.
 
     Returns
     -------
     ndarray [shape=(1 + windows,)]
         At least `BlackoutOptions.min_relative_scale`.
     """
-    disagreement = np.sqrt(curves.var(axis=0).sum(axis=-1).mean(axis=(1, 2)))
     usual = float(np.median(disagreement)) + np.finfo(float).eps
     scale: _Floats = hypot(disagreement, options.min_relative_scale * usual) / usual
     return scale

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from priorfill.gp.linalg import power_weights, solve_blocks
 from priorfill.methods.gpr.blackout.options import BlackoutOptions
 
-__all__ = ["stack_curves"]
+__all__ = ["combine_curves", "stacking_weights"]
 
 _Floats = NDArray[np.float64]
 
@@ -16,10 +16,10 @@ _HORIZONTAL_VERTICAL = ([0, 1], [2])
 """Axes that share stacking weights: the heading is arbitrary, so the horizontal axes are alike."""
 
 
-def stack_curves(
+def stacking_weights(
     curves: _Floats, truth: _Floats, weight: _Floats, options: BlackoutOptions
 ) -> _Floats:
-    """Combine curves linearly by their errors in windows.
+    """Return weights that combine curves linearly, by their errors in windows.
 
     For each marker the curves are averaged with weights by their error. Ridge regression then
     refines the weights for each frame, with all markers together, from those of the average. The
@@ -27,8 +27,8 @@ def stack_curves(
 
     Parameters
     ----------
-    curves : ndarray [shape=(curves, 1 + windows, frames, markers, 3), mm]
-        Of the blackout, which is the first, and of the windows.
+    curves : ndarray [shape=(curves, windows, frames, markers, 3), mm]
+        Of the windows.
     truth : ndarray [shape=(windows, frames, markers, 3), mm]
         Positions in the windows.
     weight : ndarray [shape=(windows,)]
@@ -38,11 +38,12 @@ def stack_curves(
 
     Returns
     -------
-    ndarray [shape=(1 + windows, frames, markers, 3), mm]
-        The combined curves.
+    ndarray [shape=(curves, frames, markers, 3)]
+        They sum to 1 over the curves.
 
     See Also
     --------
+    combine_curves : Applies the weights.
     priorfill.methods.gpr.blackout.correction.correct_from_edges : Corrects the combined curves.
 
     References
@@ -50,14 +51,14 @@ def stack_curves(
     .. [W92] Wolpert, Stacked generalization, Neural Networks 5(2), 1992.
        https://doi.org/10.1016/S0893-6080(05)80023-1
     """
-    average = _average(curves, truth, weight, options.weight_power)
-    deviation = curves - average
-    weighted = deviation[:, 1:] * weight[:, None, None, None]
-    residual = (truth - average[1:]) * weight[:, None, None, None]
-    result = average.copy()
+    by_marker = _weights_by_error(curves, truth, weight, options.weight_power)
+    average = np.einsum("cm,cwqmi->wqmi", by_marker, curves)
+    deviation = (curves - average) * weight[:, None, None, None]
+    residual = (truth - average) * weight[:, None, None, None]
+    result = np.empty((len(curves), *truth.shape[1:]))
     for axes in _HORIZONTAL_VERTICAL:
         for frame in range(truth.shape[1]):
-            directions = weighted[:, :, frame][..., axes].reshape(len(curves), -1)
+            directions = deviation[:, :, frame][..., axes].reshape(len(curves), -1)
             normal = directions @ directions.T
             ridge = options.stacking_ridge * np.diag(normal)
             ridge += np.finfo(float).eps * (1.0 + np.trace(normal))
@@ -65,15 +66,21 @@ def stack_curves(
             step = solve_blocks(
                 normal[None], (directions @ residual[:, frame][..., axes].reshape(-1, 1))[None]
             ).reshape(-1)
-            result[:, frame][..., axes] += np.tensordot(step, deviation[:, :, frame][..., axes], 1)
+            refined = by_marker * (1.0 - step.sum()) + step[:, None]
+            result[:, frame][..., axes] = refined[..., None]
     return result
 
 
-def _average(curves: _Floats, truth: _Floats, weight: _Floats, power: float) -> _Floats:
-    """Average curves by their rms error, marker by marker; see `stack_curves`."""
-    square = ((curves[:, 1:] - truth) ** 2).sum(axis=-1)
+def combine_curves(weights: _Floats, curves: _Floats) -> _Floats:
+    """Combine curves [shape=(curves, windows, frames, markers, 3), mm] by `stacking_weights`."""
+    combined: _Floats = np.einsum("cqmi,cwqmi->wqmi", weights, curves)
+    return combined
+
+
+def _weights_by_error(curves: _Floats, truth: _Floats, weight: _Floats, power: float) -> _Floats:
+    """Return weights of curves by their rms error [shape=(curves, markers)]."""
+    square = ((curves - truth) ** 2).sum(axis=-1)
     share = weight**2 / (weight**2).sum()
     error = np.sqrt(np.einsum("w,cwqm->cm", share, square) / square.shape[2])
     error += np.finfo(float).eps
-    average: _Floats = np.einsum("cm,cwqmi->wqmi", power_weights(error, power), curves)
-    return average
+    return power_weights(error, power)

@@ -4,39 +4,46 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.geometry.mirror import reflected
 from priorfill.geometry.poses import evenly_spaced
-from priorfill.geometry.root_frames import RootGroup, about_vertical
+from priorfill.geometry.root_frames import RootGroup
+from priorfill.methods.gpr.blackout.context_noise import match_noise
+from priorfill.methods.gpr.blackout.database_windows import DatabaseWindows
+from priorfill.methods.gpr.blackout.edge_features import edge_features
 from priorfill.methods.gpr.blackout.options import BlackoutOptions
 from priorfill.methods.gpr.blackout.window_layout import WindowLayout
 
-__all__ = ["BlackoutWindows", "MirrorImage", "WindowSource", "collect_windows"]
+__all__ = ["BlackoutWindows", "MirrorImage", "WindowSources", "collect_windows"]
 
 _Floats = NDArray[np.float64]
 _Ints = NDArray[np.intp]
 
+OWN, IMAGE, FIRST_TAKE = 0, 1, 2
+"""Numbers of recordings: the clip, its mirror image, and the first take of the database."""
+
+OWN_SUBJECT, IMAGE_SUBJECT = -1, -2
+"""Numbers of the clip's subject and of its mirror image, as in `priorfill.methods.task`."""
+
 
 @dataclass(frozen=True, eq=False)
-class WindowSource:
-    """A recording that windows are taken from.
+class WindowSources:
+    """The recordings that windows are taken from.
 
     Attributes
     ----------
-    positions : ndarray [shape=(frames, markers, 3), mm]
-        Upright, at the clip's rate; NaN where missing.
-    correlation : float
-        Correlation of its subject's movements with those of the clip's; 1 for the clip's own.
-    starts : ndarray of int, optional
-        Frames in which a blackout of the window may begin; any by default.
+    clip : ndarray [shape=(frames, markers, 3), mm]
+        Positions of the clip, upright; NaN where missing.
+    database : sequence of DatabaseWindows
+        Windows of other recordings.
     """
 
-    positions: _Floats
-    correlation: float = 1.0
-    starts: _Ints | None = None
+    clip: _Floats
+    database: Sequence[DatabaseWindows] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,11 +99,11 @@ class BlackoutWindows:
     start : ndarray of int [shape=(windows,)]
         Frame of its recording that corresponds to the first missing one.
     source : ndarray of int [shape=(windows,)]
-        Number of the recording; the clip's mirror image has a number of its own.
+        Number of the recording: `OWN`, `IMAGE`, or from `FIRST_TAKE`.
+    subject : ndarray of int [shape=(windows,)]
+        Number of its subject; `OWN_SUBJECT` for that of the clip.
     correlation : ndarray [shape=(windows,)]
-        Of the recording, see `WindowSource`.
-    own, own_image : ndarray of bool [shape=(windows,)]
-        Whether it is of the clip, or of the clip's mirror image.
+        Of its subject's movements with those of the clip's; 1 for the clip's own.
     """
 
     context: _Floats
@@ -105,21 +112,68 @@ class BlackoutWindows:
     rotation: _Floats
     start: _Ints
     source: _Ints
+    subject: _Ints
     correlation: _Floats
-    own: NDArray[np.bool_]
-    own_image: NDArray[np.bool_]
+
+    @property
+    def own(self) -> NDArray[np.bool_]:
+        """Whether a window is of the clip [shape=(windows,)]."""
+        own: NDArray[np.bool_] = self.source == OWN
+        return own
+
+    @property
+    def own_image(self) -> NDArray[np.bool_]:
+        """Whether a window is of the clip's mirror image [shape=(windows,)]."""
+        image: NDArray[np.bool_] = self.source == IMAGE
+        return image
 
     def __len__(self) -> int:
         """Return the number of windows, without the blackout."""
         return len(self.start) - 1
 
-    def scored(self, min_windows: int) -> NDArray[np.bool_]:
-        """Return on which windows errors are estimated [shape=(windows,)], without the blackout.
+    def nearness(self, options: BlackoutOptions) -> _Floats:
+        """Return how similar each window's edges are to the blackout's, 0 to 1 [shape=(windows,)].
 
-        Those of the clip, or all if these are fewer than ``min_windows``.
+        Without windows of a database, all count alike: the clip's own are few.
         """
-        own = self.own[1:]
-        return own if own.sum() >= min_windows else np.ones_like(own)
+        if not self.of_takes.any():
+            return np.ones(len(self))
+        square = self._square_distance
+        usual = np.sort(square)[min(options.similar_windows, len(square)) - 1]
+        nearness: _Floats = 1.0 / (1.0 + (square / (usual + np.finfo(float).eps)) ** 2)
+        return nearness
+
+    def trained(self, options: BlackoutOptions) -> _Ints:
+        """Return the windows, without the blackout, by whose errors the curves are combined."""
+        chosen = (self.own | self.own_image)[1:]
+        chosen[self._nearest_of_takes(options.max_stacked_windows)] = True
+        return np.flatnonzero(chosen)
+
+    def scored(self, options: BlackoutOptions) -> _Ints:
+        """Return the windows, without the blackout, on which errors are estimated."""
+        chosen = self.own[1:].copy()
+        if chosen.sum() < options.min_windows:
+            chosen |= self.own_image[1:]
+        chosen[self._nearest_of_takes(options.max_scored_windows)] = True
+        return np.flatnonzero(chosen)
+
+    @property
+    def of_takes(self) -> NDArray[np.bool_]:
+        """Whether a window is of a take [shape=(windows,)], without the blackout."""
+        of_takes: NDArray[np.bool_] = self.source[1:] >= FIRST_TAKE
+        return of_takes
+
+    @property
+    def _square_distance(self) -> _Floats:
+        """Of the edge features from the blackout's [shape=(windows,), mm²]."""
+        square: _Floats = ((self.edges[1:] - self.edges[0]) ** 2).sum(axis=1)
+        return square
+
+    def _nearest_of_takes(self, count: int) -> _Ints:
+        """Return up to ``count`` windows of takes with the most similar edges."""
+        takes = np.flatnonzero(self.of_takes)
+        nearest = np.argsort(self._square_distance[takes], kind="stable")[:count]
+        return np.asarray(takes[nearest])
 
     def source_correlation(self) -> _Floats:
         """Return the correlation of each pair of windows by their recordings.
@@ -133,31 +187,38 @@ class BlackoutWindows:
 
 @dataclass(frozen=True, eq=False)
 class _WindowBlock:
-    """The windows of one recording."""
+    """Some windows; attributes as of `BlackoutWindows`."""
 
     context: _Floats
     inside: _Floats
     edge_poses: _Floats
     start: _Ints
-    correlation: float
+    source: _Ints
+    subject: _Ints
+    correlation: _Floats
 
     @classmethod
-    def of(
-        cls, source: WindowSource, start: _Ints, markers: _Ints, layout: WindowLayout
+    def of_clip(
+        cls, clip: _Floats, start: _Ints, markers: _Ints, layout: WindowLayout
     ) -> _WindowBlock:
-        """Read the windows that begin in some frames."""
+        """Read the windows of the clip that begin in some frames."""
 
         def positions(frames: _Ints) -> _Floats:
-            found: _Floats = source.positions[start[:, None] + frames][:, :, markers]
+            found: _Floats = clip[start[:, None] + frames][:, :, markers]
             return found
 
-        return cls(
-            positions(layout.context),
-            positions(layout.inside),
-            positions(_edge_frames(layout)),
-            start,
-            source.correlation,
-        )
+        context, inside, poses = (positions(f) for f in _frames_read(layout))
+        return cls(context, inside, poses, start, *_numbers(len(start), OWN, OWN_SUBJECT, 1.0))
+
+    @classmethod
+    def of_database(
+        cls, windows: DatabaseWindows, markers: _Ints, layout: WindowLayout
+    ) -> _WindowBlock:
+        """Read windows of a database."""
+        context, inside, poses = (windows.positions(f, markers) for f in _frames_read(layout))
+        take = FIRST_TAKE + windows.take
+        numbers = take, windows.subject, windows.correlation
+        return cls(context, inside, poses, windows.rows, *numbers)
 
     def mirrored(self, image: MirrorImage) -> _WindowBlock:
         """Return the mirror image of all windows but the first, which is the blackout."""
@@ -165,11 +226,23 @@ class _WindowBlock:
             reflected(part[1:, :, image.contralateral])
             for part in (self.context, self.inside, self.edge_poses)
         )
-        return _WindowBlock(context, inside, poses, self.start[1:], image.correlation)
+        numbers = _numbers(len(inside), IMAGE, IMAGE_SUBJECT, image.correlation)
+        return _WindowBlock(context, inside, poses, self.start[1:], *numbers)
+
+
+def _numbers(
+    count: int, source: int, subject: int, correlation: float
+) -> tuple[_Ints, _Ints, _Floats]:
+    """Return the recording, subject and correlation of windows that have these in common."""
+    return (
+        np.full(count, source, dtype=np.intp),
+        np.full(count, subject, dtype=np.intp),
+        np.full(count, correlation),
+    )
 
 
 def collect_windows(
-    sources: Sequence[WindowSource],
+    sources: WindowSources,
     markers: _Ints,
     image: MirrorImage | None,
     start: int,
@@ -181,8 +254,8 @@ def collect_windows(
 
     Parameters
     ----------
-    sources : sequence of WindowSource
-        The clip, and other recordings.
+    sources : WindowSources
+        The clip, and windows of other recordings.
     markers : ndarray of int
         Columns of the positions that are used.
     image : MirrorImage or None
@@ -196,32 +269,36 @@ def collect_windows(
     options : BlackoutOptions
         Numbers of windows.
     """
-    clip = sources[0]
+    clip = sources.clip
+    counts = [len(edge) for edge in layout.edge_frames()]
     at = np.concatenate([[start], _window_starts(clip, markers, layout, options)])
-    poses = clip.positions[at[:, None] + _edge_frames(layout)][:, :, markers]
-    chosen = _nearest_and_spaced(_edge_features(poses, layout, root, options)[0], options)
-    blocks = [_WindowBlock.of(clip, at[chosen], markers, layout)]
+    poses = clip[at[:, None] + _edge_frames(layout)][:, :, markers]
+    chosen = _nearest_and_spaced(edge_features(poses, counts, root, options)[0], options)
+    blocks = [_WindowBlock.of_clip(clip, at[chosen], markers, layout)]
     if image is not None:
         blocks.append(blocks[0].mirrored(image))
-    for source in sources[1:]:
-        starts = _window_starts(source, markers, layout, options)
-        blocks.append(_WindowBlock.of(source, starts, markers, layout))
-    edges, rotation = _edge_features(
-        np.concatenate([block.edge_poses for block in blocks]), layout, root, options
-    )
-    counts = [len(block.start) for block in blocks]
-    number = np.repeat(np.arange(len(blocks)), counts)
+    blocks += [_WindowBlock.of_database(found, markers, layout) for found in sources.database]
+
+    def joined(name: str) -> NDArray[Any]:
+        return np.concatenate([getattr(block, name) for block in blocks])
+
+    edges, rotation = edge_features(joined("edge_poses"), counts, root, options)
+    source = joined("source")
     return BlackoutWindows(
-        np.concatenate([block.context for block in blocks]),
-        np.concatenate([block.inside for block in blocks]),
+        match_noise(joined("context"), source >= FIRST_TAKE, layout),
+        joined("inside"),
         edges,
         rotation,
-        np.concatenate([block.start for block in blocks]),
-        number,
-        np.repeat([block.correlation for block in blocks], counts),
-        number == 0,
-        (number == 1) & (image is not None),
+        joined("start"),
+        source,
+        joined("subject"),
+        joined("correlation"),
     )
+
+
+def _frames_read(layout: WindowLayout) -> tuple[_Ints, _Ints, _Ints]:
+    """Return the frames of a window's context, inside, and edges."""
+    return layout.context, layout.inside, _edge_frames(layout)
 
 
 def _edge_frames(layout: WindowLayout) -> _Ints:
@@ -246,66 +323,18 @@ def _nearest_and_spaced(features: _Floats, options: BlackoutOptions) -> _Ints:
 
 
 def _window_starts(
-    source: WindowSource, markers: _Ints, layout: WindowLayout, options: BlackoutOptions
+    clip: _Floats, markers: _Ints, layout: WindowLayout, options: BlackoutOptions
 ) -> _Ints:
-    """Return where windows begin in a recording: complete ones, evenly spaced."""
-    positions = source.positions
-    first, last = -layout.first, len(positions) - layout.last
-    if source.starts is not None:
-        possible = source.starts[(source.starts >= first) & (source.starts <= last)]
-    else:
-        possible = np.arange(first, last + 1, dtype=np.intp)
+    """Return where windows begin in the clip: complete ones, evenly spaced."""
+    first, last = -layout.first, len(clip) - layout.last
+    possible: _Ints = np.arange(first, last + 1, dtype=np.intp)
     if not len(possible):
-        return np.empty(0, dtype=np.intp)
-    incomplete = np.isnan(positions[:, markers, 0]).any(axis=1)
+        return possible
+    incomplete = np.isnan(clip[:, markers, 0]).any(axis=1)
     total = np.concatenate([[0], np.cumsum(incomplete)])
     possible = possible[total[possible + layout.last] == total[possible + layout.first]]
-    if source.starts is not None or not len(possible):
-        return np.asarray(possible)
+    if not len(possible):
+        return possible
     spacing = max(1, int(options.window_spacing * layout.frames))
     count = min(options.max_candidates, -(-len(possible) // spacing))
     return np.asarray(possible[evenly_spaced(len(possible), count)])
-
-
-def _edge_features(
-    poses: _Floats, layout: WindowLayout, root: RootGroup, options: BlackoutOptions
-) -> tuple[_Floats, _Floats]:
-    """Return the edge features of windows and the rotations of their root frames.
-
-    Parameters
-    ----------
-    poses : ndarray [shape=(windows, frames, markers, 3), mm]
-        In the frames of `WindowLayout.edge_frames`: of three the acceleration is computed, of two
-        the velocity.
-    layout : WindowLayout
-        Of the windows.
-    root : RootGroup
-        Gives position and heading at each edge; the window's are between them.
-    options : BlackoutOptions
-        Weights of velocities and accelerations.
-
-    Returns
-    -------
-    features : ndarray [shape=(windows, features), mm]
-    rotation : ndarray [shape=(windows, 3, 3)]
-    """
-    counts = [len(edge) for edge in layout.edge_frames()]
-    at = np.cumsum([0, *counts[:-1]])
-    nearest = poses[:, at]
-    windows, edges, markers, _ = nearest.shape
-    frames = root.frames(nearest.reshape(-1, markers, 3))
-    origin = frames.origin.reshape(windows, edges, 3).mean(axis=1)
-    turn = frames.rotation.reshape(windows, edges, 3, 3).sum(axis=1)
-    rotation = about_vertical(turn[:, 0, 0], turn[:, 1, 0])
-    local = np.einsum("wfmi,wij->wfmj", poses - origin[:, None, None], rotation)
-    velocity_steps = options.velocity_seconds / options.difference_seconds
-    acceleration_steps = (options.acceleration_seconds / options.difference_seconds) ** 2
-    parts = []
-    for first, count in zip(at, counts, strict=True):
-        edge = local[:, first : first + count]
-        parts.append(edge[:, 0])
-        if count > 1:
-            parts.append(velocity_steps * (edge[:, 0] - edge[:, 1]))
-        if count > 2:
-            parts.append(acceleration_steps * (edge[:, 0] - 2.0 * edge[:, 1] + edge[:, 2]))
-    return np.concatenate([p.reshape(windows, -1) for p in parts], axis=1), rotation
