@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -710,12 +710,14 @@ class PriorDatabase:
             and record.original_frames == clip.frames
             and abs(record.original_rate / clip.rate - 1) <= RATE_TOLERANCE
         ]
+        coarse_at = cache(
+            lambda rate: stored_levels(replace(clip, rate=rate), self.rate, self.levels)[-1]
+        )
         found = set()
         for record in same_length:
-            # the same frames at the same times, even if one of the rates was rounded
-            candidate = replace(clip, rate=record.original_rate)
             with suppress(ClipError, DatabaseCorruptError):  # damage is reported by `check`
-                coarse = stored_levels(candidate, self.rate, self.levels)[-1]
+                # the same frames at the same times, even if one of the rates was rounded
+                coarse = coarse_at(record.original_rate)
                 stored = self.positions(record, len(record.frames) - 1)
                 if same_motion(coarse, clip.labels, stored, record.labels):
                     found.add(record.content)

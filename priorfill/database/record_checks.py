@@ -10,6 +10,7 @@ import math
 import re
 from dataclasses import replace
 from itertools import pairwise
+from operator import le
 from typing import Any
 
 from priorfill.database.record import ClipRecord
@@ -53,7 +54,7 @@ def is_possible(record: ClipRecord) -> bool:
         return False
     if not (isinstance(record.content, str) and _CONTENT.fullmatch(record.content)):
         return False
-    if not (record.labels and all(isinstance(label, str) for label in record.labels)):
+    if not (record.labels and set(map(type, record.labels)) == {str}):
         return False
     rate = record.original_rate
     if not (isinstance(rate, (int, float)) and math.isfinite(rate) and 0 < rate <= MAX_RATE):
@@ -74,7 +75,7 @@ def _has_possible_numbers(record: ClipRecord) -> bool:
         and _are_counts(record.checksums, 0xFFFFFFFF)
         and len(record.present) == len(record.measured) == markers
         and _are_counts((*record.present, *record.measured), record.frames[0])
-        and all(m <= p for m, p in zip(record.measured, record.present, strict=True))
+        and all(map(le, record.measured, record.present))
         and _are_counts((record.segment,), MAX_SEGMENTS)
         and _are_counts((record.offset, record.offset + record.nbytes), MAX_BYTES)
         and record.offset % 4 == 0
@@ -82,7 +83,10 @@ def _has_possible_numbers(record: ClipRecord) -> bool:
 
 
 def _are_counts(values: tuple[int, ...], most: int) -> bool:
-    return all(type(value) is int and 0 <= value <= most for value in values)
+    # without a loop in Python: a large database has millions of such numbers
+    return not values or (
+        set(map(type, values)) == {int} and 0 <= min(values) <= max(values) <= most
+    )
 
 
 def has_odd_text(record: ClipRecord) -> bool:
