@@ -307,7 +307,7 @@ def _model_errors(
     simulation = options.simulated
     for number, problem in enumerate(fitted.problems[1:], start=1):
         some = np.flatnonzero(fitted.problem_of == number)
-        difference = simulation.held_out_trust * (_level(held_out[some], options) - own_level)
+        difference = _level(held_out[some], options) - own_level
         gaps = problem.simulated_gaps
         if gaps:
             simulated = np.stack([models[k].simulated_residuals[:, targets] for k in some])
@@ -318,6 +318,8 @@ def _model_errors(
             share = simulation.level_share(gaps)
             simulated_ratio = worth[number] + simulation.own_bias
             difference = (1.0 - share) * difference + share * simulated_ratio
+        # the power of the weights is larger with simulated gaps, which are about models
+        difference *= simulation.problem_trust / (1.0 + _simulated_share(fitted, options))
         error[some] *= float(exp(own_level + difference - _level(error[some], options)))
     return error
 

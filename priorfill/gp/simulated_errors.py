@@ -30,6 +30,10 @@ MIN_ERROR = 1e-6
 """mm. Least error whose logarithm is taken: that of a recording without movement is 0."""
 
 
+MAX_RATIO = 4.0
+"""Of the errors of two problems in a simulated gap, either way: a repetition of the movement in the
+same take's session makes the database perfect there."""
+
 MIN_LIKENESS = 1e-9
 """Where no simulated gap is like the gap, all count alike; their share is 0."""
 
@@ -57,10 +61,10 @@ class SimulatedErrorOptions:
         Added to the logarithm of the ratio of a problem's errors to those of own poses in simulated
         gaps: a take's own poses are predicted with fewer models than the clip's, and its
         neighbours in the database may be nearer than the clip's.
-    held_out_trust : float
-        Factor of the difference of the logarithms of two problems' errors in the held-out blocks:
-        with four blocks, on recordings of real people, it says little, and equal shares are better
-        than a choice. From 0.3 to 1 results differ by 2 %.
+    problem_trust : float
+        Factor of the logarithm of the ratio of two problems' errors: on recordings of real people
+        it says little, and equal shares are better than a choice. From 0.3 to 1 results differ by
+        2 %.
     """
 
     max_share: float = 0.8
@@ -68,10 +72,10 @@ class SimulatedErrorOptions:
     problem_gaps: float = 4.0
     calibration_gaps: float = 2.0
     own_bias: float = 0.25
-    held_out_trust: float = 0.75
+    problem_trust: float = 0.7
 
     def __post_init__(self) -> None:
-        check_between(self, 0.0, 1.0, "max_share", "held_out_trust")
+        check_between(self, 0.0, 1.0, "max_share", "problem_trust")
         check_at_least(self, 0.0, "model_gaps", "problem_gaps", "calibration_gaps")
         check_between(self, 0.0, 1.0, "own_bias")
 
@@ -180,6 +184,6 @@ def log_ratio_to_own(
     """
     mean = np.einsum("k,krmi->rmi", weight, residuals)
     own = np.concatenate([gap.own_residuals for gap in gaps])
-    likeness = likeness_of(gaps)
-    errors, own_errors = (_log_mean(gap_errors(r, gaps), likeness) for r in (mean, own))
-    return float(errors - own_errors)
+    errors, own_errors = (np.maximum(gap_errors(r, gaps), MIN_ERROR) for r in (mean, own))
+    ratio = np.clip(errors / own_errors, 1.0 / MAX_RATIO, MAX_RATIO)
+    return float(_log_mean(ratio, likeness_of(gaps)))

@@ -11,6 +11,7 @@ from priorfill.gp.kernels import RBF, Constant, Exponential, Linear
 from priorfill.gp.problem import GPModel, PoseSamples, RegressionProblem, SimulatedGap
 from priorfill.gp.process import GaussianProcess
 from priorfill.gp.simulated_errors import (
+    MAX_RATIO,
     SimulatedErrorOptions,
     combined_errors,
     gap_errors,
@@ -21,7 +22,13 @@ PROCESS = GaussianProcess(
     Constant() + Linear() + 0.1 * RBF(1.0) + 0.001 * Exponential(0.1), noise_variance=1e-4
 )
 MODELS = [GPModel(Alignment("rigid", 220.0, 0.005, 10.0), None, PROCESS)]
-SURE = {"max_share": 1.0, "model_gaps": 0.0, "problem_gaps": 0.0, "calibration_gaps": 0.0}
+SURE = {
+    "problem_trust": 1.0,
+    "max_share": 1.0,
+    "model_gaps": 0.0,
+    "problem_gaps": 0.0,
+    "calibration_gaps": 0.0,
+}
 """Simulated gaps count alone."""
 
 SIMULATED = np.arange(20, 40)
@@ -75,8 +82,9 @@ def alone() -> list[np.ndarray]:
 def test_the_problem_that_is_better_in_simulated_gaps_has_the_weight() -> None:
     own, with_other = alone()
     assert np.abs(own - with_other).max() > 1.0
-    np.testing.assert_allclose(found(1e4, **SURE).positions, with_other, atol=1e-3)
-    np.testing.assert_allclose(found(1e-4, **SURE).positions, own, atol=1e-3)
+    better, worse = (found(own_error, **SURE).positions for own_error in (1e4, 1e-4))
+    assert np.abs(better - with_other).max() < 0.7 * np.abs(worse - with_other).max()
+    assert np.abs(worse - own).max() < 0.7 * np.abs(better - own).max()
 
 
 def test_simulated_gaps_of_unlike_bodies_do_not_count() -> None:
@@ -102,7 +110,7 @@ def test_expected_errors_follow_the_simulated_gaps() -> None:
 
 
 def test_the_relative_error_says_what_the_second_problem_is_worth() -> None:
-    assert found(1e4).relative_error < 0.5 < found(1e-4).relative_error
+    assert found(1e4).relative_error < 0.8 < found(1e-4).relative_error
     assert np.isnan(regress(problems(1.0)[:1], MODELS, 0.4).relative_error)
 
 
@@ -119,6 +127,10 @@ def test_errors_of_gaps_are_those_of_their_poses() -> None:
     mean = sum(w * r for w, r in zip(weight, residuals, strict=True))
     ratio = np.log(gap_errors(mean, gaps) / np.sqrt(3.0)).mean()
     assert log_ratio_to_own(residuals, weight, gaps) == pytest.approx(ratio)
+    # one gap that is predicted perfectly does not decide
+    residuals[:, :4] = 0.0
+    capped = np.log([1.0 / MAX_RATIO, gap_errors(mean, gaps)[1] / np.sqrt(3.0)]).mean()
+    assert log_ratio_to_own(residuals, weight, gaps) == pytest.approx(capped)
 
 
 def test_no_simulated_gap_leaves_the_held_out_errors() -> None:
