@@ -87,8 +87,6 @@ def test_a_limb_that_moves_once_is_predicted_by_its_edges() -> None:
     assert error.mean() < 0.15 * np.linalg.norm(line - truth, axis=-1).mean()
     rms = np.sqrt((error**2).mean())
     assert 0.5 * rms < np.sqrt((found.expected_rms**2).mean()) < 3.0 * rms
-    np.testing.assert_allclose(found.similarity.sum(), 1.0)
-    assert found.residuals.shape[0] == len(found.similarity) >= OPTIONS.min_windows
     assert set(found.takes) <= {f"t{seed}" for seed in range(1, 40)}
 
 
@@ -144,14 +142,12 @@ def test_groups_are_held_out_as_by_a_regression_without_them() -> None:
         np.testing.assert_allclose(
             found.residuals[~rest], targets[~rest] - weights.T @ targets[rest], rtol=1e-6
         )
-    np.testing.assert_allclose(found.expected_square().shape, (5,))
+    np.testing.assert_allclose(found.similarity.sum(), 1.0)
 
 
 def test_predictions_are_weighted_by_their_errors() -> None:
     regression = Regression(np.zeros((6, 1, 3)), np.full((6, 1), 2.0), 1.6)
-    source = SourcePrediction(
-        np.ones((4, 1, 3)), np.full((4, 1), 0.5), np.zeros((1, 1, 1, 3)), np.ones(1), 2.0, ("t",)
-    )
+    source = SourcePrediction(np.ones((4, 1, 3)), np.full((4, 1), 0.5), 2.0, ("t",))
     found, weight = combined(regression, source, 1, power=2.0)
     assert weight == pytest.approx(0.8)
     np.testing.assert_allclose(found.positions[1:5], 0.8)

@@ -8,12 +8,9 @@ import numpy as np
 
 from priorfill.gp.ensemble import Regression
 from priorfill.gp.linalg import power_weights
-from priorfill.methods.gpr.sources.source import SourcePrediction
+from priorfill.methods.gpr.sources.source import MIN_ERROR, SourcePrediction
 
 __all__ = ["combined"]
-
-MIN_ERROR = 1e-3
-"""mm. Least expected error; at the edges of a gap a source has none."""
 
 
 def combined(

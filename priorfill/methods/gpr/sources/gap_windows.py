@@ -7,21 +7,30 @@ edges where the gap's are, do: the limb's path between the edges is regressed on
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.geometry.root_frames import RootFrames
+from priorfill.gp.linalg import power_weights
 from priorfill.methods.gpr.gap_segments import MIN_VISIBLE, GapSegment
 from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.gpr.sources.gap_layout import GapLayout, lay_out_gap
 from priorfill.methods.gpr.sources.options import GapWindowOptions
-from priorfill.methods.gpr.sources.similar_windows import LocalWindows, WindowFinder
-from priorfill.methods.gpr.sources.source import SourcePrediction
+from priorfill.methods.gpr.sources.similar_windows import (
+    LocalWindows,
+    WindowFinder,
+    WindowFrame,
+)
+from priorfill.methods.gpr.sources.source import MIN_ERROR, SourcePrediction
 from priorfill.methods.gpr.sources.window_regression import WindowRegression, regress_windows
 from priorfill.methods.task import Task, take_names
 from priorfill.signal.cubic_spline import cubic_spline
 
 __all__ = ["GapWindows"]
+
+MIN_GROUPS = 3
+"""Takes or subjects of windows: with fewer, held-out errors tell little."""
 
 _Floats = NDArray[np.float64]
 _Ints = NDArray[np.intp]
@@ -72,35 +81,36 @@ class GapWindows:
         finder = None if layout is None else self._finder(segment, visible, layout)
         if layout is None or finder is None:
             return None
-        begin = finder.find()
+        frames = self._frames(finder)
+        begin = finder.find(frames[0])
         windows = finder.read(begin)
-        usable = ~np.isnan(windows.visible).any(axis=(1, 2, 3))
-        usable &= ~np.isnan(windows.missing).any(axis=(1, 2, 3))
+        usable = ~np.isnan(windows[..., 0]).any(axis=(1, 2))
         take = finder.bank.take(begin[usable])
         own_subject = self._of_own_subject(take)
         subject = self._search.subjects[take]
         groups = take if own_subject or len(np.unique(subject)) < 2 else subject
-        if len(take) < options.min_windows or len(np.unique(groups)) < 2:
+        if len(take) < options.min_windows or len(np.unique(groups)) < MIN_GROUPS:
             return None
-        windows = LocalWindows(windows.visible[usable], windows.missing[usable])
-        gap, _ = finder.gap()
-        found = regress_windows(
-            windows.features(layout, finder.weights, options),
-            _from_line(windows, layout).reshape(len(take), -1),
-            gap.features(layout, finder.weights, options)[0],
-            groups,
-            options,
-        )
-        positions, expected_rms = _in_segment(segment, layout, gap, finder, found)
-        nodes, markers = len(layout.nodes), len(segment.markers)
+        both = np.concatenate([finder.gap(), windows[usable]])
+        predictions = []
+        for frame in frames:
+            local = frame.local(both)
+            found = _regress(local, frame, layout, groups, options)
+            predictions.append(_in_segment(segment, layout, local, frame, finder, found))
+        positions, expected_rms = _mean(predictions, options.weight_power)
         return SourcePrediction(
             positions,
             expected_rms,
-            found.residuals.reshape(-1, nodes, markers, 3),
-            found.similarity,
             options.own_penalty if own_subject else options.stranger_penalty,
             take_names(self._task.takes, take),
         )
+
+    def _frames(self, finder: WindowFinder) -> list[WindowFrame]:
+        """Return the frames of reference."""
+        geometry = self._task.geometry
+        pairs = np.ix_(finder.missing, finder.visible)
+        distance, spread = (x[pairs].min(axis=0) for x in (geometry.distance, geometry.spread))
+        return [finder.frame(one, distance, spread) for one in self._options.alignments]
 
     def _finder(
         self, segment: GapSegment, visible: _Ints, layout: GapLayout
@@ -119,11 +129,6 @@ class GapWindows:
         bank = search.bank(root, searched, needed, self._rate)
         if len(bank) < self._options.min_windows:
             return None
-        geometry = task.geometry
-        weights = self._options.alignment.marker_weights(
-            geometry.distance[np.ix_(segment.markers, visible)].min(axis=0),
-            geometry.spread[np.ix_(segment.markers, visible)].min(axis=0),
-        )
         return WindowFinder(
             task.positions,
             search,
@@ -131,7 +136,6 @@ class GapWindows:
             root,
             visible,
             segment.markers,
-            weights,
             layout,
             self._options,
         )
@@ -157,16 +161,27 @@ def _line(windows: LocalWindows, layout: GapLayout, frames: _Ints) -> _Floats:
     return line
 
 
-def _from_line(windows: LocalWindows, layout: GapLayout) -> _Floats:
-    """Return the missing markers' residuals to that line at the nodes."""
-    inside = windows.missing[:, 2 * len(layout.edges) :]
-    return inside - _line(windows, layout, layout.nodes)
+def _regress(
+    windows: LocalWindows,
+    frame: WindowFrame,
+    layout: GapLayout,
+    groups: _Ints,
+    options: GapWindowOptions,
+) -> WindowRegression:
+    """Predict the gap, which is the first window: its residual to the line at the nodes."""
+    features = frame.features(windows, layout, options)
+    inside = windows.missing[1:, 2 * len(layout.edges) :]
+    targets = inside - _line(windows, layout, layout.nodes)[1:]
+    return regress_windows(
+        features[1:], targets.reshape(len(targets), -1), features[0], groups, options
+    )
 
 
 def _in_segment(
     segment: GapSegment,
     layout: GapLayout,
-    gap: LocalWindows,
+    windows: LocalWindows,
+    frame: WindowFrame,
     finder: WindowFinder,
     found: WindowRegression,
 ) -> tuple[_Floats, _Floats]:
@@ -174,17 +189,28 @@ def _in_segment(
     shape = (len(layout.nodes), len(segment.markers), 3)
     residual = found.mean.reshape(shape)
     rms = np.sqrt(found.expected_square().reshape(shape).sum(axis=-1))
-    nodes = layout.nodes
     edges = np.array([edge[0] for edge in layout.edges])
-    order = np.argsort(np.concatenate([nodes, edges]))
-    knots = np.concatenate([nodes, edges])[order]
+    knots = np.concatenate([layout.nodes, edges])
+    order = np.argsort(knots)
+    knots = knots[order]
     zeros = np.zeros((len(edges), *shape[1:]))
     values = np.concatenate([residual, zeros])[order]
     frames = np.arange(segment.start, segment.stop)
     # beyond the last node of a gap with one edge the residual stays
     inside = np.clip(frames, knots[0], knots[-1])
-    local = cubic_spline(knots, values, inside) + _line(gap, layout, frames)[0]
-    at: RootFrames = finder.frames_of_reference(frames)
+    local = cubic_spline(knots, values, inside) + _line(windows, layout, frames)[0]
     errors = np.concatenate([rms, zeros[..., 0]])[order]
     expected = np.stack([np.interp(inside, knots, column) for column in errors.T], axis=1)
-    return at.to_world(local), expected
+    poses = finder.positions[np.ix_(frames, finder.visible)]
+    return frame.of(poses).to_world(local), expected
+
+
+def _mean(predictions: Sequence[tuple[_Floats, _Floats]], power: float) -> tuple[_Floats, _Floats]:
+    """Return the mean of predictions, weighted by their expected errors, and its expected errors.
+
+    All come from the same windows, so their errors are correlated.
+    """
+    positions, errors = (np.stack(parts) for parts in zip(*predictions, strict=True))
+    weight = power_weights(np.maximum(errors, MIN_ERROR), power)
+    mean = np.einsum("kfm,kfmi->fmi", weight, positions)
+    return mean, np.sqrt((weight * errors**2).sum(axis=0))

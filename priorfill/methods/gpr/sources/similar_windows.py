@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 
 from priorfill.geometry.poses import evenly_spaced
 from priorfill.geometry.root_frames import RootFrames, RootGroup
-from priorfill.gp.features import MarkerWeights
+from priorfill.gp.features import Alignment, MarkerWeights
 from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.gpr.sources.gap_layout import GapLayout
 from priorfill.methods.gpr.sources.options import GapWindowOptions
 from priorfill.search.bank import PoseBank
 
-__all__ = ["LocalWindows", "WindowFinder"]
+__all__ = ["LocalWindows", "WindowFinder", "WindowFrame"]
 
-CANDIDATES_PER_WINDOW = 8
+CANDIDATES_PER_WINDOW = 4
 """Windows that are compared in root frames of their own, with those next to each other, for each
 that is used."""
 
@@ -40,22 +40,58 @@ class LocalWindows:
     visible: _Floats
     missing: _Floats
 
+
+@dataclass(frozen=True, eq=False)
+class WindowFrame:
+    """A frame of reference of poses, and features of windows in it.
+
+    Attributes
+    ----------
+    alignment : Alignment
+        How poses are aligned.
+    weights : MarkerWeights
+        Of the visible markers.
+    template : ndarray [shape=(visible markers, 3), mm]
+        The pose that they are aligned with.
+    """
+
+    alignment: Alignment
+    weights: MarkerWeights
+    template: _Floats
+
+    def of(self, visible: _Floats) -> RootFrames:
+        """Return the frames of poses [shape=(poses, visible markers, 3), mm]."""
+        return self.alignment.root_frames(visible, self.template, self.weights)
+
+    def local(self, windows: _Floats) -> LocalWindows:
+        """Return windows in their frames.
+
+        Parameters
+        ----------
+        windows : ndarray [shape=(windows, frames, markers, 3), mm]
+            Upright; the visible markers, then the missing ones.
+        """
+        split = len(self.template)
+        poses = windows.reshape(-1, *windows.shape[2:])
+        local = self.of(poses[:, :split]).to_local(poses).reshape(windows.shape)
+        return LocalWindows(local[:, :, :split], local[:, :, split:])
+
     def features(
-        self, layout: GapLayout, weights: MarkerWeights, options: GapWindowOptions
+        self, windows: LocalWindows, layout: GapLayout, options: GapWindowOptions
     ) -> _Floats:
-        """Return features in all frames of a layout [shape=(windows, features), mm].
+        """Return features of windows in the frames of a layout [shape=(windows, features), mm].
 
         Squared distances of features are mean squared distances per pose of the visible markers,
         by their weights, and of the missing ones and their velocities at the edges.
         """
-        windows, frames, markers = self.missing.shape[:3]
-        visible = weights.features / np.sqrt((weights.features**2).sum() * frames)
+        count, frames, markers = windows.missing.shape[:3]
+        visible = self.weights.features / np.sqrt((self.weights.features**2).sum() * frames)
         edges = len(layout.edges)
-        near, far = self.missing[:, :edges], self.missing[:, edges : 2 * edges]
+        near, far = windows.missing[:, :edges], windows.missing[:, edges : 2 * edges]
         edge = options.edge_weight / np.sqrt(edges * markers)
         velocity = edge * options.velocity_seconds / layout.edge_seconds
-        parts = (self.visible * visible[:, None], edge * near, velocity * (near - far))
-        return np.concatenate([part.reshape(windows, -1) for part in parts], axis=1)
+        parts = (windows.visible * visible[:, None], edge * near, velocity * (near - far))
+        return np.concatenate([part.reshape(count, -1) for part in parts], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +110,6 @@ class WindowFinder:
         Aligns the poses that are searched for.
     visible, missing : ndarray of int
         Markers of the clip; the visible ones are measured in all frames of the layout.
-    weights : MarkerWeights
-        Of the visible markers.
     layout : GapLayout
         Of the gap.
     options : GapWindowOptions
@@ -88,46 +122,56 @@ class WindowFinder:
     root: RootGroup
     visible: _Ints
     missing: _Ints
-    weights: MarkerWeights
     layout: GapLayout
     options: GapWindowOptions
 
-    def gap(self) -> tuple[LocalWindows, RootFrames]:
-        """Return the gap as a window, and its poses' frames of reference."""
-        poses = self.positions[self.layout.frames]
-        frames = self._frames(poses[:, self.visible])
-        local = [frames.to_local(poses[:, some])[None] for some in (self.visible, self.missing)]
-        return LocalWindows(*local), frames
+    def frame(self, alignment: Alignment, distance: _Floats, spread: _Floats) -> WindowFrame:
+        """Return a frame of reference.
 
-    def frames_of_reference(self, frames: _Ints) -> RootFrames:
-        """Return those of some frames of the clip, in which all visible markers are measured."""
-        return self._frames(self.positions[np.ix_(frames, self.visible)])
+        Parameters
+        ----------
+        alignment : Alignment
+            How poses are aligned.
+        distance, spread : ndarray [shape=(visible markers,), mm]
+            Rms distance of each to the nearest missing marker, and its standard deviation.
+        """
+        weights = alignment.marker_weights(distance, spread)
+        return WindowFrame(alignment, weights, self.positions[self.layout.nodes[0], self.visible])
 
-    def find(self) -> _Ints:
+    def gap(self) -> _Floats:
+        """Return the gap as a window [shape=(1, frames, markers, 3), mm], as of `read`."""
+        markers = np.concatenate([self.visible, self.missing])
+        window: _Floats = self.positions[np.ix_(self.layout.frames, markers)][None]
+        return window
+
+    def find(self, frame: WindowFrame) -> _Ints:
         """Return where the windows most like the gap begin, the most alike first.
+
+        Parameters
+        ----------
+        frame : WindowFrame
+            In which they are compared.
 
         Returns
         -------
         ndarray of int
             Rows of the bank, of the first time of the layout.
         """
-        gap, options = self.gap()[0], self.options
+        options = self.options
         begin = self._candidates()
         edges = 2 * len(self.layout.edges)
         nodes = evenly_spaced(len(self.layout.nodes), options.compared_poses)
         compared = np.concatenate([np.arange(edges), edges + nodes])
-        read = self.read(begin, compared)
-        usable = ~np.isnan(read.missing).any(axis=(1, 2, 3))
-        usable &= ~np.isnan(read.visible).any(axis=(1, 2, 3))
+        windows = self.read(begin, compared)
+        usable = ~np.isnan(windows[..., 0]).any(axis=(1, 2))
         begin = begin[usable]
-        there = LocalWindows(read.visible[usable], read.missing[usable])
-        here = LocalWindows(gap.visible[:, compared], gap.missing[:, compared])
-        features = there.features(self.layout, self.weights, options)
-        difference = features - here.features(self.layout, self.weights, options)
-        order = np.argsort((difference**2).sum(axis=1), kind="stable")
+        both = np.concatenate([self.gap()[:, compared], windows[usable]])
+        features = frame.features(frame.local(both), self.layout, options)
+        square = ((features[1:] - features[0]) ** 2).sum(axis=1)
+        order = np.argsort(square, kind="stable")
         return self._spaced(begin[order], options.max_windows)
 
-    def read(self, begin: _Ints, chosen: _Ints | None = None) -> LocalWindows:
+    def read(self, begin: _Ints, chosen: _Ints | None = None) -> _Floats:
         """Return the windows that begin in some rows of the bank.
 
         Parameters
@@ -136,20 +180,14 @@ class WindowFinder:
             Rows at the first time of the layout.
         chosen : ndarray of int, optional
             Which frames of the layout; all by default.
+
+        Returns
+        -------
+        ndarray [shape=(windows, frames, markers, 3), mm]
+            As recorded; the visible markers, then the missing ones.
         """
         seconds = self.layout.seconds if chosen is None else self.layout.seconds[chosen]
-        both = np.concatenate([self.visible, self.missing])
-        poses = self._interpolated(begin, seconds, both).reshape(-1, len(both), 3)
-        split = len(self.visible)
-        frames = self._frames(poses[:, :split])
-        shape = (len(begin), len(seconds), -1, 3)
-        local = frames.to_local(poses).reshape(shape)
-        return LocalWindows(local[:, :, :split], local[:, :, split:])
-
-    def _frames(self, visible: _Floats) -> RootFrames:
-        """Return the frames of reference of poses [shape=(poses, visible markers, 3), mm]."""
-        template = self.positions[self.layout.nodes[0], self.visible]
-        return self.options.alignment.root_frames(visible, template, self.weights)
+        return self._interpolated(begin, seconds, np.concatenate([self.visible, self.missing]))
 
     def _candidates(self) -> _Ints:
         """Return where the windows begin that are most like the gap in their root frames.
@@ -208,13 +246,14 @@ class WindowFinder:
         length = self.layout.seconds.max() - self.layout.seconds.min()
         distance = np.maximum(1.0, self.options.spacing * length * rates)
         chosen: list[int] = []
-        for index in range(len(begin)):
-            if len(chosen) == count:
-                break
-            others = np.array(chosen, dtype=np.intp)
-            same = others[take[others] == take[index]]
-            if (np.abs(begin[same] - begin[index]) >= distance[index]).all():
+        of_take: dict[int, list[int]] = {}
+        for index, (row, number) in enumerate(zip(begin.tolist(), take.tolist(), strict=True)):
+            others = of_take.setdefault(number, [])
+            if all(abs(row - other) >= distance[index] for other in others):
+                others.append(row)
                 chosen.append(index)
+                if len(chosen) == count:
+                    break
         return begin[np.array(chosen, dtype=np.intp)]
 
     def _interpolated(self, begin: _Ints, seconds: _Floats, markers: _Ints) -> _Floats:
