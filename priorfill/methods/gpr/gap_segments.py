@@ -6,6 +6,7 @@ A segment has one set of visible markers. How gaps are joined and divided into s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,12 +30,20 @@ class GapSegment:
         Frames of the clip.
     visible : ndarray of int [shape=(visible markers,)]
         Measured in all of these frames.
+    gap_frames : int
+        Length of the gap that it is part of; its own if that is longer.
     """
 
     markers: NDArray[np.intp]
     start: int
     stop: int
     visible: NDArray[np.intp]
+    gap_frames: int = 0
+
+    @property
+    def frames(self) -> int:
+        """Its length."""
+        return self.stop - self.start
 
     @property
     def has_enough_visible(self) -> bool:
@@ -93,6 +102,15 @@ class SegmentBatch:
     @property
     def frames(self) -> int:
         """Usual length of its segments: the median over all of their frames."""
-        lengths = np.sort([segment.stop - segment.start for segment in self.segments])
-        covered = np.cumsum(lengths)
-        return int(lengths[np.searchsorted(covered, 0.5 * covered[-1])])
+        return self._median([segment.frames for segment in self.segments])
+
+    @property
+    def gap_frames(self) -> int:
+        """Usual length of the gaps that its segments are part of."""
+        return self._median([max(one.gap_frames, one.frames) for one in self.segments])
+
+    def _median(self, lengths: Sequence[int]) -> int:
+        """Return the median over all frames of a length of each segment."""
+        order = np.argsort(lengths, kind="stable")
+        covered = np.cumsum([self.segments[i].frames for i in order])
+        return lengths[int(order[np.searchsorted(covered, 0.5 * covered[-1])])]

@@ -164,9 +164,7 @@ class _Setup:
         count = levels_for(task.rate)
         # the differences at the coarsest level extend two of its steps beyond a segment
         predictor = SegmentPredictor(task, 2 * 2 ** (count - 1), options)
-        batches = plan_batches(
-            task.groups, task.valid, task.geometry.distance, task.rate, options.segments
-        )
+        batches = plan_batches(task.groups, task.valid, task.geometry.distance, options.segments)
         segments = sorted(
             (segment for batch in batches for segment in batch.segments),
             key=lambda segment: (segment.start, segment.markers[0]),

@@ -188,7 +188,7 @@ class SegmentPredictor:
         found = regress(
             plan.problems,
             plan.models,
-            batch.frames / self.task.rate,
+            self._options.segments.block_seconds(batch, self.task.rate),
             plan.inside,
             self._map_with_checkpoints,
             self._options.ensemble,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from priorfill.gaps import GapGroup, constant_spans
 from priorfill.geometry.clustering import single_linkage
 from priorfill.methods.gpr.gap_segments import GapSegment, SegmentBatch
-from priorfill.methods.gpr.visible_sets import VisibleSets, merge_visible_sets
+from priorfill.methods.gpr.visible_sets import MergingLimits, VisibleSets, merge_visible_sets
 from priorfill.runtime.elementary import exp
 from priorfill.runtime.option_checks import check_at_least, check_between
 
@@ -44,12 +44,17 @@ class SegmentOptions:
     max_share : float
         Frames with different visible markers are predicted by one regression if none of them loses
         more than this share of the importance of its visible markers.
-    max_loss : float
-        s. Other frames are so if the sum of what they lose, as an increase of the inverse
-        importance, times the time between two frames, is at most this.
+    enough_sets : int
+        Where a gap has more sets of visible markers than this, `max_forced_share` replaces
+        `max_share`: many markers come and go, and each set has a few frames.
+    max_forced_share : float
+        Share of the importance that frames may lose in such a gap.
     max_length_ratio : float
         Gaps apart from each other are predicted by one regression if the longest is at most this
         many times the shortest: models are weighted by their errors in blocks of that length.
+    min_block_seconds : float
+        s. Blocks that are held out for shorter segments are this long, or as long as the gap: in
+        the middle of a long gap no measured sample is near. Longer ones did not fill better.
     max_gaps : int
         Gaps apart from each other that one regression predicts at most, because the poses next to
         each of them are further training poses.
@@ -59,14 +64,26 @@ class SegmentOptions:
     length_scale: float = 220.0
     min_weight: float = 0.005
     max_share: float = 0.1
-    max_loss: float = 0.005
+    enough_sets: int = 4
+    max_forced_share: float = 0.3
     max_length_ratio: float = 2.0
+    min_block_seconds: float = 0.3
     max_gaps: int = 16
 
     def __post_init__(self) -> None:
-        check_at_least(self, 0.0, "joint_distance", "min_weight", "max_loss")
-        check_at_least(self, 1.0, "length_scale", "max_length_ratio", "max_gaps")
-        check_between(self, 0.0, 1.0, "max_share")
+        check_at_least(self, 0.0, "joint_distance", "min_weight", "min_block_seconds")
+        check_at_least(self, 1.0, "length_scale", "max_length_ratio", "max_gaps", "enough_sets")
+        check_between(self, 0.0, 1.0, "max_share", "max_forced_share")
+
+    @property
+    def limits(self) -> MergingLimits:
+        """When sets of visible markers are merged."""
+        return MergingLimits(self.max_share, self.enough_sets, self.max_forced_share)
+
+    def block_seconds(self, batch: SegmentBatch, rate: float) -> float:
+        """Return the length (s) of the blocks that are held out for a batch, at a rate (Hz)."""
+        gap, own = batch.gap_frames / rate, batch.frames / rate
+        return max(own, min(gap, self.min_block_seconds))
 
     def weight(self, distance: _Float, markers: NDArray[np.intp]) -> _Float:
         """Return the importance of each marker for some missing ones [shape=(markers,)]."""
@@ -74,16 +91,11 @@ class SegmentOptions:
         weight: _Float = exp(-(nearest**2) / (2.0 * self.length_scale**2)) + self.min_weight
         return weight
 
-    def merged(self, sets: VisibleSets, weight: _Float, rate: float) -> VisibleSets:
-        """Merge sets of visible markers at some rate (Hz)."""
-        return merge_visible_sets(sets, weight, self.max_share, self.max_loss * rate)
-
 
 def split_into_batches(
     group: GapGroup,
     valid: _Bool,
     distance: _Float,
-    rate: float,
     options: SegmentOptions = SegmentOptions(),
 ) -> list[SegmentBatch]:
     """Divide a gap group into batches of segments.
@@ -96,8 +108,6 @@ def split_into_batches(
         Which samples of the clip are measured.
     distance : ndarray [shape=(markers, markers), mm]
         Rms distance of each pair of markers; infinite where unknown.
-    rate : float
-        Hz.
     options : SegmentOptions
         When gaps are joined and divided.
 
@@ -115,13 +125,13 @@ def split_into_batches(
         shown = valid[start:stop].copy()
         shown[:, markers] = False
         edges = constant_spans(shown)
-        frames = np.array([b - a for a, b in edges], dtype=np.intp)
-        sets = VisibleSets.of(shown[[a for a, _ in edges]], frames)
-        merged = options.merged(sets, options.weight(distance, markers), rate)
+        sets = VisibleSets.of(shown[[a for a, _ in edges]])
+        merged = merge_visible_sets(sets, options.weight(distance, markers), options.limits)
         for visible, spans in zip(merged.visible, merged.spans, strict=True):
             some = np.flatnonzero(visible)
             segments = [
-                GapSegment(markers, start + a, start + b, some) for a, b in _runs(edges, spans)
+                GapSegment(markers, start + a, start + b, some, stop - start)
+                for a, b in _runs(edges, spans)
             ]
             batches.append(SegmentBatch(tuple(segments)))
     return batches
@@ -131,7 +141,6 @@ def plan_batches(
     groups: Sequence[GapGroup],
     valid: _Bool,
     distance: _Float,
-    rate: float,
     options: SegmentOptions = SegmentOptions(),
 ) -> list[SegmentBatch]:
     """Divide all gap groups into batches; parameters as of `split_into_batches`.
@@ -140,13 +149,13 @@ def plan_batches(
     """
     together: dict[bytes, list[SegmentBatch]] = {}
     for group in groups:
-        for batch in split_into_batches(group, valid, distance, rate, options):
+        for batch in split_into_batches(group, valid, distance, options):
             together.setdefault(batch.markers.tobytes(), []).append(batch)
     return [
         batch
         for some in together.values()
         for alike in _of_similar_length(some, options)
-        for batch in _shared(alike, distance, rate, options)
+        for batch in _shared(alike, distance, options)
     ]
 
 
@@ -192,7 +201,7 @@ def _of_similar_length(
 
 
 def _shared(
-    batches: Sequence[SegmentBatch], distance: _Float, rate: float, options: SegmentOptions
+    batches: Sequence[SegmentBatch], distance: _Float, options: SegmentOptions
 ) -> list[SegmentBatch]:
     """Join batches of the same markers that lose little by it."""
     if len(batches) == 1:
@@ -201,9 +210,10 @@ def _shared(
     visible = np.zeros((len(batches), len(distance)), dtype=bool)
     for number, batch in enumerate(batches):
         visible[number, batch.visible] = True
-    frames = np.array([sum(s.stop - s.start for s in batch.segments) for batch in batches])
-    sets = VisibleSets.of(visible, frames)
-    merged = options.merged(sets, options.weight(distance, batches[0].markers), rate)
+    weight = options.weight(distance, batches[0].markers)
+    # no more of it in one gap, whose batches would touch each other
+    limits = replace(options.limits, max_forced_share=options.max_share)
+    merged = merge_visible_sets(VisibleSets.of(visible), weight, limits)
     shared = []
     for common, own in zip(merged.visible, merged.spans, strict=True):
         parts: list[list[GapSegment]] = [[]]

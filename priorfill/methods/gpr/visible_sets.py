@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from priorfill.methods.gpr.gap_segments import MIN_VISIBLE
 
-__all__ = ["VisibleSets", "merge_visible_sets"]
+__all__ = ["MergingLimits", "VisibleSets", "merge_visible_sets"]
 
 MAX_COMPARED = 128
 """Sets compared with each other at a time, so that time grows linearly with their number."""
@@ -34,41 +34,46 @@ class VisibleSets:
     ----------
     visible : ndarray of bool [shape=(sets, markers)]
         The visible markers of each.
-    frames : ndarray of int [shape=(sets,)]
-        Number of frames.
     spans : list of tuple of int
         Numbers of the spans of frames that each consists of.
     """
 
     visible: _Bool
-    frames: NDArray[np.intp]
     spans: list[tuple[int, ...]]
 
     def __len__(self) -> int:
         return len(self.spans)
 
     @classmethod
-    def of(cls, visible: _Bool, frames: NDArray[np.intp]) -> VisibleSets:
-        """Find the sets of spans [shapes=(spans, markers), (spans,)]; equal ones are one set."""
+    def of(cls, visible: _Bool) -> VisibleSets:
+        """Find the sets of spans [shape=(spans, markers)]; equal ones are one set."""
         numbers: dict[bytes, list[int]] = {}
         for span, mask in enumerate(np.packbits(visible, axis=1)):
             numbers.setdefault(mask.tobytes(), []).append(span)
         spans = [tuple(some) for some in numbers.values()]
-        total = np.array([frames[list(some)].sum() for some in spans], dtype=np.intp)
-        return cls(visible[[some[0] for some in spans]], total, spans)
+        return cls(visible[[some[0] for some in spans]], spans)
 
     def _some(self, chosen: slice) -> VisibleSets:
-        return VisibleSets(self.visible[chosen], self.frames[chosen], self.spans[chosen])
+        return VisibleSets(self.visible[chosen], self.spans[chosen])
 
 
-def merge_visible_sets(
-    sets: VisibleSets, weight: _Float, max_share: float, max_loss: float
-) -> VisibleSets:
+@dataclass(frozen=True)
+class MergingLimits:
+    """When sets of visible markers are merged; see `SegmentOptions` for its attributes."""
+
+    max_share: float
+    enough_sets: int
+    max_forced_share: float
+
+    def share(self, sets: int) -> float:
+        """Return the share of its importance that a set may lose, with this many sets left."""
+        return self.max_share if sets <= self.enough_sets else self.max_forced_share
+
+
+def merge_visible_sets(sets: VisibleSets, weight: _Float, limits: MergingLimits) -> VisibleSets:
     """Merge sets of visible markers where little is lost.
 
-    The error of a prediction is taken as inversely proportional to the importance of the visible
-    markers. So the loss of merging two sets is the increase of the inverse importance, summed over
-    their frames. The two sets with the least loss are merged first.
+    The two sets that lose the smallest share of their importance are merged first.
 
     Parameters
     ----------
@@ -76,10 +81,8 @@ def merge_visible_sets(
         To be merged.
     weight : ndarray [shape=(markers,)]
         Importance of each visible marker.
-    max_share : float
-        Two sets are merged in any case if neither loses more than this share of its importance.
-    max_loss : float
-        Frames. Other sets are merged if the loss is at most this.
+    limits : MergingLimits
+        The share of its importance that a set may lose.
 
     Returns
     -------
@@ -90,59 +93,57 @@ def merge_visible_sets(
     --------
     >>> import numpy as np
     >>> seen = np.array([[1, 1, 1, 1, 1], [1, 1, 1, 1, 0], [1, 1, 1, 0, 0]], dtype=bool)
-    >>> sets = VisibleSets.of(seen, np.array([50, 50, 50]))
-    >>> merge_visible_sets(sets, np.array([1.0, 1.0, 1.0, 1.0, 0.1]), 0.1, 2.0).spans
+    >>> sets = VisibleSets.of(seen)
+    >>> weight = np.array([1.0, 1.0, 1.0, 1.0, 0.1])
+    >>> merge_visible_sets(sets, weight, MergingLimits(0.1, 8, 0.3)).spans
     [(0, 1), (2,)]
+    >>> merge_visible_sets(sets, weight, MergingLimits(0.1, 1, 0.3)).spans
+    [(0, 1, 2)]
     """
     while len(sets) > MAX_COMPARED:
         parts = [
-            _merge_all(sets._some(slice(start, start + MAX_COMPARED)), weight, max_share, max_loss)
+            _merge_all(sets._some(slice(start, start + MAX_COMPARED)), weight, limits)
             for start in range(0, len(sets), MAX_COMPARED)
         ]
         merged = VisibleSets(
             np.concatenate([part.visible for part in parts]),
-            np.concatenate([part.frames for part in parts]),
             [spans for part in parts for spans in part.spans],
         )
         if 2 * len(merged) > len(sets):
             return merged
         sets = merged
-    return _merge_all(sets, weight, max_share, max_loss)
+    return _merge_all(sets, weight, limits)
 
 
-def _merge_all(sets: VisibleSets, weight: _Float, max_share: float, max_loss: float) -> VisibleSets:
+def _merge_all(sets: VisibleSets, weight: _Float, limits: MergingLimits) -> VisibleSets:
     """Merge sets, and compare each of them with all others."""
-    visible, frames, spans = sets.visible.copy(), sets.frames.copy(), list(sets.spans)
+    visible, spans = sets.visible.copy(), list(sets.spans)
     importance = np.maximum(visible @ weight, MIN_IMPORTANCE)
     alive = np.ones(len(sets), dtype=bool)
     rank = np.full((len(sets), len(sets)), np.inf)
 
     def compare(one: int) -> None:
-        """Rank the merging of a set with each other one; below 0 if it is merged in any case."""
+        """Rank the merging of a set with each other one by the greater share that is lost."""
         others = np.flatnonzero(alive)
         both = visible[one] & visible[others]
         common = np.maximum(both @ weight, MIN_IMPORTANCE)
         share = 1.0 - common / np.maximum(importance[one], importance[others])
-        loss = frames[one] * (1.0 / common - 1.0 / importance[one])
-        loss += frames[others] * (1.0 / common - 1.0 / importance[others])
-        order = np.where(share <= max_share, share - 1.0, loss)
         most = np.maximum(visible[one].sum(), visible[others].sum(axis=1))
-        order[(both.sum(axis=1) < MIN_VISIBLE) & (most >= MIN_VISIBLE)] = np.inf
-        order[others == one] = np.inf
-        rank[one, others] = rank[others, one] = order
+        share[(both.sum(axis=1) < MIN_VISIBLE) & (most >= MIN_VISIBLE)] = np.inf
+        share[others == one] = np.inf
+        rank[one, others] = rank[others, one] = share
 
     for one in range(len(sets)):
         compare(one)
     while True:
         one, other = (int(i) for i in np.unravel_index(np.argmin(rank), rank.shape))
-        if not rank[one, other] <= max_loss:
+        if not rank[one, other] <= limits.share(int(alive.sum())):
             break
         visible[one] &= visible[other]
-        importance[one] = max(float(visible[one] @ weight), MIN_IMPORTANCE)
-        frames[one] += frames[other]
+        importance[one] = max(importance[one], importance[other])  # a chain loses no more
         spans[one] = (*spans[one], *spans[other])
         alive[other] = False
         rank[other] = rank[:, other] = np.inf
         compare(one)
     kept = np.flatnonzero(alive)
-    return VisibleSets(visible[kept], frames[kept], [spans[i] for i in kept])
+    return VisibleSets(visible[kept], [spans[i] for i in kept])

@@ -25,7 +25,7 @@ def test_queries_have_the_positions_measured_before_and_after_them():
     options = GPROptions()
     problems = OwnClipProblems(task, 8, options.training, options.spline_nodes, options.correlation)
     models = ModelOptions().limb
-    batches = plan_batches(groups, task.valid, problems.distance, RATE)
+    batches = plan_batches(groups, task.valid, problems.distance)
     batch = next(one for one in batches if len(one.markers) > 1)
     own = problems.with_lag_features(problems.problem_for(batch, None), models)
     lags = lags_of(models)

@@ -14,12 +14,10 @@ from priorfill.methods.gpr.segment_batches import (
     split_into_batches,
 )
 
-RATE = 100.0
-
 
 def split_into_segments(group, valid, distance):
     """The segments of all batches of a group."""
-    batches = split_into_batches(group, valid, distance, RATE)
+    batches = split_into_batches(group, valid, distance)
     segments = [segment for batch in batches for segment in batch.segments]
     return sorted(segments, key=lambda segment: (segment.start, segment.markers[0]))
 
@@ -128,7 +126,7 @@ def test_a_gap_is_divided_where_a_far_marker_is_needed_for_a_frame(visible, expe
 def test_batches_of_all_groups_cover_each_missing_sample_once(pattern):
     valid, distance = pattern
     count = np.zeros(valid.shape, dtype=int)
-    for batch in plan_batches(gap_groups(~valid), valid, distance, RATE):
+    for batch in plan_batches(gap_groups(~valid), valid, distance):
         lengths = []
         stop = -1
         for segment in batch.segments:
@@ -140,6 +138,7 @@ def test_batches_of_all_groups_cover_each_missing_sample_once(pattern):
             count[segment.start : segment.stop, segment.markers] += 1
             lengths.append(segment.stop - segment.start)
         assert min(lengths) <= batch.frames <= max(lengths)
+        assert batch.frames <= batch.gap_frames <= len(valid)
     np.testing.assert_array_equal(count, (~valid).astype(int))
 
 
@@ -150,23 +149,30 @@ def test_a_flickering_near_marker_makes_two_batches():
     for start in range(70, 600, 30):
         valid[start : start + 10, 1] = False
     (group,) = gap_groups(~valid)
-    batches = split_into_batches(group, valid, near_and_far(12), RATE)
+    batches = split_into_batches(group, valid, near_and_far(12))
     mine = sorted((b for b in batches if b.markers[0] == 0), key=lambda b: len(b.segments))
     assert [(len(batch.segments), 1 in batch.visible) for batch in mine] == [
         (18, False),
         (19, True),
     ]
+    assert [(batch.frames, batch.gap_frames) for batch in mine] == [(10, 600), (20, 600)]
 
 
-def test_a_short_gap_is_not_divided_where_a_marker_is_lost_for_a_few_frames():
-    for stop, expected in ((26, [(20, 26)]), (80, [(20, 22), (22, 24), (24, 80)])):
-        valid = np.ones((100, 12), dtype=bool)
-        valid[20:stop, 0] = False
-        valid[22:24, 3] = False
-        (group,) = gap_groups(~valid)
-        mine = [p for p in split_into_segments(group, valid, near_and_far(12)) if 0 in p.markers]
-        assert [(p.start, p.stop) for p in mine] == expected
-        assert 3 not in mine[len(mine) // 2].visible
+@pytest.mark.parametrize(("flickering", "expected"), [(2, 3), (6, 4)])
+def test_a_gap_with_many_sets_of_visible_markers_loses_more_of_them(
+    flickering: int, expected: int
+) -> None:
+    """Two of ten equally near markers are more than a tenth, but less than 0.3."""
+    distance = np.full((11, 11), 100.0)
+    np.fill_diagonal(distance, 0.0)
+    valid = np.ones((200, 11), dtype=bool)
+    valid[20:180, 0] = False
+    for marker in range(1, 1 + flickering):
+        valid[20 + 20 * marker : 40 + 20 * marker, [marker, 10]] = False
+    options = SegmentOptions(joint_distance=10.0)
+    groups = gap_groups(~valid)
+    batches = [b for g in groups for b in split_into_batches(g, valid, distance, options)]
+    assert len([b for b in batches if b.markers[0] == 0]) == expected
 
 
 def test_gaps_of_a_marker_of_similar_length_are_one_batch():
@@ -174,7 +180,7 @@ def test_gaps_of_a_marker_of_similar_length_are_one_batch():
     lengths = (10, 11, 19, 21, 45, 300)
     for place, length in zip(range(50, 1500, 200), lengths, strict=False):
         valid[place : place + length, 3] = False
-    batches = plan_batches(gap_groups(~valid), valid, near_and_far(12), RATE)
+    batches = plan_batches(gap_groups(~valid), valid, near_and_far(12))
     assert [[s.stop - s.start for s in batch.segments] for batch in batches] == [
         [10, 11, 19],
         [21],
@@ -187,7 +193,7 @@ def test_gaps_of_a_marker_of_similar_length_are_one_batch():
 def test_a_batch_has_a_limited_number_of_gaps():
     valid = np.ones((200, 6), dtype=bool)
     valid[20:180:2, 0] = False
-    batches = plan_batches(gap_groups(~valid), valid, near_and_far(6), RATE)
+    batches = plan_batches(gap_groups(~valid), valid, near_and_far(6))
     assert [len(batch.segments) for batch in batches] == [SegmentOptions.max_gaps] * 5
 
 
@@ -198,7 +204,7 @@ def test_flickering_markers_do_not_make_many_batches():
     batches = [
         batch
         for group in gap_groups(~valid)
-        for batch in split_into_batches(group, valid, near_and_far(30), RATE)
+        for batch in split_into_batches(group, valid, near_and_far(30))
     ]
     mine = [b for b in batches if 0 in b.markers and 50 <= b.segments[0].start < 350]
     assert sum(p.stop - p.start for batch in mine for p in batch.segments) == 300

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,13 @@ from gappy import ARM, person, with_gaps
 
 from priorfill.clip import Clip
 from priorfill.gaps import gap_groups
-from priorfill.gp.ensemble import EnsembleOptions, _calibrate, _CrossValidation, regress
+from priorfill.gp.ensemble import (
+    EnsembleOptions,
+    Regression,
+    _calibrate,
+    _CrossValidation,
+    regress,
+)
 from priorfill.gp.features import Alignment
 from priorfill.gp.kernels import RBF, Constant, Exponential, Linear, SubjectCorrelation
 from priorfill.gp.problem import GPModel, PoseSamples, RegressionProblem
@@ -20,6 +27,7 @@ from priorfill.markers.describe import describe
 from priorfill.methods.gpr.gap_segments import GapSegment, SegmentBatch
 from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import PoseSearch
+from priorfill.methods.gpr.predict import SegmentPredictor
 from priorfill.methods.gpr.segment_batches import split_into_batches
 from priorfill.methods.gpr.training.options import TrainingOptions
 from priorfill.methods.gpr.training.own_clip import OwnClipProblem, OwnClipProblems
@@ -135,6 +143,27 @@ def test_a_problem_is_predicted_by_its_own_models() -> None:
     own = regress([replace(problem, models=others)], MODELS, 0.4).positions
     np.testing.assert_array_equal(own, regress([problem], others, 0.4).positions)
     assert not np.allclose(own, regress([problem], MODELS, 0.4).positions)
+
+
+def test_the_held_out_blocks_are_not_as_short_as_parts_of_a_gap(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """However short the segments are into which markers that come and go divide it."""
+    task = task_of(with_gaps(person(seconds=4.0, rate=20.0), (20, 60, ["LWRA"])))
+    whole = arm_of(task, ["LWRA"]).segments[0]
+    parts = (replace(whole, start=30, stop=32), replace(whole, start=40, stop=43))
+    seconds: list[float] = []
+
+    def regressed(*arguments: Any) -> Regression:
+        seconds.append(arguments[2])
+        return regress(*arguments)
+
+    monkeypatch.setattr("priorfill.methods.gpr.predict.regress", regressed)
+    predictor = SegmentPredictor(task, 8, GPROptions())
+    for length in (0, 4, 40):
+        batch = SegmentBatch(tuple(replace(part, gap_frames=length) for part in parts))
+        predictor.predict_batch(batch, None)
+    assert seconds == [3.0 / 20.0, 4.0 / 20.0, GPROptions().segments.min_block_seconds]
 
 
 def task_of(clip: Clip, *others: Clip) -> Task:
@@ -307,13 +336,13 @@ def cut(distances: list[float], lost: list[int]) -> int:
     (group,) = gap_groups(~valid)
     return sum(
         len(batch.segments)
-        for batch in split_into_batches(group, valid, distance, 100.0)
+        for batch in split_into_batches(group, valid, distance)
         if 0 in batch.markers
     )
 
 
 def test_neighbours_are_weighted_by_a_gaussian_of_their_distance() -> None:
-    """A gap is cut where more than a tenth of exp(-D² / 2 (220 mm)²) + 0.005 would be lost."""
+    """A gap is cut where more than 0.3 of exp(-D² / 2 (220 mm)²) + 0.005 would be lost."""
 
     def share(distances: list[float], lost: list[int]) -> float:
         weight = np.exp(-(np.array(distances) ** 2) / (2.0 * 220.0**2)) + 0.005
@@ -323,6 +352,6 @@ def test_neighbours_are_weighted_by_a_gaussian_of_their_distance() -> None:
     assert share(far, [4, 5, 6, 7, 8, 9]) < 0.07
     assert cut(far, [4, 5, 6, 7, 8, 9]) == 1
     near = [150.0] * 6 + [500.0] * 30  # of an exponential the far ones would be most
-    assert share(near, [1]) > 0.105
-    assert cut(near, [1]) == 3
+    assert share(near, [1, 2, 3]) > 0.32
+    assert cut(near, [1, 2, 3]) == 3
     assert cut(near, [7]) == 1
