@@ -195,6 +195,9 @@ class BlackoutOptions:
             "max_inside_frames",
             "max_windows",
             "max_candidates",
+            "max_stacked_windows",
+            "max_scored_windows",
+            "similar_windows",
             "min_windows",
         )
         check_at_least(self, 2, "max_edge_samples")  # two give a velocity
