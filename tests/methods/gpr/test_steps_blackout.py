@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -17,12 +18,13 @@ from priorfill.methods.gpr.blackout import (
     BlackoutPredictor,
     MirrorImage,
     WindowSources,
+    predict_blackout,
 )
 from priorfill.methods.gpr.blackout.body_size import compare_sizes, constant_distances
 from priorfill.methods.gpr.blackout.context_noise import match_noise
 from priorfill.methods.gpr.blackout.correction import _left_out_together, correct_from_edges
 from priorfill.methods.gpr.blackout.curves import interpolate_correction
-from priorfill.methods.gpr.blackout.database_windows import _spaced
+from priorfill.methods.gpr.blackout.database_windows import DatabaseWindows, _spaced
 from priorfill.methods.gpr.blackout.edge_features import edge_features
 from priorfill.methods.gpr.blackout.predict_blackout import (
     _error_without_windows,
@@ -241,7 +243,9 @@ def turned_problem() -> tuple[BlackoutWindows, np.ndarray, np.ndarray]:
 
 def test_errors_of_the_curves_are_predicted_from_the_edges_at_any_heading() -> None:
     windows, curves, truth = turned_problem()
-    found, expected_rms = _from_windows(windows, lambda part: curves[:, part], layout(), OPTIONS)
+    found, expected_rms = _from_windows(
+        windows, lambda part: curves[:, part], len(curves), layout(), OPTIONS
+    )
     # of 30 mm
     away = np.linalg.norm(found - truth, axis=-1).mean()
     assert away < 8.0
@@ -274,7 +278,9 @@ def two_kinds() -> tuple[BlackoutWindows, np.ndarray]:
 
 def test_windows_whose_curves_disagree_as_the_blackouts_do_count_most() -> None:
     windows, curves = two_kinds()
-    found, expected_rms = _from_windows(windows, lambda part: curves[:, part], layout(), OPTIONS)
+    found, expected_rms = _from_windows(
+        windows, lambda part: curves[:, part], len(curves), layout(), OPTIONS
+    )
     away = [np.linalg.norm(found - curve[0], axis=-1).mean() for curve in curves]
     # with equal weights both would be 10 mm
     assert away[0] < 5.0 < 15.0 < away[1]
@@ -381,8 +387,43 @@ def test_the_expected_error_grows_with_the_distance_from_all_windows() -> None:
     for away in (0.0, 300.0):
         edges[0] = away
         windows = windows_of(edges, inside, about_vertical(np.zeros(count)), source, source)
-        found.append(_from_windows(windows, lambda part: curves[:, part], layout(), OPTIONS)[1])
+        found.append(
+            _from_windows(windows, lambda part: curves[:, part], len(curves), layout(), OPTIONS)[1]
+        )
     assert found[1].mean() > 1.3 * found[0].mean()
+
+
+def test_a_body_at_rest_in_the_database_smooths_a_clip_at_rest() -> None:
+    """Noise of 1 mm around a constant pose, which curves through every sample continue."""
+    rng = np.random.default_rng(6)
+    pose = rng.normal(0.0, 200.0, (MARKERS, 3))
+    clip = pose + rng.normal(0.0, 1.0, (45, MARKERS, 3))
+    clip[15:30] = np.nan
+    takes = SimpleNamespace(
+        rows=np.arange(60),
+        take=np.arange(60),
+        subject=np.arange(60),
+        correlation=np.ones(60),
+        positions=lambda frames, markers: (
+            pose[markers] + rng.normal(0.0, 1.0, (60, len(frames), len(markers), 3))
+        ),
+    )
+
+    def error(options: BlackoutOptions) -> float:
+        found = predict_blackout(
+            WindowSources(clip, (cast(DatabaseWindows, takes),)),
+            15,
+            30,
+            30.0,
+            lambda among: root_group(clip, [int(m) for m in among]),
+            MirrorImage(np.full(MARKERS, -1), 0.95),
+            np.arange(MARKERS),
+            options,
+        )
+        assert found is not None
+        return float(np.linalg.norm(found.positions - pose, axis=2).mean())
+
+    assert error(OPTIONS) < 0.85 * error(replace(OPTIONS, rest_processes=()))
 
 
 def test_noise_like_the_clips_is_added_to_windows_of_the_database() -> None:

@@ -151,10 +151,10 @@ def _models(
         query = root.T @ (root @ to_query[0])
         posterior = process.kernel.variance(cross) - explained_variance(root, to_query)
         rows = root[:, held_out].T @ root  # of the inverse covariance
-        solved = _inverse_blocks(rows, held_out, scored, neighbours)
+        weights, variance = _left_out_weights(rows, held_out, scored, neighbours)
         for size in sizes:
             targets = errors / size[1:, None]
-            left, variance = _left_out(solved, rows @ targets)
+            left = weights @ targets
             models.append(
                 _Model(
                     size[0] * (query @ targets),
@@ -165,15 +165,16 @@ def _models(
     return models
 
 
-def _inverse_blocks(
+def _left_out_weights(
     rows: _Floats,
     held_out: NDArray[np.intp],
     scored: NDArray[np.intp],
     neighbours: Sequence[NDArray[np.intp]],
-) -> list[tuple[list[int], NDArray[np.intp], NDArray[np.intp], _Floats]]:
-    """Solve for the scored windows of each block that is left out.
+) -> tuple[_Floats, _Floats]:
+    """Return the weights of the targets in the residuals of windows that are left out.
 
-    See `priorfill.gp.process.FittedGP.leave_blocks_out`.
+    With G the inverse covariance and B a block, the residuals are ``inv(G_BB) G_B y`` and their
+    variances the diagonal of ``inv(G_BB)``; see `priorfill.gp.process.FittedGP.leave_blocks_out`.
 
     Parameters
     ----------
@@ -188,38 +189,24 @@ def _inverse_blocks(
 
     Returns
     -------
-    list of tuple
-        For each block: places of its scored windows, rows of the block, columns of the scored
-        windows in the block, and columns of the inverse of the block's inverse covariance.
+    weights : ndarray [shape=(scored windows, windows)]
+    variance : ndarray [shape=(scored windows,)]
+        In the kernel's unit, noise included.
     """
     members: dict[bytes, list[int]] = {}  # windows of a take are left out together
     for place, block in enumerate(neighbours):
         members.setdefault(block.tobytes(), []).append(place)
-    solved = []
+    weights, variance = np.empty((len(scored), rows.shape[1])), np.empty(len(scored))
     for places in members.values():
         block = neighbours[places[0]]
-        at = np.searchsorted(held_out, block)
+        part = rows[np.searchsorted(held_out, block)]
         columns = np.searchsorted(block, scored[places])
         unit = np.zeros((len(block), len(places)))
         unit[columns, np.arange(len(places))] = 1.0
-        inverse = solve_blocks(rows[at][:, block][None], unit[None])[0]
-        solved.append((places, at, columns, inverse))
-    return solved
-
-
-def _left_out(
-    solved: list[tuple[list[int], NDArray[np.intp], NDArray[np.intp], _Floats]], weights: _Floats
-) -> tuple[_Floats, _Floats]:
-    """Return residuals of scored windows without their neighbours, and the variance of each.
-
-    ``weights`` are the inverse covariance times the targets [shape=(held-out windows, values)].
-    """
-    count = sum(len(places) for places, *_ in solved)
-    left, variance = np.empty((count, weights.shape[1])), np.empty(count)
-    for places, rows, columns, inverse in solved:
-        left[places] = inverse.T @ weights[rows]
+        inverse = solve_blocks(part[:, block][None], unit[None])[0]
+        weights[places] = inverse.T @ part
         variance[places] = inverse[columns, np.arange(len(places))]
-    return left, variance
+    return weights, variance
 
 
 def _left_out_together(

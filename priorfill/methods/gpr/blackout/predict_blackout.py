@@ -13,6 +13,7 @@ from priorfill.methods.gpr.blackout.correction import correct_from_edges
 from priorfill.methods.gpr.blackout.curves import (
     blackout_curves,
     evaluate_curves,
+    gaussian_process_curves,
     interpolate_correction,
     interpolate_expected_rms,
 )
@@ -120,10 +121,15 @@ def predict_blackout(
     if windows is not None and len(windows) >= options.min_windows:
         count = len(windows)
 
+        usual = len(curves)
+        if windows.of_takes.any() and len(layout.before) and len(layout.after):
+            time, at = layout.context / rate, layout.inside / rate
+            curves = [*curves, *gaussian_process_curves(options.rest_processes, time, at)]
+
         def of_windows(chosen: slice | NDArray[np.intp]) -> _Floats:
             return evaluate_curves(curves, windows.context[chosen])
 
-        inside, expected_rms = _from_windows(windows, of_windows, layout, options)
+        inside, expected_rms = _from_windows(windows, of_windows, usual, layout, options)
     else:
         values = evaluate_curves(curves, context)
         inside = values.mean(axis=0)[0]
@@ -173,7 +179,11 @@ def _error_without_windows(
 
 
 def _from_windows(
-    windows: BlackoutWindows, curves: _CurvesOf, layout: WindowLayout, options: BlackoutOptions
+    windows: BlackoutWindows,
+    curves: _CurvesOf,
+    usual: int,
+    layout: WindowLayout,
+    options: BlackoutOptions,
 ) -> tuple[_Floats, _Floats]:
     """Combine and correct the curves of the blackout by those of the windows.
 
@@ -184,6 +194,8 @@ def _from_windows(
     curves : callable
         Returns the curves of some windows, the blackout among them
         [shape=(curves, windows, frames inside, markers, 3), mm].
+    usual : int
+        How many of the curves, the first ones, show by their disagreement how lively a window is.
     layout : WindowLayout
         Of the blackout.
     options : BlackoutOptions
@@ -195,7 +207,7 @@ def _from_windows(
     expected_rms : ndarray [shape=(frames inside, markers), mm]
     """
     truth = windows.inside[1:]
-    scale = _relative_scale(_disagreement(curves, 1 + len(windows)), options)
+    scale = _relative_scale(_disagreement(curves, usual, 1 + len(windows)), options)
     # windows are informative if their curves disagree as much as the blackout's
     difference = log(scale[1:] / scale[0]) / options.scale_log_std
     similarity = exp(-0.5 * difference**2) + options.min_similarity
@@ -231,10 +243,11 @@ def _batches(count: int) -> list[slice]:
     return [slice(at, at + WINDOWS_PER_BATCH) for at in range(0, count, WINDOWS_PER_BATCH)]
 
 
-def _disagreement(curves: _CurvesOf, count: int) -> _Floats:
+def _disagreement(curves: _CurvesOf, usual: int, count: int) -> _Floats:
     """Return the rms distance of the curves from their mean [shape=(windows,), mm]."""
     parts = [
-        np.sqrt(curves(part).var(axis=0).sum(axis=-1).mean(axis=(1, 2))) for part in _batches(count)
+        np.sqrt(curves(part)[:usual].var(axis=0).sum(axis=-1).mean(axis=(1, 2)))
+        for part in _batches(count)
     ]
     return np.concatenate(parts)
 
