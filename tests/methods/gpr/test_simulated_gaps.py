@@ -34,7 +34,7 @@ def task_with_takes(*others: Clip) -> Task:
 
 
 def batch_of(task: Task) -> SegmentBatch:
-    return split_into_batches(task.groups[0], task.valid, task.geometry.distance, task.rate)[0]
+    return split_into_batches(task.groups[0], task.valid, task.geometry.distance)[0]
 
 
 def places_of(task: Task, options: SimulatedGapOptions) -> tuple[SimulatedPlaces, np.ndarray]:
