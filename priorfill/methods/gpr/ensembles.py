@@ -186,10 +186,10 @@ _LOOSE_MARKER = _grouped(
 # real recordings, as the single marker's were. Fewer than 10 fill worse, and so do all 74.
 _LIMB_WITH_DATABASE = (
     *_combinations([_SEGMENT], [None], [_STRONGLY_CURVED[1]]),
-    *_combinations([_SEGMENT], _LIMB_LAGS[:1], [_PLAIN, _LIMB_LOCAL]),
+    *_combinations([_SEGMENT], _LIMB_LAGS[:1], [_LIMB_LOCAL]),
     *_combinations([_UPRIGHT], [None, _LIMB_LAGS[0]], [_PLAIN]),
     *_combinations([_UPRIGHT], _LIMB_LAGS[1:2], [_LIMB_LOCAL]),
-    *_combinations([_UPRIGHT], _LIMB_LAGS[2:3], [_LIMB_SMOOTH, _LIMB_LOCAL]),
+    *_combinations([_UPRIGHT], _LIMB_LAGS[2:3], [_LIMB_SMOOTH]),
     *_combinations([_WHOLE_BODY], _LIMB_LAGS[:2], [_PLAIN]),
     *_combinations([_WHOLE_BODY], _LIMB_LAGS[3:], [_LIMB_LOCAL]),
     *_combinations([_NEAR], _LIMB_LAGS[:1], [_LIMB_SMOOTH]),

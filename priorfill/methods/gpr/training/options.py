@@ -23,7 +23,10 @@ class DatabaseTrainingOptions:
     gap_poses : int
         Poses of the database nearest to those in the gap.
     gap_neighbours : int
-        Nearest poses of each pose in the gap from which these are chosen.
+        Nearest poses of each pose in the gap from which these are chosen, at most.
+    gap_share : float
+        These nearest poses as a share of the poses searched, but no fewer than `clip_neighbours`:
+        where a database is sparse, more of them are poses of other movements.
     other_poses : int
         Poses of the database nearest to the clip's training poses.
     clip_neighbours : int
@@ -45,6 +48,7 @@ class DatabaseTrainingOptions:
     mirror_poses: int = 30
     gap_poses: int = 1000
     gap_neighbours: int = 200
+    gap_share: float = 1.0 / 1000.0
     other_poses: int = 60
     clip_neighbours: int = 12
     rate: float = 15.0
@@ -54,6 +58,7 @@ class DatabaseTrainingOptions:
 
     def __post_init__(self) -> None:
         check_at_least(self, 0, "mirror_poses", "gap_poses", "other_poses", "offset_variance")
+        check_between(self, 0.0, 1.0, "gap_share")
         check_at_least(self, 1, "own_poses", "gap_neighbours", "clip_neighbours")
         check_at_least(self, 0.1, "rate", "sufficient_seconds")
         check_between(self, 0.0, 0.9, "penalty_per_doubling")

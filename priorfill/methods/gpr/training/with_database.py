@@ -206,7 +206,8 @@ class _Training:
     def rows_near_gap(self, options: TrainingOptions) -> NDArray[np.intp]:
         """Choose poses of the bank near the queries."""
         poses, count = self.own.problem.query.visible[:, self.columns], options.database
-        return self._nearest(poses, count.gap_neighbours)[: count.gap_poses]
+        dense = max(count.clip_neighbours, int(count.gap_share * len(self.bank)))
+        return self._nearest(poses, min(count.gap_neighbours, dense))[: count.gap_poses]
 
     def with_other_rows(
         self,
