@@ -7,8 +7,9 @@ of Baumann et al. 2011, which therefore need not be stored.
 
 from __future__ import annotations
 
+import copy
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +21,14 @@ from priorfill.runtime.threads import run_in_threads, split_range
 from priorfill.search.index import MAX_BRUTE_FORCE_POSES, POSES_PER_THREAD, PoseIndex
 from priorfill.search.takes import Take
 
-__all__ = ["Neighbours", "PoseBank", "PoseBankCache"]
+__all__ = ["Neighbours", "PoseBank", "PoseBankCache", "PoseMapping"]
+
+PoseMapping = Callable[
+    [NDArray[np.float32], NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]], bool
+]
+"""Changes the poses of takes in place, and returns whether it has changed any. Its arguments:
+positions [shape=(poses, markers, 3), mm], the take of each pose, the poses that are searched, and
+the markers."""
 
 MAX_CACHE_BYTES = 2**29
 """Bytes of banks kept for reuse: in a clip with flickering markers every gap needs banks of its
@@ -83,6 +91,8 @@ class PoseBank:
         The poses that are searched: rows of the concatenated poses of all takes used.
     rate : float
         As given; recordings sampled more slowly have rates of their own, see `rates`.
+    is_mapped : bool
+        Whether the poses are changed by a mapping, see `mapped`.
 
     See Also
     --------
@@ -133,9 +143,23 @@ class PoseBank:
         self._positions = positions
         self._root = root.among(needed)
         self._index: PoseIndex | None = None
-        if len(self.rows):
+        self.is_mapped = False
+
+    def mapped(self, mapping: PoseMapping) -> PoseBank:
+        """Return a bank of the same poses, changed by a mapping."""
+        other = copy.copy(self)
+        other._positions = self._positions.copy()
+        other._index = None
+        other.is_mapped = mapping(other._positions, self._take, self.rows, self._needed)
+        return other
+
+    def _indexed(self) -> PoseIndex:
+        """Return the index of the poses, made on first use."""
+        index = self._index
+        if index is None:
             starts = np.flatnonzero(np.diff(self._take[self.rows], prepend=-1))
-            self._index = PoseIndex(self._local(viable), starts)
+            self._index = index = PoseIndex(self._local(self._viable), starts)
+        return index
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -149,7 +173,8 @@ class PoseBank:
     def nbytes(self) -> int:
         """Memory in bytes."""
         arrays = (self.rows, self._usable, self._take, self._rate_ratio, self._positions)
-        index = self._index.nbytes if self._index is not None else 0
+        # of the index its poses count, the largest part, whether or not it is made yet
+        index = 4 * 3 * len(self._viable) * len(self.rows)
         return sum(array.nbytes for array in arrays) + index
 
     def _local(self, markers: NDArray[np.intp]) -> NDArray[np.float32]:
@@ -195,7 +220,7 @@ class PoseBank:
         return self._in_root_frames(rows, self._wanted_columns)
 
     def positions(self, rows: NDArray[np.intp], markers: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Return recorded positions [shape=(rows, markers, 3), mm].
+        """Return positions, as recorded or mapped [shape=(rows, markers, 3), mm].
 
         ``markers`` must be among the root, viable and wanted markers.
         """
@@ -283,10 +308,10 @@ class PoseBank:
         ValueError
             If the bank is empty.
         """
-        if self._index is None:
+        if not len(self.rows):
             raise ValueError("the bank has no pose to search; check its length first")
         queries = frames.to_local(positions[:, self._viable])
-        distance, found = self._index.nearest(queries.reshape(len(queries), -1), k)
+        distance, found = self._indexed().nearest(queries.reshape(len(queries), -1), k)
         return distance / np.sqrt(len(self._viable)), self.rows[found]
 
     def distances(self, pose: NDArray[np.float64], frames: RootFrames) -> NDArray[np.float64]:
@@ -304,10 +329,10 @@ class PoseBank:
         ndarray [shape=(len(rows),), mm]
             Rms distance per viable marker, of each row of `rows`.
         """
-        if self._index is None:
+        if not len(self.rows):
             return np.empty(0)
         query = frames.to_local(pose[:, self._viable]).reshape(-1)
-        square = self._index.squared_distances(query).astype(np.float64)
+        square = self._indexed().squared_distances(query).astype(np.float64)
         distance: NDArray[np.float64] = np.sqrt(square / len(self._viable))
         return distance
 
@@ -375,13 +400,19 @@ class PoseBankCache:
         wanted: NDArray[np.intp],
         rate: float,
         max_poses: int | None = None,
+        mapping: PoseMapping | None = None,
     ) -> PoseBank:
-        """Return a bank; parameters as for `PoseBank`. May be called from several threads."""
-        template = root.template.tobytes()
-        key = (root.markers, template, viable.tobytes(), wanted.tobytes(), rate, max_poses)
+        """Return a bank; parameters as for `PoseBank` and `PoseBank.mapped`.
+
+        May be called from several threads. There must be only one mapping.
+        """
+        template, mapped = root.template.tobytes(), mapping is not None
+        key = (root.markers, template, viable.tobytes(), wanted.tobytes(), rate, max_poses, mapped)
         with self._lock:
             bank = self._pop(key)
-        if bank is None:
+        if bank is None and mapping is not None:
+            bank = self.get(root, viable, wanted, rate, max_poses).mapped(mapping)
+        elif bank is None:
             bank = PoseBank(self._takes, root, viable, wanted, rate, max_poses)
         with self._lock:
             self._pop(key)  # another thread may have built it meanwhile

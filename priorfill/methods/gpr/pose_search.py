@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from priorfill.geometry.poses import evenly_spaced
 from priorfill.geometry.root_frames import RootGroup
+from priorfill.methods.gpr.other_bodies import BodyMapOptions, bring_onto_clip
 from priorfill.methods.task import THIS_CLIP, Task
 from priorfill.runtime.option_checks import check_at_least
 from priorfill.search.bank import PoseBank, PoseBankCache
@@ -36,12 +37,15 @@ class SearchOptions:
     max_poses : int
         Maximum number of poses searched. A larger database is searched at a lower rate and, if it
         is still too large, by evenly spaced poses: consecutive poses are redundant.
+    bodies : BodyMapOptions
+        How poses of other subjects are mapped onto the clip's body.
     """
 
     queries: int = 100
     max_markers: int = 12
     rate: float = 30.0
     max_poses: int = 1_000_000
+    bodies: BodyMapOptions = field(default_factory=BodyMapOptions)
 
     def __post_init__(self) -> None:
         check_at_least(self, 1, "queries", "max_poses")
@@ -78,14 +82,55 @@ class PoseSearch:
         return common
 
     def bank(
-        self, root: RootGroup, viable: NDArray[np.intp], wanted: NDArray[np.intp], rate: float
+        self,
+        root: RootGroup,
+        viable: NDArray[np.intp],
+        wanted: NDArray[np.intp],
+        rate: float,
+        *,
+        on_clips_body: bool = False,
     ) -> PoseBank:
         """Return a bank of the takes at a rate (Hz), or at a lower one if it would be too large.
 
-        The other parameters are those of `priorfill.search.bank.PoseBankCache.get`.
+        Parameters
+        ----------
+        root, viable, wanted, rate
+            As of `priorfill.search.bank.PoseBankCache.get`.
+        on_clips_body : bool
+            Whether poses of other subjects are mapped onto the clip's body.
         """
-        highest = min(rate, self._highest_rate)
-        return self._banks.get(root, viable, wanted, highest, self.options.max_poses)
+        return self._banks.get(
+            root,
+            viable,
+            wanted,
+            min(rate, self._highest_rate),
+            self.options.max_poses,
+            self._map_onto_clip if on_clips_body else None,
+        )
+
+    def _map_onto_clip(
+        self,
+        positions: NDArray[np.float32],
+        take: NDArray[np.intp],
+        rows: NDArray[np.intp],
+        markers: NDArray[np.intp],
+    ) -> bool:
+        """Map the poses of other subjects onto the clip's body; a `PoseMapping`.
+
+        Not if takes of the clip's subject are among them, see `BodyMapOptions`.
+        """
+        task = self.task
+        names = {task.takes[i].subject for i in np.unique(take[rows])}
+        if task.subject and task.subject in names:
+            return False
+        pairs, geometry = np.ix_(markers, markers), task.geometry
+        return bring_onto_clip(
+            positions,
+            self.subjects[take],
+            rows,
+            (geometry.distance[pairs], geometry.spread[pairs]),
+            self.options.bodies,
+        )
 
     def nearest(
         self,

@@ -79,7 +79,7 @@ def problem_with_database(
         return None
     needed = np.concatenate([own.markers, visible])
     searched = visible[: search.options.max_markers]
-    bank = search.bank(root, searched, needed, options.database.rate)
+    bank = search.bank(root, searched, needed, options.database.rate, on_clips_body=True)
     if len(bank) < options.min_poses:
         return None
     chosen = _Training(own, search, root, bank, columns, *_chosen_rows(own, options, task.rate))
@@ -184,6 +184,8 @@ class _Training:
         options: SubjectCorrelationOptions,
     ) -> NDArray[np.intp]:
         """Return the subject of each pose of the database; `THIS_CLIP` for the clip's own."""
+        if self.bank.is_mapped:  # all have the clip's distances then, and none is its own
+            return self.search.subjects[take]
         own, task = self.own.problem.train, self.search.task
         clip = own.visible[self.clip_rows][:, self.columns], own.missing[self.clip_rows]
         near = slice(self.search.options.max_markers)
