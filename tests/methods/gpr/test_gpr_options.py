@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from itertools import groupby
 
@@ -86,6 +87,14 @@ def test_an_option_changes_the_fill(name: str, value: object) -> None:
     same = np.array_equal(plain.positions[missing], changed.positions[missing], equal_nan=True)
     same &= np.array_equal(plain.expected_rms[missing], changed.expected_rms[missing])
     assert not same
+
+
+def test_without_poses_of_the_takes_a_limb_is_filled_from_the_clip() -> None:
+    none = {"training.database.gap_poses": 0, "training.database.other_poses": 0}
+    options = with_values(SMALL, none)
+    found = fill(task("limb"), options=options)
+    alone = fill(replace(task("limb"), takes=()), options=options)
+    np.testing.assert_array_equal(found.positions, alone.positions)
 
 
 def test_samples_with_a_large_expected_error_stay_missing() -> None:

@@ -64,7 +64,7 @@ def problem_with_database(
     takes : tuple of str
         Names of the takes whose poses are used.
 
-    None instead of both where the database has too few poses with the markers.
+    None instead of both where the database has too few poses with the markers, or none is wanted.
 
     See Also
     --------
@@ -87,6 +87,8 @@ def problem_with_database(
     simulation = chosen.simulation(task, options)
     places = simulation.find(near_gap)
     bank_rows = chosen.with_other_rows(near_gap, places, options)
+    if not len(bank_rows):  # the options ask for none
+        return None
     poses = chosen.poses(bank_rows, options, correlation)
     shown = np.logical_and.reduce(task.valid[:, own.markers], axis=1).sum() / task.rate
     problem = own.problem
