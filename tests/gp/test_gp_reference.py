@@ -179,8 +179,10 @@ def models_of_donors(donors, query, distance, spread, visible_spread, alignment,
     return list(zip(options.processes, found.positions, found.variance, found.errors, strict=True))
 
 
-def correct_curve(edges, start, source, correlation, errors, scale, weight, min_distance):
-    """Correction of a blackout's curve, and what it leaves of the errors in windows."""
+def correct_curve(
+    edges, start, source, subject, correlation, errors, scale, weight, scored, min_distance
+):
+    """Correction of a blackout's curve, what it leaves of errors in windows, and variances."""
     empty = np.zeros((len(edges), 0, 0, 3))
     windows = BlackoutWindows(
         context=empty,
@@ -189,11 +191,10 @@ def correct_curve(edges, start, source, correlation, errors, scale, weight, min_
         rotation=np.broadcast_to(np.eye(3), (len(edges), 3, 3)),
         start=start,
         source=source,
+        subject=subject,
         correlation=correlation,
-        own=source == 0,
-        own_image=source == 1,
     )
-    return correct_from_edges(windows, errors, scale, weight, min_distance, BLACKOUT)
+    return correct_from_edges(windows, errors, scale, weight, scored, min_distance, BLACKOUT)
 
 
 # ---- reference -----------------------------------------------------------------------------------
@@ -797,8 +798,10 @@ def correction_case(own, noise):
 )
 @pytest.mark.parametrize("min_distance", [1, 25])
 def test_correction_of_a_blackout(min_distance, own, noise, least, most):
-    case = correction_case(own, noise)
-    edges, start, source, correlation, errors, scale, weight = case
+    edges, start, source, correlation, errors, scale, weight = correction_case(own, noise)
+    # of the two takes one is of the clip's subject, or both are of one other subject
+    own_subject = own == 9
+    subject = np.array([-1, -2, -1 if own_subject else 5, 5])[source]
     features = edges - edges[1:].mean(axis=0)
     features = features / np.sqrt((features[1:] ** 2).sum(axis=1).mean())
     inputs = Inputs(
@@ -806,13 +809,15 @@ def test_correction_of_a_blackout(min_distance, own, noise, least, most):
     )
     scored = [w for w in range(len(errors)) if own < MIN_WINDOWS or source[1 + w] == 0]
 
-    def overlap(one, other):
+    def left_out(one, other):
         pair = {int(source[1 + one]), int(source[1 + other])}
-        near = abs(start[1 + one] - start[1 + other]) < min_distance
-        return near and (pair <= {0, 1} or len(pair) == 1)
+        if source[1 + one] < 2:  # of the clip or its mirror image
+            return pair <= {0, 1} and abs(start[1 + one] - start[1 + other]) < min_distance
+        return min(pair) > 1 and (len(pair) == 1 or not own_subject)
 
     same = inputs.on("source", equal()) * inputs.on("rest", dot())
     predictions, residuals = [np.zeros(6)], [errors[scored]]
+    variances = [np.ones(len(scored))]
     for length_scale, residual_variance, exponent in CORRECTION_SETTINGS:
         kernel = (
             constant(CORRECTION_LINEAR) * inputs.on("edges", dot())
@@ -821,14 +826,16 @@ def test_correction_of_a_blackout(min_distance, own, noise, least, most):
         ) * (inputs.on("common", dot()) + same)
         size = scale[:, None] ** exponent
         known, targets = inputs.matrix[1:], errors / size[1:]
-        mean, _ = predict(fit(kernel, known, targets, residual_variance), inputs.matrix[:1])
+        mean, latent = predict(fit(kernel, known, targets, residual_variance), inputs.matrix[:1])
         predictions.append(size[0] * mean[0])
-        left = []
+        left, variance = [], []
         for window in scored:
-            block = np.array([o for o in range(len(errors)) if overlap(window, o)])
-            rest, _ = hold_out(kernel, known, targets, residual_variance, [block])
+            block = np.array([o for o in range(len(errors)) if left_out(window, o)])
+            rest, of_rest = hold_out(kernel, known, targets, residual_variance, [block])
             left.append(size[1 + window] * rest[window])
+            variance.append((latent[0] + residual_variance) / of_rest[window])
         residuals.append(np.array(left))
+        variances.append(np.array(variance))
     part = weight[scored] ** 2 / (weight[scored] ** 2).sum()
     mean_square = np.array([part @ (r**2).sum(axis=1) for r in residuals])
     share = mean_square ** (-0.5 * CORRECTION_SHARPNESS)
@@ -840,6 +847,10 @@ def test_correction_of_a_blackout(min_distance, own, noise, least, most):
     assert least < slope < most
     slope = min(max(slope, 0.0), 1.0)
 
-    found, left = correct_curve(*case, min_distance)
+    found, left, variance = correct_curve(
+        *(edges, start, source, subject, correlation),
+        *(errors, scale, weight, np.array(scored), min_distance),
+    )
     np.testing.assert_allclose(found, slope * (share @ predictions), rtol=1e-7, atol=1e-9)
     np.testing.assert_allclose(left, errors[scored] - slope * predicted, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(variance, share @ variances, rtol=1e-7)

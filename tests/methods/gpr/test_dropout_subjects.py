@@ -15,8 +15,8 @@ from priorfill.filling.fill_clip import fill
 from priorfill.gaps import gap_groups
 from priorfill.gp.problem import RegressionProblem
 from priorfill.markers.describe import describe
-from priorfill.methods.gpr.blackout import BlackoutOptions, WindowSource
-from priorfill.methods.gpr.blackout.database_windows import similar_windows
+from priorfill.methods.gpr.blackout import BlackoutOptions
+from priorfill.methods.gpr.blackout.database_windows import DatabaseWindows, similar_windows
 from priorfill.methods.gpr.gap_segments import GapSegment, SegmentBatch
 from priorfill.methods.gpr.options import GPROptions
 from priorfill.methods.gpr.pose_search import PoseSearch
@@ -118,7 +118,7 @@ def within(distance: float) -> GPROptions:
 
 def windows_for(
     task: Task, start: int, stop: int, options: GPROptions = DEFAULTS
-) -> tuple[list[WindowSource], tuple[str, ...]]:
+) -> tuple[list[DatabaseWindows], tuple[str, ...]]:
     search = PoseSearch(task, options.search)
     correlation = take_correlations(task.takes, search.subjects, options.correlation)
     return similar_windows(task, search, options.blackout, correlation, task.positions, start, stop)
@@ -130,9 +130,7 @@ def test_windows_of_a_slow_recording_have_the_clips_rate() -> None:
     task = task_of(clip, sampled(whole, SLOW))
     found, takes = windows_for(task, start, stop)
     assert takes == ("slow",)
-    best = found[0]
-    assert best.starts is not None
-    inside = best.positions[best.starts[0] : best.starts[0] + stop - start]
+    inside = found[0].positions(np.arange(stop - start), np.arange(len(whole.labels)))[0]
     truth = whole.positions[start:stop]
     # the other recording is the clip itself, so the most similar window is the blackout
     away = np.linalg.norm(inside - truth, axis=2)
@@ -164,7 +162,7 @@ def test_windows_of_another_recording_of_the_subject_are_fully_correlated() -> N
     task = task_of(clip, person(seconds=8.0, seed=9))
     found, _ = windows_for(task, 200, 236)
     assert found
-    assert {window.correlation for window in found} == {1.0}
+    assert {value for windows in found for value in windows.correlation} == {1.0}
     # walks of other phases are farther away
     nearer, _ = windows_for(task, 200, 236, within(60.0))
     assert len(nearer) < len(found)
