@@ -63,7 +63,7 @@ def test_groups_are_those_of_single_linkage(seed: int, most: int) -> None:
         if size < 10.0 and one is not other and len(one) + len(other) <= most:
             one |= other
             groups.remove(other)
-    assert [set(group) for group in found] == sorted(
+    assert sorted(map(set, (group.tolist() for group in found)), key=min) == sorted(
         (group for group in groups if len(group) > 1), key=min
     )
 
