@@ -44,7 +44,7 @@ class RigidPairOptions:
     max_spread: float = 10.0
     spread_factor: float = 4.0
     relative_tolerance: float = 0.5
-    max_markers: int = 24
+    max_markers: int = 48
 
     def __post_init__(self) -> None:
         check_at_least(self, 0.0, "max_spread", "spread_factor")
