@@ -21,14 +21,15 @@ from priorfill.runtime.threads import run_in_threads, split_range
 from priorfill.search.index import MAX_BRUTE_FORCE_POSES, POSES_PER_THREAD, PoseIndex
 from priorfill.search.takes import Take
 
-__all__ = ["Neighbours", "PoseBank", "PoseBankCache", "PoseMapping"]
+__all__ = ["Neighbours", "PoseBank", "PoseBankCache", "PoseMapping", "spaced_rows"]
 
 PoseMapping = Callable[
-    [NDArray[np.float32], NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]], bool
+    [NDArray[np.float32], NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]],
+    NDArray[np.float32] | None,
 ]
-"""Changes the poses of takes in place, and returns whether it has changed any. Its arguments:
-positions [shape=(poses, markers, 3), mm], the take of each pose, the poses that are searched, and
-the markers."""
+"""Returns changed poses of takes, or None if it changes none. Its arguments: positions
+[shape=(poses, markers, 3), mm], the take of each pose, the poses that are searched, and the
+markers."""
 
 MAX_CACHE_BYTES = 2**29
 """Bytes of banks kept for reuse: in a clip with flickering markers every gap needs banks of its
@@ -39,6 +40,41 @@ POSES_PER_BATCH = 2**12
 
 ROWS_PER_PRODUCT = 2**14
 """Poses whose distances from given ones are computed at a time."""
+
+
+def spaced_rows(
+    rows: NDArray[np.intp], take: NDArray[np.intp], spacing: NDArray[np.float64], max_count: int
+) -> NDArray[np.intp]:
+    """Return the places of the first rows that are not too near to a previous one of their take.
+
+    Parameters
+    ----------
+    rows : ndarray of int
+        Of a bank.
+    take : ndarray of int [shape=(rows,)]
+        The take of each.
+    spacing : ndarray [shape=(rows,)]
+        Least distance of two chosen rows; the same for all rows of a take.
+    max_count : int
+        Number of rows to choose.
+
+    Examples
+    --------
+    >>> spaced_rows(np.array([7, 9, 12]), np.zeros(3, dtype=int), np.full(3, 4.0), 5)
+    array([0, 2])
+    """
+    chosen: list[int] = []
+    cells: dict[tuple[int, int], list[int]] = {}
+    pairs = zip(rows.tolist(), take.tolist(), spacing.tolist(), strict=True)
+    for place, (row, number, distance) in enumerate(pairs):
+        if len(chosen) == max_count:
+            break
+        cell = int(row / distance)
+        near = (o for c in (cell - 1, cell, cell + 1) for o in cells.get((number, c), ()))
+        if all(abs(row - other) >= distance for other in near):
+            chosen.append(place)
+            cells.setdefault((number, cell), []).append(row)
+    return np.array(chosen, dtype=np.intp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,11 +182,12 @@ class PoseBank:
         self.is_mapped = False
 
     def mapped(self, mapping: PoseMapping) -> PoseBank:
-        """Return a bank of the same poses, changed by a mapping."""
+        """Return a bank of the same poses, changed by a mapping; this one if none is changed."""
+        positions = mapping(self._positions, self._take, self.rows, self._needed)
+        if positions is None:
+            return self
         other = copy.copy(self)
-        other._positions = self._positions.copy()
-        other._index = None
-        other.is_mapped = mapping(other._positions, self._take, self.rows, self._needed)
+        other._positions, other._index, other.is_mapped = positions, None, True
         return other
 
     def _indexed(self) -> PoseIndex:

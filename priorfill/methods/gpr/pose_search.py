@@ -114,7 +114,7 @@ class PoseSearch:
         take: NDArray[np.intp],
         rows: NDArray[np.intp],
         markers: NDArray[np.intp],
-    ) -> bool:
+    ) -> NDArray[np.float32] | None:
         """Map the poses of other subjects onto the clip's body; a `PoseMapping`.
 
         Not if takes of the clip's subject are among them, see `BodyMapOptions`.
@@ -122,15 +122,17 @@ class PoseSearch:
         task = self.task
         names = {task.takes[i].subject for i in np.unique(take[rows])}
         if task.subject and task.subject in names:
-            return False
+            return None
         pairs, geometry = np.ix_(markers, markers), task.geometry
-        return bring_onto_clip(
-            positions,
+        mapped = positions.copy()
+        changed = bring_onto_clip(
+            mapped,
             self.subjects[take],
             rows,
             (geometry.distance[pairs], geometry.spread[pairs]),
             self.options.bodies,
         )
+        return mapped if changed else None
 
     def nearest(
         self,

@@ -24,7 +24,7 @@ from priorfill.methods.gpr.blackout.body_size import compare_sizes, constant_dis
 from priorfill.methods.gpr.blackout.context_noise import match_noise
 from priorfill.methods.gpr.blackout.correction import _left_out_together, correct_from_edges
 from priorfill.methods.gpr.blackout.curves import interpolate_correction
-from priorfill.methods.gpr.blackout.database_windows import DatabaseWindows, _spaced
+from priorfill.methods.gpr.blackout.database_windows import DatabaseWindows
 from priorfill.methods.gpr.blackout.edge_features import edge_features
 from priorfill.methods.gpr.blackout.predict_blackout import (
     _error_without_windows,
@@ -42,6 +42,7 @@ from priorfill.methods.gpr.gap_segments import GapSegment
 from priorfill.methods.gpr.pose_search import PoseSearch, SearchOptions
 from priorfill.methods.gpr.training.subject_correlation import SubjectCorrelationOptions
 from priorfill.methods.task import THIS_CLIP, Task
+from priorfill.search.bank import spaced_rows
 from priorfill.signal.gp_interpolation import InterpolationOptions
 
 OPTIONS = BlackoutOptions()
@@ -344,8 +345,12 @@ def test_edge_features_are_distances_covered_by_velocity_and_acceleration() -> N
 def test_windows_of_the_database_keep_their_distance() -> None:
     """Windows that begin less than 5 frames from a better one are left out."""
     rows = np.array([100, 104, 105, 300, 98, 95])
-    assert rows[_spaced(rows, 5.0, 10)].tolist() == [100, 105, 300, 95]
-    assert rows[_spaced(rows, 5.0, 2)].tolist() == [100, 105]
+    take, spacing = np.zeros(6, dtype=np.intp), np.full(6, 5.0)
+    assert rows[spaced_rows(rows, take, spacing, 10)].tolist() == [100, 105, 300, 95]
+    assert rows[spaced_rows(rows, take, spacing, 2)].tolist() == [100, 105]
+    # those of another take are another movement
+    take[1] = 1
+    assert rows[spaced_rows(rows, take, spacing, 10)].tolist() == [100, 104, 105, 300, 95]
 
 
 def test_all_of_a_take_or_of_a_subject_is_left_out() -> None:

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.geometry.distances import norms
+from priorfill.geometry.poses import sample_complete_poses
+
 __all__ = ["ConstantDistances", "compare_sizes", "constant_distances"]
 
 _Floats = NDArray[np.float64]
@@ -58,12 +61,11 @@ def constant_distances(positions: _Floats) -> ConstantDistances:
         NaN where missing.
     """
     first, second = np.triu_indices(positions.shape[1], 1)
-    seen = np.flatnonzero(~np.isnan(positions[..., 0]).any(axis=1))
-    chosen = seen[np.linspace(0, len(seen) - 1, min(len(seen), MAX_POSES)).astype(np.intp)]
-    distance = _lengths(positions[chosen], first, second)
-    length = distance.mean(axis=0) if len(chosen) else np.zeros(len(first))
+    poses = sample_complete_poses(positions, MAX_POSES)
+    distance = norms(poses[:, first] - poses[:, second])
+    length = distance.mean(axis=0) if len(poses) else np.zeros(len(first))
     usable = np.flatnonzero((length > MIN_LENGTH) & (length < MAX_LENGTH))
-    variation = distance[:, usable].std(axis=0) / length[usable] if len(chosen) else length[usable]
+    variation = distance[:, usable].std(axis=0) / length[usable] if len(poses) else length[usable]
     count = min(MAX_DISTANCES, int(MAX_SHARE * len(usable)))
     kept = usable[np.argsort(variation, kind="stable")[:count]]
     return ConstantDistances(first[kept], second[kept], length[kept])
@@ -95,15 +97,9 @@ def compare_sizes(
         return scale, own
     for number in np.unique(subject):
         of_subject = np.flatnonzero(subject == number)
-        length = _lengths(poses[of_subject], body.first, body.second).mean(axis=0)
+        apart = poses[of_subject][:, body.first] - poses[of_subject][:, body.second]
+        length = norms(apart).mean(axis=0)
         own[of_subject] = np.median(np.abs(length - body.length)) < MAX_OWN_DIFFERENCE
         scale[of_subject] = float(body.length @ length) / float(length @ length)
     scale[own] = 1.0
     return scale, own
-
-
-def _lengths(poses: _Floats, first: _Ints, second: _Ints) -> _Floats:
-    """Return distances of markers [shape=(poses, distances), mm]."""
-    step = poses[:, first] - poses[:, second]
-    length: _Floats = np.sqrt(np.einsum("pdi,pdi->pd", step, step))
-    return length

@@ -15,7 +15,7 @@ from priorfill.methods.gpr.blackout.options import BlackoutOptions
 from priorfill.methods.gpr.gap_segments import MIN_VISIBLE
 from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.task import THIS_CLIP, Task, take_names
-from priorfill.search.bank import PoseBank
+from priorfill.search.bank import PoseBank, spaced_rows
 
 __all__ = ["DatabaseWindows", "similar_windows"]
 
@@ -190,10 +190,11 @@ def similar_windows(
         distance, square = _edge_distances(poses, root.among(markers), span, options)
         near_enough = np.flatnonzero(distance < options.max_edge_distance)
         order = near_enough[np.argsort(square[near_enough], kind="stable")]
-        spacing = max(1.0, options.database_window_spacing * float(rate))
-        chosen = order[_spaced(rows[order], spacing, options.max_database_windows)]
-        if len(chosen):
-            take = bank.take(rows[chosen])
+        take = bank.take(rows[order])
+        spacing = np.full(len(order), max(1.0, options.database_window_spacing * float(rate)))
+        places = spaced_rows(rows[order], take, spacing, options.max_database_windows)
+        if len(places):
+            chosen, take = order[places], take[places]
             found.append(
                 DatabaseWindows(
                     bank,
@@ -321,18 +322,3 @@ def _between(clip: NDArray[np.float64], at: float) -> NDArray[np.float64]:
     high = min(low + 1, len(clip) - 1)
     pose: NDArray[np.float64] = clip[low] + (at - low) * (clip[high] - clip[low])
     return pose
-
-
-def _spaced(rows: NDArray[np.intp], spacing: float, max_count: int) -> NDArray[np.intp]:
-    """Return the places of up to ``max_count`` rows that are not too near to a previous one."""
-    chosen: list[int] = []
-    cells: dict[int, list[int]] = {}
-    for place, row in enumerate(rows.tolist()):
-        if len(chosen) == max_count:
-            break
-        cell = int(row / spacing)
-        near = (other for c in (cell - 1, cell, cell + 1) for other in cells.get(c, ()))
-        if all(abs(row - other) >= spacing for other in near):
-            chosen.append(place)
-            cells.setdefault(cell, []).append(row)
-    return np.array(chosen, dtype=np.intp)

@@ -13,7 +13,7 @@ from priorfill.gp.features import Alignment, MarkerWeights
 from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.gpr.sources.gap_layout import GapLayout
 from priorfill.methods.gpr.sources.options import GapWindowOptions
-from priorfill.search.bank import PoseBank
+from priorfill.search.bank import PoseBank, spaced_rows
 
 __all__ = ["LocalWindows", "WindowFinder", "WindowFrame"]
 
@@ -245,16 +245,7 @@ class WindowFinder:
         take, rates = self.bank.take(begin), self.bank.rates(begin)
         length = self.layout.seconds.max() - self.layout.seconds.min()
         distance = np.maximum(1.0, self.options.spacing * length * rates)
-        chosen: list[int] = []
-        of_take: dict[int, list[int]] = {}
-        for index, (row, number) in enumerate(zip(begin.tolist(), take.tolist(), strict=True)):
-            others = of_take.setdefault(number, [])
-            if all(abs(row - other) >= distance[index] for other in others):
-                others.append(row)
-                chosen.append(index)
-                if len(chosen) == count:
-                    break
-        return begin[np.array(chosen, dtype=np.intp)]
+        return begin[spaced_rows(begin, take, distance, count)]
 
     def _interpolated(self, begin: _Ints, seconds: _Floats, markers: _Ints) -> _Floats:
         """Return positions at times after rows of the bank, by cubics through four poses.

@@ -20,6 +20,7 @@ from priorfill.geometry.mirror import mirrored
 from priorfill.geometry.poses import evenly_spaced
 from priorfill.geometry.root_frames import RootGroup
 from priorfill.gp.ensemble import Regression, regress
+from priorfill.gp.linalg import squared_distances
 from priorfill.gp.problem import GPModel, PoseSamples, RegressionProblem
 from priorfill.methods.gpr.pose_search import PoseSearch
 from priorfill.methods.task import MIRROR_IMAGE, THIS_CLIP
@@ -193,8 +194,8 @@ class SimulatedPlaces:
         keys = evenly_spaced(len(self.query.time), self.options.key_poses)
         poses = self._local(self.bank.positions(rows, self.visible))
         targets = self._local(self.query.visible[keys])
-        square = (poses**2).sum(axis=1)[:, None] + (targets**2).sum(axis=1)
-        square = np.maximum(square - 2.0 * poses @ targets.T, 0.0) / (poses.shape[1] / 3.0)
+        norms = (poses**2).sum(axis=1), (targets**2).sum(axis=1)
+        square = squared_distances(poses @ targets.T, *norms) / (poses.shape[1] / 3.0)
         lag = self.query.time[keys] - self.query.time[0]
         steps = np.round(lag * self.bank.rates(rows)[:, None]).astype(np.intp)
         take = self.bank.take(rows)
