@@ -50,12 +50,12 @@ class SimulatedErrorOptions:
         Share of simulated gaps in the mean of the logarithms of errors, the rest being that of the
         clip's held-out blocks, if there are very many.
     model_gaps : float
-        With so many simulated gaps they have half of that share in the errors of models.
+        With this many simulated gaps they have half of that share in the errors of models.
     problem_gaps : float
         The same for the ratio of two problems' errors: in a single simulated gap it is off by a
         factor of 1.8.
     calibration_gaps : float
-        With so many simulated gaps they count as much as the clip's own blocks in the calibration
+        With this many simulated gaps they count as much as the clip's own blocks in the calibration
         of expected errors.
     own_bias : float
         Added to the logarithm of the ratio of a problem's errors to those of own poses in simulated
