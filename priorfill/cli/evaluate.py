@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from priorfill.cli.batch import read_one_of_many, with_path
 from priorfill.cli.completion import complete_groups, complete_methods, complete_protocols
 from priorfill.cli.option_types import DURATION, as_names
 from priorfill.cli.output import duration, print_json, print_line, print_table, print_wrapped
 from priorfill.cli.path_types import FILE, FOLDER, PathArgument
 from priorfill.cli.progress import progress
 from priorfill.cli.reading import excluding_options, read_clip, reading_options
+from priorfill.cli.reading_many import read_one_of_many, with_path
 from priorfill.errors import OptionError
 from priorfill.runtime.option_texts import parse_duration
 

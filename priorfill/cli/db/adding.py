@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from priorfill.cli.batch import read_one_of_many, with_path
 from priorfill.cli.db.common import count, skipped, total
 from priorfill.cli.db.files import find_files
 from priorfill.cli.option_names import with_options
 from priorfill.cli.output import print_line, some_names
 from priorfill.cli.progress import progress
+from priorfill.cli.reading_many import read_one_of_many, with_path
 from priorfill.errors import (
     ClipError,
     DatabaseError,

@@ -1,0 +1,162 @@
+"""A job of a study, which is the fill of one file, and its outcome; both as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, Literal
+
+__all__ = ["FAILED", "FILLED", "INCOMPLETE", "NO_GAPS", "JobLimits", "JobOutcome", "StudyJob"]
+
+Status = Literal["filled", "incomplete", "no gaps", "failed"]
+"""Status of a finished job."""
+
+FILLED: Status = "filled"
+"""All gaps are filled."""
+
+INCOMPLETE: Status = "incomplete"
+"""The output is written, but samples stay missing; the reasons are in the facts."""
+
+NO_GAPS: Status = "no gaps"
+"""Nothing was missing; the output is a copy."""
+
+FAILED: Status = "failed"
+"""No output is written; the outcome has the reason."""
+
+
+@dataclass(frozen=True)
+class JobLimits:
+    """What a job may use.
+
+    Attributes
+    ----------
+    seconds : float
+        Maximum wall time (s).
+    memory : int
+        Maximum memory (bytes) that the process has to itself.
+    threads : int
+        Number of threads.
+
+    Examples
+    --------
+    >>> JobLimits(seconds=600.0, memory=2**32, threads=1).threads
+    1
+    """
+
+    seconds: float
+    memory: int
+    threads: int
+
+
+@dataclass(frozen=True)
+class StudyJob:
+    """The fill of one file of a study.
+
+    Attributes
+    ----------
+    name : str
+        Path of the file within the study, with ``/``; it names the job.
+    source, output : str
+        Absolute paths of the file with gaps and of the file to write.
+    record : str
+        Absolute path of the file that keeps the outcome.
+    settings : mapping of str to object
+        Options of the fill as JSON values (`priorfill.study.settings`).
+    database : str or None
+        Absolute path of the prior database.
+    same_subject : tuple of str
+        Absolute paths of other recordings of the same subject.
+    report, uncertainty : str or None
+        Absolute paths of files to write in addition.
+    key : str
+        Hash of all that decides the outcome: contents of the files read, settings, version of
+        priorfill, state of the database. An outcome with the same key need not be computed again.
+
+    Examples
+    --------
+    >>> job = StudyJob("P01/walk.c3d", "/in/P01/walk.c3d", "/out/P01/walk.c3d", "/out/r.json")
+    >>> StudyJob.from_json(job.to_json()) == job
+    True
+    """
+
+    name: str
+    source: str
+    output: str
+    record: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    database: str | None = None
+    same_subject: tuple[str, ...] = ()
+    report: str | None = None
+    uncertainty: str | None = None
+    key: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the job as JSON values."""
+        return asdict(self) | {"settings": dict(self.settings)}
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> StudyJob:
+        """Return the job of `to_json`; names that are unknown are left out."""
+        known = {one.name for one in fields(cls)}
+        given = {name: value for name, value in values.items() if name in known}
+        return cls(**given | {"same_subject": tuple(given.get("same_subject", ()))})
+
+
+@dataclass(frozen=True)
+class JobOutcome:
+    """What became of a job.
+
+    Attributes
+    ----------
+    name, source, output, report, uncertainty, key
+        As in the job; `report` and `uncertainty` are None where none was written.
+    status : str
+        ``filled``, ``incomplete``, ``no gaps`` or ``failed``.
+    reason : str
+        One line that states why the job failed, and the remedy; else empty.
+    try_again : bool
+        Whether the failure may be due to the environment (a full disk, a limit, a killed process)
+        rather than to the file, so that the same job may succeed later.
+    seconds : float
+        Wall time of the fill (s).
+    peak_memory : int
+        Largest memory of its process (bytes); 0 where unknown.
+    facts : mapping of str to object
+        The fill as ``priorfill fill --json`` prints it; empty where it failed.
+    warnings : tuple of str
+        What a person should look at, as the page of a fill words it.
+    written : mapping of str to str
+        SHA-256 of each written file, by its absolute path.
+
+    Examples
+    --------
+    >>> outcome = JobOutcome("a.c3d", "/in/a.c3d", "/out/a.c3d", "failed", reason="no markers")
+    >>> JobOutcome.from_json(outcome.to_json()) == outcome
+    True
+    """
+
+    name: str
+    source: str
+    output: str
+    status: Status
+    reason: str = ""
+    try_again: bool = False
+    seconds: float = 0.0
+    peak_memory: int = 0
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    report: str | None = None
+    uncertainty: str | None = None
+    written: Mapping[str, str] = field(default_factory=dict)
+    key: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the outcome as JSON values."""
+        return asdict(self) | {"facts": dict(self.facts), "written": dict(self.written)}
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> JobOutcome:
+        """Return the outcome of `to_json`; names that are unknown are left out."""
+        known = {one.name for one in fields(cls)}
+        given = {name: value for name, value in values.items() if name in known}
+        return cls(**given | {"warnings": tuple(given.get("warnings", ()))})

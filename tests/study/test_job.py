@@ -1,0 +1,34 @@
+"""Jobs and outcomes as JSON."""
+
+from __future__ import annotations
+
+import json
+
+from priorfill.study.job import JobOutcome, StudyJob
+
+
+def test_a_job_survives_json() -> None:
+    job = StudyJob(
+        "a/b.c3d",
+        "/in/a/b.c3d",
+        "/out/a/b.c3d",
+        "/out/b.json",
+        {"method": "auto", "max_gap": None},
+        same_subject=("/in/a/static.c3d",),
+    )
+    text = json.dumps(job.to_json() | {"of_a_later_version": 1})
+    assert StudyJob.from_json(json.loads(text)) == job
+
+
+def test_an_outcome_survives_json() -> None:
+    outcome = JobOutcome(
+        "a.c3d",
+        "/in/a.c3d",
+        "/out/a.c3d",
+        "incomplete",
+        facts={"gaps": []},
+        warnings=("look",),
+        written={"/out/a.c3d": "00"},
+    )
+    text = json.dumps(outcome.to_json() | {"of_a_later_version": 1})
+    assert JobOutcome.from_json(json.loads(text)) == outcome
