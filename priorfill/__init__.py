@@ -66,6 +66,9 @@ if TYPE_CHECKING:
     from priorfill.report.report_file import write_report
     from priorfill.reviewing.session import SavedReview
     from priorfill.reviewing.start import ReviewOptions, review
+    from priorfill.study.job import JobOutcome
+    from priorfill.study.run_study import Study, batch
+    from priorfill.study.study_options import StudyOptions, StudyProgress
 
 _PLACES = {
     "AddedClip": "priorfill.filling.add_result",
@@ -82,6 +85,7 @@ _PLACES = {
     "GapFilter": "priorfill.filling.gap_filter",
     "GapGroup": "priorfill.gaps",
     "GapOverride": "priorfill.filling.overrides",
+    "JobOutcome": "priorfill.study.job",
     "MadeFor": "priorfill.filling.overrides",
     "MarkerSet": "priorfill.markers.marker_set",
     "Overrides": "priorfill.filling.overrides",
@@ -92,8 +96,12 @@ _PLACES = {
     "ReviewOptions": "priorfill.reviewing.start",
     "SavedReview": "priorfill.reviewing.session",
     "Selection": "priorfill.database",
+    "Study": "priorfill.study.run_study",
+    "StudyOptions": "priorfill.study.study_options",
+    "StudyProgress": "priorfill.study.study_options",
     "UnfilledSpan": "priorfill.filling.result",
     "add_result": "priorfill.filling.add_result",
+    "batch": "priorfill.study.run_study",
     "evaluate": "priorfill.evaluation",
     "fill": "priorfill.filling.fill_clip",
     "fill_file": "priorfill.filling.fill_file",
@@ -130,6 +138,7 @@ __all__ = [
     "GapFilter",
     "GapGroup",
     "GapOverride",
+    "JobOutcome",
     "MadeFor",
     "MarkerSet",
     "Overrides",
@@ -140,9 +149,13 @@ __all__ = [
     "ReviewOptions",
     "SavedReview",
     "Selection",
+    "Study",
+    "StudyOptions",
+    "StudyProgress",
     "UnfilledSpan",
     "__version__",
     "add_result",
+    "batch",
     "evaluate",
     "fill",
     "fill_file",

@@ -11,6 +11,7 @@
     ├── MarkerSetError (ValueError)       a marker-set definition is malformed
     ├── MethodError (ValueError)          a method is not applicable to a clip
     ├── EvaluationError (RuntimeError)    an evaluation cannot continue
+    ├── StudyError (ValueError)           a study cannot begin, for one or several reasons
     ├── OutputError (OSError)             a result cannot be written to its destination
     ├── IntegrationError (RuntimeError)   a program that has a trial open cannot be used
     ├── FetchError (OSError)              a data set cannot be downloaded, or is not as expected
@@ -50,6 +51,7 @@ __all__ = [
     "OptionError",
     "OutputError",
     "PriorfillError",
+    "StudyError",
     "escaped",
 ]
 
@@ -173,6 +175,21 @@ class MethodError(PriorfillError, ValueError):
 
 class EvaluationError(PriorfillError, RuntimeError):
     """An evaluation cannot continue, because one of its processes was terminated from outside."""
+
+
+class StudyError(PriorfillError, ValueError):
+    """A study cannot begin.
+
+    Attributes
+    ----------
+    problems : tuple of PriorfillError
+        All reasons; the message names the first.
+    """
+
+    def __init__(self, problems: Sequence[PriorfillError]) -> None:
+        more = f" (and {len(problems) - 1} more problems)" if len(problems) > 1 else ""
+        super().__init__(f"{problems[0]}{more}")
+        self.problems = tuple(problems)
 
 
 class OutputError(PriorfillError, OSError):

@@ -44,6 +44,7 @@ EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE, also where there is no such signal
 
 _COMMANDS = {
     "fill": ("priorfill.cli.fill:fill", "Fill the gaps of a file."),
+    "batch": ("priorfill.cli.batch:batch", "Fill the gaps of all files of a study."),
     "review": (
         "priorfill.cli.review:review",
         "Accept, refuse or repeat the fill of each gap in the browser.",
@@ -68,6 +69,9 @@ _COMMANDS = {
 }
 """``module:function`` and help line of each command, so that none is imported before it is used."""
 
+_HIDDEN = {"batch-job": "priorfill.cli.batch_job:batch_job"}
+"""Likewise for commands that other commands start as child processes."""
+
 
 class _Main(click.Group):
     """A group that imports a command when it is called, and prints errors in one line."""
@@ -76,9 +80,10 @@ class _Main(click.Group):
         return list(_COMMANDS)
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        if name not in _COMMANDS:
+        place = _COMMANDS[name][0] if name in _COMMANDS else _HIDDEN.get(name)
+        if place is None:
             return None
-        module, attribute = _COMMANDS[name][0].split(":")
+        module, attribute = place.split(":")
         command = getattr(importlib.import_module(module), attribute)
         assert isinstance(command, click.Command)
         return command

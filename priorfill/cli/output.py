@@ -33,6 +33,7 @@ __all__ = [
     "ended_by_reader",
     "json_number",
     "print_json",
+    "print_json_line",
     "print_line",
     "print_table",
     "print_wrapped",
@@ -123,6 +124,11 @@ def ended_by_reader(error: BaseException) -> bool:
 def print_json(value: Any) -> None:
     """Print a value as JSON of ASCII characters, the same on every code page."""
     _write(json.dumps(value, indent=2))
+
+
+def print_json_line(value: Any) -> None:
+    """Print a value as JSON in one line of ASCII characters."""
+    _write(json.dumps(value))
 
 
 def json_number(value: float, digits: int) -> float | None:

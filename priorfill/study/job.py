@@ -121,12 +121,19 @@ class JobOutcome:
         Wall time of the fill (s).
     peak_memory : int
         Largest memory of its process (bytes); 0 where unknown.
+    exceeded : str
+        The limit that ended the job, ``seconds`` or ``memory`` (`JobLimits`); else empty. A study
+        with a greater limit tries again.
     facts : mapping of str to object
         The fill as ``priorfill fill --json`` prints it; empty where it failed.
     warnings : tuple of str
         What a person should look at, as the page of a fill words it.
     written : mapping of str to str
         SHA-256 of each written file, by its absolute path.
+
+    See Also
+    --------
+    priorfill.batch : Fill all files of a study.
 
     Examples
     --------
@@ -143,12 +150,37 @@ class JobOutcome:
     try_again: bool = False
     seconds: float = 0.0
     peak_memory: int = 0
+    exceeded: str = ""
     facts: Mapping[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     report: str | None = None
     uncertainty: str | None = None
     written: Mapping[str, str] = field(default_factory=dict)
     key: str = ""
+
+    @classmethod
+    def of_failure(
+        cls, job: StudyJob, reason: str, *, try_again: bool = False, exceeded: str = ""
+    ) -> JobOutcome:
+        """Return the outcome of a job that failed.
+
+        Parameters
+        ----------
+        job : StudyJob
+            The job.
+        reason, try_again, exceeded
+            As in the attributes.
+        """
+        return cls(
+            job.name,
+            job.source,
+            job.output,
+            FAILED,
+            reason=" ".join(reason.split()),
+            try_again=try_again,
+            exceeded=exceeded,
+            key=job.key,
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Return the outcome as JSON values."""

@@ -1,0 +1,89 @@
+"""Keys of jobs: hashes of all that decides an outcome, by which done jobs are known."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from priorfill.database import PriorDatabase
+from priorfill.filling.provenance import database_state, package_versions
+from priorfill.study.job import JobOutcome, StudyJob
+from priorfill.study.records import file_hash
+
+__all__ = ["JobKeys"]
+
+_READERS = 4
+"""Files that are read at the same time to be hashed."""
+
+
+class JobKeys:
+    """Keys of the jobs of a study; each file is read once.
+
+    A key depends on the contents of the files, the settings, the versions of priorfill and of the
+    packages that results depend on, the state of the database, and on what is to be written; not
+    on folders, names of files, and the time.
+    """
+
+    def __init__(self) -> None:
+        self._hashes: dict[str, str | OSError] = {}
+
+    def with_keys(
+        self, jobs: Sequence[StudyJob], database: Path | None
+    ) -> tuple[list[StudyJob], list[JobOutcome]]:
+        """Return jobs with their keys, and the outcomes of those whose files cannot be read.
+
+        Parameters
+        ----------
+        jobs : sequence of StudyJob
+            The jobs.
+        database : Path or None
+            The database, in the state that the jobs learn from.
+        """
+        self._read({path for job in jobs for path in (job.source, *job.same_subject)})
+        state = None
+        if database is not None:
+            with PriorDatabase.open(database) as opened:
+                state = asdict(database_state(opened)) | {"path": ""}
+        keyed, failed = [], []
+        for job in jobs:
+            unreadable = [
+                (path, found)
+                for path in (job.source, *job.same_subject)
+                if isinstance(found := self._hashes[path], OSError)
+            ]
+            if unreadable:
+                path, error = unreadable[0]
+                reason = f"{path}: cannot be read ({error.strerror}); check its permissions"
+                failed.append(JobOutcome.of_failure(job, reason, try_again=True))
+            else:
+                keyed.append(replace(job, key=self._key(job, state)))
+        return keyed, failed
+
+    def _read(self, paths: set[str]) -> None:
+        unknown = sorted(paths - self._hashes.keys())
+        with ThreadPoolExecutor(_READERS) as pool:
+            self._hashes |= zip(unknown, pool.map(_hash_or_error, unknown), strict=True)
+
+    def _key(self, job: StudyJob, state: dict[str, object] | None) -> str:
+        content = {
+            "source": self._hashes[job.source],
+            "same_subject": [self._hashes[path] for path in job.same_subject],
+            "settings": job.settings,
+            "versions": dict(package_versions()),
+            "database": state,
+            "suffix": Path(job.output).suffix,
+            "report": job.report is not None,
+            "uncertainty": job.uncertainty is not None,
+        }
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _hash_or_error(path: str) -> str | OSError:
+    try:
+        return file_hash(path)
+    except OSError as error:
+        return error

@@ -1,0 +1,156 @@
+"""The plan of a study: its jobs, and whatever would prevent them, found before the first fill."""
+
+from __future__ import annotations
+
+import os
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from priorfill.database import PriorDatabase
+from priorfill.errors import OptionError, PriorfillError, StudyError
+from priorfill.runtime.atomic_file import is_same_file
+from priorfill.study.find_sources import StudySource, find_sources
+from priorfill.study.job import StudyJob
+from priorfill.study.settings import FillSettings
+from priorfill.study.study_folder import StudyFolder
+from priorfill.study.study_options import StudyOptions
+
+__all__ = ["StudyPlan", "plan_study"]
+
+
+@dataclass(frozen=True)
+class StudyPlan:
+    """What a study will do.
+
+    Attributes
+    ----------
+    folder : StudyFolder
+        Where it writes.
+    jobs : tuple of StudyJob
+        In the order of their names; without keys.
+    sizes : dict of str to int
+        Bytes of the source of each job, by name.
+    database : Path or None
+        The database.
+    notes : tuple of str
+        What was left out.
+    """
+
+    folder: StudyFolder
+    jobs: tuple[StudyJob, ...]
+    sizes: dict[str, int]
+    database: Path | None
+    notes: tuple[str, ...]
+
+
+def plan_study(
+    paths: Sequence[Path | str],
+    output: Path | str,
+    settings: FillSettings,
+    database: Path | str | None,
+    options: StudyOptions,
+) -> StudyPlan:
+    """Find the jobs of a study, and check what can be checked.
+
+    Parameters
+    ----------
+    paths : sequence of Path or str
+        Files and folders.
+    output : Path or str
+        The folder for the filled files.
+    settings : FillSettings
+        Options of the fills.
+    database : Path or str or None
+        The database.
+    options : StudyOptions
+        How the study is run.
+
+    Raises
+    ------
+    StudyError
+        With all problems.
+    """
+    folder = StudyFolder(Path(os.path.abspath(output)))  # noqa: PTH100, does not resolve links
+    prior = None if database is None else Path(os.path.abspath(database))  # noqa: PTH100
+    problems: list[PriorfillError] = []
+
+    def tried(check: Callable[[], object]) -> None:
+        try:
+            check()
+        except PriorfillError as error:
+            problems.append(error)
+
+    found = None
+    try:
+        found = find_sources(paths, folder.path)
+        problems += map(OptionError, found.problems)
+    except OptionError as error:
+        problems.append(error)
+    sources = () if found is None else found.sources
+    sizes = {one.name: _size(one.path) for one in sources}
+    tried(lambda: folder.check(_bytes_to_write(sources, sizes, folder)))
+    tried(lambda: _check_names(sources, folder))
+    if prior is not None:
+        tried(lambda: PriorDatabase.open(prior).close())
+    if problems:
+        raise StudyError(problems)
+    assert found is not None
+    jobs = tuple(_job(one, folder, settings, prior, options) for one in sources)
+    return StudyPlan(folder, jobs, sizes, prior, found.notes)
+
+
+def _job(
+    source: StudySource,
+    folder: StudyFolder,
+    settings: FillSettings,
+    database: Path | None,
+    options: StudyOptions,
+) -> StudyJob:
+    name = source.name
+    return StudyJob(
+        name,
+        str(source.path),
+        str(folder.output(name)),
+        str(folder.record(name)),
+        settings.to_json(),
+        None if database is None else str(database),
+        report=str(folder.report(name)) if options.report else None,
+        uncertainty=str(folder.uncertainty(name)) if options.uncertainty else None,
+    )
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:  # reading it reports the reason
+        return 0
+
+
+def _bytes_to_write(
+    sources: Sequence[StudySource], sizes: dict[str, int], folder: StudyFolder
+) -> int:
+    """Return about how many bytes the outputs take that are not there yet."""
+    return sum(sizes[one.name] for one in sources if not folder.output(one.name).exists())
+
+
+def _check_names(sources: Sequence[StudySource], folder: StudyFolder) -> None:
+    """Raise OptionError where two sources have one output, or an output is a source."""
+    alike: dict[str, list[StudySource]] = defaultdict(list)
+    for one in sources:
+        alike[one.name.casefold()].append(one)
+    for same in alike.values():
+        for other in same[1:]:
+            if is_same_file(folder.output(same[0].name), folder.output(other.name)):
+                raise OptionError(
+                    f"{same[0].path} and {other.path} would have one output, as "
+                    f"{folder.path} does not tell upper from lower case; rename one of them"
+                )
+    paths = {os.path.realpath(one.path) for one in sources}
+    for one in sources:
+        if os.path.realpath(folder.output(one.name)) in paths:
+            raise OptionError(
+                f"{folder.output(one.name)}: is a file to be filled; choose another folder for the "
+                "filled files (`output`)"
+            )
