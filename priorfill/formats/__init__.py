@@ -8,14 +8,16 @@ trc       TRC of OpenSim and Motion Analysis        .trc                  cell b
 nexus     Vicon Nexus, section Trajectories         .csv .tsv .txt        cell by cell       no
 qualisys  Qualisys Track Manager, TSV               .csv .tsv .txt        cell by cell       no
 motive    OptiTrack Motive, CSV                     .csv .tsv .txt        cell by cell       no
+bids      Motion-BIDS, ``*_motion.tsv``             .tsv                  cell by cell       no
 npz       NumPy archive                             .npz                  no                 yes
 mat       MATLAB, version 4 to 7; Qualisys' export  .mat                  no                 yes
 ========  ========================================  ====================  =================  ======
 
 `FORMATS` holds this table in code. The suffix of a file determines its format; if several formats
-share a suffix, the first bytes decide. The parser of each format turns bytes into a `Recording`,
-and `make_clip` turns any recording into a clip (both in `priorfill.formats.recording`). Skeleton
-files (`priorfill.formats.skeletons`) hold no markers and are read separately.
+share a suffix, the first bytes decide, or the name for Motion-BIDS, which has no header. The
+parser of each format turns bytes into a `Recording`, and `make_clip` turns any recording into a
+clip (both in `priorfill.formats.recording`). Skeleton files (`priorfill.formats.skeletons`) hold no
+markers and are read separately.
 """
 
 from __future__ import annotations
@@ -33,6 +35,8 @@ from priorfill.clip import Clip
 from priorfill.errors import FormatError, OptionError
 from priorfill.formats.arrays.mat import create_mat, parse_mat, recognise_mat
 from priorfill.formats.arrays.npz import create_npz_clip, parse_npz, recognise_npz
+from priorfill.formats.bids.motion_tsv import copy_motion, read_motion
+from priorfill.formats.bids.names import is_motion, motion_name_fault
 from priorfill.formats.c3d.create import create_c3d
 from priorfill.formats.c3d.patch import beyond_range, write_c3d
 from priorfill.formats.c3d.read import parse_c3d, read_c3d, read_c3d_bytes
@@ -99,6 +103,8 @@ class FileFormat:
         Returns the filled samples of a clip that a copy cannot hold; None: it can hold all.
     exclusive : bool
         Whether the suffixes are used for recordings only, so that the contents need no check.
+    name_fault : callable or None
+        Returns why a file of the format cannot have a name, with the remedy; empty if it can.
     """
 
     title: str
@@ -110,6 +116,7 @@ class FileFormat:
     rewrite: Callable[..., WriteReport] | None = None
     beyond_range: Callable[[Clip, NDArray[np.bool_]], NDArray[np.bool_]] | None = None
     exclusive: bool = False
+    name_fault: Callable[[Path], str] | None = None
 
 
 def _by_head(recognise: Callable[[bytes], bool]) -> Callable[[Path], bool]:
@@ -183,6 +190,14 @@ FORMATS = {
     ),
     "motive": _text_format(
         "motive", "CSV of OptiTrack Motive (Format Version ...)", parse_motive, recognise_motive
+    ),
+    "bids": FileFormat(
+        "Motion-BIDS (a name that ends with _motion.tsv)",
+        (".tsv",),
+        read_motion,
+        is_motion,
+        copy_motion,
+        name_fault=motion_name_fault,
     ),
     "npz": FileFormat(
         "NumPy archive",
@@ -488,6 +503,9 @@ def _output_format(path: Path, source: str | None) -> str:
     _check_suffix(path, OptionError)
     suffix = path.suffix.lower()
     if source is not None and suffix in FORMATS[source].suffixes:
+        find_fault = FORMATS[source].name_fault
+        if find_fault is not None and (fault := find_fault(path)):
+            raise OptionError(f"{path}: {fault}")
         return source
     for name, one in FORMATS.items():
         if suffix in one.suffixes and one.create is not None:

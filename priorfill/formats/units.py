@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from priorfill.errors import ClipError, OptionError
 
-__all__ = ["UNITS", "find_unit"]
+__all__ = ["UNITS", "find_unit", "mm_per_unit"]
 
 UNITS = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "in": 25.4, "ft": 304.8}
 """Millimetres per unit, by the name used in options."""
@@ -41,6 +41,12 @@ _MAX_CENTIMETRES = 250.0
 
 _SAMPLED_FRAMES = 2000
 """Evenly spaced frames from which the extent is found; the median of more is hardly different."""
+
+
+def mm_per_unit(spelled: str) -> float | None:
+    """Return the millimetres of a unit as spelled in a file; None if it is unknown."""
+    unit = _NAMES.get(spelled.strip().lower().rstrip("."))
+    return None if unit is None else UNITS[unit]
 
 
 def find_unit(

@@ -85,6 +85,8 @@ class TextTable:
         Separator of cells, or `BLANKS`.
     comma : bool
         Whether the decimal separator is a comma.
+    scale : ndarray [shape=(points, 3)] or None
+        What the numbers of each column are multiplied by, where columns have different units.
     """
 
     lines: list[bytes]
@@ -92,6 +94,7 @@ class TextTable:
     columns: NDArray[np.intp]
     delimiter: bytes
     comma: bool
+    scale: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)
@@ -118,6 +121,8 @@ def read_table(
     delimiter: bytes,
     name: str,
     width: int = 0,
+    *,
+    scale: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.float64], TextTable]:
     """Parse the numbers of a table.
 
@@ -137,6 +142,8 @@ def read_table(
         The file's name in messages.
     width : int
         Cells of the header, if it has some after the last coordinate.
+    scale : ndarray [shape=(points, 3)] or None
+        What the numbers of each column are multiplied by, where columns have different units.
 
     Returns
     -------
@@ -181,9 +188,11 @@ def read_table(
                 _number(lines, row, cells[cell], cell, number, labels, name)
                 for number, cell in enumerate(flat)
             ]
-    table = TextTable(lines, np.array(rows, dtype=np.intp), where, delimiter, comma)
+    table = TextTable(lines, np.array(rows, dtype=np.intp), where, delimiter, comma, scale)
     positions = values.reshape(len(rows), len(where), 3)
     _check_partial(positions, table, labels, name)
+    if scale is not None:
+        positions *= scale
     for frame in _shifted_frames(positions, short):
         have = len(cells_of(lines[rows[frame]], delimiter))
         raise _short_error(lines, rows[frame], have, needed, name)
@@ -241,7 +250,8 @@ def write_table(
     table = parsed.table
     frames, markers = np.nonzero(filled)
     points = np.asarray(source.points, dtype=np.intp)[markers]
-    in_units = clip.positions[frames, markers] / source.mm_per_unit
+    scale = np.ones((len(frames), 3)) if table.scale is None else table.scale[points]
+    in_units = clip.positions[frames, markers] / source.mm_per_unit / scale
     present = parsed.recording.positions[frames, points]
     # all three are present in (0, 0, 0) and in samples that are rejected as artefacts
     written = np.isnan(present) | ~np.isnan(present).any(axis=1, keepdims=True)
@@ -254,9 +264,9 @@ def write_table(
     with replace_file(path, overwrite=overwrite) as temporary:
         temporary.write_bytes(b"".join(lines))
         expected = parsed.recording.positions.copy()
-        expected[frames, points] = rounded
+        expected[frames, points] = np.where(written, rounded * scale, present)
         _verify(temporary, parsed, parse, changed, expected)
-    worst = float(np.abs(rounded - in_units)[written].max(initial=0.0))
+    worst = float(np.abs((rounded - in_units) * scale)[written].max(initial=0.0))
     return WriteReport(samples=len(frames), rounding_mm=worst * source.mm_per_unit)
 
 
