@@ -22,8 +22,8 @@ DLLS = "panda3d"
 EXTRA = (f"{DLLS}==1.10.16", "colorama")
 """Packages beyond those of priorfill: Python's DLLs; what click and pytest need on Windows only."""
 
-NOT_TESTED = ("ruff", "mypy", "playwright")
-"""Development packages that no test imports on Windows; pages are tested on Linux."""
+NOT_TESTED = ("ruff", "mypy", "playwright", "distributed", "cryptography")
+"""Development packages that no test imports on Windows; pages and clusters are tested on Linux."""
 
 LEFT_OUT = (
     "site-packages",
