@@ -20,6 +20,7 @@ ONLY_IN = {
     "rich": ("cli",),
     "filelock": ("runtime.file_lock",),
     "pooch": ("datasets",),
+    "psutil": ("study",),
     "re2": ("datasets",),
     "requests": ("datasets",),
     "urllib3": ("datasets",),

@@ -22,20 +22,13 @@ from priorfill.cli.system import (
     end_on_signals,
     finish_stdout,
     open_closed_streams,
-    system_error,
 )
-from priorfill.errors import OptionError, PriorfillError
+from priorfill.errors import OptionError
 from priorfill.runtime.display import escaped
+from priorfill.runtime.error_line import DEBUG, error_line
 from priorfill.runtime.option_texts import close_or_all
 
 __all__ = ["DEBUG", "main"]
-
-DEBUG = "PRIORFILL_DEBUG"
-"""Environment variable: if set, errors are shown with a traceback."""
-
-NO_RUNTIME = "DLL load failed"
-"""What Python says on Windows if a library lacks another one. Wheels of numba and ezc3d lack
-MSVCP140.dll, which is part neither of Windows nor of Python."""
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2  # as click has it
@@ -117,7 +110,7 @@ class _Main(click.Group):
                 sys.exit(EXIT_BROKEN_PIPE)
             if os.environ.get(DEBUG):
                 raise
-            print_line(f"priorfill: {_in_one_line(error)}", err=True)
+            print_line(f"priorfill: {error_line(error)}", err=True)
             sys.exit(EXIT_FAILED)
         finally:
             finish_stdout()
@@ -152,7 +145,7 @@ class _Main(click.Group):
                 ctx.exit(EXIT_BROKEN_PIPE)
             if os.environ.get(DEBUG):
                 raise
-            print_line(f"priorfill: {_in_one_line(error)}", err=True)
+            print_line(f"priorfill: {error_line(error)}", err=True)
             ctx.exit(_exit_status(error))
         return result
 
@@ -187,26 +180,3 @@ def _exit_status(error: BaseException) -> int:
     if isinstance(error, KeyboardInterrupt):
         return EXIT_INTERRUPTED
     return EXIT_USAGE if isinstance(error, OptionError) else EXIT_FAILED
-
-
-def _in_one_line(error: BaseException) -> str:
-    """Return the message of an error in one line."""
-    if isinstance(error, KeyboardInterrupt):
-        return str(error) or "interrupted"
-    if isinstance(error, PriorfillError):
-        text = str(error)
-    elif isinstance(error, OSError):
-        text = system_error(error)
-    elif isinstance(error, MemoryError):
-        text = "there is not enough memory; use a shorter clip or a smaller database"
-    elif isinstance(error, ImportError) and NO_RUNTIME in str(error):
-        text = (
-            "numba and ezc3d need Microsoft's Visual C++ Redistributable (x64), which is missing; "
-            "install it: winget install Microsoft.VCRedist.2015+.x64"
-        )
-    else:
-        text = (
-            f"bug in priorfill ({type(error).__name__}: {error}); "
-            f"please report it with the output of the command with {DEBUG}=1"
-        )
-    return " ".join(line.strip() for line in text.split("\n"))

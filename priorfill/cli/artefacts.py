@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from priorfill.cli.output import json_number, print_line, print_table, some_names
+from priorfill.cli.output import print_line, print_table, some_names
 from priorfill.runtime.display import shell_command
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from priorfill.artefacts import Artefact
-    from priorfill.clip import Clip
     from priorfill.filling.result import Result
 
 __all__ = [
-    "artefact_facts",
     "artefact_text",
     "print_artefacts",
     "print_left_as_measured",
@@ -25,34 +22,6 @@ __all__ = [
 
 MAX_WARNINGS = 5
 """Number of warnings; `inspect` shows more."""
-
-
-def artefact_facts(artefacts: Sequence[Artefact], clip: Clip) -> list[dict[str, Any]]:
-    """Return artefacts in the form of the JSON output.
-
-    Parameters
-    ----------
-    artefacts : sequence of Artefact
-        As from `priorfill.find_artefacts`.
-    clip : Clip
-        The clip; its numbering of frames is used.
-    """
-    first = clip.first_frame
-    return [
-        {
-            "kind": one.kind,
-            "markers": list(one.markers),
-            "first_frame": first + one.start,
-            "last_frame": first + one.stop - 1,
-            "size_mm": round(one.size, 1),
-            "reference_marker": one.reference_marker or None,
-            "distance_mm": json_number(one.distance, 1),
-            "typical_distance_mm": json_number(one.typical_distance, 1),
-            "spread_mm": json_number(one.spread, 1),
-            "evidence": one.evidence,
-        }
-        for one in artefacts
-    ]
 
 
 def print_artefacts(facts: Sequence[dict[str, Any]], title: str, most: int | None) -> None:

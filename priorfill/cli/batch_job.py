@@ -1,22 +1,24 @@
-"""``priorfill batch-job``: a child process of ``priorfill batch``, which fills one file."""
+"""``priorfill batch-job``, a hidden command: the child process that fills one file of a study."""
 
 from __future__ import annotations
 
-import json
-import sys
-
 import click
-
-from priorfill.cli.output import print_json_line
 
 __all__ = ["batch_job"]
 
 
 @click.command(hidden=True)
 def batch_job() -> None:
-    """Fill the file of the job on stdin, and print its outcome; for `priorfill batch` only."""
-    from priorfill.study.fill_job import fill_job
-    from priorfill.study.job import StudyJob
+    """Fill the file of a job; the job comes from the parent process."""
+    from priorfill.study.life_line import ParentConnection
 
-    job = StudyJob.from_json(json.loads(sys.stdin.readline()))
-    print_json_line(fill_job(job).to_json())
+    parent = ParentConnection()  # at once: what is imported below takes a second
+    from priorfill.study.child_limits import limit_memory
+    from priorfill.study.job import JobLimits, StudyJob
+
+    limits = JobLimits(**parent.request["limits"])
+    parent.end_at(limits.seconds)
+    limit_memory(limits)
+    from priorfill.study.fill_job import fill_job
+
+    parent.answer(fill_job(StudyJob.from_json(parent.request["job"])).to_json())

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from priorfill.cli.completion import complete_methods, complete_subjects
-from priorfill.cli.fill_report import fill_facts, print_fill, print_fill_notes
+from priorfill.cli.fill_report import print_fill, print_fill_notes
+from priorfill.cli.option_names import with_options
 from priorfill.cli.option_types import DURATION, FRAMES, as_names, every_row_option
 from priorfill.cli.output import print_json
 from priorfill.cli.path_types import FILE, FOLDER, PathArgument
@@ -230,7 +231,9 @@ def fill(
             **fill_arguments(given, show),
         )
     if as_json:
-        print_json(fill_facts(done))
+        from priorfill.filling.fill_facts import fill_facts
+
+        print_json(fill_facts(done, with_options))
     else:
         print_fill(done, every_row=given["every_row"])
     print_fill_notes(done)

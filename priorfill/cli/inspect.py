@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from priorfill.cli.artefacts import artefact_facts, print_artefacts
+from priorfill.cli.artefacts import print_artefacts
 from priorfill.cli.option_names import with_options
 from priorfill.cli.option_types import every_row_option
 from priorfill.cli.output import (
@@ -118,6 +118,7 @@ def _facts(
 ) -> dict[str, Any]:
     """Return the description of a clip in the form of the JSON output."""
     from priorfill.artefacts import find_artefacts
+    from priorfill.artefacts.artefact_facts import artefact_facts
     from priorfill.markers.phantoms import find_phantoms
 
     missing = clip.missing

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import errno
 import json
-import math
 import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -31,9 +30,7 @@ __all__ = [
     "MAX_ROWS",
     "duration",
     "ended_by_reader",
-    "json_number",
     "print_json",
-    "print_json_line",
     "print_line",
     "print_table",
     "print_wrapped",
@@ -124,16 +121,6 @@ def ended_by_reader(error: BaseException) -> bool:
 def print_json(value: Any) -> None:
     """Print a value as JSON of ASCII characters, the same on every code page."""
     _write(json.dumps(value, indent=2))
-
-
-def print_json_line(value: Any) -> None:
-    """Print a value as JSON in one line of ASCII characters."""
-    _write(json.dumps(value))
-
-
-def json_number(value: float, digits: int) -> float | None:
-    """Return a rounded number for JSON; None for NaN and infinity, which JSON lacks."""
-    return round(value, digits) if math.isfinite(value) else None
 
 
 def some_names(names: Sequence[str], separator: str = ", ") -> str:

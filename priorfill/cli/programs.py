@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from priorfill.cli.artefacts import (
-    artefact_facts,
     artefact_text,
     print_artefacts,
     warn_of_artefacts,
@@ -175,6 +174,7 @@ def _fill_open(open_trial: Callable[[], OpenTrial], given: dict[str, Any]) -> No
 
 def _print(done: TrialResult, rows: int | None, *, gaps_only: bool) -> None:
     """Print the table of gaps and what was set; notes and what stays missing on stderr."""
+    from priorfill.artefacts.artefact_facts import artefact_facts
     from priorfill.integrations.trial_report import outcome
 
     result = done.result

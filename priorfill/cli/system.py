@@ -9,12 +9,10 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from typing import Any
 
 from priorfill.errors import PriorfillError
-from priorfill.runtime.held_files import WINDOWS, is_held
-from priorfill.runtime.windows_names import MAX_PATH
+from priorfill.runtime.held_files import WINDOWS
 
 __all__ = [
     "TerminatedError",
@@ -23,7 +21,6 @@ __all__ = [
     "finish_stdout",
     "is_closed_pipe",
     "open_closed_streams",
-    "system_error",
 ]
 
 _SIGNALS = ("SIGTERM", "SIGHUP", "SIGBREAK")
@@ -38,18 +35,6 @@ _MIN_MEMORY = 1 << 30
 """Address space (bytes) below which a fill of a minute of 50 markers fails."""
 
 _BLAS_THREADS = "OPENBLAS_NUM_THREADS"
-
-_REMEDIES = {
-    errno.EACCES: "check its permissions",
-    errno.EPERM: "check its permissions",
-    errno.EROFS: "choose another folder",
-    errno.ENOSPC: "free some space",
-    errno.EDQUOT: "free some space",
-    errno.EFBIG: "raise the limit on the size of files (ulimit -f)",
-    errno.EMFILE: "raise the limit on open files (ulimit -n)",
-    errno.ENAMETOOLONG: "choose a shorter name",
-}
-"""What to do about an error of the system."""
 
 
 class TerminatedError(KeyboardInterrupt):
@@ -145,29 +130,3 @@ def check_memory_limit() -> None:
             f"{_MIN_MEMORY / 2**20:.0f} MB: raise the limit (ulimit -v)"
         )
     os.environ.setdefault(_BLAS_THREADS, "1")
-
-
-def _missing_root(path: str) -> str:
-    """Return the drive or share of a path if Windows has none; else an empty text."""
-    root = Path(path).absolute().anchor if WINDOWS else ""
-    return "" if not root or Path(root).exists() else root
-
-
-def system_error(error: OSError) -> str:
-    """Return an error of the system as a message: where, what, and what to do."""
-    what = error.strerror or str(error)
-    if error.filename:
-        remedy = _REMEDIES.get(error.errno or 0, "check the path")
-        root = _missing_root(os.fsdecode(error.filename)) if error.errno == errno.ENOENT else ""
-        if root:
-            what, remedy = f"there is no {root}", "check the drive, or the connection to the share"
-        elif WINDOWS and len(os.fsdecode(error.filename)) > MAX_PATH:
-            remedy = "choose a shorter path, or enable long paths (see docs/windows.md)"
-        elif is_held(error):
-            remedy += ", and close it in other programs"
-        return f"{os.fsdecode(error.filename)}: {what}; {remedy}"
-    try:
-        Path.cwd()
-    except OSError:
-        return f"the current folder was removed ({what}); change to another one"
-    return f"{what}; {_REMEDIES.get(error.errno or 0, 'check the disk, and the paths given')}"

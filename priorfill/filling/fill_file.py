@@ -29,7 +29,7 @@ from priorfill.formats import WriteReport
 from priorfill.methods import get_method
 from priorfill.runtime.display import shell_command
 
-__all__ = ["FileOptions", "FileResult", "FileToFill", "fill_file"]
+__all__ = ["FileOptions", "FileResult", "FileToFill", "fill_file", "write_filled"]
 
 
 @dataclass(frozen=True)
@@ -221,8 +221,7 @@ def fill_file(
         **arguments,
     )
     result = work.fill()
-    done = _write(source, output, result, work.clips, files)
-    done = replace(done, artefacts=work.artefacts(result))
+    done = write_filled(work, result, output, files)
     if output is None or database is None or not files.add_to_database:
         return done
     return _add(done, output, Path(database), files)
@@ -404,22 +403,40 @@ def _within_range(
     return leave_missing(result, clips, beyond, reason)
 
 
-def _write(
-    source: Path, output: Path | None, result: Result, clips: Sequence[Clip], files: FileOptions
+def write_filled(
+    work: FileToFill, result: Result, output: Path | None, files: FileOptions
 ) -> FileResult:
-    """Write the filled clip, unless this is a dry run, and further outputs: all or none."""
-    with further_outputs(result, clips, files) as further:
+    """Write the filled clip, unless this is a dry run, and further outputs: all or none.
+
+    Parameters
+    ----------
+    work : FileToFill
+        What was filled.
+    result : Result
+        Of `FileToFill.fill`.
+    output : Path or None
+        The file to write; None is a dry run.
+    files : FileOptions
+        How files are written, and which in addition.
+
+    Raises
+    ------
+    OutputError
+        Where a file cannot be written.
+    """
+    with further_outputs(result, work.clips, files) as further:
         report = WriteReport(0, 0.0)
         if output is not None:
             report = formats.write(
                 output, result.clip, result.filled, overwrite=files.overwrite, rewrite=files.rewrite
             )
     return FileResult(
-        source,
+        work.source,
         output,
         None if files.uncertainty is None else Path(files.uncertainty),
         result,
         report,
+        work.artefacts(result),
         further=further,
     )
 

@@ -29,6 +29,7 @@ __all__ = [
     "hand_on_permissions",
     "is_abandoned",
     "is_same_file",
+    "remove_abandoned",
     "remove_folder",
     "replace_file",
     "temporary_name",
@@ -221,7 +222,7 @@ def replace_file(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]
     temporary = target.parent / temporary_name(target.suffix.lower())
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        _remove_abandoned(target.parent)
+        remove_abandoned(target.parent)
         # not tempfile, whose files are private (0600): results follow the umask
         temporary.open("xb").close()
         yield temporary
@@ -274,8 +275,14 @@ def _computer() -> str:
     return f"{zlib.crc32(socket.gethostname().encode()):08x}"
 
 
-def _remove_abandoned(folder: Path) -> None:
-    """Remove temporary files in a folder whose process has been killed."""
+def remove_abandoned(folder: Path) -> None:
+    """Remove temporary files in a folder whose process has been killed.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder; nothing happens if it is not there.
+    """
     with suppress(OSError):
         for entry in os.scandir(folder):
             if entry.name.endswith(NOTE_SUFFIX) or not is_abandoned(entry):

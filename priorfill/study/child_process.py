@@ -1,23 +1,38 @@
-"""Run a job in a child process, so that a bad file costs itself only."""
+"""Run a job of a study in a child process, so that a bad file costs itself only."""
 
 from __future__ import annotations
 
-import json
 import os
-import subprocess
-import sys
 import threading
 import time
-from dataclasses import replace
+from collections.abc import Sequence
+from contextlib import closing, suppress
+from dataclasses import asdict, replace
+from pathlib import Path
 
-from priorfill.runtime.threads import VARIABLE
+from priorfill.errors import OutputError
+from priorfill.runtime.atomic_file import remove_abandoned
+from priorfill.study.child_watch import ChildError, ChildProcess, child_command
 from priorfill.study.job import JobLimits, JobOutcome, StudyJob
+from priorfill.study.records import files_of_job, write_record
 
-__all__ = ["run_child"]
+__all__ = ["COMMAND", "run_child"]
+
+COMMAND = "batch-job"
+"""The hidden command that a child runs."""
 
 
-def run_child(job: StudyJob, limits: JobLimits, stop: threading.Event | None = None) -> JobOutcome:
-    """Run a job in a child process, and return its outcome.
+def run_child(
+    job: StudyJob,
+    limits: JobLimits,
+    stop: threading.Event | None = None,
+    *,
+    command: Sequence[str] | None = None,
+) -> JobOutcome:
+    """Fill the file of a job in a child process, and return what became of it.
+
+    The child writes the outputs and the record. Where it ends without an outcome, the record of
+    the failure is written here. A job that was stopped leaves no record.
 
     Parameters
     ----------
@@ -27,32 +42,48 @@ def run_child(job: StudyJob, limits: JobLimits, stop: threading.Event | None = N
         What it may use.
     stop : threading.Event, optional
         Ends the child when it is set.
+    command : sequence of str, optional
+        The program that fills; by default the hidden command of this priorfill.
+
+    Returns
+    -------
+    JobOutcome
+        The outcome, of a failure as well.
     """
-    begun = time.monotonic()
-    child = subprocess.Popen(
-        [sys.executable, "-m", "priorfill", "batch-job"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        env={**os.environ, VARIABLE: str(limits.threads)},
-        start_new_session=True,
-    )
-    assert child.stdin is not None
-    assert child.stdout is not None
-    child.stdin.write(json.dumps(job.to_json()).encode() + b"\n")
-    child.stdin.flush()
-    while child.poll() is None:
-        if stop is not None and stop.is_set():
-            child.kill()
-        elif time.monotonic() - begun > limits.seconds:
-            child.kill()
-            child.wait()
-            return JobOutcome.of_failure(job, "took too long", try_again=True, exceeded="seconds")
-        time.sleep(0.05)
-    text = child.stdout.read()
-    child.stdin.close()
-    child.stdout.close()
-    if child.returncode:
-        return JobOutcome.of_failure(job, "was ended", try_again=True)
-    outcome = JobOutcome.from_json(json.loads(text.splitlines()[-1]))
-    return replace(outcome, seconds=time.monotonic() - begun)
+    begin = time.monotonic()
+    request = {"job": job.to_json(), "limits": asdict(limits)}
+    try:
+        with closing(ChildProcess(command or child_command(COMMAND), request, limits)) as child:
+            try:
+                outcome = JobOutcome.from_json(child.answer(stop))
+            finally:
+                peak = child.peak_memory
+    except ChildError as error:
+        remove_leftovers(job)
+        outcome = replace(
+            JobOutcome.of_failure(
+                job, str(error), try_again=error.try_again, exceeded=error.exceeded
+            ),
+            seconds=time.monotonic() - begin,
+            replaced=files_of_job(job),
+            peak_memory=peak,
+        )
+        if not error.stopped:
+            with suppress(OutputError):  # then the job is simply done again
+                write_record(job.record, outcome)
+        return outcome
+    return replace(outcome, peak_memory=max(peak, outcome.peak_memory))
+
+
+def remove_leftovers(job: StudyJob) -> None:
+    """Remove temporary files that a killed child has left.
+
+    Parameters
+    ----------
+    job : StudyJob
+        The job.
+    """
+    paths = (job.output, job.record, job.report, job.uncertainty)
+    # links are followed, as writers do
+    for folder in {Path(os.path.realpath(path)).parent for path in paths if path is not None}:
+        remove_abandoned(folder)

@@ -1,54 +1,209 @@
-"""Do a job in this process, which is a child that a study started for it."""
+"""Fill the file of a job, inside the child process of that job.
+
+Outputs are written under temporary names, then the record, and then the outputs get their names. A
+record whose files have other contents than it says is that of a job that was killed in between;
+the next run fills the file again.
+"""
 
 from __future__ import annotations
 
+import os
 import time
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from priorfill.errors import PriorfillError
-from priorfill.filling.fill_file import fill_file
+from priorfill.errors import OutputError, PriorfillError
+from priorfill.filling.fill_facts import fill_facts
+from priorfill.filling.fill_file import FileOptions, FileResult, FileToFill, write_filled
+from priorfill.report.gap_warnings import gap_warnings
+from priorfill.runtime.atomic_file import (
+    check_target,
+    finish_file,
+    finish_new_file,
+    hand_on_permissions,
+    remove_abandoned,
+    remove_folder,
+    temporary_name,
+)
+from priorfill.runtime.error_line import error_line
 from priorfill.study.job import FILLED, INCOMPLETE, NO_GAPS, JobOutcome, StudyJob
-from priorfill.study.records import file_hash, write_record
+from priorfill.study.records import file_hash, files_of_job, write_record
 from priorfill.study.settings import FillSettings
+
+if TYPE_CHECKING:
+    from priorfill.filling.result import Result
+    from priorfill.study.job import Status
 
 __all__ = ["fill_job"]
 
 
 def fill_job(job: StudyJob) -> JobOutcome:
-    """Fill a file, write its record, and return the outcome.
+    """Fill the file of a job, write its outputs and its record, and return the outcome.
 
     Parameters
     ----------
     job : StudyJob
         The job.
+
+    Returns
+    -------
+    JobOutcome
+        The outcome, of a failure as well.
     """
-    begun = time.monotonic()
+    begin = time.monotonic()
+    try:
+        return _fill(job, begin)
+    except Exception as error:
+        outcome = JobOutcome.of_failure(job, error_line(error), try_again=_may_pass(error))
+        seconds = time.monotonic() - begin
+        outcome = replace(outcome, seconds=seconds, replaced=files_of_job(job))
+        with suppress(OutputError):  # then the job is simply done again
+            write_record(job.record, outcome)
+        return outcome
+
+
+def _fill(job: StudyJob, begin: float) -> JobOutcome:
+    """Fill the file of a job; what fails is raised."""
+    ours = files_of_job(job)
+    new = [_NewFile.check(path, job, ours) for path in _paths(job)]
     settings = FillSettings.from_json(job.settings)
     files = replace(settings.files, report=job.report, uncertainty=job.uncertainty, overwrite=True)
-    try:
-        done = fill_file(
+    work = FileToFill.read(
+        Path(job.source),
+        Path(job.output),
+        database=job.database,
+        same_subject=job.same_subject,
+        files=files,
+        **settings.fill_arguments(),
+    )
+    result = work.fill()
+    with ExitStack() as stack:
+        waiting = {file.path: stack.enter_context(file.waiting()) for file in new}
+        done = _write_waiting(job, work, result, files, waiting)
+        outcome = JobOutcome(
+            job.name,
             job.source,
             job.output,
-            database=job.database,
-            same_subject=job.same_subject,
-            files=files,
-            **settings.fill_arguments(),
+            _status(done),
+            seconds=time.monotonic() - begin,
+            facts=fill_facts(done),
+            warnings=_warnings(done),
+            report=job.report,
+            uncertainty=job.uncertainty,
+            written={path: file_hash(place) for path, place in waiting.items()},
+            replaced={file.path: file.digest for file in new if file.digest},
+            key=job.key,
         )
-    except (PriorfillError, OSError) as error:
-        return JobOutcome.of_failure(job, str(error))
-    result = done.result
-    status = NO_GAPS if not result.gaps else FILLED if result.complete else INCOMPLETE
-    written = [path for path in (job.output, job.report, job.uncertainty) if path is not None]
-    outcome = JobOutcome(
-        job.name,
-        job.source,
-        job.output,
-        status,
-        seconds=time.monotonic() - begun,
-        report=job.report,
-        uncertainty=job.uncertainty,
-        written={path: file_hash(path) for path in written},
-        key=job.key,
-    )
-    write_record(job.record, outcome)
+        write_record(job.record, outcome)
+        for file in new:
+            file.finish(waiting[file.path])
     return outcome
+
+
+def _paths(job: StudyJob) -> list[str]:
+    """Return the paths of the files to write, the filled file last."""
+    return [path for path in (job.report, job.uncertainty, job.output) if path is not None]
+
+
+@dataclass(frozen=True)
+class _NewFile:
+    """A file to write.
+
+    Attributes
+    ----------
+    path : str
+        As in the job.
+    target : Path
+        The same with links resolved.
+    digest : str
+        SHA-256 of the file that is there; empty where there is none.
+    """
+
+    path: str
+    target: Path
+    digest: str
+
+    @classmethod
+    def check(cls, path: str, job: StudyJob, ours: Mapping[str, str]) -> _NewFile:
+        """Check that a file can be written, and that none is lost but those of this job."""
+        target = check_target(path, overwrite=True, source=Path(job.source))
+        digest = file_hash(target) if target.exists() else ""
+        if digest and not job.overwrite and digest not in ours.values():
+            raise OutputError(
+                f"{path}: exists already, and is not what this study wrote; move it away, or use "
+                "`overwrite`"
+            )
+        return cls(path, target, digest)
+
+    @contextmanager
+    def waiting(self) -> Iterator[Path]:
+        """Provide a path for the file with the same name, in a temporary folder next to it."""
+        folder = self.target.parent / temporary_name("")
+        try:
+            remove_abandoned(self.target.parent)
+            folder.mkdir(parents=True)
+            yield folder / Path(self.path).name
+        except OSError as error:
+            message = str(error) if isinstance(error, PriorfillError) else error_line(error)
+            place = f"{Path(self.path).parent}{os.sep}"
+            raise OutputError(message.replace(f"{folder}{os.sep}", place)) from error
+        finally:
+            remove_folder(folder)
+
+    def finish(self, waiting: Path) -> None:
+        """Give the file its name."""
+        if self.digest:
+            hand_on_permissions(self.target, waiting)
+            finish_file(waiting, self.target)
+        elif not finish_new_file(waiting, self.target):
+            raise OutputError(f"{self.path}: appeared while writing; move it away")
+
+
+def _write_waiting(
+    job: StudyJob,
+    work: FileToFill,
+    result: Result,
+    files: FileOptions,
+    waiting: Mapping[str, Path],
+) -> FileResult:
+    """Write a result into files that wait for their names."""
+    temporary = replace(
+        files,
+        report=job.report and waiting[job.report],
+        uncertainty=job.uncertainty and waiting[job.uncertainty],
+    )
+    done = write_filled(work, result, waiting[job.output], temporary)
+    return replace(
+        done,
+        output=Path(job.output),
+        uncertainty=None if job.uncertainty is None else Path(job.uncertainty),
+        further={} if job.report is None else {"report": (Path(job.report),)},
+    )
+
+
+def _status(done: FileResult) -> Status:
+    if not done.result.complete:
+        return INCOMPLETE
+    return FILLED if done.result.gaps else NO_GAPS
+
+
+def _warnings(done: FileResult) -> tuple[str, ...]:
+    """Return what a person should look at, gap by gap."""
+    result = done.result
+    first = result.clip.first_frame
+    return tuple(
+        f"{gap.label}, frames {first + gap.start}-{first + gap.stop - 1}: {warning.text}"
+        for gap, warnings in zip(result.gaps, gap_warnings(result), strict=True)
+        for warning in warnings
+    )
+
+
+def _may_pass(error: BaseException) -> bool:
+    """Return whether an error is due to the environment, so that the same job may succeed later."""
+    causes = [error]
+    while (cause := causes[-1].__cause__) is not None:
+        causes.append(cause)
+    return any(isinstance(one, (OSError, MemoryError, ImportError)) for one in causes)

@@ -68,6 +68,9 @@ class StudyJob:
         Absolute paths of other recordings of the same subject.
     report, uncertainty : str or None
         Absolute paths of files to write in addition.
+    overwrite : bool
+        Whether files that are there may be replaced: they are those of an earlier outcome, or the
+        user wants it.
     key : str
         Hash of all that decides the outcome: contents of the files read, settings, version of
         priorfill, state of the database. An outcome with the same key need not be computed again.
@@ -88,6 +91,7 @@ class StudyJob:
     same_subject: tuple[str, ...] = ()
     report: str | None = None
     uncertainty: str | None = None
+    overwrite: bool = False
     key: str = ""
 
     def to_json(self) -> dict[str, Any]:
@@ -129,7 +133,11 @@ class JobOutcome:
     warnings : tuple of str
         What a person should look at, as the page of a fill words it.
     written : mapping of str to str
-        SHA-256 of each written file, by its absolute path.
+        SHA-256 of each written file, by its absolute path. A record is written before its files
+        are renamed to these paths: they count as written where their contents have these hashes.
+    replaced : mapping of str to str
+        SHA-256 of files that were at these paths and might be replaced. Where a job was killed
+        before it renamed its files, they may still be there, and may be replaced by the next run.
 
     See Also
     --------
@@ -156,6 +164,7 @@ class JobOutcome:
     report: str | None = None
     uncertainty: str | None = None
     written: Mapping[str, str] = field(default_factory=dict)
+    replaced: Mapping[str, str] = field(default_factory=dict)
     key: str = ""
 
     @classmethod
@@ -184,7 +193,8 @@ class JobOutcome:
 
     def to_json(self) -> dict[str, Any]:
         """Return the outcome as JSON values."""
-        return asdict(self) | {"facts": dict(self.facts), "written": dict(self.written)}
+        mappings = ("facts", "written", "replaced")
+        return asdict(self) | {name: dict(getattr(self, name)) for name in mappings}
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> JobOutcome:

@@ -4,20 +4,27 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from priorfill.runtime.atomic_file import replace_file
 from priorfill.study.job import FAILED, JobLimits, JobOutcome, StudyJob
 
 __all__ = [
+    "FileState",
     "file_hash",
+    "file_states",
+    "files_of_job",
     "is_settled",
     "read_record",
-    "unchanged_files",
+    "record_of_job",
     "write_record",
 ]
+
+FileState = Literal["written", "earlier", "changed"]
+"""Whether a file is as the run of the record wrote it, or the run before, or was changed since."""
 
 
 def file_hash(path: Path | str) -> str:
@@ -41,6 +48,33 @@ def read_record(path: Path | str) -> JobOutcome | None:
         return None
 
 
+def record_of_job(job: StudyJob) -> JobOutcome | None:
+    """Return what the record of a job keeps, with the paths of the job: a study can be moved.
+
+    Parameters
+    ----------
+    job : StudyJob
+        The job.
+    """
+    kept = read_record(job.record)
+    if kept is None:
+        return None
+    places = {
+        kept.output: job.output,
+        kept.report: job.report,
+        kept.uncertainty: job.uncertainty,
+    }
+    return replace(
+        kept,
+        source=job.source,
+        output=job.output,
+        report=kept.report and places[kept.report],
+        uncertainty=kept.uncertainty and places[kept.uncertainty],
+        written={places.get(path) or path: digest for path, digest in kept.written.items()},
+        replaced={places.get(path) or path: digest for path, digest in kept.replaced.items()},
+    )
+
+
 def write_record(path: Path | str, outcome: JobOutcome) -> None:
     """Write a record, completely or not at all.
 
@@ -62,22 +96,55 @@ def write_record(path: Path | str, outcome: JobOutcome) -> None:
         temporary.write_text(text + "\n", "ascii", newline="\n")
 
 
-def unchanged_files(written: Mapping[str, str]) -> dict[str, bool]:
-    """Return for each written file that exists whether it is as it was written.
+def file_states(record: JobOutcome | None) -> dict[str, FileState]:
+    """Return for each file of a record that exists whose it is.
+
+    A record is written before its files are renamed. So a job that was killed then has left the
+    files of the run before, ``earlier``.
 
     Parameters
     ----------
-    written : mapping of str to str
-        SHA-256 by path.
+    record : JobOutcome or None
+        What a record keeps.
     """
-    found = {}
-    for path, digest in written.items():
-        if Path(path).exists():
-            try:
-                found[path] = file_hash(path) == digest
-            except OSError:
-                found[path] = False
+    if record is None:
+        return {}
+    found: dict[str, FileState] = {}
+    for path in {**record.written, **record.replaced}:
+        with suppress(FileNotFoundError, NotADirectoryError):
+            found[path] = _file_state(path, record)
     return found
+
+
+def _file_state(path: str, record: JobOutcome) -> FileState:
+    try:
+        digest = file_hash(path)
+    except FileNotFoundError:
+        raise
+    except OSError:
+        return "changed"
+    if digest == record.written.get(path):
+        return "written"
+    return "earlier" if digest == record.replaced.get(path) else "changed"
+
+
+def files_of_job(job: StudyJob) -> dict[str, str]:
+    """Return the SHA-256 of the files that earlier runs of a job wrote, and nobody changed since.
+
+    Parameters
+    ----------
+    job : StudyJob
+        The job.
+    """
+    record = record_of_job(job)
+    if record is None:
+        return {}
+    known = {"written": record.written, "earlier": record.replaced}
+    return {
+        path: known[state][path]
+        for path, state in file_states(record).items()
+        if state != "changed"
+    }
 
 
 def is_settled(outcome: JobOutcome, job: StudyJob, limits: JobLimits, *, retry: bool) -> bool:

@@ -118,6 +118,7 @@ def _job(
         None if database is None else str(database),
         report=str(folder.report(name)) if options.report else None,
         uncertainty=str(folder.uncertainty(name)) if options.uncertainty else None,
+        overwrite=options.overwrite,
     )
 
 

@@ -17,6 +17,7 @@ from platforms import WINDOWS
 from priorfill import write
 from priorfill.cli import main, system
 from priorfill.cli.system import TerminatedError, end_on_signals
+from priorfill.runtime import error_line
 from priorfill.synthetic.demo import make_demo_clip
 
 pytestmark = pytest.mark.windows
@@ -269,8 +270,8 @@ def test_a_database_on_a_drive_or_share_that_is_gone(tmp_path: Path, root: str) 
 
 def test_the_root_of_a_path_is_missing_on_windows_only(monkeypatch: pytest.MonkeyPatch) -> None:
     error = FileNotFoundError(errno.ENOENT, "Path not found", "priors")
-    assert system.system_error(error) == "priors: Path not found; check the path"
-    monkeypatch.setattr(system, "_missing_root", lambda _: "Q:\\")
-    assert system.system_error(error) == (
+    assert error_line.system_error(error) == "priors: Path not found; check the path"
+    monkeypatch.setattr(error_line, "_missing_root", lambda _: "Q:\\")
+    assert error_line.system_error(error) == (
         "priors: there is no Q:\\; check the drive, or the connection to the share"
     )

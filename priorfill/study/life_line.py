@@ -1,0 +1,112 @@
+"""A child process's connection to its parent: the request, the answers, and the end of both.
+
+The parent writes a request on the child's stdin and keeps it open. When stdin ends, the parent has
+ended or wants the child to end.
+"""
+
+from __future__ import annotations
+
+import _thread
+import faulthandler
+import json
+import os
+import select
+import signal
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from typing import Any, BinaryIO
+
+__all__ = ["ANSWER", "ParentConnection"]
+
+ANSWER = b"priorfill-answer "
+"""Precedes an answer, so that what libraries print is not taken for one."""
+
+CLEANING = 1.0
+"""Time for removing what is unfinished (s), after which the child ends in any case."""
+
+LOOK = 0.5
+"""Time between two looks at the parent (s)."""
+
+LATE = 30.0
+"""Time after its limit at which a child ends that nobody has ended (s)."""
+
+PIECE = 1 << 16
+"""Bytes read at a time."""
+
+_STDIN, _STDOUT, _STDERR = 0, 1, 2
+
+
+class ParentConnection:
+    """The child's side of a connection.
+
+    Attributes
+    ----------
+    request : mapping of str to object
+        What the parent asks for, as JSON values.
+    """
+
+    request: Mapping[str, Any]
+
+    def __init__(self) -> None:
+        """Read the request, and keep stdin and stdout from everybody else."""
+        self._parent = os.getppid()
+        # on Windows, a pending read of stdin would block whatever else asks for its kind
+        life_line = os.dup(_STDIN)
+        nothing = os.open(os.devnull, os.O_RDONLY)
+        os.dup2(nothing, _STDIN)
+        os.close(nothing)
+        self._answers = os.fdopen(os.dup(_STDOUT), "wb")
+        os.dup2(_STDERR, _STDOUT)
+        pipe = os.fdopen(life_line, "rb", buffering=0)
+        self.request = json.loads(_read_line(pipe))
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        threading.Thread(target=self._watch, args=(pipe,), daemon=True).start()
+
+    def answer(self, values: Mapping[str, Any]) -> None:
+        """Send values to the parent.
+
+        Parameters
+        ----------
+        values : mapping of str to object
+            JSON values.
+        """
+        text = json.dumps(values)
+        self._answers.write(b"\n" + ANSWER + text.encode("ascii") + b"\n")
+        self._answers.flush()
+
+    def end_at(self, seconds: float) -> None:
+        """Let this process end itself after some time, even if it is caught in a compiled loop.
+
+        Parameters
+        ----------
+        seconds : float
+            The time limit (s), at which the parent is expected to end this process.
+        """
+        faulthandler.dump_traceback_later(seconds + LATE, exit=True, file=_STDERR)
+
+    def _watch(self, pipe: BinaryIO) -> None:
+        """End this process when stdin ends or the parent is another one."""
+        while not self._has_ended(pipe):
+            pass
+        _thread.interrupt_main()  # writers remove their temporary files
+        time.sleep(CLEANING)
+        os._exit(1)
+
+    def _has_ended(self, pipe: BinaryIO) -> bool:
+        """Wait a moment for the end of stdin; return whether it has ended."""
+        if sys.platform == "win32":  # where only sockets can be waited for
+            return not pipe.read(1)
+        if os.getppid() != self._parent:  # its stdin may be open in processes that it forked
+            return True
+        ready, _, _ = select.select([pipe], [], [], LOOK)
+        return bool(ready) and not pipe.read(1)
+
+
+def _read_line(pipe: BinaryIO) -> bytes:
+    """Read the request: a line, after which the parent writes nothing."""
+    line = b""
+    while not line.endswith(b"\n") and (piece := pipe.read(PIECE)):
+        line += piece
+    return line
