@@ -13,11 +13,12 @@ import json
 import re
 import zlib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-__all__ = ["content_policy", "page_json", "page_text"]
+__all__ = ["REPORT_FOLDER", "PageFiles", "content_policy", "page_json", "page_text", "report_page"]
 
 FIRST_SCRIPTS = ("dom.js", "decode.js", "store.js")
 """Scripts that others are built on."""
@@ -28,7 +29,8 @@ LAST_SCRIPTS = ("keyboard.js", "main.js")
 LOADER = "loader.js"
 """The script that unpacks all others, which take a third of the size when they are deflated."""
 
-_FOLDER = Path(__file__).parent / "page"
+REPORT_FOLDER = Path(__file__).parent / "page"
+"""Markup, style and scripts of the page of a report."""
 
 _ESCAPED = re.compile("[<>&]")
 """What markup consists of. JSON in ASCII has escape sequences for everything else."""
@@ -37,19 +39,44 @@ _PLACES = re.compile(r"\{\{(csp|title|style|packed|script|data)\}\}")
 """Places of the template page.html."""
 
 
-def page_text(data: Mapping[str, Any], *, connect: bool = False) -> str:
+@dataclass(frozen=True)
+class PageFiles:
+    """The files that a kind of page is made of.
+
+    Attributes
+    ----------
+    template : Path
+        The markup, with places for the rest.
+    sheets, scripts : tuple of Path
+        Style and scripts, in their order.
+    loader : Path
+        The script that unpacks the others.
+    """
+
+    template: Path
+    sheets: tuple[Path, ...]
+    scripts: tuple[Path, ...]
+    loader: Path = REPORT_FOLDER / LOADER
+
+
+def page_text(
+    data: Mapping[str, Any], files: PageFiles | None = None, *, connect: bool = False
+) -> str:
     """Return the page with its data, as one HTML document.
 
     Parameters
     ----------
     data : mapping
         What the page shows; docs/report.md describes it.
+    files : PageFiles, optional
+        What the page is made of; those of a report if not given.
     connect : bool
         Whether the page may send requests to the server that it was loaded from.
     """
-    template, style, loader, script = _parts()
+    files = files or report_page()
+    template, style, loader, script = _parts(files)
     contents = {
-        "csp": content_policy(connect=connect),
+        "csp": content_policy(files, connect=connect),
         "title": _as_markup(str(data["title"])),
         "style": style,
         "packed": base64.b64encode(zlib.compress(script.encode("utf-8"), 9)).decode("ascii"),
@@ -59,15 +86,17 @@ def page_text(data: Mapping[str, Any], *, connect: bool = False) -> str:
     return _PLACES.sub(lambda place: contents[place[1]], template)
 
 
-def content_policy(*, connect: bool = False) -> str:
+def content_policy(files: PageFiles | None = None, *, connect: bool = False) -> str:
     """Return the content security policy of the page.
 
     Parameters
     ----------
+    files : PageFiles, optional
+        What the page is made of; those of a report if not given.
     connect : bool
         Whether the page may send requests to the server that it was loaded from.
     """
-    _, style, loader, script = _parts()
+    _, style, loader, script = _parts(files or report_page())
     return "; ".join(
         (
             "default-src 'none'",
@@ -94,15 +123,28 @@ def page_json(data: Mapping[str, Any]) -> str:
 
 
 @lru_cache(maxsize=1)
-def _parts() -> tuple[str, str, str, str]:
-    """Return the template, the style, the loader, and all other scripts in one."""
-    names = sorted((path.name for path in _FOLDER.glob("*.js")), key=_place)
-    scripts = "\n".join(_content(name) for name in names if name != LOADER)
-    sheets = sorted(path.name for path in _FOLDER.glob("*.css"))
-    style = "\n".join(
-        _content(name) for name in sorted(sheets, key=lambda name: name != "page.css")
+def report_page() -> PageFiles:
+    """Return what the page of a report is made of."""
+    scripts = sorted(REPORT_FOLDER.glob("*.js"), key=lambda path: _place(path.name))
+    sheets = sorted(REPORT_FOLDER.glob("*.css"), key=lambda path: (path.name != "page.css", path))
+    return PageFiles(
+        template=REPORT_FOLDER / "page.html",
+        sheets=tuple(sheets),
+        scripts=tuple(path for path in scripts if path.name != LOADER),
     )
-    return _content("page.html"), f"\n{style}", _scoped(_content(LOADER)), _scoped(scripts)
+
+
+@lru_cache(maxsize=2)
+def _parts(files: PageFiles) -> tuple[str, str, str, str]:
+    """Return the template, the style, the loader, and all other scripts in one."""
+    scripts = "\n".join(map(_content, files.scripts))
+    style = "\n".join(map(_content, files.sheets))
+    return (
+        _content(files.template),
+        f"\n{style}",
+        _scoped(_content(files.loader)),
+        _scoped(scripts),
+    )
 
 
 def _scoped(script: str) -> str:
@@ -117,8 +159,8 @@ def _place(name: str) -> tuple[int, str]:
     return (1 + LAST_SCRIPTS.index(name) if name in LAST_SCRIPTS else 0), name
 
 
-def _content(name: str) -> str:
-    return (_FOLDER / name).read_text(encoding="utf-8")
+def _content(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
 
 
 def _hash(text: str) -> str:

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import pytest
 
-import priorfill.report
+from priorfill.report.page import REPORT_FOLDER
+from priorfill.study.summary_page import SHARED_SCRIPTS, STUDY_FOLDER, STUDY_SCRIPTS
 
-FOLDER = Path(priorfill.report.__file__).parent / "page"
-SCRIPTS = sorted(FOLDER.glob("*.js"))
+REPORT = sorted(REPORT_FOLDER.glob("*.js"))
+STUDY = [*(REPORT_FOLDER / name for name in SHARED_SCRIPTS), *sorted(STUDY_FOLDER.glob("*.js"))]
+SCRIPTS = list(dict.fromkeys(REPORT + STUDY))
 
 MARKUP = re.compile(
     r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|createContextualFragment"
@@ -53,14 +55,20 @@ def test_scripts_keep_the_rules(path: Path) -> None:
         assert end <= 61, f"line {number + 1}: {end - 1} lines"
 
 
-def test_names_are_declared_once() -> None:
-    # all scripts share one scope
-    names = [name for path in SCRIPTS for name in DECLARED.findall(path.read_text("utf-8"))]
+@pytest.mark.parametrize("scripts", [REPORT, STUDY], ids=["report", "study"])
+def test_names_are_declared_once(scripts: list[Path]) -> None:
+    # all scripts of a page share one scope
+    names = [name for path in scripts for name in DECLARED.findall(path.read_text("utf-8"))]
     assert sorted(name for name in set(names) if names.count(name) > 1) == []
 
 
-def test_markup_has_no_handlers_and_no_addresses() -> None:
-    text = (FOLDER / "page.html").read_text(encoding="utf-8")
+def test_a_summary_has_all_its_scripts() -> None:
+    assert sorted(STUDY_SCRIPTS) == sorted(path.name for path in STUDY_FOLDER.glob("*.js"))
+
+
+@pytest.mark.parametrize("page", [REPORT_FOLDER / "page.html", STUDY_FOLDER / "study.html"])
+def test_markup_has_no_handlers_and_no_addresses(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
     assert re.findall(r"\son\w+=|\sstyle=|https?://|\ssrc=", text) == []
-    sheets = "".join(path.read_text(encoding="utf-8") for path in FOLDER.glob("*.css"))
+    sheets = "".join(path.read_text(encoding="utf-8") for path in page.parent.glob("*.css"))
     assert re.findall(r"url\(|@import", sheets) == []

@@ -1,0 +1,201 @@
+"""A summary as JSON values."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from priorfill.study.summary_markers import StudyMarker
+from priorfill.study.summary_rule import rule_text
+from priorfill.study.summary_study import FolderSummary, StudySummary, SummaryTrial
+from priorfill.study.summary_trial import TrialFigures, TrialGap, TrialMarker
+
+__all__ = ["FORMAT", "relative_path", "rounded", "summary_json"]
+
+FORMAT = "priorfill study summary 1"
+"""Name and version of the JSON file."""
+
+MM_DIGITS, SECOND_DIGITS, SHARE_DIGITS = 2, 3, 6
+"""Decimals of lengths, times and shares."""
+
+
+def summary_json(summary: StudySummary, folder: Path) -> dict[str, Any]:
+    """Return a summary as JSON values; docs/study_summary.md describes them.
+
+    Parameters
+    ----------
+    summary : StudySummary
+        Of a study.
+    folder : Path
+        That the paths are relative to.
+    """
+    limits, contents = summary.limits, summary.contents
+    return {
+        "format": FORMAT,
+        "study": contents.name,
+        "sentence": summary.sentence,
+        "to_do": summary.to_do,
+        "groups": summary.groups,
+        "statuses": summary.statuses,
+        "waiting": list(contents.waiting),
+        "seconds": rounded(contents.seconds, SECOND_DIGITS),
+        "facts": dict(contents.facts),
+        "limits": {"error_mm": limits.error, "gap_seconds": limits.gap},
+        "rule": dict(rule_text(limits)),
+        "trials": [_trial(one, folder) for one in summary.trials],
+        "markers": [_marker(one) for one in summary.markers],
+        "folders": [_folder(one) for one in summary.folders],
+    }
+
+
+def rounded(value: float, digits: int) -> float | None:
+    """Return a number for JSON and tables; None where it is unknown.
+
+    Parameters
+    ----------
+    value : float
+        The number.
+    digits : int
+        Its decimals.
+    """
+    return round(float(value), digits) if math.isfinite(value) else None
+
+
+def relative_path(path: str | None, folder: Path) -> str | None:
+    """Return a path relative to a folder, with ``/``; absolute on another drive of Windows.
+
+    Parameters
+    ----------
+    path : str or None
+        An absolute path; None: none.
+    folder : Path
+        Absolute.
+    """
+    if not path:
+        return None
+    try:
+        return Path(os.path.relpath(path, folder)).as_posix()
+    except ValueError:
+        return Path(path).as_posix()
+
+
+def _trial(one: SummaryTrial, folder: Path) -> dict[str, Any]:
+    figures, outcome = one.figures, one.figures.outcome
+    facts: Mapping[str, Any] = outcome.facts
+    return {
+        "name": outcome.name,
+        "folder": figures.folder,
+        "subjects": list(figures.subjects),
+        "group": one.attention.group,
+        "reasons": list(one.attention.reasons),
+        "status": outcome.status,
+        "try_again": outcome.try_again,
+        "frames": figures.frames or None,
+        "rate": facts.get("rate"),
+        **_amounts(figures),
+        "longest_gap": _gap(figures.longest),
+        "least_certain_gap": _gap(figures.least_certain),
+        "left": [
+            {
+                "reason": left.reason,
+                "requested": left.requested,
+                "samples": left.samples,
+                "markers": list(left.markers),
+                "first_frame": left.first_frame,
+                "last_frame": left.last_frame,
+            }
+            for left in figures.left
+        ],
+        "artefacts": dict(figures.artefacts),
+        "warnings": list(outcome.warnings),
+        "notes": list(facts.get("notes") or ()),
+        "method": facts.get("method"),
+        "marker_set": facts.get("marker_set"),
+        "seconds": rounded(outcome.seconds, SECOND_DIGITS),
+        "peak_memory": outcome.peak_memory or None,
+        "source": relative_path(outcome.source, folder),
+        "output": None if figures.failed else relative_path(outcome.output, folder),
+        "report": relative_path(outcome.report, folder),
+        "uncertainty": relative_path(outcome.uncertainty, folder),
+        "markers": [_trial_marker(marker) for marker in figures.markers],
+    }
+
+
+def _amounts(figures: TrialFigures) -> dict[str, Any]:
+    """Return the numbers of samples and the expected errors of a trial."""
+    return {
+        "gaps": len(figures.gaps),
+        "missing_samples": figures.missing,
+        "missing_share": rounded(figures.missing_share, SHARE_DIGITS),
+        "filled_samples": figures.filled,
+        "left_samples": figures.left_samples,
+        "expected_mean_error_mm": rounded(figures.error, MM_DIGITS),
+        "error_bound_90_mm": rounded(figures.bound, MM_DIGITS),
+    }
+
+
+def _gap(gap: TrialGap | None) -> dict[str, Any] | None:
+    if gap is None:
+        return None
+    return {
+        "marker": gap.marker,
+        "first_frame": gap.first_frame,
+        "last_frame": gap.last_frame,
+        "seconds": rounded(gap.seconds, SECOND_DIGITS),
+        "expected_mean_error_mm": rounded(gap.error, MM_DIGITS),
+        "error_bound_90_mm": rounded(gap.bound, MM_DIGITS),
+    }
+
+
+def _trial_marker(one: TrialMarker) -> dict[str, Any]:
+    return {
+        "marker": one.label,
+        "gaps": one.gaps,
+        "missing_frames": one.frames,
+        "missing_share": rounded(one.share, SHARE_DIGITS),
+        "filled_frames": one.filled,
+        "left_frames": one.left,
+        "longest_gap_seconds": rounded(one.longest, SECOND_DIGITS),
+        "expected_mean_error_mm": rounded(one.error, MM_DIGITS),
+        "greatest_gap_error_mm": rounded(one.worst, MM_DIGITS),
+    }
+
+
+def _marker(one: StudyMarker) -> dict[str, Any]:
+    return {
+        "marker": one.label,
+        "trials": one.trials,
+        "gaps": one.gaps,
+        "missing_frames": one.frames,
+        "missing_share": rounded(one.share, SHARE_DIGITS),
+        "filled_frames": one.filled,
+        "left_frames": one.left,
+        "left_trials": one.left_trials,
+        "never_measured_trials": one.throughout_trials,
+        "absent_in": list(one.absent),
+        "longest_gap_seconds": rounded(one.longest, SECOND_DIGITS),
+        "expected_mean_error_mm": rounded(one.error, MM_DIGITS),
+        "greatest_gap_error_mm": rounded(one.worst, MM_DIGITS),
+    }
+
+
+def _folder(one: FolderSummary) -> dict[str, Any]:
+    return {
+        "folder": one.name,
+        "subjects": list(one.subjects),
+        "trials": one.trials,
+        "groups": dict(one.groups),
+        "missing_samples": one.missing,
+        "missing_share": rounded(
+            one.missing / one.samples if one.samples else math.nan, SHARE_DIGITS
+        ),
+        "filled_samples": one.filled,
+        "left_samples": one.left,
+        "expected_mean_error_mm": rounded(one.error, MM_DIGITS),
+        "worst_marker": one.worst_marker or None,
+        "absent_markers": list(one.absent),
+        "seconds": rounded(one.seconds, SECOND_DIGITS),
+    }

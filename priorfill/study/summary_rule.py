@@ -1,0 +1,160 @@
+"""Which trials need a hand: the rule of a summary, and its reasons for a trial."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from priorfill.study.summary_limits import SummaryLimits
+from priorfill.study.summary_trial import LeftSamples, TrialFigures, TrialGap
+
+__all__ = ["GROUPS", "Attention", "attention", "rule_text"]
+
+Group = Literal["failed", "record again", "look at", "good"]
+"""What a person has to do about a trial."""
+
+GROUPS: tuple[Group, ...] = ("failed", "record again", "look at", "good")
+"""The groups, worst first."""
+
+MAX_REASONS = 4
+"""Reasons of a trial; more are counted."""
+
+MAX_NAMES = 3
+"""Markers named in a reason; more are counted."""
+
+
+@dataclass(frozen=True)
+class Attention:
+    """The group of a trial.
+
+    Attributes
+    ----------
+    group : str
+        ``failed``, ``record again``, ``look at`` or ``good``.
+    reasons : tuple of str
+        Why, the gravest first; empty for a good one.
+    """
+
+    group: Group
+    reasons: tuple[str, ...]
+
+
+def rule_text(limits: SummaryLimits) -> tuple[tuple[Group, str], ...]:
+    """Return the rule as a sentence for each group.
+
+    Parameters
+    ----------
+    limits : SummaryLimits
+        From which values on a trial needs a hand.
+
+    Examples
+    --------
+    >>> dict(rule_text(SummaryLimits()))["failed"]
+    'No output was written.'
+    """
+    gap, error = f"{limits.gap:g} s", f"{limits.error:g} mm"
+    return (
+        ("failed", "No output was written."),
+        (
+            "record again",
+            f"A gap is longer than {gap}, and more than {gap} of it stay missing or its expected "
+            f"mean error is above {error} or unknown: no setting is likely to make it right.",
+        ),
+        (
+            "look at",
+            f"Samples stay missing, a gap is longer than {gap}, the expected mean error of a gap "
+            f"is above {error} or unknown, or measured samples may be wrong.",
+        ),
+        (
+            "good",
+            "None of these. A marker that is missing in every trial of a folder from its first to "
+            "its last frame counts for no trial: it was not placed, or has another name.",
+        ),
+    )
+
+
+def attention(
+    trial: TrialFigures, limits: SummaryLimits, absent: Collection[str] = ()
+) -> Attention:
+    """Return the group of a trial, with reasons.
+
+    Parameters
+    ----------
+    trial : TrialFigures
+        The trial.
+    limits : SummaryLimits
+        From which values on it needs a hand.
+    absent : collection of str
+        Markers that do not count.
+    """
+    if trial.failed:
+        return Attention("failed", (trial.outcome.reason or "No reason is known.",))
+    gaps = [gap for gap in trial.gaps if gap.marker not in absent]
+    lost = [gap for gap in gaps if _is_lost(gap, limits)]
+    reasons = [f"{gap.marker}: {_lost_text(gap)}" for gap in lost]
+    reasons += _looks(trial, [gap for gap in gaps if gap not in lost], limits)
+    if len(reasons) > MAX_REASONS:
+        reasons[MAX_REASONS - 1 :] = [f"and {len(reasons) - MAX_REASONS + 1} more reasons"]
+    group: Group = "record again" if lost else "look at" if reasons else "good"
+    return Attention(group, tuple(reasons))
+
+
+def _is_lost(gap: TrialGap, limits: SummaryLimits) -> bool:
+    """Return whether a gap is too long for so uncertain a fill."""
+    rate = gap.frames / gap.seconds if gap.seconds else math.inf
+    return gap.seconds > limits.gap and (gap.left / rate > limits.gap or _is_uncertain(gap, limits))
+
+
+def _is_uncertain(gap: TrialGap, limits: SummaryLimits) -> bool:
+    """Return whether what is filled of a gap may be wrong."""
+    return gap.filled > 0 and not gap.error <= limits.error
+
+
+def _lost_text(gap: TrialGap) -> str:
+    where = f"frames {gap.first_frame}-{gap.last_frame} ({gap.seconds:.2f} s)"
+    if not gap.filled:
+        return f"{where} stay missing"
+    left = f", {gap.left} frames stay missing" if gap.left else ""
+    return f"{where}: {_error_text(gap)}{left}"
+
+
+def _error_text(gap: TrialGap) -> str:
+    if not math.isfinite(gap.error):
+        return "how far off the fill is, is not known"
+    return f"expected error {gap.error:.0f} mm"
+
+
+def _looks(trial: TrialFigures, gaps: list[TrialGap], limits: SummaryLimits) -> Iterator[str]:
+    """Yield why a trial should be looked at, apart from gaps that are lost."""
+    markers = {gap.marker for gap in gaps if gap.left}
+    for one in trial.left:
+        if one.requested and markers.intersection(one.markers):
+            yield _left_text(one)
+    uncertain = [gap for gap in gaps if _is_uncertain(gap, limits)]
+    if uncertain:
+        worst = max(uncertain, key=lambda gap: gap.error if math.isfinite(gap.error) else math.inf)
+        yield _gap_text(worst, _error_text(worst), len(uncertain) - 1)
+    long = [gap for gap in gaps if gap.seconds > limits.gap and gap not in uncertain]
+    if long:
+        longest = max(long, key=lambda gap: gap.seconds)
+        yield _gap_text(longest, f"{longest.seconds:.2f} s long", len(long) - 1)
+    if trial.doubtful:
+        kinds = ", ".join(
+            f"{count} {kind.replace('_', ' ')}" for kind, count in trial.artefacts.items()
+        )
+        yield f"measured samples may be wrong: {kinds}; --reject-artefacts fills them"
+
+
+def _left_text(left: LeftSamples) -> str:
+    names = ", ".join(left.markers[:MAX_NAMES])
+    more = len(left.markers) - MAX_NAMES
+    if more > 0:
+        names += f" and {more} more"
+    return f"{left.samples} samples of {names} stay missing: {left.reason}"
+
+
+def _gap_text(gap: TrialGap, what: str, others: int) -> str:
+    more = f"; so are {others} more gaps" if others > 1 else "; so is 1 more gap" if others else ""
+    return f"{gap.marker}, frames {gap.first_frame}-{gap.last_frame}: {what}{more}"

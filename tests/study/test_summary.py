@@ -1,0 +1,122 @@
+"""The summary of a study: which trials need a hand, and its files."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from priorfill.errors import OutputError
+from priorfill.study.job import JobOutcome, Status
+from priorfill.study.summary_files import check_summary, write_summary
+from priorfill.study.summary_limits import SummaryLimits
+from priorfill.study.summary_study import StudyContents, summarise_study
+
+FRAMES = 1000
+RATE = 100.0
+
+
+def gap(
+    marker: str, seconds: float, error: float | None = 2.0, *, left: int = 0, reason: str = "why"
+) -> dict[str, Any]:
+    """A gap in the facts of a fill, of which the last frames are left."""
+    frames = round(seconds * RATE)
+    spans = [{"first_frame": 101 + frames - left, "last_frame": 100 + frames, "reason": reason,
+              "requested": True}]  # fmt: skip
+    return {
+        "marker": marker,
+        "subject": "Anna",
+        "first_frame": 101,
+        "last_frame": 100 + frames,
+        "frames": frames,
+        "seconds": seconds,
+        "filled": frames - left,
+        "expected_mean_error_mm": error,
+        "error_bound_90_mm": None if error is None else 2 * error,
+        "unfilled": spans if left else [],
+    }
+
+
+def outcome(name: str, *gaps: dict[str, Any], **more: Any) -> JobOutcome:
+    """The outcome of a job."""
+    left = any(one["unfilled"] for one in gaps)
+    status: Status = "no gaps" if not gaps else "incomplete" if left else "filled"
+    subjects = [{"subject": "Anna", "markers": 40}]
+    facts = {"frames": FRAMES, "rate": RATE, "subjects": subjects, "gaps": list(gaps)}
+    given = {"status": status, "facts": facts, "report": f"/out/{name}.html"} | more
+    return JobOutcome(name, f"/in/{name}", f"/out/{name}", **given)
+
+
+def failure(name: str, reason: str) -> JobOutcome:
+    return outcome(name, status="failed", reason=reason, facts={}, report=None)
+
+
+def groups_of(*outcomes: JobOutcome, **limits: float) -> dict[str, str]:
+    summary = summarise_study(outcomes, SummaryLimits(**limits))
+    return {one.figures.outcome.name: one.attention.group for one in summary.trials}
+
+
+def test_groups_follow_the_rule() -> None:
+    outcomes = [
+        outcome("short.c3d", gap("C7", 0.5)),
+        outcome("none.c3d"),
+        outcome("long.c3d", gap("C7", 1.5)),
+        outcome("uncertain.c3d", gap("C7", 0.5, 15.0)),
+        outcome("unknown.c3d", gap("C7", 0.5, None)),
+        outcome("left.c3d", gap("C7", 0.5, left=10)),
+        outcome("long_left.c3d", gap("C7", 1.5, left=50)),
+        outcome("lost.c3d", gap("C7", 1.5, 15.0)),
+        outcome("long_lost.c3d", gap("C7", 3.0, left=150)),
+        failure("failed.c3d", "no markers"),
+    ]
+    assert groups_of(*outcomes) == {
+        "failed.c3d": "failed",
+        "long_lost.c3d": "record again",
+        "lost.c3d": "record again",
+        "long_left.c3d": "look at",
+        "left.c3d": "look at",
+        "uncertain.c3d": "look at",
+        "long.c3d": "look at",
+        "unknown.c3d": "look at",
+        "short.c3d": "good",
+        "none.c3d": "good",
+    }
+    assert next(iter(groups_of(*outcomes))) == "failed.c3d"
+    assert groups_of(outcomes[2], gap=2.0) == {"long.c3d": "good"}
+    assert groups_of(outcomes[3], error=20.0) == {"uncertain.c3d": "good"}
+
+
+def test_files_hold_the_same(tmp_path: Path) -> None:
+    outcomes = [outcome("P10/a.c3d", gap("C7", 0.5)), failure("P9/=b.c3d", '=HYPERLINK("x")')]
+    contents = StudyContents("gait", waiting=("P9/c.c3d",))
+    summary, files = write_summary(outcomes, tmp_path / "summary.html", contents=contents)
+    assert summary.sentence == "3 trials: 1 filled completely, 1 failed, 1 not done yet."
+    assert summary.to_do == "1 needs a hand: 1 failed."
+    values = json.loads(files.json.read_text("ascii"))
+    assert [one["folder"] for one in values["folders"]] == ["P9", "P10"]
+    with files.trials.open(encoding="utf-8-sig", newline="") as table:
+        rows = list(csv.DictReader(table))
+    assert [row["trial"] for row in rows] == [one["name"] for one in values["trials"]]
+    assert rows[0]["reasons"] == '\'=HYPERLINK("x")'
+    assert rows[1]["missing_share"] == str(50 / (40 * FRAMES))
+    with files.markers.open(encoding="utf-8-sig", newline="") as table:
+        assert [row["marker"] for row in csv.DictReader(table)] == ["C7"]
+    assert "gait" in files.page.read_text("utf-8")
+
+
+def test_a_summary_replaces_a_summary_only(tmp_path: Path) -> None:
+    page = tmp_path / "summary.html"
+    write_summary([], page)
+    check_summary(page)
+    write_summary([outcome("a.c3d")], page)
+    (tmp_path / "summary.csv").write_text("my notes\n", encoding="utf-8")
+    with pytest.raises(OutputError, match=r"summary\.csv"):
+        check_summary(page)
+    with pytest.raises(OutputError, match=r"summary\.csv"):
+        write_summary([], page)
+    assert "0 trials" in page.read_text("utf-8")  # the others are written
+    assert (tmp_path / "summary.csv").read_text("utf-8") == "my notes\n"
+    write_summary([], page, overwrite=True)
