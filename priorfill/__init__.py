@@ -41,7 +41,9 @@ if TYPE_CHECKING:
     from priorfill.errors import PriorfillError
     from priorfill.evaluation import Evaluation, EvaluationOptions, evaluate
     from priorfill.filling.add_result import AddedClip, add_result
+    from priorfill.filling.fill_array import FilledArray, fill_array
     from priorfill.filling.fill_clip import fill
+    from priorfill.filling.fill_dataset import fill_dataset
     from priorfill.filling.fill_file import FileOptions, FileResult, fill_file
     from priorfill.filling.fill_options import FillOptions
     from priorfill.filling.gap_filter import GapFilter
@@ -80,6 +82,7 @@ _PLACES = {
     "FileOptions": "priorfill.filling.fill_file",
     "FileResult": "priorfill.filling.fill_file",
     "FillOptions": "priorfill.filling.fill_options",
+    "FilledArray": "priorfill.filling.fill_array",
     "FilledGap": "priorfill.filling.result",
     "Gap": "priorfill.gaps",
     "GapFilter": "priorfill.filling.gap_filter",
@@ -104,6 +107,8 @@ _PLACES = {
     "batch": "priorfill.study.run_study",
     "evaluate": "priorfill.evaluation",
     "fill": "priorfill.filling.fill_clip",
+    "fill_array": "priorfill.filling.fill_array",
+    "fill_dataset": "priorfill.filling.fill_dataset",
     "fill_file": "priorfill.filling.fill_file",
     "find_artefacts": "priorfill.artefacts",
     "find_gaps": "priorfill.gaps",
@@ -133,6 +138,7 @@ __all__ = [
     "FileOptions",
     "FileResult",
     "FillOptions",
+    "FilledArray",
     "FilledGap",
     "Gap",
     "GapFilter",
@@ -158,6 +164,8 @@ __all__ = [
     "batch",
     "evaluate",
     "fill",
+    "fill_array",
+    "fill_dataset",
     "fill_file",
     "find_artefacts",
     "find_gaps",

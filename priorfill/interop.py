@@ -36,6 +36,7 @@ __all__ = [
     "from_timeseries",
     "from_xarray",
     "optional_package",
+    "rate_of_times",
     "result_to_dataframe",
     "result_to_xarray",
     "to_dataframe",
@@ -169,7 +170,7 @@ def from_timeseries(series: Any, **options: Any) -> Clip:
         options["unit"] = _one_unit(
             [_unit_of(getattr(series, "info", {}), label) for label in labels]
         )
-    return from_arrays(np.stack(columns, axis=1), labels, _rate(times, name), **options)
+    return from_arrays(np.stack(columns, axis=1), labels, rate_of_times(times, name), **options)
 
 
 def to_timeseries(clip: Clip, timeseries_class: Callable[..., Any], unit: str = "m") -> Any:
@@ -264,7 +265,7 @@ def from_xarray(array: Any, **options: Any) -> Clip:
     if rate is None:
         if "time" not in ordered.coords:
             raise ClipError(f"{name}: has neither times nor a rate; give the rate")
-        rate = _rate(np.asarray(ordered.coords["time"].values, dtype=np.float64), name)
+        rate = rate_of_times(np.asarray(ordered.coords["time"].values, dtype=np.float64), name)
     options.setdefault("unit", attributes.get("units"))
     options.setdefault("first_frame", int(attributes.get("first_frame", 0)))
     return from_arrays(values[:, :, places], labels, rate, **options)
@@ -363,7 +364,7 @@ def from_dataframe(frame: Any, rate: float | None = None, **options: Any) -> Cli
             times = np.asarray(frame.index.to_numpy(), dtype=np.float64)
         except (TypeError, ValueError):
             raise ClipError(f"{name}: its index is not a time in seconds; give the rate") from None
-        rate = _rate(times, name)
+        rate = rate_of_times(times, name)
         if np.array_equal(times, np.arange(len(times))) and len(times) > 1:
             raise ClipError(f"{name}: its index counts rows instead of seconds; give the rate")
     return from_arrays(values, list(complete), rate, **options)
@@ -541,8 +542,26 @@ def _times(clip: Clip) -> NDArray[np.float64]:
     return np.arange(clip.frames) / clip.rate
 
 
-def _rate(times: NDArray[np.float64], name: str) -> float:
-    """Return the frame rate (Hz) of evenly spaced times (s)."""
+def rate_of_times(times: NDArray[np.float64], name: str) -> float:
+    """Return the frame rate (Hz) of evenly spaced times (s).
+
+    Parameters
+    ----------
+    times : ndarray [shape=(frames,), s]
+        The time of each frame.
+    name : str
+        What has them, for messages.
+
+    Raises
+    ------
+    ClipError
+        If there are fewer than two, or they are not evenly spaced.
+
+    Examples
+    --------
+    >>> rate_of_times(np.array([0.0, 0.02, 0.04]), "walk")
+    50.0
+    """
     steps = np.diff(times)
     if not steps.size or not np.isfinite(steps).all():
         raise ClipError(f"{name}: has too few times to determine the rate; give the rate")

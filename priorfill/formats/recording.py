@@ -24,7 +24,14 @@ from priorfill.formats.subjects import choose_subject
 from priorfill.formats.units import find_unit
 from priorfill.formats.up_axis import find_up_axis
 
-__all__ = ["ReadOptions", "Recording", "clip_from_file", "make_clip"]
+__all__ = [
+    "ReadOptions",
+    "Recording",
+    "check_coordinates",
+    "clip_from_file",
+    "make_clip",
+    "notes_on_marks",
+]
 
 _MIN_MARKS = 3
 """Samples with three equal coordinates, the same in all of them, that are noted."""
@@ -243,8 +250,8 @@ def make_clip(
     points, labels = list(markers.names), tuple(markers.names.values())
     kept = _of_points(recording.positions, points)
     recording.positions = kept  # frees the memory of the other points
-    _check_coordinates(kept, labels, recording.first_frame, name)
-    notes = (*recording.notes, *residual_notes, *_marks_of_missing(kept), *markers.notes)
+    check_coordinates(kept, labels, recording.first_frame, name)
+    notes = (*recording.notes, *residual_notes, *notes_on_marks(kept), *markers.notes)
     _, mm_per_unit, unit_notes = find_unit(kept, recording.unit, options.unit, name)
     kept *= mm_per_unit
     kept.setflags(write=False)  # so that the clip need not copy it
@@ -306,7 +313,7 @@ def _blank_invalid_samples(recording: Recording, options: ReadOptions) -> list[s
     return notes
 
 
-def _marks_of_missing(positions: NDArray[np.float64]) -> list[str]:
+def notes_on_marks(positions: NDArray[np.float64]) -> list[str]:
     """Return a note on a number that some programs write for missing samples, such as -9999.
 
     Three equal coordinates, several times the same, are no measurement.
@@ -415,7 +422,7 @@ def _of_points(values: NDArray[np.float64], points: list[int]) -> NDArray[np.flo
     return np.take(values, points, axis=1)
 
 
-def _check_coordinates(
+def check_coordinates(
     positions: NDArray[np.float64], labels: tuple[str, ...], first_frame: int, name: str
 ) -> None:
     """Raise ClipError at the first coordinate beyond `MAX_COORDINATE`."""
