@@ -18,6 +18,7 @@ DOCUMENT = ROOT.parent / "ARCHITECTURE.md"
 ONLY_IN = {
     "click": ("cli",),
     "rich": ("cli",),
+    "distributed": ("study.dask_executor", "study.dask_task"),
     "filelock": ("runtime.file_lock",),
     "pooch": ("datasets",),
     "psutil": ("study",),

@@ -8,7 +8,7 @@ import pytest
 
 import priorfill
 
-SLOW = ("numba", "scipy", "ezc3d", "rich", "matplotlib")
+SLOW = ("numba", "scipy", "ezc3d", "rich", "matplotlib", "distributed")
 
 
 def loaded_after(statement: str) -> set[str]:

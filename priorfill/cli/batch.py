@@ -81,6 +81,16 @@ def shared_fill_options() -> list[click.Parameter]:
     is_flag=True,
     help="Also write the expected error of each filled sample of each file, FILE.uncertainty.npz.",
 )
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Fill on the workers of a Dask scheduler, tls://HOST:PORT or tcp://HOST:PORT.",
+)
+@click.option(
+    "--cluster",
+    type=click.Choice(["local"]),
+    help="local: start Dask workers on this computer.",
+)
 @click.option("--report", is_flag=True, help="Also write a page for each file, FILE.html.")
 @click.option(
     "--workers",
@@ -152,6 +162,8 @@ def _study_options(given: dict[str, Any], show: Any) -> StudyOptions:
         workers=given["workers"],
         report=given["report"],
         uncertainty=given["uncertainty"],
+        scheduler=given["scheduler"],
+        cluster=given["cluster"],
         time_limit=given["time_limit"] * 60.0,
         memory_limit=None if memory is None else int(memory * 1e9),
         retry=given["retry"],

@@ -166,7 +166,7 @@ class _StudyRun:
         rounds = StudyRounds(self._plan.jobs)
         interrupted = None
         try:
-            with _executor(self._options) as executor:
+            with _executor(self._options, self._plan.folder.path) as executor:
                 for jobs in rounds:
                     self._run_round(jobs, executor)
                     rounds.learn([self._outcomes[job.name] for job in jobs])
@@ -223,9 +223,17 @@ class _StudyRun:
 
 
 @contextmanager
-def _executor(options: StudyOptions) -> Iterator[StudyExecutor]:
+def _executor(options: StudyOptions, folder: Path) -> Iterator[StudyExecutor]:
     """Provide what runs the jobs."""
-    yield LocalExecutor(options.worker_count, options.limits)
+    if not options.uses_dask:
+        yield LocalExecutor(options.worker_count, options.limits)
+        return
+    from priorfill.study.dask_executor import DaskExecutor  # takes half a second to import
+
+    with DaskExecutor(
+        options.limits, folder, scheduler=options.scheduler, workers=options.worker_count
+    ) as executor:
+        yield executor
 
 
 def _keep(outcome: JobOutcome, record: str) -> None:

@@ -22,6 +22,9 @@ _WORKER_MEMORY = 2 << 30
 """Memory (bytes) that a worker gets at least, where the number of workers is not given: a fill of
 some minutes of 50 markers takes half of it."""
 
+_LOCAL = "local"
+"""Name of a cluster on this computer."""
+
 
 @dataclass(frozen=True)
 class StudyProgress:
@@ -78,7 +81,8 @@ class StudyOptions:
     time_limit : float
         Wall time (s) after which a fill is ended.
     memory_limit : int, optional
-        Memory (bytes) that a fill may use; by default its share of the computer's memory.
+        Memory (bytes) that a fill may use; by default its share of the computer's memory. With a
+        scheduler, that of its worker.
     retry : bool
         Fill files again that failed before for reasons of their own.
     overwrite : bool
@@ -142,6 +146,13 @@ class StudyOptions:
             )
         if self.scheduler is not None and self.cluster is not None:
             raise OptionError("`scheduler` and `cluster` exclude each other; give one")
+        if self.cluster not in (None, _LOCAL):
+            raise OptionError(f"`cluster` is {self.cluster}; there is only {_LOCAL}")
+
+    @property
+    def uses_dask(self) -> bool:
+        """Whether workers of Dask fill the files."""
+        return self.scheduler is not None or self.cluster is not None
 
     @property
     def worker_count(self) -> int:
@@ -153,9 +164,11 @@ class StudyOptions:
 
     @property
     def limits(self) -> JobLimits:
-        """What each job may use."""
+        """What each job may use; with a scheduler, 0 is the share of its worker."""
         workers = self.worker_count
         memory = int(_MEMORY_SHARE * psutil.virtual_memory().total / workers)
+        if self.scheduler is not None:
+            memory = 0
         return JobLimits(
             self.time_limit,
             memory if self.memory_limit is None else self.memory_limit,

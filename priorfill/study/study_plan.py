@@ -94,11 +94,14 @@ def plan_study(
     tried(lambda: _check_names(sources, folder))
     if prior is not None:
         tried(lambda: PriorDatabase.open(prior).close())
+    notes = [] if found is None else list(found.notes)
+    if options.uses_dask:
+        tried(lambda: notes.extend(_cluster_notes(options)))
     if problems:
         raise StudyError(problems)
     assert found is not None
     jobs = tuple(_job(one, folder, settings, prior, options) for one in sources)
-    return StudyPlan(folder, jobs, sizes, prior, found.notes)
+    return StudyPlan(folder, jobs, sizes, prior, tuple(notes))
 
 
 def _job(
@@ -120,6 +123,20 @@ def _job(
         uncertainty=str(folder.uncertainty(name)) if options.uncertainty else None,
         overwrite=options.overwrite,
     )
+
+
+def _cluster_notes(options: StudyOptions) -> list[str]:
+    """Return what a user should know of the cluster.
+
+    Raises
+    ------
+    PriorfillError
+        Where Dask is not installed, or the address of the scheduler is none.
+    """
+    from priorfill.study.dask_executor import check_address  # takes half a second to import
+
+    warning = "" if options.scheduler is None else check_address(options.scheduler)
+    return [warning] if warning else []
 
 
 def _size(path: Path) -> int:
