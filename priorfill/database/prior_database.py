@@ -106,8 +106,9 @@ class PriorDatabase:
     (30.0, 3, 16)
     """
 
-    def __init__(self, path: Path, *, write: bool) -> None:
+    def __init__(self, path: Path, *, write: bool, state: str = "") -> None:
         self.path = path
+        self._past = state
         self._lock: DatabaseLock | None = None
         self._manifest = read_manifest(path)
         self.rate = self._manifest.rate
@@ -157,7 +158,7 @@ class PriorDatabase:
         for attempt in range(1, MAX_OPEN_ATTEMPTS + 1):
             catalogue = find_catalogue(self.path)
             try:
-                self._catalogue = Catalogue(catalogue, self._manifest, write=write)
+                self._catalogue = Catalogue(catalogue, self._manifest, write=write, past=self._past)
             except (DatabaseError, OSError):
                 # a compaction may have replaced it after it was found
                 if find_catalogue(self.path) == catalogue or attempt == MAX_OPEN_ATTEMPTS:
@@ -182,6 +183,11 @@ class PriorDatabase:
         if left != listed:
             self._catalogue.announce(left)
         self._writer = SegmentWriter(self._folder, identity, left)
+
+    @property
+    def state(self) -> str:
+        """The state that is read; `open` takes it to read the same clips after later changes."""
+        return self._catalogue.position
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -225,7 +231,7 @@ class PriorDatabase:
         return cls(path, write=True)
 
     @classmethod
-    def open(cls, path: str | Path, *, write: bool = False) -> Self:
+    def open(cls, path: str | Path, *, write: bool = False, state: str = "") -> Self:
         """Open a database.
 
         Parameters
@@ -234,11 +240,18 @@ class PriorDatabase:
             Its directory.
         write : bool
             Whether clips will be added or removed. Only one process can write at a time.
+        state : str
+            An earlier `state` to read, as if nothing had been added or removed since. A database
+            has its earlier states until it is compacted. By default the latest.
 
         Raises
         ------
         DatabaseNotFoundError
             If the directory does not exist.
+        DatabaseError
+            If the database does not have that state.
+        OptionError
+            If an earlier state is to be written to.
         DatabaseFormatError
             If the directory is not a database, or has a format version unknown to this priorfill.
         DatabaseLockedError
@@ -246,7 +259,9 @@ class PriorDatabase:
         DatabaseCorruptError
             If its catalogue is damaged.
         """
-        return cls(Path(path), write=write)
+        if write and state:
+            raise OptionError("an earlier `state` of a database can only be read, not written to")
+        return cls(Path(path), write=write, state=state)
 
     @classmethod
     def open_or_create(

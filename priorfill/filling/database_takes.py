@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from priorfill.clip import Clip
 from priorfill.database import ClipRecord, PriorDatabase
@@ -33,6 +33,10 @@ class DatabaseTakes:
         The marker set whose other spellings of labels count as the same marker.
     options : FillOptions
         The selection, and whether filled samples are learnt from.
+    same_subject : sequence of Clip
+        Recordings that are learnt from as those of the same subject, and therefore not as clips of
+        the database: from one recording under two names, a fill would seem to be more certain than
+        it is.
     damaged : mapping of str to DatabaseCorruptError
         Clips known to be damaged, by content hash.
 
@@ -53,6 +57,7 @@ class DatabaseTakes:
         database: PriorDatabase | None,
         definition: MarkerSet | None,
         options: FillOptions,
+        same_subject: Sequence[Clip],
         damaged: Mapping[str, DatabaseCorruptError],
     ) -> None:
         self.takes: tuple[Take, ...] = ()
@@ -61,7 +66,7 @@ class DatabaseTakes:
         self._notes: list[str] = []
         if database is None:
             return
-        self.records = self._choose(clip, database, options, damaged)
+        self.records = self._choose(clip, database, options, same_subject, damaged)
         if not self.records:
             return
         self.takes = takes_from(
@@ -91,6 +96,7 @@ class DatabaseTakes:
         clip: Clip,
         database: PriorDatabase,
         options: FillOptions,
+        same_subject: Sequence[Clip],
         damaged: Mapping[str, DatabaseCorruptError],
     ) -> tuple[ClipRecord, ...]:
         """Return the rows of the clips that may be learnt from."""
@@ -110,10 +116,11 @@ class DatabaseTakes:
                 "of the same recording as the clip"
             )
         self._notes += [f"{error}; not learnt from" for error in damaged.values()]
+        known = {record for other in same_subject for record in database.versions(other)}
         chosen = tuple(
             record
             for record in options.selection.choose(records)
-            if record not in own and record.content not in damaged
+            if record not in own and record not in known and record.content not in damaged
         )
         if not chosen:
             self._notes.append(f"{database.path}: no clip is left to learn from")

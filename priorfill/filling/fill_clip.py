@@ -158,7 +158,9 @@ def fill(
     others = assign_same_subject(clips, same_subject)
     with ExitStack() as stack:
         if isinstance(database, (str, Path)):
-            database = stack.enter_context(PriorDatabase.open(database))
+            database = stack.enter_context(
+                PriorDatabase.open(database, state=settings.options.database_state)
+            )
         rows = () if database is None else database.clips()
         if overrides is not None:
             names = None if database is None else (row.name for row in rows)
@@ -425,7 +427,12 @@ class _Filling:
         damaged: dict[str, DatabaseCorruptError] = {}
         while True:
             prior = DatabaseTakes(
-                plan.clip, self.database, plan.seen.definition, self.settings.options, damaged
+                plan.clip,
+                self.database,
+                plan.seen.definition,
+                self.settings.options,
+                plan.same_subject,
+                damaged,
             )
             takes = tuple(t for t in plan.takes + prior.takes if run.settings.may_use(t))
             estimate, hidden = self._estimate(plan, run, takes, first)

@@ -49,6 +49,9 @@ class FillOptions:
     estimate_errors : bool
         Find expected errors from artificial gaps where the method predicts none. That takes as long
         as two more fills.
+    database_state : str
+        An earlier `priorfill.PriorDatabase.state` of a database that is given by its folder; by
+        default the latest.
     cache : FillCache, optional
         What earlier fills of the same clip computed; it makes a repeated fill faster, and changes
         no result.
@@ -83,6 +86,7 @@ class FillOptions:
     max_error: float | None = None
     plausibility: PlausibilityOptions = field(default_factory=PlausibilityOptions)
     estimate_errors: bool = True
+    database_state: str = ""
     cache: FillCache | None = field(default=None, repr=False, compare=False)
     progress: Callable[[int, int], None] | None = field(default=None, repr=False, compare=False)
     checkpoint: Callable[[], None] | None = field(default=None, repr=False, compare=False)

@@ -8,7 +8,8 @@ distances of two people differ by more.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import zlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,13 @@ from numpy.typing import NDArray
 
 from priorfill.markers.marker_set import MarkerSet, same_markers
 
-__all__ = ["MAX_DIFFERENCE", "BodyComparison", "compare_bodies"]
+__all__ = [
+    "MAX_DIFFERENCE",
+    "BodyComparison",
+    "body_measures",
+    "compare_bodies",
+    "compare_measures",
+]
 
 MAX_DIFFERENCE = 14.0
 """mm. Largest median difference of the measures of one subject. In 25 gait, 10 CMU and 3 HDM05
@@ -39,6 +46,10 @@ MIN_MEASURES = 6
 MAX_CONSTANT_SHARE = 0.6
 """Share of constant distances above which a body is taken as standing still. Where both do, only
 distances within the segments of a marker set are compared: the postures may differ."""
+
+MAX_KEPT_MEASURES = 200
+"""Measures kept of a recording by `body_measures`; their median differs little from that of all.
+"""
 
 MAX_MARKERS = 150
 """Markers compared; the number of distances grows with the square."""
@@ -109,6 +120,63 @@ def compare_bodies(
     if count < MIN_MEASURES:
         return BodyComparison(float("nan"), count)
     return BodyComparison(float(np.median(longer[usable] - shorter[usable])), count)
+
+
+def body_measures(positions: NDArray[np.float64], labels: Sequence[str]) -> dict[str, float]:
+    r"""Return the body measures of one recording, to be compared with others later.
+
+    Parameters
+    ----------
+    positions : ndarray [shape=(frames, markers, 3), mm]
+        NaN where missing.
+    labels : sequence of str
+        The markers.
+
+    Returns
+    -------
+    dict of str to float
+        Distances (mm) by their two labels, in alphabetical order and with a line break between
+        them. Of many, those are kept whose names have the lowest checksums, which are mostly the
+        same ones in each recording.
+
+    Examples
+    --------
+    >>> positions = np.zeros((10, 2, 3))
+    >>> positions[:, 1, 0] = 200.0
+    >>> body_measures(positions, ("B", "A"))
+    {'A\nB': 200.0}
+    """
+    keep = np.linspace(0, len(labels) - 1, min(len(labels), MAX_MARKERS)).astype(np.intp)
+    first, second = np.triu_indices(len(keep), 1)
+    mean, spread = _measure(positions, keep.tolist(), first, second)
+    with np.errstate(invalid="ignore"):
+        usable = (spread < MAX_SPREAD) & (mean > MIN_DISTANCE) & (mean < MAX_DISTANCE)
+    names = [
+        "\n".join(sorted((labels[keep[first[pair]]], labels[keep[second[pair]]])))
+        for pair in np.flatnonzero(usable)
+    ]
+    found = dict(zip(names, mean[usable].tolist(), strict=True))
+    kept = sorted(found, key=lambda name: (zlib.crc32(name.encode()), name))[:MAX_KEPT_MEASURES]
+    return {name: round(found[name], 1) for name in kept}
+
+
+def compare_measures(one: Mapping[str, float], other: Mapping[str, float]) -> BodyComparison:
+    r"""Compare measures that `body_measures` returned.
+
+    Parameters
+    ----------
+    one, other : mapping of str to float
+        Of two recordings.
+
+    Examples
+    --------
+    >>> compare_measures({"A\nB": 200.0}, {"A\nB": 210.0}).measures
+    1
+    """
+    common = [abs(one[name] - other[name]) for name in sorted(one.keys() & other.keys())]
+    if len(common) < MIN_MEASURES:
+        return BodyComparison(float("nan"), len(common))
+    return BodyComparison(float(np.median(common)), len(common))
 
 
 def _share(constant: NDArray[np.bool_], known: NDArray[np.bool_]) -> float:

@@ -74,6 +74,8 @@ class StudyJob:
     key : str
         Hash of all that decides the outcome: contents of the files read, settings, version of
         priorfill, state of the database. An outcome with the same key need not be computed again.
+    database_state : str
+        State of the database to learn from (`priorfill.PriorDatabase.state`); empty: the latest.
 
     Examples
     --------
@@ -93,6 +95,7 @@ class StudyJob:
     uncertainty: str | None = None
     overwrite: bool = False
     key: str = ""
+    database_state: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """Return the job as JSON values."""

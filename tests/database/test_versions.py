@@ -32,6 +32,7 @@ from priorfill.errors import (
     OptionError,
 )
 from priorfill.filling.fill_clip import fill
+from priorfill.filling.fill_options import FillOptions
 
 FIXTURE = Path(__file__).parents[1] / "fixtures" / "database-1"
 FIRST_SAMPLE = (-168.127609, 111.895973, 7.632660)
@@ -541,3 +542,44 @@ def test_the_same_recording_in_another_format(tmp_path: Path) -> None:
         assert [record.name for record in database.versions(exported)] == ["walk"]
         still = Clip(np.ones((480, 4, 3)), one.labels, 120.0)
         assert database.versions(still) == ()
+
+
+# --- earlier states ---
+
+
+def test_an_earlier_state_is_read_until_a_compaction(folder: Path) -> None:
+    gappy, filled, mask = gappy_and_filled()
+    with PriorDatabase.create(folder) as database:
+        first = database.add(gappy)
+        before = database.state
+        database.accept(filled, mask, filled_by="linear")  # in place of the first
+        database.add(small_clip("other", seed=9))
+        after = database.state
+    with PriorDatabase.open(folder, state=before) as past:
+        assert past.clips() == (first,)
+        assert past.positions(first).shape[0] == first.frames[0]
+        assert [record.content for record in past.versions(filled)] == [first.content]
+        assert past.state == before
+    with PriorDatabase.open(folder, state=after) as present:
+        assert len(present.clips()) == 2
+    with pytest.raises(DatabaseError, match="compacted"):
+        PriorDatabase.open(folder, state="1:99")
+    with pytest.raises(OptionError, match="only be read"):
+        PriorDatabase.open(folder, state=before, write=True)
+    with PriorDatabase.open(folder, write=True) as database:
+        database.compact()
+    with pytest.raises(DatabaseError, match="compacted"):
+        PriorDatabase.open(folder, state=before)
+
+
+def test_a_fill_learns_from_an_earlier_state(folder: Path) -> None:
+    gappy, _, _ = gappy_and_filled()
+    with PriorDatabase.create(folder) as database:
+        database.add(person(seed=1))
+        before = database.state
+        database.add(person(seed=2))
+    options = FillOptions(database_state=before)
+    result = fill(gappy, database=folder, method="linear", options=options)
+    latest = fill(gappy, database=folder, method="linear")
+    assert result.provenance.database is not None and latest.provenance.database is not None
+    assert (result.provenance.database.clips, latest.provenance.database.clips) == (1, 2)

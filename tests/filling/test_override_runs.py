@@ -199,6 +199,17 @@ def test_recordings_of_the_subject_as_the_only_source(lab):
     assert_same(result, fill(gappy, same_subject=[other], database=lab))
 
 
+def test_a_recording_of_the_subject_is_learnt_from_once(tmp_path):
+    gappy = with_gaps(person(), (80, 140, ("RKNE",)))
+    other = replace(person(seed=8), name="static")
+    with PriorDatabase.create(tmp_path / "lab") as database:
+        database.add(other)
+    alone = fill(gappy, same_subject=[other], method="neighbours")
+    assert_same(
+        alone, fill(gappy, same_subject=[other], database=tmp_path / "lab", method="neighbours")
+    )
+
+
 @pytest.mark.parametrize(
     ("entry", "words"),
     [

@@ -11,7 +11,14 @@ from gappy import person, with_gaps
 import priorfill as pf
 from priorfill.clip import Clip
 from priorfill.filling.same_subject_takes import same_subject_takes
-from priorfill.markers.body_measures import MAX_DIFFERENCE, MAX_MARKERS, compare_bodies
+from priorfill.markers.body_measures import (
+    MAX_DIFFERENCE,
+    MAX_KEPT_MEASURES,
+    MAX_MARKERS,
+    body_measures,
+    compare_bodies,
+    compare_measures,
+)
 from priorfill.markers.definitions import recognise
 from priorfill.synthetic import Body, synthesise
 
@@ -103,3 +110,12 @@ def test_a_version_of_the_clip_itself_is_not_learnt_from() -> None:
     clip = with_gaps(truth, (50, 90, ["LKNE"]))
     result = pf.fill(clip, method="linear", same_subject=[truth])
     assert result.notes == (f"{truth.name}: is of the same recording as the clip; not learnt from",)
+
+
+def test_kept_measures_compare_as_recordings_do() -> None:
+    clips = [CLIP, with_gaps(CLIP, (20, 120, ("LKNE",))), person(seed=9), stranger(1950.0)]
+    kept = [body_measures(clip.positions, clip.labels) for clip in clips]
+    for other, measures in zip(clips[1:], kept[1:], strict=True):
+        found = compare_measures(kept[0], measures)
+        assert found.difference == pytest.approx(difference(CLIP, other), abs=3.0)
+        assert len(measures) <= MAX_KEPT_MEASURES
