@@ -16,6 +16,7 @@ from distributed import Reschedule, Worker, get_worker
 import priorfill
 from priorfill.runtime.threads import VARIABLE, thread_count
 from priorfill.study.job import JobLimits, JobOutcome, StudyJob
+from priorfill.study.records import file_states, is_settled, record_of_job
 
 __all__ = ["RunJob", "check_worker", "run_task"]
 
@@ -94,6 +95,9 @@ def run_task(
     if problem:
         return JobOutcome.of_failure(planned, problem, try_again=True).to_json()
     worker, allowed = get_worker(), JobLimits(**limits)
+    done = _done(planned, allowed)
+    if done is not None:  # Dask may run a task twice
+        return done.to_json()
     if limits_of_worker:
         allowed = _limits(worker, allowed)
     with _stop_when_released(worker) as stop:
@@ -101,6 +105,13 @@ def run_task(
         if stop.is_set():
             raise Reschedule
     return outcome.to_json()
+
+
+def _done(job: StudyJob, limits: JobLimits) -> JobOutcome | None:
+    kept = record_of_job(job)
+    if kept is None or not is_settled(kept, job, limits, retry=True):
+        return None
+    return kept if set(file_states(kept).values()) <= {"written"} else None
 
 
 def _limits(worker: Worker, given: JobLimits) -> JobLimits:

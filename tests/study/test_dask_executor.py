@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -17,6 +18,7 @@ from gappy import person, with_gaps
 import priorfill as pf
 from priorfill.errors import OptionError, PriorfillError
 from priorfill.study.job import JobLimits, JobOutcome, StudyJob
+from priorfill.study.records import write_record
 from priorfill.study.settings import FillSettings
 
 pytest.importorskip("distributed", reason="the extra cluster is not installed")
@@ -126,6 +128,19 @@ def test_a_worker_that_is_killed_half_way_loses_nothing(
     pf.fill_file(job.source, tmp_path / "alone.c3d", method="linear")
     assert Path(job.output).read_bytes() == (tmp_path / "alone.c3d").read_bytes()
     assert not list(tmp_path.rglob(".priorfill-*"))
+
+
+def test_a_job_that_is_done_is_not_run_again(workers: DaskExecutor, tmp_path: Path) -> None:
+    job = a_job(tmp_path, "a", task="quick")
+    Path(job.output).write_bytes(b"filled")
+    digest = {job.output: hashlib.sha256(b"filled").hexdigest()}
+    done = JobOutcome("a", job.source, job.output, "incomplete", written=digest, key="a")
+    write_record(job.record, done)
+    (outcome,) = workers.run([job])
+    assert outcome == done
+    Path(job.output).write_bytes(b"edited")
+    (outcome,) = workers.run([job])
+    assert outcome.status == "filled"
 
 
 def test_closing_the_outcomes_stops_jobs(workers: DaskExecutor, tmp_path: Path) -> None:
