@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,13 +13,13 @@ from priorfill.cli.fill import EXIT_INCOMPLETE, check_database_options, fill, fi
 from priorfill.cli.option_types import every_row_option
 from priorfill.cli.output import MAX_ROWS, print_json, print_line
 from priorfill.cli.path_types import FILE, FOLDER, PathArgument
-from priorfill.cli.progress import progress
+from priorfill.cli.progress import study_progress
+from priorfill.cli.reading_many import with_path
 from priorfill.errors import OptionError, StudyError
 
 if TYPE_CHECKING:
     from priorfill.study.job import JobOutcome
     from priorfill.study.run_study import Study
-    from priorfill.study.study_options import StudyOptions
 
 __all__ = ["batch", "shared_fill_options"]
 
@@ -40,6 +41,9 @@ _OTHER_HELP = {
 }
 """Help of options of ``fill`` that speaks of its file."""
 
+_MINUTE = 60.0
+_GB = 1e9
+
 _EXIT_FAILED = 1
 _EXIT_USAGE = 2
 
@@ -56,17 +60,29 @@ def shared_fill_options() -> list[click.Parameter]:
     return shared
 
 
-@click.command(params=shared_fill_options())
-@every_row_option
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.command()
 @click.option(
-    "--retry", is_flag=True, help="Fill files again that failed for reasons of their own."
+    "--output",
+    "-o",
+    metavar="FOLDER",
+    type=FOLDER,
+    required=True,
+    help="Folder for the filled files, which keep their names and folders.",
 )
 @click.option(
-    "--memory-limit",
-    metavar="GB",
-    type=click.FloatRange(min=0.0, min_open=True),
-    help="Memory that the fill of a file may use; by default its share of the computer's.",
+    "--workers",
+    "-w",
+    metavar="N",
+    type=click.IntRange(min=1),
+    help="Number of files that are filled at the same time; by default the number of "
+    "cores, or fewer where the memory does not suffice. The filled files do not "
+    "depend on it.",
+)
+@click.option("--report", is_flag=True, help="Also write a page for each file, FILE.html.")
+@click.option(
+    "--uncertainty",
+    is_flag=True,
+    help="Also write the expected error of each filled sample of each file, FILE.uncertainty.npz.",
 )
 @click.option(
     "--time-limit",
@@ -77,9 +93,21 @@ def shared_fill_options() -> list[click.Parameter]:
     help="Time after which the fill of a file is ended.",
 )
 @click.option(
-    "--uncertainty",
+    "--memory-limit",
+    metavar="GB",
+    type=click.FloatRange(min=0.0, min_open=True),
+    help="Memory that the fill of a file may use; by default its share of the computer's.",
+)
+@click.option(
+    "--retry",
     is_flag=True,
-    help="Also write the expected error of each filled sample of each file, FILE.uncertainty.npz.",
+    help="Fill files again that failed for reasons of their own.",
+)
+@click.option(
+    "--check",
+    "check_only",
+    is_flag=True,
+    help="Check everything and count what is to be done, but fill nothing.",
 )
 @click.option(
     "--scheduler",
@@ -91,23 +119,15 @@ def shared_fill_options() -> list[click.Parameter]:
     type=click.Choice(["local"]),
     help="local: start Dask workers on this computer.",
 )
-@click.option("--report", is_flag=True, help="Also write a page for each file, FILE.html.")
 @click.option(
-    "--workers",
-    "-w",
-    metavar="N",
+    "--index",
+    metavar="I",
     type=click.IntRange(min=1),
-    help="Number of files that are filled at the same time; by default the number of cores, or "
-    "fewer where the memory does not suffice. The filled files do not depend on it.",
+    help="Fill only part I of the study, as one task of an array of tasks, without a summary.",
 )
-@click.option(
-    "--output",
-    "-o",
-    metavar="FOLDER",
-    type=FOLDER,
-    required=True,
-    help="Folder for the filled files, which keep their names and folders.",
-)
+@click.option("--of", metavar="N", type=click.IntRange(min=1), help="Number of parts of --index.")
+@every_row_option
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.argument("paths", metavar="PATH...", nargs=-1, required=True, cls=PathArgument, type=FILE)
 def batch(
     paths: tuple[Path, ...],
@@ -127,19 +147,17 @@ def batch(
     usage.
     """
     check_database_options(database, given)
-    with progress(None, "filling", before="reading and checking", unit="files") as show:
-        from priorfill.study.run_study import batch as run
+    with study_progress() as show:
+        from priorfill.study.run_study import batch as run  # slow, so the bar is shown before
+        from priorfill.study.study_options import StudyOptions
 
-        shared = {name: given[name] for name in given if name not in _OF_STUDY}
-        arguments = fill_arguments(shared | {"same_subject": ()}, None)
-        del arguments["same_subject"]
         try:
             study = run(
                 paths,
                 output,
                 database=database,
-                study=_study_options(given, show),
-                **arguments,
+                study=StudyOptions(**_values(given), progress=show),
+                **_fill_keywords(given),
             )
         except StudyError as error:
             _print_problems(error)
@@ -153,23 +171,29 @@ def batch(
         click.get_current_context().exit(exit_status)
 
 
-def _study_options(given: dict[str, Any], show: Any) -> StudyOptions:
-    """Return how the study is run."""
+batch.params += shared_fill_options()  # after those of its own
+
+
+def _values(given: dict[str, Any]) -> dict[str, Any]:
+    """Return the fields of `priorfill.StudyOptions`."""
+    from dataclasses import fields
+
     from priorfill.study.study_options import StudyOptions
 
     memory = given["memory_limit"]
-    return StudyOptions(
-        workers=given["workers"],
-        report=given["report"],
-        uncertainty=given["uncertainty"],
-        scheduler=given["scheduler"],
-        cluster=given["cluster"],
-        time_limit=given["time_limit"] * 60.0,
-        memory_limit=None if memory is None else int(memory * 1e9),
-        retry=given["retry"],
-        overwrite=given["overwrite"],
-        progress=lambda at: show(at.done, at.total),
-    )
+    known = {one.name for one in fields(StudyOptions)}
+    return {name: value for name, value in given.items() if name in known} | {
+        "time_limit": given["time_limit"] * _MINUTE,
+        "memory_limit": None if memory is None else int(memory * _GB),
+    }
+
+
+def _fill_keywords(given: dict[str, Any]) -> dict[str, Any]:
+    """Return the arguments of `priorfill.batch` that it shares with `priorfill.fill_file`."""
+    shared = {name: given[name] for name in given if name not in _OF_STUDY}
+    arguments = fill_arguments(shared | {"same_subject": ()}, None)
+    del arguments["same_subject"]
+    return arguments
 
 
 def _print_problems(error: StudyError) -> None:
@@ -184,8 +208,10 @@ def _print_study(study: Study, rows: int | None) -> None:
     """Print a line for each file that failed or is not complete, and the totals."""
     for note in study.notes:
         print_line(f"note: {note}", err=True)
-    lines = [_problem_line(one) for one in study.outcomes if one.status == "failed"]
-    lines += [_problem_line(one) for one in study.outcomes if one.status == "incomplete"]
+    failed = [one for one in study.outcomes if one.status == "failed"]
+    incomplete = [one for one in study.outcomes if one.status == "incomplete"]
+    incomplete.sort(key=lambda one: -one.facts.get("missing_samples", 0))
+    lines = [_problem_line(one) for one in (*failed, *incomplete)]
     for line in lines[:rows]:
         print_line(line)
     if rows is not None and len(lines) > rows:
@@ -198,8 +224,14 @@ def _print_study(study: Study, rows: int | None) -> None:
 def _problem_line(outcome: JobOutcome) -> str:
     """Return a line about a file that failed or is not complete."""
     if outcome.status == "failed":
-        return f"failed: {outcome.name}: {outcome.reason}"
-    return f"incomplete: {outcome.name}"
+        return f"failed: {with_path(Path(outcome.name), outcome.reason)}"
+    spans = [span for gap in outcome.facts.get("gaps", ()) for span in gap["unfilled"]]
+    reasons = Counter[str]()
+    for span in spans:
+        if span["requested"]:
+            reasons[span["reason"]] += span["last_frame"] - span["first_frame"] + 1
+    why = f": {reasons.most_common(1)[0][0]}" if reasons else ""
+    return f"incomplete: {outcome.name}: {reasons.total()} samples stay missing{why}"
 
 
 def _totals(study: Study) -> str:
@@ -209,5 +241,8 @@ def _totals(study: Study) -> str:
         for status in ("filled", "incomplete", "no gaps", "failed")
         if (number := sum(one.status == status for one in study.outcomes))
     ]
-    before = f" ({study.done_before} were done before)" if study.done_before else ""
-    return f"{len(study.outcomes)} files: {', '.join(counts)}{before}; in {study.folder}"
+    if study.left:
+        counts.append(f"{len(study.left)} to be filled")
+    before = f" ({study.done_before} of them before)" if study.done_before else ""
+    total = len(study.outcomes) + len(study.left)
+    return f"{total} files: {', '.join(counts)}{before}; in {study.folder}"

@@ -15,12 +15,16 @@ from priorfill.cli.output import print_json
 from priorfill.cli.path_types import FILE, FOLDER, PathArgument
 from priorfill.cli.progress import fill_progress
 from priorfill.cli.reading import excluding_options, reading_options
+from priorfill.runtime.display import shell_command
 
 if TYPE_CHECKING:
     from priorfill.filling.fill_file import FileOptions, FileResult
     from priorfill.filling.fill_options import FillOptions
 
 __all__ = ["EXIT_INCOMPLETE", "check_database_options", "fill", "fill_arguments", "fill_options"]
+
+MAX_FILES = 6
+"""Number of files in a message."""
 
 EXIT_INCOMPLETE = 3
 """Exit status: done, but not all gaps could be filled."""
@@ -37,8 +41,19 @@ def _values(
     return {name.strip(): value.strip() for name, _, value in pairs}
 
 
+def _one_file(context: click.Context, parameter: click.Parameter, files: tuple[Path, ...]) -> Path:
+    """Return the file; for several, name the command that fills them."""
+    if len(files) == 1:
+        return files[0]
+    some = [*files[:MAX_FILES], *(["..."] if len(files) > MAX_FILES else [])]
+    command = shell_command(["priorfill", "batch", *some, "-o", "FOLDER"])
+    raise click.UsageError(f"fill takes one file, not {len(files)}; fill several with: {command}")
+
+
 @click.command()
-@click.argument("file", cls=PathArgument, type=FILE)
+@click.argument(
+    "file", metavar="FILE", nargs=-1, required=True, cls=PathArgument, type=FILE, callback=_one_file
+)
 @click.option(
     "--output",
     "-o",

@@ -5,12 +5,19 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from typing import TYPE_CHECKING
 
 from priorfill.cli.encoding import encodable
+from priorfill.cli.output import duration
 from priorfill.runtime.display import escaped
 from priorfill.runtime.held_files import WINDOWS
 
-__all__ = ["fill_progress", "progress"]
+if TYPE_CHECKING:
+    from rich.progress import Progress, ProgressColumn
+
+    from priorfill.study.study_options import StudyProgress
+
+__all__ = ["fill_progress", "progress", "study_progress"]
 
 
 @contextmanager
@@ -35,24 +42,13 @@ def progress(
     callable
         To be called with the number of steps done and of all steps (None: unchanged).
     """
-    # rich moves the cursor of Windows consoles through stdout, also for what it draws on stderr
-    if not sys.stderr.isatty() or (WINDOWS and not sys.stdout.isatty()):
+    if not _is_shown():
         yield lambda done, total: None
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
     texts = {name: encodable(escaped(name), sys.stderr) for name in (description, before or "")}
-    with Progress(
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TextColumn("{task.fields[count]}", markup=False),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        transient=True,
-        # redirection would send what is printed to a file or a pipe to the terminal
-        redirect_stdout=sys.stdout.isatty(),
-    ) as bar:
+    from rich.progress import TimeRemainingColumn
+
+    with _bar(TimeRemainingColumn()) as bar:
         known = total
         task = bar.add_task(texts[before or description], total=total, count=_count(0, total, unit))
 
@@ -64,6 +60,57 @@ def progress(
             bar.update(task, completed=done, total=known, description=texts[text], count=count)
 
         yield show
+
+
+@contextmanager
+def study_progress() -> Iterator[Callable[[StudyProgress], None]]:
+    """Show the progress of a study like that of a task, with the time left.
+
+    Yields
+    ------
+    callable
+        To be called with a `priorfill.StudyProgress`.
+    """
+    if not _is_shown():
+        yield lambda at: None
+        return
+    from rich.progress import TextColumn
+
+    with _bar(TextColumn("{task.fields[left]}", markup=False)) as bar:
+        task = bar.add_task("reading and checking", total=None, count="", left="")
+
+        def show(at: StudyProgress) -> None:
+            failed = f", {at.failed:,} failed" if at.failed else ""
+            left = "" if at.seconds_left is None else f"{duration(round(at.seconds_left))} left"
+            count = f"{at.done:,}/{at.total:,} files{failed}"
+            bar.update(
+                task, description="filling", completed=at.share, total=1.0, count=count, left=left
+            )
+
+        yield show
+
+
+def _is_shown() -> bool:
+    """Return whether there is a terminal for a progress bar."""
+    # rich moves the cursor of Windows consoles through stdout, also for what it draws on stderr
+    return sys.stderr.isatty() and (not WINDOWS or sys.stdout.isatty())
+
+
+def _bar(last: ProgressColumn) -> Progress:
+    """Return a progress bar with a column of its own at the end."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    return Progress(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TextColumn("{task.fields[count]}", markup=False),
+        last,
+        console=Console(stderr=True),
+        transient=True,
+        # redirection would send what is printed to a file or a pipe to the terminal
+        redirect_stdout=sys.stdout.isatty(),
+    )
 
 
 def fill_progress(name: str) -> AbstractContextManager[Callable[[int, int | None], None]]:

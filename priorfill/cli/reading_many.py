@@ -46,7 +46,7 @@ def read_one_of_many(path: Path, **options: Any) -> Clip:
         ) from error
 
 
-def with_path(path: Path, error: Exception) -> str:
+def with_path(path: Path, error: Exception | str) -> str:
     """Return an error's message, preceded by the file's path unless it starts with it."""
     text = " ".join(str(error).split())
     for start in (str(path), path.name, path.stem):

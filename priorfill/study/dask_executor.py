@@ -12,7 +12,7 @@ import logging
 import signal
 import threading
 import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict
 from itertools import islice
@@ -175,7 +175,7 @@ class DaskExecutor:
     def __exit__(self, *error: object) -> None:
         self._open.close()
 
-    def run(self, jobs: Sequence[StudyJob]) -> Iterator[JobOutcome]:
+    def run(self, jobs: Sequence[StudyJob]) -> Generator[JobOutcome, None, None]:
         """Yield outcomes as jobs are finished; closing the iterator stops those that run.
 
         Raises

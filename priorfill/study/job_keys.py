@@ -6,18 +6,37 @@ import hashlib
 import json
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from priorfill.database import PriorDatabase
-from priorfill.filling.provenance import database_state, package_versions
+from priorfill.filling.provenance import DatabaseState, database_state, package_versions
 from priorfill.study.job import JobOutcome, StudyJob
 from priorfill.study.records import file_hash
 
-__all__ = ["JobKeys"]
+__all__ = ["JobKeys", "KeyedJobs"]
 
 _READERS = 4
 """Files that are read at the same time to be hashed."""
+
+
+@dataclass(frozen=True)
+class KeyedJobs:
+    """Jobs with their keys.
+
+    Attributes
+    ----------
+    jobs : tuple of StudyJob
+        The jobs.
+    failed : tuple of JobOutcome
+        Outcomes of those whose files cannot be read.
+    database : DatabaseState or None
+        The state of the database that they learn from.
+    """
+
+    jobs: tuple[StudyJob, ...]
+    failed: tuple[JobOutcome, ...]
+    database: DatabaseState | None
 
 
 class JobKeys:
@@ -31,10 +50,8 @@ class JobKeys:
     def __init__(self) -> None:
         self._hashes: dict[str, str | OSError] = {}
 
-    def with_keys(
-        self, jobs: Sequence[StudyJob], database: Path | None
-    ) -> tuple[list[StudyJob], list[JobOutcome]]:
-        """Return jobs with their keys, and the outcomes of those whose files cannot be read.
+    def with_keys(self, jobs: Sequence[StudyJob], database: Path | None) -> KeyedJobs:
+        """Return jobs with their keys.
 
         Parameters
         ----------
@@ -47,7 +64,7 @@ class JobKeys:
         state = None
         if database is not None:
             with PriorDatabase.open(database) as opened:
-                state = asdict(database_state(opened)) | {"path": ""}
+                state = database_state(opened)
         keyed, failed = [], []
         for job in jobs:
             unreadable = [
@@ -61,20 +78,20 @@ class JobKeys:
                 failed.append(JobOutcome.of_failure(job, reason, try_again=True))
             else:
                 keyed.append(replace(job, key=self._key(job, state)))
-        return keyed, failed
+        return KeyedJobs(tuple(keyed), tuple(failed), state)
 
     def _read(self, paths: set[str]) -> None:
         unknown = sorted(paths - self._hashes.keys())
         with ThreadPoolExecutor(_READERS) as pool:
             self._hashes |= zip(unknown, pool.map(_hash_or_error, unknown), strict=True)
 
-    def _key(self, job: StudyJob, state: dict[str, object] | None) -> str:
+    def _key(self, job: StudyJob, state: DatabaseState | None) -> str:
         content = {
             "source": self._hashes[job.source],
             "same_subject": [self._hashes[path] for path in job.same_subject],
             "settings": job.settings,
             "versions": dict(package_versions()),
-            "database": state,
+            "database": None if state is None else asdict(replace(state, path="")),
             "suffix": Path(job.output).suffix,
             "report": job.report is not None,
             "uncertainty": job.uncertainty is not None,

@@ -1,11 +1,12 @@
-"""Executors run jobs; the local one runs each in a child process that a thread waits for."""
+"""Executors run jobs at the same time; the local one runs each in a child process of this one."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from typing import Protocol
+from itertools import islice
+from typing import Protocol, Self
 
 from priorfill.study.child_process import run_child
 from priorfill.study.job import JobLimits, JobOutcome, StudyJob
@@ -17,18 +18,31 @@ _INTERRUPTIBLE = 0.5
 
 
 class StudyExecutor(Protocol):
-    """What runs the jobs of a study."""
+    """What runs the jobs of a study; a context manager."""
 
-    def run(self, jobs: Sequence[StudyJob]) -> Iterator[JobOutcome]:
+    def __enter__(self) -> Self:
+        """Begin."""
+        ...
+
+    def __exit__(self, *error: object) -> None:
+        """End."""
+        ...
+
+    def run(self, jobs: Sequence[StudyJob]) -> Generator[JobOutcome, None, None]:
         """Yield the outcome of each job, each once, in the order in which they are finished.
 
         No job is begun after the iterator is closed, and those that run are ended then.
+
+        Parameters
+        ----------
+        jobs : sequence of StudyJob
+            The jobs, in the order in which they are begun.
         """
         ...
 
 
 class LocalExecutor:
-    """Runs jobs in child processes of this one.
+    """Runs jobs in child processes of this one (`StudyExecutor`).
 
     Parameters
     ----------
@@ -42,23 +56,37 @@ class LocalExecutor:
         self._workers = workers
         self._limits = limits
 
-    def run(self, jobs: Sequence[StudyJob]) -> Iterator[JobOutcome]:
-        """Yield outcomes as jobs are finished (`StudyExecutor`)."""
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        pass
+
+    def run(self, jobs: Sequence[StudyJob]) -> Generator[JobOutcome, None, None]:
+        """Yield outcomes as jobs are finished; closing the iterator stops those that run."""
         stop = threading.Event()
         waiting = iter(jobs)
-        running: set[Future[JobOutcome]] = set()
-        pool = ThreadPoolExecutor(self._workers)
+        running: dict[Future[JobOutcome], StudyJob] = {}
+        pool = ThreadPoolExecutor(self._workers, "priorfill-job")
         try:
             while True:
-                for job in waiting:
-                    running.add(pool.submit(run_child, job, self._limits, stop))
-                    if len(running) >= self._workers:
-                        break
+                for job in islice(waiting, self._workers - len(running)):
+                    running[pool.submit(run_child, job, self._limits, stop)] = job
                 if not running:
                     return
-                finished, running = wait(running, _INTERRUPTIBLE, FIRST_COMPLETED)
+                finished, _ = wait(running, _INTERRUPTIBLE, FIRST_COMPLETED)
                 for future in finished:
-                    yield future.result()
+                    yield _outcome(future, running.pop(future))
         finally:
             stop.set()
             pool.shutdown(cancel_futures=True)
+
+
+def _outcome(future: Future[JobOutcome], job: StudyJob) -> JobOutcome:
+    """Return the outcome of a job that ended."""
+    error = future.exception()
+    if error is None:
+        return future.result()
+    # a bug, which must not cost the other files
+    reason = f"bug in priorfill ({type(error).__name__}: {error}); please report it"
+    return JobOutcome.of_failure(job, reason, try_again=True)

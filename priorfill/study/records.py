@@ -42,7 +42,7 @@ def file_hash(path: Path | str) -> str:
 def read_record(path: Path | str) -> JobOutcome | None:
     """Return the outcome that a record keeps; None where there is none, or it is damaged."""
     try:
-        values: Any = json.loads(Path(path).read_text("ascii"))
+        values: Any = json.loads(Path(path).read_text(encoding="ascii"))
         return JobOutcome.from_json(values)
     except (OSError, ValueError, TypeError, AttributeError, RecursionError):
         return None
@@ -93,7 +93,7 @@ def write_record(path: Path | str, outcome: JobOutcome) -> None:
     # names that are no UTF-8 stay what they are as escape sequences of ASCII
     text = json.dumps(outcome.to_json(), indent=1)
     with replace_file(path, overwrite=True) as temporary:
-        temporary.write_text(text + "\n", "ascii", newline="\n")
+        temporary.write_text(text + "\n", encoding="ascii", newline="\n")
 
 
 def file_states(record: JobOutcome | None) -> dict[str, FileState]:

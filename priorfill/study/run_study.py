@@ -6,9 +6,9 @@ are done already, a `StudyExecutor` runs the rest, and `write_summary` sums up.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from collections.abc import Sequence
+from contextlib import closing, suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, Unpack
 
@@ -16,14 +16,16 @@ from priorfill.errors import OptionError, OutputError
 from priorfill.filling.fill_file import FileOptions
 from priorfill.filling.fill_options import FillKeywords, FillOptions
 from priorfill.filling.gap_filter import GapFilter
+from priorfill.filling.provenance import DatabaseState
 from priorfill.study.job import FAILED, FILLED, NO_GAPS, JobOutcome, StudyJob
 from priorfill.study.job_keys import JobKeys
 from priorfill.study.local_executor import LocalExecutor, StudyExecutor
 from priorfill.study.records import read_record, write_record
 from priorfill.study.settings import FillSettings
 from priorfill.study.settled_jobs import settled_outcome
-from priorfill.study.study_options import StudyOptions, StudyProgress
+from priorfill.study.study_options import StudyOptions
 from priorfill.study.study_plan import StudyPlan, plan_study
+from priorfill.study.study_progress import ProgressOfJobs
 from priorfill.study.study_rounds import StudyRounds
 
 __all__ = ["Study", "batch"]
@@ -39,6 +41,8 @@ class Study:
         The folder of the filled files.
     outcomes : tuple of JobOutcome
         What became of each file, in the order of their names.
+    left : tuple of str
+        Names of files that are still to be filled, where nothing was (`StudyOptions.check_only`).
     done_before : int
         Number of outcomes that an earlier run had.
     summary : Path or None
@@ -58,6 +62,7 @@ class Study:
 
     folder: Path
     outcomes: tuple[JobOutcome, ...]
+    left: tuple[str, ...] = ()
     done_before: int = 0
     summary: Path | None = None
     notes: tuple[str, ...] = ()
@@ -65,7 +70,7 @@ class Study:
     @property
     def status(self) -> Literal["all", "some", "none"]:
         """Whether all files are complete, some, or none is filled."""
-        if all(one.status in (FILLED, NO_GAPS) for one in self.outcomes):
+        if not self.left and all(one.status in (FILLED, NO_GAPS) for one in self.outcomes):
             return "all"
         return "none" if all(one.status == FAILED for one in self.outcomes) else "some"
 
@@ -133,7 +138,9 @@ def batch(
     settings = _settings(files, arguments)
     given = [paths] if isinstance(paths, (str, Path)) else list(paths)
     plan = plan_study(given, output, settings, database, options)
-    with plan.folder.locked():
+    if options.check_only:
+        return _StudyRun(plan, options).run()
+    with plan.folder.locked(options.index):
         plan.folder.mark()
         return _StudyRun(plan, options).run()
 
@@ -158,18 +165,20 @@ class _StudyRun:
         self._plan = plan
         self._options = options
         self._outcomes: dict[str, JobOutcome] = {}
+        self._left: list[str] = []
         self._done_before = 0
         self._keys = JobKeys()
+        self._progress = ProgressOfJobs(plan.work, options.progress)
 
     def run(self) -> Study:
-        """Run all jobs that are not done, also what remains after an interruption; sum up."""
+        """Run all jobs that are not settled, and sum up, also after an interruption."""
         rounds = StudyRounds(self._plan.jobs)
         interrupted = None
         try:
-            with _executor(self._options, self._plan.folder.path) as executor:
+            with _executor(self._plan, self._options) as executor:
                 for jobs in rounds:
                     self._run_round(jobs, executor)
-                    rounds.learn([self._outcomes[job.name] for job in jobs])
+                    rounds.learn(self._outcomes)
         except KeyboardInterrupt as error:
             interrupted = error
         study = self._sum_up()
@@ -183,63 +192,67 @@ class _StudyRun:
 
     def _run_round(self, jobs: Sequence[StudyJob], executor: StudyExecutor) -> None:
         """Run the jobs of a round that are not settled."""
-        keyed, unreadable = self._keys.with_keys(jobs, self._plan.database)
-        for outcome in unreadable:
-            self._finish(outcome)
-        left = []
-        for job in keyed:
-            settled = settled_outcome(job, self._options)
-            if settled is None:
-                left.append(job)
-                continue
-            self._done_before += settled.status != FAILED
-            self._finish(settled)
-        left.sort(key=lambda job: (-self._plan.sizes[job.name], job.name))  # no long job last
+        keyed = self._keys.with_keys(jobs, self._plan.database)
+        settled = {job.name: settled_outcome(job, self._options) for job in keyed.jobs}
+        done = [outcome for outcome in settled.values() if outcome is not None]
+        self._done_before += sum(one.status != FAILED for one in done)
+        done += keyed.failed
+        self._outcomes |= {one.name: one for one in done}
+        self._progress.settled(done)
+        left = [job for job in keyed.jobs if settled[job.name] is None]
+        if self._options.check_only:
+            self._left += [job.name for job in left]
+            return
+        left.sort(key=lambda job: (-self._plan.work[job.name], job.name))  # no long job last
         records = {job.name: job.record for job in left}
-        outcomes = executor.run(left)
-        with closing(outcomes):  # type: ignore[type-var]
+        with closing(executor.run(left)) as outcomes:  # an interrupt stops what runs
             for outcome in outcomes:
-                _keep(outcome, records[outcome.name])
-                self._finish(outcome)
-
-    def _finish(self, outcome: JobOutcome) -> None:
-        self._outcomes[outcome.name] = outcome
-        if self._options.progress is not None:
-            sizes = self._plan.sizes
-            done = sum(sizes[name] for name in self._outcomes)
-            self._options.progress(
-                StudyProgress(
-                    len(self._outcomes),
-                    sum(one.status == FAILED for one in self._outcomes.values()),
-                    len(self._plan.jobs),
-                    done / max(sum(sizes.values()), 1),
-                )
-            )
+                checked = _of_this_database(outcome, keyed.database)
+                _keep(checked, records[outcome.name])
+                self._outcomes[outcome.name] = checked
+                self._progress.filled(checked)
 
     def _sum_up(self) -> Study:
         """Write the summary."""
         outcomes = tuple(self._outcomes[name] for name in sorted(self._outcomes))
-        return Study(self._plan.folder.path, outcomes, self._done_before, None, self._plan.notes)
+        return Study(
+            self._plan.folder.path,
+            outcomes,
+            tuple(sorted(self._left)),
+            self._done_before,
+            notes=self._plan.notes,
+        )
 
 
-@contextmanager
-def _executor(options: StudyOptions, folder: Path) -> Iterator[StudyExecutor]:
-    """Provide what runs the jobs."""
+def _executor(plan: StudyPlan, options: StudyOptions) -> StudyExecutor:
+    """Return what runs the jobs."""
     if not options.uses_dask:
-        yield LocalExecutor(options.worker_count, options.limits)
-        return
+        return LocalExecutor(options.worker_count, options.limits)
     from priorfill.study.dask_executor import DaskExecutor  # takes half a second to import
 
-    with DaskExecutor(
-        options.limits, folder, scheduler=options.scheduler, workers=options.worker_count
-    ) as executor:
-        yield executor
+    return DaskExecutor(
+        options.limits,
+        plan.folder.path,
+        scheduler=options.scheduler,
+        workers=options.worker_count,
+    )
+
+
+def _of_this_database(outcome: JobOutcome, expected: DatabaseState | None) -> JobOutcome:
+    """Return an outcome; without a key where the database was changed during the study.
+
+    The next run then fills the file again, from the database as it is.
+    """
+    provenance = outcome.facts.get("provenance") or {}
+    used = provenance.get("database") or {}
+    if expected is None or not used or used.get("content") == expected.content:
+        return outcome
+    warning = "the database was changed while the study ran; the same command fills the file again"
+    return replace(outcome, key="", warnings=(warning, *outcome.warnings))
 
 
 def _keep(outcome: JobOutcome, record: str) -> None:
     """Write the record of a job, unless its child did."""
     if read_record(record) != outcome:
-        try:
+        with suppress(OutputError):  # the next run does the job again
             write_record(record, outcome)
-        except OutputError:  # the job is done again by the next run
-            return

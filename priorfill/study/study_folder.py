@@ -13,15 +13,21 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from priorfill.errors import OutputError
 from priorfill.runtime.atomic_file import check_writable, replace_file
 from priorfill.runtime.file_lock import LockHeldError, acquire_lock
+
+if TYPE_CHECKING:
+    from filelock import BaseFileLock
 
 __all__ = ["MARK", "STATE", "StudyFolder"]
 
@@ -30,6 +36,18 @@ STATE = ".priorfill"
 
 MARK = "study.json"
 """File in it that marks a folder as that of a study."""
+
+LOCK = "lock"
+"""File in it that is locked while a study runs; tasks of an array have their own."""
+
+_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP)
+"""Errors of file systems without locks."""
+
+_WAIT = 3.0
+"""Time (s) in which a lock that others hold only to look at it is free again."""
+
+_PAUSE = 0.05
+"""Time (s) between two looks at a lock."""
 
 
 @dataclass(frozen=True)
@@ -102,29 +120,55 @@ class StudyFolder:
         mark = self.state / MARK
         if not mark.exists():
             with replace_file(mark, overwrite=True) as temporary:
-                temporary.write_text(json.dumps({"version": 1}) + "\n", "utf-8", newline="\n")
+                text = json.dumps({"version": 1})
+                temporary.write_text(text + "\n", encoding="utf-8", newline="\n")
 
     @contextmanager
-    def locked(self) -> Iterator[None]:
-        """Let one study at a time use the folder.
+    def locked(self, task: int | None = None) -> Iterator[None]:
+        """Let one study at a time use the folder, or the tasks of an array.
+
+        Where the file system has no locks, nothing is locked: two studies at once fill files
+        twice, to the same bytes.
+
+        Parameters
+        ----------
+        task : int, optional
+            Number of the task.
 
         Raises
         ------
         OutputError
-            If another one does.
+            If another study, or the same task, uses it.
         """
+        own = self.state / (LOCK if task is None else f"{LOCK}-{task}")
+        others = [self.state / LOCK] if task is not None else [*self.state.glob(f"{LOCK}-*")]
         with ExitStack() as stack:
-            try:
-                lock = acquire_lock(self.state / "lock")
-            except LockHeldError as error:
-                raise OutputError(
-                    f"{self.path}: another study is being filled there ({error.holder}); wait for "
-                    "it to end, or choose another folder"
-                ) from None
-            except OSError as error:
-                raise OutputError(
-                    f"{self.state / 'lock'}: cannot be written ({error.strerror}); check the "
-                    "folder's permissions"
-                ) from error
-            stack.callback(lock.release)
+            for place in (*others, own):
+                lock = self._acquired(place, _WAIT if place is not own else 0.0)
+                if lock is None:
+                    continue
+                if place is own:
+                    stack.callback(lock.release)
+                else:
+                    lock.release()
             yield
+
+    def _acquired(self, place: Path, seconds: float) -> BaseFileLock | None:
+        """Return a lock; None where the file system has none."""
+        deadline = time.monotonic() + seconds
+        while True:
+            try:
+                return acquire_lock(place)
+            except LockHeldError as error:
+                if time.monotonic() > deadline:
+                    raise OutputError(
+                        f"{self.path}: another process fills a study there ({error.holder}); wait "
+                        "for its end, or choose another folder"
+                    ) from None
+            except OSError as error:
+                if error.errno in _NO_LOCKS:
+                    return None
+                raise OutputError(
+                    f"{place}: cannot be written ({error.strerror}); check the folder's permissions"
+                ) from error
+            time.sleep(_PAUSE)

@@ -36,6 +36,8 @@ class StudyProgress:
         Numbers of jobs: finished ones, those of them that failed, and all.
     share : float
         Share of the work that is done, from 0 to 1.
+    seconds_left : float or None
+        Time that the rest takes, as far as is known (s).
 
     See Also
     --------
@@ -51,6 +53,7 @@ class StudyProgress:
     failed: int
     total: int
     share: float
+    seconds_left: float | None = None
 
 
 @dataclass(frozen=True)
@@ -87,10 +90,12 @@ class StudyOptions:
         Fill files again that failed before for reasons of their own.
     overwrite : bool
         Replace files in the output folder that are not of this study, or were changed since.
-    max_error : float, optional
-        mm. The summary lists files whose expected mean error exceeds it in a gap.
-    max_gap : float, optional
+    flag_error : float
+        mm. The summary lists files with a greater expected mean error in a gap.
+    flag_gap : float
         s. The summary lists files with longer gaps.
+    check_only : bool
+        Check everything and find what is to be done, but fill nothing.
     progress : callable, optional
         Called with a `StudyProgress` when a job is finished.
 
@@ -122,8 +127,9 @@ class StudyOptions:
     memory_limit: int | None = None
     retry: bool = False
     overwrite: bool = False
-    max_error: float | None = None
-    max_gap: float | None = None
+    flag_error: float = 10.0
+    flag_gap: float = 1.0
+    check_only: bool = False
     progress: Callable[[StudyProgress], None] | None = field(
         default=None, repr=False, compare=False
     )

@@ -30,8 +30,8 @@ class StudyPlan:
         Where it writes.
     jobs : tuple of StudyJob
         In the order of their names; without keys.
-    sizes : dict of str to int
-        Bytes of the source of each job, by name.
+    work : dict of str to float
+        How much work each job is, in any unit, by name: bytes of its source.
     database : Path or None
         The database.
     notes : tuple of str
@@ -40,7 +40,7 @@ class StudyPlan:
 
     folder: StudyFolder
     jobs: tuple[StudyJob, ...]
-    sizes: dict[str, int]
+    work: dict[str, float]
     database: Path | None
     notes: tuple[str, ...]
 
@@ -101,7 +101,10 @@ def plan_study(
         raise StudyError(problems)
     assert found is not None
     jobs = tuple(_job(one, folder, settings, prior, options) for one in sources)
-    return StudyPlan(folder, jobs, sizes, prior, tuple(notes))
+    if options.index is not None:
+        jobs = jobs[options.index - 1 :: options.of]
+    work = {job.name: max(sizes[job.name], 1.0) for job in jobs}
+    return StudyPlan(folder, jobs, work, prior, tuple(notes))
 
 
 def _job(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from priorfill.study.job import JobOutcome, StudyJob
 
@@ -25,11 +25,11 @@ class StudyRounds:
         """Yield the jobs of each round."""
         yield self._jobs
 
-    def learn(self, outcomes: Sequence[JobOutcome]) -> None:
-        """Take the outcomes of a round, before the next one begins.
+    def learn(self, outcomes: Mapping[str, JobOutcome]) -> None:
+        """Take the outcomes so far, before the next round begins.
 
         Parameters
         ----------
-        outcomes : sequence of JobOutcome
-            Of all jobs of the round, in their order.
+        outcomes : mapping of str to JobOutcome
+            By name.
         """

@@ -19,7 +19,7 @@ WRONG = (
     (("fil", "walk.c3d"), "did you mean fill?"),
     (("db", "verfy", "-d", "db"), "Did you mean 'verify'?"),
     (("fill",), "Missing argument"),
-    ((*_FILL, "more.c3d"), "unexpected extra argument"),
+    ((*_FILL, "more.c3d"), "priorfill batch walk.c3d more.c3d -o FOLDER"),
     ((*_FILL, "--metod", "x"), "--method"),
     ((*_FILL, "--method"), "requires an argument"),
     ((*_FILL, "--method", "linaer"), "did you mean linear?"),

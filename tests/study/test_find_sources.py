@@ -1,0 +1,83 @@
+"""Which files of a folder belong to a study, and their names."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from priorfill.database import PriorDatabase
+from priorfill.errors import OptionError
+from priorfill.study.find_sources import find_sources
+from priorfill.study.study_folder import StudyFolder
+
+
+def make(*paths: str) -> None:
+    for path in paths:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        Path(path).write_bytes(b"x")
+
+
+def names(*paths: str, output: str = "out") -> list[str]:
+    found = find_sources(paths, Path(output).absolute())
+    assert found.problems == ()
+    return [one.name for one in found.sources]
+
+
+def test_names_are_paths_below_what_is_common(here: Path) -> None:
+    make("in/P01/a.c3d", "in/P01/day2/B.C3D", "in/P02/a.c3d", "in/notes.docx", "in/list.csv")
+    every = ["P01/a.c3d", "P01/day2/B.C3D", "P02/a.c3d"]
+    assert names("in") == every
+    assert names("in/P02", "in/P01") == every
+    assert names("in/P01/a.c3d", "in/P01/a.c3d") == ["a.c3d"]
+    assert names("in/P01/a.c3d", "in/P02") == ["P01/a.c3d", "P02/a.c3d"]
+
+
+def test_outputs_databases_and_hidden_files_are_no_sources(here: Path) -> None:
+    make("in/a.c3d", "in/._a.c3d", "in/.old/a.c3d", "in/out/b.c3d", "in/other/b.c3d")
+    make("in/lab/a.c3d")
+    StudyFolder(here / "in/other").mark()
+    PriorDatabase.create("in/lab2").close()
+    make("in/lab2/a.c3d")
+    found = find_sources(["in"], here / "in/out")
+    assert [one.name for one in found.sources] == ["a.c3d", "lab/a.c3d"]
+    assert [note.partition(": ")[2] for note in found.notes] == [
+        "is a prior database; left out",
+        "holds the filled files of a study; left out",
+    ]
+
+
+def test_folders_behind_links_are_searched_once(here: Path) -> None:
+    make("in/a.c3d", "elsewhere/b.c3d")
+    try:
+        Path("in/linked").symlink_to(here / "elsewhere", target_is_directory=True)
+        Path("in/loop").symlink_to(here / "in", target_is_directory=True)
+    except OSError:
+        pytest.skip("the system allows no links")
+    assert names("in") == ["a.c3d", "linked/b.c3d"]
+
+
+def test_paths_without_recordings_are_named(here: Path) -> None:
+    make("in/notes.txt", "more/a.c3d")
+    found = find_sources(["in", "nowhere", "more"], here / "out")
+    assert [problem.removeprefix(f"{here}{os.sep}") for problem in found.problems] == [
+        "in: has no recordings (.c3d, .trc, .csv, .tsv, .txt, .npz, .mat)",
+        "nowhere: there is no such file or folder; check the name",
+    ]
+
+
+def test_the_folder_of_sources_cannot_be_that_of_outputs(here: Path) -> None:
+    make("in/a.c3d")
+    with pytest.raises(OptionError, match="is the folder for the filled files, too"):
+        find_sources(["in"], here / "in")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="names are UTF-16 there")
+def test_names_that_are_no_text(here: Path) -> None:
+    name = os.fsdecode(b"w\xe4lk.c3d")
+    try:
+        make(f"in/{name}")
+    except OSError:
+        pytest.skip("the file system takes UTF-8 only")
+    assert names("in") == [name]
