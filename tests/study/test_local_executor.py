@@ -47,4 +47,4 @@ def test_jobs_are_stopped_and_not_begun(monkeypatch: pytest.MonkeyPatch) -> None
     outcomes = LocalExecutor(2, LIMITS).run([job(str(number)) for number in range(5)])
     assert next(outcomes).name == "0"
     outcomes.close()
-    assert stopped == ["1"]
+    assert stopped in ([], ["1"])  # the second may not have begun
