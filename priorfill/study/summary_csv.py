@@ -14,6 +14,7 @@ __all__ = ["MARKER_COLUMNS", "TRIAL_COLUMNS", "write_marker_table", "write_trial
 TRIAL_COLUMNS = (
     "trial", "folder", "subjects", "group", "reasons", "status", "try_again", "frames", "rate",
     "gaps", "missing_samples", "missing_share", "filled_samples", "left_samples", "left_reasons",
+    "kept_samples",
     "expected_mean_error_mm", "error_bound_90_mm",
     "longest_gap_seconds", "longest_gap_marker",
     "least_certain_gap_error_mm", "least_certain_gap_marker",

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from priorfill.runtime.json_numbers import json_number
 from priorfill.study.summary_markers import StudyMarker
 from priorfill.study.summary_rule import rule_text
 from priorfill.study.summary_study import FolderSummary, StudySummary, SummaryTrial
 from priorfill.study.summary_trial import TrialFigures, TrialGap, TrialMarker
 
-__all__ = ["FORMAT", "relative_path", "rounded", "summary_json"]
+__all__ = ["FORMAT", "relative_path", "summary_json"]
 
 FORMAT = "priorfill study summary 1"
 """Name and version of the JSON file."""
@@ -41,27 +41,14 @@ def summary_json(summary: StudySummary, folder: Path) -> dict[str, Any]:
         "groups": summary.groups,
         "statuses": summary.statuses,
         "waiting": list(contents.waiting),
-        "seconds": rounded(contents.seconds, SECOND_DIGITS),
+        "seconds": json_number(contents.seconds, SECOND_DIGITS),
         "facts": dict(contents.facts),
         "limits": {"error_mm": limits.error, "gap_seconds": limits.gap},
-        "rule": dict(rule_text(limits)),
+        "rule": rule_text(limits),
         "trials": [_trial(one, folder) for one in summary.trials],
         "markers": [_marker(one) for one in summary.markers],
         "folders": [_folder(one) for one in summary.folders],
     }
-
-
-def rounded(value: float, digits: int) -> float | None:
-    """Return a number for JSON and tables; None where it is unknown.
-
-    Parameters
-    ----------
-    value : float
-        The number.
-    digits : int
-        Its decimals.
-    """
-    return round(float(value), digits) if math.isfinite(value) else None
 
 
 def relative_path(path: str | None, folder: Path) -> str | None:
@@ -84,7 +71,6 @@ def relative_path(path: str | None, folder: Path) -> str | None:
 
 def _trial(one: SummaryTrial, folder: Path) -> dict[str, Any]:
     figures, outcome = one.figures, one.figures.outcome
-    facts: Mapping[str, Any] = outcome.facts
     return {
         "name": outcome.name,
         "folder": figures.folder,
@@ -94,7 +80,7 @@ def _trial(one: SummaryTrial, folder: Path) -> dict[str, Any]:
         "status": outcome.status,
         "try_again": outcome.try_again,
         "frames": figures.frames or None,
-        "rate": facts.get("rate"),
+        "rate": json_number(figures.rate, MM_DIGITS),
         **_amounts(figures),
         "longest_gap": _gap(figures.longest),
         "least_certain_gap": _gap(figures.least_certain),
@@ -111,10 +97,10 @@ def _trial(one: SummaryTrial, folder: Path) -> dict[str, Any]:
         ],
         "artefacts": dict(figures.artefacts),
         "warnings": list(outcome.warnings),
-        "notes": list(facts.get("notes") or ()),
-        "method": facts.get("method"),
-        "marker_set": facts.get("marker_set"),
-        "seconds": rounded(outcome.seconds, SECOND_DIGITS),
+        "notes": list(figures.notes),
+        "method": figures.method or None,
+        "marker_set": figures.marker_set or None,
+        "seconds": json_number(outcome.seconds, SECOND_DIGITS),
         "peak_memory": outcome.peak_memory or None,
         "source": relative_path(outcome.source, folder),
         "output": None if figures.failed else relative_path(outcome.output, folder),
@@ -129,11 +115,12 @@ def _amounts(figures: TrialFigures) -> dict[str, Any]:
     return {
         "gaps": len(figures.gaps),
         "missing_samples": figures.missing,
-        "missing_share": rounded(figures.missing_share, SHARE_DIGITS),
+        "missing_share": json_number(figures.missing_share, SHARE_DIGITS),
         "filled_samples": figures.filled,
         "left_samples": figures.left_samples,
-        "expected_mean_error_mm": rounded(figures.error, MM_DIGITS),
-        "error_bound_90_mm": rounded(figures.bound, MM_DIGITS),
+        "kept_samples": figures.kept,
+        "expected_mean_error_mm": json_number(figures.error, MM_DIGITS),
+        "error_bound_90_mm": json_number(figures.bound, MM_DIGITS),
     }
 
 
@@ -144,9 +131,9 @@ def _gap(gap: TrialGap | None) -> dict[str, Any] | None:
         "marker": gap.marker,
         "first_frame": gap.first_frame,
         "last_frame": gap.last_frame,
-        "seconds": rounded(gap.seconds, SECOND_DIGITS),
-        "expected_mean_error_mm": rounded(gap.error, MM_DIGITS),
-        "error_bound_90_mm": rounded(gap.bound, MM_DIGITS),
+        "seconds": json_number(gap.seconds, SECOND_DIGITS),
+        "expected_mean_error_mm": json_number(gap.error, MM_DIGITS),
+        "error_bound_90_mm": json_number(gap.bound, MM_DIGITS),
     }
 
 
@@ -155,12 +142,12 @@ def _trial_marker(one: TrialMarker) -> dict[str, Any]:
         "marker": one.label,
         "gaps": one.gaps,
         "missing_frames": one.frames,
-        "missing_share": rounded(one.share, SHARE_DIGITS),
+        "missing_share": json_number(one.share, SHARE_DIGITS),
         "filled_frames": one.filled,
         "left_frames": one.left,
-        "longest_gap_seconds": rounded(one.longest, SECOND_DIGITS),
-        "expected_mean_error_mm": rounded(one.error, MM_DIGITS),
-        "greatest_gap_error_mm": rounded(one.worst, MM_DIGITS),
+        "longest_gap_seconds": json_number(one.longest, SECOND_DIGITS),
+        "expected_mean_error_mm": json_number(one.error, MM_DIGITS),
+        "greatest_gap_error_mm": json_number(one.worst, MM_DIGITS),
     }
 
 
@@ -170,15 +157,15 @@ def _marker(one: StudyMarker) -> dict[str, Any]:
         "trials": one.trials,
         "gaps": one.gaps,
         "missing_frames": one.frames,
-        "missing_share": rounded(one.share, SHARE_DIGITS),
+        "missing_share": json_number(one.share, SHARE_DIGITS),
         "filled_frames": one.filled,
         "left_frames": one.left,
         "left_trials": one.left_trials,
         "never_measured_trials": one.throughout_trials,
         "absent_in": list(one.absent),
-        "longest_gap_seconds": rounded(one.longest, SECOND_DIGITS),
-        "expected_mean_error_mm": rounded(one.error, MM_DIGITS),
-        "greatest_gap_error_mm": rounded(one.worst, MM_DIGITS),
+        "longest_gap_seconds": json_number(one.longest, SECOND_DIGITS),
+        "expected_mean_error_mm": json_number(one.error, MM_DIGITS),
+        "greatest_gap_error_mm": json_number(one.worst, MM_DIGITS),
     }
 
 
@@ -189,13 +176,13 @@ def _folder(one: FolderSummary) -> dict[str, Any]:
         "trials": one.trials,
         "groups": dict(one.groups),
         "missing_samples": one.missing,
-        "missing_share": rounded(
+        "missing_share": json_number(
             one.missing / one.samples if one.samples else math.nan, SHARE_DIGITS
         ),
         "filled_samples": one.filled,
         "left_samples": one.left,
-        "expected_mean_error_mm": rounded(one.error, MM_DIGITS),
+        "expected_mean_error_mm": json_number(one.error, MM_DIGITS),
         "worst_marker": one.worst_marker or None,
         "absent_markers": list(one.absent),
-        "seconds": rounded(one.seconds, SECOND_DIGITS),
+        "seconds": json_number(one.seconds, SECOND_DIGITS),
     }

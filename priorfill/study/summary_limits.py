@@ -8,28 +8,39 @@ from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["SummaryLimits"]
 
+LONG_SECONDS = 1.0
+"""s. A stride lasts about as long: what is missing longer cannot be compared with the rest of the
+same movement."""
+
 
 @dataclass(frozen=True)
 class SummaryLimits:
     """From which values on a trial is to be looked at, or to be recorded again.
 
+    The figures are those of gaps cut into recordings, which docs/study_summary.md describes.
+
     Attributes
     ----------
     error : float
-        Expected mean error of a gap (mm). Below 10 mm a fill counts as right in
-        `priorfill.report.warning_options`, too.
-    gap : float
-        Length of a gap (s). A second is a stride: what is missing longer cannot be checked against
-        the rest of the same movement.
+        Expected mean error of a gap (mm). Fills below 10 mm count as right
+        (`priorfill.report.warning_options`).
+    gap : float, optional
+        Length of a gap (s). By default, a length alone is no reason to look: gaps longer than a
+        second with an expected error below 10 mm are as seldom wrong as short ones.
 
     Examples
     --------
-    >>> SummaryLimits(error=5.0).gap
-    1.0
+    >>> SummaryLimits(error=5.0).long, SummaryLimits(gap=0.2).long
+    (1.0, 0.2)
     """
 
     error: float = 10.0
-    gap: float = 1.0
+    gap: float | None = None
 
     def __post_init__(self) -> None:
-        check_at_least(self, 0.0, *self.__dataclass_fields__)
+        check_at_least(self, 0.0, "error", *(() if self.gap is None else ("gap",)))
+
+    @property
+    def long(self) -> float:
+        """Length (s) from which on a gap that is not filled well is lost."""
+        return LONG_SECONDS if self.gap is None else self.gap

@@ -23,8 +23,8 @@ SHARED_SCRIPTS = ("dom.js",)
 
 STUDY_SCRIPTS = (
     "study_store.js", "list_table.js", "study_headline.js", "attention_lists.js",
-    "trial_columns.js", "trial_table.js", "trial_detail.js", "marker_columns.js", "marker_map.js",
-    "folder_columns.js", "study_main.js",
+    "trial_columns.js", "trial_table.js", "trial_detail.js", "marker_columns.js",
+    "marker_map_input.js", "marker_map.js", "folder_columns.js", "study_main.js",
 )  # fmt: skip
 """Scripts of the page of a summary, in their order; only the last one does anything at once."""
 
@@ -116,11 +116,12 @@ def _trial(
         "share": one["missing_share"],
         "filled": one["filled_samples"],
         "left": one["left_samples"],
+        "kept": one["kept_samples"],
         "error": one["expected_mean_error_mm"],
         "bound": one["error_bound_90_mm"],
         "longest": _gap(one["longest_gap"]),
         "worst": _gap(one["least_certain_gap"]),
-        "kept": [
+        "alone": [
             [left["samples"], message_text(left["reason"])]
             for left in one["left"]
             if not left["requested"]

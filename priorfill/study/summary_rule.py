@@ -41,7 +41,7 @@ class Attention:
     reasons: tuple[str, ...]
 
 
-def rule_text(limits: SummaryLimits) -> tuple[tuple[Group, str], ...]:
+def rule_text(limits: SummaryLimits) -> dict[Group, str]:
     """Return the rule as a sentence for each group.
 
     Parameters
@@ -51,28 +51,20 @@ def rule_text(limits: SummaryLimits) -> tuple[tuple[Group, str], ...]:
 
     Examples
     --------
-    >>> dict(rule_text(SummaryLimits()))["failed"]
+    >>> rule_text(SummaryLimits())["failed"]
     'No output was written.'
     """
-    gap, error = f"{limits.gap:g} s", f"{limits.error:g} mm"
-    return (
-        ("failed", "No output was written."),
-        (
-            "record again",
-            f"A gap is longer than {gap}, and more than {gap} of it stay missing or its expected "
-            f"mean error is above {error} or unknown: no setting is likely to make it right.",
-        ),
-        (
-            "look at",
-            f"Samples stay missing, a gap is longer than {gap}, the expected mean error of a gap "
-            f"is above {error} or unknown, or measured samples may be wrong.",
-        ),
-        (
-            "good",
-            "None of these. A marker that is missing in every trial of a folder from its first to "
-            "its last frame counts for no trial: it was not placed, or has another name.",
-        ),
-    )
+    long, error = f"{limits.long:g} s", f"{limits.error:g} mm"
+    length = "" if limits.gap is None else f"a gap is longer than {long}, "
+    return {
+        "failed": "No output was written.",
+        "record again": f"A gap is longer than {long}, and either more than {long} of it stay "
+        f"missing, or its expected mean error is above {error} or unknown.",
+        "look at": f"Samples stay missing, {length}the expected mean error of a gap is above "
+        f"{error} or unknown, or measured samples may be wrong.",
+        "good": "None of these. A marker that no trial of a folder ever shows counts for none of "
+        "them: it was not placed, or has another name.",
+    }
 
 
 def attention(
@@ -90,7 +82,9 @@ def attention(
         Markers that do not count.
     """
     if trial.failed:
-        return Attention("failed", (trial.outcome.reason or "No reason is known.",))
+        outcome = trial.outcome
+        reason = outcome.reason.replace(outcome.source, outcome.name)  # without the long path
+        return Attention("failed", (reason or "No reason is known.",))
     gaps = [gap for gap in trial.gaps if gap.marker not in absent]
     lost = [gap for gap in gaps if _is_lost(gap, limits)]
     reasons = [f"{gap.marker}: {_lost_text(gap)}" for gap in lost]
@@ -103,8 +97,8 @@ def attention(
 
 def _is_lost(gap: TrialGap, limits: SummaryLimits) -> bool:
     """Return whether a gap is too long for so uncertain a fill."""
-    rate = gap.frames / gap.seconds if gap.seconds else math.inf
-    return gap.seconds > limits.gap and (gap.left / rate > limits.gap or _is_uncertain(gap, limits))
+    left = gap.seconds * gap.left / gap.frames
+    return gap.seconds > limits.long and (left > limits.long or _is_uncertain(gap, limits))
 
 
 def _is_uncertain(gap: TrialGap, limits: SummaryLimits) -> bool:
@@ -135,16 +129,18 @@ def _looks(trial: TrialFigures, gaps: list[TrialGap], limits: SummaryLimits) -> 
     uncertain = [gap for gap in gaps if _is_uncertain(gap, limits)]
     if uncertain:
         worst = max(uncertain, key=lambda gap: gap.error if math.isfinite(gap.error) else math.inf)
-        yield _gap_text(worst, _error_text(worst), len(uncertain) - 1)
-    long = [gap for gap in gaps if gap.seconds > limits.gap and gap not in uncertain]
-    if long:
+        others = f"above {limits.error:g} mm or unknown"
+        yield _gap_text(worst, _error_text(worst), len(uncertain), others)
+    long = [gap for gap in gaps if gap.seconds > limits.long and gap not in uncertain]
+    if long and limits.gap is not None:
         longest = max(long, key=lambda gap: gap.seconds)
-        yield _gap_text(longest, f"{longest.seconds:.2f} s long", len(long) - 1)
+        others = f"longer than {limits.long:g} s"
+        yield _gap_text(longest, f"{longest.seconds:.2f} s long", len(long), others)
     if trial.doubtful:
         kinds = ", ".join(
-            f"{count} {kind.replace('_', ' ')}" for kind, count in trial.artefacts.items()
+            f"{kind.replace('_', ' ')} ({count})" for kind, count in trial.artefacts.items()
         )
-        yield f"measured samples may be wrong: {kinds}; --reject-artefacts fills them"
+        yield f"measured samples may be wrong: {kinds}"
 
 
 def _left_text(left: LeftSamples) -> str:
@@ -155,6 +151,7 @@ def _left_text(left: LeftSamples) -> str:
     return f"{left.samples} samples of {names} stay missing: {left.reason}"
 
 
-def _gap_text(gap: TrialGap, what: str, others: int) -> str:
-    more = f"; so are {others} more gaps" if others > 1 else "; so is 1 more gap" if others else ""
-    return f"{gap.marker}, frames {gap.first_frame}-{gap.last_frame}: {what}{more}"
+def _gap_text(gap: TrialGap, what: str, gaps: int, others: str) -> str:
+    """Return what is the matter with the worst of some gaps."""
+    text = f"{gap.marker}, frames {gap.first_frame}-{gap.last_frame}: {what}"
+    return text if gaps == 1 else f"{text}, the worst of {gaps} gaps {others}"

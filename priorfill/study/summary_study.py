@@ -76,7 +76,7 @@ class FolderSummary:
     error : float
         Expected mean error over the filled samples (mm); NaN where unknown.
     worst_marker : str
-        The marker with most missing frames, except one that is absent; empty without gaps.
+        The marker with most frames to be filled, except one that is absent; empty without gaps.
     absent : tuple of str
         Markers that are missing in every trial from the first to the last frame.
     seconds : float
@@ -106,7 +106,7 @@ class StudySummary:
     trials : tuple of SummaryTrial
         Worst first.
     markers : tuple of StudyMarker
-        Those with gaps; the one with most missing frames first.
+        Those with gaps; the one with most frames to be filled first.
     folders : tuple of FolderSummary
         By name.
     limits : SummaryLimits
@@ -244,10 +244,10 @@ def _badness(trial: SummaryTrial) -> tuple[int, bool, int, float, float]:
 def _folder(name: str, trials: Sequence[SummaryTrial], absent: frozenset[str]) -> FolderSummary:
     figures = [one.figures for one in trials]
     groups = Counter(one.attention.group for one in trials)
-    missing: Counter[str] = Counter()
+    lost: Counter[str] = Counter()
     for one in figures:
-        missing.update({marker.label: marker.frames for marker in one.markers})
-    present = [label for label, _ in missing.most_common() if label not in absent]
+        lost.update({marker.label: marker.filled + marker.left for marker in one.markers})
+    present = [label for label, frames in lost.most_common() if frames and label not in absent]
     known = [one for one in figures if math.isfinite(one.error)]
     filled = sum(one.filled for one in known)
     return FolderSummary(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -115,7 +115,7 @@ class TrialFigures:
     Attributes
     ----------
     outcome : JobOutcome
-        What they are from.
+        What they are from, without its facts, which can be large.
     folder : str
         Path of its folder within the study; ``.`` for the study itself.
     subjects : tuple of str
@@ -124,6 +124,12 @@ class TrialFigures:
         Number of frames; 0 where unknown.
     samples : int
         Number of frames times markers; 0 where unknown.
+    rate : float
+        Frame rate (Hz); NaN where unknown.
+    method, marker_set : str
+        Their names; empty where unknown.
+    notes : tuple of str
+        What the fill notes.
     gaps : tuple of TrialGap
         Worst first: most frames left, then the greatest expected error, then the longest.
     markers : tuple of TrialMarker
@@ -141,6 +147,10 @@ class TrialFigures:
     subjects: tuple[str, ...]
     frames: int
     samples: int
+    rate: float
+    method: str
+    marker_set: str
+    notes: tuple[str, ...]
     gaps: tuple[TrialGap, ...]
     markers: tuple[TrialMarker, ...]
     left: tuple[LeftSamples, ...]
@@ -161,6 +171,11 @@ class TrialFigures:
     def filled(self) -> int:
         """Number of filled samples."""
         return sum(gap.filled for gap in self.gaps)
+
+    @property
+    def kept(self) -> int:
+        """Number of samples in gaps that were not to be filled."""
+        return self.missing - self.filled - self.left_samples
 
     @property
     def left_samples(self) -> int:
@@ -215,18 +230,22 @@ def trial_figures(outcome: JobOutcome) -> TrialFigures:
     """
     facts = outcome.facts
     frames = int(facts.get("frames") or 0)
-    subjects = list(facts.get("subjects") or ())
+    subjects = facts.get("subjects") or ()
     gaps = sorted((_gap(one, frames) for one in facts.get("gaps") or ()), key=_badness)
     artefacts: dict[str, int] = {}
     for one in facts.get("artefacts") or ():
         artefacts[str(one["kind"])] = artefacts.get(str(one["kind"]), 0) + 1
     rejected = bool((facts.get("provenance") or {}).get("reject_artefacts"))
     return TrialFigures(
-        outcome=outcome,
+        outcome=replace(outcome, facts={}),
         folder=str(PurePosixPath(outcome.name).parent),
         subjects=tuple(str(one["subject"]) for one in subjects if one.get("subject")),
         frames=frames,
-        samples=frames * sum(int(one.get("markers") or 0) for one in subjects),
+        samples=int(facts.get("samples") or 0),
+        rate=_number(facts.get("rate")),
+        method=str(facts.get("method") or ""),
+        marker_set=str(facts.get("marker_set") or ""),
+        notes=tuple(str(note) for note in facts.get("notes") or ()),
         gaps=tuple(gaps),
         markers=tuple(_markers(gaps, frames, facts.get("gaps") or ())),
         left=tuple(_left(facts.get("gaps") or ())),

@@ -44,8 +44,9 @@ def outcome(name: str, *gaps: dict[str, Any], **more: Any) -> JobOutcome:
     """The outcome of a job."""
     left = any(one["unfilled"] for one in gaps)
     status: Status = "no gaps" if not gaps else "incomplete" if left else "filled"
-    subjects = [{"subject": "Anna", "markers": 40}]
-    facts = {"frames": FRAMES, "rate": RATE, "subjects": subjects, "gaps": list(gaps)}
+    subjects = [{"subject": "Anna"}]
+    facts = {"frames": FRAMES, "samples": 40 * FRAMES, "rate": RATE, "subjects": subjects,
+             "gaps": list(gaps)}  # fmt: skip
     given = {"status": status, "facts": facts, "report": f"/out/{name}.html"} | more
     return JobOutcome(name, f"/in/{name}", f"/out/{name}", **given)
 
@@ -79,13 +80,15 @@ def test_groups_follow_the_rule() -> None:
         "long_left.c3d": "look at",
         "left.c3d": "look at",
         "uncertain.c3d": "look at",
-        "long.c3d": "look at",
         "unknown.c3d": "look at",
+        "long.c3d": "good",
         "short.c3d": "good",
         "none.c3d": "good",
     }
     assert next(iter(groups_of(*outcomes))) == "failed.c3d"
+    assert groups_of(outcomes[2], gap=1.0) == {"long.c3d": "look at"}
     assert groups_of(outcomes[2], gap=2.0) == {"long.c3d": "good"}
+    assert groups_of(outcomes[3], gap=0.2) == {"uncertain.c3d": "record again"}
     assert groups_of(outcomes[3], error=20.0) == {"uncertain.c3d": "good"}
 
 

@@ -3,6 +3,9 @@
 /** Trials of a list that are shown at first. */
 const FIRST_ENTRIES = 6;
 
+/** Reasons of a trial that are shown; the trial in full has all. */
+const FIRST_REASONS = 2;
+
 /** Names of an entry that are shown. */
 const MOST_NAMES = 12;
 
@@ -79,15 +82,21 @@ class AttentionLists {
     const names = element("p", {}, []);
     trials.slice(0, MOST_NAMES).forEach((trial, number) => {
       if (number) names.append(", ");
-      names.append(button(trial.name, () => this.show(trial), { class: "link trial-name" }));
-      if (trial.links.report) names.append(" ", linked("report", trial.links.report));
+      const name = button(fileName(trial), () => this.show(trial), {
+        class: "link trial-name", title: trial.name });
+      names.append(trials.length > 1 ? name : trialName(trial, name));
+      if (trial.links.report) {
+        names.append(" ", linked("report", trial.links.report, { class: "to-report" }));
+      }
     });
     if (trials.length > 1) names.prepend(`${countOf(trials.length, "trial")}: `);
     if (trials.length > MOST_NAMES) {
       names.append(` and ${formatCount(trials.length - MOST_NAMES)} more`);
     }
+    const more = reasons.length - FIRST_REASONS;
+    const texts = more > 1 ? reasons.slice(0, FIRST_REASONS) : reasons;
     return element("li", {}, [
-      names, ...reasons.map((text) => element("p", { text: shortText(text, 400) }))]);
+      names, ...texts.map((text) => element("p", { text: shortText(text, 400) }))]);
   }
 
   /** Show a trial in the table and in full. */
@@ -112,8 +121,9 @@ class AttentionLists {
     ]);
   }
 
-  /** Print all entries. */
+  /** Print all entries, and what is folded. */
   print(on) {
+    for (const fold of document.querySelectorAll("details")) fold.open = on;
     for (const list of this.lists) {
       list.shown = on ? MOST_PRINTED_ROWS : FIRST_ENTRIES;
       this.fill(list);

@@ -183,7 +183,7 @@ class ListTable {
     const entry = active ? String(this.active) : inView.length ? inView[0].dataset.row : "";
     for (const row of inView) {
       const isActive = Number(row.dataset.row) === this.active;
-      row.classList.toggle("active", isActive);
+      row.classList.toggle("active", isActive && !this.printing);
       row.setAttribute("aria-selected", String(isActive));
       row.tabIndex = row.dataset.row === entry ? 0 : -1;
     }

@@ -4,6 +4,9 @@
 const MAP_ROW_HEIGHT = 17;
 const MAP_HEAD_HEIGHT = 20;
 
+/** Markers that fit on a sheet of paper. */
+const PAPER_MARKERS = 34;
+
 /** Greatest width (px) of the labels, and their share of the whole at most. */
 const MAP_LABEL_WIDTH = 110;
 const MAP_LABEL_SHARE = 0.3;
@@ -26,6 +29,12 @@ function shareColour(share) {
   return colours().scale[Math.min(SCALE_STEPS - 1, step)];
 }
 
+/** @returns {string} name of a folder cut to a width, the last part of its path if need be */
+function shortFolderName(context, name, width) {
+  if (context.measureText(name).width <= width) return name;
+  return cutText(context, name.split("/").pop(), width);
+}
+
 class MarkerMap {
   /**
    * @param {HTMLElement} root
@@ -33,14 +42,10 @@ class MarkerMap {
    */
   constructor(root, store) {
     this.store = store;
-    this.row = 0;
-    this.column = 0;
-    this.focused = false;
     const { trials, markers } = store.data;
     const words = new Intl.Collator("en", { numeric: true });
     this.order = trials.map((_, index) => index).sort((a, b) =>
       trials[a].folder - trials[b].folder || words.compare(trials[a].name, trials[b].name));
-    this.rows = markers.map((_, index) => index);
     this.draw = scheduled(() => this.paint());
     this.build(root);
     store.on("theme", () => this.draw());
@@ -62,17 +67,11 @@ class MarkerMap {
       tabindex: "0", role: "application", "aria-label":
         "Map of markers and trials; arrow keys move, Enter shows the trial. The table of markers " +
         "below has the same figures.",
-      on: {
-        mousemove: (event) => this.hover(event), mouseleave: () => this.hideTip(),
-        click: (event) => this.click(event), keydown: (event) => this.key(event),
-        focus: () => this.setFocused(true), blur: () => this.setFocused(false),
-      },
     });
-    this.canvas.style.height = `${MAP_HEAD_HEIGHT + markers.length * MAP_ROW_HEIGHT}px`;
-    this.tip = element("div", { class: "tip", hidden: true });
     this.scroller = element("div", { class: "map-scroller" }, [this.canvas]);
-    this.box = element("div", { class: "map-box" }, [this.scroller, this.tip]);
-    root.append(this.box);
+    const box = element("div", { class: "map-box" }, [this.scroller]);
+    this.input = new MarkerMapInput(this, box);
+    root.append(box);
     if (more) {
       root.append(element("p", {
         class: "muted", text: `${countOf(more, "marker")} with fewer missing frames left out; ` +
@@ -139,6 +138,9 @@ class MarkerMap {
   paint() {
     if (!this.canvas) return;
     this.paintScale();
+    const { markers } = this.store.data;
+    this.rows = isPrinting() ? Math.min(PAPER_MARKERS, markers.length) : markers.length;
+    this.canvas.style.height = `${MAP_HEAD_HEIGHT + this.rows * MAP_ROW_HEIGHT}px`;
     const { context, width, height } = fitCanvas(this.canvas);
     this.measure(width);
     const theme = colours();
@@ -195,7 +197,7 @@ class MarkerMap {
     const theme = colours();
     const { markers } = this.store.data;
     context.textAlign = "left";
-    for (const marker of this.rows) {
+    for (let marker = 0; marker < this.rows; marker++) {
       const y = MAP_HEAD_HEIGHT + marker * MAP_ROW_HEIGHT;
       if (marker === this.store.marker) {
         context.fillStyle = theme.selection;
@@ -224,7 +226,7 @@ class MarkerMap {
       }
       if (wide > 24) {
         context.fillStyle = theme.text;
-        const name = cutText(context, folderName(folders[folder]), wide - 6);
+        const name = shortFolderName(context, folderName(folders[folder]), wide - 6);
         context.fillText(name, x + 3, MAP_HEAD_HEIGHT / 2);
       }
       begin = end;
@@ -234,7 +236,7 @@ class MarkerMap {
   /** Mark the active trial, and the cell that keys move. */
   paintChosen(context, height) {
     const theme = colours();
-    const place = this.order.indexOf(this.store.active);
+    const place = isPrinting() ? -1 : this.order.indexOf(this.store.active);
     const mark = (column, y, high) => {
       context.strokeStyle = theme.accent;
       context.lineWidth = 2;
@@ -244,18 +246,8 @@ class MarkerMap {
     if (place >= 0) {
       mark(Math.floor(place / this.perColumn), MAP_HEAD_HEIGHT, height - MAP_HEAD_HEIGHT - 1);
     }
-    if (this.focused) {
-      mark(this.column, MAP_HEAD_HEIGHT + this.row * MAP_ROW_HEIGHT, MAP_ROW_HEIGHT);
-    }
-  }
-
-  /** @returns {{row: number, column: number}|null} the cell below the pointer */
-  cellAt(event) {
-    const box = this.canvas.getBoundingClientRect();
-    const row = Math.floor((event.clientY - box.top - MAP_HEAD_HEIGHT) / MAP_ROW_HEIGHT);
-    const column = Math.floor((event.clientX - box.left - this.labels) / this.columnWidth);
-    if (row < 0 || row >= this.rows.length || column >= this.columns) return null;
-    return { row, column };
+    const { focused, row, column } = this.input;
+    if (focused) mark(column, MAP_HEAD_HEIGHT + row * MAP_ROW_HEIGHT, MAP_ROW_HEIGHT);
   }
 
   /** @returns {string} a cell in words */
@@ -273,74 +265,5 @@ class MarkerMap {
     const left = cell.left ? ", some stay missing" : "";
     const more = own.length > 1 ? ` (the worst of ${own.length} trials)` : "";
     return `${marker}, ${trials[cell.index].name}: ${share}${left}${more}`;
-  }
-
-  /** Show what is below the pointer. */
-  hover(event) {
-    const cell = this.cellAt(event);
-    if (!cell || cell.column < 0) {
-      this.hideTip();
-      return;
-    }
-    this.tip.textContent = this.cellText(cell.row, cell.column);
-    this.tip.hidden = false;
-    const box = this.box.getBoundingClientRect();
-    const left = event.clientX - box.left + 14;
-    this.tip.style.left = `${Math.max(0, Math.min(left, box.width - this.tip.offsetWidth - 4))}px`;
-    this.tip.style.top = `${event.clientY - box.top + 18}px`;
-  }
-
-  /** Hide the tip. */
-  hideTip() {
-    this.tip.hidden = true;
-  }
-
-  /** Show the trial of a cell, or the trials of a marker. */
-  click(event) {
-    const cell = this.cellAt(event);
-    if (!cell) return;
-    if (cell.column < 0) this.store.choose("marker", cell.row);
-    else {
-      Object.assign(this, cell);
-      this.openCell();
-    }
-  }
-
-  /** Make the trial of the chosen cell the active one. */
-  openCell() {
-    const cell = this.found.cells[this.column].get(this.row);
-    const own = this.trialsOf(this.column);
-    this.store.setActive(cell ? cell.index : own[0]);
-  }
-
-  /** Move among the cells, and choose. */
-  key(event) {
-    if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const moves = {
-      ArrowUp: [-1, 0], ArrowDown: [1, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1],
-      Home: [0, -this.columns], End: [0, this.columns],
-    };
-    if (event.key in moves) {
-      const [down, right] = moves[event.key];
-      this.row = Math.max(0, Math.min(this.rows.length - 1, this.row + down));
-      this.column = Math.max(0, Math.min(this.columns - 1, this.column + right));
-      const y = MAP_HEAD_HEIGHT + this.row * MAP_ROW_HEIGHT;
-      const { scroller } = this;
-      if (y - MAP_ROW_HEIGHT < scroller.scrollTop) scroller.scrollTop = y - 2 * MAP_ROW_HEIGHT;
-      else if (y + 2 * MAP_ROW_HEIGHT > scroller.scrollTop + scroller.clientHeight) {
-        scroller.scrollTop = y + 2 * MAP_ROW_HEIGHT - scroller.clientHeight;
-      }
-      announce(this.cellText(this.row, this.column));
-      this.draw();
-    } else if (event.key === "Enter" || event.key === " ") this.openCell();
-    else return;
-    event.preventDefault();
-  }
-
-  /** Show or hide the cell that keys move. */
-  setFocused(focused) {
-    this.focused = focused;
-    if (focused && this.found) announce(this.cellText(this.row, this.column));
-    this.draw();
   }
 }

@@ -57,10 +57,12 @@ class StudyHeadline {
   details() {
     const { trials, seconds, facts } = this.store.data;
     const sum = (key) => trials.reduce((total, trial) => total + (trial[key] || 0), 0);
+    const wanted = sum("filled") + sum("left");
     const parts = [
-      `${countOf(sum("gaps"), "gap")}`,
-      `${formatCount(sum("filled"))} of ${countOf(sum("missing"), "missing sample")} filled`,
+      countOf(sum("gaps"), "gap"),
+      `${formatCount(sum("filled"))} of ${countOf(wanted, "missing sample")} filled`,
     ];
+    if (sum("kept")) parts.push(`${formatCount(sum("kept"))} left alone`);
     const errors = trials.filter((trial) => trial.error !== null && trial.filled);
     const filled = errors.reduce((total, trial) => total + trial.filled, 0);
     if (filled) {

@@ -104,6 +104,25 @@ function markerCells(numbers) {
   return cells;
 }
 
+/**
+ * Name of a trial: that of its file, then its folder.
+ * @param {Object} trial
+ * @param {HTMLElement} named with the name of the file as its text
+ * @returns {DocumentFragment}
+ */
+function trialName(trial, named) {
+  const made = document.createDocumentFragment();
+  made.append(named);
+  const folder = trial.name.slice(0, -fileName(trial).length - 1);
+  if (folder) made.append(" ", element("span", { class: "muted", text: folder }));
+  return made;
+}
+
+/** @returns {string} name of the file of a trial, without its folder */
+function fileName(trial) {
+  return trial.name.split("/").pop();
+}
+
 /** @returns {string} name of a folder */
 function folderName({ folder }) {
   return folder === "." ? "(top)" : folder;

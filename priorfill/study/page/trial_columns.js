@@ -3,12 +3,13 @@
 /** Bytes of a megabyte. */
 const MEGABYTE = 1e6;
 
-/** @returns {string} share of the missing samples that were filled */
+/** @returns {string} share of the samples to be filled that were filled */
 function trialFilled(trial) {
-  if (!trial.missing) return "–";
-  if (trial.filled === trial.missing) return "100 %";
+  const wanted = trial.filled + trial.left;
+  if (!wanted) return "–";
+  if (!trial.left) return "100 %";
   if (!trial.filled) return "0 %";
-  return `${Math.min(99, Math.max(1, Math.round((100 * trial.filled) / trial.missing)))} %`;
+  return `${Math.min(99, Math.max(1, Math.round((100 * trial.filled) / wanted)))} %`;
 }
 
 /** @returns {Object[]} columns of the table of trials, as ListTable takes them */
@@ -17,7 +18,8 @@ function trialColumns() {
   const decimals = (value) => (value === null ? "–" : value.toFixed(2));
   return [
     { key: "name", title: "Trial", first: 1, text: (t) => t.name, order: (t) => t.name,
-      cell: (t) => linked(t.name, t.links.report || t.links.output, { tabindex: "-1" }) },
+      cell: (t) => trialName(t, linked(
+        fileName(t), t.links.report || t.links.output, { tabindex: "-1" })) },
     { key: "group", title: "To do", first: 1, text: (t) => GROUP_TITLES[t.group],
       order: (t) => t.group, cell: (t) => groupBadge(t.group) },
     { key: "gaps", title: "Gaps", first: -1, number: true, order: (t) => t.gaps,
@@ -25,8 +27,8 @@ function trialColumns() {
     { key: "share", title: "Missing", first: -1, number: true, order: (t) => t.share,
       hint: "Share of all samples that were missing", text: (t) => shareText(t.share) },
     { key: "filled", title: "Filled", first: 1, number: true,
-      hint: "Share of the missing samples that were filled", text: trialFilled,
-      order: (t) => (t.missing ? t.filled / t.missing : null) },
+      hint: "Share of the samples to be filled that were filled", text: trialFilled,
+      order: (t) => (t.filled + t.left ? t.filled / (t.filled + t.left) : null) },
     { key: "left", title: "Left", first: -1, number: true, order: (t) => t.left,
       hint: "Samples that were to be filled and stay missing",
       text: (t) => (t.left ? formatCount(t.left) : "–") },

@@ -24,23 +24,25 @@ class TrialDetail {
       return;
     }
     this.root.replaceChildren(
-      element("h2", { text: trial.name }),
-      element("p", {}, [groupBadge(trial.group), ` ${trial.status}`]),
-      this.links(trial),
-      ...this.texts(null, trial.reasons),
-      this.facts(trial),
-      ...this.texts("Left as they are", trial.kept.map(([samples, reason]) =>
-        `${countOf(samples, "sample")}: ${reason}`)),
-      ...this.markers(trial),
-      ...this.texts("Warnings", this.warnings(trial)),
-      ...this.texts("Notes", trial.notes));
+      element("div", { class: "panel-head" }, [
+        element("h2", { text: trial.name }), groupBadge(trial.group),
+        element("span", { text: trial.group ? trial.status : "" }), this.links(trial)]),
+      element("div", { class: "trial-columns" }, [
+        ...this.texts("Why", trial.reasons),
+        this.facts(trial),
+        ...this.markers(trial),
+        ...this.texts("Left alone", trial.alone.map(([samples, reason]) =>
+          `${countOf(samples, "sample")}: ${reason}`)),
+        ...this.texts("Notes", trial.notes),
+        ...this.texts("Warnings", this.warnings(trial)),
+      ]));
   }
 
   /** @returns {HTMLElement} links to the files of a trial */
   links(trial) {
     const names = { report: "Open the report", output: "Filled file", uncertainty:
       "Expected errors", source: "Recording" };
-    return element("p", { class: "links" }, Object.keys(names)
+    return element("span", { class: "links" }, Object.keys(names)
       .filter((name) => trial.links[name])
       .map((name) => linked(names[name], trial.links[name])));
   }
@@ -48,8 +50,10 @@ class TrialDetail {
   /** @returns {HTMLElement[]} a list with a heading, or nothing */
   texts(title, texts) {
     if (!texts.length) return [];
-    const list = element("ul", {}, texts.map((text) => element("li", { text })));
-    return title ? [element("h3", { text: title }), list] : [list];
+    return [element("section", {}, [
+      element("h3", { text: title }),
+      element("ul", {}, texts.map((text) => element("li", { text }))),
+    ])];
   }
 
   /** @returns {HTMLElement} the figures of a trial */
@@ -87,7 +91,8 @@ class TrialDetail {
       `${cell.share ? shareText(cell.share) : countOf(cell.frames, "frame")}`);
     const more = cells.length - names.length;
     const text = names.join(", ") + (more > 0 ? ` and ${more} more` : "");
-    return [element("h3", { text: "Markers with gaps" }), element("p", { text })];
+    return [element("section", {}, [
+      element("h3", { text: "Markers with gaps" }), element("p", { text })])];
   }
 
   /** @returns {string[]} warnings; the report has all */
