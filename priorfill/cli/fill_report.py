@@ -14,6 +14,7 @@ from priorfill.cli.artefacts import (
     warn_of_artefacts,
 )
 from priorfill.cli.output import MAX_ROWS, print_line, print_table, some_names
+from priorfill.formats.bids.names import MOTION, is_motion
 from priorfill.report.result_summary import (
     gap_cells,
     mm_text,
@@ -72,6 +73,8 @@ def print_fill(done: FileResult, *, every_row: bool = False) -> None:
         print_line(f"{result.clip.name} has no gaps; nothing to write")
     else:
         print_line(f"{result.clip.name} has no gaps; {done.output} is a copy")
+    if done.beside:
+        print_line(f"with {', '.join(path.name for path in done.beside)}")
     if result.rejected.any():
         print_line()
         facts = artefact_facts(done.artefacts, result.clip)
@@ -239,4 +242,6 @@ def _written(done: FileResult) -> str:
     if done.output is not None:
         return f"written to {done.output}"
     suffix = done.source.suffix or ".c3d"
+    if is_motion(done.source):
+        suffix = MOTION
     return f"dry run, no filled file was written; write it with: -o OUT{suffix}"

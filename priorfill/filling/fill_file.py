@@ -16,6 +16,11 @@ from priorfill.artefacts import Artefact, find_artefacts
 from priorfill.clip import Clip
 from priorfill.errors import ClipError, DatabaseError, OptionError, PriorfillError
 from priorfill.filling.add_result import AddedClip, add_subject, can_create_database
+from priorfill.filling.bids_derivative import (
+    check_derivative,
+    derivative_files,
+    derivative_output,
+)
 from priorfill.filling.fill_clip import fill
 from priorfill.filling.fill_options import FillKeywords, FillOptions
 from priorfill.filling.further_outputs import check_further_outputs, further_outputs
@@ -120,6 +125,9 @@ class FileResult:
         the command that adds it.
     further : mapping of str to tuple of Path
         The files that were written in addition, by the option of `FileOptions` that named them.
+    beside : tuple of Path
+        Files that belong to the output: the mask, errors and side files of a recording of
+        Motion-BIDS.
 
     See Also
     --------
@@ -146,6 +154,7 @@ class FileResult:
     added: tuple[AddedClip | None, ...] = ()
     not_added: DatabaseError | None = None
     further: Mapping[str, tuple[Path, ...]] = field(default_factory=dict)
+    beside: tuple[Path, ...] = ()
 
 
 def fill_file(
@@ -169,6 +178,7 @@ def fill_file(
         The file with gaps.
     output : Path or str, optional
         The file to write: a copy of the source, or a new file if its suffix is of another format.
+        For a recording of Motion-BIDS also the folder of a derivative dataset.
         None is a dry run: everything is filled, but no filled file is written.
     database : Path or str, optional
         Folder of the prior database to learn from.
@@ -211,7 +221,7 @@ def fill_file(
     np.True_
     """
     source, files = Path(source), files or FileOptions()
-    output = None if output is None else Path(str(output))
+    output = None if output is None else derivative_output(source, Path(str(output)))
     work = FileToFill.read(
         source,
         output,
@@ -332,6 +342,7 @@ def _check(
         formats.check_output(
             output, source=source, overwrite=files.overwrite, rewrite=files.rewrite
         )
+        check_derivative(output, source, overwrite=files.overwrite)
     check_further_outputs(source, output, files)
     if files.add_to_database:
         if database is None:
@@ -424,7 +435,8 @@ def write_filled(
     OutputError
         Where a file cannot be written.
     """
-    with further_outputs(result, work.clips, files) as further:
+    derivative = derivative_files(output, result, overwrite=files.overwrite)
+    with further_outputs(result, work.clips, files) as further, derivative as beside:
         report = WriteReport(0, 0.0)
         if output is not None:
             report = formats.write(
@@ -438,6 +450,7 @@ def write_filled(
         report,
         work.artefacts(result),
         further=further,
+        beside=beside,
     )
 
 

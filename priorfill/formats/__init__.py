@@ -8,7 +8,7 @@ trc       TRC of OpenSim and Motion Analysis        .trc                  cell b
 nexus     Vicon Nexus, section Trajectories         .csv .tsv .txt        cell by cell       no
 qualisys  Qualisys Track Manager, TSV               .csv .tsv .txt        cell by cell       no
 motive    OptiTrack Motive, CSV                     .csv .tsv .txt        cell by cell       no
-bids      Motion-BIDS, ``*_motion.tsv``             .tsv                  cell by cell       no
+bids      Motion-BIDS, ``*_motion.tsv``             .tsv                  cell by cell       yes
 npz       NumPy archive                             .npz                  no                 yes
 mat       MATLAB, version 4 to 7; Qualisys' export  .mat                  no                 yes
 ========  ========================================  ====================  =================  ======
@@ -35,8 +35,9 @@ from priorfill.clip import Clip
 from priorfill.errors import FormatError, OptionError
 from priorfill.formats.arrays.mat import create_mat, parse_mat, recognise_mat
 from priorfill.formats.arrays.npz import create_npz_clip, parse_npz, recognise_npz
+from priorfill.formats.bids.create_motion import create_motion
 from priorfill.formats.bids.motion_tsv import copy_motion, read_motion
-from priorfill.formats.bids.names import is_motion, motion_name_fault
+from priorfill.formats.bids.names import is_motion, motion_name_fault, new_motion_fault
 from priorfill.formats.c3d.create import create_c3d
 from priorfill.formats.c3d.patch import beyond_range, write_c3d
 from priorfill.formats.c3d.read import parse_c3d, read_c3d, read_c3d_bytes
@@ -67,6 +68,7 @@ __all__ = [
     "create_npz",
     "format_of",
     "is_recording",
+    "output_format",
     "read",
     "read_c3d",
     "rewrite_c3d",
@@ -103,8 +105,8 @@ class FileFormat:
         Returns the filled samples of a clip that a copy cannot hold; None: it can hold all.
     exclusive : bool
         Whether the suffixes are used for recordings only, so that the contents need no check.
-    name_fault : callable or None
-        Returns why a file of the format cannot have a name, with the remedy; empty if it can.
+    name_fault, new_name_fault : callable or None
+        Return why a copy, or a new file, cannot have a name, with the remedy; empty if it can.
     """
 
     title: str
@@ -117,6 +119,7 @@ class FileFormat:
     beyond_range: Callable[[Clip, NDArray[np.bool_]], NDArray[np.bool_]] | None = None
     exclusive: bool = False
     name_fault: Callable[[Path], str] | None = None
+    new_name_fault: Callable[[Path], str] | None = None
 
 
 def _by_head(recognise: Callable[[bytes], bool]) -> Callable[[Path], bool]:
@@ -197,7 +200,9 @@ FORMATS = {
         read_motion,
         is_motion,
         copy_motion,
+        create_motion,
         name_fault=motion_name_fault,
+        new_name_fault=new_motion_fault,
     ),
     "npz": FileFormat(
         "NumPy archive",
@@ -411,7 +416,7 @@ def write(
     """
     path = Path(str(path))  # as in `check_target`
     source = clip.source
-    form = _output_format(path, source.format if source is not None else None)
+    form = output_format(path, source.format if source is not None else None)
     copy, create = FORMATS[form].copy, FORMATS[form].create
     if rewrite:
         _check_rewriting(path, form, source.format if source is not None else None)
@@ -451,7 +456,7 @@ def samples_out_of_range(
         As in `write`.
     """
     source = clip.source
-    form = _output_format(Path(path), source.format if source is not None else None)
+    form = output_format(Path(path), source.format if source is not None else None)
     find = FORMATS[form].beyond_range
     if source is None or form != source.format or rewrite or find is None:
         return np.zeros_like(filled)
@@ -483,7 +488,7 @@ def check_output(
         is the source.
     """
     source_format = format_of(source) if source.is_file() else None
-    form = _output_format(Path(path), source_format)
+    form = output_format(Path(path), source_format)
     if rewrite and source_format is not None:
         _check_rewriting(Path(path), form, source_format)
     check_target(path, overwrite=overwrite, source=source)
@@ -498,23 +503,46 @@ def _check_rewriting(path: Path, form: str, source: str | None) -> None:
         )
 
 
-def _output_format(path: Path, source: str | None) -> str:
-    """Return the format to write: the source's if the suffix fits, else that of a new file."""
+def output_format(path: Path, source: str | None) -> str:
+    """Return the format to write: the source's if the suffix fits, else that of a new file.
+
+    Parameters
+    ----------
+    path : Path
+        The file to write.
+    source : str or None
+        Format of the source; None for a clip made in memory.
+
+    Raises
+    ------
+    OptionError
+        If the format is unknown or cannot be written, or the file needs another name.
+    """
     _check_suffix(path, OptionError)
     suffix = path.suffix.lower()
     if source is not None and suffix in FORMATS[source].suffixes:
-        find_fault = FORMATS[source].name_fault
-        if find_fault is not None and (fault := find_fault(path)):
-            raise OptionError(f"{path}: {fault}")
+        _check_name(path, FORMATS[source].name_fault)
         return source
     for name, one in FORMATS.items():
         if suffix in one.suffixes and one.create is not None:
+            _check_name(path, one.new_name_fault)
             return name
-    new = [suffix for one in FORMATS.values() if one.create is not None for suffix in one.suffixes]
+    new = [
+        suffix
+        for one in FORMATS.values()
+        if one.create is not None and one.new_name_fault is None
+        for suffix in one.suffixes
+    ]
     raise OptionError(
         f"{path}: {suffix} is written only as a copy of a {suffix} file with its gaps filled; "
         f"a new file can be {', '.join(new)}"
     )
+
+
+def _check_name(path: Path, find_fault: Callable[[Path], str] | None) -> None:
+    """Raise OptionError if a file of a format cannot have a name."""
+    if find_fault is not None and (fault := find_fault(path)):
+        raise OptionError(f"{path}: {fault}")
 
 
 _SKELETON_SUFFIXES = (".amc", ".asf", ".bvh")

@@ -21,6 +21,7 @@ from priorfill.filling.further_outputs import FURTHER_OUTPUTS
 from priorfill.filling.overrides import Overrides
 from priorfill.filling.overrides_file import overrides_text, read_overrides
 from priorfill.filling.result import Result
+from priorfill.formats.bids.names import filled_name
 from priorfill.formats.file_bytes import check_unchanged, os_errors_explained
 from priorfill.report.report_data import PageContents, page_data
 from priorfill.runtime.atomic_file import check_target, check_writable, is_same_file
@@ -89,6 +90,9 @@ def default_output(source: Path) -> Path:
     >>> default_output(Path("walk.c3d")).name
     'walk_filled.c3d'
     """
+    in_dataset = filled_name(source.name)
+    if in_dataset != source.name:
+        return source.with_name(in_dataset)
     return source.with_name(f"{source.stem}_filled{source.suffix}")
 
 

@@ -9,28 +9,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 import text_files
-from bids_files import NAME, Column, channels_text, columns_of, motion_text, write_dataset
+from bids_files import (
+    NAME,
+    Column,
+    channels_text,
+    columns_of,
+    gappy,
+    motion_text,
+    other_columns,
+    write_dataset,
+)
 from text_files import LABELS, standing
 
 import priorfill as pf
 from priorfill import formats
 from priorfill.errors import ClipError, FormatError, OptionError, OutputError
 from priorfill.formats.bids.names import BidsName, side_files
-
-
-def gappy() -> np.ndarray:
-    positions = standing()
-    positions[3:6, 2] = np.nan
-    return positions
-
-
-def other_columns(frames: int) -> list[Column]:
-    t = np.arange(frames)
-    return [
-        Column("x", "ACCEL", "LTOE", "m/s^2", np.sin(t)),
-        Column("n/a", "LATENCY", "n/a", "s", t / 100),
-        Column("quat_w", "ORNT", "LTOE", "n/a", np.cos(t)),
-    ]
 
 
 def filled_in(clip: pf.Clip) -> tuple[pf.Clip, np.ndarray]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from text_files import LABELS, number
+from text_files import LABELS, number, standing
 
 NAME = "sub-01_task-walk_tracksys-omc"
 
@@ -43,6 +43,21 @@ def columns_of(
         Column("xyz"[axis], "POS", label, unit, positions[:, k, axis])
         for k, label in enumerate(labels)
         for axis in range(3)
+    ]
+
+
+def gappy() -> np.ndarray:
+    positions = standing()
+    positions[3:6, 2] = np.nan
+    return positions
+
+
+def other_columns(frames: int) -> list[Column]:
+    t = np.arange(frames)
+    return [
+        Column("x", "ACCEL", "LTOE", "m/s^2", np.sin(t)),
+        Column("n/a", "LATENCY", "n/a", "s", t / 100),
+        Column("quat_w", "ORNT", "LTOE", "n/a", np.cos(t)),
     ]
 
 

@@ -13,13 +13,35 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["MOTION", "BidsName", "is_motion", "motion_name_fault", "side_files"]
+__all__ = [
+    "DESCRIPTION",
+    "MOTION",
+    "BidsName",
+    "dataset_root",
+    "derivative_path",
+    "filled_name",
+    "is_derivative",
+    "is_motion",
+    "motion_name_fault",
+    "new_motion_fault",
+    "sibling",
+    "side_files",
+]
 
 MOTION = "_motion.tsv"
 """End of the name of a recording."""
 
-_DESCRIPTION = "dataset_description.json"
+DESCRIPTION = "dataset_description.json"
 """The file that marks the root of a dataset."""
+
+_FILLED = "filled"
+"""Label of filled recordings: ``desc-filled``."""
+
+_NEW = re.compile(
+    r"sub-[0-9a-zA-Z+]+(_ses-[0-9a-zA-Z+]+)?_task-[0-9a-zA-Z+]+_tracksys-[0-9a-zA-Z+]+"
+    r"(_acq-[0-9a-zA-Z+]+)?(_run-[0-9]+)?(_desc-[0-9a-zA-Z+]+)?_motion\.tsv"
+)
+"""Name of a recording with the entities that BIDS requires, in its order."""
 
 _INSIDE = re.compile(r"motion|(?:sub|ses)-.+")
 """Folders that are below the root of a dataset."""
@@ -81,10 +103,93 @@ def is_motion(path: Path) -> bool:
 
 
 def motion_name_fault(path: Path) -> str:
-    """Return why a recording cannot have a name; empty if it can."""
+    """Return why a copy of a recording cannot have a name; empty if it can."""
     if is_motion(path):
         return ""
     return f"a Motion-BIDS file needs a name that ends with {MOTION}; choose such a name"
+
+
+def new_motion_fault(path: Path) -> str:
+    """Return why a new recording cannot have a name; empty if it can."""
+    if _NEW.fullmatch(path.name):
+        return ""
+    return (
+        "a new .tsv file is of Motion-BIDS, with a name such as "
+        "sub-01_task-walk_tracksys-omc_desc-filled_motion.tsv"
+    )
+
+
+def is_derivative(path: Path) -> bool:
+    """Check whether a file is a recording that was computed from another, by its name."""
+    return is_motion(path) and bool(BidsName.parse(path.name).label("desc"))
+
+
+def sibling(path: Path, suffix: str, extension: str) -> Path:
+    """Return the file with the same entities and folder, but another suffix and extension.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    suffix : str
+        Such as ``channels``.
+    extension : str
+        With its dot.
+    """
+    return path.with_name("_".join((*BidsName.parse(path.name).entities, suffix)) + extension)
+
+
+def filled_name(name: str) -> str:
+    """Return the name of a filled recording.
+
+    Parameters
+    ----------
+    name : str
+        Of the recording; if it is not one of a BIDS dataset, it is returned as it is.
+
+    Examples
+    --------
+    >>> filled_name("sub-01_task-walk_tracksys-omc_motion.tsv")
+    'sub-01_task-walk_tracksys-omc_desc-filled_motion.tsv'
+    >>> filled_name("walk_motion.tsv")
+    'walk_motion.tsv'
+    """
+    parts = BidsName.parse(name)
+    if not (parts.label("sub") and is_motion(Path(name))):
+        return name
+    entities = [entity for entity in parts.entities if not entity.startswith("desc-")]
+    label = parts.label("desc")  # a file has one label at most
+    entities.append(f"desc-{label}{_FILLED.title()}" if label else f"desc-{_FILLED}")
+    return "_".join((*entities, parts.suffix)) + parts.extension
+
+
+def derivative_path(source: Path, folder: Path) -> Path:
+    """Return where a derivative dataset has a filled recording.
+
+    Parameters
+    ----------
+    source : Path
+        The recording.
+    folder : Path
+        The root of the derivative dataset.
+    """
+    parts = BidsName.parse(source.name)
+    for key in ("sub", "ses"):
+        if parts.label(key):
+            folder /= f"{key}-{parts.label(key)}"
+    return folder / "motion" / filled_name(source.name)
+
+
+def dataset_root(path: Path) -> Path | None:
+    """Return the root of the dataset that a file or folder is in; None if it is in none.
+
+    Parameters
+    ----------
+    path : Path
+        The file or folder; the root itself is in the dataset.
+    """
+    root = _folders(path / "x")[0] if path.is_dir() else _folders(path)[0]
+    return root if (root / DESCRIPTION).exists() else None
 
 
 def side_files(path: Path, suffix: str, extension: str) -> list[Path]:
@@ -127,7 +232,7 @@ def _folders(path: Path) -> list[Path]:
     """Return the folders from the root of a file's dataset to the file."""
     folder = Path(os.path.abspath(path)).parent  # noqa: PTH100, does not resolve links
     folders = [folder]
-    while _INSIDE.fullmatch(folder.name) and not (folder / _DESCRIPTION).exists():
+    while _INSIDE.fullmatch(folder.name) and not (folder / DESCRIPTION).exists():
         folder = folder.parent
         folders.append(folder)
     return folders[::-1]

@@ -15,7 +15,7 @@ from priorfill.formats.file_bytes import read_bytes
 from priorfill.formats.tables.cells import join_quoted, line_number, split_lines, texts_of
 from priorfill.formats.tables.numbers import header_number, shown
 
-__all__ = ["Channel", "SideFiles", "json_number", "read_side_files"]
+__all__ = ["UP_AXIS", "Channel", "SideFiles", "json_number", "read_side_files"]
 
 _MAX_BYTES = 1 << 24
 """Size limit of a side file: 200,000 channels of 80 bytes."""
@@ -25,6 +25,9 @@ _REQUIRED = ("type", "component", "tracked_point")
 
 _NOT_STATED = "n/a"
 """The word of BIDS for a value that is not there."""
+
+UP_AXIS = "UpAxis"
+"""Field of priorfill for the axis that points up: BIDS describes three axes or none."""
 
 _DELIMITER = b"\t"
 
@@ -92,14 +95,15 @@ class SideFiles:
         frame : str
             Name of the reference frame.
         """
-        found: Any = self.described
-        for key in ("reference_frame", "Levels", frame, "SpatialAxes"):
-            found = found.get(key) if isinstance(found, dict) else None
-        axes = found.upper() if isinstance(found, str) and len(found) == 3 else ""
+        level: Any = self.described
+        for key in ("reference_frame", "Levels", frame):
+            level = level.get(key) if isinstance(level, dict) else None
+        fields = level if isinstance(level, dict) else {}
+        axes = str(fields.get("SpatialAxes", "")).upper()
         for letter, sign in (("S", "+"), ("I", "-")):  # superior, inferior
-            if letter in axes:
+            if len(axes) == len("XYZ") and letter in axes:
                 return sign + "XYZ"[axes.index(letter)]
-        return ""
+        return str(fields.get(UP_AXIS, ""))
 
 
 def read_side_files(path: Path) -> SideFiles:

@@ -1,0 +1,354 @@
+"""What belongs to a filled recording in a derivative dataset of BIDS.
+
+::
+
+    derivatives/priorfill/dataset_description.json  README  descriptions.tsv  .bidsignore
+    derivatives/priorfill/desc-filled_mask.json  desc-filled_error.json
+    derivatives/priorfill/sub-01/motion/sub-01_task-walk_tracksys-omc_desc-filled_motion.tsv  .json
+                                        ..._channels.tsv  .json  ..._mask.tsv  ..._error.tsv
+
+The name of the output decides: a recording with ``desc-`` is a derivative.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from priorfill import formats
+from priorfill.errors import OptionError
+from priorfill.filling.provenance import package_versions
+from priorfill.filling.result import Result
+from priorfill.formats.bids.create_motion import json_bytes
+from priorfill.formats.bids.names import (
+    DESCRIPTION,
+    BidsName,
+    dataset_root,
+    derivative_path,
+    is_derivative,
+    is_motion,
+    sibling,
+)
+from priorfill.formats.bids.side_files import SideFiles, read_side_files
+from priorfill.formats.bids.tracked_points import find_tracked_points
+from priorfill.gp.calibration import MEAN_FACTOR
+from priorfill.runtime.atomic_file import check_target, replace_file
+
+__all__ = ["check_derivative", "derivative_files", "derivative_output"]
+
+_BIDS_VERSION = "1.10.0"
+
+_LINK = "raw"
+"""Name of the source dataset in BIDS addresses."""
+
+_DECIMALS = 3
+"""Of errors, in mm."""
+
+_ERRORS = ("expected_mean_error_mm", "error_bound_90_mm")
+"""Columns of a tracked point in the table of errors."""
+
+_BESIDE = (
+    ("motion", ".json"),
+    ("channels", ".tsv"),
+    ("channels", ".json"),
+    ("mask", ".tsv"),
+    ("error", ".tsv"),
+)
+"""Suffixes and extensions of the files next to a filled recording."""
+
+_IGNORED = "# files for which the BIDS validator has no rules\n" + "".join(
+    f"{pattern}\n"
+    for pattern in (
+        "*_motion.tsv",
+        "*_motion.json",
+        "*_mask.tsv",
+        "*_error.tsv",
+        "desc-*_mask.json",
+        "desc-*_error.json",
+        "*.html",
+        "*.npz",
+        "summary.*",
+        ".priorfill/",
+    )
+)
+"""Contents of ``.bidsignore``: the validator knows no derivatives of motion, and a study adds
+pages."""
+
+_README = """\
+Filled recordings of motion capture
+===================================
+
+priorfill has estimated samples that were missing. For each recording:
+
+* ..._motion.tsv: all samples, measured ones unchanged; those that could not be filled are n/a.
+* ..._mask.tsv: the same rows and columns; 1 where the sample is filled, 0 elsewhere.
+* ..._error.tsv: a row for each row of the recording; for each tracked point the expected mean error
+  of a filled sample, and the bound below which 90 % of the errors are expected, both in mm;
+  n/a where the sample is not filled.
+"""
+
+_MASK = {
+    "Description": (
+        "The rows and columns of the recording: 1 where the sample is filled, 0 where it is "
+        "measured or missing."
+    )
+}
+
+_ERROR = {
+    "Description": (
+        "A row for each row of the recording. NAME_expected_mean_error_mm: expected mean distance "
+        "of a filled sample of the tracked point NAME from the true position. "
+        "NAME_error_bound_90_mm: distance below which 90 % of the errors are expected. "
+        "n/a: not filled, or unknown."
+    ),
+    "Units": "mm",
+}
+
+
+def derivative_output(source: Path, output: Path) -> Path:
+    """Return the file to write; in a folder the place that BIDS has for a filled recording.
+
+    Parameters
+    ----------
+    source : Path
+        The file that is filled.
+    output : Path
+        The file to write; for a recording of Motion-BIDS also the root of a derivative dataset: a
+        folder, or a name without a suffix.
+    """
+    if output.suffix.lower() in formats.SUFFIXES and not output.is_dir():
+        return output
+    if is_motion(source) and source.is_file() and formats.format_of(source) == "bids":
+        return derivative_path(source, output)
+    return output
+
+
+def _is_bids_derivative(output: Path, source: Path | None) -> bool:
+    """Check whether an output is a filled recording of a derivative dataset."""
+    known = None if source is None or not source.is_file() else formats.format_of(source)
+    return is_derivative(output) and formats.output_format(output, known) == "bids"
+
+
+def check_derivative(output: Path, source: Path, *, overwrite: bool) -> None:
+    """Check before a fill whether the files of a derivative can be written; else do nothing.
+
+    Parameters
+    ----------
+    output : Path
+        The file to write.
+    source : Path
+        The file that is filled.
+    overwrite : bool
+        Whether existing files may be replaced.
+
+    Raises
+    ------
+    OptionError
+        If the output would be in the dataset of raw recordings.
+    OutputError
+        If a file exists already, or cannot be written.
+    """
+    if not _is_bids_derivative(output, source):
+        return
+    root = _root(output)
+    if root is not None and (root / DESCRIPTION).exists():
+        kind = _fields_of(root / DESCRIPTION).get("DatasetType", "raw")
+        if kind != "derivative":
+            raise OptionError(
+                f"{output}: {root} is a dataset of the type {kind}, in which BIDS permits no "
+                f"filled recordings; write to {root / 'derivatives' / 'priorfill'}"
+            )
+    for suffix, extension in _BESIDE:
+        check_target(sibling(output, suffix, extension), overwrite=overwrite, source=source)
+
+
+@contextmanager
+def derivative_files(
+    output: Path | None, result: Result, *, overwrite: bool
+) -> Iterator[tuple[Path, ...]]:
+    """Write what belongs to a filled recording; the files appear when the block ends without error.
+
+    Parameters
+    ----------
+    output : Path or None
+        The filled recording, which the block writes; nothing is done for one of another kind.
+    result : Result
+        The fill.
+    overwrite : bool
+        Replace existing files.
+
+    Yields
+    ------
+    tuple of Path
+        The files next to the recording.
+
+    Raises
+    ------
+    OutputError
+        If a file exists already or cannot be written.
+    """
+    source = result.clip.source
+    if output is None or not _is_bids_derivative(output, None if source is None else source.path):
+        yield ()
+        return
+    side = None
+    if source is not None and source.format == "bids":
+        side = read_side_files(source.path)
+    contents = _contents(output, result, side)
+    with ExitStack() as stack:
+        for path, content in contents.items():
+            stack.enter_context(replace_file(path, overwrite=overwrite)).write_bytes(content)
+        yield tuple(contents)
+    _describe_dataset(output, source.path if side is not None and source is not None else None)
+
+
+def _contents(output: Path, result: Result, side: SideFiles | None) -> dict[Path, bytes]:
+    """Return the files next to a filled recording with their contents.
+
+    The side files of a new recording are written with it.
+    """
+    clip = result.clip
+    count = 3 * len(clip.labels)
+    columns = np.arange(count).reshape(-1, 3)
+    contents: dict[Path, bytes] = {}
+    if side is not None and clip.source is not None:
+        points = find_tracked_points(side.channels, side.channels_file.name)
+        columns = np.array(points.columns)[list(clip.source.points)]
+        count = len(side.channels)
+        contents = _copied_side_files(output, clip.source.path, side, result.method)
+    contents[sibling(output, "mask", ".tsv")] = _mask_table(result, columns, count)
+    contents[sibling(output, "error", ".tsv")] = _error_table(result)
+    return contents
+
+
+def _copied_side_files(
+    output: Path, source: Path, side: SideFiles, method: str
+) -> dict[Path, bytes]:
+    """Return the side files of a recording for its filled copy, with all that they inherit."""
+    version = package_versions()["priorfill"]
+    motion = dict(side.motion)
+    motion["Description"] = f"Gaps filled by priorfill {version} (method {method})."
+    address = _address(output, source)
+    if address:
+        motion["Sources"] = [address]
+    contents = {
+        sibling(output, "channels", ".tsv"): side.channels_file.read_bytes(),
+        sibling(output, "motion", ".json"): json_bytes(motion),
+    }
+    if side.described:
+        contents[sibling(output, "channels", ".json")] = json_bytes(dict(side.described))
+    return contents
+
+
+def _mask_table(result: Result, columns: NDArray[np.intp], count: int) -> bytes:
+    """Return a table of 0 and 1 with the columns of the recording."""
+    filled = np.zeros((result.clip.frames, count), dtype=np.uint8)
+    for marker, where in enumerate(columns):
+        filled[:, where] = result.filled[:, marker, None]
+    table = np.full((result.clip.frames, 2 * count), ord("\t"), dtype=np.uint8)
+    table[:, ::2] = ord("0") + filled
+    table[:, -1] = ord("\n")
+    return table.tobytes()
+
+
+def _error_table(result: Result) -> bytes:
+    """Return a table of the expected errors (mm) with a header."""
+    labels = result.clip.labels
+    titles = [f"{label}_{what}" for label in labels for what in _ERRORS]
+    errors = np.stack([MEAN_FACTOR * result.expected_rms_mm, result.error_bound_90_mm], axis=2)
+    errors[~result.filled] = np.nan
+    lines = ["\t".join(titles)]
+    nothing = "\t".join(["n/a"] * len(titles))
+    for row in errors.reshape(result.clip.frames, len(titles)):
+        if np.isnan(row).all():
+            lines.append(nothing)
+        else:
+            cells = (f"{value:.{_DECIMALS}f}" if np.isfinite(value) else "n/a" for value in row)
+            lines.append("\t".join(cells))
+    return "".join(f"{line}\n" for line in lines).encode()
+
+
+def _root(output: Path) -> Path | None:
+    """Return the root of the dataset that a recording is written to; None outside of one.
+
+    Its folders are those of BIDS: ROOT/sub-01/ses-a/motion.
+    """
+    name = BidsName.parse(output.name)
+    folder = Path(os.path.abspath(output)).parent  # noqa: PTH100, does not resolve links
+    inside = ["motion"]
+    inside += [f"{key}-{name.label(key)}" for key in ("ses", "sub") if name.label(key)]
+    for one in inside:
+        if folder.name != one:
+            return None
+        folder = folder.parent
+    return folder
+
+
+def _raw_dataset(output: Path, source: Path) -> str:
+    """Return the path from a derivative dataset to that of the source; empty if unknown."""
+    root, raw = _root(output), dataset_root(source)
+    if root is None or raw is None or raw == root:
+        return ""
+    with suppress(ValueError):  # on another drive
+        return Path(os.path.relpath(raw, root)).as_posix()
+    return ""
+
+
+def _address(output: Path, source: Path) -> str:
+    """Return the BIDS address of a recording in its dataset; empty if unknown."""
+    link, root, raw = _raw_dataset(output, source), _root(output), dataset_root(source)
+    if not link or root is None or raw is None:
+        return ""
+    if (root / DESCRIPTION).exists():
+        links = _fields_of(root / DESCRIPTION).get("DatasetLinks")
+        if not isinstance(links, dict) or links.get(_LINK) != link:
+            return ""
+    place = Path(os.path.abspath(source)).relative_to(raw)  # noqa: PTH100, keeps links
+    return f"bids:{_LINK}:{place.as_posix()}"
+
+
+def _describe_dataset(output: Path, source: Path | None) -> None:
+    """Write the files at the root of a derivative dataset that are not there yet."""
+    root = _root(output)
+    if root is None:
+        return
+    desc = "desc-" + BidsName.parse(output.name).label("desc")
+    described: dict[str, Any] = {
+        "Name": "Filled recordings of motion capture",
+        "BIDSVersion": _BIDS_VERSION,
+        "DatasetType": "derivative",
+        "GeneratedBy": [{"Name": "priorfill", "Version": package_versions()["priorfill"]}],
+    }
+    link = "" if source is None else _raw_dataset(output, source)
+    if link:
+        described |= {"SourceDatasets": [{"URL": link}], "DatasetLinks": {_LINK: link}}
+    table = f"desc_id\tdescription\n{desc}\tgaps filled; see _mask.tsv and _error.tsv\n"
+    contents = {
+        DESCRIPTION: json_bytes(described),
+        "README": _README.encode(),
+        "descriptions.tsv": table.encode(),
+        ".bidsignore": _IGNORED.encode(),
+        f"{desc}_mask.json": json_bytes(_MASK),
+        f"{desc}_error.json": json_bytes(_ERROR),
+    }
+    for name, content in contents.items():
+        if not (root / name).exists():
+            # another job of a study may write it at the same time, with the same contents
+            with replace_file(root / name, overwrite=True) as temporary:
+                temporary.write_bytes(content)
+
+
+def _fields_of(path: Path) -> dict[str, Any]:
+    """Return the fields of a JSON file; none if it is damaged."""
+    with suppress(OSError, ValueError, RecursionError):
+        fields = json.loads(path.read_text(encoding="utf-8-sig"))
+        if isinstance(fields, dict):
+            return fields
+    return {}
