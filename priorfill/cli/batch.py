@@ -85,6 +85,24 @@ def shared_fill_options() -> list[click.Parameter]:
     help="Also write the expected error of each filled sample of each file, FILE.uncertainty.npz.",
 )
 @click.option(
+    "--summary",
+    metavar="OUT.html",
+    type=FILE,
+    help="Page that sums up the study, with tables next to it; summary.html in FOLDER by default.",
+)
+@click.option(
+    "--flag-error",
+    metavar="MM",
+    type=click.FloatRange(min=0.0),
+    help="The summary lists files with a greater expected mean error in a gap; 10 by default.",
+)
+@click.option(
+    "--flag-gap",
+    metavar="SECONDS",
+    type=click.FloatRange(min=0.0),
+    help="The summary lists files with longer gaps; 1 by default.",
+)
+@click.option(
     "--time-limit",
     metavar="MINUTES",
     type=click.FloatRange(min=0.0, min_open=True),
@@ -128,7 +146,7 @@ def shared_fill_options() -> list[click.Parameter]:
 @click.option("--of", metavar="N", type=click.IntRange(min=1), help="Number of parts of --index.")
 @every_row_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-@click.argument("paths", metavar="PATH...", nargs=-1, required=True, cls=PathArgument, type=FILE)
+@click.argument("paths", metavar="PATH...", nargs=-1, cls=PathArgument, type=FILE)
 def batch(
     paths: tuple[Path, ...],
     output: Path,
@@ -141,7 +159,8 @@ def batch(
 
     PATH is a file, or a folder that is searched for recordings. Each file is filled in a process
     of its own, so that a bad file costs itself only. The same command continues a study that was
-    interrupted, and fills nothing twice.
+    interrupted, and fills nothing twice. Without PATH, the summary of what is done is written
+    again.
 
     Exit status 0: all files are complete; 3: some are not, or failed; 1: none was filled; 2: wrong
     usage.
@@ -149,16 +168,16 @@ def batch(
     check_database_options(database, given)
     with study_progress() as show:
         from priorfill.study.run_study import batch as run  # slow, so the bar is shown before
+        from priorfill.study.run_study import sum_up_study
         from priorfill.study.study_options import StudyOptions
 
+        options = StudyOptions(**_values(given), progress=show)
         try:
-            study = run(
-                paths,
-                output,
-                database=database,
-                study=StudyOptions(**_values(given), progress=show),
-                **_fill_keywords(given),
-            )
+            if paths:
+                keywords = _fill_keywords(given)
+                study = run(paths, output, database=database, study=options, **keywords)
+            else:
+                study = sum_up_study(output, options)
         except StudyError as error:
             _print_problems(error)
             return
@@ -166,6 +185,8 @@ def batch(
         print_json([outcome.to_json() for outcome in study.outcomes])
     else:
         _print_study(study, None if every_row else MAX_ROWS)
+    for note in study.notes:
+        print_line(f"note: {note}", err=True)
     if study.status != "all":
         exit_status = EXIT_INCOMPLETE if study.status == "some" else _EXIT_FAILED
         click.get_current_context().exit(exit_status)
@@ -182,7 +203,8 @@ def _values(given: dict[str, Any]) -> dict[str, Any]:
 
     memory = given["memory_limit"]
     known = {one.name for one in fields(StudyOptions)}
-    return {name: value for name, value in given.items() if name in known} | {
+    values = {name: value for name, value in given.items() if name in known and value is not None}
+    return values | {
         "time_limit": given["time_limit"] * _MINUTE,
         "memory_limit": None if memory is None else int(memory * _GB),
     }
@@ -206,8 +228,6 @@ def _print_problems(error: StudyError) -> None:
 
 def _print_study(study: Study, rows: int | None) -> None:
     """Print a line for each file that failed or is not complete, and the totals."""
-    for note in study.notes:
-        print_line(f"note: {note}", err=True)
     failed = [one for one in study.outcomes if one.status == "failed"]
     incomplete = [one for one in study.outcomes if one.status == "incomplete"]
     incomplete.sort(key=lambda one: -one.facts.get("missing_samples", 0))

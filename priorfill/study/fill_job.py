@@ -77,7 +77,7 @@ def _fill(job: StudyJob, begin: float) -> JobOutcome:
         database=job.database,
         same_subject=job.same_subject,
         files=files,
-        **settings.fill_arguments(),
+        **settings.fill_arguments(job.database_state),
     )
     result = work.fill()
     with ExitStack() as stack:

@@ -30,13 +30,10 @@ class KeyedJobs:
         The jobs.
     failed : tuple of JobOutcome
         Outcomes of those whose files cannot be read.
-    database : DatabaseState or None
-        The state of the database that they learn from.
     """
 
     jobs: tuple[StudyJob, ...]
     failed: tuple[JobOutcome, ...]
-    database: DatabaseState | None
 
 
 class JobKeys:
@@ -50,7 +47,9 @@ class JobKeys:
     def __init__(self) -> None:
         self._hashes: dict[str, str | OSError] = {}
 
-    def with_keys(self, jobs: Sequence[StudyJob], database: Path | None) -> KeyedJobs:
+    def with_keys(
+        self, jobs: Sequence[StudyJob], database: Path | None, state: str = ""
+    ) -> KeyedJobs:
         """Return jobs with their keys.
 
         Parameters
@@ -58,13 +57,15 @@ class JobKeys:
         jobs : sequence of StudyJob
             The jobs.
         database : Path or None
-            The database, in the state that the jobs learn from.
+            The database.
+        state : str
+            The state of it that the jobs learn from; by default the latest.
         """
         self._read({path for job in jobs for path in (job.source, *job.same_subject)})
-        state = None
+        contents = None
         if database is not None:
-            with PriorDatabase.open(database) as opened:
-                state = database_state(opened)
+            with PriorDatabase.open(database, state=state) as opened:
+                contents, state = database_state(opened), opened.state
         keyed, failed = [], []
         for job in jobs:
             unreadable = [
@@ -77,21 +78,22 @@ class JobKeys:
                 reason = f"{path}: cannot be read ({error.strerror}); check its permissions"
                 failed.append(JobOutcome.of_failure(job, reason, try_again=True))
             else:
-                keyed.append(replace(job, key=self._key(job, state)))
-        return KeyedJobs(tuple(keyed), tuple(failed), state)
+                key = self._key(job, contents)
+                keyed.append(replace(job, key=key, database_state=state))
+        return KeyedJobs(tuple(keyed), tuple(failed))
 
     def _read(self, paths: set[str]) -> None:
         unknown = sorted(paths - self._hashes.keys())
         with ThreadPoolExecutor(_READERS) as pool:
             self._hashes |= zip(unknown, pool.map(_hash_or_error, unknown), strict=True)
 
-    def _key(self, job: StudyJob, state: DatabaseState | None) -> str:
+    def _key(self, job: StudyJob, contents: DatabaseState | None) -> str:
         content = {
             "source": self._hashes[job.source],
             "same_subject": [self._hashes[path] for path in job.same_subject],
             "settings": job.settings,
             "versions": dict(package_versions()),
-            "database": None if state is None else asdict(replace(state, path="")),
+            "database": None if contents is None else asdict(replace(contents, path="")),
             "suffix": Path(job.output).suffix,
             "report": job.report is not None,
             "uncertainty": job.uncertainty is not None,

@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from priorfill.runtime.atomic_file import replace_file
 from priorfill.study.job import FAILED, JobLimits, JobOutcome, StudyJob
+from priorfill.study.study_folder import StudyFolder
 
 __all__ = [
     "FileState",
@@ -18,6 +19,7 @@ __all__ = [
     "file_states",
     "files_of_job",
     "is_settled",
+    "kept_outcomes",
     "read_record",
     "record_of_job",
     "write_record",
@@ -126,6 +128,28 @@ def _file_state(path: str, record: JobOutcome) -> FileState:
     if digest == record.written.get(path):
         return "written"
     return "earlier" if digest == record.replaced.get(path) else "changed"
+
+
+def kept_outcomes(folder: StudyFolder) -> tuple[JobOutcome, ...]:
+    """Return all outcomes that a study keeps, by name, with the paths that files have there.
+
+    Parameters
+    ----------
+    folder : StudyFolder
+        The folder of the study.
+    """
+    found = {}
+    for path in folder.records.rglob("*.json"):
+        outcome = None if path.name.startswith(".") else read_record(path)
+        if outcome is not None:
+            name = outcome.name
+            found[name] = replace(
+                outcome,
+                output=str(folder.output(name)),
+                report=outcome.report and str(folder.report(name)),
+                uncertainty=outcome.uncertainty and str(folder.uncertainty(name)),
+            )
+    return tuple(found[name] for name in sorted(found))
 
 
 def files_of_job(job: StudyJob) -> dict[str, str]:

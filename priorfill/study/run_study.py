@@ -6,6 +6,8 @@ are done already, a `StudyExecutor` runs the rest, and `write_summary` sums up.
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
@@ -16,19 +18,22 @@ from priorfill.errors import OptionError, OutputError
 from priorfill.filling.fill_file import FileOptions
 from priorfill.filling.fill_options import FillKeywords, FillOptions
 from priorfill.filling.gap_filter import GapFilter
-from priorfill.filling.provenance import DatabaseState
 from priorfill.study.job import FAILED, FILLED, NO_GAPS, JobOutcome, StudyJob
 from priorfill.study.job_keys import JobKeys
 from priorfill.study.local_executor import LocalExecutor, StudyExecutor
-from priorfill.study.records import read_record, write_record
+from priorfill.study.records import kept_outcomes, read_record, write_record
 from priorfill.study.settings import FillSettings
 from priorfill.study.settled_jobs import settled_outcome
+from priorfill.study.study_folder import StudyFolder
 from priorfill.study.study_options import StudyOptions
 from priorfill.study.study_plan import StudyPlan, plan_study
 from priorfill.study.study_progress import ProgressOfJobs
 from priorfill.study.study_rounds import StudyRounds
+from priorfill.study.summary_files import write_summary
+from priorfill.study.summary_limits import SummaryLimits
+from priorfill.study.summary_study import StudyContents
 
-__all__ = ["Study", "batch"]
+__all__ = ["Study", "batch", "sum_up_study"]
 
 
 @dataclass(frozen=True)
@@ -42,13 +47,13 @@ class Study:
     outcomes : tuple of JobOutcome
         What became of each file, in the order of their names.
     left : tuple of str
-        Names of files that are still to be filled, where nothing was (`StudyOptions.check_only`).
+        Names of files that are still to be filled (`StudyOptions.check_only`).
     done_before : int
         Number of outcomes that an earlier run had.
     summary : Path or None
-        The page that sums up the study.
+        The page that sums up the study; None where none was written.
     notes : tuple of str
-        What was left out of the study.
+        What was left out of the study, and why there is no summary.
 
     See Also
     --------
@@ -165,7 +170,6 @@ class _StudyRun:
         self._plan = plan
         self._options = options
         self._outcomes: dict[str, JobOutcome] = {}
-        self._left: list[str] = []
         self._done_before = 0
         self._keys = JobKeys()
         self._progress = ProgressOfJobs(plan.work, options.progress)
@@ -174,6 +178,7 @@ class _StudyRun:
         """Run all jobs that are not settled, and sum up, also after an interruption."""
         rounds = StudyRounds(self._plan.jobs)
         interrupted = None
+        begun = time.monotonic()
         try:
             with _executor(self._plan, self._options) as executor:
                 for jobs in rounds:
@@ -181,18 +186,19 @@ class _StudyRun:
                     rounds.learn(self._outcomes)
         except KeyboardInterrupt as error:
             interrupted = error
-        study = self._sum_up()
+        study = self._study(time.monotonic() - begun)
         if interrupted is not None:
+            summary = "" if study.summary is None else f" (summary: {study.summary})"
             interrupted.args = (
-                f"interrupted with {len(self._outcomes)} of {len(self._plan.jobs)} files done; the "
-                "same command continues",
+                f"interrupted with {len(study.outcomes)} of {len(self._plan.jobs)} files done"
+                f"{summary}; the same command continues",
             )
             raise interrupted
         return study
 
     def _run_round(self, jobs: Sequence[StudyJob], executor: StudyExecutor) -> None:
         """Run the jobs of a round that are not settled."""
-        keyed = self._keys.with_keys(jobs, self._plan.database)
+        keyed = self._keys.with_keys(jobs, self._plan.database, self._plan.database_state)
         settled = {job.name: settled_outcome(job, self._options) for job in keyed.jobs}
         done = [outcome for outcome in settled.values() if outcome is not None]
         self._done_before += sum(one.status != FAILED for one in done)
@@ -201,27 +207,70 @@ class _StudyRun:
         self._progress.settled(done)
         left = [job for job in keyed.jobs if settled[job.name] is None]
         if self._options.check_only:
-            self._left += [job.name for job in left]
             return
         left.sort(key=lambda job: (-self._plan.work[job.name], job.name))  # no long job last
         records = {job.name: job.record for job in left}
         with closing(executor.run(left)) as outcomes:  # an interrupt stops what runs
             for outcome in outcomes:
-                checked = _of_this_database(outcome, keyed.database)
-                _keep(checked, records[outcome.name])
-                self._outcomes[outcome.name] = checked
-                self._progress.filled(checked)
+                _keep(outcome, records[outcome.name])
+                self._outcomes[outcome.name] = outcome
+                self._progress.filled(outcome)
 
-    def _sum_up(self) -> Study:
-        """Write the summary."""
-        outcomes = tuple(self._outcomes[name] for name in sorted(self._outcomes))
-        return Study(
-            self._plan.folder.path,
-            outcomes,
-            tuple(sorted(self._left)),
+    def _study(self, seconds: float) -> Study:
+        """Return the study, summed up where all of it was to be done."""
+        plan, options = self._plan, self._options
+        left = sorted({job.name for job in plan.jobs} - self._outcomes.keys())
+        study = Study(
+            plan.folder.path,
+            tuple(self._outcomes[name] for name in sorted(self._outcomes)),
+            tuple(left),
             self._done_before,
-            notes=self._plan.notes,
+            notes=plan.notes,
         )
+        if options.check_only or options.index is not None:
+            return study
+        return _summed_up(study, plan.folder, options, seconds)
+
+
+def sum_up_study(output: Path | str, options: StudyOptions) -> Study:
+    """Write the summary of a study again, from the records of what is done.
+
+    Parameters
+    ----------
+    output : Path or str
+        The folder of the filled files.
+    options : StudyOptions
+        Which summary is written.
+
+    Raises
+    ------
+    OutputError
+        If the folder is not that of a study.
+    """
+    folder = StudyFolder.at(output)
+    outcomes = kept_outcomes(folder)
+    if not outcomes:
+        raise OutputError(
+            f"{folder.path}: holds no filled files of a study; check the folder, or give "
+            "files and folders to fill"
+        )
+    return _summed_up(Study(folder.path, outcomes), folder, options, math.nan)
+
+
+def _summed_up(study: Study, folder: StudyFolder, options: StudyOptions, seconds: float) -> Study:
+    """Return a study whose summary is written; a note says why it could not be."""
+    page = folder.summary if options.summary is None else options.summary
+    try:
+        _, files = write_summary(
+            study.outcomes,
+            page,
+            limits=SummaryLimits(options.flag_error, options.flag_gap),
+            contents=StudyContents(folder.path.name, study.left, seconds),
+            overwrite=options.overwrite,
+        )
+    except OutputError as error:
+        return replace(study, notes=(*study.notes, f"there is no summary: {error}"))
+    return replace(study, summary=files.page)
 
 
 def _executor(plan: StudyPlan, options: StudyOptions) -> StudyExecutor:
@@ -236,19 +285,6 @@ def _executor(plan: StudyPlan, options: StudyOptions) -> StudyExecutor:
         scheduler=options.scheduler,
         workers=options.worker_count,
     )
-
-
-def _of_this_database(outcome: JobOutcome, expected: DatabaseState | None) -> JobOutcome:
-    """Return an outcome; without a key where the database was changed during the study.
-
-    The next run then fills the file again, from the database as it is.
-    """
-    provenance = outcome.facts.get("provenance") or {}
-    used = provenance.get("database") or {}
-    if expected is None or not used or used.get("content") == expected.content:
-        return outcome
-    warning = "the database was changed while the study ran; the same command fills the file again"
-    return replace(outcome, key="", warnings=(warning, *outcome.warnings))
 
 
 def _keep(outcome: JobOutcome, record: str) -> None:

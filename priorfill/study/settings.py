@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 from priorfill.database import Selection
@@ -128,13 +128,19 @@ class FillSettings:
             ),
         )
 
-    def fill_arguments(self) -> dict[str, Any]:
-        """Return the keyword arguments of `priorfill.fill_file` but ``files``."""
+    def fill_arguments(self, database_state: str) -> dict[str, Any]:
+        """Return the keyword arguments of `priorfill.fill_file` but ``files``.
+
+        Parameters
+        ----------
+        database_state : str
+            State of the database to learn from; empty: the latest.
+        """
         return {
             "method": self.method,
             "gap_filter": self.gap_filter,
             "reject_artefacts": self.reject_artefacts,
-            "options": self.options,
+            "options": replace(self.options, database_state=database_state),
         }
 
 

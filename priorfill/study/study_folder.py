@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import errno
 import json
+import os
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -66,6 +67,11 @@ class StudyFolder:
     """
 
     path: Path
+
+    @classmethod
+    def at(cls, path: Path | str) -> StudyFolder:
+        """Return the folder at a path, which may be relative."""
+        return cls(Path(os.path.abspath(path)))  # noqa: PTH100, does not resolve links
 
     @property
     def state(self) -> Path:

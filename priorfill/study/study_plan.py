@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from priorfill.database import PriorDatabase
@@ -16,6 +16,7 @@ from priorfill.study.job import StudyJob
 from priorfill.study.settings import FillSettings
 from priorfill.study.study_folder import StudyFolder
 from priorfill.study.study_options import StudyOptions
+from priorfill.study.summary_files import check_summary
 
 __all__ = ["StudyPlan", "plan_study"]
 
@@ -34,6 +35,8 @@ class StudyPlan:
         How much work each job is, in any unit, by name: bytes of its source.
     database : Path or None
         The database.
+    database_state : str
+        The state of it to learn from; empty: the latest.
     notes : tuple of str
         What was left out.
     """
@@ -42,6 +45,7 @@ class StudyPlan:
     jobs: tuple[StudyJob, ...]
     work: dict[str, float]
     database: Path | None
+    database_state: str
     notes: tuple[str, ...]
 
 
@@ -72,8 +76,10 @@ def plan_study(
     StudyError
         With all problems.
     """
-    folder = StudyFolder(Path(os.path.abspath(output)))  # noqa: PTH100, does not resolve links
+    folder = StudyFolder.at(output)
+    # links are not resolved
     prior = None if database is None else Path(os.path.abspath(database))  # noqa: PTH100
+    state = settings.options.database_state
     problems: list[PriorfillError] = []
 
     def tried(check: Callable[[], object]) -> None:
@@ -93,38 +99,45 @@ def plan_study(
     tried(lambda: folder.check(_bytes_to_write(sources, sizes, folder)))
     tried(lambda: _check_names(sources, folder))
     if prior is not None:
-        tried(lambda: PriorDatabase.open(prior).close())
+        tried(lambda: PriorDatabase.open(prior, state=state).close())
+    if options.index is None:
+        page = folder.summary if options.summary is None else options.summary
+        tried(lambda: check_summary(page, overwrite=options.overwrite))
     notes = [] if found is None else list(found.notes)
     if options.uses_dask:
         tried(lambda: notes.extend(_cluster_notes(options)))
     if problems:
         raise StudyError(problems)
     assert found is not None
-    jobs = tuple(_job(one, folder, settings, prior, options) for one in sources)
+    shared = StudyJob(
+        "",
+        "",
+        "",
+        "",
+        settings.to_json(),
+        None if prior is None else str(prior),
+        overwrite=options.overwrite,
+    )
+    jobs = tuple(_job(one, folder, shared, options) for one in sources)
     if options.index is not None:
         jobs = jobs[options.index - 1 :: options.of]
     work = {job.name: max(sizes[job.name], 1.0) for job in jobs}
-    return StudyPlan(folder, jobs, work, prior, tuple(notes))
+    return StudyPlan(folder, jobs, work, prior, state, tuple(notes))
 
 
 def _job(
-    source: StudySource,
-    folder: StudyFolder,
-    settings: FillSettings,
-    database: Path | None,
-    options: StudyOptions,
+    source: StudySource, folder: StudyFolder, shared: StudyJob, options: StudyOptions
 ) -> StudyJob:
+    """Return the job of a source, with what all jobs share."""
     name = source.name
-    return StudyJob(
-        name,
-        str(source.path),
-        str(folder.output(name)),
-        str(folder.record(name)),
-        settings.to_json(),
-        None if database is None else str(database),
+    return replace(
+        shared,
+        name=name,
+        source=str(source.path),
+        output=str(folder.output(name)),
+        record=str(folder.record(name)),
         report=str(folder.report(name)) if options.report else None,
         uncertainty=str(folder.uncertainty(name)) if options.uncertainty else None,
-        overwrite=options.overwrite,
     )
 
 
