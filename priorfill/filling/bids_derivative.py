@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -35,13 +35,14 @@ from priorfill.formats.bids.names import (
     is_derivative,
     is_motion,
     sibling,
+    side_files,
 )
 from priorfill.formats.bids.side_files import SideFiles, read_side_files
 from priorfill.formats.bids.tracked_points import find_tracked_points
 from priorfill.gp.calibration import MEAN_FACTOR
 from priorfill.runtime.atomic_file import check_target, replace_file
 
-__all__ = ["check_derivative", "derivative_files", "derivative_output"]
+__all__ = ["check_derivative", "derivative_files", "derivative_output", "files_beside"]
 
 _BIDS_VERSION = "1.10.0"
 
@@ -130,9 +131,9 @@ def derivative_output(source: Path, output: Path) -> Path:
     return output
 
 
-def _is_bids_derivative(output: Path, source: Path | None) -> bool:
+def _is_bids_derivative(output: Path, source: Path) -> bool:
     """Check whether an output is a filled recording of a derivative dataset."""
-    known = None if source is None or not source.is_file() else formats.format_of(source)
+    known = formats.format_of(source) if source.is_file() else None
     return is_derivative(output) and formats.output_format(output, known) == "bids"
 
 
@@ -165,13 +166,31 @@ def check_derivative(output: Path, source: Path, *, overwrite: bool) -> None:
                 f"{output}: {root} is a dataset of the type {kind}, in which BIDS permits no "
                 f"filled recordings; write to {root / 'derivatives' / 'priorfill'}"
             )
-    for suffix, extension in _BESIDE:
-        check_target(sibling(output, suffix, extension), overwrite=overwrite, source=source)
+    for path in files_beside(output, source):
+        check_target(path, overwrite=overwrite, source=source)
+
+
+def files_beside(output: Path, source: Path) -> tuple[Path, ...]:
+    """Return the files that are written next to an output; none but for a derivative.
+
+    Parameters
+    ----------
+    output : Path
+        The file to write.
+    source : Path
+        The file that is filled.
+    """
+    if not _is_bids_derivative(output, source):
+        return ()
+    ends = list(_BESIDE)
+    if formats.format_of(source) == "bids" and not side_files(source, "channels", ".json"):
+        ends.remove(("channels", ".json"))
+    return tuple(sibling(output, suffix, extension) for suffix, extension in ends)
 
 
 @contextmanager
 def derivative_files(
-    output: Path | None, result: Result, *, overwrite: bool
+    output: Path | None, result: Result, *, place: Path | None = None, overwrite: bool
 ) -> Iterator[tuple[Path, ...]]:
     """Write what belongs to a filled recording; the files appear when the block ends without error.
 
@@ -181,6 +200,8 @@ def derivative_files(
         The filled recording, which the block writes; nothing is done for one of another kind.
     result : Result
         The fill.
+    place : Path or None
+        Where the recording will be, if `output` is a temporary place.
     overwrite : bool
         Replace existing files.
 
@@ -195,21 +216,22 @@ def derivative_files(
         If a file exists already or cannot be written.
     """
     source = result.clip.source
-    if output is None or not _is_bids_derivative(output, None if source is None else source.path):
+    if output is None or source is None or not _is_bids_derivative(output, source.path):
         yield ()
         return
-    side = None
-    if source is not None and source.format == "bids":
-        side = read_side_files(source.path)
-    contents = _contents(output, result, side)
+    side = read_side_files(source.path) if source.format == "bids" else None
+    place = output if place is None else place
+    contents = _contents(output, place, result, side)
     with ExitStack() as stack:
         for path, content in contents.items():
             stack.enter_context(replace_file(path, overwrite=overwrite)).write_bytes(content)
-        yield tuple(contents)
-    _describe_dataset(output, source.path if side is not None and source is not None else None)
+        yield files_beside(output, source.path)
+    _describe_dataset(place, source.path if side is not None else None)
 
 
-def _contents(output: Path, result: Result, side: SideFiles | None) -> dict[Path, bytes]:
+def _contents(
+    output: Path, place: Path, result: Result, side: SideFiles | None
+) -> dict[Path, bytes]:
     """Return the files next to a filled recording with their contents.
 
     The side files of a new recording are written with it.
@@ -222,27 +244,27 @@ def _contents(output: Path, result: Result, side: SideFiles | None) -> dict[Path
         points = find_tracked_points(side.channels, side.channels_file.name)
         columns = np.array(points.columns)[list(clip.source.points)]
         count = len(side.channels)
-        contents = _copied_side_files(output, clip.source.path, side, result.method)
+        version = package_versions()["priorfill"]
+        added: dict[str, Any] = {
+            "Description": f"Gaps filled by priorfill {version} (method {result.method})."
+        }
+        if address := _address(place, clip.source.path):
+            added["Sources"] = [address]
+        contents = _copied_side_files(output, clip.source.path, side, added)
     contents[sibling(output, "mask", ".tsv")] = _mask_table(result, columns, count)
     contents[sibling(output, "error", ".tsv")] = _error_table(result)
     return contents
 
 
 def _copied_side_files(
-    output: Path, source: Path, side: SideFiles, method: str
+    output: Path, source: Path, side: SideFiles, added: Mapping[str, Any]
 ) -> dict[Path, bytes]:
     """Return the side files of a recording for its filled copy, with all that they inherit."""
-    version = package_versions()["priorfill"]
-    motion = dict(side.motion)
-    motion["Description"] = f"Gaps filled by priorfill {version} (method {method})."
-    address = _address(output, source)
-    if address:
-        motion["Sources"] = [address]
     contents = {
         sibling(output, "channels", ".tsv"): side.channels_file.read_bytes(),
-        sibling(output, "motion", ".json"): json_bytes(motion),
+        sibling(output, "motion", ".json"): json_bytes({**side.motion, **added}),
     }
-    if side.described:
+    if side_files(source, "channels", ".json"):
         contents[sibling(output, "channels", ".json")] = json_bytes(dict(side.described))
     return contents
 

@@ -435,7 +435,7 @@ def write_filled(
     OutputError
         Where a file cannot be written.
     """
-    derivative = derivative_files(output, result, overwrite=files.overwrite)
+    derivative = derivative_files(output, result, place=work.output, overwrite=files.overwrite)
     with further_outputs(result, work.clips, files) as further, derivative as beside:
         report = WriteReport(0, 0.0)
         if output is not None:

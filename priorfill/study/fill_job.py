@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from priorfill.errors import OutputError, PriorfillError
+from priorfill.filling.bids_derivative import files_beside
 from priorfill.filling.fill_facts import fill_facts
 from priorfill.filling.fill_file import FileOptions, FileResult, FileToFill, write_filled
 from priorfill.report.gap_warnings import gap_warnings
@@ -68,7 +69,8 @@ def fill_job(job: StudyJob) -> JobOutcome:
 def _fill(job: StudyJob, begin: float) -> JobOutcome:
     """Fill the file of a job; what fails is raised."""
     ours = files_of_job(job)
-    new = [_NewFile.check(path, job, ours) for path in _paths(job)]
+    beside = [str(path) for path in files_beside(Path(job.output), Path(job.source))]
+    new = [_NewFile.check(path, job, ours) for path in (*beside, *_paths(job))]
     settings = FillSettings.from_json(job.settings)
     files = replace(settings.files, report=job.report, uncertainty=job.uncertainty, overwrite=True)
     work = FileToFill.read(
@@ -81,7 +83,12 @@ def _fill(job: StudyJob, begin: float) -> JobOutcome:
     )
     result = work.fill()
     with ExitStack() as stack:
-        waiting = {file.path: stack.enter_context(file.waiting()) for file in new}
+        waiting = {
+            file.path: stack.enter_context(file.waiting())
+            for file in new
+            if file.path not in beside
+        }
+        waiting |= {path: waiting[job.output].with_name(Path(path).name) for path in beside}
         done = _write_waiting(job, work, result, files, waiting)
         outcome = JobOutcome(
             job.name,
@@ -181,6 +188,7 @@ def _write_waiting(
         output=Path(job.output),
         uncertainty=None if job.uncertainty is None else Path(job.uncertainty),
         further={} if job.report is None else {"report": (Path(job.report),)},
+        beside=files_beside(Path(job.output), Path(job.source)),
     )
 
 

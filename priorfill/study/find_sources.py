@@ -11,9 +11,13 @@ from typing import Any
 from priorfill.database.manifest import MANIFEST
 from priorfill.errors import OptionError
 from priorfill.formats import SUFFIXES, is_recording
+from priorfill.formats.bids.names import DESCRIPTION, dataset_root
 from priorfill.study.study_folder import MARK, STATE
 
 __all__ = ["FoundSources", "StudySource", "find_sources"]
+
+_NOT_RAW = ("code", "derivatives", "sourcedata", "stimuli")
+"""Folders of a BIDS dataset that hold other data than its recordings."""
 
 
 @dataclass(frozen=True)
@@ -94,10 +98,11 @@ def find_sources(paths: Sequence[Path | str], output: Path) -> FoundSources:
 
 
 def _common_folder(paths: Sequence[Path]) -> Path:
-    """Return the folder that all paths have in common."""
+    """Return the folder that all paths have in common; in a BIDS dataset its root."""
     folders = [path if path.is_dir() else path.parent for path in paths]
     try:
-        return Path(os.path.commonpath(folders))
+        folder = Path(os.path.commonpath(folders))
+        return dataset_root(folder) or folder
     except ValueError:
         raise OptionError(
             "the paths are on several drives and have no folder in common; fill each drive by "
@@ -114,6 +119,8 @@ def _below(folder: Path, output: Path, notes: list[str]) -> Iterator[Path]:
         known = (status.st_dev, status.st_ino) in seen and status.st_ino != 0
         seen.add((status.st_dev, status.st_ino))
         left_out = "" if known else _left_out(place, output)
+        if place != folder and _is_not_raw(place):
+            left_out = "is not of the recordings of its BIDS dataset"
         if left_out:
             notes.append(f"{place}: {left_out}; left out")
         if known or left_out or _is_output(place, output):
@@ -147,6 +154,11 @@ def _left_out(place: Path, output: Path) -> str:
     if (place / STATE / MARK).exists() and not _is_output(place, output):
         return "holds the filled files of a study"
     return ""
+
+
+def _is_not_raw(place: Path) -> bool:
+    """Return whether a folder holds other data of a BIDS dataset than its recordings."""
+    return place.name in _NOT_RAW and (place.parent / DESCRIPTION).exists()
 
 
 def _is_source(path: Path) -> bool:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from priorfill.database import PriorDatabase
 from priorfill.filling.provenance import DatabaseState, database_state, package_versions
+from priorfill.formats.bids.names import all_side_files
 from priorfill.study.job import JobOutcome, StudyJob
 from priorfill.study.records import file_hash
 
@@ -61,7 +62,8 @@ class JobKeys:
         state : str
             The state of it that the jobs learn from; by default the latest.
         """
-        self._read({path for job in jobs for path in (job.source, *job.same_subject)})
+        files = {job.name: _files_of(job) for job in jobs}
+        self._read({path for paths in files.values() for path in paths})
         contents = None
         if database is not None:
             with PriorDatabase.open(database, state=state) as opened:
@@ -70,7 +72,7 @@ class JobKeys:
         for job in jobs:
             unreadable = [
                 (path, found)
-                for path in (job.source, *job.same_subject)
+                for path in files[job.name]
                 if isinstance(found := self._hashes[path], OSError)
             ]
             if unreadable:
@@ -91,6 +93,7 @@ class JobKeys:
         content = {
             "source": self._hashes[job.source],
             "same_subject": [self._hashes[path] for path in job.same_subject],
+            "side_files": [self._hashes[path] for path in _side_files(job)],
             "settings": job.settings,
             "versions": dict(package_versions()),
             "database": None if contents is None else asdict(replace(contents, path="")),
@@ -99,6 +102,17 @@ class JobKeys:
             "uncertainty": job.uncertainty is not None,
         }
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _files_of(job: StudyJob) -> list[str]:
+    """Return the files that a job reads."""
+    return [job.source, *job.same_subject, *_side_files(job)]
+
+
+def _side_files(job: StudyJob) -> list[str]:
+    """Return the side files of the recordings that a job reads."""
+    paths = (job.source, *job.same_subject)
+    return [str(side) for path in paths for side in all_side_files(Path(path))]
 
 
 def _hash_or_error(path: str) -> str | OSError:

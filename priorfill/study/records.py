@@ -66,6 +66,9 @@ def record_of_job(job: StudyJob) -> JobOutcome | None:
         kept.report: job.report,
         kept.uncertainty: job.uncertainty,
     }
+    for path in {**kept.written, **kept.replaced}:
+        if path not in places and Path(path).parent == Path(kept.output).parent:
+            places[path] = str(Path(job.output).with_name(Path(path).name))
     return replace(
         kept,
         source=job.source,

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from priorfill.errors import OutputError
+from priorfill.formats.bids.names import filled_name
 from priorfill.runtime.atomic_file import check_writable, replace_file
 from priorfill.runtime.file_lock import LockHeldError, acquire_lock
 
@@ -89,8 +90,9 @@ class StudyFolder:
         return self.path / "summary.html"
 
     def output(self, name: str) -> Path:
-        """Return the filled file of a job."""
-        return self.path / name
+        """Return the filled file of a job; of a recording of BIDS it is named as a derivative."""
+        place = self.path / name
+        return place.with_name(filled_name(place.name))
 
     def record(self, name: str) -> Path:
         """Return the record of a job."""

@@ -84,7 +84,7 @@ def test_another_format_becomes_a_recording_with_side_files(tmp_path):
         "sub-9_ses-a_task-walk_tracksys-omc_desc-filled_motion.tsv"
     )  # fmt: skip
     done = pf.fill_file(tmp_path / "walk.c3d", output, method="linear")
-    assert len(done.beside) == 2
+    assert len(done.beside) == 5
     assert len(list(output.parent.iterdir())) == 6
     again = pf.read(output)
     np.testing.assert_allclose(again.positions, done.result.clip.positions, atol=2e-6)
@@ -178,7 +178,7 @@ def test_the_command_names_the_files(tmp_path):
         main, ["fill", str(source), "-o", str(tmp_path / "out"), "-m", "linear"]
     )
     assert run.exit_code == 0, run.output
-    assert f"with {FILLED}_channels.tsv" in run.output.replace("\n", " ")
+    assert f"with {FILLED}_motion.json" in run.output.replace("\n", " ")
 
 
 def test_names_of_filled_recordings():

@@ -17,6 +17,7 @@ __all__ = [
     "DESCRIPTION",
     "MOTION",
     "BidsName",
+    "all_side_files",
     "dataset_root",
     "derivative_path",
     "filled_name",
@@ -226,6 +227,20 @@ def side_files(path: Path, suffix: str, extension: str) -> list[Path]:
                     here.append((len(name.entities), entry.name))
         found += [folder / name for _, name in sorted(here)]
     return found
+
+
+def all_side_files(path: Path) -> list[Path]:
+    """Return the side files that decide what a recording means; none for another file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    """
+    if not is_motion(path):
+        return []
+    tables = side_files(path, "channels", ".tsv")[-1:]
+    return tables + side_files(path, "motion", ".json") + side_files(path, "channels", ".json")
 
 
 def _folders(path: Path) -> list[Path]:
