@@ -159,13 +159,25 @@ def _writers(
     files: SummaryFiles, values: Mapping[str, Any]
 ) -> dict[Path, Callable[[Path], object]]:
     """Return what writes each file."""
-    text = json.dumps(values, allow_nan=False, indent=1)
     return {
-        files.json: lambda file: file.write_bytes(f"{text}\n".encode("ascii")),
+        files.json: lambda file: file.write_bytes(_json_text(values).encode("ascii")),
         files.trials: lambda file: write_trial_table(file, values),
         files.markers: lambda file: write_marker_table(file, values),
         files.page: lambda file: file.write_bytes(summary_page(values).encode("utf-8")),
     }
+
+
+def _json_text(values: Mapping[str, Any]) -> str:
+    """Return JSON with a line for each value, and for each entry of a list."""
+    lines = []
+    for name, value in values.items():
+        if isinstance(value, list) and value:
+            entries = ",\n".join(json.dumps(entry, allow_nan=False) for entry in value)
+            text = f"[\n{entries}\n]"
+        else:
+            text = json.dumps(value, allow_nan=False)
+        lines.append(f"{json.dumps(name)}: {text}")
+    return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
 def _is_ours(file: Path, files: SummaryFiles) -> bool:

@@ -5,54 +5,15 @@ from __future__ import annotations
 import csv
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
+from study_outcomes import FRAMES, failure, gap, outcome
 
 from priorfill.errors import OutputError
-from priorfill.study.job import JobOutcome, Status
+from priorfill.study.job import JobOutcome
 from priorfill.study.summary_files import check_summary, write_summary
 from priorfill.study.summary_limits import SummaryLimits
 from priorfill.study.summary_study import StudyContents, summarise_study
-
-FRAMES = 1000
-RATE = 100.0
-
-
-def gap(
-    marker: str, seconds: float, error: float | None = 2.0, *, left: int = 0, reason: str = "why"
-) -> dict[str, Any]:
-    """A gap in the facts of a fill, of which the last frames are left."""
-    frames = round(seconds * RATE)
-    spans = [{"first_frame": 101 + frames - left, "last_frame": 100 + frames, "reason": reason,
-              "requested": True}]  # fmt: skip
-    return {
-        "marker": marker,
-        "subject": "Anna",
-        "first_frame": 101,
-        "last_frame": 100 + frames,
-        "frames": frames,
-        "seconds": seconds,
-        "filled": frames - left,
-        "expected_mean_error_mm": error,
-        "error_bound_90_mm": None if error is None else 2 * error,
-        "unfilled": spans if left else [],
-    }
-
-
-def outcome(name: str, *gaps: dict[str, Any], **more: Any) -> JobOutcome:
-    """The outcome of a job."""
-    left = any(one["unfilled"] for one in gaps)
-    status: Status = "no gaps" if not gaps else "incomplete" if left else "filled"
-    subjects = [{"subject": "Anna"}]
-    facts = {"frames": FRAMES, "samples": 40 * FRAMES, "rate": RATE, "subjects": subjects,
-             "gaps": list(gaps)}  # fmt: skip
-    given = {"status": status, "facts": facts, "report": f"/out/{name}.html"} | more
-    return JobOutcome(name, f"/in/{name}", f"/out/{name}", **given)
-
-
-def failure(name: str, reason: str) -> JobOutcome:
-    return outcome(name, status="failed", reason=reason, facts={}, report=None)
 
 
 def groups_of(*outcomes: JobOutcome, **limits: float) -> dict[str, str]:

@@ -82,9 +82,10 @@ class AttentionLists {
     const names = element("p", {}, []);
     trials.slice(0, MOST_NAMES).forEach((trial, number) => {
       if (number) names.append(", ");
-      const name = button(fileName(trial), () => this.show(trial), {
+      const several = trials.length > 1;
+      const name = button(several ? trial.name : fileName(trial), () => this.show(trial), {
         class: "link trial-name", title: trial.name });
-      names.append(trials.length > 1 ? name : trialName(trial, name));
+      names.append(several ? name : trialName(trial, name));
       if (trial.links.report) {
         names.append(" ", linked("report", trial.links.report, { class: "to-report" }));
       }
@@ -106,8 +107,8 @@ class AttentionLists {
       Object.assign(this.store, { groups: new Set(), folder: -1, marker: -1 });
       this.store.setWords("");
     }
-    this.store.setActive(index);
-    document.getElementById("trial").scrollIntoView({ block: "nearest" });
+    this.store.setActive(index, { focus: true });
+    document.getElementById("trials").scrollIntoView({ block: "start" });
   }
 
   /** @returns {HTMLElement} the rule of the groups that have no list */

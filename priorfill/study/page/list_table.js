@@ -143,8 +143,7 @@ class ListTable {
       this.space(first), ...rows, this.space(this.printing ? 0 : count - last));
     this.more.hidden = !(this.printing && count > last);
     this.more.textContent = `... and ${formatCount(count - last)} more rows`;
-    const again = kept === null ? null : this.body.querySelector(`tr[data-row="${kept}"]`);
-    if (again) again.focus({ preventScroll: true });
+    if (kept !== null) this.focusRow(kept);
     this.markRows();
   }
 
@@ -237,6 +236,11 @@ class ListTable {
     const index = this.shown[place];
     if (this.follow) this.follow(index);
     this.setActive(index);
+    this.focusRow(index);
+  }
+
+  /** Put the focus on a row, if it is in view. */
+  focusRow(index) {
     const row = this.body.querySelector(`tr[data-row="${index}"]`);
     if (row) row.focus({ preventScroll: true });
   }

@@ -15,7 +15,14 @@ function startStudyPage() {
   listFolders(place("folders"), store);
   followStudyTheme(store);
   window.priorfill = { store, views: { trials, map } };
-  if (data.trials.length) store.setActive(0, false);
+  if (data.trials.length) store.setActive(0, { scrollTo: false });
+}
+
+/** Show the trials of a folder or marker, in the table that is above its row. */
+function chooseBelow(store, name, index) {
+  store.choose(name, index);
+  document.getElementById("trials").scrollIntoView({ block: "start" });
+  announce(`${countOf(store.shownTrials().length, "trial")} shown`);
 }
 
 /** Make the table of markers. */
@@ -27,7 +34,7 @@ function listMarkers(root, store) {
       "a row shows its trials in the table above" })]));
   const list = new ListTable(root, {
     label: "Markers", columns: markerColumns(store), rows: markers,
-    open: (index) => store.choose("marker", index), empty: "No marker has gaps.",
+    open: (index) => chooseBelow(store, "marker", index), empty: "No marker has gaps.",
   });
   store.on("filter", () => list.setActive(store.marker, false));
   store.on("print", (on) => list.print(on));
@@ -42,7 +49,7 @@ function listFolders(root, store) {
       "its trials in the table above" })]));
   const list = new ListTable(root, {
     label: "Folders", columns: folderColumns(), rows: folders,
-    open: (index) => store.choose("folder", index), empty: "There are no folders.",
+    open: (index) => chooseBelow(store, "folder", index), empty: "There are no folders.",
   });
   store.on("filter", () => list.setActive(store.folder, false));
   store.on("print", (on) => list.print(on));

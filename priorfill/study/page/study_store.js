@@ -57,10 +57,10 @@ class StudyStore {
     this.emit("filter");
   }
 
-  /** Make a trial the active one. */
-  setActive(trial, scrollTo = true) {
+  /** Make a trial the active one; `focus` moves the focus to its row in the table. */
+  setActive(trial, { scrollTo = true, focus = false } = {}) {
     this.active = trial;
-    this.emit("trial", { scrollTo });
+    this.emit("trial", { scrollTo, focus });
   }
 
   /** @returns {boolean} whether a trial is shown */

@@ -20,12 +20,15 @@ class TrialTable {
     ]));
     this.list = new ListTable(root, {
       label: "Trials", columns: trialColumns(), rows: store.data.trials,
-      open: (index) => store.setActive(index, false),
+      open: (index) => store.setActive(index, { scrollTo: false }),
       follow: (index) => store.setActive(index),
       empty: store.data.trials.length ? "No trial fits the filters." : "There are no trials.",
     });
     store.on("filter", () => this.filter());
-    store.on("trial", ({ scrollTo }) => this.list.setActive(store.active, scrollTo));
+    store.on("trial", ({ scrollTo, focus }) => {
+      this.list.setActive(store.active, scrollTo);
+      if (focus) this.list.focusRow(store.active);
+    });
     store.on("print", (on) => this.list.print(on));
     this.filter();
   }
