@@ -1,6 +1,9 @@
-"""``priorfill batch-job``, a hidden command: the child process that fills one file of a study."""
+"""``priorfill batch-job``, a hidden command: the child process that fills files of a study."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 import click
 
@@ -9,16 +12,18 @@ __all__ = ["batch_job"]
 
 @click.command(hidden=True)
 def batch_job() -> None:
-    """Fill the file of a job; the job comes from the parent process."""
+    """Fill the files of jobs, one after the other; the jobs come from the parent process."""
     from priorfill.study.life_line import ParentConnection
 
     parent = ParentConnection()  # at once: what is imported below takes a second
     from priorfill.study.child_limits import limit_memory
+    from priorfill.study.fill_job import fill_job
     from priorfill.study.job import JobLimits, StudyJob
 
-    limits = JobLimits(**parent.request["limits"])
-    parent.end_at(limits.seconds)
-    limit_memory(limits)
-    from priorfill.study.fill_job import fill_job
-
-    parent.answer(fill_job(StudyJob.from_json(parent.request["job"])).to_json())
+    request: Mapping[str, Any] | None = parent.request
+    while request is not None:
+        limits = JobLimits(**request["limits"])
+        parent.end_at(limits.seconds)
+        limit_memory(limits)
+        parent.answer(fill_job(StudyJob.from_json(request["job"])).to_json())
+        request = parent.next_request()

@@ -1,4 +1,4 @@
-"""Run a job of a study in a child process, so that a bad file costs itself only."""
+"""Run jobs of a study in child processes, so that a bad file costs itself only."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ import os
 import threading
 import time
 from collections.abc import Sequence
-from contextlib import closing, suppress
+from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 
 from priorfill.errors import OutputError
 from priorfill.runtime.atomic_file import remove_abandoned
+from priorfill.study.child_pool import ChildPool
 from priorfill.study.child_watch import ChildError, ChildProcess, child_command
-from priorfill.study.job import JobLimits, JobOutcome, StudyJob
+from priorfill.study.job import FAILED, JobLimits, JobOutcome, StudyJob
 from priorfill.study.records import files_of_job, write_record
 
 __all__ = ["COMMAND", "run_child"]
@@ -28,11 +29,14 @@ def run_child(
     stop: threading.Event | None = None,
     *,
     command: Sequence[str] | None = None,
+    children: ChildPool | None = None,
 ) -> JobOutcome:
     """Fill the file of a job in a child process, and return what became of it.
 
     The child writes the outputs and the record. Where it ends without an outcome, the record of
-    the failure is written here. A job that was stopped leaves no record.
+    the failure is written here. A job that was stopped leaves no record. What fails in a child that
+    has filled other files is tried in another one, unless the file is bad or takes too long:
+    outcomes do not depend on what a child did before.
 
     Parameters
     ----------
@@ -44,20 +48,39 @@ def run_child(
         Ends the child when it is set.
     command : sequence of str, optional
         The program that fills; by default the hidden command of this priorfill.
+    children : ChildPool, optional
+        Children that wait for another job; by default the job has a child of its own.
 
     Returns
     -------
     JobOutcome
         The outcome, of a failure as well.
     """
-    begin = time.monotonic()
     request = {"job": job.to_json(), "limits": asdict(limits)}
+    used = None if children is None else children.take()
+    if used is not None:
+        used.ask(request)
+        outcome = _outcome(used, job, limits, stop, children)
+        is_final = outcome.status != FAILED or outcome.exceeded == "seconds"
+        if is_final or not used.has_ended or (stop is not None and stop.is_set()):
+            return outcome
+    child = ChildProcess(command or child_command(COMMAND), request, limits)
+    return _outcome(child, job, limits, stop, children)
+
+
+def _outcome(
+    child: ChildProcess,
+    job: StudyJob,
+    limits: JobLimits,
+    stop: threading.Event | None,
+    children: ChildPool | None,
+) -> JobOutcome:
+    """Wait for the outcome of a job, and keep the child for another one if it is sound."""
+    begin = time.monotonic()
+    is_kept = False
     try:
-        with closing(ChildProcess(command or child_command(COMMAND), request, limits)) as child:
-            try:
-                outcome = JobOutcome.from_json(child.answer(stop))
-            finally:
-                peak = child.peak_memory
+        outcome = JobOutcome.from_json(child.answer(stop))
+        is_kept = children is not None and not outcome.try_again
     except ChildError as error:
         remove_leftovers(job)
         outcome = replace(
@@ -66,13 +89,17 @@ def run_child(
             ),
             seconds=time.monotonic() - begin,
             replaced=files_of_job(job),
-            peak_memory=peak,
         )
         if not error.stopped:
             with suppress(OutputError):  # then the job is simply done again
                 write_record(job.record, outcome)
-        return outcome
-    return replace(outcome, peak_memory=max(peak, outcome.peak_memory))
+    finally:
+        if not is_kept:
+            child.close()
+    outcome = replace(outcome, peak_memory=max(child.peak_memory, outcome.peak_memory))
+    if is_kept and children is not None:
+        children.give(child, limits)
+    return outcome
 
 
 def remove_leftovers(job: StudyJob) -> None:

@@ -84,21 +84,21 @@ class ChildError(PriorfillError):
 
 
 class ChildProcess:
-    """A child process that answers a request.
+    """A child process that answers requests, one after the other.
 
     Parameters
     ----------
     command : sequence of str
         The program and its arguments.
     request : mapping of str to object
-        What it is asked for, as JSON values.
+        What it is asked for first, as JSON values.
     limits : JobLimits
         What it may use. The time is that of one answer.
 
     Attributes
     ----------
     peak_memory : int
-        Largest memory (bytes) that was seen.
+        Largest memory (bytes) that was seen since the last request.
     """
 
     peak_memory: int
@@ -128,10 +128,32 @@ class ChildProcess:
         ]
         for reader in self._readers:
             reader.start()
+        self.ask(request)
+
+    def ask(self, request: Mapping[str, Any]) -> None:
+        """Send a request; the one before must be answered.
+
+        Parameters
+        ----------
+        request : mapping of str to object
+            JSON values.
+        """
+        self.peak_memory = 0
+        self._tail.clear()
         assert self._process.stdin is not None
         with suppress(OSError):  # it has ended; the first answer shows why
             self._process.stdin.write(json.dumps(request).encode("ascii") + b"\n")
             self._process.stdin.flush()
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether it has ended."""
+        return self._process.poll() is not None
+
+    @property
+    def memory(self) -> int:
+        """Memory (bytes) that it has to itself."""
+        return self._memory()
 
     def answer(self, stop: threading.Event | None = None) -> dict[str, Any]:
         """Wait for the next answer.

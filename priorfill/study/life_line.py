@@ -1,7 +1,7 @@
-"""A child process's connection to its parent: the request, the answers, and the end of both.
+"""A child process's connection to its parent: requests, answers, and the end of both.
 
-The parent writes a request on the child's stdin and keeps it open. When stdin ends, the parent has
-ended or wants the child to end.
+The parent writes a request on the child's stdin and keeps it open; another request may follow once
+the first is answered. When stdin ends, the parent has ended or wants the child to end.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import _thread
 import faulthandler
 import json
 import os
+import queue
 import select
 import signal
 import sys
@@ -44,14 +45,16 @@ class ParentConnection:
     Attributes
     ----------
     request : mapping of str to object
-        What the parent asks for, as JSON values.
+        What the parent asks for first, as JSON values.
     """
 
     request: Mapping[str, Any]
 
     def __init__(self) -> None:
-        """Read the request, and keep stdin and stdout from everybody else."""
+        """Read the first request, and keep stdin and stdout from everybody else."""
         self._parent = os.getppid()
+        self._requests: queue.SimpleQueue[Mapping[str, Any] | None] = queue.SimpleQueue()
+        self._waits = False
         # on Windows, a pending read of stdin would block whatever else asks for its kind
         life_line = os.dup(_STDIN)
         nothing = os.open(os.devnull, os.O_RDONLY)
@@ -76,6 +79,20 @@ class ParentConnection:
         self._answers.write(b"\n" + ANSWER + text.encode("ascii") + b"\n")
         self._answers.flush()
 
+    def next_request(self) -> Mapping[str, Any] | None:
+        """Wait for another request.
+
+        Returns
+        -------
+        mapping of str to object or None
+            JSON values; None when the parent asks for nothing more.
+        """
+        faulthandler.cancel_dump_traceback_later()
+        self._waits = True
+        request = self._requests.get()
+        self._waits = False
+        return request
+
     def end_at(self, seconds: float) -> None:
         """Let this process end itself after some time, even if it is caught in a compiled loop.
 
@@ -87,25 +104,32 @@ class ParentConnection:
         faulthandler.dump_traceback_later(seconds + LATE, exit=True, file=_STDERR)
 
     def _watch(self, pipe: BinaryIO) -> None:
-        """End this process when stdin ends or the parent is another one."""
-        while not self._has_ended(pipe):
-            pass
+        """Read further requests; end this process when stdin ends or the parent is another one."""
+        begun = b""
+        while piece := self._read(pipe):
+            *lines, begun = (begun + piece).split(b"\n")
+            for line in lines:
+                self._requests.put(json.loads(line))
+        if self._waits:
+            self._requests.put(None)
+            return
         _thread.interrupt_main()  # writers remove their temporary files
         time.sleep(CLEANING)
         os._exit(1)
 
-    def _has_ended(self, pipe: BinaryIO) -> bool:
-        """Wait a moment for the end of stdin; return whether it has ended."""
+    def _read(self, pipe: BinaryIO) -> bytes:
+        """Wait for bytes from the parent; none when stdin has ended or the parent is another."""
         if sys.platform == "win32":  # where only sockets can be waited for
-            return not pipe.read(1)
-        if os.getppid() != self._parent:  # its stdin may be open in processes that it forked
-            return True
-        ready, _, _ = select.select([pipe], [], [], LOOK)
-        return bool(ready) and not pipe.read(1)
+            return pipe.read(PIECE)
+        while os.getppid() == self._parent:  # its stdin may be open in processes that it forked
+            ready, _, _ = select.select([pipe], [], [], LOOK)
+            if ready:
+                return pipe.read(PIECE)
+        return b""
 
 
 def _read_line(pipe: BinaryIO) -> bytes:
-    """Read the request: a line, after which the parent writes nothing."""
+    """Read the first request: a line, after which the parent writes nothing until the answer."""
     line = b""
     while not line.endswith(b"\n") and (piece := pipe.read(PIECE)):
         line += piece

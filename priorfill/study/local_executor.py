@@ -5,9 +5,11 @@ from __future__ import annotations
 import threading
 from collections.abc import Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from functools import partial
 from itertools import islice
 from typing import Protocol, Self
 
+from priorfill.study.child_pool import ChildPool
 from priorfill.study.child_process import run_child
 from priorfill.study.job import JobLimits, JobOutcome, StudyJob
 
@@ -55,12 +57,13 @@ class LocalExecutor:
     def __init__(self, workers: int, limits: JobLimits) -> None:
         self._workers = workers
         self._limits = limits
+        self._children = ChildPool()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
-        pass
+        self._children.close()
 
     def run(self, jobs: Sequence[StudyJob]) -> Generator[JobOutcome, None, None]:
         """Yield outcomes as jobs are finished; closing the iterator stops those that run."""
@@ -68,10 +71,11 @@ class LocalExecutor:
         waiting = iter(jobs)
         running: dict[Future[JobOutcome], StudyJob] = {}
         pool = ThreadPoolExecutor(self._workers, "priorfill-job")
+        run = partial(run_child, limits=self._limits, stop=stop, children=self._children)
         try:
             while True:
                 for job in islice(waiting, self._workers - len(running)):
-                    running[pool.submit(run_child, job, self._limits, stop)] = job
+                    running[pool.submit(run, job)] = job
                 if not running:
                     return
                 finished, _ = wait(running, _INTERRUPTIBLE, FIRST_COMPLETED)

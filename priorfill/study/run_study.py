@@ -91,7 +91,7 @@ def batch(
 ) -> Study:
     """Fill the gaps of all files of a study.
 
-    Each file is filled in a process of its own, so that a bad file costs itself only. Outcomes are
+    Files are filled in child processes, so that a bad file costs itself only. Outcomes are
     kept: the same call continues a study that was interrupted, and fills nothing twice.
 
     Parameters

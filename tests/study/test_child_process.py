@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 
+import psutil
 import pytest
 
 from priorfill import fill, read, write
+from priorfill.study import child_pool
+from priorfill.study.child_pool import ChildPool
 from priorfill.study.child_process import run_child
 from priorfill.study.job import JobLimits, StudyJob
 from priorfill.study.records import file_hash, read_record
@@ -35,9 +39,13 @@ def test_a_child_fills_a_file_and_writes_the_record(tmp_path: Path) -> None:
     clip = make_demo_clip()[1]
     write(tmp_path / "walk.c3d", clip)
     job = job_in(tmp_path)
-    outcome = run_child(job, LIMITS)
+    children = ChildPool()
+    outcome = run_child(job, LIMITS, children=children)
     assert outcome.status == "incomplete", outcome.reason
     assert outcome.written == {job.output: file_hash(job.output)}
+    again = run_child(job, LIMITS, children=children)
+    assert (again.status, again.written) == (outcome.status, outcome.written)
+    children.close()
     record = read_record(job.record)
     assert record is not None
     assert record.written == outcome.written
@@ -90,3 +98,62 @@ def test_a_child_that_is_stopped_leaves_no_record(tmp_path: Path) -> None:
     outcome = run_child(job, LIMITS, stop, command=(sys.executable, "-c", code))
     assert (outcome.status, outcome.try_again) == ("failed", True)
     assert not Path(job.record).exists()
+
+
+ECHO = """
+import json, os, sys
+for number, line in enumerate(sys.stdin):
+    name = json.loads(line)["job"]["name"]
+    if number and name == "die":
+        os._exit(3)
+    outcome = {"name": name, "source": "", "output": "", "status": "filled", "reason": os.getpid()}
+    if name == "bad":
+        outcome["status"] = "failed"
+    if number and name == "full":
+        outcome |= {"status": "failed", "try_again": True}
+    print("priorfill-answer " + json.dumps(outcome), flush=True)
+"""
+
+
+def processes(names: str, folder: Path, limits: JobLimits = LIMITS) -> list[int]:
+    """Run jobs of these names with kept children; return the places of their processes."""
+    command = (sys.executable, "-c", ECHO)
+    children = ChildPool()
+    found = []
+    for name in names.split():
+        job = replace(job_in(folder), name=name)
+        outcome = run_child(job, limits, command=command, children=children)
+        assert outcome.status == ("failed" if name == "bad" else "filled"), outcome.reason
+        found.append(outcome.reason)
+    children.close()
+    assert children.take() is None
+    return [found.index(one) for one in found]
+
+
+@pytest.mark.windows
+def test_a_child_fills_several_files(tmp_path: Path) -> None:
+    assert processes("a b bad c", tmp_path) == [0, 0, 0, 0]
+
+
+def test_what_fails_in_a_used_child_is_tried_in_another(tmp_path: Path) -> None:
+    assert processes("a die b", tmp_path) == [0, 1, 1]
+    assert processes("a full b", tmp_path) == [0, 1, 1]
+
+
+def test_a_child_with_much_memory_is_not_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limits = replace(LIMITS, memory=1 << 28)
+    monkeypatch.setattr(child_pool, "MAX_KEPT", 0.01)
+    assert processes("a b", tmp_path, limits) == [0, 1]
+
+
+def test_a_child_that_ended_while_it_waited(tmp_path: Path) -> None:
+    children = ChildPool()
+    command = (sys.executable, "-c", ECHO)
+    first = run_child(job_in(tmp_path), LIMITS, command=command, children=children)
+    psutil.Process(int(first.reason)).kill()
+    second = run_child(job_in(tmp_path), LIMITS, command=command, children=children)
+    assert (second.status, second.reason != first.reason) == ("filled", True)
+    children.close()
+    assert not psutil.pid_exists(int(second.reason))

@@ -19,7 +19,7 @@ def job(name: str) -> StudyJob:
 
 
 def test_each_job_has_one_outcome(monkeypatch: pytest.MonkeyPatch) -> None:
-    def run(job: StudyJob, limits: JobLimits, stop: Any) -> JobOutcome:
+    def run(job: StudyJob, **_: Any) -> JobOutcome:
         if job.name == "3":
             raise RuntimeError("a bug")
         return JobOutcome(job.name, job.source, job.output, "filled")
@@ -37,7 +37,7 @@ def test_each_job_has_one_outcome(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_jobs_are_stopped_and_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
     stopped: list[str] = []
 
-    def run(job: StudyJob, limits: JobLimits, stop: threading.Event) -> JobOutcome:
+    def run(job: StudyJob, stop: threading.Event, **_: Any) -> JobOutcome:
         if job.name != "0":
             assert stop.wait(10)
             stopped.append(job.name)
