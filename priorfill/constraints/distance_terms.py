@@ -4,15 +4,14 @@ In each frame the missing markers x are placed at the minimum of
 
     sum_i |x_i - p_i|² / σ_i²  +  sum_ij w_ij (|x_i - x_j| - L_ij)²
 
-where p_i is the predicted position with standard deviation σ_i per coordinate, and every
-`DistanceTerm` keeps two markers about L_ij apart with weight w_ij. This module computes the sum,
+where p_i is the predicted position with standard deviation σ_i per coordinate, and each of the
+`DistanceTerms` keeps two markers about L_ij apart with weight w_ij. This module computes the sum,
 its Gauss-Newton normal equations and their solution; `priorfill.constraints.segment_lengths` and
 `priorfill.constraints.floor` choose the terms and iterate.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +23,7 @@ from priorfill.gp.linalg import solve_blocks
 __all__ = [
     "MAX_CONSTRAINED_SPREAD",
     "MIN_DISTANCE",
-    "DistanceTerm",
+    "DistanceTerms",
     "coordinate_variance",
     "energy",
     "gauss_newton_step",
@@ -38,23 +37,23 @@ MIN_DISTANCE = 1.0
 """mm. Closer markers count as this far apart, since the direction between them is undefined."""
 
 
-class DistanceTerm(NamedTuple):
-    """One soft constraint on the distance of two markers, in each frame.
+class DistanceTerms(NamedTuple):
+    """Soft constraints on the distances of pairs of markers, in each frame.
 
     Attributes
     ----------
-    first, second : int
+    first, second : ndarray [shape=(terms,)]
         Columns of the two markers. The missing markers come before the visible ones, and
         ``first`` is a missing one.
-    length : ndarray [shape=(frames,), mm] or float
-        The distance wanted.
-    weight : ndarray [shape=(frames,), 1 / mm²]
-        Inverse variance of that distance; 0 where the constraint does not apply.
+    length : ndarray [shape=(terms, frames) or (terms, 1), mm]
+        The distances wanted.
+    weight : ndarray [shape=(terms, frames), 1 / mm²]
+        Inverse variances of these distances; 0 where the constraint does not apply.
     """
 
-    first: int
-    second: int
-    length: NDArray[np.float64] | float
+    first: NDArray[np.intp]
+    second: NDArray[np.intp]
+    length: NDArray[np.float64]
     weight: NDArray[np.float64]
 
 
@@ -83,7 +82,7 @@ def normal_equations(
     points: NDArray[np.float64],
     predicted: NDArray[np.float64],
     variance: NDArray[np.float64],
-    terms: Sequence[DistanceTerm],
+    terms: DistanceTerms,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the matrix and right-hand side of a Gauss-Newton step.
 
@@ -95,7 +94,7 @@ def normal_equations(
         Predicted positions.
     variance : ndarray [shape=(frames, missing markers), mm²]
         Variance of a predicted coordinate.
-    terms : sequence of DistanceTerm
+    terms : DistanceTerms
 
     Returns
     -------
@@ -108,31 +107,33 @@ def normal_equations(
     gauss_newton_step : Solves them.
     """
     frames, markers = predicted.shape[:2]
-    matrix = np.zeros((frames, markers, 3, markers, 3))
+    # frames are adjacent in memory: each sum below is one loop over them
+    blocks = np.zeros((markers, 3, markers, 3, frames))
     for i in range(markers):
-        matrix[:, i, :, i, :] = np.eye(3) / variance[:, i, None, None]
-    rhs = (predicted - points[:, :markers]) / variance[..., None]
-    for first, second, length, weight in terms:
-        difference = points[:, first] - points[:, second]
-        distance = np.maximum(norms(difference), MIN_DISTANCE)
-        direction = difference / distance[:, None]
-        curvature = weight[:, None, None] * direction[:, :, None] * direction[:, None, :]
-        force = (weight * (length - distance))[:, None] * direction
-        matrix[:, first, :, first, :] += curvature
-        rhs[:, first] += force
+        blocks[i, :, i] = np.eye(3)[..., None] / variance[:, i]
+    force = ((predicted - points[:, :markers]) / variance[..., None]).transpose(1, 2, 0).copy()
+    difference = _differences(points, terms)
+    distance = np.maximum(_lengths(difference), MIN_DISTANCE)
+    direction = difference / distance[:, None]
+    pull = (terms.weight * (terms.length - distance))[:, None] * direction
+    weighted = terms.weight[:, None] * direction
+    for term, (first, second) in enumerate(zip(terms.first, terms.second, strict=True)):
+        curvature = weighted[term, :, None] * direction[term, None]
+        blocks[first, :, first] += curvature
+        force[first] += pull[term]
         if second < markers:
-            matrix[:, second, :, second, :] += curvature
-            matrix[:, first, :, second, :] -= curvature
-            matrix[:, second, :, first, :] -= curvature
-            rhs[:, second] -= force
-    return matrix, rhs
+            blocks[second, :, second] += curvature
+            blocks[first, :, second] -= curvature
+            blocks[second, :, first] -= curvature
+            force[second] -= pull[term]
+    return blocks.transpose(4, 0, 1, 2, 3), force.transpose(2, 0, 1)
 
 
 def energy(
     points: NDArray[np.float64],
     predicted: NDArray[np.float64],
     variance: NDArray[np.float64],
-    terms: Sequence[DistanceTerm],
+    terms: DistanceTerms,
 ) -> NDArray[np.float64]:
     """Return the sum of squares minimised by the steps [shape=(frames,)].
 
@@ -140,10 +141,22 @@ def energy(
     """
     offset = points[:, : predicted.shape[1]] - predicted
     total: NDArray[np.float64] = (offset**2 / variance[..., None]).sum(axis=(1, 2))
-    for first, second, length, weight in terms:
-        distance = norms(points[:, first] - points[:, second])
-        total += weight * (distance - length) ** 2
+    distance = _lengths(_differences(points, terms))
+    for of_term in terms.weight * (distance - terms.length) ** 2:
+        total += of_term  # one by one: the order of the sum is the same for any number of frames
     return total
+
+
+def _differences(points: NDArray[np.float64], terms: DistanceTerms) -> NDArray[np.float64]:
+    """Return the vectors between the markers of each term [shape=(terms, 3, frames), mm]."""
+    by_marker = points.transpose(1, 2, 0).copy()
+    difference: NDArray[np.float64] = by_marker[terms.first] - by_marker[terms.second]
+    return difference
+
+
+def _lengths(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the lengths of the vectors between markers [shape=(terms, frames), mm]."""
+    return norms(np.moveaxis(vectors, 1, 2))
 
 
 def gauss_newton_step(matrix: NDArray[np.float64], rhs: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from priorfill.constraints.distance_terms import (
     MAX_CONSTRAINED_SPREAD,
     MIN_DISTANCE,
-    DistanceTerm,
+    DistanceTerms,
     coordinate_variance,
     energy,
     gauss_newton_step,
@@ -165,26 +165,26 @@ def _constant_distances(
     visible: NDArray[np.float64],
     spread: NDArray[np.float64],
     options: FloorOptions,
-) -> list[DistanceTerm]:
+) -> DistanceTerms:
     """Return the terms that keep nearly constant distances as predicted."""
     points = np.concatenate([predicted, visible], axis=1)
-    terms = []
-    for first, second in np.argwhere(spread < options.max_spread):
-        if second <= first:
-            continue
-        length = norms(points[:, first] - points[:, second])
-        known = np.isfinite(length)
-        tolerance = max(spread[first, second], options.min_spread)
-        weight = np.where(known, 1.0 / tolerance**2, 0.0)
-        terms.append(DistanceTerm(first, second, np.where(known, length, MIN_DISTANCE), weight))
-    return terms
+    first, second = np.nonzero(np.triu(spread < options.max_spread, 1))
+    length = norms(points[:, first] - points[:, second]).T  # (terms, frames)
+    known = np.isfinite(length)
+    tolerance = np.maximum(spread[first, second], options.min_spread)[:, None]
+    return DistanceTerms(
+        first,
+        second,
+        np.where(known, length, MIN_DISTANCE),
+        np.where(known, 1.0 / tolerance**2, 0.0),
+    )
 
 
 def _raise_batch(
     predicted: NDArray[np.float64],
     variance: NDArray[np.float64],
     visible: NDArray[np.float64],
-    terms: list[DistanceTerm],
+    terms: DistanceTerms,
     min_height: NDArray[np.float64],
     floor_std: float,
 ) -> NDArray[np.float64]:

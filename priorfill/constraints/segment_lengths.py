@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from priorfill.constraints.distance_terms import (
     MAX_CONSTRAINED_SPREAD,
-    DistanceTerm,
+    DistanceTerms,
     coordinate_variance,
     energy,
     gauss_newton_step,
@@ -233,10 +233,7 @@ def _hold_batch(
     moving = np.arange(len(points))
     for _ in range(MAX_ITERATIONS):
         here, target, target_variance = points[moving], predicted[moving], variance[moving]
-        terms = [
-            DistanceTerm(*term)
-            for term in zip(edges.first, edges.second, edges.length, weight[moving].T, strict=True)
-        ]
+        terms = DistanceTerms(edges.first, edges.second, edges.length[:, None], weight[moving].T)
         reached = energy(here, target, target_variance, terms)
         move = np.zeros_like(here)
         move[:, :markers] = gauss_newton_step(

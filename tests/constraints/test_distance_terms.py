@@ -7,6 +7,7 @@ import pytest
 
 from priorfill.constraints.distance_terms import (
     MIN_DISTANCE,
+    DistanceTerms,
     coordinate_variance,
     energy,
     gauss_newton_step,
@@ -14,6 +15,14 @@ from priorfill.constraints.distance_terms import (
 )
 
 FRAMES, MISSING = 3, 3
+
+
+def joined(terms):
+    """The terms of a list, each with its markers, length and weight."""
+    first, second, length, weight = zip(*terms, strict=True)
+    frames = len(weight[0])
+    length = [np.broadcast_to(each, frames) for each in length]
+    return DistanceTerms(*map(np.array, (first, second, length, weight)))
 
 
 def case(seed=0):
@@ -57,8 +66,8 @@ def jacobian(x, *arguments):
 @pytest.mark.parametrize("seed", range(3))
 def test_energy_and_gauss_newton_step(seed):
     points, predicted, variance, terms = case(seed)
-    total = energy(points, predicted, variance, terms)
-    matrix, rhs = normal_equations(points, predicted, variance, terms)
+    total = energy(points, predicted, variance, joined(terms))
+    matrix, rhs = normal_equations(points, predicted, variance, joined(terms))
     ahead = gauss_newton_step(matrix, rhs)
     for frame in range(FRAMES):
         x = points[frame, :MISSING].ravel()
@@ -82,7 +91,7 @@ def test_the_direction_between_close_markers_is_damped():
     points = np.zeros((1, 2, 3))
     points[0, 0, 0] = 0.5 * MIN_DISTANCE
     matrix, rhs = normal_equations(
-        points, points[:, :1], np.ones((1, 1)), [(0, 1, 10.0, np.array([4.0]))]
+        points, points[:, :1], np.ones((1, 1)), joined([(0, 1, 10.0, np.array([4.0]))])
     )
     # half a direction of the x axis, and the distance counts as 1 mm
     np.testing.assert_allclose(matrix[0, 0, :, 0], np.diag([1.0 + 4.0 * 0.25, 1.0, 1.0]))

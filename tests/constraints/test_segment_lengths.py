@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import minimum_spanning_tree
 
 from priorfill.constraints.distance_terms import (
     MAX_CONSTRAINED_SPREAD,
+    DistanceTerms,
     energy,
     gauss_newton_step,
     normal_equations,
@@ -217,7 +218,7 @@ def test_short_links_converge(noise, still):
     weight = 1.0 / (
         (OPTIONS.spread_factor * SMALL_SPREAD) ** 2 + OPTIONS.relative_tolerance**2 * variance[:, 0]
     )
-    terms = [(a, b, 15.0, weight) for a, b in zip(one, other, strict=True)]
+    terms = DistanceTerms(one, other, np.full((3, 1), 15.0), np.tile(weight, (3, 1)))
     start, end = (np.concatenate([x, visible], axis=1) for x in (predicted, held))
     left = np.abs(gauss_newton_step(*normal_equations(end, predicted, variance, terms))).max(
         axis=(1, 2)
