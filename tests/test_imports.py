@@ -6,13 +6,11 @@ import ast
 import re
 from functools import cache
 from graphlib import TopologicalSorter
-from pathlib import Path
 
 import pytest
+from package_source import PACKAGE as ROOT
+from package_source import modules, tree_of
 
-import priorfill
-
-ROOT = Path(priorfill.__file__).parent
 DOCUMENT = ROOT.parent / "ARCHITECTURE.md"
 
 ONLY_IN = {
@@ -112,12 +110,12 @@ def imports() -> dict[str, set[str]]:
     """The modules that each module below ``priorfill`` imports; those of priorfill shortened."""
     files = {
         ".".join(f.relative_to(ROOT).with_suffix("").parts).removesuffix("__init__").rstrip("."): f
-        for f in ROOT.rglob("*.py")
+        for f in modules()
     }
     found = {}
     for module, file in files.items():
         names = set()
-        for source, name in _imported(ast.parse(file.read_text(encoding="utf-8"))):
+        for source, name in _imported(tree_of(file)):
             if source == "priorfill" or source.startswith("priorfill."):
                 inner = source.removeprefix("priorfill").lstrip(".")
                 whole = f"{inner}.{name}".lstrip(".")

@@ -7,11 +7,9 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).parents[1]
+from package_source import modules, relative, tree_of
 
 CALLS = {"open", "read_text", "write_text", "fdopen", "TextIOWrapper"}
 
@@ -37,10 +35,10 @@ def text_calls(tree: ast.AST) -> Iterator[tuple[ast.Call, str]]:
         yield call, "w" if name.endswith("write_text") else mode
 
 
-def faults(source: str) -> list[int]:
+def faults(tree: ast.AST) -> list[int]:
     """Return the lines of calls without encoding, or that write without line ends."""
     found = []
-    for call, mode in text_calls(ast.parse(source)):
+    for call, mode in text_calls(tree):
         words = {word.arg for word in call.keywords}
         if "encoding" not in words or (set(mode) & set("wax+") and "newline" not in words):
             found.append(call.lineno)
@@ -59,7 +57,7 @@ def faults(source: str) -> list[int]:
     ],
 )
 def test_such_calls_are_found(source):
-    assert faults(source) == [1]
+    assert faults(ast.parse(source)) == [1]
 
 
 @pytest.mark.parametrize(
@@ -73,13 +71,11 @@ def test_such_calls_are_found(source):
     ],
 )
 def test_other_calls_are_not(source):
-    assert faults(source) == []
+    assert faults(ast.parse(source)) == []
 
 
 def test_the_package_states_encoding_and_line_ends():
     found = {
-        f"{path.relative_to(ROOT)}:{line}"
-        for path in sorted((ROOT / "priorfill").rglob("*.py"))
-        for line in faults(path.read_text(encoding="utf-8"))
+        f"{relative(module)}:{line}" for module in modules() for line in faults(tree_of(module))
     }
     assert found == set()
