@@ -277,7 +277,11 @@ def _outcome(job: StudyJob, done: _Task) -> JobOutcome | None:
             return JobOutcome.from_json(done.result(timeout=RESULT_SECONDS))
         if done.status == "error":
             error = done.exception(timeout=RESULT_SECONDS)
-            return None if isinstance(error, KilledWorker) else _failure(job, _why(error))
+            return (
+                None
+                if isinstance(error, KilledWorker)
+                else _failure(job, f"a worker failed: {_why(error)}")
+            )
     except Exception:  # the worker that kept the result ended, or the scheduler
         return None
     return None  # cancelled by a scheduler that ended, or lost
@@ -291,7 +295,7 @@ def _failure(job: StudyJob, reason: str) -> JobOutcome:
 def _why(error: object) -> str:
     text = str(error)
     if isinstance(error, BaseException) and not isinstance(error, PriorfillError):
-        text = f"a worker failed: {type(error).__name__}: {text}"
+        text = f"{type(error).__name__}: {text}"
     return escaped(" ".join(text.split()))[:MAX_REASON]
 
 
@@ -302,18 +306,24 @@ def _workers_here(count: int) -> Iterator[Client]:
     They listen on 127.0.0.1, with certificates of their own, because other users of the same
     computer reach that address as well. They have no limit on memory: their children have.
     """
-    with (
-        LocalCluster(
-            n_workers=count,
-            threads_per_worker=1,
-            dashboard_address=None,
-            memory_limit=0,
-            security=Security.temporary(),
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
-        Client(cluster, set_as_default=False) as client,
-    ):
-        client.register_plugin(_IgnoreInterrupts())
+    with ExitStack() as opened:
+        try:
+            cluster = LocalCluster(
+                n_workers=count,
+                threads_per_worker=1,
+                dashboard_address=None,
+                memory_limit=0,
+                security=Security.temporary(),
+                silence_logs=logging.CRITICAL,
+            )
+            opened.enter_context(cluster)
+            client = opened.enter_context(Client(cluster, set_as_default=False))
+            client.register_plugin(_IgnoreInterrupts())
+        except (OSError, RuntimeError) as error:  # RuntimeError: one was killed as it started
+            raise PriorfillError(
+                f"workers of Dask cannot be started on this computer ({_why(error)}); run the "
+                "same command again, or without `cluster`"
+            ) from error
         yield client
 
 
@@ -331,7 +341,7 @@ def _connected(address: str) -> Iterator[Client]:
     try:
         client = Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
     except Exception as error:  # of any kind, depending on what answers at the address
-        failure = escaped(str(error))[:MAX_REASON]
+        failure = _why(error)
     if failure is not None:
         gc.collect()  # a client without connection would delay the end of the program by a minute
         raise PriorfillError(

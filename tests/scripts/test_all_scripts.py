@@ -175,10 +175,19 @@ SMOKE = {
         {"MAKE": SHORT_CLIP, "run": run_here},
         statuses=(0, 1),
     ),
+    "bench/study.py": Smoke(
+        "--data {data}/hdm05_cut_markers --files 1 --bar 0 --method linear",
+        "1 files are the same in 2 runs",
+        {"RUNS": {f"{n} workers": ("--workers", str(n)) for n in (1, 2)}, "run": run_here},
+    ),
     "bench/threads.py": Smoke(
         "{data}/gaps.c3d --repeat 1", "files are the same", {"run": run_here}
     ),
     "build_starter_database": Smoke("{tmp}/starter", "MB", {"SECONDS": 0.5}),
+    "checks/torture_study.py": Smoke(
+        "--data {data}/hdm05_cut_markers --good 1 --garbage 1 --hanging 0 --hungry 0 --kills 0",
+        "nothing is left",
+    ),
     "papers/baumann_fig2.py": Smoke(
         RECORDING, "Seconds to read a database", {**ONE_METHOD, "EDGE": 1.0}
     ),

@@ -179,6 +179,18 @@ def test_no_worker_starts_without_jobs(tmp_path: Path, monkeypatch: pytest.Monke
         assert list(executor.run([])) == []
 
 
+def test_workers_that_do_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(**_: Any) -> None:
+        raise RuntimeError("Nanny failed to start.")
+
+    monkeypatch.setattr(dask_executor, "LocalCluster", fails)
+    with (
+        DaskExecutor(LIMITS, tmp_path) as executor,
+        pytest.raises(PriorfillError, match=r"this computer \(RuntimeError: Nanny failed"),
+    ):
+        list(executor.run([a_job(tmp_path, "a")]))
+
+
 def test_workers_need_the_same_version(tmp_path: Path) -> None:
     assert check_worker(pf.__version__, str(tmp_path)) == ""
     assert "the study was planned by 0.0" in check_worker("0.0", str(tmp_path))
