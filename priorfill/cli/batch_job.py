@@ -16,14 +16,15 @@ def batch_job() -> None:
     from priorfill.study.life_line import ParentConnection
 
     parent = ParentConnection()  # at once: what is imported below takes a second
-    from priorfill.study.child_limits import limit_memory
     from priorfill.study.fill_job import fill_job
     from priorfill.study.job import JobLimits, StudyJob
+    from priorfill.study.own_memory import forget_peak, limit_memory
 
     request: Mapping[str, Any] | None = parent.request
     while request is not None:
         limits = JobLimits(**request["limits"])
         parent.end_at(limits.seconds)
         limit_memory(limits)
-        parent.answer(fill_job(StudyJob.from_json(request["job"])).to_json())
+        forget_peak()
+        parent.answer(fill_job(StudyJob.from_json(request["job"]), limits).to_json())
         request = parent.next_request()

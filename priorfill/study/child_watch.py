@@ -22,7 +22,7 @@ import psutil
 
 from priorfill.errors import PriorfillError, escaped
 from priorfill.runtime.threads import VARIABLE
-from priorfill.study.job import JobLimits
+from priorfill.study.job import JobLimits, memory_reason
 from priorfill.study.life_line import ANSWER, CLEANING
 
 __all__ = ["ChildError", "ChildProcess", "child_command", "child_environment"]
@@ -201,7 +201,7 @@ class ChildProcess:
         self.peak_memory = max(self.peak_memory, memory)
         if memory > limits.memory:
             self._kill()
-            raise memory_error(limits)
+            raise ChildError(memory_reason(limits), exceeded="memory")
         if seconds > limits.seconds:
             self._kill()
             raise ChildError(
@@ -301,21 +301,6 @@ class ChildProcess:
                 self._tail.append(line)
 
 
-def memory_error(limits: JobLimits) -> ChildError:
-    """Return the error of a child that takes too much memory.
-
-    Parameters
-    ----------
-    limits : JobLimits
-        Its limits.
-    """
-    return ChildError(
-        f"needs more than {limits.memory / 2**30:.1f} GB of memory; raise the limit "
-        "(`memory_limit`), with fewer `workers` if the computer has no more",
-        exceeded="memory",
-    )
-
-
 def private_memory(process: psutil.Process) -> int:
     """Return the memory (bytes) that a process has to itself; 0 if it has ended.
 
@@ -369,8 +354,9 @@ def _own_path() -> list[str]:
     places = [*sysconfig.get_paths().values(), *site.getsitepackages(), site.getusersitepackages()]
     every = {os.path.realpath(place) for place in places}
     every |= {os.path.realpath(Path(sysconfig.get_path("stdlib"), "lib-dynload"))}
-    found = [os.path.abspath(place) for place in sys.path]  # noqa: PTH100 - "" is the current one
-    found.append(str(Path(__file__).absolute().parents[2]))
+    given = "" if sys.flags.ignore_environment else os.environ.get("PYTHONPATH", "")
+    found = [*sys.path, str(Path(__file__).parents[2]), *filter(None, given.split(os.pathsep))]
+    found = [os.path.abspath(place) for place in found]  # noqa: PTH100 - "" is the current one
     own = [place for place in found if os.path.realpath(place) not in every]
     return list(dict.fromkeys(place for place in own if Path(place).is_dir()))
 

@@ -7,6 +7,7 @@ the next run fills the file again.
 
 from __future__ import annotations
 
+import errno
 import os
 import time
 from collections.abc import Iterator, Mapping
@@ -30,7 +31,16 @@ from priorfill.runtime.atomic_file import (
     temporary_name,
 )
 from priorfill.runtime.error_line import error_line
-from priorfill.study.job import FILLED, INCOMPLETE, NO_GAPS, JobOutcome, StudyJob
+from priorfill.study.job import (
+    FILLED,
+    INCOMPLETE,
+    NO_GAPS,
+    JobLimits,
+    JobOutcome,
+    StudyJob,
+    memory_reason,
+)
+from priorfill.study.own_memory import peak_memory
 from priorfill.study.records import file_hash, files_of_job, write_record
 from priorfill.study.settings import FillSettings
 
@@ -41,13 +51,15 @@ if TYPE_CHECKING:
 __all__ = ["fill_job"]
 
 
-def fill_job(job: StudyJob) -> JobOutcome:
+def fill_job(job: StudyJob, limits: JobLimits) -> JobOutcome:
     """Fill the file of a job, write its outputs and its record, and return the outcome.
 
     Parameters
     ----------
     job : StudyJob
         The job.
+    limits : JobLimits
+        What it may use.
 
     Returns
     -------
@@ -58,9 +70,11 @@ def fill_job(job: StudyJob) -> JobOutcome:
     try:
         return _fill(job, begin)
     except Exception as error:
-        outcome = JobOutcome.of_failure(job, error_line(error), try_again=_may_pass(error))
-        seconds = time.monotonic() - begin
-        outcome = replace(outcome, seconds=seconds, replaced=files_of_job(job))
+        outcome = replace(
+            _failure(job, limits, error),
+            seconds=time.monotonic() - begin,
+            replaced=files_of_job(job),
+        )
         with suppress(OutputError):  # then the job is simply done again
             write_record(job.record, outcome)
         return outcome
@@ -96,6 +110,7 @@ def _fill(job: StudyJob, begin: float) -> JobOutcome:
             job.output,
             _status(done),
             seconds=time.monotonic() - begin,
+            peak_memory=peak_memory(),
             facts=fill_facts(done),
             warnings=_warnings(done),
             report=job.report,
@@ -209,9 +224,24 @@ def _warnings(done: FileResult) -> tuple[str, ...]:
     )
 
 
-def _may_pass(error: BaseException) -> bool:
-    """Return whether an error is due to the environment, so that the same job may succeed later."""
-    causes = [error]
+def _failure(job: StudyJob, limits: JobLimits, error: Exception) -> JobOutcome:
+    """Return the outcome of a job that raised an error."""
+    causes: list[BaseException] = [error]
     while (cause := causes[-1].__cause__) is not None:
         causes.append(cause)
-    return any(isinstance(one, (OSError, MemoryError, ImportError)) for one in causes)
+    if any(map(_is_of_memory, causes)):
+        outcome = JobOutcome.of_failure(
+            job, memory_reason(limits), try_again=True, exceeded="memory"
+        )
+        # what was refused does not count as used
+        return replace(outcome, peak_memory=max(peak_memory(), limits.memory))
+    # those of the environment: the same job may succeed later
+    try_again = any(isinstance(one, (OSError, ImportError)) for one in causes)
+    outcome = JobOutcome.of_failure(job, error_line(error), try_again=try_again)
+    return replace(outcome, peak_memory=peak_memory())
+
+
+def _is_of_memory(error: BaseException) -> bool:
+    return isinstance(error, MemoryError) or (
+        isinstance(error, OSError) and error.errno == errno.ENOMEM
+    )

@@ -6,7 +6,16 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal
 
-__all__ = ["FAILED", "FILLED", "INCOMPLETE", "NO_GAPS", "JobLimits", "JobOutcome", "StudyJob"]
+__all__ = [
+    "FAILED",
+    "FILLED",
+    "INCOMPLETE",
+    "NO_GAPS",
+    "JobLimits",
+    "JobOutcome",
+    "StudyJob",
+    "memory_reason",
+]
 
 Status = Literal["filled", "incomplete", "no gaps", "failed"]
 """Status of a finished job."""
@@ -205,3 +214,17 @@ class JobOutcome:
         known = {one.name for one in fields(cls)}
         given = {name: value for name, value in values.items() if name in known}
         return cls(**given | {"warnings": tuple(given.get("warnings", ()))})
+
+
+def memory_reason(limits: JobLimits) -> str:
+    """Return why a job failed that needs more memory than it may use.
+
+    Parameters
+    ----------
+    limits : JobLimits
+        What it may use.
+    """
+    return (
+        f"needs more than {limits.memory / 2**30:.1f} GB of memory; raise the limit "
+        "(`memory_limit`), with fewer `workers` if the computer has no more"
+    )

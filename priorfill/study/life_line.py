@@ -17,7 +17,10 @@ import sys
 import threading
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any, BinaryIO
+
+import psutil
 
 __all__ = ["ANSWER", "ParentConnection"]
 
@@ -30,7 +33,7 @@ CLEANING = 1.0
 LOOK = 0.5
 """Time between two looks at the parent (s)."""
 
-LATE = 30.0
+LATE = 10.0
 """Time after its limit at which a child ends that nobody has ended (s)."""
 
 PIECE = 1 << 16
@@ -113,8 +116,11 @@ class ParentConnection:
         if self._waits:
             self._requests.put(None)
             return
-        _thread.interrupt_main()  # writers remove their temporary files
+        _interrupt()  # writers remove their temporary files
         time.sleep(CLEANING)
+        with suppress(psutil.Error):
+            for process in psutil.Process().children(recursive=True):
+                process.kill()
         os._exit(1)
 
     def _read(self, pipe: BinaryIO) -> bytes:
@@ -126,6 +132,14 @@ class ParentConnection:
             if ready:
                 return pipe.read(PIECE)
         return b""
+
+
+def _interrupt() -> None:
+    """Interrupt the main thread as Ctrl-C would, also while it waits."""
+    if sys.platform == "win32":
+        _thread.interrupt_main()
+    else:
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
 
 def _read_line(pipe: BinaryIO) -> bytes:
