@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from priorfill.errors import OutputError, PriorfillError
+from priorfill.errors import OutputError, PriorfillError, escaped
 from priorfill.filling.bids_derivative import files_beside
 from priorfill.filling.fill_facts import fill_facts
 from priorfill.filling.fill_file import FileOptions, FileResult, FileToFill, write_filled
@@ -51,15 +51,15 @@ if TYPE_CHECKING:
 __all__ = ["fill_job"]
 
 
-def fill_job(job: StudyJob, limits: JobLimits) -> JobOutcome:
+def fill_job(job: StudyJob, limits: JobLimits | None = None) -> JobOutcome:
     """Fill the file of a job, write its outputs and its record, and return the outcome.
 
     Parameters
     ----------
     job : StudyJob
         The job.
-    limits : JobLimits
-        What it may use.
+    limits : JobLimits, optional
+        What it may use: where memory is refused, the reason is the limit.
 
     Returns
     -------
@@ -169,15 +169,20 @@ class _NewFile:
             folder.mkdir(parents=True)
             yield folder / Path(self.path).name
         except OSError as error:
-            message = str(error) if isinstance(error, PriorfillError) else error_line(error)
+            message = (
+                str(error) if isinstance(error, PriorfillError) else escaped(error_line(error))
+            )
             place = f"{Path(self.path).parent}{os.sep}"
-            raise OutputError(message.replace(f"{folder}{os.sep}", place)) from error
+            raise OutputError(message.replace(escaped(f"{folder}{os.sep}"), place)) from error
         finally:
             remove_folder(folder)
 
     def finish(self, waiting: Path) -> None:
-        """Give the file its name."""
-        if self.digest:
+        """Give the file its name; one that somebody wrote meanwhile is not replaced."""
+        there = file_hash(self.target) if self.target.exists() else ""
+        if there not in (self.digest, ""):
+            raise OutputError(f"{self.path}: was changed while writing; move it away")
+        if there:
             hand_on_permissions(self.target, waiting)
             finish_file(waiting, self.target)
         elif not finish_new_file(waiting, self.target):
@@ -224,19 +229,20 @@ def _warnings(done: FileResult) -> tuple[str, ...]:
     )
 
 
-def _failure(job: StudyJob, limits: JobLimits, error: Exception) -> JobOutcome:
+def _failure(job: StudyJob, limits: JobLimits | None, error: Exception) -> JobOutcome:
     """Return the outcome of a job that raised an error."""
     causes: list[BaseException] = [error]
     while (cause := causes[-1].__cause__) is not None:
         causes.append(cause)
-    if any(map(_is_of_memory, causes)):
+    if limits is not None and any(map(_is_of_memory, causes)):
         outcome = JobOutcome.of_failure(
             job, memory_reason(limits), try_again=True, exceeded="memory"
         )
         # what was refused does not count as used
         return replace(outcome, peak_memory=max(peak_memory(), limits.memory))
     # those of the environment: the same job may succeed later
-    try_again = any(isinstance(one, (OSError, ImportError)) for one in causes)
+    try_again = any(isinstance(one, (OSError, ImportError, MemoryError)) for one in causes)
+    try_again |= not Path(job.source).exists()  # a drive or a share that is gone
     outcome = JobOutcome.of_failure(job, error_line(error), try_again=try_again)
     return replace(outcome, peak_memory=peak_memory())
 
