@@ -43,7 +43,8 @@ def limit_memory(limits: JobLimits) -> None:
 def forget_peak() -> None:
     """Let `peak_memory` begin anew, where the system can: on Linux."""
     with suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5", "ascii")  # resets VmHWM
+        # resets VmHWM
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii", newline="\n")
 
 
 def peak_memory() -> int:
@@ -56,7 +57,7 @@ def peak_memory() -> int:
     """
     status = Path("/proc/self/status")
     if status.exists():  # Linux, where getrusage would count the parent's memory at the start
-        return _peak_of_status(status.read_text("ascii"))
+        return _peak_of_status(status.read_text(encoding="ascii"))
     memory = psutil.Process().memory_info()
     if sys.platform == "win32":
         return int(memory.peak_pagefile)
