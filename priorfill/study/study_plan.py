@@ -96,13 +96,10 @@ def plan_study(
         problems.append(error)
     sources = () if found is None else found.sources
     sizes = {one.name: _size(one.path) for one in sources}
-    tried(lambda: folder.check(_bytes_to_write(sources, sizes, folder)))
+    tried(lambda: _check_folder(sources, sizes, folder, options))
     tried(lambda: _check_names(sources, folder))
     if prior is not None:
         tried(lambda: PriorDatabase.open(prior, state=state).close())
-    if options.index is None:
-        page = folder.summary if options.summary is None else options.summary
-        tried(lambda: check_summary(page, overwrite=options.overwrite))
     notes = [] if found is None else list(found.notes)
     if options.uses_dask:
         tried(lambda: notes.extend(_cluster_notes(options)))
@@ -162,11 +159,17 @@ def _size(path: Path) -> int:
         return 0
 
 
-def _bytes_to_write(
-    sources: Sequence[StudySource], sizes: dict[str, int], folder: StudyFolder
-) -> int:
-    """Return about how many bytes the outputs take that are not there yet."""
-    return sum(sizes[one.name] for one in sources if not folder.output(one.name).exists())
+def _check_folder(
+    sources: Sequence[StudySource],
+    sizes: dict[str, int],
+    folder: StudyFolder,
+    options: StudyOptions,
+) -> None:
+    """Raise an error where filled files, or the summary, cannot be written."""
+    folder.check(sum(sizes[one.name] for one in sources if not folder.output(one.name).exists()))
+    if options.index is None:
+        page = folder.summary if options.summary is None else options.summary
+        check_summary(page, overwrite=options.overwrite)
 
 
 def _check_names(sources: Sequence[StudySource], folder: StudyFolder) -> None:

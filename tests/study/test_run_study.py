@@ -1,0 +1,223 @@
+"""Studies: what is filled, what is not filled twice, and what is never replaced.
+
+The fills themselves are replaced by a function that writes a file, as fast as can be.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from priorfill.database import PriorDatabase
+from priorfill.errors import OptionError, OutputError, StudyError
+from priorfill.filling.gap_filter import GapFilter
+from priorfill.study import local_executor
+from priorfill.study.job import JobLimits, JobOutcome, StudyJob
+from priorfill.study.records import file_hash, write_record
+from priorfill.study.run_study import Study, batch, sum_up_study
+from priorfill.study.study_options import StudyOptions, StudyProgress
+from priorfill.synthetic import synthesise
+
+Fills = list[str]
+
+
+@pytest.fixture
+def fills(here: Path, monkeypatch: pytest.MonkeyPatch) -> Fills:
+    """The names of the jobs that were run, in a folder with three files."""
+    for name in ("P01/a", "P01/b", "P02/a"):
+        write(f"in/{name}.c3d", name)
+    done: Fills = []
+
+    def run(job: StudyJob, limits: JobLimits, stop: Any) -> JobOutcome:
+        done.append(job.name)
+        text = Path(job.source).read_text(encoding="utf-8")
+        if text.startswith("bad"):
+            outcome = JobOutcome.of_failure(job, text, try_again="again" in text)
+            outcome = replace(outcome, exceeded="seconds" if "slow" in text else "", seconds=60.0)
+        else:
+            write(job.output, f"filled {text}")
+            written = {job.output: file_hash(job.output)}
+            outcome = JobOutcome(
+                job.name, job.source, job.output, "filled", written=written, key=job.key
+            )
+        write_record(job.record, outcome)
+        return outcome
+
+    monkeypatch.setattr(local_executor, "run_child", run)
+    return done
+
+
+def write(path: str, text: str) -> None:
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    Path(path).write_text(text, encoding="utf-8", newline="\n")
+
+
+def run(fills: Fills, *, output: str = "out", **arguments: Any) -> tuple[Study, Fills]:
+    """The study, and the jobs that were run for it."""
+    fills.clear()
+    options = {name: arguments.pop(name) for name in list(arguments) if hasattr(StudyOptions, name)}
+    study = batch("in", output, study=StudyOptions(**{"workers": 1} | options), **arguments)
+    return study, sorted(fills)
+
+
+ALL = ["P01/a.c3d", "P01/b.c3d", "P02/a.c3d"]
+
+
+def test_nothing_is_done_twice(fills: Fills) -> None:
+    study, done = run(fills)
+    assert done == ALL
+    assert study.status == "all"
+    assert Path("out/P02/a.c3d").read_text(encoding="utf-8") == "filled P02/a"
+    assert study.summary == Path("out/summary.html").absolute()
+    study, done = run(fills)
+    assert (done, study.done_before, study.status) == ([], 3, "all")
+    shutil.move("out", "elsewhere")
+    shutil.move("in", "sources")
+    shutil.copytree("sources", "in")
+    assert run(fills, output="elsewhere")[1] == []
+
+
+def test_what_decides_the_outcome_is_part_of_the_key(fills: Fills) -> None:
+    run(fills)
+    write("in/P01/b.c3d", "another")
+    assert run(fills)[1] == ["P01/b.c3d"]
+    assert run(fills, gap_filter=GapFilter(max_gap=0.5))[1] == ALL
+    assert run(fills, gap_filter=GapFilter(max_gap=0.5), workers=2, time_limit=7.0)[1] == []
+    with PriorDatabase.create("lab") as database:
+        database.add(synthesise("walking", seconds=2.0, rate=60.0))
+    assert run(fills, database="lab")[1] == ALL
+    assert run(fills, database="lab")[1] == []
+    with PriorDatabase.open("lab", write=True) as database:
+        database.add(synthesise("walking", seconds=2.0, rate=60.0, seed=9))
+    assert run(fills, database="lab")[1] == ALL
+
+
+def test_files_that_are_gone_are_written_again(fills: Fills) -> None:
+    run(fills)
+    Path("out/P01/a.c3d").unlink()
+    Path("out/.priorfill/records/P01/b.c3d.json").write_bytes(b"{")
+    Path("out/P01/b.c3d").unlink()
+    assert run(fills)[1] == ["P01/a.c3d", "P01/b.c3d"]
+
+
+def test_a_file_changed_by_hand_stays(fills: Fills) -> None:
+    run(fills)
+    write("out/P01/a.c3d", "by hand")
+    study, done = run(fills)
+    assert done == []
+    assert study.status == "all"
+    assert study.outcomes[0].warnings[0].startswith("a.c3d was changed after the fill")
+    write("in/P01/a.c3d", "another")
+    study, done = run(fills)
+    assert done == []
+    assert study.status == "some"
+    assert (
+        "was changed after the fill; move it away, or use `overwrite`" in study.outcomes[0].reason
+    )
+    assert Path("out/P01/a.c3d").read_text(encoding="utf-8") == "by hand"
+    study, done = run(fills, overwrite=True)
+    assert done == ["P01/a.c3d"]
+    assert run(fills)[1] == []
+
+
+def test_a_file_of_somebody_else_stays(fills: Fills) -> None:
+    write("out/P02/a.c3d", "not ours")
+    study, done = run(fills)
+    assert done == ["P01/a.c3d", "P01/b.c3d"]
+    assert "exists already, and is not of this study" in study.outcomes[2].reason
+    assert Path("out/P02/a.c3d").read_text(encoding="utf-8") == "not ours"
+    assert run(fills, overwrite=True)[1] == ["P02/a.c3d"]
+
+
+@pytest.mark.parametrize(
+    ("text", "retried"),
+    [
+        ("bad file", {"retry": True}),
+        ("bad file, slow", {"time_limit": 61.0}),
+        ("bad file, again", {}),
+    ],
+)
+def test_failures_are_kept(fills: Fills, text: str, retried: dict[str, Any]) -> None:
+    write("in/P01/b.c3d", text)
+    study, _ = run(fills, time_limit=60.0)
+    assert (study.status, study.outcomes[1].reason) == ("some", text)
+    if retried:
+        study, done = run(fills, time_limit=60.0)
+        assert (done, study.status, study.done_before) == ([], "some", 2)
+    assert run(fills, **{"time_limit": 60.0} | retried)[1] == ["P01/b.c3d"]
+
+
+def test_an_interrupted_study_is_summed_up_and_continued(fills: Fills) -> None:
+    def interrupt(at: StudyProgress) -> None:
+        if at.done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt, match="interrupted with 2 of 3 files done"):
+        run(fills, progress=interrupt)
+    summary = json.loads(Path("out/summary.json").read_text(encoding="utf-8"))
+    assert len(summary["trials"]) == 2
+    assert len(run(fills)[1]) == 1
+
+
+def test_tasks_of_an_array_do_all_of_it(fills: Fills) -> None:
+    assert run(fills, index=1, of=2)[1] == ["P01/a.c3d", "P02/a.c3d"]
+    study, done = run(fills, index=2, of=2)
+    assert done == ["P01/b.c3d"]
+    assert study.summary is None
+    study, done = run(fills)
+    assert (done, len(study.outcomes), study.summary is None) == ([], 3, False)
+
+
+def test_a_check_writes_nothing(fills: Fills) -> None:
+    study, done = run(fills, check_only=True)
+    assert (done, study.left, study.outcomes) == ([], tuple(ALL), ())
+    assert not Path("out").exists()
+
+
+def test_the_summary_is_written_again(fills: Fills) -> None:
+    run(fills)
+    Path("out/summary.html").unlink()
+    study = sum_up_study("out", StudyOptions(summary="other.html"))
+    assert [one.name for one in study.outcomes] == ALL
+    assert Path("other.html").exists()
+    with pytest.raises(OutputError, match="holds no filled files of a study"):
+        sum_up_study("in", StudyOptions())
+
+
+def test_all_problems_are_named_before_the_first_fill(fills: Fills) -> None:
+    write("file", "")
+    with pytest.raises(StudyError, match="and 2 more problems") as caught:
+        batch(["in", "nowhere"], "file", database="nothing", study=StudyOptions())
+    assert [str(problem).partition(": ")[2].partition(";")[0] for problem in caught.value.problems]
+    assert fills == []
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"workers": 0},
+        {"time_limit": 0.0},
+        {"memory_limit": 0},
+        {"index": 1},
+        {"index": 3, "of": 2},
+        {"index": 1, "of": 2, "grow": True},
+        {"cluster": "local", "scheduler": "tcp://127.0.0.1:8786"},
+    ],
+)
+def test_wrong_options_are_refused(options: dict[str, Any]) -> None:
+    with pytest.raises(OptionError):
+        StudyOptions(**options)
+
+
+def test_two_sources_cannot_have_one_output(fills: Fills, monkeypatch: pytest.MonkeyPatch) -> None:
+    write("in/P01/A.c3d", "capital")
+    if len(list(Path("in/P01").iterdir())) == 2:
+        pytest.skip("the file system does not tell upper from lower case")
+    monkeypatch.setattr("priorfill.study.study_plan.is_same_file", lambda path, other: True)
+    with pytest.raises(StudyError, match="would have one output"):
+        run(fills)
