@@ -17,7 +17,7 @@ from priorfill.database import PriorDatabase
 from priorfill.errors import OptionError, OutputError, StudyError
 from priorfill.filling.gap_filter import GapFilter
 from priorfill.study import local_executor
-from priorfill.study.job import JobLimits, JobOutcome, StudyJob
+from priorfill.study.job import JobOutcome, StudyJob
 from priorfill.study.records import file_hash, write_record
 from priorfill.study.run_study import Study, batch, sum_up_study
 from priorfill.study.study_options import StudyOptions, StudyProgress
@@ -33,7 +33,7 @@ def fills(here: Path, monkeypatch: pytest.MonkeyPatch) -> Fills:
         write(f"in/{name}.c3d", name)
     done: Fills = []
 
-    def run(job: StudyJob, limits: JobLimits, stop: Any) -> JobOutcome:
+    def run(job: StudyJob, **_: Any) -> JobOutcome:
         done.append(job.name)
         text = Path(job.source).read_text(encoding="utf-8")
         if text.startswith("bad"):
