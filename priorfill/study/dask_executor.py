@@ -23,14 +23,13 @@ from urllib.parse import urlsplit
 
 import priorfill
 from priorfill.errors import OptionError, PriorfillError, escaped
-from priorfill.study.child_process import run_child
 from priorfill.study.job import JobLimits, JobOutcome, StudyJob
 
 try:
     from distributed import Client, KilledWorker, LocalCluster, Security, WorkerPlugin
     from distributed.utils import silence_logging_cmgr
 
-    from priorfill.study.dask_task import RunJob, check_worker, run_task
+    from priorfill.study.dask_task import RunJob, check_worker, run_task, run_with_kept_child
 except ImportError as missing:
     raise PriorfillError(
         f'a cluster needs {missing.name}, which is not installed: pip install "priorfill[cluster]"'
@@ -148,11 +147,11 @@ class DaskExecutor:
     workers : int
         Number of workers to start on this computer.
     run : callable
-        Starts the child of a job and waits for it.
+        Fills the file of a job in a child process.
 
     See Also
     --------
-    priorfill.study.child_process.run_child : What a worker does with a job.
+    priorfill.study.dask_task.run_with_kept_child : What a worker does with a job.
     """
 
     def __init__(
@@ -162,7 +161,7 @@ class DaskExecutor:
         *,
         scheduler: str | None = None,
         workers: int = 1,
-        run: RunJob = run_child,
+        run: RunJob = run_with_kept_child,
     ) -> None:
         self._limits, self._run = limits, run
         self._folder, self._scheduler, self._workers = str(folder), scheduler, workers

@@ -15,13 +15,18 @@ from distributed import Reschedule, Worker, get_worker
 
 import priorfill
 from priorfill.runtime.threads import VARIABLE, thread_count
+from priorfill.study.child_pool import ChildPool
+from priorfill.study.child_process import run_child
 from priorfill.study.job import JobLimits, JobOutcome, StudyJob
 from priorfill.study.records import file_states, is_settled, record_of_job
 
-__all__ = ["RunJob", "check_worker", "run_task"]
+__all__ = ["RunJob", "check_worker", "run_task", "run_with_kept_child"]
 
-RunJob = Callable[[StudyJob, JobLimits, "threading.Event | None"], JobOutcome]
-"""Fills the file of a job in a child process."""
+RunJob = Callable[[StudyJob, JobLimits, threading.Event], JobOutcome]
+"""Fills the file of a job in a child process, until the event is set."""
+
+KEEP_SECONDS = 30.0
+"""How long a worker keeps children that have no job: the worker may outlive the study."""
 
 POLL_SECONDS = 0.5
 """Time between two looks whether the scheduler still waits for the job."""
@@ -123,6 +128,57 @@ def _limits(worker: Worker, given: JobLimits) -> JobLimits:
     threads = thread_count() if os.environ.get(VARIABLE) else 1
     memory = given.memory or worker.memory_manager.memory_limit or psutil.virtual_memory().total
     return replace(given, threads=threads, memory=int(memory))
+
+
+class _KeptChildren:
+    """Children of this worker that wait for another job, and are ended after a while without."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._pool = ChildPool()
+        self._jobs = 0
+        self._timer: threading.Timer | None = None
+
+    @contextmanager
+    def for_job(self) -> Iterator[ChildPool]:
+        """Yield the children for the time of a job."""
+        with self._lock:
+            self._jobs += 1
+            if self._timer is not None:
+                self._timer.cancel()
+        try:
+            yield self._pool
+        finally:
+            with self._lock:
+                self._jobs -= 1
+                if not self._jobs:
+                    self._timer = threading.Timer(KEEP_SECONDS, self._end)
+                    self._timer.daemon = True
+                    self._timer.start()
+
+    def _end(self) -> None:
+        with self._lock:
+            if not self._jobs:
+                self._pool.close()
+
+
+_CHILDREN = _KeptChildren()
+
+
+def run_with_kept_child(job: StudyJob, limits: JobLimits, stop: threading.Event) -> JobOutcome:
+    """Fill the file of a job in a child process of this worker, which may have filled others.
+
+    Parameters
+    ----------
+    job : StudyJob
+        The job.
+    limits : JobLimits
+        What it may use.
+    stop : threading.Event
+        Ends the child when it is set.
+    """
+    with _CHILDREN.for_job() as children:
+        return run_child(job, limits, stop, children=children)
 
 
 @contextmanager
