@@ -26,7 +26,17 @@ __all__ = ["batch", "shared_fill_options"]
 _OF_FILL = (
     *("database", "method", "values", "markers", "frames", "max_gap", "extrapolate", "max_error"),
     *("skip_edges", "reject_artefacts", "not_names", "not_subjects", "subjects", "trust_filled"),
-    *("rewrite", "overwrite", "up", "rate", "unit", "subject", "marker_set", "keep_zeros"),
+    *(
+        "rewrite",
+        "program",
+        "overwrite",
+        "up",
+        "rate",
+        "unit",
+        "subject",
+        "marker_set",
+        "keep_zeros",
+    ),
     "ignore_residuals",
 )
 """Parameters of ``fill`` that apply to many files."""

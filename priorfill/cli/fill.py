@@ -197,6 +197,13 @@ def _one_file(context: click.Context, parameter: click.Parameter, files: tuple[P
     is_flag=True,
     help="Write a C3D file anew, with float coordinates, instead of a copy; list what changes.",
 )
+@click.option(
+    "--for",
+    "program",
+    type=click.Choice(["opensim"], case_sensitive=False),
+    help="Write a .trc file as this program takes it: +Y up, no blank cells, names without blanks; "
+    "and a table of what was estimated.",
+)
 @click.option("--overwrite", is_flag=True, help="Replace existing files.")
 @click.option(
     "--threads",

@@ -106,6 +106,7 @@ def print_fill_notes(done: FileResult) -> None:
     for note in (
         *(source.notes if source is not None else ()),
         *result.notes,
+        *done.report.notes,
         *(f"rewritten: {change}" for change in done.report.changes),
     ):
         print_line(f"note: {note}", err=True)

@@ -27,7 +27,7 @@ __all__ = ["nexus", "qtm"]
 
 _FILES_ONLY = frozenset(
     {
-        *("file", "output", "add_to_database", "rewrite", "as_json"),
+        *("file", "output", "add_to_database", "rewrite", "program", "as_json"),
         *("rate", "unit", "subject", "keep_zeros", "ignore_residuals"),
     }
 )

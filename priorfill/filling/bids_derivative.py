@@ -42,7 +42,7 @@ from priorfill.formats.bids.tracked_points import find_tracked_points
 from priorfill.gp.calibration import MEAN_FACTOR
 from priorfill.runtime.atomic_file import check_target, replace_file
 
-__all__ = ["check_derivative", "derivative_files", "derivative_output", "files_beside"]
+__all__ = ["check_derivative", "derivative_beside", "derivative_files", "derivative_output"]
 
 _BIDS_VERSION = "1.10.0"
 
@@ -166,11 +166,11 @@ def check_derivative(output: Path, source: Path, *, overwrite: bool) -> None:
                 f"{output}: {root} is a dataset of the type {kind}, in which BIDS permits no "
                 f"filled recordings; write to {root / 'derivatives' / 'priorfill'}"
             )
-    for path in files_beside(output, source):
+    for path in derivative_beside(output, source):
         check_target(path, overwrite=overwrite, source=source)
 
 
-def files_beside(output: Path, source: Path) -> tuple[Path, ...]:
+def derivative_beside(output: Path, source: Path) -> tuple[Path, ...]:
     """Return the files that are written next to an output; none but for a derivative.
 
     Parameters
@@ -225,7 +225,7 @@ def derivative_files(
     with ExitStack() as stack:
         for path, content in contents.items():
             stack.enter_context(replace_file(path, overwrite=overwrite)).write_bytes(content)
-        yield files_beside(output, source.path)
+        yield derivative_beside(output, source.path)
     _describe_dataset(place, source.path if side is not None else None)
 
 

@@ -16,11 +16,8 @@ from priorfill.artefacts import Artefact, find_artefacts
 from priorfill.clip import Clip
 from priorfill.errors import ClipError, DatabaseError, OptionError, PriorfillError
 from priorfill.filling.add_result import AddedClip, add_subject, can_create_database
-from priorfill.filling.bids_derivative import (
-    check_derivative,
-    derivative_files,
-    derivative_output,
-)
+from priorfill.filling.bids_derivative import derivative_output
+from priorfill.filling.files_beside import check_beside, write_beside
 from priorfill.filling.fill_clip import fill
 from priorfill.filling.fill_options import FillKeywords, FillOptions
 from priorfill.filling.further_outputs import check_further_outputs, further_outputs
@@ -62,6 +59,9 @@ class FileOptions:
         Number of gaps of the plot, the worst first; in a folder of each marker.
     rewrite : bool
         Write a C3D file anew, with float coordinates, instead of a copy with filled samples.
+    program : str or None
+        The program that the output is for: "opensim" makes a new .trc file with +Y up and without
+        blank cells, and next to it a table of what was estimated.
     overwrite : bool
         Replace existing files.
     add_to_database : bool
@@ -89,6 +89,7 @@ class FileOptions:
     report: Path | str | None = None
     write_overrides: Path | str | None = None
     rewrite: bool = False
+    program: str | None = None
     overwrite: bool = False
     add_to_database: bool = False
 
@@ -127,7 +128,7 @@ class FileResult:
         The files that were written in addition, by the option of `FileOptions` that named them.
     beside : tuple of Path
         Files that belong to the output: the mask, errors and side files of a recording of
-        Motion-BIDS.
+        Motion-BIDS; the table of what was estimated in a file for OpenSim.
 
     See Also
     --------
@@ -340,9 +341,15 @@ def _check(
         overrides = read_overrides(overrides)
     if output is not None:
         formats.check_output(
-            output, source=source, overwrite=files.overwrite, rewrite=files.rewrite
+            output,
+            source=source,
+            overwrite=files.overwrite,
+            rewrite=files.rewrite,
+            program=files.program,
         )
-        check_derivative(output, source, overwrite=files.overwrite)
+        check_beside(output, source, files.program, overwrite=files.overwrite)
+    elif files.program is not None:
+        raise OptionError("`program` is for a file to write; name it (`output`)")
     check_further_outputs(source, output, files)
     if files.add_to_database:
         if database is None:
@@ -435,12 +442,23 @@ def write_filled(
     OutputError
         Where a file cannot be written.
     """
-    derivative = derivative_files(output, result, place=work.output, overwrite=files.overwrite)
-    with further_outputs(result, work.clips, files) as further, derivative as beside:
+    belonging = write_beside(
+        output,
+        result,
+        place=work.output,
+        program=files.program,
+        overwrite=files.overwrite,
+    )
+    with further_outputs(result, work.clips, files) as further, belonging as beside:
         report = WriteReport(0, 0.0)
         if output is not None:
             report = formats.write(
-                output, result.clip, result.filled, overwrite=files.overwrite, rewrite=files.rewrite
+                output,
+                result.clip,
+                result.filled,
+                overwrite=files.overwrite,
+                rewrite=files.rewrite,
+                program=files.program,
             )
     return FileResult(
         work.source,

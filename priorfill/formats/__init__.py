@@ -51,6 +51,7 @@ from priorfill.formats.file_bytes import (
 from priorfill.formats.recording import ReadOptions, Recording, clip_from_file
 from priorfill.formats.tables.motive_csv import parse_motive, recognise_motive
 from priorfill.formats.tables.nexus_csv import parse_nexus, recognise_nexus
+from priorfill.formats.tables.opensim_trc import create_opensim_trc
 from priorfill.formats.tables.qualisys_tsv import parse_qualisys, recognise_qualisys
 from priorfill.formats.tables.text_table import TableRecording, write_table
 from priorfill.formats.tables.trc import create_trc, parse_trc, recognise_trc
@@ -60,8 +61,10 @@ from priorfill.runtime.npz_file import create_npz
 
 __all__ = [
     "FORMATS",
+    "PROGRAMS",
     "SUFFIXES",
     "FileFormat",
+    "ProgramFile",
     "WriteReport",
     "check_output",
     "create_c3d",
@@ -217,6 +220,29 @@ FORMATS = {
 }
 """All formats by name."""
 
+
+@dataclass(frozen=True)
+class ProgramFile:
+    """A new file as a program takes it.
+
+    Attributes
+    ----------
+    title : str
+        Name of the program in messages.
+    suffix : str
+        Suffix of the file.
+    create : callable
+        Writes a clip as such a file.
+    """
+
+    title: str
+    suffix: str
+    create: Callable[..., WriteReport]
+
+
+PROGRAMS = {"opensim": ProgramFile("OpenSim", ".trc", create_opensim_trc)}
+"""Programs that files are made for, by name."""
+
 SUFFIXES = tuple(dict.fromkeys(s for one in FORMATS.values() for s in one.suffixes))
 """Suffixes of all formats in lower case."""
 
@@ -362,6 +388,7 @@ def write(
     *,
     overwrite: bool = False,
     rewrite: bool = False,
+    program: str | None = None,
 ) -> WriteReport:
     """Write a clip.
 
@@ -381,6 +408,9 @@ def write(
     rewrite : bool
         Instead of a copy, write the contents of a C3D source through ezc3d with float coordinates.
         The report lists the differences.
+    program : str or None
+        The program that the file is for, one of `PROGRAMS`: always a new file, as that program
+        takes it.
 
     Returns
     -------
@@ -416,6 +446,10 @@ def write(
     """
     path = Path(str(path))  # as in `check_target`
     source = clip.source
+    if program is not None:
+        _check_program(path, program)
+        check_target(path, overwrite=overwrite, source=None if source is None else source.path)
+        return PROGRAMS[program].create(path, clip, filled, overwrite=overwrite)
     form = output_format(path, source.format if source is not None else None)
     copy, create = FORMATS[form].copy, FORMATS[form].create
     if rewrite:
@@ -464,7 +498,12 @@ def samples_out_of_range(
 
 
 def check_output(
-    path: Path | str, *, source: Path, overwrite: bool = False, rewrite: bool = False
+    path: Path | str,
+    *,
+    source: Path,
+    overwrite: bool = False,
+    rewrite: bool = False,
+    program: str | None = None,
 ) -> None:
     """Check before a computation whether its result can be written.
 
@@ -478,6 +517,8 @@ def check_output(
         Whether an existing file may be replaced.
     rewrite : bool
         Whether the source is to be rewritten.
+    program : str or None
+        The program that the file is for.
 
     Raises
     ------
@@ -489,10 +530,23 @@ def check_output(
     """
     source_format = format_of(source) if source.is_file() else None
     form = output_format(Path(path), source_format)
+    if program is not None:
+        _check_program(Path(path), program)
     if rewrite and source_format is not None:
         _check_rewriting(Path(path), form, source_format)
     check_target(path, overwrite=overwrite, source=source)
     check_writable(path, source.stat().st_size if source.is_file() else 0)
+
+
+def _check_program(path: Path, program: str) -> None:
+    """Raise OptionError if a program is unknown, or does not take files with a suffix."""
+    if program not in PROGRAMS:
+        raise OptionError(f"`program` {program!r} is unknown; use one of {', '.join(PROGRAMS)}")
+    suffix = PROGRAMS[program].suffix
+    if path.suffix.lower() != suffix:
+        raise OptionError(
+            f"{path}: a file for {PROGRAMS[program].title} has the suffix {suffix}; name it so"
+        )
 
 
 def _check_rewriting(path: Path, form: str, source: str | None) -> None:

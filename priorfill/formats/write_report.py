@@ -25,6 +25,8 @@ class WriteReport:
         Largest change of a coordinate (mm) due to rounding to the file's number format.
     changes : tuple of str
         Differences between the file and its source other than the filled samples.
+    notes : tuple of str
+        What a user should know of the file, one sentence each.
 
     See Also
     --------
@@ -34,6 +36,7 @@ class WriteReport:
     samples: int
     rounding_mm: float
     changes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def check_filled(clip: Clip, filled: NDArray[np.bool_] | None) -> NDArray[np.bool_]:

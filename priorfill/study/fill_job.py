@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from priorfill.errors import OutputError, PriorfillError, escaped
-from priorfill.filling.bids_derivative import files_beside
+from priorfill.filling.files_beside import files_beside
 from priorfill.filling.fill_facts import fill_facts
 from priorfill.filling.fill_file import FileOptions, FileResult, FileToFill, write_filled
 from priorfill.report.gap_warnings import gap_warnings
@@ -83,9 +83,10 @@ def fill_job(job: StudyJob, limits: JobLimits | None = None) -> JobOutcome:
 def _fill(job: StudyJob, begin: float) -> JobOutcome:
     """Fill the file of a job; what fails is raised."""
     ours = files_of_job(job)
-    beside = [str(path) for path in files_beside(Path(job.output), Path(job.source))]
-    new = [_NewFile.check(path, job, ours) for path in (*beside, *_paths(job))]
     settings = FillSettings.from_json(job.settings)
+    program = settings.files.program
+    beside = [str(path) for path in files_beside(Path(job.output), Path(job.source), program)]
+    new = [_NewFile.check(path, job, ours) for path in (*beside, *_paths(job))]
     files = replace(settings.files, report=job.report, uncertainty=job.uncertainty, overwrite=True)
     work = FileToFill.read(
         Path(job.source),
@@ -208,7 +209,7 @@ def _write_waiting(
         output=Path(job.output),
         uncertainty=None if job.uncertainty is None else Path(job.uncertainty),
         further={} if job.report is None else {"report": (Path(job.report),)},
-        beside=files_beside(Path(job.output), Path(job.source)),
+        beside=files_beside(Path(job.output), Path(job.source), files.program),
     )
 
 

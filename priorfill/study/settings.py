@@ -19,7 +19,9 @@ from priorfill.methods.options import differing
 
 __all__ = ["FillSettings"]
 
-_OF_FILES = (*("subject", "up", "rate", "unit", "zeros_missing", "ignore_residuals", "rewrite"),)
+_OF_FILES = (
+    *("subject", "up", "rate", "unit", "zeros_missing", "ignore_residuals", "rewrite", "program"),
+)
 """Fields of `FileOptions` that apply to many files."""
 
 _OF_ONE_FILE = {

@@ -60,6 +60,8 @@ class StudyFolder:
     ----------
     path : Path
         The folder, absolute.
+    suffix : str
+        Suffix of the filled files; by default that of the sources.
 
     Examples
     --------
@@ -68,11 +70,12 @@ class StudyFolder:
     """
 
     path: Path
+    suffix: str = ""
 
     @classmethod
-    def at(cls, path: Path | str) -> StudyFolder:
+    def at(cls, path: Path | str, suffix: str = "") -> StudyFolder:
         """Return the folder at a path, which may be relative."""
-        return cls(Path(os.path.abspath(path)))  # noqa: PTH100, does not resolve links
+        return cls(Path(os.path.abspath(path)), suffix)  # noqa: PTH100, does not resolve links
 
     @property
     def state(self) -> Path:
@@ -92,6 +95,8 @@ class StudyFolder:
     def output(self, name: str) -> Path:
         """Return the filled file of a job; of a recording of BIDS it is named as a derivative."""
         place = self.path / name
+        if self.suffix:
+            return place.with_suffix(self.suffix)
         return place.with_name(filled_name(place.name))
 
     def record(self, name: str) -> Path:

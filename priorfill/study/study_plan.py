@@ -10,6 +10,7 @@ from pathlib import Path
 
 from priorfill.database import PriorDatabase
 from priorfill.errors import OptionError, PriorfillError, StudyError
+from priorfill.formats import PROGRAMS
 from priorfill.runtime.atomic_file import is_same_file
 from priorfill.study.find_sources import StudySource, find_sources
 from priorfill.study.job import StudyJob
@@ -76,7 +77,8 @@ def plan_study(
     StudyError
         With all problems.
     """
-    folder = StudyFolder.at(output)
+    program = settings.files.program
+    folder = StudyFolder.at(output, "" if program is None else PROGRAMS[program].suffix)
     # links are not resolved
     prior = None if database is None else Path(os.path.abspath(database))  # noqa: PTH100
     state = settings.options.database_state
@@ -176,13 +178,13 @@ def _check_names(sources: Sequence[StudySource], folder: StudyFolder) -> None:
     """Raise OptionError where two sources have one output, or an output is a source."""
     alike: dict[str, list[StudySource]] = defaultdict(list)
     for one in sources:
-        alike[one.name.casefold()].append(one)
+        alike[str(folder.output(one.name)).casefold()].append(one)
     for same in alike.values():
         for other in same[1:]:
             if is_same_file(folder.output(same[0].name), folder.output(other.name)):
                 raise OptionError(
-                    f"{same[0].path} and {other.path} would have one output, as "
-                    f"{folder.path} does not tell upper from lower case; rename one of them"
+                    f"{same[0].path} and {other.path} would have one output, "
+                    f"{folder.output(other.name)}; rename one of them"
                 )
     paths = {os.path.realpath(one.path) for one in sources}
     for one in sources:

@@ -49,7 +49,7 @@ WRONG = (
     ((*_FILL, "--uncertainty", "out.doc"), "with suffix '.doc'; use .npz or .csv"),
     ((*_FILL, "--uncertainty", "out"), "without a suffix; use"),
     ((*_FILL, "--uncertainty", "out.c3d"), "uncertainty cannot be written"),
-    (("fill", "walk.c3d", "-o", "out.tsv"), "only as a copy of a .tsv file"),
+    (("fill", "walk.c3d", "-o", "out.tsv"), "a new .tsv file is of Motion-BIDS"),
     (("fill", "walk.c3d", "-o", "out.doc"), "out.doc"),
     (("fill", "walk.c3d", "-o", "out.trc", "--rewrite"), "leave --rewrite out"),
     (("inspect",), "Missing argument"),

@@ -116,7 +116,8 @@ def new_motion_fault(path: Path) -> str:
         return ""
     return (
         "a new .tsv file is of Motion-BIDS, with a name such as "
-        "sub-01_task-walk_tracksys-omc_desc-filled_motion.tsv"
+        "sub-01_task-walk_tracksys-omc_desc-filled_motion.tsv; name it so, or write another "
+        "format (.c3d .trc .npz .mat)"
     )
 
 

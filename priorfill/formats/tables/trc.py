@@ -43,7 +43,7 @@ from priorfill.formats.tables.text_table import TableRecording, read_table
 from priorfill.formats.write_report import WriteReport, check_filled
 from priorfill.runtime.atomic_file import replace_file
 
-__all__ = ["create_trc", "parse_trc", "recognise_trc"]
+__all__ = ["create_trc", "parse_trc", "recognise_trc", "write_new_trc"]
 
 _MAX_HEADER_LINES = 30
 """Lines in which the header is searched."""
@@ -143,6 +143,31 @@ def create_trc(
     OutputError
         If the file exists already or cannot be written, or a filled sample has no position.
     """
+    return write_new_trc(path, clip, filled, overwrite=overwrite)
+
+
+def write_new_trc(
+    path: Path | str,
+    clip: Clip,
+    filled: NDArray[np.bool_] | None,
+    *,
+    missing: str = "",
+    overwrite: bool,
+) -> WriteReport:
+    """Write a clip as a new TRC file, with a given mark of missing samples.
+
+    Parameters
+    ----------
+    path, clip, filled, overwrite
+        As for `create_trc`.
+    missing : str
+        Contents of the cells of missing samples.
+
+    Raises
+    ------
+    OutputError
+        As in `create_trc`.
+    """
     written = check_filled(clip, filled)
     for label in clip.labels:
         if not label or set(label) & set("\t\r\n"):
@@ -165,7 +190,8 @@ def create_trc(
     positions[at_origin] = (0, 0, _STEP)  # (0, 0, 0) would read as missing
     body = [
         f"{clip.first_frame + frame}\t{frame / clip.rate:.{_DECIMALS}f}\t"
-        + "\t".join("" if value != value else f"{value:.{_DECIMALS}f}" for value in row)
+        + "\t".join(missing if value != value else f"{value:.{_DECIMALS}f}" for value in row)
+        + "\t"  # OpenSim takes no row that ends with a blank cell
         for frame, row in enumerate(positions.reshape(frames, -1).tolist())
     ]
     with replace_file(path, overwrite=overwrite) as temporary:
