@@ -110,7 +110,7 @@ def shared_fill_options() -> list[click.Parameter]:
     "--flag-gap",
     metavar="SECONDS",
     type=click.FloatRange(min=0.0),
-    help="The summary lists files with longer gaps; 1 by default.",
+    help="The summary lists files with longer gaps; by default, a length alone is no reason.",
 )
 @click.option(
     "--time-limit",

@@ -92,8 +92,8 @@ class StudyOptions:
         Replace files in the output folder that are not of this study, or were changed since.
     flag_error : float
         mm. The summary lists files with a greater expected mean error in a gap.
-    flag_gap : float
-        s. The summary lists files with longer gaps.
+    flag_gap : float, optional
+        s. The summary lists files with longer gaps; by default, a length alone is no reason.
     check_only : bool
         Check everything and find what is to be done, but fill nothing.
     progress : callable, optional
@@ -128,7 +128,7 @@ class StudyOptions:
     retry: bool = False
     overwrite: bool = False
     flag_error: float = 10.0
-    flag_gap: float = 1.0
+    flag_gap: float | None = None
     check_only: bool = False
     progress: Callable[[StudyProgress], None] | None = field(
         default=None, repr=False, compare=False

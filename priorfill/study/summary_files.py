@@ -151,7 +151,8 @@ def write_summary(
         except OutputError as error:
             problems.append(str(error))
     if problems:
-        raise OutputError("; ".join(problems))
+        rest = "" if len(problems) == len(files.all) else "; the rest of the summary is written"
+        raise OutputError("; ".join(problems) + rest)
     return summary, files
 
 

@@ -17,7 +17,7 @@ same movement."""
 class SummaryLimits:
     """From which values on a trial is to be looked at, or to be recorded again.
 
-    The figures are those of gaps cut into recordings, which docs/study_summary.md describes.
+    The figures of ``scripts/studies/summary_rule_study.py`` are in docs/study_summary.md.
 
     Attributes
     ----------
@@ -25,8 +25,8 @@ class SummaryLimits:
         Expected mean error of a gap (mm). Fills below 10 mm count as right
         (`priorfill.report.warning_options`).
     gap : float, optional
-        Length of a gap (s). By default, a length alone is no reason to look: gaps longer than a
-        second with an expected error below 10 mm are as seldom wrong as short ones.
+        Length of a gap (s). By default, a length alone is no reason to look: long gaps with a
+        small expected error are seldom wrong.
 
     Examples
     --------

@@ -5,10 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from typing import Literal
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING, Literal
 
 from priorfill.study.summary_limits import SummaryLimits
 from priorfill.study.summary_trial import LeftSamples, TrialFigures, TrialGap
+
+if TYPE_CHECKING:
+    from priorfill.study.job import JobOutcome
 
 __all__ = ["GROUPS", "Attention", "attention", "rule_text"]
 
@@ -82,9 +86,7 @@ def attention(
         Markers that do not count.
     """
     if trial.failed:
-        outcome = trial.outcome
-        reason = outcome.reason.replace(outcome.source, outcome.name)  # without the long path
-        return Attention("failed", (reason or "No reason is known.",))
+        return Attention("failed", (_failure(trial.outcome),))
     gaps = [gap for gap in trial.gaps if gap.marker not in absent]
     lost = [gap for gap in gaps if _is_lost(gap, limits)]
     reasons = [f"{gap.marker}: {_lost_text(gap)}" for gap in lost]
@@ -93,6 +95,14 @@ def attention(
         reasons[MAX_REASONS - 1 :] = [f"and {len(reasons) - MAX_REASONS + 1} more reasons"]
     group: Group = "record again" if lost else "look at" if reasons else "good"
     return Attention(group, tuple(reasons))
+
+
+def _failure(outcome: JobOutcome) -> str:
+    """Return why a job failed, without the name of its file, which is next to it."""
+    reason = outcome.reason
+    for name in (outcome.source, outcome.name, PurePosixPath(outcome.name).name):
+        reason = reason.removeprefix(f"{name}: ")
+    return reason or "no reason is known"
 
 
 def _is_lost(gap: TrialGap, limits: SummaryLimits) -> bool:

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
+from pathlib import Path
 
 from priorfill.study.job import FAILED, FILLED, INCOMPLETE, NO_GAPS, JobOutcome
 from priorfill.study.summary_limits import SummaryLimits
@@ -31,7 +32,7 @@ class StudyContents:
     seconds : float
         Wall time of the study (s); NaN where unknown.
     facts : tuple of (str, str)
-        Names and values, such as the database and the method.
+        Names and values, in addition to the database and the methods.
     """
 
     name: str = "study"
@@ -132,6 +133,17 @@ class StudySummary:
         """Number of trials by status."""
         counts = Counter(one.figures.outcome.status for one in self.trials)
         return {status: counts[status] for status in (FILLED, INCOMPLETE, NO_GAPS, FAILED)}
+
+    @property
+    def facts(self) -> tuple[tuple[str, str], ...]:
+        """Names and values of what the trials were filled with."""
+        figures = [one.figures for one in self.trials]
+        parts = [
+            ("Database", [Path(one.database).name for one in figures if one.database]),
+            ("Method", [one.method for one in figures if one.method]),
+        ]
+        found = [(name, ", ".join(dict.fromkeys(values))) for name, values in parts if values]
+        return (*found, *self.contents.facts)
 
     @property
     def sentence(self) -> str:

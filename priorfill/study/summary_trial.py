@@ -126,8 +126,8 @@ class TrialFigures:
         Number of frames times markers; 0 where unknown.
     rate : float
         Frame rate (Hz); NaN where unknown.
-    method, marker_set : str
-        Their names; empty where unknown.
+    method, marker_set, database : str
+        Their names, and the path of the database; empty where unknown or none.
     notes : tuple of str
         What the fill notes.
     gaps : tuple of TrialGap
@@ -150,6 +150,7 @@ class TrialFigures:
     rate: float
     method: str
     marker_set: str
+    database: str
     notes: tuple[str, ...]
     gaps: tuple[TrialGap, ...]
     markers: tuple[TrialMarker, ...]
@@ -245,6 +246,7 @@ def trial_figures(outcome: JobOutcome) -> TrialFigures:
         rate=_number(facts.get("rate")),
         method=str(facts.get("method") or ""),
         marker_set=str(facts.get("marker_set") or ""),
+        database=str(facts.get("database") or ""),
         notes=tuple(str(note) for note in facts.get("notes") or ()),
         gaps=tuple(gaps),
         markers=tuple(_markers(gaps, frames, facts.get("gaps") or ())),

@@ -2,6 +2,7 @@
 """Size, loading time and drawing speed of report pages in the system's Chromium.
 
     python scripts/bench/page.py [--pages 41x3000,300x10000] [--markers 41,300,1200]
+        [--trials 1000,10000]
 
 Makes pages of synthetic people on treadmills next to each other, with gaps filled linearly, and
 opens them offline in Chromium, which draws in software. Prints for each page
@@ -13,7 +14,8 @@ opens them offline in Chromium, which draws in software. Prints for each page
 
 and for numbers of markers the milliseconds of one picture of the body, and how many times longer
 plain code takes for a plainer picture: an object for each point, all sticks and all markers in one
-path each.
+path each; and for summaries of studies with numbers of trials the seconds of CPU to write them, the
+size of the page (MB), and the seconds until it is shown and until its filter has answered.
 Needs Playwright and Chromium; PRIORFILL_CHROMIUM may name its program.
 """
 
@@ -24,16 +26,21 @@ import os
 import shutil
 import sys
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from large_study import large_study
 
 import priorfill as pf
 from priorfill.cli.encoding import replace_what_is_lacking
 from priorfill.report.encode import encode_sparse
 from priorfill.report.page import page_text
 from priorfill.report.report_data import page_data
+from priorfill.study.summary_files import write_summary
 from priorfill.synthetic import Noise, synthesise
 
 RATE = 100.0
@@ -60,6 +67,9 @@ FIRST_PICTURE = 1.0
 
 PICTURE = 1000 / 60
 """ms, longest time of a picture of at most `SMOOTH` markers: 60 a second."""
+
+SUMMARY_SHOWN = 3.0
+"""s, longest time until a summary is shown."""
 
 SMOOTH = 300
 """Markers up to which playing must be smooth."""
@@ -249,11 +259,40 @@ def measure_drawing(browser: Any, path: Path, markers: int, repeat: int) -> bool
     return drawn <= PICTURE or markers > SMOOTH
 
 
+SHOWN = "() => window.priorfill && performance.now() / 1000"
+"""Seconds until a summary is shown."""
+
+FILTER = """() => {
+  const start = performance.now();
+  window.priorfill.store.setWords("m05 p1");
+  document.body.getBoundingClientRect();
+  return (performance.now() - start) / 1000;
+}"""
+"""Seconds until the table of trials shows those that fit the filter."""
+
+
+def measure_summary(browser: Any, folder: Path, trials: int) -> bool:
+    """Print a line about a summary, and return whether it is shown quickly."""
+    outcomes = large_study(trials)
+    begin = time.process_time()
+    _, files = write_summary(outcomes, folder / f"{trials}.html")
+    written = time.process_time() - begin
+    page = browser.new_context(viewport={"width": 1366, "height": 768}, offline=True).new_page()
+    page.goto(files.page.as_uri(), wait_until="commit")
+    shown = page.wait_for_function(SHOWN, polling="raf", timeout=300_000).json_value()
+    filtered = page.evaluate(FILTER)
+    page.context.close()
+    megabytes = files.page.stat().st_size / 1e6
+    print(f"{trials:7d} {written:7.2f} {megabytes:6.2f} {shown:7.2f} {filtered:8.2f}", flush=True)
+    return bool(shown <= SUMMARY_SHOWN)
+
+
 def main() -> int:
     """Run the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--pages", default="41x3000,300x10000", help="markers x frames")
     parser.add_argument("--markers", default="41,300,1200", help="markers of the drawings")
+    parser.add_argument("--trials", default="1000,10000", help="trials of the summaries")
     parser.add_argument("--noise", type=float, default=NOISE, help="of the cameras (mm)")
     parser.add_argument("--repeat", type=int, default=10, help="drawings count at their best")
     parser.add_argument("--play", type=float, default=3.0, help="seconds that each page plays")
@@ -282,11 +321,14 @@ def main() -> int:
         for markers in map(int, arguments.markers.split(",")):
             path = write_people(Path(folder), markers, DRAWN_FRAMES, arguments.noise)
             kept &= measure_drawing(browser, path, markers, arguments.repeat)
+        print("trials write s     MB shown s filter s")
+        for trials in map(int, arguments.trials.split(",")):
+            kept &= measure_summary(browser, Path(folder), trials)
         browser.close()
     sizes = ", ".join(f"{mb} MB for {m} x {f}" for (m, f), mb in MEGABYTES.items())
     print(
         f"bounds {sizes}, first picture {FIRST_PICTURE} s, {PICTURE:.1f} ms a picture of "
-        f"{SMOOTH} markers: {'kept' if kept else 'EXCEEDED'}"
+        f"{SMOOTH} markers, a summary {SUMMARY_SHOWN} s: {'kept' if kept else 'EXCEEDED'}"
     )
     return 0 if kept else 1
 

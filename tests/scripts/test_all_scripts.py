@@ -238,6 +238,12 @@ SMOKE = {
         },
         statuses=(None,),
     ),
+    "studies/summary_rule_study.py": Smoke(
+        "--data {data} --method linear",
+        "gaps, by expected error and length",
+        {"FOLDERS": ("hdm05",), "MAX_FRAMES": 240, "KINDS": ("single",)},
+        statuses=(None,),
+    ),
     "studies/learn_markers.py": Smoke(
         "{data}/skeleton.c3d {data}/skeleton.amc --skeleton {data}/skeleton.asf"
         " -o {tmp}/markers.toml",

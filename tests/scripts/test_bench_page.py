@@ -7,7 +7,8 @@ import pytest
 from browser import find_chromium
 from scripted import SCRIPTS, load_script
 
-ARGUMENTS = ["page", "--pages", "12x60", "--markers", "12", "--repeat", "1", "--play", "0.1"]
+ARGUMENTS = ["page", "--pages", "12x60", "--markers", "12", "--repeat", "1", "--play", "0.1",
+             "--trials", "20"]  # fmt: skip
 
 
 def test_pages_are_measured() -> None:
@@ -23,7 +24,8 @@ def test_pages_are_measured() -> None:
     assert lines[2].split()[:2] == ["12", "60"]
     assert len(lines[2].split()) == 9
     assert lines[4].split()[0] == "12"
-    assert lines[5].startswith("bounds 0.5 MB for 41 x 3000")
+    assert lines[6].split()[0] == "20"
+    assert lines[7].startswith("bounds 0.5 MB for 41 x 3000")
 
 
 def test_without_a_browser_nothing_is_measured(

@@ -86,7 +86,7 @@ def test_what_needs_a_hand_comes_first(page: Any) -> None:
     assert "5 need a hand: 3 failed, 1 to record again, 1 to look at." in headline
     assert "1 trial not done yet; the same command goes on" in headline
     needs = page.locator("#attention").inner_text()
-    assert "2 trials: P2/a.c3d, P2/b.c3d\n\nFILE: no markers" in needs
+    assert "2 trials: P2/a.c3d, P2/b.c3d\n\nno markers" in needs
     assert "killed (the same command tries it again)" in needs
     assert "LASI: frames 101-300 (2.00 s): expected error 30 mm" in needs
     assert "10 samples of C7 stay missing: nothing alike" in needs

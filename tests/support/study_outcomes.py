@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import random
 from typing import Any
 
 from priorfill.study.job import JobOutcome, Status
 
-__all__ = ["FRAMES", "failure", "gap", "large_study", "outcome"]
+__all__ = ["FRAMES", "failure", "gap", "outcome"]
 
 FRAMES = 1000
 """Frames of a trial."""
@@ -67,22 +66,3 @@ def failure(name: str, reason: str, **more: Any) -> JobOutcome:
     return JobOutcome(
         name, f"/study/in/{name}", f"/study/out/{name}", "failed", reason=reason, **more
     )
-
-
-def large_study(trials: int, seed: int = 1) -> list[JobOutcome]:
-    """Return the outcomes of a study: ten trials a folder, some failed, some with bad gaps."""
-    draw = random.Random(seed)
-    outcomes = []
-    for number in range(trials):
-        name = f"P{number // 10:04d}/walk {number % 10}.c3d"
-        if draw.random() < 0.01:
-            outcomes.append(failure(name, f"/study/in/{name}: no markers"))
-            continue
-        gaps = []
-        for marker in draw.sample(range(MARKERS), draw.randrange(12)):
-            seconds = round(draw.expovariate(4.0) + 0.01, 2)
-            error = round(draw.lognormvariate(1.0, 0.6), 3)
-            left = round(seconds * RATE) if draw.random() < 0.002 else 0
-            gaps.append(gap(f"M{marker:02d}", seconds, error, left=left))
-        outcomes.append(outcome(name, *gaps, warnings=("Jumps by 9 mm.",) * draw.randrange(3)))
-    return outcomes
