@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     from priorfill.study.study_options import StudyProgress
 
+MINUTE = 60.0
+
 __all__ = ["fill_progress", "progress", "study_progress"]
 
 
@@ -81,13 +83,18 @@ def study_progress() -> Iterator[Callable[[StudyProgress], None]]:
 
         def show(at: StudyProgress) -> None:
             failed = f", {at.failed:,} failed" if at.failed else ""
-            left = "" if at.seconds_left is None else f"{duration(round(at.seconds_left))} left"
+            left = "" if at.seconds_left is None else f"{_rounded(at.seconds_left)} left"
             count = f"{at.done:,}/{at.total:,} files{failed}"
             bar.update(
                 task, description="filling", completed=at.share, total=1.0, count=count, left=left
             )
 
         yield show
+
+
+def _rounded(seconds: float) -> str:
+    """Return a duration that is known roughly."""
+    return f"{seconds:.0f} s" if seconds < MINUTE else duration(seconds)
 
 
 def _is_shown() -> bool:

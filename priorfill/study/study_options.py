@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import psutil
@@ -168,7 +169,7 @@ class StudyOptions:
         by_memory = int(_MEMORY_SHARE * psutil.virtual_memory().total) // _WORKER_MEMORY
         return max(1, min(os.cpu_count() or 1, by_memory))
 
-    @property
+    @cached_property
     def limits(self) -> JobLimits:
         """What each job may use; with a scheduler, 0 is the share of its worker."""
         workers = self.worker_count
