@@ -17,6 +17,7 @@
     ├── FetchError (OSError)              a data set cannot be downloaded, or is not as expected
     └── DatabaseError                     a problem with a prior database
         ├── DatabaseNotFoundError (FileNotFoundError)
+        ├── DatabaseStateError (FileNotFoundError)
         ├── DatabaseFormatError (ValueError)    unknown format version, or not a database
         ├── DatabaseCorruptError (ValueError)   stored data does not match its checksum
         ├── DatabaseLockedError (BlockingIOError)
@@ -39,6 +40,7 @@ __all__ = [
     "DatabaseFormatError",
     "DatabaseLockedError",
     "DatabaseNotFoundError",
+    "DatabaseStateError",
     "DuplicateClipError",
     "EvaluationError",
     "FetchError",
@@ -210,6 +212,10 @@ class DatabaseError(PriorfillError):
 
 class DatabaseNotFoundError(DatabaseError, FileNotFoundError):
     """There is no database at the given path."""
+
+
+class DatabaseStateError(DatabaseError, FileNotFoundError):
+    """A database does not have an earlier state any more."""
 
 
 class DatabaseFormatError(DatabaseError, ValueError):

@@ -62,7 +62,10 @@ _COMMANDS = {
 }
 """``module:function`` and help line of each command, so that none is imported before it is used."""
 
-_HIDDEN = {"batch-job": "priorfill.cli.batch_job:batch_job"}
+_HIDDEN = {
+    "batch-job": "priorfill.cli.batch_job:batch_job",
+    "batch-survey": "priorfill.cli.batch_survey:batch_survey",
+}
 """Likewise for commands that other commands start as child processes."""
 
 

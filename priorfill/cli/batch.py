@@ -138,6 +138,20 @@ def shared_fill_options() -> list[click.Parameter]:
     help="Check everything and count what is to be done, but fill nothing.",
 )
 @click.option(
+    "--grow",
+    is_flag=True,
+    help="Fill files with few gaps first, and add what was filled well enough to the database, "
+    "which is created if there is none: files with more gaps learn from it.",
+)
+@click.option(
+    "--no-same-session",
+    "same_session",
+    is_flag=True,
+    flag_value=False,
+    default=True,
+    help="Do not fill a file from other recordings of the same subject in its folder.",
+)
+@click.option(
     "--scheduler",
     metavar="ADDRESS",
     help="Fill on the workers of a Dask scheduler, tls://HOST:PORT or tcp://HOST:PORT.",

@@ -41,7 +41,7 @@ from priorfill.database.read_only_copy import rolled_back_copy
 from priorfill.database.record import ClipRecord
 from priorfill.database.segment_list import MAX_SEGMENTS, SegmentList
 from priorfill.database.sqlite_address import sqlite_address
-from priorfill.errors import DatabaseCorruptError, DatabaseError
+from priorfill.errors import DatabaseCorruptError, DatabaseError, DatabaseStateError
 from priorfill.runtime.held_files import WINDOWS, is_held, wait_until_writable
 
 __all__ = ["Catalogue", "find_catalogue", "successor"]
@@ -87,7 +87,7 @@ class Catalogue:
     DatabaseCorruptError
         In all methods, if SQLite finds the file damaged; for a writer also if a checksum does not
         match.
-    DatabaseError
+    DatabaseStateError
         If the file does not have the position `past`.
     """
 
@@ -123,7 +123,7 @@ class Catalogue:
         """Read an earlier state. Removed clips stay in the file until a compaction replaces it."""
         match = re.fullmatch("([0-9]{1,9}):([0-9]{1,18})", past)
         if not match or int(match[1]) != _number(self.path) or int(match[2]) > self._state:
-            raise DatabaseError(
+            raise DatabaseStateError(
                 f"{self.path.parent}: does not have the state {past}, as it was compacted or "
                 "replaced since; read the latest state instead"
             )

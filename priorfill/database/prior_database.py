@@ -248,7 +248,7 @@ class PriorDatabase:
         ------
         DatabaseNotFoundError
             If the directory does not exist.
-        DatabaseError
+        DatabaseStateError
             If the database does not have that state.
         OptionError
             If an earlier state is to be written to.

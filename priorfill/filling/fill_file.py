@@ -44,6 +44,9 @@ class FileOptions:
         The subject to fill; all subjects of the file by default.
     up, rate, unit, zeros_missing, ignore_residuals
         How to interpret the file; see `priorfill.read`.
+    read_alike : bool
+        Interpret other recordings of the same subject with the same `up`, `rate` and `unit`; by
+        default with their own.
     uncertainty : Path or str, optional
         File for the expected error of each filled sample, .npz or .csv. It appears together with
         the output, or neither appears; without an output it is written by itself.
@@ -92,6 +95,7 @@ class FileOptions:
     program: str | None = None
     overwrite: bool = False
     add_to_database: bool = False
+    read_alike: bool = False
 
     @property
     def reading(self) -> dict[str, Any]:
@@ -368,9 +372,12 @@ def _read_same_subject(
 ) -> list[Clip]:
     """Read other recordings of the subjects of a file.
 
-    Their axes, rate and unit are their own. Subjects that are not in the file are left out.
+    Their axes, rate and unit are their own, unless they are to be read alike. Subjects that are not
+    in the file are left out.
     """
     names = [clip.subject for clip in clips]
+    own = () if files.read_alike else ("up", "rate", "unit")
+    reading = {name: value for name, value in files.reading.items() if name not in own}
     found: list[Clip] = []
     for path in map(Path, paths):
         if path.exists() and path.samefile(source):
@@ -379,20 +386,9 @@ def _read_same_subject(
                 "same subject"
             )
         if len(clips) == 1:
-            found.append(
-                formats.read(
-                    path,
-                    subject=files.subject,
-                    zeros_missing=files.zeros_missing,
-                    ignore_residuals=files.ignore_residuals,
-                )
-            )
+            found.append(formats.read(path, **reading))
             continue
-        there = read_subjects(
-            path,
-            zeros_missing=files.zeros_missing,
-            ignore_residuals=files.ignore_residuals,
-        )
+        there = read_subjects(path, **{**reading, "subject": None})
         matching = [clip for clip in there if clip.subject in names]
         found += matching or there  # `fill` reports a recording of none of the subjects
     return found

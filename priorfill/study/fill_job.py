@@ -87,7 +87,13 @@ def _fill(job: StudyJob, begin: float) -> JobOutcome:
     program = settings.files.program
     beside = [str(path) for path in files_beside(Path(job.output), Path(job.source), program)]
     new = [_NewFile.check(path, job, ours) for path in (*beside, *_paths(job))]
-    files = replace(settings.files, report=job.report, uncertainty=job.uncertainty, overwrite=True)
+    files = replace(
+        settings.files,
+        report=job.report,
+        uncertainty=job.uncertainty,
+        overwrite=True,
+        read_alike=True,
+    )
     work = FileToFill.read(
         Path(job.source),
         Path(job.output),

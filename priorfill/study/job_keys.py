@@ -56,7 +56,7 @@ class JobKeys:
         Parameters
         ----------
         jobs : sequence of StudyJob
-            The jobs.
+            The jobs of a round, which learn from one state of the database.
         database : Path or None
             The database.
         state : str

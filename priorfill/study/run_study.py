@@ -176,7 +176,7 @@ class _StudyRun:
 
     def run(self) -> Study:
         """Run all jobs that are not settled, and sum up, also after an interruption."""
-        rounds = StudyRounds(self._plan.jobs)
+        rounds = StudyRounds(self._plan, self._options)
         interrupted = None
         begun = time.monotonic()
         try:
@@ -186,7 +186,7 @@ class _StudyRun:
                     rounds.learn(self._outcomes)
         except KeyboardInterrupt as error:
             interrupted = error
-        study = self._study(time.monotonic() - begun)
+        study = self._study(rounds.notes, time.monotonic() - begun)
         if interrupted is not None:
             summary = "" if study.summary is None else f" (summary: {study.summary})"
             interrupted.args = (
@@ -198,7 +198,8 @@ class _StudyRun:
 
     def _run_round(self, jobs: Sequence[StudyJob], executor: StudyExecutor) -> None:
         """Run the jobs of a round that are not settled."""
-        keyed = self._keys.with_keys(jobs, self._plan.database, self._plan.database_state)
+        state = next((job.database_state for job in jobs), "") or self._plan.database_state
+        keyed = self._keys.with_keys(jobs, self._plan.database, state)
         settled = {job.name: settled_outcome(job, self._options) for job in keyed.jobs}
         done = [outcome for outcome in settled.values() if outcome is not None]
         self._done_before += sum(one.status != FAILED for one in done)
@@ -216,7 +217,7 @@ class _StudyRun:
                 self._outcomes[outcome.name] = outcome
                 self._progress.filled(outcome)
 
-    def _study(self, seconds: float) -> Study:
+    def _study(self, notes: tuple[str, ...], seconds: float) -> Study:
         """Return the study, summed up where all of it was to be done."""
         plan, options = self._plan, self._options
         left = sorted({job.name for job in plan.jobs} - self._outcomes.keys())
@@ -225,7 +226,7 @@ class _StudyRun:
             tuple(self._outcomes[name] for name in sorted(self._outcomes)),
             tuple(left),
             self._done_before,
-            notes=plan.notes,
+            notes=(*plan.notes, *notes),
         )
         if options.check_only or options.index is not None:
             return study

@@ -8,6 +8,8 @@
     OUT/summary.html .csv .json        the summary
     OUT/.priorfill/study.json          marks the folder as that of a study
     OUT/.priorfill/records/P01/walk.c3d.json    the record of a job
+    OUT/.priorfill/survey.json         facts of the sources
+    OUT/.priorfill/growth.json         rounds of a study whose database grows
     OUT/.priorfill/lock                held while a study runs
 """
 
@@ -86,6 +88,16 @@ class StudyFolder:
     def records(self) -> Path:
         """Folder of the records."""
         return self.state / "records"
+
+    @property
+    def survey(self) -> Path:
+        """What a survey found."""
+        return self.state / "survey.json"
+
+    @property
+    def growth(self) -> Path:
+        """The rounds of a study whose database grows."""
+        return self.state / "growth.json"
 
     @property
     def summary(self) -> Path:

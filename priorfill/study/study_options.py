@@ -73,6 +73,9 @@ class StudyOptions:
     summary : Path or str, optional
         Page that sums up the study, .html; ``summary.html`` in the output folder by default. A
         table (.csv) and the outcomes (.json) are written next to it.
+    same_session : bool
+        Fill each file also from other recordings of the same subject in its folder, such as the
+        static trial, which are found by the names of subjects and by body measures.
     grow : bool
         Add what was filled well enough to the database, so that files with more gaps profit.
     scheduler : str, optional
@@ -119,6 +122,7 @@ class StudyOptions:
     report: bool = False
     uncertainty: bool = False
     summary: Path | str | None = None
+    same_session: bool = True
     grow: bool = False
     scheduler: str | None = None
     cluster: str | None = None

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from priorfill.database import PriorDatabase
 from priorfill.errors import OptionError, PriorfillError, StudyError
+from priorfill.filling.add_result import can_create_database
 from priorfill.formats import PROGRAMS
 from priorfill.runtime.atomic_file import is_same_file
 from priorfill.study.find_sources import StudySource, find_sources
@@ -40,6 +41,8 @@ class StudyPlan:
         The state of it to learn from; empty: the latest.
     notes : tuple of str
         What was left out.
+    sources : tuple of StudySource
+        All files of the study, also those of other tasks of an array.
     """
 
     folder: StudyFolder
@@ -48,6 +51,7 @@ class StudyPlan:
     database: Path | None
     database_state: str
     notes: tuple[str, ...]
+    sources: tuple[StudySource, ...]
 
 
 def plan_study(
@@ -100,8 +104,7 @@ def plan_study(
     sizes = {one.name: _size(one.path) for one in sources}
     tried(lambda: _check_folder(sources, sizes, folder, options))
     tried(lambda: _check_names(sources, folder))
-    if prior is not None:
-        tried(lambda: PriorDatabase.open(prior, state=state).close())
+    tried(lambda: _check_database(prior, state, options))
     notes = [] if found is None else list(found.notes)
     if options.uses_dask:
         tried(lambda: notes.extend(_cluster_notes(options)))
@@ -121,7 +124,7 @@ def plan_study(
     if options.index is not None:
         jobs = jobs[options.index - 1 :: options.of]
     work = {job.name: max(sizes[job.name], 1.0) for job in jobs}
-    return StudyPlan(folder, jobs, work, prior, state, tuple(notes))
+    return StudyPlan(folder, jobs, work, prior, state, tuple(notes), tuple(sources))
 
 
 def _job(
@@ -138,6 +141,19 @@ def _job(
         report=str(folder.report(name)) if options.report else None,
         uncertainty=str(folder.uncertainty(name)) if options.uncertainty else None,
     )
+
+
+def _check_database(database: Path | None, state: str, options: StudyOptions) -> None:
+    """Raise PriorfillError where the database cannot be read or, if it grows, not be written."""
+    if options.grow and database is None:
+        raise OptionError("`grow` needs a database; give the folder of one (`database`)")
+    if options.grow and state:
+        raise OptionError("`grow` adds to the latest state of a database; give no other")
+    if database is None or (options.grow and can_create_database(database)):
+        return
+    PriorDatabase.open(database, state=state).close()
+    if options.grow and not options.check_only:
+        PriorDatabase.open(database, write=True).close()
 
 
 def _cluster_notes(options: StudyOptions) -> list[str]:

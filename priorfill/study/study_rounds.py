@@ -1,12 +1,31 @@
-"""Rounds of jobs: all at once, as the outcome of none depends on another."""
+"""Rounds of jobs: what each file is filled from, and which may be filled at the same time.
+
+A survey finds the facts of the files; other recordings of its session are sources of each. All jobs
+are one round, as the outcome of none depends on another, unless the database grows.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
+from priorfill.study.growth import Growth
 from priorfill.study.job import JobOutcome, StudyJob
+from priorfill.study.same_session import same_session_sources
+from priorfill.study.settings import FillSettings
+from priorfill.study.study_options import StudyOptions
+from priorfill.study.survey import session_of
+from priorfill.study.survey_files import survey_files
+
+if TYPE_CHECKING:
+    from priorfill.study.study_plan import StudyPlan
+    from priorfill.study.survey import Survey
 
 __all__ = ["StudyRounds"]
+
+LEARN_FROM_NOTHING = frozenset({"linear", "pchip", "spline", "rigid"})
+"""Methods that learn from no other recording."""
 
 
 class StudyRounds:
@@ -14,16 +33,53 @@ class StudyRounds:
 
     Parameters
     ----------
-    jobs : sequence of StudyJob
-        All jobs, without keys.
+    plan : StudyPlan
+        The jobs, without keys.
+    options : StudyOptions
+        Whether sessions are used, and whether the database grows.
+
+    Attributes
+    ----------
+    notes : list of str
+        What a user should know of what was learnt from, and added.
     """
 
-    def __init__(self, jobs: Sequence[StudyJob]) -> None:
-        self._jobs = list(jobs)
+    def __init__(self, plan: StudyPlan, options: StudyOptions) -> None:
+        self._plan = plan
+        self._options = options
+        self._growth: Growth | None = None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of how the database grew."""
+        return () if self._growth is None else tuple(self._growth.notes)
 
     def __iter__(self) -> Iterator[list[StudyJob]]:
-        """Yield the jobs of each round."""
-        yield self._jobs
+        """Yield the jobs of each round, with their sources.
+
+        Raises
+        ------
+        DatabaseError
+            If the database that grows cannot be read.
+        OutputError
+            If the state of the study cannot be written.
+        """
+        jobs = list(self._plan.jobs)
+        settings = FillSettings.from_json(jobs[0].settings)
+        session = self._options.same_session and settings.method not in LEARN_FROM_NOTHING
+        if not (session or self._options.grow):
+            yield jobs
+            return
+        surveys = self._survey(settings)
+        if session:
+            sources = same_session_sources(surveys)
+            jobs = [replace(job, same_subject=sources.get(job.name, ())) for job in jobs]
+        if not self._options.grow or self._options.check_only:
+            yield jobs
+            return
+        self._growth = Growth(self._plan, settings, surveys)
+        for state, names in self._growth.rounds():
+            yield [replace(job, database_state=state) for job in jobs if job.name in names]
 
     def learn(self, outcomes: Mapping[str, JobOutcome]) -> None:
         """Take the outcomes so far, before the next round begins.
@@ -32,4 +88,26 @@ class StudyRounds:
         ----------
         outcomes : mapping of str to JobOutcome
             By name.
+
+        Raises
+        ------
+        DatabaseError
+            If the database that grows cannot be written.
         """
+        if self._growth is not None:
+            self._growth.add(outcomes)
+
+    def _survey(self, settings: FillSettings) -> list[Survey]:
+        """Return the facts of all files of the sessions of the jobs."""
+        sessions = {session_of(job.name) for job in self._plan.jobs}
+        return survey_files(
+            [
+                (one.name, str(one.path))
+                for one in self._plan.sources
+                if session_of(one.name) in sessions
+            ],
+            settings.files.reading,
+            None if self._options.check_only else self._plan.folder.survey,
+            self._options.limits,
+            workers=self._options.worker_count,
+        )

@@ -6,7 +6,8 @@ can keep it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,7 @@ import numpy as np
 if TYPE_CHECKING:
     from priorfill.clip import Clip
 
-__all__ = ["Survey", "SurveyedSubject", "survey_clips", "survey_file"]
+__all__ = ["Survey", "SurveyedSubject", "session_of", "survey_clips", "survey_file"]
 
 STEP_SECONDS = 0.1
 """s. Time over which a marker's motion is measured: jitter of a standing marker hardly counts."""
@@ -114,8 +115,7 @@ class Survey:
     @property
     def session(self) -> str:
         """The folder within the study; recordings of one session are in one folder."""
-        parent = str(PurePosixPath(self.name).parent)
-        return "" if parent == "." else parent
+        return session_of(self.name)
 
     @property
     def missing(self) -> int:
@@ -134,16 +134,34 @@ class Survey:
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Survey:
         """Return the survey of `to_json`."""
-        subjects = tuple(
-            SurveyedSubject(
-                **{**one, "labels": tuple(one["labels"]), "absent": tuple(one["absent"])}
-            )
-            for one in values["subjects"]
-        )
+        subjects = tuple(map(_subject_of, values["subjects"]))
         return cls(values["name"], values["source"], values["content"], subjects, values["reason"])
 
 
-def survey_file(name: str, source: Path, reading: Mapping[str, Any]) -> Survey:
+def _subject_of(values: Mapping[str, Any]) -> SurveyedSubject:
+    """Return the subject of JSON values."""
+    tuples = {name: tuple(values[name]) for name in ("labels", "absent")}
+    return SurveyedSubject(**{**values, **tuples})
+
+
+def session_of(name: str) -> str:
+    """Return the session of a job: the folder that its name has; empty where it has none.
+
+    Parameters
+    ----------
+    name : str
+        The name.
+    """
+    parent = str(PurePosixPath(name).parent)
+    return "" if parent == "." else parent
+
+
+def survey_file(
+    name: str,
+    source: Path,
+    reading: Mapping[str, Any],
+    known: Mapping[str, Sequence[Mapping[str, Any]]] | None = None,
+) -> Survey:
     """Return the facts of a file; one that cannot be read has the reason.
 
     Parameters
@@ -154,16 +172,19 @@ def survey_file(name: str, source: Path, reading: Mapping[str, Any]) -> Survey:
         The file.
     reading : mapping of str to object
         Keyword arguments of `priorfill.read`.
+    known : mapping of str to object, optional
+        Facts of the subjects of files, as JSON values by content. Such a file is only hashed.
     """
-    import hashlib
-
     from priorfill.errors import PriorfillError
     from priorfill.filling.multi_subject import read_subjects
+    from priorfill.study.records import file_hash
 
     content = ""
     try:
-        with source.open("rb") as file:
-            content = hashlib.file_digest(file, "sha256").hexdigest()
+        content = file_hash(source)
+        with suppress(LookupError, TypeError):  # what is kept may be damaged
+            subjects = (known or {})[content]
+            return Survey(name, str(source), content, tuple(map(_subject_of, subjects)))
         clips = read_subjects(source, **reading)
         return Survey(name, str(source), content, survey_clips(clips))
     except PriorfillError as error:
