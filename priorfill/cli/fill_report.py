@@ -14,7 +14,6 @@ from priorfill.cli.artefacts import (
     warn_of_artefacts,
 )
 from priorfill.cli.output import MAX_ROWS, print_line, print_table, some_names
-from priorfill.formats.bids.names import MOTION, is_motion
 from priorfill.report.result_summary import (
     gap_cells,
     mm_text,
@@ -242,6 +241,8 @@ def _written(done: FileResult) -> str:
     """Return where the filled clip is, or how to write it."""
     if done.output is not None:
         return f"written to {done.output}"
+    from priorfill.formats.bids.names import MOTION, is_motion  # NumPy comes with it
+
     suffix = done.source.suffix or ".c3d"
     if is_motion(done.source):
         suffix = MOTION
