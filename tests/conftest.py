@@ -14,7 +14,7 @@ from browser import PageOpener, chromium
 from hypothesis import settings
 
 # the first call of a compiled function takes seconds while it is compiled
-settings.register_profile("priorfill", settings(), deadline=None)
+settings.register_profile("priorfill", settings(), deadline=None, max_examples=40)
 settings.load_profile("priorfill")
 
 

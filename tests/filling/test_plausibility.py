@@ -405,7 +405,7 @@ def test_invalid_options(options, word):
 @pytest.mark.parametrize("every", [2, 3])
 @pytest.mark.parametrize("method", ["gpr", "linear"])
 def test_fills_between_lone_frames_are_believed(method, every):
-    whole = person(seconds=1.5)
+    whole = person(seconds=0.7)
     positions = whole.positions.copy()
     blank = np.arange(len(positions)) % every != 0
     positions[blank] = np.nan

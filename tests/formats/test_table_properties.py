@@ -17,7 +17,7 @@ from priorfill import formats
 from priorfill.errors import FormatError
 from priorfill.formats.tables import cells
 
-QUIET = settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
+QUIET = settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
 
 MISSING = ("", "", "NaN", "null", "-1.#IND00", "1.#QNAN0", "-nan(ind)", "NULL", "N/A")
 

@@ -118,7 +118,7 @@ def test_zeros_are_kept_on_request(tmp_path):
     assert formats.read(path).source.zero_samples == 4
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     st.integers(0, 2**32 - 1), st.sampled_from([files.trc, files.nexus, files.motive]),
     st.integers(0, 8), st.floats(0.05, 0.9),
@@ -333,7 +333,7 @@ def test_a_file_that_is_too_large_is_not_read(tmp_path, monkeypatch):
         read_bytes(tmp_path, files.trc(standing()), ".trc")
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.sampled_from(sorted(CASES)), st.integers(0, 2**32 - 1), st.integers(1, 6))
 @example(name="motive", seed=292584, changes=6)  # the file becomes empty
 def test_damaged_files_raise_only_priorfill_errors(tmp_path_factory, name, seed, changes):

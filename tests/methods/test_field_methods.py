@@ -1,6 +1,7 @@
 """Properties of all methods from the literature, on difficult clips."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -41,6 +42,12 @@ HARD = {
 }
 
 
+@cache
+def filled(method: str, name: str) -> Result:
+    """The fill of a difficult clip."""
+    return fill_unchecked(HARD[name], method=method)
+
+
 def check(clip: Clip, result: Result) -> None:
     """Properties of any result."""
     measured = ~clip.missing
@@ -55,14 +62,13 @@ def check(clip: Clip, result: Result) -> None:
 @FIELD
 @pytest.mark.parametrize("name", HARD)
 def test_hard_clips(method, name):
-    clip = HARD[name]
     try:
-        result = fill_unchecked(clip, method=method)
+        result = filled(method, name)
     except MethodError as error:
         assert "\n" not in str(error)
         assert name != "gaps"
         return
-    check(clip, result)
+    check(HARD[name], result)
 
 
 NEEDS_MORE = {"li", "lpr", "lgrnn", "glr", "wpca", "pma"}
@@ -76,15 +82,14 @@ def test_a_method_that_could_work_gives_a_reason_for_each_gap(method):
             fill_unchecked(replace(HARD["nothing"], name="nobody"), method=method)
         return
     for name in ("nothing", "dropout", "blackout"):
-        result = fill_unchecked(HARD[name], method=method)
+        result = filled(method, name)
         assert result.complete == (not result.clip.missing.any())
         assert all(part.reason for gap in result.gaps for part in gap.unfilled)
 
 
 @FIELD
 def test_nothing_flies_away(method):
-    clip = HARD["gaps"]
-    result = fill_unchecked(clip, method=method)
+    result = filled(method, "gaps")
     off = np.linalg.norm(result.clip.positions - person().positions, axis=2)
     assert result.filled.any()
     assert np.nanmax(off) < 1000
@@ -92,7 +97,7 @@ def test_nothing_flies_away(method):
 
 @FIELD
 def test_the_same_again(method):
-    one = fill_unchecked(HARD["gaps"], method=method)
+    one = filled(method, "gaps")
     two = fill_unchecked(HARD["gaps"], method=method)
     np.testing.assert_array_equal(one.clip.positions, two.clip.positions)
 

@@ -38,7 +38,7 @@ def recordings_and_queries(draw):
     return poses, starts, queries
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(recordings_and_queries(), st.integers(1, 70), st.booleans())
 def test_the_index_finds_the_same_as_brute_force_including_ties(problem, k, starts_known):
     poses, starts, queries = problem

@@ -41,7 +41,7 @@ def patterns(draw):
     return valid, distance
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=40)
 @given(patterns())
 def test_segments_cover_each_missing_sample_once(pattern):
     valid, distance = pattern
@@ -59,7 +59,7 @@ def test_segments_cover_each_missing_sample_once(pattern):
     np.testing.assert_array_equal(count, (~valid).astype(int))
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=40)
 @given(patterns())
 def test_only_near_markers_are_joined(pattern):
     valid, distance = pattern
@@ -121,7 +121,7 @@ def test_a_gap_is_divided_where_a_far_marker_is_needed_for_a_frame(visible, expe
     assert [(p.start, p.stop) for p in segments if p.markers[0] == 0] == expected
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=40)
 @given(patterns())
 def test_batches_of_all_groups_cover_each_missing_sample_once(pattern):
     valid, distance = pattern
