@@ -230,6 +230,8 @@ class _StudyRun:
         )
         if options.check_only or options.index is not None:
             return study
+        if study.done_before:
+            seconds = math.nan  # of a part
         return _summed_up(study, plan.folder, options, seconds)
 
 
