@@ -272,9 +272,8 @@ def _summed_up(study: Study, folder: StudyFolder, options: StudyOptions, seconds
             overwrite=options.overwrite,
         )
     except OutputError as error:
-        notes = (*study.notes, f"the summary is not complete: {error}")
-        return replace(study, notes=notes, summary=Path(str(page)) if Path(page).exists() else None)
-    return replace(study, summary=files.page)
+        return replace(study, notes=(*study.notes, f"there is no summary: {error}"))
+    return replace(study, summary=files.page, notes=(*study.notes, *files.problems))
 
 
 def _executor(plan: StudyPlan, options: StudyOptions) -> StudyExecutor:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,12 +38,15 @@ class SummaryFiles:
     ----------
     page, json, trials, markers : Path
         The page (HTML), all figures (JSON), the tables of trials and of their markers (CSV).
+    problems : tuple of str
+        Why some of them could not be written.
     """
 
     page: Path
     json: Path
     trials: Path
     markers: Path
+    problems: tuple[str, ...] = ()
 
     @classmethod
     def at(cls, path: Path | str) -> SummaryFiles:
@@ -58,21 +61,21 @@ class SummaryFiles:
 
     @property
     def all(self) -> tuple[Path, ...]:
-        """All files, in the order in which they are written."""
+        """All files, the page last."""
         return self.json, self.trials, self.markers, self.page
 
 
 def check_summary(path: Path | str, *, overwrite: bool = False) -> SummaryFiles:
     """Check before a study whether its summary can be written.
 
-    Existing files that are those of a summary may be replaced, others not.
+    Files of a summary may be replaced, others not: a table next to the page may be a recording.
 
     Parameters
     ----------
     path : Path or str
         The page, ``.html``.
     overwrite : bool
-        Whether any existing file may be replaced.
+        Whether another file of the name of the page may be replaced.
 
     Raises
     ------
@@ -84,6 +87,10 @@ def check_summary(path: Path | str, *, overwrite: bool = False) -> SummaryFiles:
     check_suffix(Path(str(path)), "a summary", REPORT_SUFFIXES)
     files = SummaryFiles.at(path)
     for file in files.all:
+        if file != files.page and file.exists() and not _is_ours(file, files):
+            raise OutputError(
+                f"{file}: exists already, and is not of a summary; give the summary another name"
+            )
         check_target(file, overwrite=overwrite or _is_ours(file, files))
     check_writable(files.page, 0)
     return files
@@ -99,8 +106,8 @@ def write_summary(
 ) -> tuple[StudySummary, SummaryFiles]:
     """Write the summary of a study: a page, a JSON file and two tables with the same stem.
 
-    Each file appears completely or not at all. One that cannot be written, such as a table that is
-    open in a spreadsheet program on Windows, does not keep the others from being written.
+    Each file appears completely or not at all. One that cannot be written at last, such as a table
+    that is open in a spreadsheet program on Windows, does not keep the page from being written.
 
     Parameters
     ----------
@@ -113,21 +120,21 @@ def write_summary(
     contents : StudyContents, optional
         What else is known of the study.
     overwrite : bool
-        Replace existing files that are not of a summary, too.
+        Replace another file of the name of the page, too.
 
     Returns
     -------
     StudySummary
         The summary.
     SummaryFiles
-        The files.
+        The files, and why some of them could not be written.
 
     Raises
     ------
     OptionError
         If the suffix is another one.
     OutputError
-        If a file cannot be written; raised when all others are.
+        If the page cannot be written, or a file exists that is not of a summary.
 
     Examples
     --------
@@ -138,22 +145,19 @@ def write_summary(
     ...     [file.name for file in files.all if file.stat().st_size]
     ['summary.json', 'summary.csv', 'summary_markers.csv', 'summary.html']
     """
-    page = Path(str(path))
-    check_suffix(page, "a summary", REPORT_SUFFIXES)
-    files = SummaryFiles.at(page)
+    files = check_summary(path, overwrite=overwrite)
     summary = summarise_study(outcomes, limits, contents)
     values = summary_json(summary, files.page.absolute().parent)
     problems = []
     for file, write in _writers(files, values).items():
         try:
-            with replace_file(file, overwrite=overwrite or _is_ours(file, files)) as temporary:
+            with replace_file(file, overwrite=True) as temporary:
                 write(temporary)
         except OutputError as error:
+            if file == files.page:
+                raise
             problems.append(str(error))
-    if problems:
-        rest = "" if len(problems) == len(files.all) else "; the rest of the summary is written"
-        raise OutputError("; ".join(problems) + rest)
-    return summary, files
+    return summary, replace(files, problems=tuple(problems))
 
 
 def _writers(

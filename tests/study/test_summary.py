@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from study_outcomes import FRAMES, failure, gap, outcome
 
 from priorfill.errors import OutputError
+from priorfill.study import summary_files
 from priorfill.study.job import JobOutcome
 from priorfill.study.summary_files import check_summary, write_summary
 from priorfill.study.summary_limits import SummaryLimits
@@ -76,11 +78,31 @@ def test_a_summary_replaces_a_summary_only(tmp_path: Path) -> None:
     write_summary([], page)
     check_summary(page)
     write_summary([outcome("a.c3d")], page)
-    (tmp_path / "summary.csv").write_text("my notes\n", encoding="utf-8")
-    with pytest.raises(OutputError, match=r"summary\.csv"):
+    assert "1 trial:" in page.read_text("utf-8")
+    page.write_text("my notes\n", encoding="utf-8")
+    with pytest.raises(OutputError, match=r"summary\.html"):
         check_summary(page)
-    with pytest.raises(OutputError, match=r"summary\.csv"):
-        write_summary([], page)
-    assert "0 trials" in page.read_text("utf-8")  # the others are written
-    assert (tmp_path / "summary.csv").read_text("utf-8") == "my notes\n"
     write_summary([], page, overwrite=True)
+    (tmp_path / "summary.csv").write_text("Frame,LASI\n", encoding="utf-8")  # a recording
+    for overwrite in (False, True):
+        with pytest.raises(OutputError, match=r"summary\.csv: exists already, and is not of a"):
+            write_summary([outcome("a.c3d")], page, overwrite=overwrite)
+    assert (tmp_path / "summary.csv").read_text("utf-8") == "Frame,LASI\n"
+    assert "0 trials" in page.read_text("utf-8")
+
+
+def test_a_table_that_cannot_be_written_does_not_keep_the_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(summary_files, "write_marker_table", full)
+    _, files = write_summary([outcome("a.c3d")], tmp_path / "summary.html")
+    assert [file.exists() for file in files.all] == [True, True, False, True]
+    (problem,) = files.problems
+    assert "summary_markers.csv: cannot be written (No space left on device)" in problem
+    monkeypatch.setattr(summary_files, "summary_page", full)
+    with pytest.raises(OutputError, match=r"summary\.html"):
+        write_summary([], tmp_path / "summary.html")
+    assert "1 trial:" in files.page.read_text("utf-8")
