@@ -88,6 +88,7 @@ def _outcome(
                 job, str(error), try_again=error.try_again, exceeded=error.exceeded
             ),
             seconds=time.monotonic() - begin,
+            peak_memory=child.peak_memory,
             replaced=files_of_job(job),
         )
         if not error.stopped:
@@ -96,7 +97,6 @@ def _outcome(
     finally:
         if not is_kept:
             child.close()
-    outcome = replace(outcome, peak_memory=max(child.peak_memory, outcome.peak_memory))
     if is_kept and children is not None:
         children.give(child, limits)
     return outcome

@@ -304,7 +304,8 @@ class ChildProcess:
 def private_memory(process: psutil.Process) -> int:
     """Return the memory (bytes) that a process has to itself; 0 if it has ended.
 
-    Pages of files that it has mapped do not count: the system takes them back where needed.
+    What it has reserved and not used does not count; on Linux, pages of files that it has mapped
+    do not either, which the system takes back where needed.
 
     Parameters
     ----------
@@ -315,9 +316,7 @@ def private_memory(process: psutil.Process) -> int:
         memory = process.memory_info()
     except psutil.Error:
         return 0
-    if hasattr(memory, "private"):  # Windows
-        return int(memory.private)
-    return int(memory.rss) - int(getattr(memory, "shared", 0))  # macOS does not know what is shared
+    return int(memory.rss) - int(getattr(memory, "shared", 0))
 
 
 def child_command(name: str) -> list[str]:

@@ -116,11 +116,11 @@ class ParentConnection:
         if self._waits:
             self._requests.put(None)
             return
-        _interrupt()  # writers remove their temporary files
-        time.sleep(CLEANING)
         with suppress(psutil.Error):
             for process in psutil.Process().children(recursive=True):
                 process.kill()
+        _interrupt()  # writers remove their temporary files
+        time.sleep(CLEANING)
         os._exit(1)
 
     def _read(self, pipe: BinaryIO) -> bytes:

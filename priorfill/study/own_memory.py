@@ -60,7 +60,7 @@ def peak_memory() -> int:
         return _peak_of_status(status.read_text(encoding="ascii"))
     memory = psutil.Process().memory_info()
     if sys.platform == "win32":
-        return int(memory.peak_pagefile)
+        return int(memory.peak_wset)
     return max(int(memory.rss), _peak_of_usage())
 
 
