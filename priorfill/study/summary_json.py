@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -96,7 +97,7 @@ def _trial(one: SummaryTrial, folder: Path) -> dict[str, Any]:
             for left in figures.left
         ],
         "artefacts": dict(figures.artefacts),
-        "warnings": list(outcome.warnings),
+        "warnings": _by_gap(outcome.warnings, figures.gaps),
         "notes": list(figures.notes),
         "method": figures.method or None,
         "marker_set": figures.marker_set or None,
@@ -108,6 +109,15 @@ def _trial(one: SummaryTrial, folder: Path) -> dict[str, Any]:
         "uncertainty": relative_path(outcome.uncertainty, folder),
         "markers": [_trial_marker(marker) for marker in figures.markers],
     }
+
+
+def _by_gap(warnings: Sequence[str], gaps: Sequence[TrialGap]) -> list[str]:
+    """Return warnings in the order of the gaps that they begin with, those of the worst first."""
+    places = {
+        f"{gap.marker}, frames {gap.first_frame}-{gap.last_frame}": place
+        for place, gap in enumerate(gaps)
+    }
+    return sorted(warnings, key=lambda text: places.get(text.partition(":")[0], len(places)))
 
 
 def _amounts(figures: TrialFigures) -> dict[str, Any]:

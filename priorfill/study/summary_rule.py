@@ -87,7 +87,7 @@ def attention(
     """
     if trial.failed:
         return Attention("failed", (_failure(trial.outcome),))
-    gaps = [gap for gap in trial.gaps if gap.marker not in absent]
+    gaps = [gap for gap in trial.gaps if gap.wanted and gap.marker not in absent]
     lost = [gap for gap in gaps if _is_lost(gap, limits)]
     reasons = [f"{gap.marker}: {_lost_text(gap)}" for gap in lost]
     reasons += _looks(trial, [gap for gap in gaps if gap not in lost], limits)

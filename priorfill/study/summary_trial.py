@@ -46,6 +46,11 @@ class TrialGap:
     bound: float
     throughout: bool
 
+    @property
+    def wanted(self) -> bool:
+        """Whether at least a part of it was to be filled."""
+        return self.filled + self.left > 0
+
 
 @dataclass(frozen=True)
 class TrialMarker:
@@ -190,8 +195,9 @@ class TrialFigures:
 
     @property
     def longest(self) -> TrialGap | None:
-        """The longest gap."""
-        return max(self.gaps, key=lambda gap: gap.seconds, default=None)
+        """The longest gap that was to be filled."""
+        wanted = [gap for gap in self.gaps if gap.wanted]
+        return max(wanted, key=lambda gap: gap.seconds, default=None)
 
     @property
     def least_certain(self) -> TrialGap | None:

@@ -55,6 +55,54 @@ def test_groups_follow_the_rule() -> None:
     assert groups_of(outcomes[3], error=20.0) == {"uncertain.c3d": "good"}
 
 
+def test_a_marker_that_no_trial_of_a_folder_shows_counts_for_none() -> None:
+    never = gap("LFRM", FRAMES / 100, left=FRAMES, reason="never measured")
+    summary = summarise_study(
+        [
+            outcome("P1/a.c3d", never, gap("C7", 0.2)),
+            outcome("P1/b.c3d", never),
+            failure("P1/c.c3d", "no markers"),
+            outcome("P2/a.c3d", never),  # alone, it cannot tell
+            outcome("P3/a.c3d", never),
+            outcome("P3/b.c3d", gap("LFRM", 0.5)),
+        ]
+    )
+    groups = {one.figures.outcome.name: one.attention.group for one in summary.trials}
+    assert groups == {
+        "P1/a.c3d": "good",
+        "P1/b.c3d": "good",
+        "P1/c.c3d": "failed",
+        "P2/a.c3d": "record again",
+        "P3/a.c3d": "record again",
+        "P3/b.c3d": "good",
+    }
+    assert [folder.absent for folder in summary.folders] == [("LFRM",), (), ()]
+    assert [folder.worst_marker for folder in summary.folders] == ["C7", "LFRM", "LFRM"]
+    marker = summary.markers[0]
+    assert (marker.label, marker.trials, marker.throughout_trials) == ("LFRM", 5, 4)
+    assert marker.absent == ("P1",)
+
+
+def test_what_is_left_alone_does_not_count() -> None:
+    alone = gap("C7", 3.0, left=300, requested=False, reason="longer than wanted")
+    limits = SummaryLimits(gap=0.5)
+    summary = summarise_study([outcome("a.c3d", alone, gap("LASI", 0.1))], limits)
+    (trial,) = summary.trials
+    assert trial.attention.group == "good"
+    assert trial.figures.kept == 300
+    assert trial.figures.longest is not None
+    assert trial.figures.longest.marker == "LASI"
+    assert [marker.label for marker in summary.markers] == ["LASI", "C7"]
+
+
+def test_warnings_of_the_worst_gap_come_first(tmp_path: Path) -> None:
+    warnings = ("C7, frames 101-110: slow.", "LASI, frames 101-150: jumps.", "of the file")
+    one = outcome("a.c3d", gap("C7", 0.1, 1.0), gap("LASI", 0.5, 9.0), warnings=warnings)
+    _, files = write_summary([one], tmp_path / "summary.html")
+    (trial,) = json.loads(files.json.read_text("ascii"))["trials"]
+    assert trial["warnings"] == [warnings[1], warnings[0], warnings[2]]
+
+
 def test_files_hold_the_same(tmp_path: Path) -> None:
     outcomes = [outcome("P10/a.c3d", gap("C7", 0.5)), failure("P9/=b.c3d", '=HYPERLINK("x")')]
     contents = StudyContents("gait", waiting=("P9/c.c3d",))
