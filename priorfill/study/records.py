@@ -9,12 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
+from priorfill.formats.bids.names import all_side_files
 from priorfill.runtime.atomic_file import replace_file
 from priorfill.study.job import FAILED, JobLimits, JobOutcome, StudyJob
 from priorfill.study.study_folder import StudyFolder
 
 __all__ = [
     "FileState",
+    "contents_hash",
     "file_hash",
     "file_states",
     "files_of_job",
@@ -39,6 +41,20 @@ def file_hash(path: Path | str) -> str:
     """
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def contents_hash(path: Path) -> str:
+    """Return the SHA-256 of a recording, and of its side files where it has some.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be read.
+    """
+    hashes = [file_hash(one) for one in (path, *all_side_files(path))]
+    if len(hashes) == 1:
+        return hashes[0]
+    return hashlib.sha256(" ".join(hashes).encode()).hexdigest()
 
 
 def read_record(path: Path | str) -> JobOutcome | None:

@@ -105,6 +105,13 @@ def plan_study(
     tried(lambda: _check_folder(sources, sizes, folder, options))
     tried(lambda: _check_names(sources, folder))
     tried(lambda: _check_database(prior, state, options))
+    if options.grow and program is not None:
+        problems.append(
+            OptionError(
+                "files for a program are turned and rounded, and a database cannot tell of which "
+                "recordings they are versions; use `grow` without `program`"
+            )
+        )
     notes = [] if found is None else list(found.notes)
     if options.uses_dask:
         tried(lambda: notes.extend(_cluster_notes(options)))

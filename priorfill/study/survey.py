@@ -177,11 +177,11 @@ def survey_file(
     """
     from priorfill.errors import PriorfillError
     from priorfill.filling.multi_subject import read_subjects
-    from priorfill.study.records import file_hash
+    from priorfill.study.records import contents_hash
 
     content = ""
     try:
-        content = file_hash(source)
+        content = contents_hash(source)
         with suppress(LookupError, TypeError):  # what is kept may be damaged
             subjects = (known or {})[content]
             return Survey(name, str(source), content, tuple(map(_subject_of, subjects)))

@@ -16,6 +16,7 @@ Equal seeds produce equal files, `--keep` keeps those that failed.
 from __future__ import annotations
 
 import io
+import json
 import re
 import sys
 import time
@@ -48,6 +49,7 @@ from priorfill.skeleton.virtual_markers import compute_virtual_markers
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 sys.path.append(str(Path(__file__).resolve().parents[2] / "tests" / "support"))
+import bids_files
 import skeleton_files
 import text_files
 from fuzzing import Tally, fuzz_parser, run_cases
@@ -242,6 +244,24 @@ def _qualisys() -> tuple[bytes, ...]:
         text_files.qualisys(_gappy(), numbers=False, titles=False, missing=""),
         text_files.qualisys(_gappy(), trailing_tab=True, missing="NaN"),
     )
+
+
+@cache
+def _bids() -> tuple[bytes, ...]:
+    columns = bids_files.columns_of(_gappy()) + bids_files.other_columns(len(_gappy()))
+    return tuple(bids_files.motion_text(columns, missing=text).encode() for text in ("n/a", "NaN"))
+
+
+@cache
+def _bids_channels() -> tuple[bytes, ...]:
+    columns = bids_files.columns_of(_gappy()) + bids_files.other_columns(len(_gappy()))
+    return (bids_files.channels_text(columns).encode(),)
+
+
+@cache
+def _bids_json() -> tuple[bytes, ...]:
+    fields = {"SamplingFrequency": 100, "SamplingFrequencyEffective": 99.5, "MissingValues": "-1"}
+    return (json.dumps(fields, indent=1).encode(), json.dumps(fields).encode())
 
 
 @cache
@@ -457,7 +477,7 @@ def _use_recording(path: Path, content: bytes, rng: Rng) -> str:
     is_recording(path)
     clip = read(path)
     result = fill(clip, method="linear", options=method_alone())
-    out = path.with_stem("out")
+    out = path.with_name("out" + path.name.removeprefix("in"))
     write(out, result.clip, result.filled)
     try:
         again = read(out)
@@ -471,6 +491,32 @@ def _use_recording(path: Path, content: bytes, rng: Rng) -> str:
     finally:
         out.unlink()
     return "filled" if result.filled.any() else "read, nothing filled"
+
+
+def _use_motion(path: Path, content: bytes, rng: Rng) -> str:
+    return _use_dataset_files(path, content, _bids_channels()[0], _bids_json()[0], rng)
+
+
+def _use_channels(path: Path, content: bytes, rng: Rng) -> str:
+    return _use_dataset_files(path, _bids()[0], content, _bids_json()[0], rng)
+
+
+def _use_motion_json(path: Path, content: bytes, rng: Rng) -> str:
+    return _use_dataset_files(path, _bids()[0], _bids_channels()[0], content, rng)
+
+
+def _use_dataset_files(
+    path: Path, recording: bytes, channels: bytes, fields: bytes, rng: Rng
+) -> str:
+    """Fill a recording of Motion-BIDS with its side files."""
+    side = {path.with_name("channels.tsv"): channels, path.with_name("motion.json"): fields}
+    try:
+        for other, content in side.items():
+            other.write_bytes(content)
+        return _use_recording(path, recording, rng)
+    finally:
+        for other in side:
+            other.unlink(missing_ok=True)
 
 
 def _use_asf(path: Path, content: bytes, rng: Rng) -> str:
@@ -541,6 +587,9 @@ KINDS: dict[str, Kind] = {
     "nexus": Kind(".csv", _nexus, TEXT, _use_recording),
     "qualisys": Kind(".tsv", _qualisys, TEXT, _use_recording),
     "motive": Kind(".csv", _motive, TEXT, _use_recording),
+    "bids": Kind("_motion.tsv", _bids, TEXT, _use_motion),
+    "bids channels": Kind("_motion.tsv", _bids_channels, TEXT, _use_channels),
+    "bids json": Kind("_motion.tsv", _bids_json, TEXT, _use_motion_json),
     "npz": Kind(".npz", _npz, (*RAW, *[_damage_members] * 5, *[_other_arrays] * 4), _use_recording),
     "mat": Kind(
         ".mat", _mat, (*RAW, *[_set_word] * 5, *[_other_variables] * 2, _pack), _use_recording

@@ -100,6 +100,21 @@ def test_side_files_are_inherited(tmp_path):
     assert formats.bids.side_files.read_side_files(path).up_axis("lab") == "+Y"
 
 
+def test_axes_may_be_stated_as_in_drafts_of_motion_bids(tmp_path):
+    fields = {"SamplingFrequency": 100, "SpatialAxes": "FRU"}
+    path = write_dataset(tmp_path, columns_of(standing()), fields)
+    clip = formats.read(path)
+    assert (clip.up, clip.source.up_found_from) == ("+Z", "file")
+
+
+def test_a_unit_that_the_markers_contradict_is_an_error(tmp_path):
+    path = write_dataset(tmp_path, columns_of(standing() * 10, unit="m"))  # mm, farther apart
+    with pytest.raises(ClipError, match="which looks like millimetres; give the right unit"):
+        formats.read(path)
+    clip = formats.read(path, unit="mm")
+    np.testing.assert_allclose(clip.positions, standing() * 10, atol=1e-5)
+
+
 def test_side_files_above_the_root_do_not_count(tmp_path):
     path = write_dataset(tmp_path / "motion", columns_of(standing()), fields={})
     (tmp_path / "motion.json").write_text('{"SamplingFrequency": 50}')

@@ -6,8 +6,14 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
 from bids_files import NAME, columns_of, gappy, write_dataset
+from text_files import LABELS
 
+from priorfill.clip import Clip
+from priorfill.errors import StudyError
+from priorfill.filling.fill_file import FileOptions
+from priorfill.formats import write
 from priorfill.study.fill_job import fill_job
 from priorfill.study.find_sources import find_sources
 from priorfill.study.job import FILLED, StudyJob
@@ -15,6 +21,8 @@ from priorfill.study.job_keys import JobKeys
 from priorfill.study.records import file_states, record_of_job
 from priorfill.study.settings import FillSettings
 from priorfill.study.study_folder import StudyFolder
+from priorfill.study.study_options import StudyOptions
+from priorfill.study.study_plan import plan_study
 
 SOURCE = f"sub-01/motion/{NAME}_motion.tsv"
 
@@ -65,6 +73,23 @@ def test_a_foreign_mask_is_not_replaced(tmp_path):
     assert "_mask.tsv: exists already" in fill_job(job).reason
     assert mask.read_text() == "mine"
     assert fill_job(replace(job, overwrite=True)).status == FILLED
+
+
+def test_a_study_for_a_program_does_not_grow_a_database(tmp_path):
+    write_dataset(tmp_path / "in", columns_of(gappy()))
+    settings = FillSettings(method="linear", files=FileOptions(program="opensim"))
+    options = StudyOptions(grow=True)
+    with pytest.raises(StudyError, match="use `grow` without `program`"):
+        plan_study([tmp_path / "in"], tmp_path / "out", settings, tmp_path / "db", options)
+
+
+def test_two_sources_of_one_output_are_refused(tmp_path):
+    clip = Clip(gappy(), LABELS, 100.0)
+    for name in ("walk.npz", "walk.mat"):
+        write(tmp_path / "in" / name, clip)
+    settings = FillSettings(method="linear", files=FileOptions(program="opensim"))
+    with pytest.raises(StudyError, match=r"would have one output, .*walk\.trc"):
+        plan_study([tmp_path / "in"], tmp_path / "out", settings, None, StudyOptions())
 
 
 def test_the_key_depends_on_side_files(tmp_path):

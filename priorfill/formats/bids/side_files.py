@@ -26,6 +26,9 @@ _REQUIRED = ("type", "component", "tracked_point")
 _NOT_STATED = "n/a"
 """The word of BIDS for a value that is not there."""
 
+_VERTICAL = {"S": "+", "U": "+", "I": "-", "D": "-"}
+"""Letters of ``SpatialAxes`` for a vertical axis: superior and inferior; in drafts up and down."""
+
 UP_AXIS = "UpAxis"
 """Field of priorfill for the axis that points up: BIDS describes three axes or none."""
 
@@ -99,8 +102,9 @@ class SideFiles:
         for key in ("reference_frame", "Levels", frame):
             level = level.get(key) if isinstance(level, dict) else None
         fields = level if isinstance(level, dict) else {}
-        axes = str(fields.get("SpatialAxes", "")).upper()
-        for letter, sign in (("S", "+"), ("I", "-")):  # superior, inferior
+        # drafts of Motion-BIDS had the axes in _motion.json
+        axes = str(fields.get("SpatialAxes", self.motion.get("SpatialAxes", ""))).upper()
+        for letter, sign in _VERTICAL.items():
             if len(axes) == len("XYZ") and letter in axes:
                 return sign + "XYZ"[axes.index(letter)]
         return str(fields.get(UP_AXIS, ""))
