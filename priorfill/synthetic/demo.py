@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -69,6 +70,17 @@ def make_demo_clip(seed: int = 2011) -> tuple[Clip, Clip]:
     >>> int(gappy.missing.sum())
     6594
     """
+    truth = _simulated(seed)
+    positions = truth.positions.copy()
+    for start, end, labels in DEMO_GAPS:
+        frames = slice(round(start * truth.rate), round(end * truth.rate))
+        positions[frames, [truth.labels.index(label) for label in labels]] = np.nan
+    return truth, truth.with_positions(positions)
+
+
+@lru_cache(maxsize=1)  # examples make the demo clip again and again, which takes 0.2 s
+def _simulated(seed: int) -> Clip:
+    """Return the recording without gaps."""
     truth = synthesise(
         "mixed",
         seconds=SECONDS,
@@ -76,9 +88,4 @@ def make_demo_clip(seed: int = 2011) -> tuple[Clip, Clip]:
         style=Style(speed=1.15, arm_swing=1.15, lean=1.5, toe_out=9.0, asymmetry=-0.04),
         seed=seed,
     )
-    truth = replace(truth, name="synthetic_demo")
-    positions = truth.positions.copy()
-    for start, end, labels in DEMO_GAPS:
-        frames = slice(round(start * truth.rate), round(end * truth.rate))
-        positions[frames, [truth.labels.index(label) for label in labels]] = np.nan
-    return truth, truth.with_positions(positions)
+    return replace(truth, name="synthetic_demo")

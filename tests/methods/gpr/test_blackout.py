@@ -28,11 +28,11 @@ from priorfill.methods.gpr.blackout.curves import (
     gaussian_process_curves,
 )
 
-TRUTH = person(seconds=8.0)
+TRUTH = person(seconds=6.0)
 SLOW = person(seconds=8.0, rate=30.0)
-"""The same at half the rate, which halves the time of long blackouts."""
+"""A longer one at half the rate, which halves the time of long blackouts."""
 ALL = TRUTH.labels
-TWO = ((200, 236, ALL), (460, 481, ALL))
+TWO = ((180, 216, ALL), (335, 361, ALL))
 """A blackout in the middle, and one at the end."""
 
 
@@ -60,7 +60,7 @@ def splines(clip: Clip) -> np.ndarray:
 )
 def test_better_than_a_cubic_spline(seconds: float, truth: Clip) -> None:
     ours, theirs = [], []
-    for begin in (1.7, 5.8):
+    for begin in (1.7, 3.8):
         start = round(begin * truth.rate)
         clip = with_gaps(truth, (start, start + round(seconds * truth.rate), ALL))
         result = fill(clip, options=AS_ESTIMATED)  # a foot that collapses is not believed
@@ -70,7 +70,7 @@ def test_better_than_a_cubic_spline(seconds: float, truth: Clip) -> None:
     assert np.mean(ours) < 0.85 * np.mean(theirs)
 
 
-@pytest.mark.parametrize(("start", "stop"), [(0, 1), (0, 24), (440, 481), (479, 481), (0, 60)])
+@pytest.mark.parametrize(("start", "stop"), [(0, 1), (0, 24), (320, 361), (359, 361), (0, 60)])
 def test_at_the_ends(start: int, stop: int) -> None:
     clip = with_gaps(TRUTH, (start, stop, ALL))
     result = fill(clip, options=WITH_ENDS)
@@ -88,7 +88,7 @@ def test_several_near_each_other() -> None:
 
 
 def test_with_other_gaps_nearby() -> None:
-    gaps = [(180, 230, ARM), (205, 270, FOOT), (60, 90, ARM), (300, 320, FOOT), (0, 481, ["T10"])]
+    gaps = [(180, 230, ARM), (205, 270, FOOT), (60, 90, ARM), (300, 320, FOOT), (0, 361, ["T10"])]
     clip = with_gaps(TRUTH, (200, 220, ALL), *gaps)
     result = fill(clip)
     left = clip.missing & ~result.filled
@@ -116,8 +116,8 @@ def test_one_visible_marker() -> None:
 def test_edges_have_no_jump(two_filled: Result) -> None:
     steps = np.linalg.norm(np.diff(two_filled.clip.positions - TRUTH.positions, axis=0), axis=2)
     # the recording itself has a millimetre of noise
-    assert steps[[199, 235, 459]].max() < 8.0
-    assert steps[[199, 235, 459]].mean() < 2.5
+    assert steps[[179, 215, 334]].max() < 8.0
+    assert steps[[179, 215, 334]].mean() < 2.5
     assert steps.max() < 15.0
 
 
@@ -134,8 +134,8 @@ def test_expected_error() -> None:
 
 
 def test_expected_error_grows_toward_an_end() -> None:
-    result = fill(with_gaps(TRUTH, (430, 481, ALL)), options=WITH_ENDS)
-    expected = result.expected_rms_mm[430:].mean(axis=1)
+    result = fill(with_gaps(TRUTH, (310, 361, ALL)), options=WITH_ENDS)
+    expected = result.expected_rms_mm[310:].mean(axis=1)
     assert expected[-1] > 4 * expected[5]
 
 
