@@ -40,7 +40,7 @@ from priorfill.formats.bids.names import (
 from priorfill.formats.bids.side_files import SideFiles, read_side_files
 from priorfill.formats.bids.tracked_points import find_tracked_points
 from priorfill.gp.calibration import MEAN_FACTOR
-from priorfill.runtime.atomic_file import check_target, replace_file
+from priorfill.runtime.atomic_file import check_target, check_writable, replace_file
 
 __all__ = ["check_derivative", "derivative_beside", "derivative_files", "derivative_output"]
 
@@ -124,7 +124,7 @@ def derivative_output(source: Path, output: Path) -> Path:
         The file to write; for a recording of Motion-BIDS also the root of a derivative dataset: a
         folder, or a name without a suffix.
     """
-    if output.suffix.lower() in formats.SUFFIXES and not output.is_dir():
+    if output.suffix and not output.is_dir():
         return output
     if is_motion(source) and source.is_file() and formats.format_of(source) == "bids":
         return derivative_path(source, output)
@@ -166,6 +166,8 @@ def check_derivative(output: Path, source: Path, *, overwrite: bool) -> None:
                 f"{output}: {root} is a dataset of the type {kind}, in which BIDS permits no "
                 f"filled recordings; write to {root / 'derivatives' / 'priorfill'}"
             )
+    if root is not None:
+        check_writable(root / DESCRIPTION, 0)
     for path in derivative_beside(output, source):
         check_target(path, overwrite=overwrite, source=source)
 

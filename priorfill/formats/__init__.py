@@ -36,7 +36,7 @@ from priorfill.errors import FormatError, OptionError
 from priorfill.formats.arrays.mat import create_mat, parse_mat, recognise_mat
 from priorfill.formats.arrays.npz import create_npz_clip, parse_npz, recognise_npz
 from priorfill.formats.bids.create_motion import create_motion
-from priorfill.formats.bids.motion_tsv import copy_motion, read_motion
+from priorfill.formats.bids.motion_tsv import copy_motion, holds_positions, read_motion
 from priorfill.formats.bids.names import is_motion, motion_name_fault, new_motion_fault
 from priorfill.formats.c3d.create import create_c3d
 from priorfill.formats.c3d.patch import beyond_range, write_c3d
@@ -108,6 +108,8 @@ class FileFormat:
         Returns the filled samples of a clip that a copy cannot hold; None: it can hold all.
     exclusive : bool
         Whether the suffixes are used for recordings only, so that the contents need no check.
+    holds_markers : callable or None
+        Checks whether a file of the format holds markers; None: all do.
     name_fault, new_name_fault : callable or None
         Return why a copy, or a new file, cannot have a name, with the remedy; empty if it can.
     """
@@ -121,6 +123,7 @@ class FileFormat:
     rewrite: Callable[..., WriteReport] | None = None
     beyond_range: Callable[[Clip, NDArray[np.bool_]], NDArray[np.bool_]] | None = None
     exclusive: bool = False
+    holds_markers: Callable[[Path], bool] | None = None
     name_fault: Callable[[Path], str] | None = None
     new_name_fault: Callable[[Path], str] | None = None
 
@@ -204,6 +207,7 @@ FORMATS = {
         is_motion,
         copy_motion,
         create_motion,
+        holds_markers=holds_positions,
         name_fault=motion_name_fault,
         new_name_fault=new_motion_fault,
     ),
@@ -298,13 +302,14 @@ def is_recording(path: Path | str) -> bool:
     Returns
     -------
     bool
-        True if its suffix, and if necessary its contents, are those of a format in `FORMATS`.
+        True if its suffix, and if necessary its contents, are those of a format in `FORMATS`, and
+        it holds markers.
     """
     path = Path(path)
-    return any(
-        path.suffix.lower() in one.suffixes and (one.exclusive or one.recognise(path))
-        for one in FORMATS.values()
-    )
+    for one in FORMATS.values():
+        if path.suffix.lower() in one.suffixes and (one.exclusive or one.recognise(path)):
+            return one.holds_markers is None or one.holds_markers(path)
+    return False
 
 
 def read(

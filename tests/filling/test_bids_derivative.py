@@ -140,6 +140,12 @@ def test_a_derivative_is_checked_before_the_fill(tmp_path, monkeypatch):
     assert mask.read_text() == "mine"
 
 
+def test_a_name_with_an_unknown_suffix_is_no_folder(tmp_path):
+    source = shuffled_dataset(tmp_path)
+    with pytest.raises(OptionError, match=r"the suffix '\.c3dd' is unknown"):
+        pf.fill_file(source, tmp_path / "out.c3dd", method="linear")
+
+
 def test_nothing_is_written_if_one_file_cannot_be(tmp_path, monkeypatch):
     source = shuffled_dataset(tmp_path)
 

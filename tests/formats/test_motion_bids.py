@@ -199,6 +199,15 @@ def test_the_name_decides_only_where_the_contents_do_not(tmp_path):
     ]  # fmt: skip
 
 
+def test_recordings_of_inertial_sensors_are_none_of_markers(tmp_path):
+    path = write_dataset(tmp_path, other_columns(12))
+    assert not formats.is_recording(path)
+    with pytest.raises(FormatError, match="priorfill fills positions only"):
+        formats.read(path)
+    path.with_name(f"{NAME}_channels.tsv").unlink()
+    assert formats.is_recording(path)  # the reason is reported
+
+
 def test_a_copy_needs_the_name_of_a_recording_and_unchanged_channels(tmp_path):
     path = write_dataset(tmp_path, columns_of(gappy()))
     clip = formats.read(path)

@@ -30,7 +30,7 @@ from priorfill.formats.tables.numbers import header_number
 from priorfill.formats.tables.text_table import TableRecording, read_table, write_table
 from priorfill.formats.write_report import WriteReport
 
-__all__ = ["copy_motion", "parse_motion", "read_motion"]
+__all__ = ["copy_motion", "holds_positions", "parse_motion", "read_motion"]
 
 _DELIMITER = b"\t"
 
@@ -80,6 +80,17 @@ def copy_motion(
         return parse_motion(data, name, side)
 
     return write_table(path, clip, filled, parse, overwrite=overwrite)
+
+
+def holds_positions(path: Path) -> bool:
+    """Check whether a recording has a channel of positions, which those of inertial sensors lack.
+
+    A recording whose side files cannot be read counts as one; reading it reports the reason.
+    """
+    try:
+        return any(channel.kind == "POS" for channel in read_side_files(path).channels)
+    except FormatError:
+        return True
 
 
 def parse_motion(data: bytes, name: str, side: SideFiles) -> TableRecording:
