@@ -11,7 +11,7 @@ from typing import Any
 from priorfill.runtime.json_numbers import json_number
 from priorfill.study.summary_markers import StudyMarker
 from priorfill.study.summary_rule import rule_text
-from priorfill.study.summary_study import FolderSummary, StudySummary, SummaryTrial
+from priorfill.study.summary_study import StudyPart, StudySummary, SummaryTrial
 from priorfill.study.summary_trial import TrialFigures, TrialGap, TrialMarker
 
 __all__ = ["FORMAT", "relative_path", "summary_json"]
@@ -48,7 +48,14 @@ def summary_json(summary: StudySummary, folder: Path) -> dict[str, Any]:
         "rule": rule_text(limits),
         "trials": [_trial(one, folder) for one in summary.trials],
         "markers": [_marker(one) for one in summary.markers],
-        "folders": [_folder(one) for one in summary.folders],
+        "folders": [
+            {"folder": one.name, "subjects": list(one.subjects), **_part(one)}
+            for one in summary.folders
+        ],
+        "subjects": [
+            {"subject": one.name, "folders": list(one.folders), **_part(one)}
+            for one in summary.subjects
+        ],
     }
 
 
@@ -179,10 +186,8 @@ def _marker(one: StudyMarker) -> dict[str, Any]:
     }
 
 
-def _folder(one: FolderSummary) -> dict[str, Any]:
+def _part(one: StudyPart) -> dict[str, Any]:
     return {
-        "folder": one.name,
-        "subjects": list(one.subjects),
         "trials": one.trials,
         "groups": dict(one.groups),
         "missing_samples": one.missing,

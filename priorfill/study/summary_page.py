@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ SHARED_SCRIPTS = ("dom.js",)
 STUDY_SCRIPTS = (
     "study_store.js", "list_table.js", "study_headline.js", "attention_lists.js",
     "trial_columns.js", "trial_table.js", "trial_detail.js", "marker_columns.js",
-    "marker_map_input.js", "marker_map.js", "folder_columns.js", "study_main.js",
+    "marker_map_input.js", "marker_map.js", "part_columns.js", "study_main.js",
 )  # fmt: skip
 """Scripts of the page of a summary, in their order; only the last one does anything at once."""
 
@@ -51,7 +51,10 @@ def summary_page(values: Mapping[str, Any]) -> str:
     """
     labels = [one["marker"] for one in values["markers"][:MAX_MARKERS]]
     index = {label: number for number, label in enumerate(labels)}
-    folders = {one["folder"]: number for number, one in enumerate(values["folders"])}
+    parts = {
+        name: {one[key]: number for number, one in enumerate(values[name])}
+        for name, key in (("folders", "folder"), ("subjects", "subject"))
+    }
     data = {
         "format": 1,
         "title": f"{shown(values['study'], MAX_LABEL)} - summary",
@@ -66,13 +69,14 @@ def summary_page(values: Mapping[str, Any]) -> str:
         "seconds": values["seconds"],
         "facts": [[shown(name, MAX_LABEL), shown(text)] for name, text in values["facts"].items()],
         "limits": values["limits"],
-        "folders": [_folder(one) for one in values["folders"]],
+        "folders": [_part(one, one["folder"], one["subjects"]) for one in values["folders"]],
+        "subjects": [_part(one, one["subject"], one["folders"]) for one in values["subjects"]],
         "markers": [
             {**one, "marker": shown(one["marker"], MAX_LABEL), "absent_in": len(one["absent_in"])}
             for one in values["markers"][:MAX_MARKERS]
         ],
         "more_markers": max(0, len(values["markers"]) - MAX_MARKERS),
-        "trials": [_trial(one, folders, index) for one in values["trials"]],
+        "trials": [_trial(one, parts, index) for one in values["trials"]],
     }
     return page_text(data, _page_files())
 
@@ -89,24 +93,33 @@ def _page_files() -> PageFiles:
     )
 
 
-def _folder(one: Mapping[str, Any]) -> dict[str, Any]:
+def _part(one: Mapping[str, Any], name: str, others: Sequence[str]) -> dict[str, Any]:
+    """Return what the page needs of a folder with its subjects, or the other way round."""
+    kept = (
+        "trials",
+        "groups",
+        "missing_share",
+        "left_samples",
+        "expected_mean_error_mm",
+        "seconds",
+    )
     return {
-        **one,
-        "folder": shown(one["folder"], MAX_NAME),
-        "subjects": [shown(name, MAX_LABEL) for name in one["subjects"]],
+        "name": shown(name, MAX_NAME),
+        "others": [shown(other, MAX_NAME) for other in others],
         "worst_marker": shown(one["worst_marker"] or "", MAX_LABEL),
-        "absent_markers": [shown(name, MAX_LABEL) for name in one["absent_markers"]],
+        "absent_markers": [shown(label, MAX_LABEL) for label in one["absent_markers"]],
+        **{key: one[key] for key in kept},
     }
 
 
 def _trial(
-    one: Mapping[str, Any], folders: Mapping[str, int], index: Mapping[str, int]
+    one: Mapping[str, Any], parts: Mapping[str, Mapping[str, int]], index: Mapping[str, int]
 ) -> dict[str, Any]:
     """Return what the page needs of a trial, under short names: there can be ten thousand."""
     return {
         "name": shown(one["name"], MAX_NAME),
-        "folder": folders[one["folder"]],
-        "subjects": [shown(name, MAX_LABEL) for name in one["subjects"]],
+        "folder": parts["folders"][one["folder"]],
+        "subjects": [parts["subjects"][name] for name in dict.fromkeys(one["subjects"])],
         "group": GROUPS.index(one["group"]),
         "status": one["status"],
         "again": one["try_again"],

@@ -16,7 +16,7 @@ from priorfill.study.summary_markers import StudyMarker, absent_markers, study_m
 from priorfill.study.summary_rule import GROUPS, Attention, attention
 from priorfill.study.summary_trial import TrialFigures, trial_figures
 
-__all__ = ["FolderSummary", "StudyContents", "StudySummary", "SummaryTrial", "summarise_study"]
+__all__ = ["StudyContents", "StudyPart", "StudySummary", "SummaryTrial", "summarise_study"]
 
 
 @dataclass(frozen=True)
@@ -58,15 +58,15 @@ class SummaryTrial:
 
 
 @dataclass(frozen=True)
-class FolderSummary:
-    """The trials of a folder, such as those of a subject or of a session.
+class StudyPart:
+    """The trials of a folder or of a subject.
 
     Attributes
     ----------
     name : str
-        Path within the study; ``.`` for the study itself.
-    subjects : tuple of str
-        Names of the subjects in its files.
+        Path of the folder within the study, ``.`` for the study itself; or name of the subject.
+    subjects, folders : tuple of str
+        Names of the subjects in its files, and the folders that these are in.
     trials : int
         Number of trials.
     groups : mapping of str to int
@@ -86,6 +86,7 @@ class FolderSummary:
 
     name: str
     subjects: tuple[str, ...]
+    folders: tuple[str, ...]
     trials: int
     groups: Mapping[str, int]
     missing: int
@@ -108,8 +109,8 @@ class StudySummary:
         Worst first.
     markers : tuple of StudyMarker
         Those with gaps; the one with most frames to be filled first.
-    folders : tuple of FolderSummary
-        By name.
+    folders, subjects : tuple of StudyPart
+        By name; without subjects that have none.
     limits : SummaryLimits
         Of the rule.
     contents : StudyContents
@@ -118,7 +119,8 @@ class StudySummary:
 
     trials: tuple[SummaryTrial, ...]
     markers: tuple[StudyMarker, ...]
-    folders: tuple[FolderSummary, ...]
+    folders: tuple[StudyPart, ...]
+    subjects: tuple[StudyPart, ...]
     limits: SummaryLimits
     contents: StudyContents
 
@@ -214,7 +216,8 @@ def summarise_study(
     return StudySummary(
         trials=tuple(sorted(trials, key=_badness)),
         markers=study_markers(figures, absent),
-        folders=tuple(_folder(name, own, absent[name]) for name, own in rated.items()),
+        folders=tuple(_part(name, own, absent[name]) for name, own in rated.items()),
+        subjects=_subjects(trials),
         limits=limits,
         contents=contents or StudyContents(),
     )
@@ -253,7 +256,19 @@ def _badness(trial: SummaryTrial) -> tuple[int, bool, int, float, float]:
     )
 
 
-def _folder(name: str, trials: Sequence[SummaryTrial], absent: frozenset[str]) -> FolderSummary:
+def _subjects(trials: Sequence[SummaryTrial]) -> tuple[StudyPart, ...]:
+    """Return the trials of each subject, by name."""
+    by_subject: dict[str, list[SummaryTrial]] = {}
+    for trial in trials:
+        for subject in dict.fromkeys(trial.figures.subjects):
+            by_subject.setdefault(subject, []).append(trial)
+    return tuple(
+        _part(name, own, absent_markers([one.figures for one in own]))
+        for name, own in sorted(by_subject.items(), key=lambda item: natural_key(item[0]))
+    )
+
+
+def _part(name: str, trials: Sequence[SummaryTrial], absent: frozenset[str]) -> StudyPart:
     figures = [one.figures for one in trials]
     groups = Counter(one.attention.group for one in trials)
     lost: Counter[str] = Counter()
@@ -262,9 +277,10 @@ def _folder(name: str, trials: Sequence[SummaryTrial], absent: frozenset[str]) -
     present = [label for label, frames in lost.most_common() if frames and label not in absent]
     known = [one for one in figures if math.isfinite(one.error)]
     filled = sum(one.filled for one in known)
-    return FolderSummary(
+    return StudyPart(
         name=name,
         subjects=tuple(dict.fromkeys(subject for one in figures for subject in one.subjects)),
+        folders=tuple(dict.fromkeys(one.folder for one in figures)),
         trials=len(trials),
         groups={group: groups[group] for group in GROUPS},
         missing=sum(one.missing for one in figures),

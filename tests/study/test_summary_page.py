@@ -19,7 +19,7 @@ EXAMPLE = (
     outcome("P1/good.c3d", gap("C7", 0.3)),
     outcome("P1/lost.c3d", gap("LASI", 2.0, 30.0), gap("C7", 0.1)),
     outcome("P2/left.c3d", gap("C7", 0.5, left=10), gap("LASI", 0.2)),
-    outcome("P2/none.c3d"),
+    outcome("P2/none.c3d", facts={"subjects": [{"subject": "Ben"}]}),
     failure("P2/a.c3d", "/study/in/P2/a.c3d: no markers"),
     failure("P2/b.c3d", "/study/in/P2/b.c3d: no markers"),
     failure("P2/c.c3d", "killed", try_again=True),
@@ -97,6 +97,7 @@ def test_what_needs_a_hand_comes_first(page: Any) -> None:
     assert link.get_attribute("href").endswith("/study/out/P1/lost.c3d.html")
     assert rows(page, "markers") == ["LASI", "C7"]
     assert rows(page, "folders") == ["P1", "P2"]
+    assert rows(page, "subjects") == ["Anna", "Ben"]
 
 
 def test_tables_sort_and_filter(page: Any) -> None:
@@ -118,6 +119,8 @@ def test_tables_sort_and_filter(page: Any) -> None:
     page.get_by_role("button", name="folder P2 ×").click()
     page.get_by_role("button", name="Good 2").click()
     assert rows(page) == ["good.c3d P1", "none.c3d P2"]
+    page.locator("#subjects").get_by_text("Ben", exact=True).click()
+    assert rows(page) == ["none.c3d P2"]
 
 
 def test_keys_move_in_tables_and_in_the_map(page: Any) -> None:

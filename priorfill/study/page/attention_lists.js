@@ -103,10 +103,7 @@ class AttentionLists {
   /** Show a trial in the table and in full. */
   show(trial) {
     const index = this.store.data.trials.indexOf(trial);
-    if (!this.store.fits(index)) {
-      Object.assign(this.store, { groups: new Set(), folder: -1, marker: -1 });
-      this.store.setWords("");
-    }
+    if (!this.store.fits(index)) this.store.showAll();
     this.store.setActive(index, { focus: true });
     document.getElementById("trials").scrollIntoView({ block: "start" });
   }

@@ -226,7 +226,7 @@ class MarkerMap {
       }
       if (wide > 24) {
         context.fillStyle = theme.text;
-        const name = shortFolderName(context, folderName(folders[folder]), wide - 6);
+        const name = shortFolderName(context, partName(folders[folder]), wide - 6);
         context.fillText(name, x + 3, MAP_HEAD_HEIGHT / 2);
       }
       begin = end;

@@ -12,13 +12,15 @@ function startStudyPage() {
   new TrialDetail(place("trial"), store);
   const map = new MarkerMap(place("marker-map"), store);
   listMarkers(place("markers"), store);
-  listFolders(place("folders"), store);
+  listParts(place("folders"), store, "folder");
+  if (data.subjects.length > 1) listParts(place("subjects"), store, "subject");
+  else place("subjects").parentElement.hidden = true;
   followStudyTheme(store);
   window.priorfill = { store, views: { trials, map } };
   if (data.trials.length) store.setActive(0, { scrollTo: false });
 }
 
-/** Show the trials of a folder or marker, in the table that is above its row. */
+/** Show the trials of a folder, subject or marker, in the table that is above its row. */
 function chooseBelow(store, name, index) {
   store.choose(name, index);
   document.getElementById("trials").scrollIntoView({ block: "start" });
@@ -40,18 +42,20 @@ function listMarkers(root, store) {
   store.on("print", (on) => list.print(on));
 }
 
-/** Make the table of folders. */
-function listFolders(root, store) {
-  const { folders } = store.data;
+/** Make the table of folders or subjects. */
+function listParts(root, store, kind) {
+  const others = { folder: "subject", subject: "folder" }[kind];
+  const parts = store.data[`${kind}s`];
+  const title = (text) => text[0].toUpperCase() + text.slice(1);
   root.append(element("div", { class: "panel-head" }, [
-    element("h2", { text: "Folders" }),
-    element("span", { class: "muted", text: `${countOf(folders.length, "folder")}; a row shows ` +
+    element("h2", { text: title(`${kind}s`) }),
+    element("span", { class: "muted", text: `${countOf(parts.length, kind)}; a row shows ` +
       "its trials in the table above" })]));
   const list = new ListTable(root, {
-    label: "Folders", columns: folderColumns(), rows: folders,
-    open: (index) => chooseBelow(store, "folder", index), empty: "There are no folders.",
+    label: title(`${kind}s`), columns: partColumns(title(kind), title(`${others}s`)), rows: parts,
+    open: (index) => chooseBelow(store, kind, index), empty: `There are no ${kind}s.`,
   });
-  store.on("filter", () => list.setActive(store.folder, false));
+  store.on("filter", () => list.setActive(store[kind], false));
   store.on("print", (on) => list.print(on));
 }
 

@@ -1,4 +1,4 @@
-/* The data of a summary, and what the user chose: groups, folder, marker, words, active trial. */
+/* The data of a summary, and what the user chose: groups, folder, subject, marker, words. */
 
 /** Version of the data that this page reads. */
 const STUDY_FORMAT = 1;
@@ -16,6 +16,7 @@ class StudyStore {
     this.data = data;
     this.groups = new Set();
     this.folder = -1;
+    this.subject = -1;
     this.marker = -1;
     this.words = [];
     this.active = -1;
@@ -45,9 +46,15 @@ class StudyStore {
     this.emit("filter");
   }
 
-  /** Show trials of one folder (-1: all), or in which one marker falls off. */
+  /** Show trials of one folder or subject, or in which one marker falls off; again: all. */
   choose(name, number) {
     this[name] = this[name] === number ? -1 : number;
+    this.emit("filter");
+  }
+
+  /** Show all trials. */
+  showAll() {
+    Object.assign(this, { groups: new Set(), folder: -1, subject: -1, marker: -1, words: [] });
     this.emit("filter");
   }
 
@@ -68,6 +75,7 @@ class StudyStore {
     const trial = this.data.trials[index];
     return (!this.groups.size || this.groups.has(trial.group)) &&
       (this.folder < 0 || trial.folder === this.folder) &&
+      (this.subject < 0 || trial.subjects.includes(this.subject)) &&
       (this.marker < 0 || trial.cells.has(this.marker)) &&
       (!this.words.length || this.hasWords(trial));
   }
@@ -75,7 +83,9 @@ class StudyStore {
   /** @returns {boolean} whether a trial has all words of the filter */
   hasWords(trial) {
     if (trial.text === undefined) {
-      trial.text = [trial.name, ...trial.subjects, ...trial.reasons, trial.method,
+      const { subjects } = this.data;
+      trial.text = [trial.name, ...trial.reasons, trial.method,
+        ...trial.subjects.map((number) => subjects[number].name),
         GROUP_TITLES[trial.group], trial.status,
         ...[...trial.cells.keys()].map((marker) => this.data.markers[marker].marker),
       ].join(" ").toLowerCase();
@@ -123,9 +133,9 @@ function fileName(trial) {
   return trial.name.split("/").pop();
 }
 
-/** @returns {string} name of a folder */
-function folderName({ folder }) {
-  return folder === "." ? "(top)" : folder;
+/** @returns {string} name of a folder or subject */
+function partName({ name }) {
+  return name === "." ? "(top)" : name;
 }
 
 /** @returns {string} a time as hours, minutes and seconds that matter */

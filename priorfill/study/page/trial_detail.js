@@ -59,7 +59,7 @@ class TrialDetail {
   /** @returns {HTMLElement} the figures of a trial */
   facts(trial) {
     const rows = [
-      ["Subject", trial.subjects.join(", ")],
+      ["Subject", trial.subjects.map((one) => this.store.data.subjects[one].name).join(", ")],
       ["Missing", trial.missing ? `${countOf(trial.missing, "sample")} in ` +
         `${countOf(trial.gaps, "gap")}, ${shareText(trial.share)} of all` : ""],
       ["Filled", trial.missing ? `${trialFilled(trial)}, expected mean error ` +

@@ -36,7 +36,7 @@ class TrialTable {
   /** Show the trials that fit, and state by what they were chosen. */
   filter() {
     const { store } = this;
-    const { trials, folders, markers } = store.data;
+    const { trials, folders, subjects, markers } = store.data;
     const shown = store.shownTrials();
     this.list.setShown(shown);
     this.count.textContent = shown.length === trials.length ? countOf(trials.length, "trial")
@@ -45,8 +45,12 @@ class TrialTable {
     const filters = [...store.groups].map((group) =>
       [GROUP_TITLES[group], () => store.toggleGroup(group)]);
     if (store.folder >= 0) {
-      filters.push([`folder ${folders[store.folder].folder}`,
+      filters.push([`folder ${partName(folders[store.folder])}`,
         () => store.choose("folder", store.folder)]);
+    }
+    if (store.subject >= 0) {
+      filters.push([`subject ${subjects[store.subject].name}`,
+        () => store.choose("subject", store.subject)]);
     }
     if (store.marker >= 0) {
       filters.push([`gaps of ${markers[store.marker].marker}`,
