@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, Unpack
 
-from priorfill.errors import OptionError, OutputError
+from priorfill.errors import OptionError, OutputError, PriorfillError
 from priorfill.filling.fill_file import FileOptions
 from priorfill.filling.fill_options import FillKeywords, FillOptions
 from priorfill.filling.gap_filter import GapFilter
@@ -177,23 +177,24 @@ class _StudyRun:
     def run(self) -> Study:
         """Run all jobs that are not settled, and sum up, also after an interruption."""
         rounds = StudyRounds(self._plan, self._options)
-        interrupted = None
+        ended: BaseException | None = None
         begun = time.monotonic()
         try:
             with _executor(self._plan, self._options) as executor:
                 for jobs in rounds:
                     self._run_round(jobs, executor)
                     rounds.learn(self._outcomes)
-        except KeyboardInterrupt as error:
-            interrupted = error
+        except (KeyboardInterrupt, PriorfillError, OSError) as error:
+            ended = error
         study = self._study(rounds.notes, time.monotonic() - begun)
-        if interrupted is not None:
+        if isinstance(ended, KeyboardInterrupt):
             summary = "" if study.summary is None else f" (summary: {study.summary})"
-            interrupted.args = (
+            ended.args = (
                 f"interrupted with {len(study.outcomes)} of {len(self._plan.jobs)} files done"
                 f"{summary}; the same command continues",
             )
-            raise interrupted
+        if ended is not None:
+            raise ended
         return study
 
     def _run_round(self, jobs: Sequence[StudyJob], executor: StudyExecutor) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from priorfill.runtime.error_line import error_line
 from priorfill.study.job import JobOutcome, StudyJob
 from priorfill.study.records import file_states, is_settled, record_of_job
 from priorfill.study.study_options import StudyOptions
@@ -22,6 +23,14 @@ def settled_outcome(job: StudyJob, options: StudyOptions) -> JobOutcome | None:
     options : StudyOptions
         Limits, and whether failures are tried again and files replaced.
     """
+    try:
+        return _settled_outcome(job, options)
+    except OSError as error:  # such as a name that is too long there
+        return JobOutcome.of_failure(job, error_line(error), try_again=True)
+
+
+def _settled_outcome(job: StudyJob, options: StudyOptions) -> JobOutcome | None:
+    """Return the outcome, or None; an OSError where files cannot be looked at."""
     kept = record_of_job(job)
     states = file_states(kept)
     changed = [Path(path).name for path, state in states.items() if state == "changed"]

@@ -6,6 +6,7 @@ The fills themselves are replaced by a function that writes a file, as fast as c
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -221,3 +222,21 @@ def test_two_sources_cannot_have_one_output(fills: Fills, monkeypatch: pytest.Mo
     monkeypatch.setattr("priorfill.study.study_plan.is_same_file", lambda path, other: True)
     with pytest.raises(StudyError, match="would have one output"):
         run(fills)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="names may be longer there than on most other drives")
+def test_a_name_that_is_too_long_costs_itself(fills: Fills) -> None:
+    write(f"in/{'l' * 240}.c3d", "long")
+    study, done = run(fills, uncertainty=True)
+    assert done == ALL
+    assert study.outcomes[3].reason.endswith("File name too long; choose a shorter name")
+
+
+def test_what_ends_a_study_leaves_a_summary(fills: Fills, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(self: object, outcomes: object) -> None:
+        raise OutputError("lab: is full; free some space")
+
+    monkeypatch.setattr("priorfill.study.study_rounds.StudyRounds.learn", fail)
+    with pytest.raises(OutputError, match="lab: is full"):
+        run(fills)
+    assert Path("out/summary.html").exists()
