@@ -13,7 +13,14 @@ from priorfill.report.page import REPORT_FOLDER, PageFiles, page_text
 from priorfill.report.shown_text import MAX_LABEL, message_text, shown
 from priorfill.study.summary_rule import GROUPS
 
-__all__ = ["PAGE_MARK", "SHARED_SCRIPTS", "STUDY_FOLDER", "STUDY_SCRIPTS", "summary_page"]
+__all__ = [
+    "MAX_MARKERS",
+    "PAGE_MARK",
+    "SHARED_SCRIPTS",
+    "STUDY_FOLDER",
+    "STUDY_SCRIPTS",
+    "summary_page",
+]
 
 STUDY_FOLDER = Path(__file__).parent / "page"
 """Markup, style and scripts of the page of a summary."""

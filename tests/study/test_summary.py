@@ -103,6 +103,7 @@ def test_warnings_of_the_worst_gap_come_first(tmp_path: Path) -> None:
     assert trial["warnings"] == [warnings[1], warnings[0], warnings[2]]
 
 
+@pytest.mark.windows
 def test_files_hold_the_same(tmp_path: Path) -> None:
     outcomes = [outcome("P10/a.c3d", gap("C7", 0.5)), failure("P9/=b.c3d", '=HYPERLINK("x")')]
     contents = StudyContents("gait", waiting=("P9/c.c3d",))

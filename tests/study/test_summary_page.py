@@ -13,6 +13,7 @@ from study_outcomes import failure, gap, outcome
 
 from priorfill.study.job import JobOutcome
 from priorfill.study.summary_files import write_summary
+from priorfill.study.summary_page import MAX_MARKERS
 from priorfill.study.summary_study import StudyContents
 
 EXAMPLE = (
@@ -177,6 +178,15 @@ def test_thousands_of_trials_are_rows_in_view_only(open_page: PageOpener, tmp_pa
     assert page.locator("#announcer").inner_text() == (
         "C7, 1.c3d: 2.0 % missing (the worst of 2 trials)"
     )
+
+
+def test_markers_beyond_those_shown_are_counted(open_page: PageOpener, tmp_path: Path) -> None:
+    gaps = [gap(f"M{n}", 0.3 if n < MAX_MARKERS else 0.2) for n in range(MAX_MARKERS + 50)]
+    page = open_page(write([outcome("a.c3d", *gaps)], tmp_path))
+    assert (
+        "50 markers with fewer missing frames left out" in page.locator(".panel-map").inner_text()
+    )
+    assert page.evaluate("window.priorfill.store.data.trials[0].cells.size") == MAX_MARKERS
 
 
 def test_paper_has_everything_in_light_colours(open_page: PageOpener, tmp_path: Path) -> None:
