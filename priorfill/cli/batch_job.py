@@ -19,12 +19,14 @@ def batch_job() -> None:
     from priorfill.study.fill_job import fill_job
     from priorfill.study.job import JobLimits, StudyJob
     from priorfill.study.own_memory import forget_peak, limit_memory
+    from priorfill.study.scratch_folder import scratch_folder
 
     request: Mapping[str, Any] | None = parent.request
-    while request is not None:
-        limits = JobLimits(**request["limits"])
-        parent.end_at(limits.seconds)
-        limit_memory(limits)
-        forget_peak()
-        parent.answer(fill_job(StudyJob.from_json(request["job"]), limits).to_json())
-        request = parent.next_request()
+    with scratch_folder():
+        while request is not None:
+            limits = JobLimits(**request["limits"])
+            parent.end_at(limits.seconds)
+            limit_memory(limits)
+            forget_peak()
+            parent.answer(fill_job(StudyJob.from_json(request["job"]), limits).to_json())
+            request = parent.next_request()

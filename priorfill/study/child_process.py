@@ -16,6 +16,7 @@ from priorfill.study.child_pool import ChildPool
 from priorfill.study.child_watch import ChildError, ChildProcess, child_command
 from priorfill.study.job import FAILED, JobLimits, JobOutcome, StudyJob
 from priorfill.study.records import files_of_job, write_record
+from priorfill.study.scratch_folder import remove_abandoned_scratch
 
 __all__ = ["COMMAND", "run_child"]
 
@@ -114,3 +115,4 @@ def remove_leftovers(job: StudyJob) -> None:
     # links are followed, as writers do
     for folder in {Path(os.path.realpath(path)).parent for path in paths if path is not None}:
         remove_abandoned(folder)
+    remove_abandoned_scratch()
