@@ -91,7 +91,7 @@ class GrowthPlan:
         self._basis = json.loads(json.dumps(dict(basis)))
         self.rounds: list[Round] = []
         try:
-            values = json.loads(path.read_text("ascii"))
+            values = json.loads(path.read_text(encoding="ascii"))
             if values["basis"] == self._basis:
                 self.rounds = [Round(**one) for one in values["rounds"]]
         except (OSError, ValueError, TypeError, LookupError, RecursionError):
@@ -127,4 +127,6 @@ class GrowthPlan:
         """
         values = {"basis": self._basis, "rounds": [asdict(one) for one in self.rounds]}
         with replace_file(self._path, overwrite=True) as temporary:
-            temporary.write_text(json.dumps(values, indent=1) + "\n", "ascii", newline="\n")
+            temporary.write_text(
+                json.dumps(values, indent=1) + "\n", encoding="ascii", newline="\n"
+            )

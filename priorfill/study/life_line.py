@@ -6,7 +6,6 @@ the first is answered. When stdin ends, the parent has ended or wants the child 
 
 from __future__ import annotations
 
-import _thread
 import faulthandler
 import json
 import os
@@ -137,7 +136,7 @@ class ParentConnection:
 def _interrupt() -> None:
     """Interrupt the main thread as Ctrl-C would, also while it waits."""
     if sys.platform == "win32":
-        _thread.interrupt_main()
+        signal.raise_signal(signal.SIGINT)  # wakes the main thread there
     else:
         signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 

@@ -143,7 +143,7 @@ def _keep(surveys: Iterable[Survey], reading: Mapping[str, Any], kept: Path) -> 
     if len(known) > size:
         text = json.dumps({**_header(reading), "files": known})
         with suppress(OutputError), replace_file(kept, overwrite=True) as temporary:
-            temporary.write_text(text + "\n", "ascii", newline="\n")
+            temporary.write_text(text + "\n", encoding="ascii", newline="\n")
 
 
 def _header(reading: Mapping[str, Any]) -> dict[str, Any]:
@@ -155,7 +155,7 @@ def _read_kept(kept: Path, reading: Mapping[str, Any]) -> dict[str, Any]:
     """Return the facts that are kept, by content; nothing if they were read in another way."""
     header = _header(reading)
     try:
-        values = json.loads(kept.read_text("ascii"))
+        values = json.loads(kept.read_text(encoding="ascii"))
         if {name: values[name] for name in header} == header:
             return dict(values["files"])
     except (OSError, ValueError, TypeError, LookupError, RecursionError):
