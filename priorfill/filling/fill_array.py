@@ -276,7 +276,7 @@ def find_axes(
     values = positions.astype(np.float64)
     blank_incomplete_samples(values)
     check_coordinates(values, labels, 0, name)
-    marks = notes_on_marks(values)
+    marks = [note.replace(" in the file", "") for note in notes_on_marks(values)]
     found, mm_per_unit, unit_notes = find_unit(values, "", unit, name)
     axis, _, up_notes = find_up_axis(values * mm_per_unit, labels, "", up)
     notes = [note.replace("The file has no unit", "No unit is given") for note in unit_notes]
@@ -287,6 +287,8 @@ def _numbers(positions: ArrayLike, name: str) -> NDArray[np.floating[Any]]:
     """Return a copy of positions as floating-point numbers, NaN where they are masked."""
     try:
         given: Any = np.ma.asarray(positions)
+        if given.dtype.kind == "c":
+            raise TypeError("they are complex")
         kind = given.dtype if given.dtype.kind == "f" else np.dtype(np.float64)
         values = np.array(np.ma.filled(given.astype(kind), np.nan))
     except (TypeError, ValueError) as error:

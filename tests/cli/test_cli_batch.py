@@ -54,6 +54,7 @@ def test_a_study_is_filled_and_continued(study: Path) -> None:
 def test_a_check_tells_what_is_to_be_done(study: Path) -> None:
     done = batch("study", "-o", "out", "--check")
     assert done.stdout == f"2 files: 2 to be filled; in {study / 'out'}\n"
+    assert done.exit_code == 0
     assert not Path("out").exists()
 
 

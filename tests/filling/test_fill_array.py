@@ -150,6 +150,7 @@ def test_unusable_confidences(changes: dict[str, object], message: str) -> None:
         (METRES, {"labels": "LTOE"}, "labels are one text"),
         (METRES, {"labels": ["a"] * 6}, "label a occurs 6 times"),
         ([["a"]], {}, "no array of numbers"),
+        (METRES * 1j, {}, "no array of numbers .they are complex."),
         (METRES * np.inf, {}, "an infinite coordinate in frame 0"),
         (METRES * np.nan, {"name": "mouse"}, "mouse: has no sample; there is nothing"),
         (
