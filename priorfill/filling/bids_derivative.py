@@ -75,6 +75,7 @@ _IGNORED = "# files for which the BIDS validator has no rules\n" + "".join(
         "desc-*_error.json",
         "*.html",
         "*.npz",
+        "*.toml",
         "summary.*",
         ".priorfill/",
     )

@@ -13,7 +13,9 @@ from typing import Any, Unpack
 from priorfill import formats
 from priorfill.database import PriorDatabase
 from priorfill.errors import OptionError, OutputError
+from priorfill.filling.bids_derivative import derivative_output
 from priorfill.filling.check_overrides import check_overrides
+from priorfill.filling.files_beside import write_beside
 from priorfill.filling.fill_cache import FillCache
 from priorfill.filling.fill_file import FileOptions, FileToFill
 from priorfill.filling.fill_options import FillKeywords, FillOptions
@@ -21,7 +23,7 @@ from priorfill.filling.further_outputs import FURTHER_OUTPUTS
 from priorfill.filling.overrides import Overrides
 from priorfill.filling.overrides_file import overrides_text, read_overrides
 from priorfill.filling.result import Result
-from priorfill.formats.bids.names import filled_name
+from priorfill.formats.bids.names import dataset_root, derivative_path, filled_name
 from priorfill.formats.file_bytes import check_unchanged, os_errors_explained
 from priorfill.report.report_data import PageContents, page_data
 from priorfill.runtime.atomic_file import check_target, check_writable, is_same_file
@@ -43,7 +45,7 @@ Progress = Callable[[int, int], None]
 Checkpoint = Callable[[], None]
 """Called often; raises `FillStoppedError` to stop a fill."""
 
-_OTHER_OUTPUTS = (*(kind.name for kind in FURTHER_OUTPUTS), "add_to_database")
+_OTHER_OUTPUTS = (*(kind.name for kind in FURTHER_OUTPUTS), "add_to_database", "program")
 """Fields of `FileOptions` for outputs that a review does not write."""
 
 
@@ -83,16 +85,18 @@ def default_output(source: Path) -> Path:
     Parameters
     ----------
     source : Path
-        The file with gaps.
+        The file with gaps. In a BIDS dataset, the filled one is in a derivative dataset.
 
     Examples
     --------
     >>> default_output(Path("walk.c3d")).name
     'walk_filled.c3d'
     """
-    in_dataset = filled_name(source.name)
-    if in_dataset != source.name:
-        return source.with_name(in_dataset)
+    if filled_name(source.name) != source.name:
+        root = dataset_root(source)
+        if root is None:
+            return source.with_name(filled_name(source.name))
+        return derivative_path(source, root / "derivatives" / "priorfill")
     return source.with_name(f"{source.stem}_filled{source.suffix}")
 
 
@@ -142,7 +146,9 @@ class ReviewSession:
         **arguments: Unpack[FillKeywords],
     ) -> None:
         self.source = Path(source)
-        self.output = default_output(self.source) if output is None else Path(str(output))
+        self.output = default_output(self.source)
+        if output is not None:
+            self.output = derivative_output(self.source, Path(str(output)))
         overrides = arguments.pop("overrides", None)
         given = isinstance(overrides, (str, Path))
         self.overrides = Path(str(overrides)) if given else default_overrides(self.output)
@@ -245,15 +251,18 @@ class ReviewSession:
         result = self._filled[1]
         with self._saving:
             self._check_source()
-            write_pair(
-                self.output,
-                lambda path: formats.write(
-                    path, result.clip, result.filled, rewrite=self._files.rewrite
-                ),
-                self.overrides,
-                overrides_text(replace(overrides, made_for=result.provenance.made_for)).encode(),
-                overwrite=self._may_replace(),
-            )
+            decided = replace(overrides, made_for=result.provenance.made_for)
+            replacing = self._may_replace()
+            with write_beside(self.output, result, overwrite=replacing):
+                write_pair(
+                    self.output,
+                    lambda path: formats.write(
+                        path, result.clip, result.filled, rewrite=self._files.rewrite
+                    ),
+                    self.overrides,
+                    overrides_text(decided).encode(),
+                    overwrite=replacing,
+                )
             self._ours = {path: file_state(path) for path in (self.output, self.overrides)}
             self._saved_entries = overrides.to_entries()
             self.data |= {"decisions": self._saved_entries, "unsaved": False}
@@ -300,6 +309,12 @@ class ReviewSession:
         for name in _OTHER_OUTPUTS:
             if getattr(self._files, name):
                 raise OptionError(f"a review writes no such output; leave `{name}` out")
+        known = formats.format_of(self.source) if self.source.is_file() else None
+        if known != "bids" and formats.output_format(self.output, known) == "bids":
+            raise OptionError(
+                f"{self.output}: a review saves only a Motion-BIDS file as one; fill "
+                f"{self.source.name} into a new one, and review that"
+            )
         finish_pairs(self.output.parent)
         target = check_target(self.overrides, overwrite=self._files.overwrite, source=self.source)
         if is_same_file(target, Path(os.path.realpath(self.output))):

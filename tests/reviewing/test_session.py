@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bids_files import NAME, columns_of, gappy, write_dataset
 from c3d_bytes import LABELS, C3DFile, standing
 from gappy import person
 from reviews import write_walk
@@ -300,3 +301,26 @@ def test_subjects_of_one_file(here: Path) -> None:
     assert {name: clip.missing.sum() for name, clip in filled.items()} == {"Anna": 0, "Ben": 10}
     pf.fill_file("two.c3d", "again.c3d", method="pchip", overrides=saved.overrides)
     assert Path("again.c3d").read_bytes() == saved.output.read_bytes()
+
+
+def test_a_review_in_a_bids_dataset_saves_a_derivative(tmp_path: Path) -> None:
+    source = write_dataset(tmp_path, columns_of(gappy()))
+    session = ReviewSession(source, method="linear")
+    folder = tmp_path / "derivatives" / "priorfill"
+    name = f"{NAME}_desc-filled"
+    assert session.output == folder / "sub-01" / "motion" / f"{name}_motion.tsv"
+    for _ in range(2):  # what this review saved may be replaced
+        session.save([])
+    assert not pf.read(session.output).missing.any()
+    ends = ("channels.tsv", "error.tsv", "mask.tsv", "motion.json", "motion.overrides.toml")
+    assert {path.name for path in session.output.parent.iterdir()} == {
+        f"{name}_motion.tsv",
+        *(f"{name}_{end}" for end in ends),
+    }
+    with pytest.raises(OutputError, match="exists already"):
+        ReviewSession(source, method="linear")
+
+
+def test_a_review_saves_only_a_bids_file_as_one(walk: Path) -> None:
+    with pytest.raises(OptionError, match="a review saves only a Motion-BIDS file as one"):
+        review(walk, "sub-1_task-a_tracksys-b_motion.tsv")
