@@ -55,9 +55,9 @@ def reason_not_to_add(outcome: JobOutcome, *, trust_filled: bool = False) -> str
         if any(span["reason"] in CRITERIA.values() for span in gap["unfilled"]):
             return f"what would fill {gap['marker']} does not fit the measured motion"
         error = gap["expected_mean_error_mm"]
-        if gap["filled"] and error is None:
+        if gap["filled"] and trust_filled and error is None:
             return f"the expected error of {gap['marker']} is unknown"
-        if gap["filled"] and error > limit:
+        if gap["filled"] and error is not None and error > limit:
             return f"{gap['marker']} has an expected error of {error:.0f} mm"
     return ""
 

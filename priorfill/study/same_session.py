@@ -33,6 +33,10 @@ STATIC_SPEED = 25.0
 STATIC_NAMES = ("static", "stand", "cal", "tpose", "t-pose", "t_pose", "apose", "a-pose", "neutral")
 """Parts of the names of static trials; they decide among several only."""
 
+MAX_SAMPLES = 10_000_000
+"""Samples of all sources of a file together, which take 0.3 GB: half an hour of 50 markers at
+120 Hz. Longer recordings are passed over."""
+
 MIN_COMMON_MARKERS = 3
 """Markers that two recordings must share: three define where a fourth is."""
 
@@ -86,19 +90,25 @@ def _choose(target: Survey, place: int, session: Sequence[Survey]) -> tuple[str,
         (one for one in nearby.values() if not is_static(one)),
         key=lambda other: (*_rank(target, other), other.name),
     )
-    chosen = _first(target, statics[:MAX_CANDIDATES], 1) + _first(target, others, MAX_SOURCES)
+    chosen: list[Survey] = []
+    for candidates, count in ((statics[:MAX_CANDIDATES], 1), (others, MAX_SOURCES)):
+        chosen += _first(target, candidates, count, MAX_SAMPLES - _samples(*chosen))
     return tuple(one.source for one in chosen)
 
 
-def _first(target: Survey, candidates: Iterable[Survey], count: int) -> list[Survey]:
+def _first(target: Survey, candidates: Iterable[Survey], count: int, samples: int) -> list[Survey]:
     """Return the first candidates that are of the target's session."""
     chosen: list[Survey] = []
     for other in candidates:
         if len(chosen) == count:
             break
-        if _fits(target, other):
+        if _samples(other, *chosen) <= samples and _fits(target, other):
             chosen.append(other)
     return chosen
+
+
+def _samples(*surveys: Survey) -> int:
+    return sum(one.samples for survey in surveys for one in survey.subjects)
 
 
 def _static_rank(survey: Survey) -> tuple[float, bool, float, str]:

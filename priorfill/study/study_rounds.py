@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from priorfill.filling.add_result import can_create_database
 from priorfill.study.growth import Growth
 from priorfill.study.job import JobOutcome, StudyJob
 from priorfill.study.same_session import same_session_sources
@@ -37,11 +38,6 @@ class StudyRounds:
         The jobs, without keys.
     options : StudyOptions
         Whether sessions are used, and whether the database grows.
-
-    Attributes
-    ----------
-    notes : list of str
-        What a user should know of what was learnt from, and added.
     """
 
     def __init__(self, plan: StudyPlan, options: StudyOptions) -> None:
@@ -52,7 +48,7 @@ class StudyRounds:
     @property
     def notes(self) -> tuple[str, ...]:
         """What a user should know of how the database grew."""
-        return () if self._growth is None else tuple(self._growth.notes)
+        return () if self._growth is None else self._growth.notes
 
     def __iter__(self) -> Iterator[list[StudyJob]]:
         """Yield the jobs of each round, with their sources.
@@ -65,19 +61,24 @@ class StudyRounds:
             If the state of the study cannot be written.
         """
         jobs = list(self._plan.jobs)
+        if not jobs:  # a task of an array has nothing to do
+            return
         settings = FillSettings.from_json(jobs[0].settings)
         session = self._options.same_session and settings.method not in LEARN_FROM_NOTHING
-        if not (session or self._options.grow):
-            yield jobs
-            return
-        surveys = self._survey(settings)
+        surveys = self._survey(settings) if session or self._options.grow else []
         if session:
             sources = same_session_sources(surveys)
             jobs = [replace(job, same_subject=sources.get(job.name, ())) for job in jobs]
-        if not self._options.grow or self._options.check_only:
+        if not self._options.grow:
             yield jobs
             return
-        self._growth = Growth(self._plan, settings, surveys)
+        database = self._plan.database
+        assert database is not None  # as the plan has checked
+        if self._options.check_only and can_create_database(database):
+            return  # nothing can be done yet
+        self._growth = Growth(
+            database, self._plan.folder, settings, surveys, read_only=self._options.check_only
+        )
         for state, names in self._growth.rounds():
             yield [replace(job, database_state=state) for job in jobs if job.name in names]
 
@@ -94,7 +95,7 @@ class StudyRounds:
         DatabaseError
             If the database that grows cannot be written.
         """
-        if self._growth is not None:
+        if self._growth is not None and not self._options.check_only:
             self._growth.add(outcomes)
 
     def _survey(self, settings: FillSettings) -> list[Survey]:

@@ -15,6 +15,7 @@ from gappy import FOOT, person, with_gaps
 import priorfill as pf
 from priorfill.database import PriorDatabase
 from priorfill.database.manifest import read_manifest
+from priorfill.errors import DatabaseError
 from priorfill.filling.gap_filter import GapFilter
 from priorfill.study import growth, run_study, study_rounds
 from priorfill.study.add_outcomes import (
@@ -90,7 +91,7 @@ def test_a_plan_is_kept_and_files_that_come_later_are_rounds_of_their_own(tmp_pa
         (outcome(gap={"filled": 0, "expected_mean_error_mm": None}), ""),
         (outcome(artefacts=[{"kind": "spike", "markers": ["A"]}]), ""),
         (outcome(artefacts=[{"kind": "label swap", "markers": ["A", "B"]}]), "A and B seem"),
-        (outcome(gap={"expected_mean_error_mm": None}), "unknown"),
+        (outcome(gap={"expected_mean_error_mm": None}), ""),
         (outcome(gap={"expected_mean_error_mm": MAX_ADDED_ERROR + 1}), "expected error of 101 mm"),
         (outcome(gap={"unfilled": [{"reason": "not believed: below the floor"}]}), "does not fit"),
         (replace(outcome(), status="failed"), "not filled"),
@@ -105,6 +106,8 @@ def test_filled_samples_that_are_learnt_from_must_be_better() -> None:
     one = outcome(gap={"expected_mean_error_mm": MAX_TRUSTED_ERROR + 1})
     assert reason_not_to_add(one) == ""
     assert "expected error" in reason_not_to_add(one, trust_filled=True)
+    unknown = outcome(gap={"expected_mean_error_mm": None})
+    assert "unknown" in reason_not_to_add(unknown, trust_filled=True)
 
 
 def filled(folder: Path, **changes: Any) -> JobOutcome:
@@ -192,13 +195,14 @@ def run(
     monkeypatch: pytest.MonkeyPatch,
     executor: InThisProcess,
     method: str = METHOD,
+    **options: Any,
 ) -> Study:
     monkeypatch.setattr(run_study, "_executor", lambda *_: executor)
     return pf.batch(
         sources,
         folder / "out",
         database=folder / "lab",
-        study=pf.StudyOptions(workers=1, grow=True, same_session=False),
+        study=pf.StudyOptions(workers=1, grow=True, same_session=False, **options),
         method=method,
     )
 
@@ -244,8 +248,10 @@ def test_an_interruption_changes_nothing(
         run(sources, parts, monkeypatch, InThisProcess(jobs=2))
     run(sources, parts, monkeypatch, InThisProcess(backwards=True))
     assert written(parts) == expected
-    again = run(sources, parts, monkeypatch, InThisProcess(jobs=0))  # nothing is left
-    assert again.done_before == 2 * MIN_FILES
+    for check_only in (True, False):  # nothing is left
+        nothing = InThisProcess(jobs=0)
+        again = run(sources, parts, monkeypatch, nothing, check_only=check_only)
+        assert again.done_before == 2 * MIN_FILES
     assert written(parts) == expected
 
 
@@ -270,3 +276,41 @@ def test_clips_of_others_and_lost_states_are_noted(
     study = run(sources, tmp_path, monkeypatch, InThisProcess(), "linear")
     assert any("begins anew" in note for note in study.notes)
     assert study.status == "all"
+
+
+def test_a_check_makes_no_database(
+    sources: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = run(sources, tmp_path, monkeypatch, InThisProcess(jobs=0), check_only=True)
+    assert len(study.left) == 2 * MIN_FILES
+    assert not (tmp_path / "lab").exists()
+    assert not (tmp_path / "out").exists()
+
+
+def test_another_writer_is_waited_for(
+    sources: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Locked(InThisProcess):
+        def run(self, jobs: Sequence[StudyJob]) -> Iterator[JobOutcome]:
+            yield from super().run(jobs)
+            held.append(PriorDatabase.open(tmp_path / "lab", write=True))
+
+    held: list[PriorDatabase] = []
+    monkeypatch.setattr(growth.time, "sleep", lambda _: held[-1].close())
+    study = run(sources, tmp_path, monkeypatch, Locked(), "linear")
+    assert study.notes == ()
+    assert len(held) == 2
+    monkeypatch.setattr(growth, "MAX_WAIT", 0.0)
+    monkeypatch.setattr(growth.time, "sleep", lambda _: None)
+    (tmp_path / "other").mkdir()
+    with PriorDatabase.create(tmp_path / "other" / "lab"):
+        pass
+
+    class Kept(InThisProcess):
+        def run(self, jobs: Sequence[StudyJob]) -> Iterator[JobOutcome]:
+            yield from super().run(jobs)
+            held.append(PriorDatabase.open(tmp_path / "other" / "lab", write=True))
+
+    with pytest.raises(DatabaseError, match="same command continues"):
+        run(sources, tmp_path / "other", monkeypatch, Kept(), "linear")
+    held[-1].close()

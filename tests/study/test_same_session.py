@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from priorfill.study.same_session import MAX_SOURCES, same_session_sources
+from priorfill.study.same_session import MAX_SAMPLES, MAX_SOURCES, same_session_sources
 from priorfill.study.survey import Survey, SurveyedSubject
 
 LABELS = tuple(f"M{number}" for number in range(8))
@@ -83,6 +83,15 @@ def test_the_static_trial_comes_first_and_markers_before_speed() -> None:
     assert found[:2] == ("z_static.c3d", "z.c3d")
     assert len(found) == MAX_SOURCES + 1
     assert sources(*reversed([target, *others, has_marker, *still, static]))["a.c3d"] == found
+
+
+def test_recordings_that_are_too_long_together_are_passed_over() -> None:
+    half = MAX_SAMPLES // len(LABELS) // 2
+    long = [survey(f"b{number}.c3d", shown(frames=half)) for number in range(4)]
+    short = survey("c.c3d", shown(frames=1))
+    assert sources(survey("a.c3d"), *long, short)["a.c3d"] == ("b0.c3d", "b1.c3d")
+    whole = survey("a.c3d", shown(frames=2 * half))
+    assert sources(survey("z.c3d"), whole, short)["z.c3d"] == ("a.c3d",)
 
 
 def test_each_of_two_subjects_must_be_the_same() -> None:
