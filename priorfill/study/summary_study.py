@@ -6,7 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 
@@ -203,7 +203,7 @@ def summarise_study(
     ('2 trials: 1 filled completely, 1 failed.', '1 needs a hand: 1 failed.')
     """
     limits = limits or SummaryLimits()
-    figures = sorted((trial_figures(one) for one in outcomes), key=_by_name)
+    figures = sorted((_figures(one) for one in outcomes), key=_by_name)
     by_folder: dict[str, list[TrialFigures]] = {}
     for one in figures:
         by_folder.setdefault(one.folder, []).append(one)
@@ -221,6 +221,18 @@ def summarise_study(
         limits=limits,
         contents=contents or StudyContents(),
     )
+
+
+def _figures(outcome: JobOutcome) -> TrialFigures:
+    """Return the figures of a trial; a damaged record must not cost the summary."""
+    try:
+        return trial_figures(outcome)
+    except (AttributeError, KeyError, TypeError, ValueError):
+        reason = (
+            "the record of its fill is damaged; remove it from .priorfill/records, and the same "
+            "command fills the file again"
+        )
+        return trial_figures(replace(outcome, status=FAILED, reason=reason, facts={}))
 
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:

@@ -122,6 +122,19 @@ def test_files_hold_the_same(tmp_path: Path) -> None:
     assert "gait" in files.page.read_text("utf-8")
 
 
+def test_damaged_records_and_odd_names_do_not_cost_the_summary(tmp_path: Path) -> None:
+    odd = [
+        outcome("a.c3d", facts={"gaps": [{"marker": "C7"}]}),
+        outcome("b.c3d", facts={"gaps": 3}),
+        outcome("c\udcff.c3d", gap("\udcff", 0.2)),  # no UTF-8
+    ]
+    summary, files = write_summary(odd, tmp_path / "summary.html")
+    assert [one.attention.group for one in summary.trials] == ["failed", "failed", "good"]
+    assert summary.trials[0].attention.reasons[0].startswith("the record of its fill is damaged")
+    assert files.problems == ()
+    assert "c\\udcff.c3d" in files.trials.read_text("utf-8")
+
+
 def test_a_summary_replaces_a_summary_only(tmp_path: Path) -> None:
     page = tmp_path / "summary.html"
     write_summary([], page)
