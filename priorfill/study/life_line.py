@@ -21,6 +21,8 @@ from typing import Any, BinaryIO
 
 import psutil
 
+from priorfill.errors import OptionError
+
 __all__ = ["ANSWER", "ParentConnection"]
 
 ANSWER = b"priorfill-answer "
@@ -53,7 +55,13 @@ class ParentConnection:
     request: Mapping[str, Any]
 
     def __init__(self) -> None:
-        """Read the first request, and keep stdin and stdout from everybody else."""
+        """Read the first request, and keep stdin and stdout from everybody else.
+
+        Raises
+        ------
+        OptionError
+            Where stdin holds no request: a user runs the command.
+        """
         self._parent = os.getppid()
         self._requests: queue.SimpleQueue[Mapping[str, Any] | None] = queue.SimpleQueue()
         self._waits = False
@@ -65,7 +73,12 @@ class ParentConnection:
         self._answers = os.fdopen(os.dup(_STDOUT), "wb")
         os.dup2(_STDERR, _STDOUT)
         pipe = os.fdopen(life_line, "rb", buffering=0)
-        self.request = json.loads(_read_line(pipe))
+        try:
+            self.request = json.loads(_read_line(pipe))
+        except ValueError:
+            raise OptionError(
+                "there is no job on stdin; `priorfill batch` runs this command by itself"
+            ) from None
         signal.signal(signal.SIGINT, signal.default_int_handler)
         threading.Thread(target=self._watch, args=(pipe,), daemon=True).start()
 

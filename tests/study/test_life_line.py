@@ -72,3 +72,12 @@ def test_modules_are_found_as_here(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     assert found["PRIORFILL_THREADS"] == found["NUMBA_NUM_THREADS"] == "3"
     assert found["OPENBLAS_NUM_THREADS"] == "1"
     assert "-P" in child_command("batch-job")
+
+
+@pytest.mark.parametrize("typed", [b"", b"hello\n"])
+def test_a_user_who_runs_the_command_is_told_of_batch(typed: bytes) -> None:
+    line = "from priorfill.study.life_line import ParentConnection; ParentConnection()"
+    done = subprocess.run(
+        [sys.executable, "-c", line], input=typed, capture_output=True, env=child_environment(1)
+    )
+    assert b"`priorfill batch` runs this command" in done.stderr
