@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -282,6 +283,7 @@ def _check_rate(rate: float) -> None:
         raise OptionError(f"the frame rate is {rate:g} Hz; give a positive number")
 
 
+@lru_cache(maxsize=32)  # a database resamples all its clips by the same few ratios
 def _anti_alias(ratio: float) -> NDArray[np.float64]:
     """Return the taps, odd in number and summing to 1, for a rate divided by ``ratio`` > 1."""
     # Kaiser's rules for length and shape of the window (Oppenheim and Schafer, Discrete-Time
