@@ -344,7 +344,7 @@ def test_damage_of_its_own_ends_a_merge(tmp_path: Path, monkeypatch: pytest.Monk
 @pytest.mark.parametrize("method", ["gpr", "baumann2011"])
 def test_the_order_of_changes_has_no_effect(tmp_path: Path, method: str) -> None:
     """Any order, with removals and compactions in between, gives the same fill bit for bit."""
-    clips = [person(seed=seed, body=seed) for seed in range(10, 14)]
+    clips = [person(seconds=2.0, seed=seed, body=seed) for seed in range(10, 14)]
     gappy, filled, mask = gappy_and_filled(20)
     clip = with_gaps(person(seconds=1.5), (30, 60, ("LKNE", "LANK", "LTOE")), (0, 90, ("RTOE",)))
     results = []

@@ -124,7 +124,7 @@ def test_random_gaps_are_as_many_and_as_long_as_asked() -> None:
 
 
 def test_a_long_clip_gets_its_share_too() -> None:
-    clip = person(seconds=60.0, rate=30.0)
+    clip = person(seconds=30.0, rate=30.0)
     one = cuts("random", clip, copies=1, share=(0.09, 0.09), seconds=(0.1, 0.3))[0]
     assert one.mask.mean() >= 0.09
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,12 @@ GAPS = ((60, 90, ARM), (80, 100, ("RKNE", "C7")), (180, 200, ("C7",)))
 
 def clip() -> Clip:
     return with_gaps(person(), *GAPS)
+
+
+@cache
+def filled_by_r2() -> Result:
+    """The clip without overrides."""
+    return fill(clip(), method="r2", options=UNBELIEVABLE)
 
 
 def overrides(*entries: dict) -> Overrides:
@@ -72,7 +79,7 @@ def test_gaps_without_an_override_are_filled_as_without_any(method):
 
 
 def test_a_method_sees_its_donors_only():
-    plain = fill(clip(), method="r2", options=UNBELIEVABLE)
+    plain = filled_by_r2()
     entry = {"marker": "RKNE", "do": "r2", "donors": ["RTHI", "RSHN", "RANK", "RFWT", "R?WT"]}
     result = fill(clip(), method="r2", overrides=overrides(entry), options=UNBELIEVABLE)
     assert_same(result, plain, "RKNE")
@@ -111,7 +118,7 @@ def test_several_ways_in_one_fill():
         np.testing.assert_array_equal(
             result.clip.positions[frames, marker], one.clip.positions[frames, marker]
         )
-    plain = fill(clip(), method="r2", options=UNBELIEVABLE)
+    plain = filled_by_r2()
     for frames in (slice(80, 100), slice(180, 200)):
         assert np.abs(result.clip.positions - plain.clip.positions)[frames, neck].max() > 1e-3
     assert_same(result, plain, "C7", "RKNE")
@@ -123,7 +130,7 @@ def test_options_add_to_those_of_the_fill():
     changed = fill(clip(), method="r2", options=options)
     result = fill(clip(), method="r2", options=options, overrides=overrides(entry))
     assert_same(result, changed)  # the same options are the same run
-    plain = fill(clip(), method="r2", options=UNBELIEVABLE)
+    plain = filled_by_r2()
     result = fill(
         clip(),
         method="r2",

@@ -1,6 +1,7 @@
 """Studies: what is filled, what is not filled twice, and what is never replaced.
 
-The fills themselves are replaced by a function that writes a file, as fast as can be.
+The fills themselves are replaced by a function that writes a file, as fast as can be, and files
+are surveyed in this process.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,11 +19,12 @@ import pytest
 from priorfill.database import PriorDatabase
 from priorfill.errors import OptionError, OutputError, StudyError
 from priorfill.filling.gap_filter import GapFilter
-from priorfill.study import local_executor
+from priorfill.study import local_executor, survey_files
 from priorfill.study.job import JobOutcome, StudyJob
 from priorfill.study.records import file_hash, write_record
 from priorfill.study.run_study import Study, batch, sum_up_study
 from priorfill.study.study_options import StudyOptions, StudyProgress
+from priorfill.study.survey import Survey
 from priorfill.synthetic import synthesise
 
 Fills = list[str]
@@ -50,7 +53,16 @@ def fills(here: Path, monkeypatch: pytest.MonkeyPatch) -> Fills:
         return outcome
 
     monkeypatch.setattr(local_executor, "run_child", run)
+    monkeypatch.setattr(survey_files, "_survey_part", survey_here)
     return done
+
+
+def survey_here(
+    files: list[tuple[str, str]], reading: dict[str, Any], kept: Path | None, *_: Any
+) -> Iterator[Survey]:
+    """Survey files without a child, which takes half a second to start."""
+    request = {"files": files, "reading": reading, "kept": kept and str(kept)}
+    return survey_files.surveys_of(request)
 
 
 def write(path: str, text: str) -> None:
