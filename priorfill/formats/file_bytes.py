@@ -57,6 +57,11 @@ def check_regular(path: Path) -> None:
 
 def no_such_file(path: Path) -> FormatError:
     """Return the error for a file that does not exist, or seems so because its path is long."""
+    if path.is_symlink():
+        return FormatError(
+            f"{path}: is a link to a file that is not there; get that first (such as with "
+            "`datalad get`)"
+        )
     remedy = "check the name"
     if WINDOWS and len(os.path.abspath(path)) > MAX_PATH:  # noqa: PTH100, does not resolve links
         remedy += ", or enable long paths (LongPathsEnabled, see docs/windows.md)"

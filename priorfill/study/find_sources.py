@@ -163,6 +163,7 @@ def _is_not_raw(place: Path) -> bool:
 
 def _is_source(path: Path) -> bool:
     try:
-        return path.is_file() and is_recording(path)
+        # the contents of a link may have to be fetched first, which its job reports
+        return (path.is_file() or (path.is_symlink() and not path.exists())) and is_recording(path)
     except OSError:  # reading it reports the reason
         return True

@@ -12,6 +12,7 @@ from pathlib import Path
 from priorfill.database import PriorDatabase
 from priorfill.filling.provenance import DatabaseState, database_state, package_versions
 from priorfill.formats.bids.names import all_side_files
+from priorfill.formats.file_bytes import no_such_file
 from priorfill.study.job import JobOutcome, StudyJob
 from priorfill.study.records import file_hash
 
@@ -78,6 +79,8 @@ class JobKeys:
             if unreadable:
                 path, error = unreadable[0]
                 reason = f"{path}: cannot be read ({error.strerror}); check its permissions"
+                if isinstance(error, FileNotFoundError):
+                    reason = str(no_such_file(Path(path)))
                 failed.append(JobOutcome.of_failure(job, reason, try_again=True))
             else:
                 key = self._key(job, contents)

@@ -134,7 +134,7 @@ def test_a_link_to_the_contents_has_the_side_files_of_its_own_folder(tmp_path):
         pytest.skip("no right to make links")
     assert formats.read(path).rate == 100
     contents.unlink()
-    with pytest.raises(FormatError, match="there is no such file"):
+    with pytest.raises(FormatError, match="is a link to a file that is not there; get that first"):
         formats.read(path)
 
 

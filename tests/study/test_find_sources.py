@@ -48,6 +48,15 @@ def test_outputs_databases_and_hidden_files_are_no_sources(here: Path) -> None:
     ]
 
 
+def test_links_whose_contents_are_absent_are_sources(here: Path) -> None:
+    make("in/a.c3d")
+    try:
+        Path("in/b.c3d").symlink_to(here / "annex/key")
+    except OSError:
+        pytest.skip("the system allows no links")
+    assert names("in") == ["a.c3d", "b.c3d"]
+
+
 def test_folders_behind_links_are_searched_once(here: Path) -> None:
     make("in/a.c3d", "elsewhere/b.c3d")
     try:
