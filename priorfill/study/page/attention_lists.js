@@ -112,8 +112,9 @@ class AttentionLists {
   rules(needy) {
     const { groups } = this.store.data;
     const others = groups.map((_, group) => group).filter((group) => !needy.includes(group));
-    return element("details", {}, [
-      element("summary", { text: "The rule of the other groups" }),
+    const all = needy.length === 0;
+    return element("details", { open: all }, [
+      element("summary", { text: all ? "The rule" : "The rule of the other groups" }),
       ...others.map((group) => element("p", {}, [
         groupBadge(group), ` ${groups[group].rule}`])),
     ]);
@@ -121,7 +122,11 @@ class AttentionLists {
 
   /** Print all entries, and what is folded. */
   print(on) {
-    for (const fold of document.querySelectorAll("details")) fold.open = on;
+    const folds = document.querySelectorAll(on ? "details:not([open])" : "details.unfolded");
+    for (const fold of folds) {
+      fold.open = on;
+      fold.classList.toggle("unfolded", on);
+    }
     for (const list of this.lists) {
       list.shown = on ? MOST_PRINTED_ROWS : FIRST_ENTRIES;
       this.fill(list);

@@ -57,12 +57,14 @@ class MarkerMap {
   /** Make the elements. */
   build(root) {
     const { markers, more_markers: more } = this.store.data;
-    root.append(element("div", { class: "panel-head" }, [
-      element("h2", { text: "Which marker falls off in which trials" }), this.legend()]));
+    const head = element("div", { class: "panel-head" }, [
+      element("h2", { text: "Which marker falls off in which trials" })]);
+    root.append(head);
     if (!markers.length) {
       root.append(element("p", { class: "muted", text: "No marker has gaps." }));
       return;
     }
+    head.append(this.legend());
     this.canvas = element("canvas", {
       tabindex: "0", role: "application", "aria-label":
         "Map of markers and trials; arrow keys move, Enter shows the trial. The table of markers " +

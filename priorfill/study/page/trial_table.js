@@ -9,7 +9,7 @@ class TrialTable {
     this.store = store;
     this.count = element("span", { class: "muted", "aria-live": "polite" });
     this.words = element("input", {
-      type: "search", name: "filter", placeholder: "trial, subject, marker, reason …", size: "22",
+      type: "search", name: "filter", placeholder: "trial, subject, marker, reason …", size: "28",
       on: { input: () => store.setWords(this.words.value) },
     });
     this.chosen = element("span", { class: "filters" });
