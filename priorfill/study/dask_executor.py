@@ -311,6 +311,9 @@ def _workers_here(count: int) -> Iterator[Client]:
                 n_workers=count,
                 threads_per_worker=1,
                 dashboard_address=None,
+                # it answers requests for its state anyway: at a free port, since another study
+                # may run here, and a port that is taken is warned of
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
                 memory_limit=0,
                 security=Security.temporary(),
                 silence_logs=logging.CRITICAL,
