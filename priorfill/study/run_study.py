@@ -172,21 +172,23 @@ class _StudyRun:
         self._outcomes: dict[str, JobOutcome] = {}
         self._done_before = 0
         self._keys = JobKeys()
-        self._progress = ProgressOfJobs(plan.work, options.progress)
+        self._rounds = StudyRounds(plan, options)
 
     def run(self) -> Study:
         """Run all jobs that are not settled, and sum up, also after an interruption."""
-        rounds = StudyRounds(self._plan, self._options)
+        progress: ProgressOfJobs | None = None
         ended: BaseException | None = None
         begun = time.monotonic()
         try:
             with _executor(self._plan, self._options) as executor:
-                for jobs in rounds:
-                    self._run_round(jobs, executor)
-                    rounds.learn(self._outcomes)
+                for jobs in self._rounds:
+                    if progress is None:  # what is known after the survey
+                        progress = ProgressOfJobs(self._rounds.work, self._options.progress)
+                    self._run_round(jobs, executor, progress)
+                    self._rounds.learn(self._outcomes)
         except (KeyboardInterrupt, PriorfillError, OSError) as error:
             ended = error
-        study = self._study(rounds.notes, time.monotonic() - begun)
+        study = self._study(self._rounds.notes, time.monotonic() - begun)
         if isinstance(ended, KeyboardInterrupt):
             summary = "" if study.summary is None else f" (summary: {study.summary})"
             ended.args = (
@@ -197,7 +199,9 @@ class _StudyRun:
             raise ended
         return study
 
-    def _run_round(self, jobs: Sequence[StudyJob], executor: StudyExecutor) -> None:
+    def _run_round(
+        self, jobs: Sequence[StudyJob], executor: StudyExecutor, progress: ProgressOfJobs
+    ) -> None:
         """Run the jobs of a round that are not settled."""
         state = next((job.database_state for job in jobs), "") or self._plan.database_state
         keyed = self._keys.with_keys(jobs, self._plan.database, state)
@@ -206,17 +210,17 @@ class _StudyRun:
         self._done_before += sum(one.status != FAILED for one in done)
         done += keyed.failed
         self._outcomes |= {one.name: one for one in done}
-        self._progress.settled(done)
+        progress.settled(done)
         left = [job for job in keyed.jobs if settled[job.name] is None]
         if self._options.check_only:
             return
-        left.sort(key=lambda job: (-self._plan.work[job.name], job.name))  # no long job last
+        left.sort(key=lambda job: (-self._rounds.work[job.name], job.name))  # no long job last
         records = {job.name: job.record for job in left}
         with closing(executor.run(left)) as outcomes:  # an interrupt stops what runs
             for outcome in outcomes:
                 _keep(outcome, records[outcome.name])
                 self._outcomes[outcome.name] = outcome
-                self._progress.filled(outcome)
+                progress.filled(outcome)
 
     def _study(self, notes: tuple[str, ...], seconds: float) -> Study:
         """Return the study, summed up where all of it was to be done."""

@@ -138,7 +138,7 @@ class StudyFolder:
         """
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(f"{self.path}: is a file; give a folder for the filled files")
-        check_writable(self.path / MARK, size)
+        check_writable(self.state, size)
 
     def mark(self) -> None:
         """Mark the folder as that of a study, so that no other study takes it for sources."""

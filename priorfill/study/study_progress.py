@@ -4,11 +4,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING
 
 from priorfill.study.job import FAILED, JobOutcome
 from priorfill.study.study_options import StudyProgress
 
-__all__ = ["ProgressOfJobs"]
+if TYPE_CHECKING:
+    from priorfill.study.survey import Survey
+
+__all__ = ["ProgressOfJobs", "estimated_work"]
+
+MISSING_SAMPLE = 5.0
+"""Work of a missing sample, in samples of the recording: what is learnt from takes time, too. So it
+is, roughly, in recordings of ten seconds to a minute."""
+
+ONLY_COPIED = 0.05
+"""Work of a sample of a recording without gaps: it is read, checked and copied."""
 
 
 class ProgressOfJobs:
@@ -74,3 +85,17 @@ class ProgressOfJobs:
             seconds = (time.monotonic() - self._begun) * left / self._work_filled
         share = self._work_done / self._total if self._total else self._done / len(self._work)
         self._report(StudyProgress(self._done, self._failed, len(self._work), share, seconds))
+
+
+def estimated_work(survey: Survey) -> float:
+    """Return how much work the fill of a file is, in samples.
+
+    Parameters
+    ----------
+    survey : Survey
+        Facts of the file.
+    """
+    samples = sum(one.samples for one in survey.subjects)
+    if not survey.missing:
+        return max(ONLY_COPIED * samples, 1.0)
+    return samples + MISSING_SAMPLE * survey.missing

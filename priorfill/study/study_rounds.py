@@ -16,6 +16,7 @@ from priorfill.study.job import JobOutcome, StudyJob
 from priorfill.study.same_session import same_session_sources
 from priorfill.study.settings import FillSettings
 from priorfill.study.study_options import StudyOptions
+from priorfill.study.study_progress import estimated_work
 from priorfill.study.survey import session_of
 from priorfill.study.survey_files import survey_files
 
@@ -38,12 +39,18 @@ class StudyRounds:
         The jobs, without keys.
     options : StudyOptions
         Whether sessions are used, and whether the database grows.
+
+    Attributes
+    ----------
+    work : dict of str to float
+        How much work each job is, in any unit, by name: from the survey if there is one.
     """
 
     def __init__(self, plan: StudyPlan, options: StudyOptions) -> None:
         self._plan = plan
         self._options = options
         self._growth: Growth | None = None
+        self.work = dict(plan.work)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -66,6 +73,7 @@ class StudyRounds:
         settings = FillSettings.from_json(jobs[0].settings)
         session = self._options.same_session and settings.method not in LEARN_FROM_NOTHING
         surveys = self._survey(settings) if session or self._options.grow else []
+        self.work |= {one.name: estimated_work(one) for one in surveys if one.name in self.work}
         if session:
             sources = same_session_sources(surveys)
             jobs = [replace(job, same_subject=sources.get(job.name, ())) for job in jobs]

@@ -74,6 +74,7 @@ def run(fills: Fills, *, output: str = "out", **arguments: Any) -> tuple[Study, 
     """The study, and the jobs that were run for it."""
     fills.clear()
     options = {name: arguments.pop(name) for name in list(arguments) if hasattr(StudyOptions, name)}
+    arguments.setdefault("method", "linear")  # which needs no survey
     study = batch("in", output, study=StudyOptions(**{"workers": 1} | options), **arguments)
     return study, sorted(fills)
 
@@ -184,6 +185,8 @@ def test_tasks_of_an_array_do_all_of_it(fills: Fills) -> None:
     assert study.summary is None
     study, done = run(fills)
     assert (done, len(study.outcomes), study.summary is None) == ([], 3, False)
+    study, done = run(fills, index=4, of=4)  # more tasks than files
+    assert (done, study.outcomes, study.status) == ([], (), "all")
 
 
 def test_a_check_writes_nothing(fills: Fills) -> None:

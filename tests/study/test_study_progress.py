@@ -7,7 +7,8 @@ import pytest
 from priorfill.study import study_progress
 from priorfill.study.job import JobOutcome, Status
 from priorfill.study.study_options import StudyProgress
-from priorfill.study.study_progress import ProgressOfJobs
+from priorfill.study.study_progress import ProgressOfJobs, estimated_work
+from priorfill.study.survey import Survey, SurveyedSubject
 
 
 def outcome(name: str, status: Status = "filled") -> JobOutcome:
@@ -33,3 +34,13 @@ def test_time_left_follows_from_the_work_of_this_run(monkeypatch: pytest.MonkeyP
     ]
     assert [one.share for one in seen] == [0.6, 0.7, 0.9, 1.0]
     assert [one.seconds_left for one in seen] == [None, 15.0, 5.0, 0.0]
+
+
+def test_files_without_gaps_are_little_work() -> None:
+    def survey(missing: int) -> Survey:
+        one = SurveyedSubject("", "", ("a", "b"), (), 500, 100.0, missing, 1.0, 0.0, 0.0, {}, "")
+        return Survey("a.c3d", "/in/a.c3d", "", (one,))
+
+    assert estimated_work(survey(0)) == 50.0
+    assert estimated_work(survey(100)) == 1500.0
+    assert estimated_work(Survey("a.c3d", "/in/a.c3d", "", reason="bad")) == 1.0
