@@ -414,7 +414,7 @@ def write(
         Instead of a copy, write the contents of a C3D source through ezc3d with float coordinates.
         The report lists the differences.
     program : str or None
-        The program that the file is for, one of `PROGRAMS`: always a new file, as that program
+        The program that the file is for, such as ``"opensim"``: always a new file, as that program
         takes it.
 
     Returns

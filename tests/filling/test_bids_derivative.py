@@ -59,6 +59,21 @@ def test_a_folder_becomes_a_derivative_dataset(tmp_path):
     assert described["DatasetLinks"] == {"raw": "../.."}
 
 
+def test_filled_samples_of_a_derivative_do_not_count_as_measured(tmp_path):
+    done = pf.fill_file(shuffled_dataset(tmp_path), tmp_path / "out", method="linear")
+    again = pf.read(done.output)
+    assert again.source.interpolated is not None
+    assert (again.source.interpolated == done.result.filled).all()
+    mask = done.output.with_name(f"{FILLED}_mask.tsv")
+    mask.write_bytes(mask.read_bytes().replace(b"\n", b"\r\n").rstrip())
+    assert (pf.read(done.output).source.interpolated == done.result.filled).all()
+    for damaged in (b"", b"0\t1\n", mask.read_bytes().replace(b"1", b"2", 1)):
+        mask.write_bytes(damaged)
+        source = pf.read(done.output).source
+        assert source.interpolated is None
+        assert bool(damaged) == any(note.startswith("Its mask does not") for note in source.notes)
+
+
 def test_errors_have_a_row_for_each_sample(tmp_path):
     done = pf.fill_file(shuffled_dataset(tmp_path), tmp_path / "out", method="linear")
     table = done.output.with_name(f"{FILLED}_error.tsv").read_text().splitlines()

@@ -129,6 +129,7 @@ def parse_motion(data: bytes, name: str, side: SideFiles) -> TableRecording:
     if missing:  # 0 is left to the options
         positions[(positions == missing * np.array(points.scale)).all(axis=2)] = np.nan
     rate, rate_notes = _rate(side, points, lines, rows)
+    filled, mask_notes = _filled_samples(side, points, len(rows))
     subject = BidsName.parse(name).label("sub")
     return TableRecording(
         Recording(
@@ -139,7 +140,8 @@ def parse_motion(data: bytes, name: str, side: SideFiles) -> TableRecording:
             up=side.up_axis(points.frame),
             subjects=(f"sub-{subject}",) if subject else (),
             not_markers=points.left_out,
-            notes=(*notes, *rate_notes),
+            notes=(*notes, *rate_notes, *mask_notes),
+            interpolated=filled,
         ),
         table,
     )
@@ -197,6 +199,23 @@ def _rate(
         times = [row[latency[0]] for row in cells if len(row) > latency[0]]
     rate, more = find_rate(nominal, times)
     return rate, notes + more
+
+
+def _filled_samples(
+    side: SideFiles, points: TrackedPoints, frames: int
+) -> tuple[NDArray[np.bool_] | None, list[str]]:
+    """Return which samples a mask marks as filled [shape=(frames, points)], and notes."""
+    if not side.mask:
+        return None, []
+    channels = len(side.channels)
+    cells = np.frombuffer(side.mask.replace(b"\r\n", b"\n").rstrip() + b"\n", dtype=np.uint8)
+    if len(cells) == 2 * frames * channels:
+        table = cells.reshape(frames, 2 * channels)
+        marks, separators = table[:, ::2], table[:, 1::2]
+        ends = np.array([ord("\t")] * (channels - 1) + [ord("\n")])
+        if np.isin(marks, (ord("0"), ord("1"))).all() and (separators == ends).all():
+            return (marks == ord("1"))[:, points.columns].any(axis=2), []
+    return None, ["Its mask does not have 0 or 1 for each sample and is ignored."]
 
 
 def _check_channels(points: TrackedPoints, source: Source, side: SideFiles) -> None:

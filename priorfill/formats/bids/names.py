@@ -23,6 +23,7 @@ __all__ = [
     "filled_name",
     "is_derivative",
     "is_motion",
+    "mask_of",
     "motion_name_fault",
     "new_motion_fault",
     "sibling",
@@ -141,6 +142,18 @@ def sibling(path: Path, suffix: str, extension: str) -> Path:
     return path.with_name("_".join((*BidsName.parse(path.name).entities, suffix)) + extension)
 
 
+def mask_of(path: Path) -> list[Path]:
+    """Return the table that tells which samples of a derivative are filled, if there is one.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    """
+    mask = sibling(path, "mask", ".tsv")
+    return [mask] if is_derivative(path) and mask.is_file() else []
+
+
 def filled_name(name: str) -> str:
     """Return the name of a filled recording.
 
@@ -240,7 +253,7 @@ def all_side_files(path: Path) -> list[Path]:
     """
     if not is_motion(path):
         return []
-    tables = side_files(path, "channels", ".tsv")[-1:]
+    tables = side_files(path, "channels", ".tsv")[-1:] + mask_of(path)
     return tables + side_files(path, "motion", ".json") + side_files(path, "channels", ".json")
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from priorfill.errors import FormatError
-from priorfill.formats.bids.names import BidsName, side_files
-from priorfill.formats.file_bytes import read_bytes
+from priorfill.formats.bids.names import BidsName, mask_of, side_files
+from priorfill.formats.file_bytes import read_bounded, read_bytes
 from priorfill.formats.tables.cells import join_quoted, line_number, split_lines, texts_of
 from priorfill.formats.tables.numbers import header_number, shown
 
@@ -83,12 +83,15 @@ class SideFiles:
         Fields of ``_motion.json``.
     described : mapping
         Fields of ``_channels.json``.
+    mask : bytes
+        Contents of ``_mask.tsv`` of a derivative: 1 for filled samples; empty if absent.
     """
 
     channels: tuple[Channel, ...]
     channels_file: Path
     motion: Mapping[str, Any]
     described: Mapping[str, Any]
+    mask: bytes = b""
 
     def up_axis(self, frame: str) -> str:
         """Return the axis that points up in a reference frame; empty if none is stated.
@@ -136,6 +139,7 @@ def read_side_files(path: Path) -> SideFiles:
         found[-1],
         _merged(side_files(path, "motion", ".json")),
         _merged(side_files(path, "channels", ".json")),
+        b"".join(read_bounded(mask) for mask in mask_of(path)),
     )
 
 
