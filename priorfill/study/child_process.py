@@ -18,7 +18,7 @@ from priorfill.study.job import FAILED, JobLimits, JobOutcome, StudyJob
 from priorfill.study.records import files_of_job, write_record
 from priorfill.study.scratch_folder import remove_abandoned_scratch
 
-__all__ = ["COMMAND", "run_child"]
+__all__ = ["COMMAND", "remove_leftovers", "run_child"]
 
 COMMAND = "batch-job"
 """The hidden command that a child runs."""
@@ -103,16 +103,21 @@ def _outcome(
     return outcome
 
 
-def remove_leftovers(job: StudyJob) -> None:
-    """Remove temporary files that a killed child has left.
+def remove_leftovers(*jobs: StudyJob) -> None:
+    """Remove temporary files that killed children have left.
 
     Parameters
     ----------
-    job : StudyJob
-        The job.
+    *jobs : StudyJob
+        The jobs.
     """
-    paths = (job.output, job.record, job.report, job.uncertainty)
+    paths = {
+        path
+        for job in jobs
+        for path in (job.output, job.record, job.report, job.uncertainty)
+        if path is not None
+    }
     # links are followed, as writers do
-    for folder in {Path(os.path.realpath(path)).parent for path in paths if path is not None}:
+    for folder in {Path(os.path.realpath(path)).parent for path in paths}:
         remove_abandoned(folder)
     remove_abandoned_scratch()

@@ -18,6 +18,7 @@ from priorfill.errors import OptionError, OutputError, PriorfillError
 from priorfill.filling.fill_file import FileOptions
 from priorfill.filling.fill_options import FillKeywords, FillOptions
 from priorfill.filling.gap_filter import GapFilter
+from priorfill.study.child_process import remove_leftovers
 from priorfill.study.job import FAILED, FILLED, NO_GAPS, JobOutcome, StudyJob
 from priorfill.study.job_keys import JobKeys
 from priorfill.study.local_executor import LocalExecutor, StudyExecutor
@@ -214,6 +215,7 @@ class _StudyRun:
         left = [job for job in keyed.jobs if settled[job.name] is None]
         if self._options.check_only:
             return
+        remove_leftovers(*keyed.jobs)  # of an earlier run, also where nothing is written
         left.sort(key=lambda job: (-self._rounds.work[job.name], job.name))  # no long job last
         records = {job.name: job.record for job in left}
         with closing(executor.run(left)) as outcomes:  # an interrupt stops what runs

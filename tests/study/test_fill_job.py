@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import errno
+import os
+import subprocess
+import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +14,9 @@ import pytest
 
 from priorfill import write
 from priorfill.filling.fill_file import FileToFill
+from priorfill.runtime.atomic_file import temporary_name
 from priorfill.study import fill_job as module
+from priorfill.study.child_process import remove_leftovers
 from priorfill.study.fill_job import fill_job
 from priorfill.study.job import JobLimits, JobOutcome, StudyJob
 from priorfill.study.own_memory import _peak_of_status, forget_peak, peak_memory
@@ -199,3 +204,20 @@ def test_temporary_files_of_a_child_are_removed(
         assert Path(file.name).parents[1] == tmp_path
     assert list(tmp_path.iterdir()) == []
     assert tempfile.gettempdir() == str(tmp_path)
+
+
+def test_what_a_killed_process_left_is_removed(
+    job: StudyJob, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with subprocess.Popen([sys.executable, "-c", ""]) as ended:
+        pass
+    folder = Path(job.output).parent
+    (folder / "mine.part").mkdir(parents=True)
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "getpid", lambda: ended.pid)
+        (folder / temporary_name("")).mkdir()
+        (folder / temporary_name(".c3d")).write_bytes(b"")
+    running = temporary_name(".c3d")
+    (folder / running).write_bytes(b"")
+    remove_leftovers(job)
+    assert names(job) == {"mine.part", running}
