@@ -118,9 +118,8 @@ def _below(folder: Path, output: Path, notes: list[str]) -> Iterator[Path]:
         status = place.stat()
         known = (status.st_dev, status.st_ino) in seen and status.st_ino != 0
         seen.add((status.st_dev, status.st_ino))
-        left_out = "" if known else _left_out(place, output)
-        if place != folder and _is_not_raw(place):
-            left_out = "is not of the recordings of its BIDS dataset"
+        # a folder that is given is meant, such as that of filled files for a second pass
+        left_out = "" if known or place == folder else _left_out(place, output)
         if left_out:
             notes.append(f"{place}: {left_out}; left out")
         if known or left_out or _is_output(place, output):
@@ -153,6 +152,8 @@ def _left_out(place: Path, output: Path) -> str:
         return "is a prior database"
     if (place / STATE / MARK).exists() and not _is_output(place, output):
         return "holds the filled files of a study"
+    if _is_not_raw(place):
+        return "is not of the recordings of its BIDS dataset"
     return ""
 
 
