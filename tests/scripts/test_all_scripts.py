@@ -272,6 +272,11 @@ SMOKE = {
         "x y z 90 %",
         {"FILES": ("hdm05/HDM_bd_05-01_01_120.c3d",), "KINDS": ("single",), "MAX_FRAMES": 240},
     ),
+    "studies/confidence_study.py": Smoke(
+        "--data {data} --repeat 1",
+        "HDM_bd_05-01_01_120",
+        {"CASES": (("hdm05/HDM_bd_05-01_01_120.c3d", 3.0, 41),), "MAX_FRAMES": 40},
+    ),
     "studies/readme_picture.py": Smoke("--data {data} -o {tmp}/fill.png", "LWRA: mean error"),
 }
 """Scripts that are tried here."""
