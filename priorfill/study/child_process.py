@@ -12,6 +12,7 @@ from pathlib import Path
 
 from priorfill.errors import OutputError
 from priorfill.runtime.atomic_file import remove_abandoned
+from priorfill.runtime.error_line import error_line
 from priorfill.study.child_pool import ChildPool
 from priorfill.study.child_watch import ChildError, ChildProcess, child_command
 from priorfill.study.job import FAILED, JobLimits, JobOutcome, StudyJob
@@ -65,7 +66,11 @@ def run_child(
         is_final = outcome.status != FAILED or outcome.exceeded == "seconds"
         if is_final or not used.has_ended or (stop is not None and stop.is_set()):
             return outcome
-    child = ChildProcess(command or child_command(COMMAND), request, limits)
+    try:
+        child = ChildProcess(command or child_command(COMMAND), request, limits)
+    except OSError as error:  # too many processes, too many open files, no Python
+        reason = f"no process could be started: {error_line(error)}"
+        return JobOutcome.of_failure(job, reason, try_again=True)
     return _outcome(child, job, limits, stop, children)
 
 

@@ -357,7 +357,7 @@ def _own_path() -> list[str]:
     found = [*sys.path, str(Path(__file__).parents[2]), *filter(None, given.split(os.pathsep))]
     found = [os.path.abspath(place) for place in found]  # noqa: PTH100 - "" is the current one
     own = [place for place in found if os.path.realpath(place) not in every]
-    return list(dict.fromkeys(place for place in own if Path(place).is_dir()))
+    return list(dict.fromkeys(place for place in own if Path(place).exists()))
 
 
 def _own_group() -> dict[str, Any]:

@@ -224,7 +224,9 @@ def memory_reason(limits: JobLimits) -> str:
     limits : JobLimits
         What it may use.
     """
+    small = limits.memory < 1e9
+    most = f"{limits.memory / 1e6:.0f} MB" if small else f"{limits.memory / 1e9:.1f} GB"
     return (
-        f"needs more than {limits.memory / 2**30:.1f} GB of memory; raise the limit "
+        f"needs more than {most} of memory; raise the limit "
         "(`memory_limit`), with fewer `workers` if the computer has no more"
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from priorfill.runtime.atomic_file import remove_abandoned, remove_folder, temporary_name
@@ -16,12 +16,17 @@ __all__ = ["remove_abandoned_scratch", "scratch_folder"]
 def scratch_folder() -> Iterator[None]:
     """Let `tempfile` of this process use a folder of its own, which is removed at the end.
 
-    Readers and writers copy files there that libraries cannot open in place.
+    Readers and writers copy files there that libraries cannot open in place. Where there is no
+    room for it, those fail that need it.
     """
     remove_abandoned_scratch()
-    usual = tempfile.gettempdir()
-    folder = Path(usual, temporary_name(""))
-    folder.mkdir(mode=0o700)
+    try:
+        usual = tempfile.gettempdir()
+        folder = Path(usual, temporary_name(""))
+        folder.mkdir(mode=0o700)
+    except OSError:
+        yield
+        return
     tempfile.tempdir = str(folder)
     try:
         yield
@@ -32,4 +37,5 @@ def scratch_folder() -> Iterator[None]:
 
 def remove_abandoned_scratch() -> None:
     """Remove the folders of processes that have been killed."""
-    remove_abandoned(Path(tempfile.gettempdir()))
+    with suppress(OSError):  # there is none
+        remove_abandoned(Path(tempfile.gettempdir()))

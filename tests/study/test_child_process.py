@@ -157,3 +157,9 @@ def test_a_child_that_ended_while_it_waited(tmp_path: Path) -> None:
     assert (second.status, second.reason != first.reason) == ("filled", True)
     children.close()
     assert not psutil.pid_exists(int(second.reason))
+
+
+def test_a_process_that_cannot_be_started(tmp_path: Path) -> None:
+    outcome = run_child(job_in(tmp_path), LIMITS, command=(str(tmp_path / "no-python"),))
+    assert (outcome.status, outcome.try_again) == ("failed", True)
+    assert "no process could be started" in outcome.reason

@@ -135,7 +135,7 @@ def raiser(error: Exception) -> object:
 @pytest.mark.parametrize(
     ("error", "exceeded", "try_again", "reason"),
     [
-        (MemoryError(), "memory", True, "needs more than 1024.0 GB of memory; raise the limit"),
+        (MemoryError(), "memory", True, "needs more than 1099.5 GB of memory; raise the limit"),
         (OSError(errno.ENOMEM, "no memory"), "memory", True, "needs more than"),
         (OSError(errno.ENOSPC, "full", "x"), "", True, "x: full; free some space"),
         (TypeError("a\nbug"), "", False, "bug in priorfill (TypeError: a bug)"),
@@ -204,6 +204,9 @@ def test_temporary_files_of_a_child_are_removed(
         assert Path(file.name).parents[1] == tmp_path
     assert list(tmp_path.iterdir()) == []
     assert tempfile.gettempdir() == str(tmp_path)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
+    with scratch_folder():
+        assert tempfile.gettempdir() == str(tmp_path / "missing")
 
 
 def test_what_a_killed_process_left_is_removed(
