@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.artefacts.reference_markers import ReferenceMarkers
+from priorfill.geometry.distances import norms
 from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["BreakOptions", "PathBreaks", "find_breaks", "path_steps", "relative_step_sizes"]
@@ -141,7 +142,7 @@ def relative_step_sizes(
     own = step[frame, marker]
     smallest: NDArray[np.float64] = np.sqrt((own**2).sum(axis=1))
     other = step[frame[:, None], references.others[marker]]
-    relative = np.sqrt(((own[:, None] - other) ** 2).sum(axis=2))
+    relative = norms(own[:, None] - other)
     relative[~references.known[marker]] = np.nan
     for column in range(relative.shape[1]):
         smallest = np.fmin(smallest, relative[:, column])

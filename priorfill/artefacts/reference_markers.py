@@ -126,7 +126,7 @@ def _pair_scores(
 
     ``blocks`` are poses by block [shape=(blocks, poses, markers, 3), mm].
     """
-    distance = np.sqrt(((blocks[:, :, first] - blocks[:, :, second]) ** 2).sum(axis=3))
+    distance = norms(blocks[:, :, first] - blocks[:, :, second])
     seen = np.isfinite(distance)
     count = seen.sum(axis=1)
     distance = np.where(seen, distance, 0.0)
