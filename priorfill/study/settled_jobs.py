@@ -10,7 +10,9 @@ from priorfill.study.job import JobOutcome, StudyJob
 from priorfill.study.records import file_states, is_settled, record_of_job
 from priorfill.study.study_options import StudyOptions
 
-__all__ = ["settled_outcome"]
+__all__ = ["left_as_changed", "settled_outcome"]
+
+_LEFT = "was changed after the fill, and is left as it is"
 
 
 def settled_outcome(job: StudyJob, options: StudyOptions) -> JobOutcome | None:
@@ -40,10 +42,7 @@ def _settled_outcome(job: StudyJob, options: StudyOptions) -> JobOutcome | None:
         if not changed:
             return kept
         if not options.overwrite:
-            warning = (
-                f"{' and '.join(changed)} was changed after the fill, and is left as it is; "
-                "`overwrite` fills it again"
-            )
+            warning = f"{' and '.join(changed)} {_LEFT}; remove it to have it filled again"
             return replace(kept, warnings=(warning, *kept.warnings))
     if options.overwrite:
         return None
@@ -57,3 +56,14 @@ def _settled_outcome(job: StudyJob, options: StudyOptions) -> JobOutcome | None:
             reason = f"{path}: {what}; move it away, or use `overwrite`"
             return JobOutcome.of_failure(job, reason, try_again=True)
     return None
+
+
+def left_as_changed(outcome: JobOutcome) -> str:
+    """Return the warning that a file of an outcome was changed after the fill; else empty.
+
+    Parameters
+    ----------
+    outcome : JobOutcome
+        The outcome.
+    """
+    return next((warning for warning in outcome.warnings if _LEFT in warning), "")

@@ -46,6 +46,10 @@ def test_a_study_is_filled_and_continued(study: Path) -> None:
         ("P02/bad.c3d", "failed"),
     ]
     assert sorted(Path("out").rglob(".priorfill-*")) == []
+    with Path("out/P01/walk.c3d").open("ab") as file:
+        file.write(b"by hand")
+    edited = batch("study", "-o", "out", "-m", "linear", "--report", "--uncertainty").stdout
+    assert "changed: P01/walk.c3d: walk.c3d was changed after the fill" in edited
     Path("out/summary.csv").unlink()
     assert batch("-o", "out").exit_code == 3
     assert Path("out/summary.csv").exists()
