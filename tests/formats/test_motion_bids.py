@@ -124,7 +124,7 @@ def test_side_files_above_the_root_do_not_count(tmp_path):
     assert formats.read(path, rate=80).rate == 80
 
 
-@pytest.mark.skipif(on_wine(), reason="wine does not tell links from files")
+@pytest.mark.skipif(on_wine(), reason="wine shows no symbolic link as one")
 def test_a_link_to_the_contents_has_the_side_files_of_its_own_folder(tmp_path):
     path = write_dataset(tmp_path, columns_of(standing()))
     contents = tmp_path / "annex" / "MD5E-s17"
