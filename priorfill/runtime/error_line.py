@@ -32,13 +32,15 @@ _REMEDIES = {
 """What to do about an error of the system."""
 
 
-def error_line(error: BaseException) -> str:
+def error_line(error: BaseException, command: str = "the command") -> str:
     """Return an error in one line: what is wrong, where, and what to do.
 
     Parameters
     ----------
     error : BaseException
         What ended a command or a job; one that is not expected is a bug.
+    command : str
+        The command whose output shows more about a bug.
     """
     if isinstance(error, KeyboardInterrupt):
         return str(error) or "interrupted"
@@ -56,7 +58,7 @@ def error_line(error: BaseException) -> str:
     else:
         text = (
             f"bug in priorfill ({type(error).__name__}: {error}); "
-            f"please report it with the output of the command with {DEBUG}=1"
+            f"please report it with the output of {command} with {DEBUG}=1"
         )
     return " ".join(line.strip() for line in text.split("\n"))
 

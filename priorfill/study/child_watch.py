@@ -329,7 +329,8 @@ def child_command(name: str) -> list[str]:
     """
     utf8 = f"utf8={sys.flags.utf8_mode}"  # names of files must be decoded alike
     # -P: a file in the current folder must not take the place of a module
-    return [sys.executable, "-P", "-X", utf8, "-m", "priorfill", name]
+    user_site = ["-s"] if sys.flags.no_user_site else []
+    return [sys.executable, "-P", *user_site, "-X", utf8, "-m", "priorfill", name]
 
 
 def child_environment(threads: int) -> dict[str, str]:

@@ -50,6 +50,9 @@ if TYPE_CHECKING:
 
 __all__ = ["fill_job"]
 
+FILL = "priorfill fill for this file"
+"""The command that shows a bug; a child process shows no traceback."""
+
 
 def fill_job(job: StudyJob, limits: JobLimits | None = None) -> JobOutcome:
     """Fill the file of a job, write its outputs and its record, and return the outcome.
@@ -250,7 +253,7 @@ def _failure(job: StudyJob, limits: JobLimits | None, error: Exception) -> JobOu
     # those of the environment: the same job may succeed later
     try_again = any(isinstance(one, (OSError, ImportError, MemoryError)) for one in causes)
     try_again |= not Path(job.source).exists()  # a drive or a share that is gone
-    outcome = JobOutcome.of_failure(job, error_line(error), try_again=try_again)
+    outcome = JobOutcome.of_failure(job, error_line(error, FILL), try_again=try_again)
     return replace(outcome, peak_memory=peak_memory())
 
 

@@ -138,7 +138,7 @@ def raiser(error: Exception) -> object:
         (MemoryError(), "memory", True, "needs more than 1099.5 GB of memory; raise the limit"),
         (OSError(errno.ENOMEM, "no memory"), "memory", True, "needs more than"),
         (OSError(errno.ENOSPC, "full", "x"), "", True, "x: full; free some space"),
-        (TypeError("a\nbug"), "", False, "bug in priorfill (TypeError: a bug)"),
+        (TypeError("a\nbug"), "", False, "output of priorfill fill for this file with PRIORFILL"),
     ],
 )
 def test_errors_become_one_line(
