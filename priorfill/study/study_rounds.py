@@ -6,6 +6,7 @@ are one round, as the outcome of none depends on another, unless the database gr
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -107,16 +108,24 @@ class StudyRounds:
             self._growth.add(outcomes)
 
     def _survey(self, settings: FillSettings) -> list[Survey]:
-        """Return the facts of all files of the sessions of the jobs."""
-        sessions = {session_of(job.name) for job in self._plan.jobs}
+        """Return the facts of the files that decide the sources of the jobs, and the rounds."""
+        sessions = Counter(session_of(one.name) for one in self._plan.sources)
+        least = 1 if self._options.grow else 2  # a file that is alone in its folder has no sources
+        wanted = {
+            session
+            for session in (session_of(job.name) for job in self._plan.jobs)
+            if sessions[session] >= least
+        }
+        files = [
+            (one.name, str(one.path))
+            for one in self._plan.sources
+            if session_of(one.name) in wanted
+        ]
+        kept = None if self._options.check_only else self._plan.folder.survey
         return survey_files(
-            [
-                (one.name, str(one.path))
-                for one in self._plan.sources
-                if session_of(one.name) in sessions
-            ],
+            files,
             settings.files.reading,
-            None if self._options.check_only else self._plan.folder.survey,
+            kept,
             self._options.limits,
             workers=self._options.worker_count,
         )

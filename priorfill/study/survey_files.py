@@ -62,6 +62,8 @@ def survey_files(
     command : sequence of str, optional
         The program that surveys; by default the hidden command of this priorfill.
     """
+    if not files:
+        return []
     workers = max(1, min(workers, -(-len(files) // FILES_PER_CHILD)))
     limits = replace(
         limits,
@@ -115,11 +117,13 @@ def _survey_part(
 ) -> Iterator[Survey]:
     """Yield the surveys of files, by as many children as it takes one after the other."""
     left = list(files)
+    again = ""  # the file that is tried a second time, after its child was killed
     while left:
         request = {"files": left, "reading": dict(reading), "kept": kept and str(kept)}
         request["limits"] = asdict(limits)
-        child = ChildProcess(command or child_command(SURVEY_COMMAND), request, limits)
-        with closing(child):
+        with closing(
+            ChildProcess(command or child_command(SURVEY_COMMAND), request, limits)
+        ) as child:
             while left:
                 name, source = left[0]
                 try:
@@ -127,6 +131,9 @@ def _survey_part(
                 except ChildError as error:
                     if error.stopped:
                         return
+                    if error.try_again and not error.exceeded and again != name:
+                        again = name
+                        break
                     yield Survey(name, source, "", reason=f"{source}: {error}")
                     del left[0]
                     break
