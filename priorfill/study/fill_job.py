@@ -21,6 +21,7 @@ from priorfill.filling.files_beside import files_beside
 from priorfill.filling.fill_facts import fill_facts
 from priorfill.filling.fill_file import FileOptions, FileResult, FileToFill, write_filled
 from priorfill.report.gap_warnings import gap_warnings
+from priorfill.report.shown_text import MAX_LABEL, shown
 from priorfill.runtime.atomic_file import (
     check_target,
     finish_file,
@@ -233,7 +234,7 @@ def _warnings(done: FileResult) -> tuple[str, ...]:
     result = done.result
     first = result.clip.first_frame
     return tuple(
-        f"{gap.label}, frames {first + gap.start}-{first + gap.stop - 1}: {warning.text}"
+        f"{shown(gap.label, MAX_LABEL)}, frames {first + gap.start}-{first + gap.stop - 1}: {warning.text}"
         for gap, warnings in zip(result.gaps, gap_warnings(result), strict=True)
         for warning in warnings
     )

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal
 
+from priorfill.errors import escaped
+
 __all__ = [
     "FAILED",
     "FILLED",
@@ -197,7 +199,7 @@ class JobOutcome:
             job.source,
             job.output,
             FAILED,
-            reason=" ".join(reason.split()),
+            reason=escaped(" ".join(reason.split())),
             try_again=try_again,
             exceeded=exceeded,
             key=job.key,

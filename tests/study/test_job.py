@@ -32,3 +32,9 @@ def test_an_outcome_survives_json() -> None:
     )
     text = json.dumps(outcome.to_json() | {"of_a_later_version": 1})
     assert JobOutcome.from_json(json.loads(text)) == outcome
+
+
+def test_a_reason_is_one_line_without_control_characters() -> None:
+    job = StudyJob("a.c3d", "/in/a.c3d", "/out/a.c3d", "/out/a.json")
+    reason = "x\x1b[31m\udcff\n  is gone"
+    assert JobOutcome.of_failure(job, reason).reason == "x\\x1b[31m\\udcff is gone"
