@@ -234,7 +234,8 @@ def _warnings(done: FileResult) -> tuple[str, ...]:
     result = done.result
     first = result.clip.first_frame
     return tuple(
-        f"{shown(gap.label, MAX_LABEL)}, frames {first + gap.start}-{first + gap.stop - 1}: {warning.text}"
+        f"{shown(gap.label, MAX_LABEL)}, "
+        f"frames {first + gap.start}-{first + gap.stop - 1}: {warning.text}"
         for gap, warnings in zip(result.gaps, gap_warnings(result), strict=True)
         for warning in warnings
     )
