@@ -17,27 +17,29 @@ OWN = {"gpr", "neighbours", "baumann2011"}
 
 FIELD = pytest.mark.parametrize("method", sorted(METHODS.keys() - OWN))
 
+WALK = person(rate=30.0)
+
 HARD = {
-    "gaps": with_gaps(person(), (60, 130, ARM), (90, 170, FOOT), (200, 240, ("LKNE",))),
-    "dropout": with_gaps(person(), (0, 240, ("C7",)), (60, 100, ("LELB",))),
-    "blackout": with_gaps(person(), (80, 95, person().labels), (0, 3, person().labels)),
+    "gaps": with_gaps(WALK, (30, 65, ARM), (45, 85, FOOT), (100, 120, ("LKNE",))),
+    "dropout": with_gaps(WALK, (0, 120, ("C7",)), (30, 50, ("LELB",))),
+    "blackout": with_gaps(WALK, (40, 48, WALK.labels), (0, 2, WALK.labels)),
     "one frame": with_gaps(person(seconds=1 / 60), (0, 1, ("C7",))),
     "three frames": with_gaps(person(seconds=3 / 60), (1, 2, ("C7", "LKNE"))),
     "one marker": Clip(
-        np.where(np.arange(50)[:, None, None] // 9 % 2, np.nan, person().positions[:50, :1]),
+        np.where(np.arange(50)[:, None, None] // 9 % 2, np.nan, WALK.positions[:50, :1]),
         ("LFHD",),
-        60.0,
+        30.0,
     ),
-    "nothing": person().with_positions(np.full_like(person().positions, np.nan)),
-    "nothing missing": person(),
+    "nothing": WALK.with_positions(np.full_like(WALK.positions, np.nan)),
+    "nothing missing": WALK,
     "still": with_gaps(
-        person().with_positions(np.repeat(person().positions[:1], 240, axis=0)), (60, 130, ARM)
+        WALK.with_positions(np.repeat(WALK.positions[:1], WALK.frames, axis=0)), (30, 65, ARM)
     ),
     "one place": with_gaps(
-        person().with_positions(np.repeat(person().positions[:, :1], 41, axis=1)), (60, 99, ARM)
+        WALK.with_positions(np.repeat(WALK.positions[:, :1], 41, axis=1)), (30, 50, ARM)
     ),
     "no frame complete": with_gaps(
-        person(), *((6 * i, 6 * i + 7, (label,)) for i, label in enumerate(person().labels))
+        WALK, *((3 * i, 3 * i + 4, (label,)) for i, label in enumerate(WALK.labels))
     ),
 }
 
@@ -90,7 +92,7 @@ def test_a_method_that_could_work_gives_a_reason_for_each_gap(method):
 @FIELD
 def test_nothing_flies_away(method):
     result = filled(method, "gaps")
-    off = np.linalg.norm(result.clip.positions - person().positions, axis=2)
+    off = np.linalg.norm(result.clip.positions - WALK.positions, axis=2)
     assert result.filled.any()
     assert np.nanmax(off) < 1000
 
