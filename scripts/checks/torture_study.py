@@ -3,6 +3,7 @@
 
     python scripts/checks/torture_study.py [--data FOLDER] [--good 92] [--garbage 5] [--hanging 1]
     [--hungry 1] [--blocked 1] [--kills 2] [--cluster] [--method linear]
+    [--minutes 0.5]
 
 Makes a study of recordings with gaps, and of files
 
@@ -42,7 +43,7 @@ from priorfill.cli.encoding import replace_what_is_lacking
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from recordings import add_data_option
-from study_files import make_study, outputs
+from study_files import count_files, make_study, outputs
 
 BAD = ("garbage", "hanging", "hungry", "blocked")
 """Kinds of files that cannot be filled."""
@@ -62,8 +63,8 @@ if any(word.startswith("batch-") for word in sys.orig_argv):
 """
 """The double of readers: in children, files of some names are not opened."""
 
-MINUTES, GB = "0.5", "1"
-"""Limits of a fill; with 30 s, no good file exceeds its own on a busy computer."""
+GB = "1"
+"""Memory that a fill may use."""
 
 TEMPORARY = ".priorfill-*"
 """Files that are not finished."""
@@ -92,12 +93,15 @@ class Plan:
         Whether Dask runs the jobs.
     method : str
         The method, one that learns from a clip alone.
+    minutes : float
+        Time that a fill may take.
     """
 
     numbers: dict[str, int]
     kills: int
     cluster: bool
     method: str
+    minutes: float
 
 
 def make_files(data: Path, folder: Path, plan: Plan) -> dict[str, list[str]]:
@@ -134,13 +138,17 @@ def run_batch(folder: Path, plan: Plan, kills: int) -> tuple[int, list[dict[str,
     command = [
         *(sys.executable, "-m", "priorfill", "batch", str(folder / "in"), "--json"),
         *("--output", str(folder / "out"), "--method", plan.method, "--workers", "2"),
-        *("--time-limit", MINUTES, "--memory-limit", GB),
+        *("--time-limit", str(plan.minutes), "--memory-limit", GB),
         *(("--cluster", "local") if plan.cluster else ()),
     ]
     with (folder / "printed").open("w+b") as printed:
         process = psutil.Popen(command, stdout=printed, env=environment)
-        killed = kill_some(process, folder / "out", plan, kills)
-        status = process.wait()
+        try:
+            killed = kill_some(process, folder / "out", plan, kills)
+            status = process.wait()
+        finally:
+            if process.poll() is None:
+                process.kill()
         printed.seek(0)
         text = printed.read()
     return status, json.loads(text) if text else [], killed
@@ -152,7 +160,7 @@ def kill_some(process: psutil.Popen, output: Path, plan: Plan, kills: int) -> in
     for number in range(kills):
         wanted = plan.numbers["good"] * (number + 1) // (kills + 2)
         target = None
-        while target is None or len(outputs(output)) < wanted:
+        while target is None or count_files(output) < wanted:
             if process.poll() is not None:
                 return number
             time.sleep(0.05)
@@ -212,9 +220,12 @@ def main() -> int:
         parser.add_argument(f"--{kind}", type=int, default=number, help="number")
     parser.add_argument("--cluster", action="store_true", help="kill workers of Dask")
     parser.add_argument("--method", default="linear", help="one that learns from a clip alone")
+    parser.add_argument(
+        "--minutes", type=float, default=0.5, help="limit of a fill; more on a busy computer"
+    )
     given = parser.parse_args()
     numbers = {kind: getattr(given, kind) for kind in ("good", *BAD)}
-    plan = Plan(numbers, given.kills, given.cluster, given.method)
+    plan = Plan(numbers, given.kills, given.cluster, given.method, given.minutes)
     with tempfile.TemporaryDirectory(prefix="priorfill-torture-") as name:
         folder = Path(name)
         names = make_files(given.data, folder, plan)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import subprocess
 import time
 from collections.abc import Iterator, Sequence
@@ -30,7 +31,7 @@ CHILD_SECONDS = 30.0
 and longer for workers of Dask."""
 
 STATE = ".priorfill"
-"""Folder with the records of a study."""
+"""Beginning of the names of the folder with the records of a study, and of unfinished files."""
 
 
 def make_study(data: Path, folder: Path, count: int | None = None) -> int:
@@ -99,10 +100,16 @@ def outputs(folder: Path) -> dict[str, bytes]:
     }
 
 
+def count_files(folder: Path) -> int:
+    """Return how many files a study has filled, also while it goes on."""
+    return sum(1 for _ in _files(folder))
+
+
 def _files(folder: Path) -> Iterator[Path]:
-    for path in sorted(folder.rglob("*")):
-        if path.is_file() and STATE not in path.relative_to(folder).parts:
-            yield path
+    """Yield the finished files below a folder, in which other processes may write."""
+    for here, folders, names in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith(STATE))
+        yield from (Path(here, name) for name in sorted(names) if not name.startswith(STATE))
 
 
 def kill_half_way(command: Sequence[str], sources: Path, output: Path) -> int:
@@ -122,7 +129,7 @@ def kill_half_way(command: Sequence[str], sources: Path, output: Path) -> int:
     """
     half = len(outputs(sources)) // 2
     process = psutil.Popen([*command], stdout=subprocess.DEVNULL)
-    while process.poll() is None and sum(1 for _ in _files(output)) < half:
+    while process.poll() is None and count_files(output) < half:
         time.sleep(0.05)
     children = process.children(recursive=True)
     process.kill()
