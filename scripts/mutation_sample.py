@@ -37,7 +37,7 @@ from mutation.sites import Site, sites
 from priorfill.cli.encoding import replace_what_is_lacking
 
 NOT_NUMERIC_FOLDERS = (
-    *("cli", "formats", "database", "datasets", "integrations", "reviewing", "runtime"),
+    *("cli", "formats", "database", "datasets", "integrations", "reviewing", "runtime", "study"),
 )
 """Folders without numeric modules, directly below the package."""
 
