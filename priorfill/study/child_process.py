@@ -61,7 +61,7 @@ def run_child(
     request = {"job": job.to_json(), "limits": asdict(limits)}
     used = None if children is None else children.take()
     if used is not None:
-        used.ask(request)
+        used.ask(request, limits)
         outcome = _outcome(used, job, limits, stop, children)
         is_final = outcome.status != FAILED or outcome.exceeded == "seconds"
         if is_final or not used.has_ended or (stop is not None and stop.is_set()):

@@ -107,7 +107,6 @@ class ChildProcess:
         self, command: Sequence[str], request: Mapping[str, Any], limits: JobLimits
     ) -> None:
         self.peak_memory = 0
-        self._limits = limits
         self._lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         self._tail: deque[bytes] = deque(maxlen=TAIL_LINES)
         self._seen: dict[int, psutil.Process] = {}
@@ -128,17 +127,20 @@ class ChildProcess:
         ]
         for reader in self._readers:
             reader.start()
-        self.ask(request)
+        self.ask(request, limits)
 
-    def ask(self, request: Mapping[str, Any]) -> None:
+    def ask(self, request: Mapping[str, Any], limits: JobLimits) -> None:
         """Send a request; the one before must be answered.
 
         Parameters
         ----------
         request : mapping of str to object
             JSON values.
+        limits : JobLimits
+            What the child may use from here on.
         """
         self.peak_memory = 0
+        self._limits = limits
         self._tail.clear()
         assert self._process.stdin is not None
         with suppress(OSError):  # it has ended; the first answer shows why
