@@ -12,6 +12,7 @@ from priorfill.errors import DatabaseError, DatabaseLockedError, DatabaseStateEr
 from priorfill.filling.provenance import package_versions
 from priorfill.study.add_outcomes import add_outcome, reason_not_to_add
 from priorfill.study.growth_plan import GrowthPlan, Round
+from priorfill.study.job import FAILED
 from priorfill.study.survey import session_of
 
 if TYPE_CHECKING:
@@ -116,7 +117,7 @@ class Growth:
                         session = session_of(outcome.name)
                         reason, clips = add_outcome(database, outcome, reading, session)
                         self._round.clips += clips
-                    if reason:
+                    if reason and outcome.status != FAILED:  # a failure is reported as such
                         self._not_added.append(
                             f"{outcome.name}: not added to the database: {reason}"
                         )
