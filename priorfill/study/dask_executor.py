@@ -324,7 +324,8 @@ def _workers_here(count: int) -> Iterator[Client]:
         except (OSError, RuntimeError) as error:  # RuntimeError: one was killed as it started
             raise PriorfillError(
                 f"workers of Dask cannot be started on this computer ({_why(error)}); run the "
-                "same command again, or without `cluster`"
+                "same command again, or without `cluster`; a script starts them below "
+                "if __name__ == '__main__'"
             ) from error
         yield client
 
