@@ -1,8 +1,9 @@
-"""What all writers share: the report they return, and the check of the filled samples."""
+"""What all writers share: the report they return, and checks of samples and of the file."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from priorfill.clip import Clip
 from priorfill.errors import OutputError
 
-__all__ = ["WriteReport", "check_filled"]
+__all__ = ["WriteReport", "check_filled", "check_read_back"]
 
 
 @dataclass(frozen=True)
@@ -75,3 +76,25 @@ def check_filled(clip: Clip, filled: NDArray[np.bool_] | None) -> NDArray[np.boo
             f"{clip.first_frame + int(frame)} but has no position; mark only samples that have one"
         )
     return filled
+
+
+def check_read_back(path: Path | str, as_intended: bool) -> None:
+    """Raise an error if a file that was written does not hold what it should.
+
+    Parameters
+    ----------
+    path : Path or str
+        The file, which the caller removes after an error.
+    as_intended : bool
+        Whether reading it gave what was written.
+
+    Raises
+    ------
+    OutputError
+        If not.
+    """
+    if not as_intended:
+        raise OutputError(
+            f"{path}: the file does not read back as intended and was removed; "
+            "check the folder's permissions and space"
+        )

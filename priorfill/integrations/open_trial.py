@@ -30,6 +30,7 @@ from priorfill.filling.uncertainty_file import check_uncertainty, write_uncertai
 from priorfill.formats.recording import MAX_COORDINATE
 from priorfill.formats.up_axis import find_up_axis
 from priorfill.runtime.option_checks import check_not_text
+from priorfill.runtime.option_texts import first_names
 
 __all__ = ["OpenTrial", "TrialOptions", "TrialResult", "fill_trial"]
 
@@ -307,8 +308,8 @@ def _read_clips(
         if absent:
             whose = f" of {subject}" if subject else ""
             notes.append(
-                f"left out: {_names(absent)}{whose}, not visible in any frame; `markers` names "
-                "markers to be filled nevertheless"
+                f"left out: {first_names(absent, _MAX_NAMES)}{whose}, not visible in any frame; "
+                "`markers` names markers to be filled nevertheless"
             )
         if kept:
             own = clip.positions[:, kept]
@@ -491,14 +492,10 @@ def _failure(
     """Return the message of a marker that could not be set: what is set, and what is not."""
     reason = str(error) or type(error).__name__
     finished, rest = ([names[place] for place in places] for places in progress)
-    set_before = f"set before: {_names(finished)}" if finished else "nothing was set before"
+    set_before = "nothing was set before"
+    if finished:
+        set_before = f"set before: {first_names(finished, _MAX_NAMES)}"
     return (
         f"{trial.name}: {name} could not be set in {trial.program} ({reason}); {set_before}; "
-        f"not set: {_names(rest)}; reload the trial without saving it to undo all"
+        f"not set: {first_names(rest, _MAX_NAMES)}; reload the trial without saving it to undo all"
     )
-
-
-def _names(names: Sequence[str]) -> str:
-    """Return names in a line."""
-    rest = len(names) - _MAX_NAMES
-    return ", ".join(names[:_MAX_NAMES]) + (f" and {rest} more" if rest > 0 else "")

@@ -1,4 +1,4 @@
-"""Values of options written as text: frame ranges, durations, lists of names.
+"""Values of options as text: frame ranges, durations, lists of names, also in messages.
 
 The command line, files of overrides and the library read them in the same way.
 """
@@ -15,6 +15,7 @@ __all__ = [
     "Duration",
     "check_positive",
     "close_or_all",
+    "first_names",
     "parse_duration",
     "parse_frames",
     "parse_names",
@@ -211,10 +212,26 @@ def close_or_all(name: str, known: Sequence[str]) -> str:
     close = [one for key in found for one in by_case[key]][:_MAX_SUGGESTED]
     if close:
         return f"did you mean {' or '.join(close)}?"
-    rest = len(known) - _MAX_LISTED
-    return f"use one of {', '.join(known[:_MAX_LISTED])}" + (
-        f" and {rest} more" if rest > 0 else ""
-    )
+    return f"use one of {first_names(known, _MAX_LISTED)}"
+
+
+def first_names(names: Sequence[str], most: int) -> str:
+    """Return names in a line; of many the first ones, and the number of the others.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The names.
+    most : int
+        Names that are shown.
+
+    Examples
+    --------
+    >>> first_names(["RKNE", "LELB", "LKNE"], 2)
+    'RKNE, LELB and 1 more'
+    """
+    rest = len(names) - most
+    return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")
 
 
 def check_positive(duration: Duration, what: str) -> None:

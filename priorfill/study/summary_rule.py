@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Literal
 
+from priorfill.runtime.option_texts import first_names
 from priorfill.study.summary_limits import SummaryLimits
 from priorfill.study.summary_trial import LeftSamples, TrialFigures, TrialGap
 
@@ -154,10 +155,7 @@ def _looks(trial: TrialFigures, gaps: list[TrialGap], limits: SummaryLimits) -> 
 
 
 def _left_text(left: LeftSamples) -> str:
-    names = ", ".join(left.markers[:MAX_NAMES])
-    more = len(left.markers) - MAX_NAMES
-    if more > 0:
-        names += f" and {more} more"
+    names = first_names(left.markers, MAX_NAMES)
     return f"{left.samples} samples of {names} stay missing: {left.reason}"
 
 

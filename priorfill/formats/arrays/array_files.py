@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.clip import Clip
-from priorfill.errors import FormatError, OutputError
+from priorfill.errors import FormatError
 from priorfill.formats.arrays.unpacked_size import check_unpacked
 from priorfill.formats.recording import Recording
-from priorfill.formats.write_report import WriteReport, check_filled
+from priorfill.formats.write_report import WriteReport, check_filled, check_read_back
 from priorfill.geometry.axes import UP_AXES
 from priorfill.runtime.atomic_file import replace_file
 
@@ -121,13 +121,11 @@ def write_arrays(
     with replace_file(path, overwrite=overwrite) as temporary:
         save(temporary, arrays)
         again = parse(temporary.read_bytes(), temporary.name)
-        if again.labels != _strings(np.array(clip.labels), temporary.name) or not np.array_equal(
-            again.positions, clip.positions, equal_nan=True
-        ):
-            raise OutputError(
-                f"{path}: the file does not read back as intended and was removed; "
-                "check the folder's permissions and space"
-            )
+        check_read_back(
+            path,
+            again.labels == _strings(np.array(clip.labels), temporary.name)
+            and np.array_equal(again.positions, clip.positions, equal_nan=True),
+        )
     return WriteReport(samples=int(mask.sum()), rounding_mm=0.0)
 
 

@@ -15,16 +15,11 @@ from priorfill.errors import OptionError, OutputError
 from priorfill.formats.bids.motion_tsv import parse_motion
 from priorfill.formats.bids.names import BidsName, new_motion_fault, sibling
 from priorfill.formats.bids.side_files import UP_AXIS, Channel, SideFiles
+from priorfill.formats.tables.new_table import position_rows, report_of_new_table
 from priorfill.formats.write_report import WriteReport, check_filled
 from priorfill.runtime.atomic_file import check_target, replace_file
 
 __all__ = ["create_motion", "json_bytes", "new_side_files"]
-
-_DECIMALS = 6
-"""Decimals in a new file (nm), finer than the 32 bit floats of C3D."""
-
-_STEP = 10.0**-_DECIMALS
-"""mm."""
 
 _UNIT = "mm"
 
@@ -77,14 +72,7 @@ def create_motion(
     side = new_side_files(path, clip)
     for other in (path, *side):
         check_target(other, overwrite=overwrite)
-    positions = clip.positions.copy()
-    at_origin = written & (np.abs(positions).max(axis=2) < _STEP)
-    positions[at_origin] = (0, 0, _STEP)  # (0, 0, 0) would read as missing
-    rows = positions.reshape(clip.frames, -1).tolist()
-    text = "".join(
-        "\t".join("n/a" if value != value else f"{value:.{_DECIMALS}f}" for value in row) + "\n"
-        for row in rows
-    )
+    text = "".join(f"{row}\n" for row in position_rows(clip, written, "n/a"))
     with ExitStack() as stack:
         # the one that is entered first appears last
         temporary = stack.enter_context(replace_file(path, overwrite=overwrite))
@@ -92,13 +80,7 @@ def create_motion(
         for other, content in side.items():
             stack.enter_context(replace_file(other, overwrite=overwrite)).write_bytes(content)
         again = parse_motion(temporary.read_bytes(), path.name, _described(clip, path)).recording
-        if not np.allclose(again.positions, clip.positions, rtol=0, atol=2 * _STEP, equal_nan=True):
-            raise OutputError(
-                f"{path}: the file does not read back as intended and was removed; "
-                "check the folder's permissions and space"
-            )
-    worst = np.abs(again.positions - clip.positions)[written]
-    return WriteReport(samples=int(written.sum()), rounding_mm=float(worst.max(initial=0.0)))
+        return report_of_new_table(path, again, clip, written)
 
 
 def new_side_files(path: Path, clip: Clip) -> dict[Path, bytes]:

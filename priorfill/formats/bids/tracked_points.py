@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from priorfill.errors import FormatError
 from priorfill.formats.bids.side_files import Channel
 from priorfill.formats.units import mm_per_unit
+from priorfill.runtime.option_texts import first_names
 
 __all__ = ["TrackedPoints", "find_tracked_points"]
 
@@ -85,7 +86,7 @@ def find_tracked_points(channels: Sequence[Channel], name: str) -> TrackedPoints
         )
     partial = [point.label for point in points if len(point.channels) < len(_AXES)]
     if partial:
-        notes.append(f"Left out, because they lack an axis: {_listed(partial)}.")
+        notes.append(f"Left out, because they lack an axis: {first_names(partial, _MAX_NAMED)}.")
     columns = tuple(tuple(point.channels[axis] for axis in _AXES) for point in whole)
     frame = Counter(point.frame for point in whole).most_common(1)[0][0]
     left_out = {}
@@ -158,10 +159,3 @@ def _units(
                 "cannot be converted; correct the column units"
             )
     return unit, tuple(tuple(factors[text] for text in point) for point in spelled)
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Return names in a row; of many the first ones and their number."""
-    if len(names) <= _MAX_NAMED:
-        return ", ".join(names)
-    return f"{', '.join(names[:_MAX_NAMED])} and {len(names) - _MAX_NAMED} more"

@@ -11,7 +11,7 @@ from priorfill.clip import Clip
 from priorfill.errors import OutputError, PriorfillError
 from priorfill.formats.c3d.ezc3d_path import ezc3d_path
 from priorfill.formats.c3d.layout import parse_layout, read_points
-from priorfill.formats.write_report import WriteReport, check_filled
+from priorfill.formats.write_report import WriteReport, check_filled, check_read_back
 from priorfill.runtime.atomic_file import replace_file
 
 __all__ = ["MAX_C3D_FRAMES", "create_c3d"]
@@ -112,11 +112,7 @@ def create_c3d(
         with ezc3d_path(temporary, write=True) as plain:
             content.write(plain)
         # ezc3d does not report an incomplete or failed write
-        if not _holds(temporary, clip):
-            raise OutputError(
-                f"{path}: the file does not read back as intended and was removed; "
-                "check the folder's permissions and space"
-            )
+        check_read_back(path, _holds(temporary, clip))
     values = clip.positions[written]
     rounded = values.astype(np.float32).astype(np.float64)
     return WriteReport(

@@ -18,6 +18,7 @@ from priorfill.clip import Clip
 from priorfill.formats.tables.trc import write_new_trc
 from priorfill.formats.write_report import WriteReport
 from priorfill.geometry.axes import from_upright, to_upright
+from priorfill.runtime.option_texts import first_names
 
 __all__ = ["create_opensim_trc", "opensim_labels"]
 
@@ -112,14 +113,14 @@ def _notes(clip: Clip, labels: Sequence[str]) -> list[str]:
         f"{old} is {new}" for old, new in zip(clip.labels, labels, strict=True) if old != new
     ]
     if renamed:
-        notes.append(f"Names of markers for OpenSim: {_listed(renamed)}.")
+        notes.append(f"Names of markers for OpenSim: {first_names(renamed, _MAX_NAMED)}.")
     empty = clip.missing.all(axis=1)
     gone = clip.missing[~empty]
     partly = [label for marker, label in enumerate(labels) if gone[:, marker].any()]
     if partly:
         notes.append(
             f"Samples that stay missing are NaN, which inverse kinematics passes over: "
-            f"{_listed(partly)}."
+            f"{first_names(partly, _MAX_NAMED)}."
         )
     if empty.any():
         times = np.flatnonzero(empty) / clip.rate
@@ -128,10 +129,3 @@ def _notes(clip: Clip, labels: Sequence[str]) -> list[str]:
             "OpenSim stops there, so choose a time range without them."
         )
     return notes
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Return names in a row; of many the first ones and their number."""
-    if len(names) <= _MAX_NAMED:
-        return ", ".join(names)
-    return f"{', '.join(names[:_MAX_NAMED])} and {len(names) - _MAX_NAMED} more"

@@ -38,6 +38,7 @@ from priorfill.formats.tables.cells import (
 )
 from priorfill.formats.tables.columns import axis_columns, names_of_columns
 from priorfill.formats.tables.frames import count_notes, find_rate, frame_numbers
+from priorfill.formats.tables.new_table import DECIMALS, position_rows, report_of_new_table
 from priorfill.formats.tables.numbers import cell_number, header_number, plain_number, shown
 from priorfill.formats.tables.text_table import TableRecording, read_table
 from priorfill.formats.write_report import WriteReport, check_filled
@@ -56,12 +57,6 @@ _FRAME = "Frame#?"
 
 _UNSEPARATED = re.compile(rb"[^\s,;] +[^\s,;]")
 """Two numbers with nothing but blanks between them."""
-
-_DECIMALS = 6
-"""Decimals in a new file (nm), finer than the 32 bit floats of C3D."""
-
-_STEP = 10.0**-_DECIMALS
-"""mm."""
 
 
 def recognise_trc(head: bytes) -> bool:
@@ -185,29 +180,17 @@ def write_new_trc(
         "\t\t" + "\t".join(f"X{n}\tY{n}\tZ{n}" for n in range(1, count + 1)),
         "",
     ]
-    positions = clip.positions.copy()
-    at_origin = written & (np.abs(positions).max(axis=2) < _STEP)
-    positions[at_origin] = (0, 0, _STEP)  # (0, 0, 0) would read as missing
     body = [
-        f"{clip.first_frame + frame}\t{frame / clip.rate:.{_DECIMALS}f}\t"
-        + "\t".join(missing if value != value else f"{value:.{_DECIMALS}f}" for value in row)
-        + "\t"  # OpenSim takes no row that ends with a blank cell
-        for frame, row in enumerate(positions.reshape(frames, -1).tolist())
+        # the last tab: OpenSim takes no row that ends with a blank cell
+        f"{clip.first_frame + frame}\t{frame / clip.rate:.{DECIMALS}f}\t{row}\t"
+        for frame, row in enumerate(position_rows(clip, written, missing))
     ]
     with replace_file(path, overwrite=overwrite) as temporary:
         temporary.write_bytes(
             "".join(f"{line}\r\n" for line in head + body).encode("utf-8", "replace")
         )
         again = parse_trc(temporary.read_bytes(), temporary.name).recording
-        if again.labels != clip.labels or not np.allclose(
-            again.positions, clip.positions, rtol=0, atol=2 * _STEP, equal_nan=True
-        ):
-            raise OutputError(
-                f"{path}: the file does not read back as intended and was removed; "
-                "check the folder's permissions and space"
-            )
-    worst = np.abs(again.positions - clip.positions)[written]
-    return WriteReport(samples=int(written.sum()), rounding_mm=float(worst.max(initial=0.0)))
+        return report_of_new_table(path, again, clip, written)
 
 
 def _names_row(lines: list[bytes], name: str) -> int:
