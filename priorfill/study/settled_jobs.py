@@ -1,10 +1,11 @@
-"""Which jobs need not be run: those that are done, and those that must not replace a file."""
+"""Which jobs need not be run: those that are done, and those that may or can write no file."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
 
+from priorfill.runtime.atomic_file import check_target
 from priorfill.runtime.error_line import error_line
 from priorfill.study.job import JobOutcome, StudyJob
 from priorfill.study.records import file_states, is_settled, record_of_job
@@ -16,7 +17,7 @@ _LEFT = "was changed after the fill, and is left as it is"
 
 
 def settled_outcome(job: StudyJob, options: StudyOptions) -> JobOutcome | None:
-    """Return the outcome of a job that need not be run; None where it must be.
+    """Return the outcome of a job that need not be run, or cannot be; None where it must be.
 
     Parameters
     ----------
@@ -26,7 +27,12 @@ def settled_outcome(job: StudyJob, options: StudyOptions) -> JobOutcome | None:
         Limits, and whether failures are tried again and files replaced.
     """
     try:
-        return _settled_outcome(job, options)
+        outcome = _settled_outcome(job, options)
+        if outcome is None:
+            for path in (job.output, job.report, job.uncertainty, job.record):
+                if path is not None:
+                    check_target(path, overwrite=True, source=Path(job.source))
+        return outcome
     except OSError as error:  # such as a name that is too long there
         return JobOutcome.of_failure(job, error_line(error), try_again=True)
 

@@ -247,6 +247,13 @@ def test_a_name_that_is_too_long_costs_itself(fills: Fills) -> None:
     assert study.outcomes[3].reason.endswith("File name too long; choose a shorter name")
 
 
+def test_an_output_that_cannot_be_written_is_known_before_the_first_fill(fills: Fills) -> None:
+    Path("out/P01/b.c3d").mkdir(parents=True)
+    study, _ = run(fills, check_only=True, overwrite=True)
+    assert "is a folder; give the name of a file" in study.outcomes[0].reason
+    assert run(fills, overwrite=True)[1] == ["P01/a.c3d", "P02/a.c3d"]
+
+
 def test_what_ends_a_study_leaves_a_summary(fills: Fills, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(self: object, outcomes: object) -> None:
         raise OutputError("lab: is full; free some space")
