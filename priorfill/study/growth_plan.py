@@ -74,6 +74,13 @@ class Round:
     handled: dict[str, str] = field(default_factory=dict)
     clips: list[str] = field(default_factory=list)
 
+    def __post_init__(self) -> None:
+        texts = [self.state, *self.clips]
+        for hashes in (self.contents, self.handled):
+            texts += [*hashes.keys(), *hashes.values()]
+        if not all(isinstance(one, str) for one in texts):
+            raise TypeError("a round has texts only")
+
 
 class GrowthPlan:
     """The rounds of a study, kept in a file.
@@ -94,8 +101,8 @@ class GrowthPlan:
             values = json.loads(path.read_text(encoding="ascii"))
             if values["basis"] == self._basis:
                 self.rounds = [Round(**one) for one in values["rounds"]]
-        except (OSError, ValueError, TypeError, LookupError, RecursionError):
-            self.rounds = []
+        except (OSError, ValueError, TypeError, AttributeError, LookupError, RecursionError):
+            self.rounds = []  # there is no such file, or it is damaged
 
     def include(self, surveys: Sequence[Survey]) -> None:
         """Put files that are in no round into rounds of their own, which come last.

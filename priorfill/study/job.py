@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from priorfill.errors import escaped
 
@@ -33,6 +33,9 @@ NO_GAPS: Status = "no gaps"
 
 FAILED: Status = "failed"
 """No output is written; the outcome has the reason."""
+
+MAX_NUMBER = 2**53
+"""Seconds and bytes that an outcome has at most; larger ones are damage."""
 
 
 @dataclass(frozen=True)
@@ -212,10 +215,34 @@ class JobOutcome:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> JobOutcome:
-        """Return the outcome of `to_json`; names that are unknown are left out."""
+        """Return the outcome of `to_json`; names that are unknown are left out.
+
+        Raises
+        ------
+        ValueError, TypeError, AttributeError
+            If the values are not those of an outcome, such as in a damaged record.
+        """
         known = {one.name for one in fields(cls)}
         given = {name: value for name, value in values.items() if name in known}
-        return cls(**given | {"warnings": tuple(given.get("warnings", ()))})
+        outcome = cls(**given | {"warnings": tuple(given.get("warnings", ()))})
+        if not outcome._is_sound():
+            raise ValueError("is not the outcome of a job")
+        return outcome
+
+    def _is_sound(self) -> bool:
+        """Return whether all values have the types of an outcome; facts are not looked into."""
+        texts = [self.name, self.source, self.output, self.reason, self.exceeded, self.key]
+        texts += [one for one in (self.report, self.uncertainty) if one is not None]
+        for hashes in (self.written, self.replaced):
+            texts += [*hashes.keys(), *hashes.values()]
+        return (
+            all(isinstance(one, str) for one in (*texts, *self.warnings))
+            and self.status in get_args(Status)
+            and isinstance(self.facts, Mapping)
+            and isinstance(self.try_again, bool)
+            and 0.0 <= self.seconds <= MAX_NUMBER
+            and 0 <= self.peak_memory <= MAX_NUMBER
+        )
 
 
 def memory_reason(limits: JobLimits) -> str:

@@ -27,6 +27,9 @@ __all__ = [
     "write_record",
 ]
 
+MAX_BYTES = 2**28
+"""Maximum size of a record; one of a thousand gaps has 1 MB."""
+
 FileState = Literal["written", "earlier", "changed"]
 """Whether a file is as the run of the record wrote it, or the run before, or was changed since."""
 
@@ -59,8 +62,11 @@ def contents_hash(path: Path) -> str:
 
 def read_record(path: Path | str) -> JobOutcome | None:
     """Return the outcome that a record keeps; None where there is none, or it is damaged."""
+    path = Path(path)
     try:
-        values: Any = json.loads(Path(path).read_text(encoding="ascii"))
+        if path.stat().st_size > MAX_BYTES:
+            return None
+        values: Any = json.loads(path.read_text(encoding="ascii"))
         return JobOutcome.from_json(values)
     except (OSError, ValueError, TypeError, AttributeError, RecursionError):
         return None
@@ -160,7 +166,7 @@ def kept_outcomes(folder: StudyFolder) -> tuple[JobOutcome, ...]:
     found = {}
     for path in folder.records.rglob("*.json"):
         outcome = None if path.name.startswith(".") else read_record(path)
-        if outcome is not None:
+        if outcome is not None and folder.record(outcome.name) == path:  # else of somebody else
             name = outcome.name
             found[name] = replace(
                 outcome,

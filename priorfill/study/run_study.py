@@ -192,10 +192,9 @@ class _StudyRun:
         study = self._study(self._rounds.notes, time.monotonic() - begun)
         if isinstance(ended, KeyboardInterrupt):
             summary = "" if study.summary is None else f" (summary: {study.summary})"
-            ended.args = (
-                f"interrupted with {len(study.outcomes)} of {len(self._plan.jobs)} files done"
-                f"{summary}; the same command continues",
-            )
+            done = f" with {len(study.outcomes)} of {len(self._plan.jobs)} files done"
+            known = done if study.outcomes else ""  # else it did not come to look at records
+            ended.args = (f"interrupted{known}{summary}; the same command continues",)
         if ended is not None:
             raise ended
         return study
@@ -236,6 +235,8 @@ class _StudyRun:
             notes=(*plan.notes, *notes),
         )
         if options.check_only or options.index is not None:
+            return study
+        if plan.jobs and not study.outcomes:  # an earlier summary says more
             return study
         if study.done_before:
             seconds = math.nan  # of a part

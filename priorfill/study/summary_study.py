@@ -227,7 +227,7 @@ def _figures(outcome: JobOutcome) -> TrialFigures:
     """Return the figures of a trial; a damaged record must not cost the summary."""
     try:
         return trial_figures(outcome)
-    except (AttributeError, KeyError, TypeError, ValueError):
+    except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError):
         reason = (
             "the record of its fill is damaged; remove it from .priorfill/records, and the same "
             "command fills the file again"

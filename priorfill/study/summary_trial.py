@@ -343,4 +343,7 @@ def _mean_error(gaps: Iterable[TrialGap]) -> float:
 
 
 def _number(value: object) -> float:
-    return float(value) if isinstance(value, int | float) else math.nan
+    try:
+        return float(value) if isinstance(value, int | float) else math.nan
+    except OverflowError:  # an integer of a damaged record
+        return math.nan

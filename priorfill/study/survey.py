@@ -25,6 +25,8 @@ STEP_SECONDS = 0.1
 MIN_SEEN_SHARE = 0.05
 """Share of the frames that must show a marker for the recording to count as having it."""
 
+_NUMBERS = ("frames", "rate", "missing", "longest_gap", "all_missing", "speed")
+
 
 @dataclass(frozen=True)
 class SurveyedSubject:
@@ -139,9 +141,16 @@ class Survey:
 
 
 def _subject_of(values: Mapping[str, Any]) -> SurveyedSubject:
-    """Return the subject of JSON values."""
+    """Return the subject of JSON values; TypeError if they are damaged."""
     tuples = {name: tuple(values[name]) for name in ("labels", "absent")}
-    return SurveyedSubject(**{**values, **tuples})
+    subject = SurveyedSubject(**{**values, **tuples})
+    texts = (subject.subject, subject.name_in_file, subject.clip, *subject.labels, *subject.absent)
+    numbers = [getattr(subject, name) for name in _NUMBERS] + [*dict(subject.body).values()]
+    if not all(isinstance(one, str) for one in texts):
+        raise TypeError("labels and names are texts")
+    if not all(isinstance(one, int | float) for one in numbers):
+        raise TypeError("counts, times and measures are numbers")
+    return subject
 
 
 def session_of(name: str) -> str:

@@ -25,7 +25,7 @@ from priorfill.study.add_outcomes import (
     reason_not_to_add,
 )
 from priorfill.study.fill_job import fill_job
-from priorfill.study.growth_plan import MIN_FILES, ROUNDS, GrowthPlan, rounds_of
+from priorfill.study.growth_plan import MIN_FILES, ROUNDS, GrowthPlan, Round, rounds_of
 from priorfill.study.job import JobLimits, JobOutcome, StudyJob
 from priorfill.study.run_study import Study
 from priorfill.study.settings import FillSettings
@@ -77,6 +77,16 @@ def test_a_plan_is_kept_and_files_that_come_later_are_rounds_of_their_own(tmp_pa
         (["b.c3d", "c.c3d"], ""),
     ]
     assert GrowthPlan(tmp_path / "growth.json", {"method": "linear"}).rounds == []
+    for damage in (
+        {"contents": None},
+        {"contents": {"a.c3d": 1}},
+        {"handled": []},
+        {"clips": [[]]},
+    ):
+        again.rounds[0] = Round({}, "1:5")
+        vars(again.rounds[0]).update(damage)
+        again.save()
+        assert GrowthPlan(tmp_path / "growth.json", {"method": "gpr"}).rounds == []
     (tmp_path / "growth.json").write_text("{")
     assert GrowthPlan(tmp_path / "growth.json", {"method": "gpr"}).rounds == []
 

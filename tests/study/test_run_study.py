@@ -13,13 +13,14 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
 from priorfill.database import PriorDatabase
 from priorfill.errors import OptionError, OutputError, StudyError
 from priorfill.filling.gap_filter import GapFilter
-from priorfill.study import local_executor, survey_files
+from priorfill.study import local_executor, run_study, survey_files
 from priorfill.study.job import JobOutcome, StudyJob
 from priorfill.study.records import file_hash, write_record
 from priorfill.study.run_study import Study, batch, sum_up_study
@@ -166,7 +167,9 @@ def test_failures_are_kept(fills: Fills, text: str, retried: dict[str, Any]) -> 
     assert run(fills, **{"time_limit": 60.0} | retried)[1] == ["P01/b.c3d"]
 
 
-def test_an_interrupted_study_is_summed_up_and_continued(fills: Fills) -> None:
+def test_an_interrupted_study_is_summed_up_and_continued(
+    fills: Fills, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def interrupt(at: StudyProgress) -> None:
         if at.done == 2:
             raise KeyboardInterrupt
@@ -175,6 +178,11 @@ def test_an_interrupted_study_is_summed_up_and_continued(fills: Fills) -> None:
         run(fills, progress=interrupt)
     summary = json.loads(Path("out/summary.json").read_text(encoding="utf-8"))
     assert len(summary["trials"]) == 2
+    with monkeypatch.context() as patched:
+        patched.setattr(run_study.JobKeys, "with_keys", Mock(side_effect=KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt, match="interrupted; the same command continues"):
+            run(fills)
+    assert json.loads(Path("out/summary.json").read_text(encoding="utf-8")) == summary
     assert len(run(fills)[1]) == 1
 
 
@@ -198,6 +206,8 @@ def test_a_check_writes_nothing(fills: Fills) -> None:
 def test_the_summary_is_written_again(fills: Fills) -> None:
     run(fills)
     Path("out/summary.html").unlink()
+    records = Path("out/.priorfill/records")
+    (records / "foreign.c3d.json").write_bytes((records / f"{ALL[0]}.json").read_bytes())
     study = sum_up_study("out", StudyOptions(summary="other.html"))
     assert [one.name for one in study.outcomes] == ALL
     assert Path("other.html").exists()

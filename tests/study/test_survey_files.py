@@ -59,7 +59,9 @@ def test_what_was_found_is_kept_by_content(tmp_path: Path, monkeypatch: pytest.M
     assert next(surveys_of(request | {"reading": {"unit": "m"}})).subjects == ()
     values = json.loads(kept.read_text())
     (content,) = values["files"]
-    values["files"][content] = [{"subject": "only"}]  # damaged, so the file is read
-    kept.write_text(json.dumps(values))
-    assert next(surveys_of(request)).subjects == ()
+    facts = values["files"][content][0]
+    for damaged in ({"subject": "only"}, facts | {"rate": None}, facts | {"labels": [3]}):
+        values["files"][content] = [damaged]  # so the file is read
+        kept.write_text(json.dumps(values))
+        assert next(surveys_of(request)).subjects == ()
     assert isinstance(again, Survey)
