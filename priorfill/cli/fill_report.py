@@ -72,8 +72,8 @@ def print_fill(done: FileResult, *, every_row: bool = False) -> None:
         print_line(f"{result.clip.name} has no gaps; nothing to write")
     else:
         print_line(f"{result.clip.name} has no gaps; {done.output} is a copy")
-    if done.beside:
-        print_line(f"with {', '.join(path.name for path in done.beside)}")
+    if done.companions:
+        print_line(f"with {', '.join(path.name for path in done.companions)}")
     if result.rejected.any():
         print_line()
         facts = artefact_facts(done.artefacts, result.clip)

@@ -12,10 +12,8 @@ The name of the output decides: a recording with ``desc-`` is a derivative.
 
 from __future__ import annotations
 
-import json
-import os
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -23,14 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill import formats
-from priorfill.errors import OptionError
+from priorfill.filling.derivative_dataset import (
+    check_dataset,
+    describe_dataset,
+    source_address,
+)
 from priorfill.filling.provenance import package_versions
 from priorfill.filling.result import Result
 from priorfill.formats.bids.create_motion import json_bytes
 from priorfill.formats.bids.names import (
-    DESCRIPTION,
-    BidsName,
-    dataset_root,
     derivative_path,
     is_derivative,
     is_motion,
@@ -40,14 +39,9 @@ from priorfill.formats.bids.names import (
 from priorfill.formats.bids.side_files import SideFiles, read_side_files
 from priorfill.formats.bids.tracked_points import find_tracked_points
 from priorfill.gp.calibration import MEAN_FACTOR
-from priorfill.runtime.atomic_file import check_target, check_writable, replace_file
+from priorfill.runtime.atomic_file import check_target, replace_file
 
-__all__ = ["check_derivative", "derivative_beside", "derivative_files", "derivative_output"]
-
-_BIDS_VERSION = "1.10.0"
-
-_LINK = "raw"
-"""Name of the source dataset in BIDS addresses."""
+__all__ = ["check_derivative", "derivative_companions", "derivative_output", "write_derivative"]
 
 _DECIMALS = 3
 """Of errors, in mm."""
@@ -55,7 +49,7 @@ _DECIMALS = 3
 _ERRORS = ("expected_mean_error_mm", "error_bound_90_mm")
 """Columns of a tracked point in the table of errors."""
 
-_BESIDE = (
+_COMPANIONS = (
     ("motion", ".json"),
     ("channels", ".tsv"),
     ("channels", ".json"),
@@ -63,55 +57,6 @@ _BESIDE = (
     ("error", ".tsv"),
 )
 """Suffixes and extensions of the files next to a filled recording."""
-
-_IGNORED = "# files for which the BIDS validator has no rules\n" + "".join(
-    f"{pattern}\n"
-    for pattern in (
-        "*_motion.tsv",
-        "*_motion.json",
-        "*_mask.tsv",
-        "*_error.tsv",
-        "desc-*_mask.json",
-        "desc-*_error.json",
-        "*.html",
-        "*.npz",
-        "*.toml",
-        "summary.*",
-        ".priorfill/",
-    )
-)
-"""Contents of ``.bidsignore``: the validator knows no derivatives of motion, and a study adds
-pages."""
-
-_README = """\
-Filled recordings of motion capture
-===================================
-
-priorfill has estimated samples that were missing. For each recording:
-
-* ..._motion.tsv: all samples, measured ones unchanged; those that could not be filled are n/a.
-* ..._mask.tsv: the same rows and columns; 1 where the sample is filled, 0 elsewhere.
-* ..._error.tsv: a row for each row of the recording; for each tracked point the expected mean error
-  of a filled sample, and the bound below which 90 % of the errors are expected, both in mm;
-  n/a where the sample is not filled.
-"""
-
-_MASK = {
-    "Description": (
-        "The rows and columns of the recording: 1 where the sample is filled, 0 where it is "
-        "measured or missing."
-    )
-}
-
-_ERROR = {
-    "Description": (
-        "A row for each row of the recording. NAME_expected_mean_error_mm: expected mean distance "
-        "of a filled sample of the tracked point NAME from the true position. "
-        "NAME_error_bound_90_mm: distance below which 90 % of the errors are expected. "
-        "n/a: not filled, or unknown."
-    ),
-    "Units": "mm",
-}
 
 
 def derivative_output(source: Path, output: Path) -> Path:
@@ -159,21 +104,12 @@ def check_derivative(output: Path, source: Path, *, overwrite: bool) -> None:
     """
     if not _is_bids_derivative(output, source):
         return
-    root = _root(output)
-    if root is not None and (root / DESCRIPTION).exists():
-        kind = _fields_of(root / DESCRIPTION).get("DatasetType", "raw")
-        if kind != "derivative":
-            raise OptionError(
-                f"{output}: {root} is a dataset of the type {kind}, in which BIDS permits no "
-                f"filled recordings; write to {root / 'derivatives' / 'priorfill'}"
-            )
-    if root is not None:
-        check_writable(root / DESCRIPTION, 0)
-    for path in derivative_beside(output, source):
+    check_dataset(output)
+    for path in derivative_companions(output, source):
         check_target(path, overwrite=overwrite, source=source)
 
 
-def derivative_beside(output: Path, source: Path) -> tuple[Path, ...]:
+def derivative_companions(output: Path, source: Path) -> tuple[Path, ...]:
     """Return the files that are written next to an output; none but for a derivative.
 
     Parameters
@@ -185,14 +121,14 @@ def derivative_beside(output: Path, source: Path) -> tuple[Path, ...]:
     """
     if not _is_bids_derivative(output, source):
         return ()
-    ends = list(_BESIDE)
+    ends = list(_COMPANIONS)
     if formats.format_of(source) == "bids" and not side_files(source, "channels", ".json"):
         ends.remove(("channels", ".json"))
     return tuple(sibling(output, suffix, extension) for suffix, extension in ends)
 
 
 @contextmanager
-def derivative_files(
+def write_derivative(
     output: Path | None, result: Result, *, place: Path | None = None, overwrite: bool
 ) -> Iterator[tuple[Path, ...]]:
     """Write what belongs to a filled recording; the files appear when the block ends without error.
@@ -228,8 +164,8 @@ def derivative_files(
     with ExitStack() as stack:
         for path, content in contents.items():
             stack.enter_context(replace_file(path, overwrite=overwrite)).write_bytes(content)
-        yield derivative_beside(output, source.path)
-    _describe_dataset(place, source.path if side is not None else None)
+        yield derivative_companions(output, source.path)
+    describe_dataset(place, source.path if side is not None else None)
 
 
 def _contents(
@@ -251,7 +187,7 @@ def _contents(
         added: dict[str, Any] = {
             "Description": f"Gaps filled by priorfill {version} (method {result.method})."
         }
-        if address := _address(place, clip.source.path):
+        if address := source_address(place, clip.source.path):
             added["Sources"] = [address]
         contents = _copied_side_files(output, clip.source.path, side, added)
     contents[sibling(output, "mask", ".tsv")] = _mask_table(result, columns, count)
@@ -268,7 +204,7 @@ def _copied_side_files(
         sibling(output, "motion", ".json"): json_bytes({**side.motion, **added}),
     }
     if side_files(source, "channels", ".json"):
-        contents[sibling(output, "channels", ".json")] = json_bytes(dict(side.described))
+        contents[sibling(output, "channels", ".json")] = json_bytes(dict(side.channel_fields))
     return contents
 
 
@@ -298,82 +234,3 @@ def _error_table(result: Result) -> bytes:
             cells = (f"{value:.{_DECIMALS}f}" if np.isfinite(value) else "n/a" for value in row)
             lines.append("\t".join(cells))
     return "".join(f"{line}\n" for line in lines).encode()
-
-
-def _root(output: Path) -> Path | None:
-    """Return the root of the dataset that a recording is written to; None outside of one.
-
-    Its folders are those of BIDS: ROOT/sub-01/ses-a/motion.
-    """
-    name = BidsName.parse(output.name)
-    folder = Path(os.path.abspath(output)).parent  # noqa: PTH100, does not resolve links
-    inside = ["motion"]
-    inside += [f"{key}-{name.label(key)}" for key in ("ses", "sub") if name.label(key)]
-    for one in inside:
-        if folder.name != one:
-            return None
-        folder = folder.parent
-    return folder
-
-
-def _raw_dataset(output: Path, source: Path) -> str:
-    """Return the path from a derivative dataset to that of the source; empty if unknown."""
-    root, raw = _root(output), dataset_root(source)
-    if root is None or raw is None or raw == root:
-        return ""
-    with suppress(ValueError):  # on another drive
-        return Path(os.path.relpath(raw, root)).as_posix()
-    return ""
-
-
-def _address(output: Path, source: Path) -> str:
-    """Return the BIDS address of a recording in its dataset; empty if unknown."""
-    link, root, raw = _raw_dataset(output, source), _root(output), dataset_root(source)
-    if not link or root is None or raw is None:
-        return ""
-    if (root / DESCRIPTION).exists():
-        links = _fields_of(root / DESCRIPTION).get("DatasetLinks")
-        if not isinstance(links, dict) or links.get(_LINK) != link:
-            return ""
-    place = Path(os.path.abspath(source)).relative_to(raw)  # noqa: PTH100, keeps links
-    return f"bids:{_LINK}:{place.as_posix()}"
-
-
-def _describe_dataset(output: Path, source: Path | None) -> None:
-    """Write the files at the root of a derivative dataset that are not there yet."""
-    root = _root(output)
-    if root is None:
-        return
-    desc = "desc-" + BidsName.parse(output.name).label("desc")
-    described: dict[str, Any] = {
-        "Name": "Filled recordings of motion capture",
-        "BIDSVersion": _BIDS_VERSION,
-        "DatasetType": "derivative",
-        "GeneratedBy": [{"Name": "priorfill", "Version": package_versions()["priorfill"]}],
-    }
-    link = "" if source is None else _raw_dataset(output, source)
-    if link:
-        described |= {"SourceDatasets": [{"URL": link}], "DatasetLinks": {_LINK: link}}
-    table = f"desc_id\tdescription\n{desc}\tgaps filled; see _mask.tsv and _error.tsv\n"
-    contents = {
-        DESCRIPTION: json_bytes(described),
-        "README": _README.encode(),
-        "descriptions.tsv": table.encode(),
-        ".bidsignore": _IGNORED.encode(),
-        f"{desc}_mask.json": json_bytes(_MASK),
-        f"{desc}_error.json": json_bytes(_ERROR),
-    }
-    for name, content in contents.items():
-        if not (root / name).exists():
-            # another job of a study may write it at the same time, with the same contents
-            with replace_file(root / name, overwrite=True) as temporary:
-                temporary.write_bytes(content)
-
-
-def _fields_of(path: Path) -> dict[str, Any]:
-    """Return the fields of a JSON file; none if it is damaged."""
-    with suppress(OSError, ValueError, RecursionError):
-        fields = json.loads(path.read_text(encoding="utf-8-sig"))
-        if isinstance(fields, dict):
-            return fields
-    return {}

@@ -276,11 +276,9 @@ def find_axes(
     values = positions.astype(np.float64)
     blank_incomplete_samples(values)
     check_coordinates(values, labels, 0, name)
-    marks = [note.replace(" in the file", "") for note in notes_on_marks(values)]
     found, mm_per_unit, unit_notes = find_unit(values, "", unit, name)
     axis, _, up_notes = find_up_axis(values * mm_per_unit, labels, "", up)
-    notes = [note.replace("The file has no unit", "No unit is given") for note in unit_notes]
-    return ArrayAxes(found, axis, (*marks, *notes, *up_notes))
+    return ArrayAxes(found, axis, (*notes_on_marks(values), *unit_notes, *up_notes))
 
 
 def _numbers(positions: ArrayLike, name: str) -> NDArray[np.floating[Any]]:

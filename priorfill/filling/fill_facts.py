@@ -33,7 +33,7 @@ def fill_facts(done: FileResult, text: Callable[[str], str] = str) -> dict[str, 
     return {
         "file": str(done.source),
         "output": str(done.output) if done.output else None,
-        "beside": [str(path) for path in done.beside],
+        "companions": [str(path) for path in done.companions],
         "uncertainty": str(done.uncertainty) if done.uncertainty else None,
         "plot": [str(path) for path in done.further.get("plot", ())],
         "report": next((str(path) for path in done.further.get("report", ())), None),

@@ -17,7 +17,7 @@ from priorfill.clip import Clip
 from priorfill.errors import ClipError, DatabaseError, OptionError, PriorfillError
 from priorfill.filling.add_result import AddedClip, add_subject, can_create_database
 from priorfill.filling.bids_derivative import derivative_output
-from priorfill.filling.files_beside import check_beside, write_beside
+from priorfill.filling.companion_files import check_companions, write_companions
 from priorfill.filling.fill_clip import fill
 from priorfill.filling.fill_options import FillKeywords, FillOptions
 from priorfill.filling.further_outputs import check_further_outputs, further_outputs
@@ -130,7 +130,7 @@ class FileResult:
         the command that adds it.
     further : mapping of str to tuple of Path
         The files that were written in addition, by the option of `FileOptions` that named them.
-    beside : tuple of Path
+    companions : tuple of Path
         Files that belong to the output: the mask, errors and side files of a recording of
         Motion-BIDS; the table of what was estimated in a file for OpenSim.
 
@@ -159,7 +159,7 @@ class FileResult:
     added: tuple[AddedClip | None, ...] = ()
     not_added: DatabaseError | None = None
     further: Mapping[str, tuple[Path, ...]] = field(default_factory=dict)
-    beside: tuple[Path, ...] = ()
+    companions: tuple[Path, ...] = ()
 
 
 def fill_file(
@@ -351,7 +351,7 @@ def _check(
             rewrite=files.rewrite,
             program=files.program,
         )
-        check_beside(output, source, files.program, overwrite=files.overwrite)
+        check_companions(output, source, files.program, overwrite=files.overwrite)
     elif files.program is not None:
         raise OptionError("`program` is for a file to write; name it (`output`)")
     check_further_outputs(source, output, files)
@@ -438,14 +438,14 @@ def write_filled(
     OutputError
         Where a file cannot be written.
     """
-    belonging = write_beside(
+    writing = write_companions(
         output,
         result,
         place=work.output,
         program=files.program,
         overwrite=files.overwrite,
     )
-    with further_outputs(result, work.clips, files) as further, belonging as beside:
+    with further_outputs(result, work.clips, files) as further, writing as companions:
         report = WriteReport(0, 0.0)
         if output is not None:
             report = formats.write(
@@ -464,7 +464,7 @@ def write_filled(
         report,
         work.artefacts(result),
         further=further,
-        beside=beside,
+        companions=companions,
     )
 
 

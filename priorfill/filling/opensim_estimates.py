@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import io
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from priorfill.filling.assemble import expected_errors
 from priorfill.filling.result import Result
 from priorfill.formats.tables.opensim_trc import opensim_labels
+from priorfill.gaps import runs
 from priorfill.runtime.display import csv_cell
 
 __all__ = ["estimates_path", "estimates_table"]
@@ -88,9 +88,8 @@ def _weight(rms: NDArray[np.float64], present: int) -> str:
 
 def _runs(chosen: NDArray[np.bool_], first: int) -> str:
     """Return the runs of frames, as the recording numbers them: ``92-116 130``."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(int)))
-    runs = [(first + int(a), first + int(b) - 1) for a, b in pairwise(edges.tolist())][::2]
-    return " ".join(str(a) if a == b else f"{a}-{b}" for a, b in runs)
+    spans = [(first + start, first + stop - 1) for start, stop in runs(chosen)]
+    return " ".join(str(a) if a == b else f"{a}-{b}" for a, b in spans)
 
 
 def _number(value: float) -> str:

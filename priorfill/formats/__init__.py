@@ -533,10 +533,10 @@ def check_output(
         If the folder does not exist, takes no files or is too full, or the file exists already or
         is the source.
     """
-    source_format = format_of(source) if source.is_file() else None
-    form = output_format(Path(path), source_format)
     if program is not None:
         _check_program(Path(path), program)
+    source_format = format_of(source) if source.is_file() else None
+    form = output_format(Path(path), source_format)
     if rewrite and source_format is not None:
         _check_rewriting(Path(path), form, source_format)
     check_target(path, overwrite=overwrite, source=source)

@@ -321,8 +321,8 @@ def notes_on_marks(positions: NDArray[np.float64]) -> list[str]:
     same = (positions[..., 0] == positions[..., 1]) & (positions[..., 1] == positions[..., 2])
     values, counts = np.unique(positions[same][:, 0], return_counts=True)
     return [
-        f"{count} samples are at ({value:g}, {value:g}, {value:g}); if these are missing, blank "
-        "them in the file: they are taken as measured."
+        f"{count} samples are at ({value:g}, {value:g}, {value:g}); they are taken as "
+        "measured. If they are missing, blank them."
         for value, count in zip(values.tolist(), counts.tolist(), strict=True)
         if count >= _MIN_MARKS and value != 0
     ]

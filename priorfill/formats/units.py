@@ -90,9 +90,7 @@ def find_unit(
     unit = _NAMES.get(spelled.strip().lower().rstrip("."))
     if unit is None:
         unit = _by_size(extent)
-        reason = (
-            f"The unit {spelled!r} of the file is unknown" if spelled else "The file has no unit"
-        )
+        reason = f"The unit {spelled!r} is unknown" if spelled else "No unit is stated"
         return unit, UNITS[unit], [f"{reason}; {unit} is assumed from the spread of the markers."]
     in_mm = extent * UNITS[unit]
     if 0 < in_mm < _MIN_EXTENT or in_mm > _MAX_EXTENT:

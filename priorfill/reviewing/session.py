@@ -15,7 +15,7 @@ from priorfill.database import PriorDatabase
 from priorfill.errors import OptionError, OutputError
 from priorfill.filling.bids_derivative import derivative_output
 from priorfill.filling.check_overrides import check_overrides
-from priorfill.filling.files_beside import write_beside
+from priorfill.filling.companion_files import write_companions
 from priorfill.filling.fill_cache import FillCache
 from priorfill.filling.fill_file import FileOptions, FileToFill
 from priorfill.filling.fill_options import FillKeywords, FillOptions
@@ -253,7 +253,7 @@ class ReviewSession:
             self._check_source()
             decided = replace(overrides, made_for=result.provenance.made_for)
             replacing = self._may_replace()
-            with write_beside(self.output, result, overwrite=replacing):
+            with write_companions(self.output, result, overwrite=replacing):
                 write_pair(
                     self.output,
                     lambda path: formats.write(

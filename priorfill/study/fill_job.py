@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from priorfill.errors import OutputError, PriorfillError, escaped
-from priorfill.filling.files_beside import files_beside
+from priorfill.filling.companion_files import companion_files
 from priorfill.filling.fill_facts import fill_facts
 from priorfill.filling.fill_file import FileOptions, FileResult, FileToFill, write_filled
 from priorfill.report.gap_warnings import gap_warnings
@@ -89,8 +89,10 @@ def _fill(job: StudyJob, begin: float) -> JobOutcome:
     ours = files_of_job(job)
     settings = FillSettings.from_json(job.settings)
     program = settings.files.program
-    beside = [str(path) for path in files_beside(Path(job.output), Path(job.source), program)]
-    new = [_NewFile.check(path, job, ours) for path in (*beside, *_paths(job))]
+    companions = [
+        str(path) for path in companion_files(Path(job.output), Path(job.source), program)
+    ]
+    new = [_NewFile.check(path, job, ours) for path in (*companions, *_paths(job))]
     files = replace(
         settings.files,
         report=job.report,
@@ -111,9 +113,9 @@ def _fill(job: StudyJob, begin: float) -> JobOutcome:
         waiting = {
             file.path: stack.enter_context(file.waiting())
             for file in new
-            if file.path not in beside
+            if file.path not in companions
         }
-        waiting |= {path: waiting[job.output].with_name(Path(path).name) for path in beside}
+        waiting |= {path: waiting[job.output].with_name(Path(path).name) for path in companions}
         done = _write_waiting(job, work, result, files, waiting)
         outcome = JobOutcome(
             job.name,
@@ -219,7 +221,7 @@ def _write_waiting(
         output=Path(job.output),
         uncertainty=None if job.uncertainty is None else Path(job.uncertainty),
         further={} if job.report is None else {"report": (Path(job.report),)},
-        beside=files_beside(Path(job.output), Path(job.source), files.program),
+        companions=companion_files(Path(job.output), Path(job.source), files.program),
     )
 
 

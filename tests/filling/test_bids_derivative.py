@@ -38,9 +38,11 @@ def test_a_folder_becomes_a_derivative_dataset(tmp_path):
     done = pf.fill_file(source, root, method="linear")
     motion = root / "sub-01" / "motion"
     assert done.output == motion / f"{FILLED}_motion.tsv"
-    beside = [f"{FILLED}_{end}" for end in ("channels.tsv", "error.tsv", "mask.tsv", "motion.json")]
-    assert sorted(path.name for path in done.beside) == beside
-    assert sorted(contents(motion)) == sorted([*beside, done.output.name])
+    companions = [
+        f"{FILLED}_{end}" for end in ("channels.tsv", "error.tsv", "mask.tsv", "motion.json")
+    ]
+    assert sorted(path.name for path in done.companions) == companions
+    assert sorted(contents(motion)) == sorted([*companions, done.output.name])
     assert sorted(path.name for path in root.iterdir() if path.is_file()) == [
         ".bidsignore", "README", "dataset_description.json", "desc-filled_error.json",
         "desc-filled_mask.json", "descriptions.tsv",
@@ -99,7 +101,7 @@ def test_another_format_becomes_a_recording_with_side_files(tmp_path):
         "sub-9_ses-a_task-walk_tracksys-omc_desc-filled_motion.tsv"
     )  # fmt: skip
     done = pf.fill_file(tmp_path / "walk.c3d", output, method="linear")
-    assert len(done.beside) == 5
+    assert len(done.companions) == 5
     assert len(list(output.parent.iterdir())) == 6
     again = pf.read(output)
     np.testing.assert_allclose(again.positions, done.result.clip.positions, atol=2e-6)

@@ -115,7 +115,7 @@ def test_labels_may_have_the_prefix_of_one_subject() -> None:
 def test_what_is_assumed_is_noted() -> None:
     done = filled(METRES, unit=None)
     assert done.unit == "m"
-    assert any("No unit is given; m is assumed" in note for note in done.notes)
+    assert any("No unit is stated; m is assumed" in note for note in done.notes)
     turned = filled(METRES[..., [0, 2, 1]], up="Y")
     assert turned.result.clip.up == "+Y"
 

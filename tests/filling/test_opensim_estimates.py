@@ -14,7 +14,7 @@ from text_files import LABELS, standing
 import priorfill as pf
 from priorfill.cli import main
 from priorfill.errors import OptionError, OutputError
-from priorfill.filling.files_beside import files_beside
+from priorfill.filling.companion_files import companion_files
 from priorfill.filling.opensim_estimates import estimates_table
 from priorfill.study.fill_job import fill_job
 from priorfill.study.job import FILLED, StudyJob
@@ -43,7 +43,7 @@ def rows(path: Path) -> list[dict[str, str]]:
 def test_markers_frames_and_errors_are_listed(tmp_path, source):
     done = pf.fill_file(source, tmp_path / "o" / "walk.trc", files=FOR_OPENSIM, method="linear")
     table = tmp_path / "o" / "walk_estimates.csv"
-    assert done.beside == (table,)
+    assert done.companions == (table,)
     (row,) = rows(table)
     assert row["marker"] == row["marker_in_file"] == "LKNE"
     assert (row["filled"], row["filled_frames"], row["missing"]) == ("4", "34-36 39", "0")
@@ -82,8 +82,9 @@ def test_targets_are_checked_before_the_fill(tmp_path, source, monkeypatch):
     monkeypatch.setattr("priorfill.filling.fill_file.fill", lambda *_, **__: pytest.fail("filled"))
     with pytest.raises(OptionError, match="`program` is for a file to write"):
         pf.fill_file(source, files=FOR_OPENSIM)
-    with pytest.raises(OptionError, match="has the suffix"):
-        pf.fill_file(source, tmp_path / "walk.mat", files=FOR_OPENSIM)
+    for name in ("walk.mat", "walk.tsv", "walk"):
+        with pytest.raises(OptionError, match="has the suffix"):
+            pf.fill_file(source, tmp_path / name, files=FOR_OPENSIM)
     (tmp_path / "walk_estimates.csv").write_text("mine")
     with pytest.raises(OutputError, match=r"walk_estimates\.csv: exists already"):
         pf.fill_file(source, tmp_path / "walk.trc", files=FOR_OPENSIM)
@@ -110,6 +111,6 @@ def test_a_job_of_a_study_writes_the_table(tmp_path, source):
     assert (outcome.status, outcome.reason) == (FILLED, "")
     output = Path(job.output)
     assert output.name == "walk.trc"
-    beside = files_beside(output, source, "opensim")
-    assert sorted(outcome.written) == sorted(map(str, (output, *beside)))
-    assert all(path.exists() for path in beside)
+    companions = companion_files(output, source, "opensim")
+    assert sorted(outcome.written) == sorted(map(str, (output, *companions)))
+    assert all(path.exists() for path in companions)

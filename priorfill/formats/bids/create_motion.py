@@ -79,7 +79,9 @@ def create_motion(
         temporary.write_bytes(text.encode())
         for other, content in side.items():
             stack.enter_context(replace_file(other, overwrite=overwrite)).write_bytes(content)
-        again = parse_motion(temporary.read_bytes(), path.name, _described(clip, path)).recording
+        again = parse_motion(
+            temporary.read_bytes(), path.name, _side_files_of(clip, path)
+        ).recording
         return report_of_new_table(path, again, clip, written)
 
 
@@ -146,7 +148,7 @@ def _cells(channel: Channel) -> tuple[str, ...]:
     )
 
 
-def _described(clip: Clip, path: Path) -> SideFiles:
+def _side_files_of(clip: Clip, path: Path) -> SideFiles:
     """Return what the side files of a clip state."""
     channels = sibling(path, "channels", ".tsv")
     return SideFiles(tuple(_channels(clip)), channels, {"SamplingFrequency": clip.rate}, {})

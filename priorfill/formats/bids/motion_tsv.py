@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from priorfill.clip import Clip, Source
 from priorfill.errors import ClipError, FormatError, OutputError
 from priorfill.formats.bids.names import BidsName
-from priorfill.formats.bids.side_files import SideFiles, json_number, read_side_files
+from priorfill.formats.bids.side_files import SideFiles, number_of_field, read_side_files
 from priorfill.formats.bids.tracked_points import TrackedPoints, find_tracked_points
 from priorfill.formats.recording import ReadOptions, Recording, clip_from_file
 from priorfill.formats.tables.cells import (
@@ -174,8 +174,8 @@ def _rate(
     side: SideFiles, points: TrackedPoints, lines: list[bytes], rows: list[int]
 ) -> tuple[float | None, list[str]]:
     """Return the frame rate (Hz), None if it is unknown, and notes."""
-    nominal = json_number(side.motion.get("SamplingFrequency"))
-    effective = json_number(side.motion.get("SamplingFrequencyEffective"))
+    nominal = number_of_field(side.motion.get("SamplingFrequency"))
+    effective = number_of_field(side.motion.get("SamplingFrequencyEffective"))
     notes = []
     if effective is not None and effective > 0:
         if nominal is not None and nominal != effective:
@@ -187,7 +187,7 @@ def _rate(
     own = {side.channels[column].rate for point in points.columns for column in point} - {None}
     if nominal is None and len(own) == 1:
         nominal = own.pop()
-    elif own - {nominal, json_number(side.motion.get("SamplingFrequency"))}:
+    elif own - {nominal, number_of_field(side.motion.get("SamplingFrequency"))}:
         notes.append(
             f"{side.channels_file.name} states other sampling frequencies for some positions; "
             "they are ignored."

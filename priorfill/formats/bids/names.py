@@ -23,7 +23,7 @@ __all__ = [
     "filled_name",
     "is_derivative",
     "is_motion",
-    "mask_of",
+    "mask_file",
     "motion_name_fault",
     "new_motion_fault",
     "sibling",
@@ -142,8 +142,8 @@ def sibling(path: Path, suffix: str, extension: str) -> Path:
     return path.with_name("_".join((*BidsName.parse(path.name).entities, suffix)) + extension)
 
 
-def mask_of(path: Path) -> list[Path]:
-    """Return the table that tells which samples of a derivative are filled, if there is one.
+def mask_file(path: Path) -> Path | None:
+    """Return the table that marks the filled samples of a derivative; None if there is none.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def mask_of(path: Path) -> list[Path]:
         The recording.
     """
     mask = sibling(path, "mask", ".tsv")
-    return [mask] if is_derivative(path) and mask.is_file() else []
+    return mask if is_derivative(path) and mask.is_file() else None
 
 
 def filled_name(name: str) -> str:
@@ -253,7 +253,9 @@ def all_side_files(path: Path) -> list[Path]:
     """
     if not is_motion(path):
         return []
-    tables = side_files(path, "channels", ".tsv")[-1:] + mask_of(path)
+    tables = side_files(path, "channels", ".tsv")[-1:]
+    if mask := mask_file(path):
+        tables.append(mask)
     return tables + side_files(path, "motion", ".json") + side_files(path, "channels", ".json")
 
 

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from priorfill.errors import FormatError
-from priorfill.formats.bids.names import BidsName, mask_of, side_files
+from priorfill.formats.bids.names import BidsName, mask_file, side_files
 from priorfill.formats.file_bytes import read_bounded, read_bytes
 from priorfill.formats.tables.cells import join_quoted, line_number, split_lines, texts_of
 from priorfill.formats.tables.numbers import header_number, shown
 
-__all__ = ["UP_AXIS", "Channel", "SideFiles", "json_number", "read_side_files"]
+__all__ = ["UP_AXIS", "Channel", "SideFiles", "number_of_field", "read_side_files"]
 
 _MAX_BYTES = 1 << 24
 """Size limit of a side file: 200,000 channels of 80 bytes."""
@@ -81,7 +81,7 @@ class SideFiles:
         The ``_channels.tsv`` that describes them.
     motion : mapping
         Fields of ``_motion.json``.
-    described : mapping
+    channel_fields : mapping
         Fields of ``_channels.json``.
     mask : bytes
         Contents of ``_mask.tsv`` of a derivative: 1 for filled samples; empty if absent.
@@ -90,7 +90,7 @@ class SideFiles:
     channels: tuple[Channel, ...]
     channels_file: Path
     motion: Mapping[str, Any]
-    described: Mapping[str, Any]
+    channel_fields: Mapping[str, Any]
     mask: bytes = b""
 
     def up_axis(self, frame: str) -> str:
@@ -101,7 +101,7 @@ class SideFiles:
         frame : str
             Name of the reference frame.
         """
-        level: Any = self.described
+        level: Any = self.channel_fields
         for key in ("reference_frame", "Levels", frame):
             level = level.get(key) if isinstance(level, dict) else None
         fields = level if isinstance(level, dict) else {}
@@ -134,16 +134,17 @@ def read_side_files(path: Path) -> SideFiles:
             f"{path}: has no {wanted}, which names its columns, in its folder or in those of its "
             "dataset above; put it there"
         )
+    mask = mask_file(path)
     return SideFiles(
         _read_channels(found[-1]),
         found[-1],
         _merged(side_files(path, "motion", ".json")),
         _merged(side_files(path, "channels", ".json")),
-        b"".join(read_bounded(mask) for mask in mask_of(path)),
+        b"" if mask is None else read_bounded(mask),
     )
 
 
-def json_number(value: Any) -> float | None:
+def number_of_field(value: Any) -> float | None:
     """Return the finite number of a JSON field, also if it is a string; None if there is none."""
     if isinstance(value, str):
         return header_number(value)

@@ -10,15 +10,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from priorfill.filling.bids_derivative import check_derivative, derivative_beside, derivative_files
+from priorfill.filling.bids_derivative import (
+    check_derivative,
+    derivative_companions,
+    write_derivative,
+)
 from priorfill.filling.opensim_estimates import estimates_path, estimates_table
 from priorfill.filling.result import Result
 from priorfill.runtime.atomic_file import check_target, replace_file
 
-__all__ = ["check_beside", "files_beside", "write_beside"]
+__all__ = ["check_companions", "companion_files", "write_companions"]
 
 
-def files_beside(output: Path, source: Path, program: str | None = None) -> tuple[Path, ...]:
+def companion_files(output: Path, source: Path, program: str | None = None) -> tuple[Path, ...]:
     """Return the files that are written next to an output.
 
     Parameters
@@ -32,16 +36,16 @@ def files_beside(output: Path, source: Path, program: str | None = None) -> tupl
     """
     if program is not None:
         return (estimates_path(output),)
-    return derivative_beside(output, source)
+    return derivative_companions(output, source)
 
 
-def check_beside(output: Path, source: Path, program: str | None, *, overwrite: bool) -> None:
+def check_companions(output: Path, source: Path, program: str | None, *, overwrite: bool) -> None:
     """Check before a fill whether the files next to its output can be written.
 
     Parameters
     ----------
     output, source, program
-        As for `files_beside`.
+        As for `companion_files`.
     overwrite : bool
         Whether existing files may be replaced.
 
@@ -59,7 +63,7 @@ def check_beside(output: Path, source: Path, program: str | None, *, overwrite: 
 
 
 @contextmanager
-def write_beside(
+def write_companions(
     output: Path | None,
     result: Result,
     *,
@@ -93,7 +97,7 @@ def write_beside(
         If a file exists already or cannot be written.
     """
     if output is None or program is None:
-        with derivative_files(output, result, place=place, overwrite=overwrite) as files:
+        with write_derivative(output, result, place=place, overwrite=overwrite) as files:
             yield files
         return
     path = estimates_path(output)
