@@ -37,12 +37,14 @@ for name, source in parent.request["files"]:
 def test_a_file_that_hangs_or_kills_its_reader_costs_itself_only(tmp_path: Path) -> None:
     names = ["a.c3d", "kills.c3d", "killed.c3d", "hangs.c3d", "b.c3d"]
     files = [(name, str(tmp_path / name)) for name in names]
-    limits = replace(LIMITS, seconds=2.0)
+    # the start of the child counts, and takes seconds on a busy Windows
+    seconds = 10.0 if sys.platform == "win32" else 3.0
+    limits = replace(LIMITS, seconds=seconds)
     command = [sys.executable, "-c", CHILD]
     found = survey_files(files, {}, tmp_path / "survey.json", limits, command=command)
     assert [one.name for one in found] == names
     assert [bool(one.content) for one in found] == [True, False, True, False, True]
-    assert "was not done after 2 s" in found[3].reason
+    assert f"was not done after {seconds:g} s" in found[3].reason
     assert not (tmp_path / "survey.json").exists()  # there is nothing to keep
 
 
