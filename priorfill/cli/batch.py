@@ -24,21 +24,11 @@ if TYPE_CHECKING:
 __all__ = ["batch", "shared_fill_options"]
 
 _OF_FILL = (
-    *("database", "method", "values", "markers", "frames", "max_gap", "extrapolate", "max_error"),
-    *("skip_edges", "reject_artefacts", "not_names", "not_subjects", "subjects", "trust_filled"),
-    *(
-        "rewrite",
-        "program",
-        "overwrite",
-        "up",
-        "rate",
-        "unit",
-        "subject",
-        "marker_set",
-        "keep_zeros",
-    ),
+    "database", "method", "values", "markers", "frames", "max_gap", "extrapolate", "max_error",
+    "skip_edges", "reject_artefacts", "not_names", "not_subjects", "subjects", "trust_filled",
+    "rewrite", "program", "overwrite", "up", "rate", "unit", "subject", "marker_set", "keep_zeros",
     "ignore_residuals",
-)
+)  # fmt: skip
 """Parameters of ``fill`` that apply to many files."""
 
 _OF_STUDY = ("report", "uncertainty", "overwrite")
@@ -292,8 +282,8 @@ def _totals(study: Study) -> str:
         for status in ("filled", "incomplete", "no gaps", "failed")
         if (number := sum(one.status == status for one in study.outcomes))
     ]
-    if study.left:
-        counts.append(f"{len(study.left)} to be filled")
+    if study.waiting:
+        counts.append(f"{len(study.waiting)} to be filled")
     before = f" ({study.done_before} of them before)" if study.done_before else ""
-    total = len(study.outcomes) + len(study.left)
+    total = len(study.outcomes) + len(study.waiting)
     return f"{total} files: {', '.join(counts)}{before}; in {study.folder}"

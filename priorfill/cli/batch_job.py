@@ -13,7 +13,7 @@ __all__ = ["batch_job"]
 @click.command(hidden=True)
 def batch_job() -> None:
     """Fill the files of jobs, one after the other; the jobs come from the parent process."""
-    from priorfill.study.life_line import ParentConnection
+    from priorfill.study.parent_connection import ParentConnection
 
     parent = ParentConnection()  # at once: what is imported below takes a second
     from priorfill.study.fill_job import fill_job

@@ -10,7 +10,7 @@ __all__ = ["batch_survey"]
 @click.command(hidden=True)
 def batch_survey() -> None:
     """Read files and answer with the facts of each; the request comes from the parent process."""
-    from priorfill.study.life_line import ParentConnection
+    from priorfill.study.parent_connection import ParentConnection
 
     parent = ParentConnection()
     from priorfill.study.job import JobLimits

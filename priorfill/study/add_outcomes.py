@@ -99,15 +99,16 @@ def add_outcome(
         clips = read_subjects(outcome.output, **{**reading, **own})
     except (FormatError, ClipError, OSError) as error:
         return str(error), ()
-    reasons, added = [], []
+    reasons: list[str] = []
+    added: list[str] = []
     for clip, original in zip(clips, originals, strict=False):
         source = clip.source
         if source is None or source.sha256 != outcome.written.get(outcome.output):
-            return f"{outcome.output} was changed after the fill", ()
+            return f"{outcome.output} was changed after the fill", tuple(added)
         if outcome.facts["artefacts"]:
             clip, _ = without_artefacts(clip)
         if set(clip.labels) != set(original.labels):
-            return f"{outcome.output} has other labels than its source", ()
+            return f"{outcome.output} has other labels than its source", tuple(added)
         filled = _not_measured(clip, original, outcome)
         origin = ClipOrigin(session=session)
         try:

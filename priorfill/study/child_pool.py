@@ -13,7 +13,7 @@ from priorfill.study.job import JobLimits
 
 __all__ = ["ChildPool"]
 
-MAX_KEPT = 0.5
+MAX_KEPT_SHARE = 0.5
 """Largest memory of a process that is kept, as a share of the limit of a job: what libraries do not
 give back must not count against the next job."""
 
@@ -45,7 +45,7 @@ class ChildPool:
         limits : JobLimits
             What a job may use.
         """
-        if child.memory > MAX_KEPT * limits.memory:
+        if child.memory > MAX_KEPT_SHARE * limits.memory:
             child.close()
         else:
             self._waiting.append(child)

@@ -23,18 +23,18 @@ import psutil
 from priorfill.errors import PriorfillError, escaped
 from priorfill.runtime.threads import VARIABLE
 from priorfill.study.job import JobLimits, memory_reason
-from priorfill.study.life_line import ANSWER, CLEANING
+from priorfill.study.parent_connection import ANSWER, CLEANUP_SECONDS
 
 __all__ = ["ChildError", "ChildProcess", "child_command", "child_environment"]
 
-WATCH = 0.1
+POLL_SECONDS = 0.1
 """Time between two looks at a child (s): a program fills some hundred megabytes meanwhile."""
 
-TREE = 1.0
+SEARCH_SECONDS = 1.0
 """Time between two searches for processes that a child has started (s); a search reads the list
 of all processes."""
 
-PIPES = 2.0
+PIPE_SECONDS = 2.0
 """Time for what is left in the pipes of a child that has ended (s); a process that it has left
 behind may hold them open."""
 
@@ -179,7 +179,7 @@ class ChildProcess:
         begin = time.monotonic()
         while True:
             with suppress(queue.Empty):
-                return _decoded(self._lines.get(timeout=WATCH))
+                return _decoded(self._lines.get(timeout=POLL_SECONDS))
             if stop is not None and stop.is_set():
                 self.close()
                 raise ChildError("was stopped before it was done", stopped=True)
@@ -193,7 +193,7 @@ class ChildProcess:
         with suppress(OSError):
             self._process.stdin.close()
         with suppress(subprocess.TimeoutExpired):
-            self._process.wait(2.0 * CLEANING)
+            self._process.wait(2.0 * CLEANUP_SECONDS)
         self._kill()
 
     def _check_limits(self, seconds: float) -> None:
@@ -216,7 +216,7 @@ class ChildProcess:
         """Return the memory (bytes) of the child and of what it has started."""
         now = time.monotonic()
         if now >= self._next_search:
-            self._next_search = now + TREE
+            self._next_search = now + SEARCH_SECONDS
             self._find_tree()
         return sum(private_memory(process) for process in self._seen.values())
 
@@ -243,7 +243,7 @@ class ChildProcess:
     def _finish_pipes(self) -> None:
         """Read what is left in the pipes, and close them."""
         for reader in self._readers:
-            reader.join(PIPES)
+            reader.join(PIPE_SECONDS)
         for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
             reading = stream is not None and any(reader.is_alive() for reader in self._readers)
             if stream is not None and not reading:
@@ -260,8 +260,8 @@ class ChildProcess:
     def _ended(self) -> ChildError:
         """Return how the child ended without an answer."""
         status = self._process.returncode
-        last = self._last_words()
-        said = f"; its last words: {last}" if last else ""
+        last = self._last_line()
+        said = f"; its last output: {last}" if last else ""
         if status < 0:
             name = _signal_name(-status)
             if name in FAULTS:
@@ -283,7 +283,7 @@ class ChildProcess:
             f"again{said}"
         )
 
-    def _last_words(self) -> str:
+    def _last_line(self) -> str:
         """Return the last line of stderr."""
         lines = [line.strip() for line in self._tail]
         last = next((line for line in reversed(lines) if line), b"")

@@ -28,9 +28,9 @@ __all__ = ["Growth"]
 MAX_NOTES = 10
 """Files whose reason for not being added is stated."""
 
-WAIT, MAX_WAIT = 1.0, 120.0
-"""s. Time between two attempts to write to a database, and after which they are given up. Others
-add a file in less than a second."""
+RETRY_SECONDS, MAX_WAIT_SECONDS = 1.0, 120.0
+"""Time between two attempts to write to a database, and after which they are given up. Others add a
+file in less than a second."""
 
 
 class Growth:
@@ -158,14 +158,14 @@ class Growth:
 
 def _opened_for_writing(path: Path) -> PriorDatabase:
     """Open a database; another writer is waited for."""
-    until = time.monotonic() + MAX_WAIT
+    until = time.monotonic() + MAX_WAIT_SECONDS
     while True:
         try:
             return PriorDatabase.open(path, write=True)
         except DatabaseLockedError:
             if time.monotonic() > until:
                 raise
-        time.sleep(WAIT)
+        time.sleep(RETRY_SECONDS)
 
 
 def _version(outcome: JobOutcome) -> str:

@@ -15,7 +15,7 @@ from priorfill.study.job import JobLimits, JobOutcome, StudyJob
 
 __all__ = ["LocalExecutor", "StudyExecutor"]
 
-_INTERRUPTIBLE = 0.5
+_INTERRUPTIBLE_SECONDS = 0.5
 """Longest wait without a look at signals (s): on Windows, Ctrl-C does not end a wait."""
 
 
@@ -78,7 +78,7 @@ class LocalExecutor:
                     running[pool.submit(run, job)] = job
                 if not running:
                     return
-                finished, _ = wait(running, _INTERRUPTIBLE, FIRST_COMPLETED)
+                finished, _ = wait(running, _INTERRUPTIBLE_SECONDS, FIRST_COMPLETED)
                 for future in finished:
                     yield _outcome(future, running.pop(future))
         finally:

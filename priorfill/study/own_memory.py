@@ -12,7 +12,7 @@ from priorfill.study.job import JobLimits
 
 __all__ = ["forget_peak", "limit_memory", "peak_memory"]
 
-RESERVED = 1 << 29
+RESERVED_BYTES = 1 << 29
 """Memory (bytes) that a fill reserves, but does not use: stacks, buffers of libraries. With one
 thread it is 135 MB."""
 
@@ -38,7 +38,7 @@ def limit_memory(limits: JobLimits) -> None:
     with suppress(OSError):  # a system without memory ends this process, not its parent
         Path("/proc/self/oom_score_adj").write_text(OOM_SCORE, encoding="ascii", newline="\n")
 
-    most = limits.memory + RESERVED
+    most = limits.memory + RESERVED_BYTES
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     if hard != resource.RLIM_INFINITY:
         most = min(most, hard)

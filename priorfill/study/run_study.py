@@ -47,7 +47,7 @@ class Study:
         The folder of the filled files.
     outcomes : tuple of JobOutcome
         What became of each file, in the order of their names.
-    left : tuple of str
+    waiting : tuple of str
         Names of files that are still to be filled (`StudyOptions.check_only`).
     done_before : int
         Number of outcomes that an earlier run had.
@@ -68,7 +68,7 @@ class Study:
 
     folder: Path
     outcomes: tuple[JobOutcome, ...]
-    left: tuple[str, ...] = ()
+    waiting: tuple[str, ...] = ()
     done_before: int = 0
     summary: Path | None = None
     notes: tuple[str, ...] = ()
@@ -76,7 +76,7 @@ class Study:
     @property
     def status(self) -> Literal["all", "some", "none"]:
         """Whether all files are complete, some, or none is filled."""
-        if not self.left and all(one.status in (FILLED, NO_GAPS) for one in self.outcomes):
+        if not self.waiting and all(one.status in (FILLED, NO_GAPS) for one in self.outcomes):
             return "all"
         return "none" if all(one.status == FAILED for one in self.outcomes) else "some"
 
@@ -276,7 +276,7 @@ def _summed_up(study: Study, folder: StudyFolder, options: StudyOptions, seconds
             study.outcomes,
             page,
             limits=SummaryLimits(options.flag_error, options.flag_gap),
-            contents=StudyContents(folder.path.name, study.left, seconds),
+            contents=StudyContents(folder.path.name, study.waiting, seconds),
             overwrite=options.overwrite,
         )
     except OutputError as error:

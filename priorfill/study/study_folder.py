@@ -47,10 +47,10 @@ LOCK = "lock"
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP)
 """Errors of file systems without locks."""
 
-_WAIT = 3.0
+_WAIT_SECONDS = 3.0
 """Time (s) in which a lock that others hold only to look at it is free again."""
 
-_PAUSE = 0.05
+_PAUSE_SECONDS = 0.05
 """Time (s) between two looks at a lock."""
 
 
@@ -169,7 +169,7 @@ class StudyFolder:
         others = [self.state / LOCK] if task is not None else [*self.state.glob(f"{LOCK}-*")]
         with ExitStack() as stack:
             for place in (*others, own):
-                lock = self._acquired(place, _WAIT if place is not own else 0.0)
+                lock = self._acquired(place, _WAIT_SECONDS if place is not own else 0.0)
                 if lock is None:
                     continue
                 if place is own:
@@ -196,4 +196,4 @@ class StudyFolder:
                 raise OutputError(
                     f"{place}: cannot be written ({error.strerror}); check the folder's permissions"
                 ) from error
-            time.sleep(_PAUSE)
+            time.sleep(_PAUSE_SECONDS)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from priorfill.study.summary_trial import TrialFigures, TrialMarker
+from priorfill.study.summary_trial import TrialFigures, TrialMarker, mean_error
 
 __all__ = ["StudyMarker", "absent_markers", "study_markers"]
 
@@ -119,8 +119,6 @@ def _marker(
     frames = sum(marker.frames for marker in markers)
     # frames of a marker of two subjects count for both
     whole = [one.frames / one.share if one.share else math.nan for one in markers]
-    known = [one for one in markers if one.filled and math.isfinite(one.error)]
-    filled = sum(one.filled for one in known)
     folders = dict.fromkeys(trial.folder for trial, _ in own)
     return StudyMarker(
         label=label,
@@ -133,7 +131,7 @@ def _marker(
         throughout_trials=sum(one.throughout for one in markers),
         share=frames / sum(whole),
         longest=max(one.longest for one in markers),
-        error=sum(one.filled * one.error for one in known) / filled if filled else math.nan,
+        error=mean_error(markers),
         worst=max((one.worst for one in markers if math.isfinite(one.worst)), default=math.nan),
         absent=tuple(name for name in folders if label in absent[name]),
     )

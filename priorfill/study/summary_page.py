@@ -25,7 +25,7 @@ __all__ = [
 STUDY_FOLDER = Path(__file__).parent / "page"
 """Markup, style and scripts of the page of a summary."""
 
-SHARED_SCRIPTS = ("dom.js",)
+SHARED_SCRIPTS = ("dom.js", "theme.js")
 """Scripts of a report that the page of a summary uses, too."""
 
 STUDY_SCRIPTS = (

@@ -14,7 +14,7 @@ from priorfill.study.job import FAILED, FILLED, INCOMPLETE, NO_GAPS, JobOutcome
 from priorfill.study.summary_limits import SummaryLimits
 from priorfill.study.summary_markers import StudyMarker, absent_markers, study_markers
 from priorfill.study.summary_rule import GROUPS, Attention, attention
-from priorfill.study.summary_trial import TrialFigures, trial_figures
+from priorfill.study.summary_trial import TrialFigures, mean_error, trial_figures
 
 __all__ = ["StudyContents", "StudyPart", "StudySummary", "SummaryTrial", "summarise_study"]
 
@@ -287,8 +287,6 @@ def _part(name: str, trials: Sequence[SummaryTrial], absent: frozenset[str]) -> 
     for one in figures:
         lost.update({marker.label: marker.filled + marker.left for marker in one.markers})
     present = [label for label, frames in lost.most_common() if frames and label not in absent]
-    known = [one for one in figures if math.isfinite(one.error)]
-    filled = sum(one.filled for one in known)
     return StudyPart(
         name=name,
         subjects=tuple(dict.fromkeys(subject for one in figures for subject in one.subjects)),
@@ -299,7 +297,7 @@ def _part(name: str, trials: Sequence[SummaryTrial], absent: frozenset[str]) -> 
         samples=sum(one.samples for one in figures),
         filled=sum(one.filled for one in figures),
         left=sum(one.left_samples for one in figures),
-        error=sum(one.filled * one.error for one in known) / filled if filled else math.nan,
+        error=mean_error(figures),
         worst_marker=present[0] if present else "",
         absent=tuple(sorted(absent)),
         seconds=sum(one.outcome.seconds for one in figures),

@@ -6,11 +6,18 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
-from typing import Any
+from typing import Any, Protocol
 
 from priorfill.study.job import FAILED, JobOutcome
 
-__all__ = ["LeftSamples", "TrialFigures", "TrialGap", "TrialMarker", "trial_figures"]
+__all__ = [
+    "LeftSamples",
+    "TrialFigures",
+    "TrialGap",
+    "TrialMarker",
+    "mean_error",
+    "trial_figures",
+]
 
 
 @dataclass(frozen=True)
@@ -208,7 +215,7 @@ class TrialFigures:
     @property
     def error(self) -> float:
         """Expected mean error over all filled samples (mm); NaN where unknown."""
-        return _mean_error(self.gaps)
+        return mean_error(self.gaps)
 
     @property
     def bound(self) -> float:
@@ -304,7 +311,7 @@ def _markers(
             left=sum(gap.left for gap in own),
             share=missing / (frames * len(subjects[label])) if frames else math.nan,
             longest=max(gap.seconds for gap in own),
-            error=_mean_error(own),
+            error=mean_error(own),
             worst=max(errors, default=math.nan),
             throughout=any(gap.throughout for gap in own),
         )
@@ -335,11 +342,27 @@ def _length(span: Mapping[str, Any]) -> int:
     return int(span["last_frame"]) - int(span["first_frame"]) + 1
 
 
-def _mean_error(gaps: Iterable[TrialGap]) -> float:
-    """Return the expected mean error over the filled frames of gaps (mm); NaN where unknown."""
-    known = [gap for gap in gaps if gap.filled and math.isfinite(gap.error)]
-    filled = sum(gap.filled for gap in known)
-    return sum(gap.filled * gap.error for gap in known) / filled if filled else math.nan
+class _Filled(Protocol):
+    """Gaps, markers and trials: filled samples, and their expected mean error (mm)."""
+
+    @property
+    def filled(self) -> int: ...
+
+    @property
+    def error(self) -> float: ...
+
+
+def mean_error(parts: Iterable[_Filled]) -> float:
+    """Return the expected mean error over all filled samples (mm); NaN where unknown.
+
+    Parameters
+    ----------
+    parts : iterable of TrialGap, TrialMarker or TrialFigures
+        What has been filled.
+    """
+    known = [one for one in parts if one.filled and math.isfinite(one.error)]
+    filled = sum(one.filled for one in known)
+    return sum(one.filled * one.error for one in known) / filled if filled else math.nan
 
 
 def _number(value: object) -> float:

@@ -184,8 +184,8 @@ def survey_file(
     known : mapping of str to object, optional
         Facts of the subjects of files, as JSON values by content. Such a file is only hashed.
     """
-    from priorfill.errors import PriorfillError
     from priorfill.filling.multi_subject import read_subjects
+    from priorfill.runtime.error_line import error_line
     from priorfill.study.records import contents_hash
 
     content = ""
@@ -196,18 +196,8 @@ def survey_file(
             return Survey(name, str(source), content, tuple(map(_subject_of, subjects)))
         clips = read_subjects(source, **reading)
         return Survey(name, str(source), content, survey_clips(clips))
-    except PriorfillError as error:
-        reason = " ".join(str(error).split())
-    except OSError as error:
-        reason = f"{source}: cannot be read ({error.strerror or error}); check its permissions"
-    except MemoryError:
-        reason = f"{source}: needs more memory than is available; cut the recording into parts"
-    except Exception as error:  # a file triggers a bug of a parser, and costs itself only
-        reason = (
-            f"{source}: cannot be read because of a bug in priorfill "
-            f"({type(error).__name__}: {' '.join(str(error).split())}); please report it"
-        )
-    return Survey(name, str(source), content, reason=reason)
+    except Exception as error:  # a file that triggers a bug of a parser costs itself only
+        return Survey(name, str(source), content, reason=error_line(error))
 
 
 def survey_clips(clips: tuple[Clip, ...]) -> tuple[SurveyedSubject, ...]:

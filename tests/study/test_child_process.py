@@ -69,7 +69,7 @@ def test_a_child_without_an_outcome(
     outcome = run_child(job, LIMITS, command=(sys.executable, "-c", f"{READ}{code}"))
     assert (outcome.status, outcome.try_again) == ("failed", try_again)
     assert reason in outcome.reason
-    assert "last words: mine" in outcome.reason
+    assert "last output: mine" in outcome.reason
     assert read_record(job.record) == outcome
 
 
@@ -106,7 +106,8 @@ for number, line in enumerate(sys.stdin):
     name = json.loads(line)["job"]["name"]
     if number and name == "die":
         os._exit(3)
-    outcome = {"name": name, "source": "", "output": "", "status": "filled", "reason": os.getpid()}
+    outcome = {"name": name, "source": "", "output": "", "status": "filled"}
+    outcome["reason"] = str(os.getpid())
     if name == "bad":
         outcome["status"] = "failed"
     if number and name == "full":
@@ -144,7 +145,7 @@ def test_a_child_with_much_memory_is_not_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     limits = replace(LIMITS, memory=1 << 28)
-    monkeypatch.setattr(child_pool, "MAX_KEPT", 0.01)
+    monkeypatch.setattr(child_pool, "MAX_KEPT_SHARE", 0.01)
     assert processes("a b", tmp_path, limits) == [0, 1]
 
 

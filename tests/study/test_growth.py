@@ -292,7 +292,7 @@ def test_a_check_makes_no_database(
     sources: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     study = run(sources, tmp_path, monkeypatch, InThisProcess(jobs=0), check_only=True)
-    assert len(study.left) == 2 * MIN_FILES
+    assert len(study.waiting) == 2 * MIN_FILES
     assert not (tmp_path / "lab").exists()
     assert not (tmp_path / "out").exists()
 
@@ -310,7 +310,7 @@ def test_another_writer_is_waited_for(
     study = run(sources, tmp_path, monkeypatch, Locked(), "linear")
     assert study.notes == ()
     assert len(held) == 2
-    monkeypatch.setattr(growth, "MAX_WAIT", 0.0)
+    monkeypatch.setattr(growth, "MAX_WAIT_SECONDS", 0.0)
     monkeypatch.setattr(growth.time, "sleep", lambda _: None)
     (tmp_path / "other").mkdir()
     with PriorDatabase.create(tmp_path / "other" / "lab"):

@@ -199,7 +199,7 @@ def test_tasks_of_an_array_do_all_of_it(fills: Fills) -> None:
 
 def test_a_check_writes_nothing(fills: Fills) -> None:
     study, done = run(fills, check_only=True)
-    assert (done, study.left, study.outcomes) == ([], tuple(ALL), ())
+    assert (done, study.waiting, study.outcomes) == ([], tuple(ALL), ())
     assert not Path("out").exists()
 
 

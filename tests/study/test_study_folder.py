@@ -13,7 +13,7 @@ from priorfill.study.study_folder import StudyFolder
 
 @pytest.mark.windows
 def test_one_study_at_a_time(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(study_folder, "_WAIT", 0.0)
+    monkeypatch.setattr(study_folder, "_WAIT_SECONDS", 0.0)
     folder = StudyFolder(here / "out")
     held = pytest.raises(OutputError, match="another process fills a study there")
     with folder.locked(), held, folder.locked():

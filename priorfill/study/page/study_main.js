@@ -1,4 +1,4 @@
-/* Starts the page of a summary: reads the data, makes the views, light and dark, paper. */
+/* Starts the page of a summary: reads the data, makes the views. */
 
 /** Build the page. */
 function startStudyPage() {
@@ -15,7 +15,7 @@ function startStudyPage() {
   listParts(place("folders"), store, "folder");
   if (data.subjects.length > 1) listParts(place("subjects"), store, "subject");
   else place("subjects").parentElement.hidden = true;
-  followStudyTheme(store);
+  followTheme(() => store.emit("theme"), (on) => store.emit("print", on));
   window.priorfill = { store, views: { trials, map } };
   if (data.trials.length) store.setActive(0, { scrollTo: false });
 }
@@ -57,51 +57,6 @@ function listParts(root, store, kind) {
   });
   store.on("filter", () => list.setActive(store[kind], false));
   store.on("print", (on) => list.print(on));
-}
-
-/**
- * Switch between light and dark, by the system or the button.
- * @param {StudyStore} store
- */
-function followStudyTheme(store) {
-  const root = document.documentElement;
-  const toggle = document.getElementById("theme");
-  const refresh = () => {
-    forgetColours();
-    const { dark } = colours();
-    toggle.textContent = dark ? "Light" : "Dark";
-    toggle.title = dark ? "Light colours" : "Dark colours";
-    store.emit("theme");
-  };
-  toggle.addEventListener("click", () => {
-    root.dataset.theme = colours().dark ? "light" : "dark";
-    refresh();
-  });
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", refresh);
-  followStudyPrinting(store, refresh);
-  refresh();
-}
-
-/**
- * Print in light colours, as wide as the paper, all rows.
- * @param {StudyStore} store
- * @param {function} refresh reads the colours again
- */
-function followStudyPrinting(store, refresh) {
-  const root = document.documentElement;
-  let screenTheme = null;
-  const print = (on) => {
-    if (on === (screenTheme !== null)) return;
-    const theme = on ? "light" : screenTheme;
-    screenTheme = on ? root.dataset.theme || "" : null;
-    if (theme) root.dataset.theme = theme;
-    else delete root.dataset.theme;
-    root.classList.toggle("printing", on);
-    refresh();
-    store.emit("print", on);
-  };
-  window.addEventListener("beforeprint", () => print(true));
-  window.addEventListener("afterprint", () => print(false));
 }
 
 try {

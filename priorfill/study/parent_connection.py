@@ -28,16 +28,16 @@ __all__ = ["ANSWER", "ParentConnection"]
 ANSWER = b"priorfill-answer "
 """Precedes an answer, so that what libraries print is not taken for one."""
 
-CLEANING = 1.0
+CLEANUP_SECONDS = 1.0
 """Time for removing what is unfinished (s), after which the child ends in any case."""
 
-LOOK = 0.5
+POLL_SECONDS = 0.5
 """Time between two looks at the parent (s)."""
 
-LATE = 10.0
+GRACE_SECONDS = 10.0
 """Time after its limit at which a child ends that nobody has ended (s)."""
 
-PIECE = 1 << 16
+PIECE_BYTES = 1 << 16
 """Bytes read at a time."""
 
 _STDIN, _STDOUT, _STDERR = 0, 1, 2
@@ -66,13 +66,13 @@ class ParentConnection:
         self._requests: queue.SimpleQueue[Mapping[str, Any] | None] = queue.SimpleQueue()
         self._waits = False
         # on Windows, a pending read of stdin would block whatever else asks for its kind
-        life_line = os.dup(_STDIN)
+        requests = os.dup(_STDIN)
         nothing = os.open(os.devnull, os.O_RDONLY)
         os.dup2(nothing, _STDIN)
         os.close(nothing)
         self._answers = os.fdopen(os.dup(_STDOUT), "wb")
         os.dup2(_STDERR, _STDOUT)
-        pipe = os.fdopen(life_line, "rb", buffering=0)
+        pipe = os.fdopen(requests, "rb", buffering=0)
         try:
             self.request = json.loads(_read_line(pipe))
         except ValueError:
@@ -116,7 +116,7 @@ class ParentConnection:
         seconds : float
             The time limit (s), at which the parent is expected to end this process.
         """
-        faulthandler.dump_traceback_later(seconds + LATE, exit=True, file=_STDERR)
+        faulthandler.dump_traceback_later(seconds + GRACE_SECONDS, exit=True, file=_STDERR)
 
     def _watch(self, pipe: BinaryIO) -> None:
         """Read further requests; end this process when stdin ends or the parent is another one."""
@@ -132,17 +132,17 @@ class ParentConnection:
             for process in psutil.Process().children(recursive=True):
                 process.kill()
         _interrupt()  # writers remove their temporary files
-        time.sleep(CLEANING)
+        time.sleep(CLEANUP_SECONDS)
         os._exit(1)
 
     def _read(self, pipe: BinaryIO) -> bytes:
         """Wait for bytes from the parent; none when stdin has ended or the parent is another."""
         if sys.platform == "win32":  # where only sockets can be waited for
-            return pipe.read(PIECE)
+            return pipe.read(PIECE_BYTES)
         while os.getppid() == self._parent:  # its stdin may be open in processes that it forked
-            ready, _, _ = select.select([pipe], [], [], LOOK)
+            ready, _, _ = select.select([pipe], [], [], POLL_SECONDS)
             if ready:
-                return pipe.read(PIECE)
+                return pipe.read(PIECE_BYTES)
         return b""
 
 
@@ -157,6 +157,6 @@ def _interrupt() -> None:
 def _read_line(pipe: BinaryIO) -> bytes:
     """Read the first request: a line, after which the parent writes nothing until the answer."""
     line = b""
-    while not line.endswith(b"\n") and (piece := pipe.read(PIECE)):
+    while not line.endswith(b"\n") and (piece := pipe.read(PIECE_BYTES)):
         line += piece
     return line

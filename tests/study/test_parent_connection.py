@@ -16,7 +16,7 @@ LIMITS = JobLimits(seconds=60.0, memory=1 << 31, threads=1)
 
 CHILD = """
 import subprocess, sys, time
-from priorfill.study.life_line import ParentConnection
+from priorfill.study.parent_connection import ParentConnection
 parent = ParentConnection()
 started = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
 print("noise", flush=True)
@@ -76,7 +76,7 @@ def test_modules_are_found_as_here(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
 
 @pytest.mark.parametrize("typed", [b"", b"hello\n"])
 def test_a_user_who_runs_the_command_is_told_of_batch(typed: bytes) -> None:
-    line = "from priorfill.study.life_line import ParentConnection; ParentConnection()"
+    line = "from priorfill.study.parent_connection import ParentConnection; ParentConnection()"
     done = subprocess.run(
         [sys.executable, "-c", line], input=typed, capture_output=True, env=child_environment(1)
     )
