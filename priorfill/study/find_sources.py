@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from priorfill.database.manifest import MANIFEST
 from priorfill.errors import OptionError
@@ -113,16 +112,23 @@ def _common_folder(paths: Sequence[Path]) -> Path:
 def _below(folder: Path, output: Path, notes: list[str]) -> Iterator[Path]:
     """Yield the recordings below a folder; each folder is searched once."""
     seen: set[tuple[int, int]] = set()
-    for here, folders, files in os.walk(folder, followlinks=True, onerror=_note_to(notes)):
+    note = _note_to(notes)
+    for here, folders, files in os.walk(folder, followlinks=True, onerror=note):
         place = Path(here)
-        status = place.stat()
-        known = (status.st_dev, status.st_ino) in seen and status.st_ino != 0
-        seen.add((status.st_dev, status.st_ino))
-        # a folder that is given is meant, such as that of filled files for a second pass
-        left_out = "" if known or place == folder else _left_out(place, output)
+        try:
+            status = place.stat()
+            known = (status.st_dev, status.st_ino) in seen and status.st_ino != 0
+            seen.add((status.st_dev, status.st_ino))
+            # a folder that is given is meant, such as that of filled files for a second pass
+            left_out = "" if known or place == folder else _left_out(place, output)
+            is_output = _is_output(place, output)
+        except OSError as error:  # such as a folder that may be listed but not entered
+            note(OSError(error.errno, error.strerror, here))
+            folders.clear()
+            continue
         if left_out:
             notes.append(f"{place}: {left_out}; left out")
-        if known or left_out or _is_output(place, output):
+        if known or left_out or is_output:
             folders.clear()
             continue
         # hidden files are metadata (macOS writes ._walk.c3d next to walk.c3d) or unfinished
@@ -133,7 +139,7 @@ def _below(folder: Path, output: Path, notes: list[str]) -> Iterator[Path]:
                 yield path
 
 
-def _note_to(notes: list[str]) -> Any:
+def _note_to(notes: list[str]) -> Callable[[OSError], None]:
     """Return a function that notes which folder cannot be read."""
 
     def note(error: OSError) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -103,7 +102,7 @@ def plan_study(
     sources = () if found is None else found.sources
     sizes = {one.name: _size(one.path) for one in sources}
     tried(lambda: _check_folder(sources, sizes, folder, options))
-    tried(lambda: _check_names(sources, folder))
+    tried(lambda: _check_names(sources, folder, options))
     tried(lambda: _check_database(prior, state, options))
     if options.grow and program is not None:
         problems.append(
@@ -197,21 +196,30 @@ def _check_folder(
         check_summary(page, overwrite=options.overwrite)
 
 
-def _check_names(sources: Sequence[StudySource], folder: StudyFolder) -> None:
+def _check_names(
+    sources: Sequence[StudySource], folder: StudyFolder, options: StudyOptions
+) -> None:
     """Raise OptionError where two sources have one output, or an output is a source."""
-    alike: dict[str, list[StudySource]] = defaultdict(list)
+    first: dict[str, Path] = {}
+    written: dict[Path, StudySource] = {}
     for one in sources:
-        alike[str(folder.output(one.name)).casefold()].append(one)
-    for same in alike.values():
-        for other in same[1:]:
-            if is_same_file(folder.output(same[0].name), folder.output(other.name)):
+        paths = [folder.output(one.name)]
+        if options.uncertainty:
+            paths.append(folder.uncertainty(one.name))
+        for path in paths:
+            alike = str(path).casefold()
+            other = written.get(path)
+            if other is None and alike in first and is_same_file(first[alike], path):
+                other = written[first[alike]]
+            if other is not None:
                 raise OptionError(
-                    f"{same[0].path} and {other.path} would have one output, "
-                    f"{folder.output(other.name)}; rename one of them"
+                    f"{other.path} and {one.path} would have one output, {path}; rename one of them"
                 )
-    paths = {os.path.realpath(one.path) for one in sources}
+            first.setdefault(alike, path)
+            written[path] = one
+    given = {os.path.realpath(one.path) for one in sources}
     for one in sources:
-        if os.path.realpath(folder.output(one.name)) in paths:
+        if os.path.realpath(folder.output(one.name)) in given:
             raise OptionError(
                 f"{folder.output(one.name)}: is a file to be filled; choose another folder for the "
                 "filled files (`output`)"

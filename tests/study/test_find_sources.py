@@ -71,6 +71,24 @@ def test_folders_behind_links_are_searched_once(here: Path) -> None:
     assert names("in") == ["a.c3d", "linked/b.c3d"]
 
 
+def test_a_folder_that_cannot_be_entered_costs_itself(
+    here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make("in/a/x.c3d", "in/b/x.c3d")
+
+    def refused(place: Path, output: Path) -> str:
+        if place.name == "b":
+            raise PermissionError(13, "Permission denied", str(place / "priorfill-database.json"))
+        return ""
+
+    monkeypatch.setattr("priorfill.study.find_sources._left_out", refused)
+    found = find_sources(["in"], Path("out"))
+    assert [one.name for one in found.sources] == ["a/x.c3d"]
+    assert found.notes == (
+        f"{here / 'in' / 'b'}: cannot be searched (Permission denied); left out",
+    )
+
+
 def test_paths_without_recordings_are_named(here: Path) -> None:
     make("in/notes.txt", "more/a.c3d")
     found = find_sources(["in", "nowhere", "more"], here / "out")

@@ -17,6 +17,7 @@ from unittest.mock import Mock
 
 import pytest
 
+from priorfill import formats
 from priorfill.database import PriorDatabase
 from priorfill.errors import OptionError, OutputError, StudyError
 from priorfill.filling.gap_filter import GapFilter
@@ -247,6 +248,13 @@ def test_two_sources_cannot_have_one_output(fills: Fills, monkeypatch: pytest.Mo
     monkeypatch.setattr("priorfill.study.study_plan.is_same_file", lambda path, other: True)
     with pytest.raises(StudyError, match="would have one output"):
         run(fills)
+
+
+def test_an_output_is_no_other_file_of_the_study(fills: Fills) -> None:
+    formats.write("in/P01/a.c3d.uncertainty.npz", synthesise("walking", seconds=0.1))
+    run(fills, check_only=True)
+    with pytest.raises(StudyError, match=r"would have one output, .*a\.c3d\.uncertainty\.npz"):
+        run(fills, uncertainty=True)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="names may be longer there than on most other drives")
