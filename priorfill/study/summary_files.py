@@ -106,8 +106,8 @@ def write_summary(
 ) -> tuple[StudySummary, SummaryFiles]:
     """Write the summary of a study: a page, a JSON file and two tables with the same stem.
 
-    Each file appears completely or not at all. One that cannot be written at last, such as a table
-    that is open in a spreadsheet program on Windows, does not keep the page from being written.
+    Each file appears completely or not at all. A table that cannot be written, for instance because
+    it is open in a spreadsheet program on Windows, does not keep the page from being written.
 
     Parameters
     ----------
