@@ -13,13 +13,13 @@ __all__ = ["batch_job"]
 @click.command(hidden=True)
 def batch_job() -> None:
     """Fill the files of jobs, one after the other; the jobs come from the parent process."""
-    from priorfill.study.parent_connection import ParentConnection
+    from priorfill.study.child.parent_connection import ParentConnection
 
     parent = ParentConnection()  # at once: what is imported below takes a second
+    from priorfill.study.child.own_memory import forget_peak, limit_memory
+    from priorfill.study.child.scratch_folder import scratch_folder
     from priorfill.study.fill_job import fill_job
     from priorfill.study.job import JobLimits, StudyJob
-    from priorfill.study.own_memory import forget_peak, limit_memory
-    from priorfill.study.scratch_folder import scratch_folder
 
     request: Mapping[str, Any] | None = parent.request
     with scratch_folder():

@@ -10,11 +10,11 @@ __all__ = ["batch_survey"]
 @click.command(hidden=True)
 def batch_survey() -> None:
     """Read files and answer with the facts of each; the request comes from the parent process."""
-    from priorfill.study.parent_connection import ParentConnection
+    from priorfill.study.child.parent_connection import ParentConnection
 
     parent = ParentConnection()
+    from priorfill.study.child.own_memory import limit_memory
     from priorfill.study.job import JobLimits
-    from priorfill.study.own_memory import limit_memory
 
     limit_memory(JobLimits(**parent.request["limits"]))
     from priorfill.study.survey_files import surveys_of

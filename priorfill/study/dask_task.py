@@ -15,8 +15,8 @@ from distributed import Reschedule, Worker, get_worker
 
 import priorfill
 from priorfill.runtime.threads import VARIABLE, thread_count
-from priorfill.study.child_pool import ChildPool
-from priorfill.study.child_process import run_child
+from priorfill.study.child.child_pool import ChildPool
+from priorfill.study.child.run_child import run_child
 from priorfill.study.job import JobLimits, JobOutcome, StudyJob
 from priorfill.study.records import file_states, is_settled, record_of_job
 

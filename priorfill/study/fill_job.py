@@ -32,6 +32,7 @@ from priorfill.runtime.atomic_file import (
     temporary_name,
 )
 from priorfill.runtime.error_line import error_line
+from priorfill.study.child.own_memory import peak_memory
 from priorfill.study.job import (
     FILLED,
     INCOMPLETE,
@@ -41,7 +42,6 @@ from priorfill.study.job import (
     StudyJob,
     memory_reason,
 )
-from priorfill.study.own_memory import peak_memory
 from priorfill.study.records import file_hash, files_of_job, write_record
 from priorfill.study.settings import FillSettings
 

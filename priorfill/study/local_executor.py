@@ -9,8 +9,8 @@ from functools import partial
 from itertools import islice
 from typing import Protocol, Self
 
-from priorfill.study.child_pool import ChildPool
-from priorfill.study.child_process import run_child
+from priorfill.study.child.child_pool import ChildPool
+from priorfill.study.child.run_child import run_child
 from priorfill.study.job import JobLimits, JobOutcome, StudyJob
 
 __all__ = ["LocalExecutor", "StudyExecutor"]

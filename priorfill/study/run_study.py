@@ -18,7 +18,7 @@ from priorfill.errors import OptionError, OutputError, PriorfillError
 from priorfill.filling.fill_file import FileOptions
 from priorfill.filling.fill_options import FillKeywords, FillOptions
 from priorfill.filling.gap_filter import GapFilter
-from priorfill.study.child_process import remove_leftovers
+from priorfill.study.child.run_child import remove_leftovers
 from priorfill.study.job import FAILED, FILLED, NO_GAPS, JobOutcome, StudyJob
 from priorfill.study.job_keys import JobKeys
 from priorfill.study.local_executor import LocalExecutor, StudyExecutor
@@ -30,9 +30,9 @@ from priorfill.study.study_options import StudyOptions
 from priorfill.study.study_plan import StudyPlan, plan_study
 from priorfill.study.study_progress import ProgressOfJobs
 from priorfill.study.study_rounds import StudyRounds
-from priorfill.study.summary_files import write_summary
-from priorfill.study.summary_limits import SummaryLimits
-from priorfill.study.summary_study import StudyContents
+from priorfill.study.summary.limits import SummaryLimits
+from priorfill.study.summary.summarise import StudyContents
+from priorfill.study.summary.summary_files import write_summary
 
 __all__ = ["Study", "batch", "sum_up_study"]
 

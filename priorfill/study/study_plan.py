@@ -17,7 +17,7 @@ from priorfill.study.job import StudyJob
 from priorfill.study.settings import FillSettings
 from priorfill.study.study_folder import StudyFolder
 from priorfill.study.study_options import StudyOptions
-from priorfill.study.summary_files import check_summary
+from priorfill.study.summary.summary_files import check_summary
 
 __all__ = ["StudyPlan", "plan_study"]
 

@@ -19,7 +19,7 @@ import psutil
 from priorfill.errors import OutputError
 from priorfill.filling.provenance import package_versions
 from priorfill.runtime.atomic_file import replace_file
-from priorfill.study.child_watch import ChildError, ChildProcess, child_command
+from priorfill.study.child.child_process import ChildError, ChildProcess, child_command
 from priorfill.study.job import JobLimits
 from priorfill.study.survey import Survey, survey_file
 

@@ -40,7 +40,7 @@ from priorfill.cli.encoding import replace_what_is_lacking
 from priorfill.report.encode import encode_sparse
 from priorfill.report.page import page_text
 from priorfill.report.report_data import page_data
-from priorfill.study.summary_files import write_summary
+from priorfill.study.summary.summary_files import write_summary
 from priorfill.synthetic import Noise, synthesise
 
 RATE = 100.0

@@ -32,9 +32,9 @@ from priorfill.evaluation.body_parts import parts_of
 from priorfill.filling.fill_facts import fill_facts
 from priorfill.filling.fill_file import FileResult
 from priorfill.study.job import JobOutcome
-from priorfill.study.summary_limits import SummaryLimits
-from priorfill.study.summary_rule import attention
-from priorfill.study.summary_trial import trial_figures
+from priorfill.study.summary.limits import SummaryLimits
+from priorfill.study.summary.rule import attention
+from priorfill.study.summary.trial_figures import trial_figures
 
 FOLDERS = ("gait", "cmu", "hdm05")
 """Real markers of walking, running, sports and acrobatics."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from priorfill.report.page import REPORT_FOLDER
-from priorfill.study.summary_page import SHARED_SCRIPTS, STUDY_FOLDER, STUDY_SCRIPTS
+from priorfill.study.summary.as_page import SHARED_SCRIPTS, STUDY_FOLDER, STUDY_SCRIPTS
 
 REPORT = sorted(REPORT_FOLDER.glob("*.js"))
 STUDY = [*(REPORT_FOLDER / name for name in SHARED_SCRIPTS), *sorted(STUDY_FOLDER.glob("*.js"))]

@@ -26,7 +26,7 @@ pytest.importorskip("distributed", reason="the extra cluster is not installed")
 from distributed import KilledWorker
 
 from priorfill.study import dask_executor
-from priorfill.study.child_process import run_child
+from priorfill.study.child.run_child import run_child
 from priorfill.study.dask_executor import DaskExecutor, _SentJobs, check_address
 from priorfill.study.dask_task import check_worker
 
@@ -64,7 +64,7 @@ def runner() -> Callable[..., JobOutcome]:
         import os
         from pathlib import Path
 
-        from priorfill.study.child_process import run_child
+        from priorfill.study.child.run_child import run_child
         from priorfill.study.job import JobOutcome
 
         task = job.settings["task"]

@@ -16,12 +16,12 @@ from priorfill import write
 from priorfill.filling.fill_file import FileToFill
 from priorfill.runtime.atomic_file import temporary_name
 from priorfill.study import fill_job as module
-from priorfill.study.child_process import remove_leftovers
+from priorfill.study.child.own_memory import _peak_of_status, forget_peak, peak_memory
+from priorfill.study.child.run_child import remove_leftovers
+from priorfill.study.child.scratch_folder import scratch_folder
 from priorfill.study.fill_job import fill_job
 from priorfill.study.job import JobLimits, JobOutcome, StudyJob
-from priorfill.study.own_memory import _peak_of_status, forget_peak, peak_memory
 from priorfill.study.records import file_states, read_record
-from priorfill.study.scratch_folder import scratch_folder
 from priorfill.study.settings import FillSettings
 from priorfill.study.settled_jobs import settled_outcome
 from priorfill.study.study_options import StudyOptions

@@ -20,7 +20,7 @@ LIMITS = JobLimits(60.0, 1 << 32, 1)
 
 CHILD = """
 import os, sys, time
-from priorfill.study.parent_connection import ParentConnection
+from priorfill.study.child.parent_connection import ParentConnection
 parent = ParentConnection()
 for name, source in parent.request["files"]:
     if name == "kills.c3d" or (name == "killed.c3d" and not os.path.exists(source)):

@@ -11,7 +11,7 @@ from urllib.parse import quote
 
 from priorfill.report.page import REPORT_FOLDER, PageFiles, page_text
 from priorfill.report.shown_text import MAX_LABEL, message_text, shown
-from priorfill.study.summary_rule import GROUPS
+from priorfill.study.summary.rule import GROUPS
 
 __all__ = [
     "MAX_MARKERS",

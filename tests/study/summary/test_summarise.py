@@ -11,11 +11,11 @@ import pytest
 from study_outcomes import FRAMES, failure, gap, outcome
 
 from priorfill.errors import OutputError
-from priorfill.study import summary_files
 from priorfill.study.job import JobOutcome
-from priorfill.study.summary_files import check_summary, write_summary
-from priorfill.study.summary_limits import SummaryLimits
-from priorfill.study.summary_study import StudyContents, summarise_study
+from priorfill.study.summary import summary_files
+from priorfill.study.summary.limits import SummaryLimits
+from priorfill.study.summary.summarise import StudyContents, summarise_study
+from priorfill.study.summary.summary_files import check_summary, write_summary
 
 
 def groups_of(*outcomes: JobOutcome, **limits: float) -> dict[str, str]:

@@ -11,10 +11,10 @@ from itertools import chain
 from pathlib import Path
 
 from priorfill.study.job import FAILED, FILLED, INCOMPLETE, NO_GAPS, JobOutcome
-from priorfill.study.summary_limits import SummaryLimits
-from priorfill.study.summary_markers import StudyMarker, absent_markers, study_markers
-from priorfill.study.summary_rule import GROUPS, Attention, attention
-from priorfill.study.summary_trial import TrialFigures, mean_error, trial_figures
+from priorfill.study.summary.limits import SummaryLimits
+from priorfill.study.summary.marker_figures import StudyMarker, absent_markers, study_markers
+from priorfill.study.summary.rule import GROUPS, Attention, attention
+from priorfill.study.summary.trial_figures import TrialFigures, mean_error, trial_figures
 
 __all__ = ["StudyContents", "StudyPart", "StudySummary", "SummaryTrial", "summarise_study"]
 

@@ -22,8 +22,8 @@ import psutil
 
 from priorfill.errors import PriorfillError, escaped
 from priorfill.runtime.threads import VARIABLE
+from priorfill.study.child.parent_connection import ANSWER, CLEANUP_SECONDS
 from priorfill.study.job import JobLimits, memory_reason
-from priorfill.study.parent_connection import ANSWER, CLEANUP_SECONDS
 
 __all__ = ["ChildError", "ChildProcess", "child_command", "child_environment"]
 
@@ -357,7 +357,7 @@ def _own_path() -> list[str]:
     every = {os.path.realpath(place) for place in places}
     every |= {os.path.realpath(Path(sysconfig.get_path("stdlib"), "lib-dynload"))}
     given = "" if sys.flags.ignore_environment else os.environ.get("PYTHONPATH", "")
-    found = [*sys.path, str(Path(__file__).parents[2]), *filter(None, given.split(os.pathsep))]
+    found = [*sys.path, str(Path(__file__).parents[3]), *filter(None, given.split(os.pathsep))]
     found = [os.path.abspath(place) for place in found]  # noqa: PTH100 - "" is the current one
     own = [place for place in found if os.path.realpath(place) not in every]
     return list(dict.fromkeys(place for place in own if Path(place).exists()))

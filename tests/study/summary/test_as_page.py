@@ -12,9 +12,9 @@ from page_examples import HOSTILE
 from study_outcomes import failure, gap, outcome
 
 from priorfill.study.job import JobOutcome
-from priorfill.study.summary_files import write_summary
-from priorfill.study.summary_page import MAX_MARKERS
-from priorfill.study.summary_study import StudyContents
+from priorfill.study.summary.as_page import MAX_MARKERS
+from priorfill.study.summary.summarise import StudyContents
+from priorfill.study.summary.summary_files import write_summary
 
 EXAMPLE = (
     outcome("P1/good.c3d", gap("C7", 0.3)),

@@ -13,16 +13,16 @@ from priorfill.report.report_file import REPORT_SUFFIXES
 from priorfill.runtime.atomic_file import check_target, check_writable, replace_file
 from priorfill.runtime.option_checks import check_suffix
 from priorfill.study.job import JobOutcome
-from priorfill.study.summary_csv import (
+from priorfill.study.summary.as_json import FORMAT, summary_json
+from priorfill.study.summary.as_page import PAGE_MARK, summary_page
+from priorfill.study.summary.as_tables import (
     MARKER_COLUMNS,
     TRIAL_COLUMNS,
     write_marker_table,
     write_trial_table,
 )
-from priorfill.study.summary_json import FORMAT, summary_json
-from priorfill.study.summary_limits import SummaryLimits
-from priorfill.study.summary_page import PAGE_MARK, summary_page
-from priorfill.study.summary_study import StudyContents, StudySummary, summarise_study
+from priorfill.study.summary.limits import SummaryLimits
+from priorfill.study.summary.summarise import StudyContents, StudySummary, summarise_study
 
 __all__ = ["SummaryFiles", "check_summary", "write_summary"]
 

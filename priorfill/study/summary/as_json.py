@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from priorfill.runtime.json_numbers import json_number
-from priorfill.study.summary_markers import StudyMarker
-from priorfill.study.summary_rule import rule_text
-from priorfill.study.summary_study import StudyPart, StudySummary, SummaryTrial
-from priorfill.study.summary_trial import TrialFigures, TrialGap, TrialMarker
+from priorfill.study.summary.marker_figures import StudyMarker
+from priorfill.study.summary.rule import rule_text
+from priorfill.study.summary.summarise import StudyPart, StudySummary, SummaryTrial
+from priorfill.study.summary.trial_figures import TrialFigures, TrialGap, TrialMarker
 
 __all__ = ["FORMAT", "relative_path", "summary_json"]
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from priorfill.study.summary_trial import TrialFigures, TrialMarker, mean_error
+from priorfill.study.summary.trial_figures import TrialFigures, TrialMarker, mean_error
 
 __all__ = ["StudyMarker", "absent_markers", "study_markers"]
 

@@ -9,14 +9,14 @@ from pathlib import Path
 import psutil
 import pytest
 
-from priorfill.study.child_watch import ChildProcess, child_command, child_environment
+from priorfill.study.child.child_process import ChildProcess, child_command, child_environment
 from priorfill.study.job import JobLimits
 
 LIMITS = JobLimits(seconds=60.0, memory=1 << 31, threads=1)
 
 CHILD = """
 import subprocess, sys, time
-from priorfill.study.parent_connection import ParentConnection
+from priorfill.study.child.parent_connection import ParentConnection
 parent = ParentConnection()
 started = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
 print("noise", flush=True)
@@ -29,7 +29,7 @@ finally:
 
 PARENT = f"""
 import os, sys, time
-from priorfill.study.child_watch import ChildProcess
+from priorfill.study.child.child_process import ChildProcess
 from priorfill.study.job import JobLimits
 command = [sys.executable, "-c", {CHILD!r}]
 child = ChildProcess(command, {{"file": sys.argv[1]}}, JobLimits(60.0, 1 << 31, 1))
@@ -76,7 +76,7 @@ def test_modules_are_found_as_here(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
 
 @pytest.mark.parametrize("typed", [b"", b"hello\n"])
 def test_a_user_who_runs_the_command_is_told_of_batch(typed: bytes) -> None:
-    line = "from priorfill.study.parent_connection import ParentConnection; ParentConnection()"
+    line = "from priorfill.study.child import parent_connection as c; c.ParentConnection()"
     done = subprocess.run(
         [sys.executable, "-c", line], input=typed, capture_output=True, env=child_environment(1)
     )

@@ -11,9 +11,9 @@ import psutil
 import pytest
 
 from priorfill import fill, read, write
-from priorfill.study import child_pool
-from priorfill.study.child_pool import ChildPool
-from priorfill.study.child_process import run_child
+from priorfill.study.child import child_pool
+from priorfill.study.child.child_pool import ChildPool
+from priorfill.study.child.run_child import run_child
 from priorfill.study.job import JobLimits, StudyJob
 from priorfill.study.records import file_hash, read_record
 from priorfill.study.settings import FillSettings

@@ -13,11 +13,11 @@ from pathlib import Path
 from priorfill.errors import OutputError
 from priorfill.runtime.atomic_file import remove_abandoned
 from priorfill.runtime.error_line import error_line
-from priorfill.study.child_pool import ChildPool
-from priorfill.study.child_watch import ChildError, ChildProcess, child_command
+from priorfill.study.child.child_pool import ChildPool
+from priorfill.study.child.child_process import ChildError, ChildProcess, child_command
+from priorfill.study.child.scratch_folder import remove_abandoned_scratch
 from priorfill.study.job import FAILED, JobLimits, JobOutcome, StudyJob
 from priorfill.study.records import files_of_job, write_record
-from priorfill.study.scratch_folder import remove_abandoned_scratch
 
 __all__ = ["COMMAND", "remove_leftovers", "run_child"]
 

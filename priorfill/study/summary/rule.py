@@ -9,8 +9,8 @@ from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Literal
 
 from priorfill.runtime.option_texts import first_names
-from priorfill.study.summary_limits import SummaryLimits
-from priorfill.study.summary_trial import LeftSamples, TrialFigures, TrialGap
+from priorfill.study.summary.limits import SummaryLimits
+from priorfill.study.summary.trial_figures import LeftSamples, TrialFigures, TrialGap
 
 if TYPE_CHECKING:
     from priorfill.study.job import JobOutcome

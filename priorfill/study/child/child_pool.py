@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from priorfill.study.child_watch import ChildProcess
+from priorfill.study.child.child_process import ChildProcess
 from priorfill.study.job import JobLimits
 
 __all__ = ["ChildPool"]

@@ -1,0 +1,1 @@
+"""Child processes that run the jobs of a study, one after the other, within limits."""
