@@ -57,7 +57,7 @@ def _settled_outcome(job: StudyJob, options: StudyOptions) -> JobOutcome | None:
             what = (
                 "was changed after the fill"
                 if path in states
-                else "exists already, and is not of this study"
+                else "exists already, and this study has no record of it"
             )
             reason = f"{path}: {what}; move it away, or use `overwrite`"
             return JobOutcome.of_failure(job, reason, try_again=True)

@@ -145,7 +145,7 @@ def test_a_file_of_somebody_else_stays(fills: Fills) -> None:
     write("out/P02/a.c3d", "not ours")
     study, done = run(fills)
     assert done == ["P01/a.c3d", "P01/b.c3d"]
-    assert "exists already, and is not of this study" in study.outcomes[2].reason
+    assert "exists already, and this study has no record of it" in study.outcomes[2].reason
     assert Path("out/P02/a.c3d").read_text(encoding="utf-8") == "not ours"
     assert run(fills, overwrite=True)[1] == ["P02/a.c3d"]
 
