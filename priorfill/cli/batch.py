@@ -286,4 +286,5 @@ def _totals(study: Study) -> str:
         counts.append(f"{len(study.waiting)} to be filled")
     before = f" ({study.done_before} of them before)" if study.done_before else ""
     total = len(study.outcomes) + len(study.waiting)
-    return f"{total} files: {', '.join(counts)}{before}; in {study.folder}"
+    files = "1 file" if total == 1 else f"{total} files"
+    return f"{files}: {', '.join(counts)}{before}; in {study.folder}"

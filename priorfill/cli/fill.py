@@ -60,7 +60,7 @@ def _one_file(context: click.Context, parameter: click.Parameter, files: tuple[P
     metavar="OUT",
     type=FILE,
     help="File to write: a copy of FILE with its gaps filled, or a new file if the suffix is of "
-    "another format (.c3d .trc .npz .mat). Of a Motion-BIDS recording also the folder of a "
+    "another format (.c3d .trc .npz .mat). For a Motion-BIDS recording, also the folder of a "
     "derivative dataset. Without it, the gaps are filled and listed, but not written.",
 )
 @click.option(

@@ -18,7 +18,8 @@ from priorfill.runtime.threads import VARIABLE, thread_count
 from priorfill.study.child.child_pool import ChildPool
 from priorfill.study.child.run_child import run_child
 from priorfill.study.job import JobLimits, JobOutcome, StudyJob
-from priorfill.study.records import file_states, is_settled, record_of_job
+from priorfill.study.records import file_states, record_of_job
+from priorfill.study.settled_jobs import is_settled
 
 __all__ = ["RunJob", "check_worker", "run_task", "run_with_kept_child"]
 

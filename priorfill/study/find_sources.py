@@ -159,7 +159,7 @@ def _left_out(place: Path, output: Path) -> str:
     if (place / STATE / MARK).exists() and not _is_output(place, output):
         return "holds the filled files of a study"
     if _is_not_raw(place):
-        return "is not of the recordings of its BIDS dataset"
+        return "does not hold the recordings of its BIDS dataset"
     return ""
 
 

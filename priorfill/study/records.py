@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from priorfill.formats.bids.names import all_side_files
 from priorfill.runtime.atomic_file import replace_file
-from priorfill.study.job import FAILED, JobLimits, JobOutcome, StudyJob
+from priorfill.study.job import JobOutcome, StudyJob
 from priorfill.study.study_folder import StudyFolder
 
 __all__ = [
@@ -20,7 +20,6 @@ __all__ = [
     "file_hash",
     "file_states",
     "files_of_job",
-    "is_settled",
     "kept_outcomes",
     "read_record",
     "record_of_job",
@@ -194,32 +193,3 @@ def files_of_job(job: StudyJob) -> dict[str, str]:
         for path, state in file_states(record).items()
         if state != "changed"
     }
-
-
-def is_settled(outcome: JobOutcome, job: StudyJob, limits: JobLimits, *, retry: bool) -> bool:
-    """Return whether a recorded outcome need not be computed again.
-
-    Written files may have been changed since; those that are gone are written again.
-
-    Parameters
-    ----------
-    outcome : JobOutcome
-        Of the record.
-    job : StudyJob
-        The job with its key.
-    limits : JobLimits
-        What the job may use.
-    retry : bool
-        Whether failures are tried again.
-    """
-    if outcome.key != job.key or not job.key:
-        return False
-    if outcome.status != FAILED:
-        return all(Path(path).exists() for path in outcome.written)
-    if retry:
-        return False
-    if outcome.exceeded == "seconds":
-        return outcome.seconds >= limits.seconds
-    if outcome.exceeded == "memory":
-        return outcome.peak_memory >= limits.memory
-    return not outcome.try_again

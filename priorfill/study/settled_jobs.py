@@ -7,13 +7,42 @@ from pathlib import Path
 
 from priorfill.runtime.atomic_file import check_target
 from priorfill.runtime.error_line import error_line
-from priorfill.study.job import JobOutcome, StudyJob
-from priorfill.study.records import file_states, is_settled, record_of_job
+from priorfill.study.job import FAILED, JobLimits, JobOutcome, StudyJob
+from priorfill.study.records import file_states, record_of_job
 from priorfill.study.study_options import StudyOptions
 
-__all__ = ["left_as_changed", "settled_outcome"]
+__all__ = ["is_settled", "left_as_changed", "settled_outcome"]
 
 _LEFT = "was changed after the fill, and is left as it is"
+
+
+def is_settled(outcome: JobOutcome, job: StudyJob, limits: JobLimits, *, retry: bool) -> bool:
+    """Return whether a recorded outcome need not be computed again.
+
+    Written files may have been changed since; those that are gone are written again.
+
+    Parameters
+    ----------
+    outcome : JobOutcome
+        Of the record.
+    job : StudyJob
+        The job with its key.
+    limits : JobLimits
+        What the job may use.
+    retry : bool
+        Whether failures are tried again.
+    """
+    if outcome.key != job.key or not job.key:
+        return False
+    if outcome.status != FAILED:
+        return all(Path(path).exists() for path in outcome.written)
+    if retry:
+        return False
+    if outcome.exceeded == "seconds":
+        return outcome.seconds >= limits.seconds
+    if outcome.exceeded == "memory":
+        return outcome.peak_memory >= limits.memory
+    return not outcome.try_again
 
 
 def settled_outcome(job: StudyJob, options: StudyOptions) -> JobOutcome | None:

@@ -220,7 +220,13 @@ def test_all_problems_are_named_before_the_first_fill(fills: Fills) -> None:
     write("file", "")
     with pytest.raises(StudyError, match="and 2 more problems") as caught:
         batch(["in", "nowhere"], "file", database="nothing", study=StudyOptions())
-    assert [str(problem).partition(": ")[2].partition(";")[0] for problem in caught.value.problems]
+    texts = [str(problem) for problem in caught.value.problems]
+    for name, reason in (
+        ("nowhere", "there is no such file or folder"),
+        ("file", "is a file; give a folder"),
+        ("nothing", "make one with"),
+    ):
+        assert any(f"{name}: " in text and reason in text for text in texts), texts
     assert fills == []
 
 
