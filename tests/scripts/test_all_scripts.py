@@ -179,7 +179,7 @@ SMOKE = {
     ),
     "bench/memory.py": Smoke("--minutes 0.05 --rate 30 --markers 45 --method linear", "MB: kept"),
     "bench/scale.py": Smoke("--quick --method linear", "frayed", {"run": run_here}),
-    "bench/profile_fill.py": Smoke("--top 9 {data}/gaps.c3d --method linear", "priorfill/filling"),
+    "bench/profile_fill.py": Smoke("--top 50 {data}/gaps.c3d --method linear", "priorfill/filling"),
     "bench/search.py": Smoke(
         "--data {data} --poses 1000 --takes 02_01 --repeats 1 --check 9",
         "9 of 9 random queries",
