@@ -66,8 +66,8 @@ class Catalogue:
         The database's manifest; the file must agree with it.
     write : bool
         Whether rows will change.
-    past : str
-        An earlier `position` to read; the latest by default. Not for a writer.
+    state : str
+        An earlier `state` to read; the latest by default. Not for a writer.
 
     Attributes
     ----------
@@ -88,10 +88,10 @@ class Catalogue:
         In all methods, if SQLite finds the file damaged; for a writer also if a checksum does not
         match.
     DatabaseStateError
-        If the file does not have the position `past`.
+        If the file does not have the earlier `state`.
     """
 
-    def __init__(self, path: Path, manifest: Manifest, *, write: bool, past: str = "") -> None:
+    def __init__(self, path: Path, manifest: Manifest, *, write: bool, state: str = "") -> None:
         self.path = path
         self.version = manifest.version
         self._manifest = manifest
@@ -108,23 +108,23 @@ class Catalogue:
         self.note = ""
         try:
             self._open()
-            if past:
-                self._go_back(past)
+            if state:
+                self._go_back(state)
         except BaseException:
             self.close()
             raise
 
     @property
-    def position(self) -> str:
+    def state(self) -> str:
         """The state that is read: number of the file, and of its last change, ``1:24``."""
         return f"{_number(self.path)}:{self._state}"
 
-    def _go_back(self, past: str) -> None:
+    def _go_back(self, state: str) -> None:
         """Read an earlier state. Removed clips stay in the file until a compaction replaces it."""
-        match = re.fullmatch("([0-9]{1,9}):([0-9]{1,18})", past)
+        match = re.fullmatch("([0-9]{1,9}):([0-9]{1,18})", state)
         if not match or int(match[1]) != _number(self.path) or int(match[2]) > self._state:
             raise DatabaseStateError(
-                f"{self.path.parent}: does not have the state {past}, as it was compacted or "
+                f"{self.path.parent}: does not have the state {state}, as it was compacted or "
                 "replaced since; read the latest state instead"
             )
         self._state = int(match[2])

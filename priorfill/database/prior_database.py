@@ -108,7 +108,7 @@ class PriorDatabase:
 
     def __init__(self, path: Path, *, write: bool, state: str = "") -> None:
         self.path = path
-        self._past = state
+        self._earlier = state
         self._lock: DatabaseLock | None = None
         self._manifest = read_manifest(path)
         self.rate = self._manifest.rate
@@ -158,7 +158,9 @@ class PriorDatabase:
         for attempt in range(1, MAX_OPEN_ATTEMPTS + 1):
             catalogue = find_catalogue(self.path)
             try:
-                self._catalogue = Catalogue(catalogue, self._manifest, write=write, past=self._past)
+                self._catalogue = Catalogue(
+                    catalogue, self._manifest, write=write, state=self._earlier
+                )
             except (DatabaseError, OSError):
                 # a compaction may have replaced it after it was found
                 if find_catalogue(self.path) == catalogue or attempt == MAX_OPEN_ATTEMPTS:
@@ -187,7 +189,7 @@ class PriorDatabase:
     @property
     def state(self) -> str:
         """The state that is read; `open` takes it to read the same clips after later changes."""
-        return self._catalogue.position
+        return self._catalogue.state
 
     @property
     def notes(self) -> tuple[str, ...]:

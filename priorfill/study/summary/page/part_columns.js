@@ -22,7 +22,7 @@ function partColumns(title, others) {
     { key: "share", title: "Missing", first: -1, number: true,
       hint: "Share of all samples that were missing", text: (p) => shareText(p.missing_share),
       order: (p) => p.missing_share },
-    { key: "left", title: "Left", first: -1, number: true, order: (p) => p.left_samples,
+    { key: "left", title: "Still missing", first: -1, number: true, order: (p) => p.left_samples,
       hint: "Samples that were to be filled and stay missing",
       text: (p) => (p.left_samples ? formatCount(p.left_samples) : "–") },
     { key: "error", title: "Expected", unit: "mm", first: -1, number: true,

@@ -10,7 +10,7 @@ const MARKER_NUMBERS = 4;
 const GROUP_TITLES = ["Failed", "Record again", "Look at", "Good"];
 
 class StudyStore {
-  /** @param {Object} data as docs/study_summary.md describes it */
+  /** @param {Object} data as as_page.py makes it */
   constructor(data) {
     if (data.format !== STUDY_FORMAT) throw new Error("the data have an unknown format");
     this.data = data;

@@ -29,7 +29,7 @@ function trialColumns() {
     { key: "filled", title: "Filled", first: 1, number: true,
       hint: "Share of the samples to be filled that were filled", text: trialFilled,
       order: (t) => (t.filled + t.left ? t.filled / (t.filled + t.left) : null) },
-    { key: "left", title: "Left", first: -1, number: true, order: (t) => t.left,
+    { key: "left", title: "Still missing", first: -1, number: true, order: (t) => t.left,
       hint: "Samples that were to be filled and stay missing",
       text: (t) => (t.left ? formatCount(t.left) : "–") },
     { key: "longest", title: "Longest gap", unit: "s", first: -1, number: true,
