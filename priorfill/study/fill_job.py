@@ -129,7 +129,8 @@ def _fill(job: StudyJob, begin: float) -> JobOutcome:
             report=job.report,
             uncertainty=job.uncertainty,
             written={path: file_hash(place) for path, place in waiting.items()},
-            replaced={file.path: file.digest for file in new if file.digest},
+            # files that are not written this time, such as a page, stay known
+            replaced=ours | {file.path: file.digest for file in new if file.digest},
             key=job.key,
         )
         write_record(job.record, outcome)

@@ -24,7 +24,7 @@ from priorfill.study.job_keys import JobKeys
 from priorfill.study.local_executor import LocalExecutor, StudyExecutor
 from priorfill.study.records import kept_outcomes, read_record, write_record
 from priorfill.study.settings import FillSettings
-from priorfill.study.settled_jobs import settled_outcome
+from priorfill.study.settled_jobs import settled_outcome, with_earlier_file
 from priorfill.study.study_folder import StudyFolder
 from priorfill.study.study_options import StudyOptions
 from priorfill.study.study_plan import StudyPlan, plan_study
@@ -229,7 +229,7 @@ class _StudyRun:
         left = sorted({job.name for job in plan.jobs} - self._outcomes.keys())
         study = Study(
             plan.folder.path,
-            tuple(self._outcomes[name] for name in sorted(self._outcomes)),
+            tuple(with_earlier_file(self._outcomes[name]) for name in sorted(self._outcomes)),
             tuple(left),
             self._done_before,
             notes=(*plan.notes, *notes),
@@ -259,7 +259,7 @@ def sum_up_study(output: Path | str, options: StudyOptions) -> Study:
         If the folder is not that of a study.
     """
     folder = StudyFolder.at(output)
-    outcomes = kept_outcomes(folder)
+    outcomes = tuple(map(with_earlier_file, kept_outcomes(folder)))
     if not outcomes:
         raise OutputError(
             f"{folder.path}: holds no filled files of a study; check the folder, or give "

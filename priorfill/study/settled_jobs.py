@@ -11,7 +11,9 @@ from priorfill.study.job import FAILED, JobLimits, JobOutcome, StudyJob
 from priorfill.study.records import file_states, record_of_job
 from priorfill.study.study_options import StudyOptions
 
-__all__ = ["is_settled", "left_as_changed", "settled_outcome"]
+__all__ = ["is_settled", "left_as_changed", "settled_outcome", "with_earlier_file"]
+
+_EARLIER = "the filled file there is of an earlier run"
 
 _LEFT = "was changed after the fill, and is left as it is"
 
@@ -70,8 +72,9 @@ def _settled_outcome(job: StudyJob, options: StudyOptions) -> JobOutcome | None:
     """Return the outcome, or None; an OSError where files cannot be looked at."""
     kept = record_of_job(job)
     states = file_states(kept)
-    changed = [Path(path).name for path, state in states.items() if state == "changed"]
-    unfinished = "earlier" in states.values()  # killed before the files were renamed
+    current = {} if kept is None else {one: states[one] for one in kept.written if one in states}
+    changed = [Path(path).name for path, state in current.items() if state == "changed"]
+    unfinished = "earlier" in current.values()  # killed before the files were renamed
     settled = kept is not None and is_settled(kept, job, options.limits, retry=options.retry)
     if kept is not None and settled and not unfinished:
         if not changed:
@@ -91,6 +94,20 @@ def _settled_outcome(job: StudyJob, options: StudyOptions) -> JobOutcome | None:
             reason = f"{path}: {what}; move it away, or use `overwrite`"
             return JobOutcome.of_failure(job, reason, try_again=True)
     return None
+
+
+def with_earlier_file(outcome: JobOutcome) -> JobOutcome:
+    """Return an outcome whose reason states that the filled file there is of an earlier run.
+
+    Parameters
+    ----------
+    outcome : JobOutcome
+        Of a job.
+    """
+    output = outcome.output
+    if outcome.status != FAILED or output not in outcome.replaced or not Path(output).exists():
+        return outcome
+    return replace(outcome, reason=f"{outcome.reason}; {_EARLIER}")
 
 
 def left_as_changed(outcome: JobOutcome) -> str:

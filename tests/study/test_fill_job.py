@@ -23,7 +23,7 @@ from priorfill.study.fill_job import fill_job
 from priorfill.study.job import JobLimits, JobOutcome, StudyJob
 from priorfill.study.records import file_states, read_record
 from priorfill.study.settings import FillSettings
-from priorfill.study.settled_jobs import settled_outcome
+from priorfill.study.settled_jobs import settled_outcome, with_earlier_file
 from priorfill.study.study_options import StudyOptions
 from priorfill.synthetic.demo import make_demo_clip
 
@@ -102,6 +102,29 @@ def test_a_job_that_is_interrupted_is_done_again_to_the_same_bytes(
     monkeypatch.undo()
     again = fill_job(other, LIMITS)
     assert (again.status, again.written == written) == (outcome.status, False)
+
+
+def test_files_of_earlier_runs_stay_known(job: StudyJob) -> None:
+    page = fill_job(job, LIMITS).report
+    without = replace(job, report=None, key="without")
+    outcome = fill_job(without, LIMITS)
+    assert settled_outcome(without, StudyOptions()) == outcome
+    Path(str(page)).write_text("not of interest now")
+    assert settled_outcome(without, StudyOptions()) == outcome
+    assert "changed" in settled_outcome(job, StudyOptions()).reason
+    Path(str(page)).unlink()
+    fill_job(job, LIMITS)
+    fill_job(without, LIMITS)
+    assert settled_outcome(job, StudyOptions()) is None  # the page may be replaced
+    assert fill_job(job, LIMITS).status == outcome.status
+
+    Path(job.source).write_bytes(b"")
+    failed = fill_job(job, LIMITS)
+    reason = with_earlier_file(failed).reason
+    assert reason == f"{failed.reason}; the filled file there is of an earlier run"
+    assert settled_outcome(job, StudyOptions()) == failed
+    Path(job.output).unlink()
+    assert with_earlier_file(failed) == failed
 
 
 def test_what_somebody_wrote_meanwhile_is_not_replaced(
