@@ -191,9 +191,28 @@ def _check_folder(
 ) -> None:
     """Raise an error where filled files, or the summary, cannot be written."""
     folder.check(sum(sizes[one.name] for one in sources if not folder.output(one.name).exists()))
-    if options.index is None:
-        page = folder.summary if options.summary is None else options.summary
-        check_summary(page, overwrite=options.overwrite)
+    if options.index is None:  # a task of an array writes no summary
+        _check_summary(sources, folder, options)
+
+
+def _check_summary(
+    sources: Sequence[StudySource], folder: StudyFolder, options: StudyOptions
+) -> None:
+    """Raise an error where the summary cannot be written, or has the name of an output."""
+    page = folder.summary if options.summary is None else options.summary
+    files = check_summary(page, overwrite=options.overwrite).all
+    # links are not resolved
+    names = [os.path.abspath(file) for file in files]  # noqa: PTH100
+    alike = {name.casefold(): Path(name) for name in names}
+    for one in sources:
+        paths = [folder.output(one.name), *([folder.report(one.name)] if options.report else ())]
+        for path in paths:
+            name = alike.get(str(path).casefold())
+            if name is not None and is_same_file(name, path):
+                raise OptionError(
+                    f"{path}: is an output of {one.path}, and would be a file of the summary; give "
+                    "the summary another name (`summary`)"
+                )
 
 
 def _check_names(

@@ -257,6 +257,10 @@ def test_two_sources_cannot_have_one_output(fills: Fills, monkeypatch: pytest.Mo
 
 
 def test_an_output_is_no_other_file_of_the_study(fills: Fills) -> None:
+    page = "out/P01/a.c3d.html"
+    run(fills, check_only=True, summary=page)
+    with pytest.raises(StudyError, match="would be a file of the summary; give"):
+        run(fills, summary=page, report=True)
     formats.write("in/P01/a.c3d.uncertainty.npz", synthesise("walking", seconds=0.1))
     run(fills, check_only=True)
     with pytest.raises(StudyError, match=r"would have one output, .*a\.c3d\.uncertainty\.npz"):
