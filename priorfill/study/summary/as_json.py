@@ -43,7 +43,7 @@ def summary_json(summary: StudySummary, folder: Path) -> dict[str, Any]:
         "statuses": summary.statuses,
         "waiting": list(contents.waiting),
         "seconds": json_number(contents.seconds, SECOND_DIGITS),
-        "facts": dict(summary.facts),
+        "facts": summary.facts,
         "limits": {"error_mm": limits.error, "gap_seconds": limits.gap},
         "rule": rule_text(limits),
         "trials": [_trial(one, folder) for one in summary.trials],

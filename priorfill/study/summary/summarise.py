@@ -31,14 +31,11 @@ class StudyContents:
         Names of the jobs that have no outcome yet.
     seconds : float
         Wall time of the study (s); NaN where unknown.
-    facts : tuple of (str, str)
-        Names and values, in addition to the database and the methods.
     """
 
     name: str = "study"
     waiting: tuple[str, ...] = ()
     seconds: float = math.nan
-    facts: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -137,15 +134,14 @@ class StudySummary:
         return {status: counts[status] for status in (FILLED, INCOMPLETE, NO_GAPS, FAILED)}
 
     @property
-    def facts(self) -> tuple[tuple[str, str], ...]:
-        """Names and values of what the trials were filled with."""
+    def facts(self) -> dict[str, str]:
+        """Names of the databases and methods that the trials were filled with."""
         figures = [one.figures for one in self.trials]
         parts = [
             ("Database", [Path(one.database).name for one in figures if one.database]),
             ("Method", [one.method for one in figures if one.method]),
         ]
-        found = [(name, ", ".join(dict.fromkeys(values))) for name, values in parts if values]
-        return (*found, *self.contents.facts)
+        return {name: ", ".join(dict.fromkeys(values)) for name, values in parts if values}
 
     @property
     def sentence(self) -> str:
