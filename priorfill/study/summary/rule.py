@@ -23,8 +23,12 @@ Group = Literal["failed", "record again", "look at", "good"]
 GROUPS: tuple[Group, ...] = ("failed", "record again", "look at", "good")
 """The groups, worst first."""
 
-MAX_REASONS = 4
+MAX_REASONS = 5
 """Reasons of a trial; more are counted."""
+
+MAX_LOST = 2
+"""Lost gaps of a trial that are reasons of their own; more are counted, so that the other reasons
+are seen as well."""
 
 MAX_NAMES = 3
 """Markers named in a reason; more are counted."""
@@ -89,8 +93,10 @@ def attention(
     if trial.failed:
         return Attention("failed", (_failure(trial.outcome),))
     gaps = [gap for gap in trial.gaps if gap.wanted and gap.marker not in absent]
-    lost = [gap for gap in gaps if _is_lost(gap, limits)]
-    reasons = [f"{gap.marker}: {_lost_text(gap)}" for gap in lost]
+    lost = sorted((gap for gap in gaps if _is_lost(gap, limits)), key=_error, reverse=True)
+    reasons = [f"{gap.marker}: {_lost_text(gap)}" for gap in lost[:MAX_LOST]]
+    if len(lost) > MAX_LOST:
+        reasons.append(f"and {len(lost) - MAX_LOST} more such gaps")
     reasons += _looks(trial, [gap for gap in gaps if gap not in lost], limits)
     if len(reasons) > MAX_REASONS:
         reasons[MAX_REASONS - 1 :] = [f"and {len(reasons) - MAX_REASONS + 1} more reasons"]
@@ -110,6 +116,11 @@ def _is_lost(gap: TrialGap, limits: SummaryLimits) -> bool:
     """Return whether a gap is too long for so uncertain a fill."""
     left = gap.seconds * gap.left / gap.frames
     return gap.seconds > limits.long and (left > limits.long or _is_uncertain(gap, limits))
+
+
+def _error(gap: TrialGap) -> float:
+    """Return the expected mean error of a gap (mm); an unknown one is the greatest."""
+    return gap.error if math.isfinite(gap.error) else math.inf
 
 
 def _is_uncertain(gap: TrialGap, limits: SummaryLimits) -> bool:
@@ -133,13 +144,9 @@ def _error_text(gap: TrialGap) -> str:
 
 def _looks(trial: TrialFigures, gaps: list[TrialGap], limits: SummaryLimits) -> Iterator[str]:
     """Yield why a trial should be looked at, apart from gaps that are lost."""
-    markers = {gap.marker for gap in gaps if gap.left}
-    for one in trial.left:
-        if one.requested and markers.intersection(one.markers):
-            yield _left_text(one)
     uncertain = [gap for gap in gaps if _is_uncertain(gap, limits)]
     if uncertain:
-        worst = max(uncertain, key=lambda gap: gap.error if math.isfinite(gap.error) else math.inf)
+        worst = max(uncertain, key=_error)
         others = f"above {limits.error:g} mm or unknown"
         yield _gap_text(worst, _error_text(worst), len(uncertain), others)
     long = [gap for gap in gaps if gap.seconds > limits.long and gap not in uncertain]
@@ -152,6 +159,10 @@ def _looks(trial: TrialFigures, gaps: list[TrialGap], limits: SummaryLimits) -> 
             f"{kind.replace('_', ' ')} ({count})" for kind, count in trial.artefacts.items()
         )
         yield f"measured samples may be wrong: {kinds}"
+    markers = {gap.marker for gap in gaps if gap.left}
+    for one in trial.left:
+        if one.requested and markers.intersection(one.markers):
+            yield _left_text(one)
 
 
 def _left_text(left: LeftSamples) -> str:

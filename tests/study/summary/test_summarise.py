@@ -55,6 +55,14 @@ def test_groups_follow_the_rule() -> None:
     assert groups_of(outcomes[3], error=20.0) == {"uncertain.c3d": "good"}
 
 
+def test_many_lost_gaps_do_not_hide_the_worst_one() -> None:
+    lost = [gap(marker, 1.5, 15.0 + at) for at, marker in enumerate(("C7", "T10", "CLAV", "STRN"))]
+    one = outcome("raw.c3d", *lost, gap("RHLX", 0.5, 400.0))
+    (trial,) = summarise_study([one], SummaryLimits()).trials
+    found = [reason.split(":")[0].split(",")[0] for reason in trial.attention.reasons]
+    assert found == ["STRN", "CLAV", "and 2 more such gaps", "RHLX"]
+
+
 def test_a_marker_that_no_trial_of_a_folder_shows_counts_for_none() -> None:
     never = gap("LFRM", FRAMES / 100, left=FRAMES, reason="never measured")
     summary = summarise_study(
