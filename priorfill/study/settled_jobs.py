@@ -13,7 +13,7 @@ from priorfill.study.study_options import StudyOptions
 
 __all__ = ["is_settled", "left_as_changed", "settled_outcome", "with_earlier_file"]
 
-_EARLIER = "the filled file there is of an earlier run"
+_EARLIER = "the filled file there is from an earlier run"
 
 _LEFT = "was changed after the fill, and is left as it is"
 
@@ -97,7 +97,7 @@ def _settled_outcome(job: StudyJob, options: StudyOptions) -> JobOutcome | None:
 
 
 def with_earlier_file(outcome: JobOutcome) -> JobOutcome:
-    """Return an outcome whose reason states that the filled file there is of an earlier run.
+    """Return an outcome whose reason states that the filled file there is from an earlier run.
 
     Parameters
     ----------

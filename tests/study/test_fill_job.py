@@ -121,7 +121,7 @@ def test_files_of_earlier_runs_stay_known(job: StudyJob) -> None:
     Path(job.source).write_bytes(b"")
     failed = fill_job(job, LIMITS)
     reason = with_earlier_file(failed).reason
-    assert reason == f"{failed.reason}; the filled file there is of an earlier run"
+    assert reason == f"{failed.reason}; the filled file there is from an earlier run"
     assert settled_outcome(job, StudyOptions()) == failed
     Path(job.output).unlink()
     assert with_earlier_file(failed) == failed

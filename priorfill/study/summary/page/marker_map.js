@@ -42,7 +42,7 @@ class MarkerMap {
    */
   constructor(root, store) {
     this.store = store;
-    const { trials, markers } = store.data;
+    const { trials } = store.data;
     const words = new Intl.Collator("en", { numeric: true });
     this.order = trials.map((_, index) => index).sort((a, b) =>
       trials[a].folder - trials[b].folder || words.compare(trials[a].name, trials[b].name));
@@ -223,7 +223,7 @@ class MarkerMap {
       const x = this.labels + (begin / this.perColumn) * this.columnWidth;
       const wide = ((end - begin) / this.perColumn) * this.columnWidth;
       if (wide > 3) {
-        context.fillStyle = theme.line || theme.muted;
+        context.fillStyle = theme.muted;
         if (begin) context.fillRect(Math.round(x) - 1, 4, 1, height);
       }
       if (wide > 24) {
