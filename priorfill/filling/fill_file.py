@@ -44,9 +44,6 @@ class FileOptions:
         The subject to fill; all subjects of the file by default.
     up, rate, unit, zeros_missing, ignore_residuals
         How to interpret the file; see `priorfill.read`.
-    read_alike : bool
-        Interpret other recordings of the same subject with the same `up`, `rate` and `unit`; by
-        default with their own.
     uncertainty : Path or str, optional
         File for the expected error of each filled sample, .npz or .csv. It appears together with
         the output, or neither appears; without an output it is written by itself.
@@ -95,7 +92,6 @@ class FileOptions:
     program: str | None = None
     overwrite: bool = False
     add_to_database: bool = False
-    read_alike: bool = False
 
     @property
     def reading(self) -> dict[str, Any]:
@@ -284,6 +280,7 @@ class FileToFill:
         database: Path | str | None = None,
         same_subject: Sequence[Path | str] = (),
         files: FileOptions,
+        read_alike: bool = False,
         **arguments: Unpack[FillKeywords],
     ) -> FileToFill:
         """Check what can be checked, and read the file and those of the same subjects.
@@ -292,10 +289,15 @@ class FileToFill:
         ----------
         source, output, database, same_subject, files, **arguments
             As for `fill_file`.
+        read_alike : bool
+            Whether `up`, `rate` and `unit` of `files` hold for the other recordings of the subject,
+            too, as for files of one study.
         """
         prior, overrides = _check(source, output, database, files, arguments)
         clips = read_subjects(source, **files.reading)
-        others = _read_same_subject(same_subject, source, clips, files)
+        own = () if read_alike else ("up", "rate", "unit")  # by default, each recording has its own
+        reading = {name: value for name, value in files.reading.items() if name not in own}
+        others = _read_same_subject(same_subject, source, clips, reading)
         options = arguments.get("options") or FillOptions()
         found = None
         if not (arguments.get("reject_artefacts") or options.plausibility.hide_doubtful):
@@ -368,16 +370,10 @@ def _check(
 
 
 def _read_same_subject(
-    paths: Sequence[Path | str], source: Path, clips: Sequence[Clip], files: FileOptions
+    paths: Sequence[Path | str], source: Path, clips: Sequence[Clip], reading: Mapping[str, Any]
 ) -> list[Clip]:
-    """Read other recordings of the subjects of a file.
-
-    Their axes, rate and unit are their own, unless they are to be read alike. Subjects that are not
-    in the file are left out.
-    """
+    """Read other recordings of the subjects of a file; other subjects are left out."""
     names = [clip.subject for clip in clips]
-    own = () if files.read_alike else ("up", "rate", "unit")
-    reading = {name: value for name, value in files.reading.items() if name not in own}
     found: list[Clip] = []
     for path in map(Path, paths):
         if path.exists() and path.samefile(source):

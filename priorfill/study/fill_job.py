@@ -98,7 +98,6 @@ def _fill(job: StudyJob, begin: float) -> JobOutcome:
         report=job.report,
         uncertainty=job.uncertainty,
         overwrite=True,
-        read_alike=True,
     )
     work = FileToFill.read(
         Path(job.source),
@@ -106,6 +105,7 @@ def _fill(job: StudyJob, begin: float) -> JobOutcome:
         database=job.database,
         same_subject=job.same_subject,
         files=files,
+        read_alike=True,
         **settings.fill_arguments(job.database_state),
     )
     result = work.fill()
