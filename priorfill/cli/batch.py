@@ -242,17 +242,11 @@ def _print_problems(error: StudyError) -> None:
 
 def _print_study(study: Study, rows: int | None) -> None:
     """Print a line for each file that a person should know of, and the totals."""
-    from priorfill.study.settled_jobs import left_as_changed
-
     failed = [one for one in study.outcomes if one.status == "failed"]
     incomplete = [one for one in study.outcomes if one.status == "incomplete"]
     incomplete.sort(key=lambda one: -one.facts.get("missing_samples", 0))
     lines = [_problem_line(one) for one in (*failed, *incomplete)]
-    lines += [
-        f"changed: {one.name}: {warning}"
-        for one in study.outcomes
-        if (warning := left_as_changed(one))
-    ]
+    lines += [f"changed: {one.name}: {one.changed}" for one in study.outcomes if one.changed]
     for line in lines[:rows]:
         print_line(line)
     if rows is not None and len(lines) > rows:

@@ -149,6 +149,9 @@ class JobOutcome:
         The fill as ``priorfill fill --json`` prints it; empty where it failed.
     warnings : tuple of str
         What a person should look at, as the page of a fill words it.
+    changed : str
+        Which written files somebody changed after the fill, so that they are left as they are; else
+        empty. It is one of the warnings, too.
     written : mapping of str to str
         SHA-256 of each written file, by its absolute path. A record is written before its files
         are renamed to these paths: they count as written where their contents have these hashes.
@@ -178,6 +181,7 @@ class JobOutcome:
     exceeded: str = ""
     facts: Mapping[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    changed: str = ""
     report: str | None = None
     uncertainty: str | None = None
     written: Mapping[str, str] = field(default_factory=dict)
@@ -232,7 +236,10 @@ class JobOutcome:
     def _is_sound(self) -> bool:
         """Return whether all values have the types of an outcome; facts are not looked into."""
         texts = [self.name, self.source, self.output, self.reason, self.exceeded, self.key]
-        texts += [one for one in (self.report, self.uncertainty) if one is not None]
+        texts += [
+            self.changed,
+            *(one for one in (self.report, self.uncertainty) if one is not None),
+        ]
         for hashes in (self.written, self.replaced):
             texts += [*hashes.keys(), *hashes.values()]
         return (

@@ -11,11 +11,9 @@ from priorfill.study.job import FAILED, JobLimits, JobOutcome, StudyJob
 from priorfill.study.records import file_states, record_of_job
 from priorfill.study.study_options import StudyOptions
 
-__all__ = ["is_settled", "left_as_changed", "settled_outcome", "with_earlier_file"]
+__all__ = ["is_settled", "settled_outcome", "with_earlier_file"]
 
 _EARLIER = "the filled file there is from an earlier run"
-
-_LEFT = "was changed after the fill, and is left as it is"
 
 
 def is_settled(outcome: JobOutcome, job: StudyJob, limits: JobLimits, *, retry: bool) -> bool:
@@ -80,8 +78,11 @@ def _settled_outcome(job: StudyJob, options: StudyOptions) -> JobOutcome | None:
         if not changed:
             return kept
         if not options.overwrite:
-            warning = f"{' and '.join(changed)} {_LEFT}; remove it to have it filled again"
-            return replace(kept, warnings=(warning, *kept.warnings))
+            warning = (
+                f"{' and '.join(changed)} was changed after the fill, and is left as it is; remove "
+                "it to have it filled again"
+            )
+            return replace(kept, changed=warning, warnings=(warning, *kept.warnings))
     if options.overwrite:
         return None
     for path in (job.output, job.report, job.uncertainty):
@@ -108,14 +109,3 @@ def with_earlier_file(outcome: JobOutcome) -> JobOutcome:
     if outcome.status != FAILED or output not in outcome.replaced or not Path(output).exists():
         return outcome
     return replace(outcome, reason=f"{outcome.reason}; {_EARLIER}")
-
-
-def left_as_changed(outcome: JobOutcome) -> str:
-    """Return the warning that a file of an outcome was changed after the fill; else empty.
-
-    Parameters
-    ----------
-    outcome : JobOutcome
-        The outcome.
-    """
-    return next((warning for warning in outcome.warnings if _LEFT in warning), "")
