@@ -99,9 +99,11 @@ def add_outcome(
         clips = read_subjects(outcome.output, **{**reading, **own})
     except (FormatError, ClipError, OSError) as error:
         return str(error), ()
+    if len(clips) != len(originals):
+        return f"{outcome.output} holds another number of subjects than its source", ()
     reasons: list[str] = []
     added: list[str] = []
-    for clip, original in zip(clips, originals, strict=False):
+    for clip, original in zip(clips, originals, strict=True):
         source = clip.source
         if source is None or source.sha256 != outcome.written.get(outcome.output):
             return f"{outcome.output} was changed after the fill", tuple(added)

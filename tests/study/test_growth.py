@@ -155,6 +155,19 @@ def test_a_file_that_was_changed_is_not_added(tmp_path: Path) -> None:
         assert (clips, database.clips()) == ((), ())
 
 
+def test_subjects_that_the_output_lacks_are_not_ignored(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done = filled(tmp_path)
+    pair = (replace(person(seed=1), subject="A"), replace(person(seed=2), subject="B"))
+    found = iter([pair, pair[:1]])
+    monkeypatch.setattr("priorfill.study.add_outcomes.read_subjects", lambda *_, **__: next(found))
+    with PriorDatabase.create(tmp_path / "lab") as database:
+        reason, clips = add_outcome(database, done, {})
+        assert "holds another number of subjects than its source" in reason
+        assert (clips, database.clips()) == ((), ())
+
+
 # --- a study ---
 
 
