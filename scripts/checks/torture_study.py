@@ -76,7 +76,7 @@ FINE = "good files are right, others are reported, and nothing is left"
 """Printed where there is no fault."""
 
 DONE = (0, 3)
-"""Exit statuses of a study of which something was filled."""
+"""Exit statuses of a study in which something was filled."""
 
 
 @dataclass(frozen=True)
