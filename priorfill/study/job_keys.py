@@ -11,10 +11,9 @@ from pathlib import Path
 
 from priorfill.database import PriorDatabase
 from priorfill.filling.provenance import DatabaseState, database_state, package_versions
-from priorfill.formats.bids.names import all_side_files
 from priorfill.formats.file_bytes import no_such_file
 from priorfill.study.job import JobOutcome, StudyJob
-from priorfill.study.records import file_hash
+from priorfill.study.records import contents_hash
 
 __all__ = ["JobKeys", "KeyedJobs"]
 
@@ -63,7 +62,7 @@ class JobKeys:
         state : str
             The state of it that the jobs learn from; by default the latest.
         """
-        files = {job.name: _files_of(job) for job in jobs}
+        files = {job.name: (job.source, *job.same_subject) for job in jobs}
         self._read({path for paths in files.values() for path in paths})
         contents = None
         if database is not None:
@@ -72,7 +71,7 @@ class JobKeys:
         keyed, failed = [], []
         for job in jobs:
             unreadable = [
-                (path, found)
+                (str(found.filename or path), found)
                 for path in files[job.name]
                 if isinstance(found := self._hashes[path], OSError)
             ]
@@ -96,7 +95,6 @@ class JobKeys:
         content = {
             "source": self._hashes[job.source],
             "same_subject": [self._hashes[path] for path in job.same_subject],
-            "side_files": [self._hashes[path] for path in _side_files(job)],
             "settings": job.settings,
             "versions": dict(package_versions()),
             "database": None if contents is None else asdict(replace(contents, path="")),
@@ -107,19 +105,8 @@ class JobKeys:
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def _files_of(job: StudyJob) -> list[str]:
-    """Return the files that a job reads."""
-    return [job.source, *job.same_subject, *_side_files(job)]
-
-
-def _side_files(job: StudyJob) -> list[str]:
-    """Return the side files of the recordings that a job reads."""
-    paths = (job.source, *job.same_subject)
-    return [str(side) for path in paths for side in all_side_files(Path(path))]
-
-
 def _hash_or_error(path: str) -> str | OSError:
     try:
-        return file_hash(path)
+        return contents_hash(Path(path))
     except OSError as error:
         return error

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from priorfill.database import PriorDatabase
 from priorfill.errors import OptionError, PriorfillError, StudyError
@@ -117,16 +118,8 @@ def plan_study(
     if problems:
         raise StudyError(problems)
     assert found is not None
-    shared = StudyJob(
-        "",
-        "",
-        "",
-        "",
-        settings.to_json(),
-        None if prior is None else str(prior),
-        overwrite=options.overwrite,
-    )
-    jobs = tuple(_job(one, folder, shared, options) for one in sources)
+    stored, path = settings.to_json(), None if prior is None else str(prior)
+    jobs = tuple(_job(one, folder, options, stored, path) for one in sources)
     if options.index is not None:
         jobs = jobs[options.index - 1 :: options.of]
     work = {job.name: max(sizes[job.name], 1.0) for job in jobs}
@@ -134,18 +127,24 @@ def plan_study(
 
 
 def _job(
-    source: StudySource, folder: StudyFolder, shared: StudyJob, options: StudyOptions
+    source: StudySource,
+    folder: StudyFolder,
+    options: StudyOptions,
+    settings: dict[str, Any],
+    database: str | None,
 ) -> StudyJob:
-    """Return the job of a source, with what all jobs share."""
+    """Return the job of a source."""
     name = source.name
-    return replace(
-        shared,
-        name=name,
-        source=str(source.path),
-        output=str(folder.output(name)),
-        record=str(folder.record(name)),
+    return StudyJob(
+        name,
+        str(source.path),
+        str(folder.output(name)),
+        str(folder.record(name)),
+        settings,
+        database,
         report=str(folder.report(name)) if options.report else None,
         uncertainty=str(folder.uncertainty(name)) if options.uncertainty else None,
+        overwrite=options.overwrite,
     )
 
 

@@ -47,7 +47,7 @@ def summary_json(summary: StudySummary, folder: Path) -> dict[str, Any]:
         "limits": {"error_mm": limits.error, "gap_seconds": limits.gap},
         "rule": rule_text(limits),
         "trials": [_trial(one, folder) for one in summary.trials],
-        "markers": [_marker(one) for one in summary.markers],
+        "markers": [_study_marker(one) for one in summary.markers],
         "folders": [
             {"folder": one.name, "subjects": list(one.subjects), **_part(one)}
             for one in summary.folders
@@ -114,7 +114,7 @@ def _trial(one: SummaryTrial, folder: Path) -> dict[str, Any]:
         "output": None if figures.failed else relative_path(outcome.output, folder),
         "report": relative_path(outcome.report, folder),
         "uncertainty": relative_path(outcome.uncertainty, folder),
-        "markers": [_trial_marker(marker) for marker in figures.markers],
+        "markers": [_marker(marker) for marker in figures.markers],
     }
 
 
@@ -154,7 +154,8 @@ def _gap(gap: TrialGap | None) -> dict[str, Any] | None:
     }
 
 
-def _trial_marker(one: TrialMarker) -> dict[str, Any]:
+def _marker(one: TrialMarker | StudyMarker) -> dict[str, Any]:
+    """Return what is known of a marker, in a trial or in the study."""
     return {
         "marker": one.label,
         "gaps": one.gaps,
@@ -168,21 +169,12 @@ def _trial_marker(one: TrialMarker) -> dict[str, Any]:
     }
 
 
-def _marker(one: StudyMarker) -> dict[str, Any]:
-    return {
-        "marker": one.label,
+def _study_marker(one: StudyMarker) -> dict[str, Any]:
+    return _marker(one) | {
         "trials": one.trials,
-        "gaps": one.gaps,
-        "missing_frames": one.frames,
-        "missing_share": json_number(one.share, SHARE_DIGITS),
-        "filled_frames": one.filled,
-        "left_frames": one.left,
         "left_trials": one.left_trials,
         "never_measured_trials": one.throughout_trials,
         "absent_in": list(one.absent),
-        "longest_gap_seconds": json_number(one.longest, SECOND_DIGITS),
-        "expected_mean_error_mm": json_number(one.error, MM_DIGITS),
-        "greatest_gap_error_mm": json_number(one.worst, MM_DIGITS),
     }
 
 
