@@ -22,10 +22,22 @@ from recordings import add_data_option
 
 import priorfill as pf
 
-__all__ = ["cut", "error", "find", "in_processes", "method_alone", "options", "print_table"]
+__all__ = [
+    "Comparison",
+    "cut",
+    "error",
+    "find",
+    "in_processes",
+    "method_alone",
+    "options",
+    "print_table",
+]
 
 UNKNOWN = "-"
 """Cell of a table without a value."""
+
+CLOSE = 0.1
+"""Relative deviation up to which a cell counts as equal to the paper's."""
 
 Cell = str | float | None
 Case = TypeVar("Case")
@@ -123,3 +135,51 @@ def _written(cell: Cell) -> str:
         return str(cell)
     decimals = 2 if abs(cell) < 1.0 else 1
     return f"{cell:.{decimals}f}" if abs(cell) < 1000.0 else f"{cell:.0f}"
+
+
+class Comparison:
+    """Cells of a table that the paper has too, and how far they are from its values.
+
+    Parameters
+    ----------
+    unit : str
+        Of all cells.
+    """
+
+    def __init__(self, unit: str = "mm") -> None:
+        self._unit = unit
+        self._close = 0
+        self._far: list[tuple[str, float, str, str]] = []
+
+    def add(self, cell: str, ours: float | None, paper: str, why: str = "") -> None:
+        """Compare one cell.
+
+        Parameters
+        ----------
+        cell : str
+            Row and column.
+        ours : float or None
+            NaN or None if nothing was filled.
+        paper : str
+            The paper's value as printed: "1.7", "25". Equal after rounding to its decimals counts
+            as close.
+        why : str, optional
+            What explains a deviation.
+        """
+        value = float("nan") if ours is None else ours
+        decimals = len(paper.partition(".")[2])
+        published = float(paper)
+        if round(value, decimals) == published or abs(value - published) <= CLOSE * published:
+            self._close += 1
+        else:
+            self._far.append((cell, value, paper, why))
+
+    def print(self) -> None:
+        """Print how many cells are close, and the others with what explains them."""
+        count = self._close + len(self._far)
+        print(f"\n{self._close} of {count} cells are within {CLOSE:.0%} of the paper's")
+        for cell, value, paper, why in self._far:
+            change = f"{value / float(paper) - 1.0:+.0%}" if not np.isnan(value) else "not filled"
+            reason = f": {why}" if why else ""
+            print(f"  {cell}: {_written(value)} {self._unit} (paper {paper}, {change}){reason}")
+        sys.stdout.flush()
