@@ -31,6 +31,7 @@ __all__ = [
     "method_alone",
     "options",
     "print_table",
+    "table_lines",
 ]
 
 UNKNOWN = "-"
@@ -106,13 +107,11 @@ def in_processes(function: Callable[[Case], Outcome], cases: Sequence[Case]) -> 
         return list(pool.map(function, cases))
 
 
-def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
-    """Print a table; unknown values are dashes.
+def table_lines(columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> list[str]:
+    """Return the lines of a table; unknown values are dashes.
 
     Parameters
     ----------
-    title : str
-        Quantity and unit.
     columns : sequence of str
         Column heads.
     rows : iterable of sequences
@@ -120,12 +119,17 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Cell
     """
     lines = [list(columns), *([_written(cell) for cell in row] for row in rows)]
     widths = [max(len(line[i]) for line in lines) for i in range(len(columns))]
-    print(f"\n{title}")
+    written = []
     for line in lines:
         texts = [line[0].ljust(widths[0])]
         texts += [text.rjust(width) for text, width in zip(line[1:], widths[1:], strict=True)]
-        print("  ".join(texts).rstrip())
-    sys.stdout.flush()
+        written.append("  ".join(texts).rstrip())
+    return written
+
+
+def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
+    """Print `table_lines` below a title, which has quantity and unit."""
+    print(f"\n{title}", *table_lines(columns, rows), sep="\n", flush=True)
 
 
 def _written(cell: Cell) -> str:

@@ -54,6 +54,7 @@ TESTED_ELSEWHERE = {
     "golden.py": "test_golden.py",
     "golden_motions.py": "synthetic/test_golden_motions.py",
     "mutation_sample.py": "scripts/test_mutation_sample.py",
+    "papers/all.py": "scripts/test_papers_all.py",
     "papers/gloersen_fig4.py": "scripts/test_papers_gloersen.py",
     "papers/gloersen_fig6.py": "scripts/test_papers_gloersen.py",
     "papers/gloersen_table1.py": "scripts/test_papers_gloersen.py",
