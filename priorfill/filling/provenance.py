@@ -17,13 +17,14 @@ from priorfill.clip import Clip
 from priorfill.database import ClipRecord, PriorDatabase, Selection
 from priorfill.database.ingest import content_hash
 from priorfill.database.manifest import read_manifest
-from priorfill.errors import MarkerSetError
+from priorfill.errors import FormatError, MarkerSetError
 from priorfill.filling.fill_options import FillOptions
 from priorfill.filling.gap_filter import GapFilter
 from priorfill.filling.overrides import GapOverride, MadeFor, Overrides
 from priorfill.filling.plausibility_options import PlausibilityOptions
 from priorfill.markers.definitions import load
 from priorfill.markers.marker_set import MarkerSet
+from priorfill.runtime.field_types import check_field_types
 from priorfill.runtime.option_texts import Duration
 
 __all__ = [
@@ -269,7 +270,28 @@ class Provenance:
         ----------
         content : mapping
             As from `to_dict`, or read from JSON.
+
+        Raises
+        ------
+        FormatError
+            If it is not the content of a provenance, or that of another version.
         """
+        try:
+            provenance = cls._from_plain(content)
+            check_field_types(provenance)
+            PlausibilityOptions.from_json(provenance.plausibility)
+            if not provenance.clips:
+                raise ValueError("it names no clip")
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            reason = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
+            raise FormatError(
+                f"the provenance cannot be used ({reason}); give one that `to_dict` returned"
+            ) from None
+        return provenance
+
+    @classmethod
+    def _from_plain(cls, content: Mapping[str, Any]) -> Provenance:
+        """Return the provenance of a dictionary, with fields of unchecked types."""
         given = dict(content)
         database, overrides = given["database"], given["overrides"]
         given |= {

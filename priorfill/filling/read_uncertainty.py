@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -106,6 +107,8 @@ def _of_arrays(
     numbers = rms.dtype.kind == bound.dtype.kind == "f" and frames.dtype.kind in "iu"
     if not numbers or rms.shape != shape or bound.shape != shape:
         raise FormatError(f"{path}: its arrays do not fit each other; {_REMEDY}")
+    if any((lengths < 0).any() or np.isinf(lengths).any() for lengths in (rms, bound)):
+        raise FormatError(f"{path}: has a negative or infinite error; {_REMEDY}")
     if shape[0] != clip.frames:
         raise FormatError(
             f"{path}: is on {shape[0]} frames, and {clip.name} has {clip.frames}; give that of the "
@@ -130,7 +133,7 @@ def _provenance(value: Any) -> Provenance | None:
     """Return the provenance of an archive; None where this version does not understand it."""
     try:
         return Provenance.from_dict(json.loads(str(value)))
-    except (ValueError, TypeError, KeyError, AttributeError):  # of an older version, or damaged
+    except (ValueError, RecursionError):  # of another version, or damaged
         return None
 
 
@@ -153,7 +156,11 @@ def _rows(data: bytes, path: Path) -> list[tuple[str, float, float, float, str]]
 
 
 def _length(cell: str) -> float:
-    return float(cell) if cell else float("nan")
+    """Return the number of a cell, NaN if it is empty; ValueError where it is no length."""
+    length = float(cell) if cell else float("nan")
+    if length < 0 or math.isinf(length):
+        raise ValueError
+    return length
 
 
 def _of_rows(

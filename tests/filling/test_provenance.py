@@ -15,7 +15,7 @@ from gappy import ARM, person, with_gaps
 import priorfill as pf
 from priorfill.cli import main
 from priorfill.database import PriorDatabase
-from priorfill.errors import MarkerSetError, OptionError
+from priorfill.errors import FormatError, MarkerSetError, OptionError
 from priorfill.filling.provenance import DatabaseState, database_state, identify
 from priorfill.formats import read, write
 from priorfill.markers.definitions import load
@@ -139,6 +139,28 @@ def test_a_marker_set_from_a_file():
         provenance.fill_arguments()
     again = pf.fill(clip, **provenance.fill_arguments(options.marker_set))
     assert again.provenance == provenance
+
+
+def test_a_damaged_provenance_is_refused():
+    sound = pf.fill(with_gaps(person(), GAPS[1]), method="linear").provenance.to_dict()
+    for name in sound:
+        with pytest.raises(FormatError, match="the provenance cannot be used"):
+            pf.Provenance.from_dict({**sound, name: [5]})
+    damaged = (
+        *({name: None} for name in ("versions", "method", "clips", "reading", "plausibility")),
+        {"max_error": "x"},
+        {"trust_filled": 1},
+        {"clips": []},
+        {"clips": [sound["clips"][0] | {"name": 5}]},
+        {"selection": {"names": [5]}},
+        {"plausibility": {"unknown": 1.0}},
+        {"unknown": 1},
+    )
+    for changed in damaged:
+        with pytest.raises(FormatError, match="the provenance cannot be used"):
+            pf.Provenance.from_dict(sound | changed)
+    with pytest.raises(FormatError, match="it lacks 'options'"):
+        pf.Provenance.from_dict({name: sound[name] for name in sound if name != "options"})
 
 
 def test_options_of_the_method():

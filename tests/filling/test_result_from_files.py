@@ -174,6 +174,8 @@ def test_files_that_do_not_fit_are_refused(
         ("a,b\n", "has not the columns"),
         (table + "LKNE,1,x,1,1,\n", "is no row of the table"),
         (table + "LKNE,1,99999,1,1,\n", "beyond the end of before"),
+        (table + "LKNE,1,1,-1,1,\n", "is no row of the table"),
+        (table + "LKNE,1,1,1,inf,\n", "is no row of the table"),
     ):
         (tmp_path / "errors.csv").write_text(content, encoding="utf-8")
         with pytest.raises(FormatError, match=message):
@@ -184,6 +186,23 @@ def test_files_that_do_not_fit_are_refused(
     pf.write_uncertainty(tmp_path / "other.npz", other)
     with pytest.raises(FormatError, match="is on 50 frames"):
         pf.result_from_files(before, folder / "after.c3d", uncertainty=tmp_path / "other.npz")
+
+
+def test_a_damaged_archive_of_errors(
+    folder: Path, demo: tuple[pf.Clip, pf.Clip, pf.Result], tmp_path: Path
+) -> None:
+    _, clip, _ = demo
+    with np.load(folder / "errors.npz") as archive:
+        arrays = dict(archive)
+    for text in ("[" * 100_000, "9" * 5000, "[]", '{"versions": null}'):
+        np.savez(tmp_path / "errors.npz", **{**arrays, "provenance": np.array(text)})
+        errors = read_uncertainty(tmp_path / "errors.npz").like(clip, clip.labels)
+        assert errors.provenance is None
+    for value in (-1.0, np.inf):
+        np.savez(tmp_path / "errors.npz", **{**arrays, "expected_rms_mm": np.full_like(
+            arrays["expected_rms_mm"], value)})  # fmt: skip
+        with pytest.raises(FormatError, match="negative or infinite"):
+            read_uncertainty(tmp_path / "errors.npz").like(clip, clip.labels)
 
 
 def test_versions_are_compared(folder: Path, tmp_path: Path) -> None:

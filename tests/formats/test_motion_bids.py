@@ -165,16 +165,32 @@ def test_a_tracked_point_with_two_of_each_axis_is_two_markers(tmp_path):
     assert clip.labels[:2] == ("A", "A#2")
 
 
-@pytest.mark.parametrize("missing", ["-9999", "0", "NaN"])
+@pytest.mark.parametrize("missing", ["-9999", "0", "NaN", -9999, -9999.5])
 def test_the_stated_mark_of_missing_samples_counts(tmp_path, missing):
     columns = columns_of(gappy())
     path = write_dataset(tmp_path, columns, {"SamplingFrequency": 100, "MissingValues": missing})
-    path.write_text(motion_text(columns, missing=missing))
+    path.write_text(motion_text(columns, missing=str(missing)))
     clip = formats.read(path)
     assert clip.missing.sum() == 3
     out = tmp_path / path.name
     formats.write(out, *filled_in(clip))
     assert not np.isnan(np.loadtxt(out)).any()
+
+
+def test_a_sample_with_one_missing_coordinate_keeps_the_others(tmp_path):
+    columns = columns_of(standing())
+    path = write_dataset(tmp_path, columns, {"SamplingFrequency": 100, "MissingValues": "-9999"})
+    rows = [line.split("\t") for line in motion_text(columns).splitlines()]
+    before = rows[1][:3]
+    rows[1][1] = "-9999"
+    path.write_text("".join("\t".join(row) + "\n" for row in rows))
+    clip = formats.read(path)
+    assert clip.missing.sum() == 1
+    out = tmp_path / path.name
+    formats.write(out, *filled_in(clip))
+    after = out.read_text().splitlines()[1].split("\t")[:3]
+    assert after[::2] == before[::2]
+    assert float(after[1]) == -0.25
 
 
 def test_a_line_of_names_is_passed_over(tmp_path):
@@ -279,8 +295,9 @@ def test_a_recording_without_channels_is_refused(tmp_path):
     [
         ("{", "is not JSON"),
         ("[]", "is not a JSON object"),
-        ("[" * 100_000, "is not JSON"),
-        ('{"SamplingFrequency": 1' + "0" * 5000 + "}", "is not JSON"),
+        ("[" * 100_000, "is nested too deep"),
+        ('{"SamplingFrequency": 1' + "0" * 5000 + "}", "is not JSON .a number of 5001 digits"),
+        ('{"SamplingFrequency": 100, "TaskName": "\\ud800"}', "has text that is not Unicode"),
         ('{"SamplingFrequency": 1' + "0" * 400 + "}", "has no frame rate"),
         ('{"SamplingFrequency": true}', "has no frame rate"),
         ('{"SamplingFrequency": [100]}', "has no frame rate"),

@@ -26,7 +26,6 @@ from priorfill.formats.tables.cells import (
     texts_of,
 )
 from priorfill.formats.tables.frames import find_rate
-from priorfill.formats.tables.numbers import header_number
 from priorfill.formats.tables.text_table import TableRecording, read_table, write_table
 from priorfill.formats.write_report import WriteReport
 
@@ -124,10 +123,9 @@ def parse_motion(data: bytes, name: str, side: SideFiles) -> TableRecording:
         lines, rows, points.columns, points.labels, _DELIMITER, name, len(side.channels),
         scale=np.array(points.scale),
     )  # fmt: skip
-    stated = side.motion.get("MissingValues")
-    missing = header_number(stated) if isinstance(stated, str) else None
+    missing = number_of_field(side.motion.get("MissingValues"))
     if missing:  # 0 is left to the options
-        positions[(positions == missing * np.array(points.scale)).all(axis=2)] = np.nan
+        positions[positions == missing * np.array(points.scale)] = np.nan
     rate, rate_notes = _rate(side, points, lines, rows)
     filled, mask_notes = _filled_samples(side, points, len(rows))
     subject = BidsName.parse(name).label("sub")

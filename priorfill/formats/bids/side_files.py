@@ -20,6 +20,9 @@ __all__ = ["UP_AXIS", "Channel", "SideFiles", "number_of_field", "read_side_file
 _MAX_BYTES = 1 << 24
 """Size limit of a side file: 200,000 channels of 80 bytes."""
 
+_MAX_DIGITS = 1000
+"""Digits of a number; Python converts 4300."""
+
 _REQUIRED = ("type", "component", "tracked_point")
 """Columns of ``_channels.tsv`` without which a position has no place."""
 
@@ -163,14 +166,25 @@ def _merged(paths: list[Path]) -> dict[str, Any]:
     for path in paths:
         data = read_bytes(path, max_bytes=_MAX_BYTES)
         try:
-            fields = json.loads(data.decode("utf-8-sig"))
-        except (ValueError, RecursionError) as error:
-            reason = str(error) or "nested too deep"
-            raise FormatError(f"{path}: is not JSON ({reason}); correct it") from None
+            fields = json.loads(data.decode("utf-8-sig"), parse_int=_integer)
+            json.dumps(fields, ensure_ascii=False).encode()
+        except RecursionError:
+            raise FormatError(f"{path}: is nested too deep; correct it") from None
+        except UnicodeEncodeError:
+            raise FormatError(f"{path}: has text that is not Unicode; correct it") from None
+        except ValueError as error:
+            raise FormatError(f"{path}: is not JSON ({error}); correct it") from None
         if not isinstance(fields, dict):
             raise FormatError(f"{path}: is not a JSON object ({{...}}); correct it")
         merged |= fields
     return merged
+
+
+def _integer(digits: str) -> int:
+    """Return an integer of JSON."""
+    if len(digits) > _MAX_DIGITS:
+        raise ValueError(f"a number of {len(digits)} digits")
+    return int(digits)
 
 
 def _read_channels(path: Path) -> tuple[Channel, ...]:
