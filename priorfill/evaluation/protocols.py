@@ -312,7 +312,7 @@ def groups_of(parts: BodyParts) -> dict[str, list[int]]:
 
 @dataclass(frozen=True)
 class PeriodicGaps:
-    """Some markers are missing periodically (the mask of [L20]).
+    """Some markers are missing periodically (the masks of the program of [L20]).
 
     Attributes
     ----------

@@ -151,19 +151,19 @@ METHODS = {
     ),
     "pca-train": MethodEntry(
         "li2020:pca_train",
-        "eigenspaces of complete and of masked training data",
+        "eigenspaces of complete and of all masked training data; a variant of pca-pieces",
         "Li et al. 2020",
         "li2020.li2020_options:Li2020Options",
     ),
     "pca-pieces": MethodEntry(
         "li2020:pca_pieces",
-        "eigenspaces of each masked training window",
+        "eigenspaces of complete and of each masked training piece",
         "Li et al. 2020",
         "li2020.li2020_options:Li2020Options",
     ),
     "pca-frames": MethodEntry(
         "li2020:pca_frames",
-        "eigenspaces of trajectories",
+        "eigenspaces of trajectories; fills whole frames",
         "Li et al. 2020",
         "li2020.li2020_options:Li2020Options",
     ),

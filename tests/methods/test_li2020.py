@@ -19,7 +19,7 @@ from priorfill.markers.describe import describe
 from priorfill.methods.li2020 import (
     Li2020Options,
     eigenspaces,
-    li2020_fill,
+    frames_fill,
     pca_frames,
     pca_pieces,
     pca_train,
@@ -233,8 +233,8 @@ def test_missing_frames():
 def test_errors_are_not_multiplied_at_the_ends(bounded, monkeypatch):
     """Sums of slow waves whose first half is measured with a small error."""
     if not bounded:
-        monkeypatch.setattr(li2020_fill, "MAX_AMPLIFICATION", np.inf)
-        monkeypatch.setattr(li2020_fill, "SHRINKAGES", (1e-6,))
+        monkeypatch.setattr(frames_fill, "MAX_AMPLIFICATION", np.inf)
+        monkeypatch.setattr(frames_fill, "SHRINKAGES", (1e-6,))
     rng = np.random.default_rng(3)
     waves = np.cos(np.pi * np.outer(np.arange(80) + 0.5, np.arange(1, 13)) / 80)
     rows = rng.normal(size=(200, 12)) @ waves.T
@@ -244,9 +244,11 @@ def test_errors_are_not_multiplied_at_the_ends(bounded, monkeypatch):
     rows += 1e-3 * rng.normal(size=rows.shape)
     options = Li2020Options(trajectory_singular_share=0.9999)
     halves = [rows[:100], rows[100:]]
-    change = li2020_fill._completed(
-        window + noise, shown, halves, options
-    ) - li2020_fill._completed(window, shown, halves, options)
+    measured = frames_fill._Measured(shown, np.ones(int(shown.sum())))
+    noisy, clean = (
+        frames_fill._completed(some, measured, halves, options) for some in (window + noise, window)
+    )
+    change = noisy - clean
     # that of the fit, and the mean
     multiplied = np.linalg.norm(change[~shown]) / np.linalg.norm(noise)
     assert (multiplied < 15.0 + 1.0) == bounded

@@ -2,16 +2,17 @@
 
 There are three methods:
 
-* `pca_train` (``pca-train``), Eqs. (1)-(4): the eigenvectors of training windows, those of the same
-  windows masked like the clip, and the matrix T that maps coordinates in the masked eigenspace to
-  coordinates in the complete one.
-* `pca_pieces` (``pca-pieces``), Eqs. (5)-(8): the same, where each masked window, and the clip, has
-  eigenvectors of its own.
+* `pca_pieces` (``pca-pieces``), Eqs. (1)-(4): the eigenvectors of training pieces, those of each
+  piece masked like the clip, and the matrix T that maps coordinates in the masked eigenspaces to
+  coordinates in the complete one. With ``over="frames"``, Eqs. (5)-(8): the same with eigenvectors
+  over frames, of pieces side by side.
+* `pca_train` (``pca-train``), a variant: all masked pieces, and the clip, share their eigenvectors.
 * `pca_frames` (``pca-frames``), Eqs. (9)-(16): complete frames are missing, and the eigenvectors
   are those of trajectories, with one coordinate per frame.
 
-`eigenspaces` has the equations on arrays, `training_windows` the choice of training data,
-`li2020_options` all constants. `li2020_fill` applies them to a task, and lists the departures from
+`eigenspaces` has the equations on arrays, `training_windows` and `piece_sources` the choice of
+training data, `normalisation` the scale of coordinates, `li2020_options` all constants.
+`li2020_fill`, `pieces_fill` and `frames_fill` apply them to a task, and list the departures from
 the paper.
 
 References
@@ -22,7 +23,8 @@ References
 
 from __future__ import annotations
 
-from priorfill.methods.li2020.li2020_fill import pca_frames, pca_pieces, pca_train
+from priorfill.methods.li2020.frames_fill import pca_frames
+from priorfill.methods.li2020.li2020_fill import pca_pieces, pca_train
 from priorfill.methods.li2020.li2020_options import Li2020Options
 
 __all__ = ["Li2020Options", "pca_frames", "pca_pieces", "pca_train"]

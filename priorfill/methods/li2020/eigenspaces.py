@@ -1,8 +1,17 @@
 """The equations of Li et al. 2020, on arrays.
 
-A is a centred window with a row per frame and a column per coordinate. A0 is the same window
-masked: coordinates that are missing in the clip are zero, which is the mean. As in the paper, A_i
-are the training windows, A_N is all of them stacked, and A_1 is the clip to fill.
+As in the paper, A_i is a centred training piece with a row per frame and a column per coordinate,
+A_i0 the same piece masked: what is missing in the clip is zero, which is the mean. A is all pieces,
+and B the masked clip.
+
+==============  =====================================================================
+Eqs. (1)-(4)    `train_windows`: A has the pieces one upon the other
+Eqs. (5)-(8)    the same with transposed pieces: A has the pieces side by side, and the
+                eigenvectors V, V_i0, V_B0 are over frames: V'A_i = F V_i0'A_i0 is
+                A_i' V = A_i0' V_i0 F'
+a variant       `train`: one U_0 for all masked pieces and the clip
+Eqs. (9)-(16)   `trajectory_space`, `complete_frames`
+==============  =====================================================================
 """
 
 from __future__ import annotations
@@ -84,26 +93,27 @@ def _rank(share: float, rank: int | None, *values: Array) -> int:
 
 
 def transformation(masked: Array, full: Array) -> Array:
-    """Return T, the least squares of ``masked @ T = full``: Eqs. (2), (3) and (6), (7).
+    """Return T, the least squares of ``masked @ T = full``: Eqs. (2) and (3), or (6) and (7).
 
     Parameters
     ----------
     masked : ndarray [shape=(n, r)]
-        A_i0 U_N0 of all windows, stacked: coordinates in the masked eigenspace.
+        A_i0 U_i0 of all pieces, stacked: coordinates in the masked eigenspaces.
     full : ndarray [shape=(n, r)]
-        A_i U_N of all windows.
+        A_i U of all pieces.
 
     Returns
     -------
     ndarray [shape=(r, r)]
-        T = (sum U_N0' A_i0' A_i0 U_N0)^-1 (sum U_N0' A_i0' A_i U_N), by a decomposition that does
-        not square the condition number; with the smallest norm where the masked windows span fewer
+        T = (sum U_i0' A_i0' A_i0 U_i0)^-1 (sum U_i0' A_i0' A_i U), by a decomposition that does
+        not square the condition number; with the smallest norm where the masked pieces span fewer
         than r dimensions.
 
     Notes
     -----
     Eq. (3) as printed, and the published program, have these factors in the opposite order. That is
-    not the solution of Eq. (2), and unbounded where the matrix is nearly singular.
+    not the solution of Eq. (2), and unbounded where the matrix is nearly singular. Eq. (3) also has
+    U' in place of U, which has no valid dimensions. Eq. (7) is the least squares of Eq. (6).
     """
     return np.asarray(np.linalg.lstsq(masked, full, rcond=MIN_SINGULAR_RATIO)[0], dtype=np.float64)
 
@@ -115,7 +125,7 @@ class TrainingSpaces:
     Attributes
     ----------
     full, masked : ndarray [shape=(columns, r)]
-        U_N and U_N0.
+        U and U_0.
     transformation : ndarray [shape=(r, r)]
         T.
     """
@@ -125,12 +135,12 @@ class TrainingSpaces:
     transformation: Array
 
     def complete(self, masked: Array) -> Array:
-        """Return the completed clip, A_1* = A_10 U_N0 T U_N': Eq. (4).
+        """Return the completed clip, B* = B U_0 T U'.
 
         Parameters
         ----------
         masked : ndarray [shape=(frames, columns)]
-            A_10.
+            B.
         """
         completed: Array = masked @ self.masked @ self.transformation @ self.full.T
         return completed
@@ -139,23 +149,28 @@ class TrainingSpaces:
 def train(
     full: Array, masked: Array, *, share: float = 0.99, rank: int | None = None
 ) -> TrainingSpaces:
-    """Fit the eigenspaces and T to windows and the same windows masked: Eqs. (1)-(3).
+    """Fit the eigenspaces and T to pieces and the same pieces masked, with one masked eigenspace.
 
     Parameters
     ----------
     full, masked : ndarray [shape=(n, columns)]
-        A_N and A_N0: all windows, stacked.
+        A and A_0: all pieces, stacked.
     share, rank
         See `Li2020Options.min_singular_share`; the larger number of the two spaces.
 
     Returns
     -------
     TrainingSpaces
-        U_N and U_N0, the eigenvectors of both, Eq. (1), and T, Eqs. (2) and (3).
+        U and U_0, the eigenvectors of both, and T, the least squares of A_0 U_0 T = A U.
 
     See Also
     --------
-    train_windows : With eigenvectors of each window.
+    train_windows : As in the paper, with eigenvectors of each masked piece.
+
+    Notes
+    -----
+    This is a variant of Eqs. (1)-(4), in which U_0 takes the place of U_i0 and U_B0. The published
+    program uses U_0 for the clip, though U_i0 for the pieces.
     """
     values, vectors = eigenspace(full)
     masked_values, masked_vectors = eigenspace(masked)
@@ -186,12 +201,12 @@ def nearest_basis(vectors: Array, wanted: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class WindowSpaces:
-    """As `TrainingSpaces`, where each masked window has eigenvectors of its own.
+    """As `TrainingSpaces`, where each masked piece, and the clip, has eigenvectors of its own.
 
     Attributes
     ----------
     full, reference : ndarray [shape=(columns, r)]
-        U_N and U_N0.
+        U, and U_0 of all masked pieces.
     transformation : ndarray [shape=(r, r)]
         T.
     """
@@ -201,12 +216,12 @@ class WindowSpaces:
     transformation: Array
 
     def complete(self, masked: Array) -> Array:
-        """Return the completed clip, A_1* = A_10 U_10 T U_N': Eq. (8).
+        """Return the completed clip, B* = B U_B0 T U': Eq. (4), or (8) if transposed.
 
         Parameters
         ----------
         masked : ndarray [shape=(frames, columns)]
-            A_10, whose eigenvectors are U_10.
+            B, whose eigenvectors are U_B0.
         """
         own = _own_basis(masked, self.reference)
         completed: Array = masked @ own @ self.transformation @ self.full.T
@@ -214,7 +229,7 @@ class WindowSpaces:
 
 
 def _own_basis(masked: Array, reference: Array) -> Array:
-    """Return the eigenvectors of a masked window, with the order and signs of a reference."""
+    """Return the eigenvectors of a masked piece, with the order and signs of a reference."""
     _, vectors = eigenspace(masked)
     return nearest_basis(vectors[:, : reference.shape[1]], reference)
 
@@ -222,28 +237,28 @@ def _own_basis(masked: Array, reference: Array) -> Array:
 def train_windows(
     full: Sequence[Array], masked: Sequence[Array], *, share: float = 0.99, rank: int | None = None
 ) -> WindowSpaces:
-    """Fit the eigenspaces and T, with eigenvectors of each masked window: Eqs. (5)-(7).
+    """Fit the eigenspaces and T, with eigenvectors of each masked piece: Eqs. (1)-(3), or (5)-(7).
 
     Parameters
     ----------
     full, masked : sequence of ndarray [shape=(n_i, columns)]
-        A_i and A_i0.
+        A_i and A_i0; transposed [shape=(columns, frames)] for Eqs. (5)-(7).
     share, rank
-        See `Li2020Options.min_singular_share`; the larger number of the two spaces of all windows.
+        See `Li2020Options.min_singular_share`; the larger number of the two spaces of all pieces.
 
     Returns
     -------
     WindowSpaces
-        U_N, U_N0, and T, the least-squares solution of A_i0 U_i0 T = A_i U_N over all windows.
+        U, U_0, and T, the least-squares solution of A_i0 U_i0 T = A_i U over all pieces.
 
     See Also
     --------
-    train : With eigenvectors of all windows.
+    train : With one masked eigenspace.
 
     Notes
     -----
-    Signs and order of the eigenvectors U_i0, Eq. (5), are arbitrary, but T is shared by all
-    windows. Any basis of the space is equivalent, so the one nearest to U_N0 is used.
+    Signs and order of the eigenvectors U_i0, Eq. (1), are arbitrary, but T is shared by all
+    pieces. Any basis of the space is equivalent, so the one nearest to U_0 is used.
     """
     values, vectors = eigenspace(np.concatenate(full))
     masked_values, masked_vectors = eigenspace(np.concatenate(masked))
@@ -261,7 +276,7 @@ class TrajectorySpace:
     Attributes
     ----------
     vectors : ndarray [shape=(frames, r)]
-        U, the eigenvectors as columns.
+        V, the eigenvectors as columns.
     relative_std : ndarray [shape=(r,)]
         Rms residual of the trajectories per frame, relative to the rms of each coordinate.
     """
@@ -290,26 +305,34 @@ def trajectory_space(
 
 
 def complete_frames(
-    visible: Array, space: TrajectorySpace, shown: NDArray[np.bool_], shrinkage: float = 1.0
+    visible: Array,
+    space: TrajectorySpace,
+    shown: NDArray[np.bool_],
+    shrinkage: float = 1.0,
+    *,
+    weights: Array | None = None,
 ) -> Array:
     """Complete trajectories with missing frames, Eqs. (12)-(16).
 
     Parameters
     ----------
     visible : ndarray [shape=(shown frames, n)]
-        The measured frames of n trajectories, centred.
+        A~, the measured frames of n trajectories, centred.
     space : TrajectorySpace
-        U_1 has the rows of its U in the measured frames, U_2 the others.
+        V; V~ has its rows in the measured frames, V^ the others.
     shown : ndarray of bool [shape=(frames,)]
         Which frames are measured.
     shrinkage : float
         Factor of ``space.relative_std``.
+    weights : ndarray [shape=(shown frames,)], optional
+        The diagonal of W; ones if not given.
 
     Returns
     -------
     ndarray [shape=(missing frames, n)]
-        U_2 a, where a is the least-squares solution of U_1 a = A_1 and D a = 0, with D the diagonal
-        matrix of shrinkage times relative standard deviation: a = (U_1' U_1 + D²)^-1 U_1' A_1.
+        V^ α, where α is the weighted least-squares solution of V~ α = A~ and D α = 0, with D the
+        diagonal matrix of shrinkage times relative standard deviation:
+        α = (V~' W V~ + D²)^-1 V~' W A~.
 
     See Also
     --------
@@ -317,13 +340,17 @@ def complete_frames(
 
     Notes
     -----
+    Eq. (13) as printed is minimised over W instead of α, and Eqs. (15) and (16) lack the second W
+    of Eq. (14).
+
     The paper has no D, so coordinates that the measured frames hardly determine are unbounded, as
-    where all measured frames are on one side. With D, a is the most probable solution if
+    where all measured frames are on one side. With D, α is the most probable solution if
     coordinates and residuals are Gaussian with the variances of the training trajectories.
     """
     r = space.vectors.shape[1]
-    rows = np.concatenate([space.vectors[shown], np.diag(shrinkage * space.relative_std)])
-    target = np.concatenate([visible, np.zeros((r, visible.shape[1]))])
+    root = 1.0 if weights is None else np.sqrt(weights)[:, None]
+    rows = np.concatenate([root * space.vectors[shown], np.diag(shrinkage * space.relative_std)])
+    target = np.concatenate([root * visible, np.zeros((r, visible.shape[1]))])
     # QR with pivoting is five times as fast as singular values
     coordinates = lstsq(
         rows, target, cond=MIN_SINGULAR_RATIO, lapack_driver="gelsy", check_finite=False

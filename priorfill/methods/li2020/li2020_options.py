@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 from priorfill.errors import OptionError
 from priorfill.runtime.option_checks import check_at_least, check_between
@@ -10,7 +11,10 @@ from priorfill.runtime.option_checks import check_at_least, check_between
 __all__ = ["Li2020Options"]
 
 MIN_POSITIVE = 1e-6
-"""Smallest σ (mm) and weight; both are divisors."""
+"""Smallest σ (mm, s) and weight; all are divisors."""
+
+Over = Literal["coordinates", "frames"]
+Mask = Literal["markers", "entries"]
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,20 @@ class Li2020Options:
     trajectory_singular_share : float
         As `min_singular_share`, for trajectories. With 0.99 the errors of complete frames of karate
         and of synthetic walking were 1.2 to 1.6 times as large, with 0.9 twice to three times.
+    over : "coordinates" or "frames"
+        What the eigenvectors of ``pca-train`` and ``pca-pieces`` are over: coordinates,
+        Eqs. (1)-(4), or the frames of a piece, Eqs. (5)-(8), which mask by entries.
+    mask : "markers" or "entries"
+        What the template of the clip masks in training data: a marker with a gap in all frames, or
+        the missing samples only, as in the paper.
+    scale_sources : bool
+        Whether other recordings are scaled to the size of the clip's subject, by the distances of
+        markers that move as one: the paper scales sequences of different sources to the same
+        level, and does not state how.
+    frame_sigma : float, optional
+        s. σ of the weights W = exp(-d² / 2σ²) of measured frames at a time d from the nearest
+        missing one, Eqs. (13)-(16) of ``pca-frames``; the paper does not state W. Equal weights if
+        not given.
 
     Raises
     ------
@@ -64,6 +82,10 @@ class Li2020Options:
     min_context_frames: int = 30
     stride: float = 0.25
     trajectory_singular_share: float = 0.999
+    over: Over = "coordinates"
+    mask: Mask = "markers"
+    scale_sources: bool = False
+    frame_sigma: float | None = None
 
     def __post_init__(self) -> None:
         check_between(self, 0.0, 1.0, "min_singular_share", "trajectory_singular_share")
@@ -72,3 +94,11 @@ class Li2020Options:
         check_at_least(self, 1, "min_context_frames")
         if self.rank is not None and self.rank < 1:
             raise OptionError(f"Li2020Options.rank is {self.rank}; it must be at least 1, or none")
+        if self.frame_sigma is not None:
+            check_at_least(self, MIN_POSITIVE, "frame_sigma")
+        for name, kind in (("over", Over), ("mask", Mask)):
+            if getattr(self, name) not in get_args(kind):
+                raise OptionError(
+                    f"Li2020Options.{name} is {getattr(self, name)!r}; "
+                    f"it must be {' or '.join(map(repr, get_args(kind)))}"
+                )

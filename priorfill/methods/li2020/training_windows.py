@@ -8,7 +8,7 @@ subjects whose rigid distances are nearest to those of the clip's subject.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,7 @@ from priorfill.geometry.poses import evenly_spaced
 from priorfill.methods.li2020.li2020_options import Li2020Options
 from priorfill.search.takes import Take
 
-__all__ = ["TrainingWindow", "choose_windows", "shows_all"]
+__all__ = ["TrainingWindow", "choose_windows", "marker_sets", "shows_all"]
 
 Array = NDArray[np.float64]
 
@@ -60,6 +60,26 @@ def shows_all(take: Take, markers: NDArray[np.intp]) -> bool:
     return bool((take.shown[markers] > 0).all())
 
 
+def marker_sets(valid: NDArray[np.bool_], takes: Sequence[Take]) -> Iterator[NDArray[np.intp]]:
+    """Yield sets of markers to fill, the largest first, which the takes may not show.
+
+    Parameters
+    ----------
+    valid : ndarray of bool [shape=(frames, markers)]
+        Which samples of the clip are measured.
+    takes : sequence of Take
+        The database.
+    """
+    seen = valid.any(axis=0)
+    largest = seen.copy()
+    for take in takes:
+        if shows_all(take, np.flatnonzero(seen)):
+            largest |= take.shown > 0
+    yield np.flatnonzero(largest)
+    if largest.sum() > seen.sum():
+        yield np.flatnonzero(seen)
+
+
 def _shape(poses: Array) -> Array:
     """Return centred poses as rows [shape=(n, 3 markers)]."""
     shape: Array = (poses - poses.mean(axis=1, keepdims=True)).reshape(len(poses), -1)
@@ -94,12 +114,23 @@ class _ClipDistance:
         self._pairs = (pairs[0][rigid], pairs[1][rigid])
         self._lengths = lengths.mean(axis=0)[rigid]
 
+    def _rigid_lengths(self, poses: Array) -> Array:
+        """Return the mean rigid distances of other poses (mm)."""
+        sample = poses[evenly_spaced(len(poses), MAX_SAMPLE_POSES)]
+        lengths: Array = _distances(sample, self._pairs).mean(axis=0)
+        return lengths
+
     def shape_difference(self, poses: Array) -> float:
         """Return the median difference of rigid distances from the clip's (mm)."""
         if len(self._lengths) == 0:
             return 0.0
-        sample = poses[evenly_spaced(len(poses), MAX_SAMPLE_POSES)]
-        return float(np.median(abs(_distances(sample, self._pairs).mean(axis=0) - self._lengths)))
+        return float(np.median(abs(self._rigid_lengths(poses) - self._lengths)))
+
+    def scale(self, poses: Array) -> float:
+        """Return the size of the clip's subject relative to that of other poses."""
+        lengths = self._rigid_lengths(poses)
+        known = lengths > 0.0
+        return float(np.median(self._lengths[known] / lengths[known])) if known.any() else 1.0
 
     def poses(self, poses: Array) -> Array:
         """Return the distance of each pose from the clip's nearest one (mm, rms over markers)."""
@@ -122,6 +153,7 @@ class _Candidate:
     index: int  # number of the window in the take
     begin: float  # s
     end: float  # s
+    scale: float  # of the clip's subject, relative to the take's
 
 
 def _candidates(
@@ -130,6 +162,8 @@ def _candidates(
     markers: NDArray[np.intp],
     seconds: float,
     distance_from_clip: _ClipDistance,
+    *,
+    scaled: bool,
 ) -> list[_Candidate]:
     """Return the windows of a take, of some length, with enough complete frames.
 
@@ -140,6 +174,8 @@ def _candidates(
     if complete.sum() < min(MIN_FRAMES, len(poses)) or not complete.any():
         return []
     compared = poses[:, distance_from_clip.markers]
+    scale = distance_from_clip.scale(compared[complete]) if scaled else 1.0
+    compared = compared * scale
     shape_difference = distance_from_clip.shape_difference(compared[complete])
     apart = np.full(len(poses), np.nan)
     apart[complete] = distance_from_clip.poses(compared[complete])
@@ -152,7 +188,8 @@ def _candidates(
         if len(inside) >= MIN_FRAMES or (index == 0 and len(inside)):
             distance = distance_from_clip.combined(shape_difference, inside)
             begin = start / rate
-            found.append(_Candidate(distance, number, index, begin, begin + length / rate))
+            end = begin + length / rate
+            found.append(_Candidate(distance, number, index, begin, end, scale))
     return found
 
 
@@ -176,7 +213,7 @@ def choose_windows(
     markers : ndarray of int
         The clip's markers that a window must show.
     options : Li2020Options
-        Number of windows, and weight of the body shape.
+        Number of windows, weight of the body shape, and whether windows are scaled.
 
     Returns
     -------
@@ -195,12 +232,14 @@ def choose_windows(
         candidate
         for number, take in enumerate(takes)
         if shows_all(take, markers)
-        for candidate in _candidates(number, take, markers, seconds, distance_from_clip)
+        for candidate in _candidates(
+            number, take, markers, seconds, distance_from_clip, scaled=options.scale_sources
+        )
     )
     windows = []
     for candidate in ranked[: options.max_windows]:
         take = takes[candidate.take]
         first, last = (round(time * take.rates[0]) for time in (candidate.begin, candidate.end))
         found = np.asarray(take.positions(0, markers), dtype=np.float64)[first:last]
-        windows.append(TrainingWindow(take.name, found, take.rates[0]))
+        windows.append(TrainingWindow(take.name, found * candidate.scale, take.rates[0]))
     return windows
