@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from numbers import Integral, Real
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from priorfill.errors import ClipError, MarkerNotFoundError, escaped
 from priorfill.geometry.axes import UP_AXES
 from priorfill.runtime.markup import html_table
 from priorfill.runtime.option_texts import close_or_all
 
-__all__ = ["MAX_RATE", "MIN_RATE", "Clip", "Source", "blank_incomplete_samples"]
+__all__ = ["MAX_RATE", "MIN_RATE", "Clip", "Source", "blank_incomplete_samples", "without_mask"]
 
 MIN_RATE = 0.01
 MAX_RATE = 1e6
@@ -120,7 +122,8 @@ class Clip:
     ----------
     positions : ndarray [shape=(frames, markers, 3), mm]
         Float64, in the axes of the file; NaN if the marker is missing (all three coordinates). An
-        array given to the constructor is copied unless it is read-only and owns its memory.
+        array given to the constructor is copied unless it is read-only and owns its memory; what a
+        masked array masks is missing.
     labels : tuple of str
         The markers' names without subject prefix, unique.
     rate : float
@@ -190,10 +193,7 @@ class Clip:
                 f"{self.name}: label {twice[0]} occurs {labels.count(twice[0])} times; "
                 "rename the markers so that each label is unique"
             )
-        if not MIN_RATE <= self.rate <= MAX_RATE:
-            raise ClipError(
-                f"{self.name}: the frame rate is {self.rate:g} Hz; give the right one (`rate`)"
-            )
+        _check_numbers(self.rate, self.first_frame, self.name)
         if self.up not in UP_AXES:
             raise ClipError(
                 f"{self.name}: up axis {self.up!r} is unknown; use one of {' '.join(UP_AXES)}"
@@ -305,6 +305,32 @@ def blank_incomplete_samples(positions: NDArray[np.float64]) -> None:
     positions[_incomplete(positions)] = np.nan
 
 
+def _check_numbers(rate: Any, first_frame: Any, name: str) -> None:
+    """Raise ClipError for a frame rate that is out of range, or numbers that are none."""
+    number = float(rate) if isinstance(rate, Real) else float("nan")
+    if not MIN_RATE <= number <= MAX_RATE:
+        shown = f"{number:g}" if isinstance(rate, Real) else repr(rate)
+        raise ClipError(f"{name}: the frame rate is {shown} Hz; give the right one (`rate`)")
+    if not isinstance(first_frame, Integral):
+        raise ClipError(
+            f"{name}: the first frame is {first_frame!r}; give a whole number (`first_frame`)"
+        )
+
+
+def without_mask(values: ArrayLike) -> NDArray[np.float64]:
+    """Return values as float64, with NaN for what a masked array masks.
+
+    Parameters
+    ----------
+    values : array_like
+        The values; copied if they are masked or of another type.
+    """
+    if isinstance(values, np.ma.MaskedArray):
+        masked: Any = values.astype(np.float64)
+        return np.asarray(masked.filled(np.nan))
+    return np.asarray(values, dtype=np.float64)
+
+
 def _incomplete(positions: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which samples have one or two missing coordinates [shape=(frames, markers)]."""
     # spelt out, because NumPy takes ten times as long to reduce an axis of length three
@@ -316,7 +342,7 @@ def _incomplete(positions: NDArray[np.float64]) -> NDArray[np.bool_]:
 def _own_positions(given: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the array given if it is immutable and in order, else a copy."""
     if (
-        isinstance(given, np.ndarray)
+        type(given) is np.ndarray
         and given.dtype == np.float64
         and given.flags.owndata
         and not given.flags.writeable
@@ -327,4 +353,4 @@ def _own_positions(given: NDArray[np.float64]) -> NDArray[np.float64]:
     ):
         return given
     # in one layout: sums over another one differ in the last bits
-    return np.array(given, dtype=np.float64, order="C")
+    return np.array(without_mask(given), order="C")

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from priorfill.clip import Clip
+from priorfill.clip import Clip, without_mask
 from priorfill.errors import ClipError, OptionError
 from priorfill.formats.recording import ReadOptions, Recording, make_clip
 from priorfill.formats.units import UNITS
@@ -49,6 +49,9 @@ _AXES = ("x", "y", "z")
 _AXIS_COLUMN = re.compile(r"(?P<label>.+?)(?:[ _.:-]|\[)(?P<axis>[xyzXYZ0-2])\]?")
 """A flat column: ``LTOE_X``, ``LTOE x``, ``LTOE.Z``, or ``LTOE[0]`` as in Kinetics Toolkit."""
 
+_MAX_RATE_DEVIATION = 0.01
+"""Maximum deviation of a stated rate from that of the times, as a share of it."""
+
 _MAX_STEP_DEVIATION = 0.1
 """Maximum deviation of a time step from the mean, as a share of it; timestamps are rounded."""
 
@@ -67,7 +70,7 @@ def from_arrays(
     Parameters
     ----------
     positions : array_like [shape=(frames, markers, 3) or (frames, 3 * markers), unit]
-        NaN where missing.
+        NaN where missing, or masked.
     labels : sequence of str
         The markers' names, unique; a prefix before a colon is the subject.
     rate : float
@@ -103,7 +106,7 @@ def from_arrays(
     --------
     priorfill.read : Read a clip from a file.
     """
-    array = np.array(positions, dtype=np.float64)
+    array = np.array(without_mask(positions))
     if array.ndim == 2 and array.shape[1] == 3 * len(labels):
         array = array.reshape(len(array), len(labels), 3)
     if array.ndim != 3 or array.shape[1:] != (len(labels), 3):
@@ -142,7 +145,7 @@ def from_timeseries(series: Any, **options: Any) -> Clip:
     Raises
     ------
     ClipError
-        If there are no such data, or times are not evenly spaced.
+        If there are no such data, they differ in length or unit, or times are not evenly spaced.
 
     See Also
     --------
@@ -157,9 +160,14 @@ def from_timeseries(series: Any, **options: Any) -> Clip:
     times = np.asarray(series.time, dtype=np.float64)
     columns, labels = [], []
     for label, values in series.data.items():
-        array = np.asarray(values)
+        array = np.ma.asarray(values)
         if array.dtype.kind in "fiu" and array.ndim == 2 and array.shape[1] in (3, 4):
-            columns.append(array[:, :3])
+            if len(array) != len(times):
+                raise ClipError(
+                    f"{name}: {label} has {len(array)} frames, and there are {len(times)} times; "
+                    "correct it"
+                )
+            columns.append(without_mask(array[:, :3]))
             labels.append(str(label))
     if not columns:
         raise ClipError(
@@ -167,9 +175,8 @@ def from_timeseries(series: Any, **options: Any) -> Clip:
             "give a TimeSeries of markers"
         )
     if "unit" not in options:
-        options["unit"] = _one_unit(
-            [_unit_of(getattr(series, "info", {}), label) for label in labels]
-        )
+        units = [_unit_of(getattr(series, "info", {}), label) for label in labels]
+        options["unit"] = _one_unit(units, name)
     return from_arrays(np.stack(columns, axis=1), labels, rate_of_times(times, name), **options)
 
 
@@ -222,10 +229,12 @@ def from_xarray(array: Any, **options: Any) -> Clip:
     ----------
     array : DataArray
         Dimensions axis (x, y, z, and optionally ones), channel and time (s), in any order. The
-        attributes ``rate``, ``units`` and ``first_frame`` are used.
+        attributes ``rate``, ``units`` and ``first_frame`` are used. If the times contradict the
+        rate, as they do after samples were left out, the times are right; whole numbers count
+        frames.
     **options
-        Keyword arguments of `from_arrays`, and ``rate`` (Hz), which is required if the array has
-        neither a rate nor times.
+        Keyword arguments of `from_arrays`, and ``rate`` (Hz), which replaces both, and is required
+        if the array has neither a rate nor times.
 
     Returns
     -------
@@ -252,7 +261,7 @@ def from_xarray(array: Any, **options: Any) -> Clip:
             "axis, channel, time are needed"
         )
     ordered = array.transpose("time", "channel", "axis")
-    values = np.asarray(ordered.values, dtype=np.float64)
+    values = without_mask(ordered.values)
     labels = [str(label) for label in np.asarray(ordered.coords["channel"].values)]
     places = list(range(3))
     if "axis" in ordered.coords:
@@ -261,11 +270,7 @@ def from_xarray(array: Any, **options: Any) -> Clip:
             raise ClipError(f"{name}: has the axes {', '.join(axes)}; x, y, z are needed")
         places = [axes.index(axis) for axis in _AXES]
     attributes: Mapping[str, Any] = getattr(array, "attrs", {})
-    rate = options.pop("rate", None) or attributes.get("rate")
-    if rate is None:
-        if "time" not in ordered.coords:
-            raise ClipError(f"{name}: has neither times nor a rate; give the rate")
-        rate = rate_of_times(np.asarray(ordered.coords["time"].values, dtype=np.float64), name)
+    rate = options.pop("rate", None) or _rate_of_array(ordered, attributes.get("rate"), name)
     options.setdefault("unit", attributes.get("units"))
     options.setdefault("first_frame", int(attributes.get("first_frame", 0)))
     return from_arrays(values[:, :, places], labels, rate, **options)
@@ -334,7 +339,8 @@ def from_dataframe(frame: Any, rate: float | None = None, **options: Any) -> Cli
     Raises
     ------
     ClipError
-        If no marker has all three columns, or the index does not hold evenly spaced times.
+        If no marker has all three columns, a column is there twice, or the index does not hold
+        evenly spaced times.
 
     See Also
     --------
@@ -349,7 +355,11 @@ def from_dataframe(frame: Any, rate: float | None = None, **options: Any) -> Cli
     for place, column in enumerate(frame.columns):
         key = _column(column)
         if key is not None:
-            found.setdefault(key[0], {})[key[1]] = place
+            if key[1] in found.setdefault(key[0], {}):
+                raise ClipError(
+                    f"{name}: has two columns of {key[0]} {_AXES[key[1]]}; rename one of them"
+                )
+            found[key[0]][key[1]] = place
     complete = {label: axes for label, axes in found.items() if len(axes) == 3}
     if not complete:
         shown = ", ".join(str(column) for column in list(frame.columns)[:6])
@@ -358,7 +368,7 @@ def from_dataframe(frame: Any, rate: float | None = None, **options: Any) -> Cli
             "LTOE_X, or use pairs (label, axis)"
         )
     order = [axes[k] for axes in complete.values() for k in range(3)]
-    values = np.asarray(frame.iloc[:, order].to_numpy(), dtype=np.float64)
+    values = without_mask(frame.iloc[:, order].to_numpy())
     if rate is None:
         try:
             times = np.asarray(frame.index.to_numpy(), dtype=np.float64)
@@ -574,6 +584,25 @@ def rate_of_times(times: NDArray[np.float64], name: str) -> float:
     return 1 / step
 
 
+def _rate_of_array(array: Any, stated: Any, name: str) -> float:
+    """Return the frame rate (Hz) of a DataArray by its times, or as stated where it has none."""
+    times = np.asarray(array.coords["time"].values) if "time" in array.coords else np.empty(0)
+    if times.dtype.kind in "mM":
+        times = (times - times[0]) / np.timedelta64(1, "s")
+    times = times.astype(np.float64)
+    if len(times) < 2 or not np.isfinite(times).all():
+        if stated is None:
+            raise ClipError(f"{name}: has neither times nor a rate; give the rate")
+        return float(stated)
+    rate = rate_of_times(times, name)
+    if stated is None:
+        return rate
+    if abs(float(stated) / rate - 1) <= _MAX_RATE_DEVIATION:
+        return float(stated)
+    whole = (times == np.round(times)).all()  # they count frames
+    return float(stated) * rate if whole else rate
+
+
 def _mm_per_unit(unit: str) -> float:
     """Return the millimetres in a unit of length."""
     if unit not in UNITS:
@@ -588,9 +617,12 @@ def _unit_of(info: Mapping[str, Any], label: str) -> str | None:
     return str(unit) if unit else None
 
 
-def _one_unit(units: Sequence[str | None]) -> str | None:
-    """Return the unit if it is the same for all."""
-    return units[0] if len(set(units)) == 1 else None
+def _one_unit(units: Sequence[str | None], name: str) -> str | None:
+    """Return the unit if it is the same for all; None if some have none."""
+    stated = sorted({unit for unit in units if unit is not None})
+    if len(stated) > 1:
+        raise ClipError(f"{name}: has markers in {' and in '.join(stated)}; convert them to one")
+    return None if None in units else units[0]
 
 
 def _column(column: Any) -> tuple[str, int] | None:

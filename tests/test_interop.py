@@ -176,6 +176,52 @@ def test_unusable_data():
         interop.from_xarray(DataArray(np.zeros((2, 2)), ("x", "y"), {}))
     with pytest.raises(ClipError, match="no marker with columns for x, y and z, only a, b"):
         interop.from_dataframe(DataFrame(np.zeros((3, 2)), ["a", "b"], [0, 1, 2]))
+    columns = ["A_X", "A_Y", "A_Z", "A x"]
+    with pytest.raises(ClipError, match="two columns of A x; rename"):
+        interop.from_dataframe(DataFrame(np.zeros((3, 4)), columns, [0, 1, 2]), rate=100)
+    series = interop.to_timeseries(with_gap(), TimeSeries)
+    series.data["LTOE"] = series.data["LTOE"][:5]
+    with pytest.raises(ClipError, match="LTOE has 5 frames, and there are 12 times"):
+        interop.from_timeseries(series)
+    series = interop.to_timeseries(with_gap(), TimeSeries)
+    series.info["LTOE"] = {"Unit": "mm"}
+    with pytest.raises(ClipError, match="has markers in m and in mm; convert them"):
+        interop.from_timeseries(series)
+
+
+def test_times_replace_a_rate_that_they_contradict():
+    array = interop.to_xarray(with_gap(), DataArray)
+
+    def rate(times: Any, stated: float | None = 120.0) -> float:
+        array.coords["time"].values = np.asarray(times)
+        array.attrs = {"rate": stated, "units": "mm"}
+        return interop.from_xarray(array).rate
+
+    seconds = np.arange(12) / 60
+    assert rate(seconds) == pytest.approx(60.0)
+    assert rate(seconds, None) == pytest.approx(60.0)
+    assert rate((1000 * seconds).astype("timedelta64[ms]")) == pytest.approx(60.0, rel=0.01)
+    assert rate(np.arange(12)) == 120.0
+    assert rate(2 * np.arange(12)) == 60.0
+    assert rate(np.full(12, np.nan)) == 120.0
+    with pytest.raises(ClipError, match="times are not evenly spaced"):
+        rate(np.delete(np.arange(13) / 120, 5))
+    assert interop.from_xarray(array, rate=50.0).rate == 50.0
+
+
+def test_masked_samples_are_missing():
+    clip = with_gap()
+    masked = np.ma.masked_array(np.nan_to_num(clip.positions, nan=-999.0), np.isnan(clip.positions))
+    for made in (
+        interop.from_arrays(masked, LABELS, 120, unit="mm"),
+        Clip(masked, LABELS, 120.0),
+        clip.with_positions(masked.astype(int)),
+    ):
+        assert (made.missing == clip.missing).all()
+    series = interop.to_timeseries(clip, TimeSeries)
+    series.data["LTOE"] = np.ma.masked_array(series.data["LTOE"], mask=False)
+    series.data["LTOE"][3] = np.ma.masked
+    assert interop.from_timeseries(series).missing[3, LABELS.index("LTOE")]
 
 
 def test_the_packages_themselves(tmp_path):

@@ -140,9 +140,10 @@ def fill(
     >>> [gap.label for gap in result.gaps if gap.filled]
     ['LKNE', 'STRN']
     """
-    clips = (clip,) if isinstance(clip, Clip) else tuple(clip)
+    clips = _as_clips(clip, "clip")
     if not clips:
         raise OptionError("there is no clip to fill; give one or several")
+    same_subject = _as_clips(same_subject, "same_subject")
     if isinstance(overrides, (str, Path)):
         overrides = read_overrides(overrides)
     if overrides is not None:
@@ -176,6 +177,17 @@ def fill(
         filled = [filling.fill(plan, first) for plan, first in zip(plans, done, strict=False)]
         result = merge_results(filled)
     return replace(result, notes=(*notes_on_origin(result), *result.notes))
+
+
+def _as_clips(given: Clip | Sequence[Clip], name: str) -> tuple[Clip, ...]:
+    """Return an argument that is a clip or several as a tuple."""
+    clips = (given,) if isinstance(given, (Clip, str, Path)) else tuple(given)
+    for clip in clips:
+        if not isinstance(clip, Clip):
+            raise OptionError(
+                f"`{name}` has {clip!r}, which is no clip; read a file with priorfill.read"
+            )
+    return clips
 
 
 @dataclass(frozen=True)
