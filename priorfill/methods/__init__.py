@@ -74,7 +74,7 @@ METHODS = {
     ),
     "krueger2010": MethodEntry(
         "baumann2011.krueger2010:fill",
-        "mean of the nearest poses of a database, frame by frame",
+        "local models of the nearest poses of a database, frame by frame",
         "Krüger et al. 2010",
         "baumann2011.krueger2010:Krueger2010Options",
         without_clip=True,

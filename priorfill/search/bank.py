@@ -256,6 +256,13 @@ class PoseBank:
         """Return the wanted markers of rows in root frames [shape=(rows, wanted, 3), mm]."""
         return self._in_root_frames(rows, self._wanted_columns)
 
+    def local(self, rows: NDArray[np.intp], markers: NDArray[np.intp]) -> NDArray[np.float64]:
+        """Return markers of rows in root frames [shape=(rows, markers, 3), mm].
+
+        ``markers`` must be among the root, viable and wanted markers.
+        """
+        return self._in_root_frames(rows, np.searchsorted(self._needed, markers))
+
     def positions(self, rows: NDArray[np.intp], markers: NDArray[np.intp]) -> NDArray[np.float64]:
         """Return positions, as recorded or mapped [shape=(rows, markers, 3), mm].
 

@@ -1,10 +1,11 @@
 #!/usr/bin/env python
 """Baumann et al. 2011, figure 3: error by marker, each missing in turn.
 
-    python scripts/papers/baumann_fig3.py [--data DIR] [--recording FILE] [--full]
+    python scripts/papers/baumann_fig3.py [--data DIR] [--database DIR]
 
-Each of the 41 markers is removed from the middle of a recording and filled with a database of all
-other recordings. Means over a few recordings (``--full``: over one of each motion).
+Each of the 41 markers is removed by itself from three takes, a walk, a jump and a cartwheel, and
+filled from all other takes of the library. The paper's bars are in its plot only; its text has the
+mean of each take. ``--database`` names a large library, such as ``priorfill db fetch hdm05`` makes.
 """
 
 from __future__ import annotations
@@ -14,72 +15,91 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from baumann import METHODS, RECORDING, Take, database_of, examples, library, middle, print_data
-from paper import error, in_processes, method_alone, options, print_table
+from baumann import (
+    METHODS,
+    Example,
+    PaperTake,
+    choose,
+    fill_by,
+    gappy_of,
+    opened,
+    parser_of,
+    print_data,
+    reason,
+    without,
+)
+from paper import Comparison, error, in_processes, print_table
 
 import priorfill as pf
 from priorfill.cli.encoding import replace_what_is_lacking
 from priorfill.markers.definitions import load
 
-FEW = ("sneak2StepsLStart", "throwBasketball")
-"""Motions filled without ``--full``: one of legs, one of arms."""
+TAKES = (
+    PaperTake("walk", "HDM_bd_01-01_01_120", 650, 1100, ("01-01", "walk_", "01-02", "jogLeft")),
+    PaperTake("jump", "HDM_tr_01-05_01_120", 1000, 1350, ("01-05", "hopBothLegs", "dash")),
+    PaperTake("cartwheel", "HDM_tr_05-03_03_120", 2550, 3000, ("05-03", "kickLFront", "run_")),
+)
+"""The takes of the paper's figures 3 and 4."""
+
+PAPER = {"walk": "7.7", "jump": "12.7", "cartwheel": "18.1"}
+"""mm. Mean over all markers, from the text."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A recording and a marker of it."""
+    """A take and a marker of it."""
 
-    take: Take
+    example: Example
+    truth: pf.Clip
     marker: str
-    database: Path
+    library: Path
 
 
 def errors(case: Case) -> list[float]:
-    """Return the error (mm) of each method; NaN where the recording lacks the marker."""
-    truth = pf.read(case.take.file)
-    if case.marker not in truth.labels:
+    """Return the error (mm) of each method; NaN where the take lacks the marker."""
+    if case.marker not in case.truth.labels:
         return [float("nan")] * len(METHODS)
-    gappy = middle(truth, [case.marker])
-    others = method_alone(pf.Selection(not_names=(case.take.file.stem,)))
-    return [
-        error(
-            pf.fill(gappy, database=case.database, method=method, options=others).clip,
-            truth,
-            gappy,
-        )
-        for method in METHODS
-    ]
+    gappy = gappy_of(case.example, case.truth, [case.marker])
+    filled = fill_by(case.library, gappy, without(case.example), METHODS)
+    return [error(clip, case.truth, gappy) for clip in filled]
 
 
 def main() -> int:
     """Print the figure."""
-    parser = options(__doc__, recording=RECORDING, full="fill a recording of each motion")
-    arguments = parser.parse_args()
-    takes = library(arguments.data)
-    filled = examples(takes, arguments.recording, full=False)
-    if not arguments.full and arguments.recording is None:
-        filled = [take for take in filled if take.motion in FEW] or filled[:2]
-    print_data(takes, filled, arguments.recording)
-    marker_set = load("baumann41")
-    with database_of(takes) as database:
-        cases = [Case(take, marker, database) for marker in marker_set.labels for take in filled]
+    markers = load("baumann41").labels
+    with opened(parser_of(__doc__).parse_args()) as library:
+        examples = choose(library, TAKES)
+        print_data(library, examples)
+        cases = [
+            Case(example, library.truth(example.record), marker, library.path)
+            for marker in markers
+            for example in examples
+        ]
         found = np.array(in_processes(errors, cases))
-    found = found.reshape(len(marker_set.labels), len(filled), len(METHODS))
-    by_marker = np.nanmean(found, axis=1)
-    reliable = np.array([marker_set.reliable[label] for label in marker_set.labels])
-    rows = [
-        [label, "yes" if reliable[i] else "no", *map(float, by_marker[i]), None]
-        for i, label in enumerate(marker_set.labels)
-    ]
-    rows += [
-        ["mean", text, *map(float, by_marker[which].mean(axis=0)), None]
-        for text, which in (("yes", reliable), ("no", ~reliable))
-    ]
+    found = found.reshape(len(markers), len(examples), len(METHODS))
+    means = np.nanmean(found, axis=0)
     print_table(
-        "Mean error in mm of a marker missing by itself (paper: plot only)",
-        ["marker", "reliable", *METHODS, "paper"],
-        rows,
+        "Mean error in mm of a marker missing by itself, over all markers",
+        ["take", *METHODS, "paper"],
+        [
+            [example.name, *map(float, mean), PAPER[example.take.motion]]
+            for example, mean in zip(examples, means, strict=True)
+        ],
     )
+    reliable = load("baumann41").reliable
+    print_table(
+        f"The same by marker, {METHODS[0]} (paper: plot only)",
+        ["marker", "reliable", *(example.name for example in examples)],
+        [
+            [label, "yes" if reliable[label] else "no", *map(float, found[i, :, 0])]
+            for i, label in enumerate(markers)
+        ],
+    )
+    comparison = Comparison()
+    for example, mean in zip(examples, means, strict=True):
+        motion = example.take.motion
+        comparison.add(motion, float(mean[0]), PAPER[motion], reason(example, library))
+    comparison.print()
     return 0
 
 

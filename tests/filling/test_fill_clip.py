@@ -196,10 +196,11 @@ def test_the_factor_of_a_prediction_is_the_bound(monkeypatch, folder):
 @pytest.mark.parametrize(("method", "poses"), [("baumann2011", 256), ("neighbours", 64)])
 def test_poses_of_the_searching_methods_are_k(method, poses, folder):
     clip = with_gaps(person(), (60, 90, ("LKNE",)))
-    (gap,) = fill(clip, method=method, database=folder).gaps
+    options = pf.FillOptions(method_options={"neighbours": poses})
+    (gap,) = fill(clip, method=method, database=folder, options=options).gaps
     # the database holds only 180 poses at its rate
     assert gap.training_poses == min(poses, 178)
-    (gap,) = fill(clip, method=method).gaps
+    (gap,) = fill(clip, method=method, options=options).gaps
     assert 16 <= gap.training_poses <= poses
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,6 +55,11 @@ TESTED_ELSEWHERE = {
     "golden_motions.py": "synthetic/test_golden_motions.py",
     "mutation_sample.py": "scripts/test_mutation_sample.py",
     "papers/all.py": "scripts/test_papers_all.py",
+    "papers/baumann_fig2.py": "scripts/test_papers_baumann.py",
+    "papers/baumann_fig3.py": "scripts/test_papers_baumann.py",
+    "papers/baumann_fig4.py": "scripts/test_papers_baumann.py",
+    "papers/baumann_fig5.py": "scripts/test_papers_baumann.py",
+    "papers/baumann_table2.py": "scripts/test_papers_baumann.py",
     "papers/gloersen_fig4.py": "scripts/test_papers_gloersen.py",
     "papers/gloersen_fig6.py": "scripts/test_papers_gloersen.py",
     "papers/gloersen_table1.py": "scripts/test_papers_gloersen.py",
@@ -136,13 +141,6 @@ def search_here(method: str, folder: Path, threads: int) -> list[float]:
 
 IN_A_PROCESS = load_script("search").in_a_process
 
-FEW_MARKERS = ("C7", "LKNE", "LFRM", "RFIN")
-"""Reliable and unreliable markers of `baumann41`."""
-
-ONE_METHOD = {"METHODS": ("baumann2011",)}
-ONE_METHOD_HERE = {**ONE_METHOD, "in_processes": lambda function, cases: [*map(function, cases)]}
-"""Processes that are spawned do not see what is changed here."""
-RECORDING = "--data {data} --recording {data}/hdm05/HDM_bd_05-01_01_120.c3d"
 SMOKE = {
     "bench/database.py": Smoke(
         "--data {data} --poses 100",
@@ -206,22 +204,6 @@ SMOKE = {
         "--data {data}/hdm05_cut_markers --good 1 --garbage 1 --hanging 0 --hungry 0 --kills 0",
         "nothing is left",
     ),
-    "papers/baumann_fig2.py": Smoke(
-        RECORDING, "Seconds to read a database", {**ONE_METHOD, "EDGE": 1.0}
-    ),
-    "papers/baumann_fig3.py": Smoke(
-        "--data {data} --recording {data}/hdm05_cut_markers/HDM_bd_walk_001_120.c3d",
-        "Mean error in mm of a marker",
-        {
-            **ONE_METHOD_HERE,
-            "load": lambda name: SimpleNamespace(
-                labels=FEW_MARKERS, reliable=definitions.load(name).reliable
-            ),
-        },
-    ),
-    "papers/baumann_fig4.py": Smoke("--data {data}", "same motion, same actor", ONE_METHOD_HERE),
-    "papers/baumann_fig5.py": Smoke("--data {data}", "divided by the scale", ONE_METHOD_HERE),
-    "papers/baumann_table2.py": Smoke("--data {data} --methods linear,baumann2011", "baumann2011"),
     "studies/artefact_study.py": Smoke(
         "--data {data} --count 1 --fill 1",
         "of a speed limit",

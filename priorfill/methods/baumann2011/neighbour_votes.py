@@ -27,9 +27,10 @@ Departures from the paper:
   the heading of the root is constant, the energy is the paper's.
 * Descent (4.3): along conjugate directions and by blocks of frames, not along the gradient and by
   single frames; the minimum is the same. See `priorfill.energy.solver`.
-* Not stated in the paper: k is 256; a gap group with too few viable markers is split where the
-  visible markers change; with too few reliable markers, all visible ones are compared; markers that
-  no pose shows together are searched for one by one.
+* Not stated in the paper: k, which is chosen by leaving takes out of the database
+  (`priorfill.methods.baumann2011.neighbour_count`); a gap group with too few viable markers is
+  split where the visible markers change; with too few reliable markers, all visible ones are
+  compared; markers that no pose shows together are searched for one by one.
 
 References
 ----------
@@ -49,9 +50,9 @@ from priorfill.energy.solver import Solution, minimise
 from priorfill.energy.targets import Prior, fold, to_world
 from priorfill.gaps import GapGroup, constant_spans, runs
 from priorfill.geometry.root_frames import RootFrames, RootGroup
+from priorfill.methods.baumann2011.neighbour_count import NeighbourCount, choose_neighbours
 from priorfill.methods.baumann2011.pose_searches import (
     BATCH_FRAMES,
-    DEFAULT_NEIGHBOURS,
     MIN_POSES,
     MIN_VIABLE,
     MarkerSearch,
@@ -83,8 +84,9 @@ class Baumann2011Options:
 
     Attributes
     ----------
-    neighbours : int
-        k, the number of poses that vote in each frame; see `DEFAULT_NEIGHBOURS`.
+    neighbours : int or None
+        k, the number of poses that vote in each frame. None: chosen for each search by leaving
+        takes out of the database (`choose_neighbours`).
     min_viable : int
         A gap group in which fewer viable markers are measured throughout is split; see
         `MIN_VIABLE`.
@@ -104,7 +106,7 @@ class Baumann2011Options:
         Where a value is below its minimum.
     """
 
-    neighbours: int = DEFAULT_NEIGHBOURS
+    neighbours: int | None = None
     min_viable: int = MIN_VIABLE
     min_poses: int = MIN_POSES
     weight_by_distance: bool = False
@@ -112,17 +114,20 @@ class Baumann2011Options:
     batch_frames: int = BATCH_FRAMES
 
     def __post_init__(self) -> None:
-        check_at_least(self, 1, "neighbours", "min_poses", "batch_frames")
+        check_at_least(self, 1, "min_poses", "batch_frames")
         check_at_least(self, 2, "min_viable")
+        if self.neighbours is not None:
+            check_at_least(self, 1, "neighbours")
 
 
 @dataclass(frozen=True, eq=False)
 class _SearchedFrames:
-    """Frames ``start <= frame < stop`` that share a search."""
+    """Frames ``start <= frame < stop`` that share a search for k neighbours."""
 
     start: int
     stop: int
     search: MarkerSearch
+    neighbours: NeighbourCount
 
 
 def _stretches(
@@ -157,7 +162,13 @@ def _planned(
     for start, stop in _stretches(task.valid, planner.reliable, group, options):
         visible = np.logical_and.reduce(task.valid[start:stop], axis=0)
         plan = planner.plan(visible, group.markers)
-        parts += [_SearchedFrames(start, stop, search) for search in plan.searches]
+        for search in plan.searches:
+            if options.neighbours is None:
+                bank = planner.bank(search, task.rate)
+                count = choose_neighbours(bank, search, task.positions[start:stop])
+            else:
+                count = NeighbourCount.unmeasured(options.neighbours, search)
+            parts.append(_SearchedFrames(start, stop, search, count))
         notes += [
             Note(int(marker), start, stop, reason, filled=False)
             for markers, reason in plan.unsearched
@@ -220,7 +231,7 @@ def vote_weights(distance: NDArray[np.float64], *, by_distance: bool) -> NDArray
 def _votes(
     level: Level,
     numbers: NDArray[np.intp],
-    search: MarkerSearch,
+    part: _SearchedFrames,
     bank: PoseBank,
     options: Baumann2011Options,
 ) -> tuple[Prior, NDArray[np.float64], NDArray[np.intp]]:
@@ -229,11 +240,11 @@ def _votes(
     Returns the prior [frames, wanted markers], the rms distance (mm) of the neighbours' positions
     from their mean [frames, wanted markers], and the take of each neighbour [frames, k].
     """
-    positions = level.positions[numbers]
+    search, positions = part.search, level.positions[numbers]
     here = search.root.frames(positions)
     before, has_before = _frames_at(level, search.root, numbers - 1, here)
     after, has_after = _frames_at(level, search.root, numbers + 1, here)
-    found = bank.nearest(positions, here, options.neighbours)
+    found = bank.nearest(positions, here, part.neighbours.k)
     weights = vote_weights(found.distance, by_distance=options.weight_by_distance)
     pose, weight, disagreement = fold(found.pose, weights)
     velocity, _, velocity_disagreement = fold(found.velocity, weights)
@@ -285,18 +296,17 @@ class _GroupPrior:
             rows = np.flatnonzero((frames >= part.start) & (frames < part.stop))
             for at in range(0, len(rows), self._options.batch_frames):
                 some = rows[at : at + self._options.batch_frames]
-                votes, spread, voters = _votes(
-                    level, window[some], part.search, bank, self._options
-                )
+                votes, spread, voters = _votes(level, window[some], part, bank, self._options)
                 prior.place(some, columns, votes)
                 if level.step == 1:
                     takes.append(voters)
-                    self._expected_rms[np.ix_(window[some], part.search.wanted)] = spread
+                    expected = np.maximum(spread, part.neighbours.rms)
+                    self._expected_rms[np.ix_(window[some], part.search.wanted)] = expected
         return prior
 
     def takes_of(self, part: int) -> NDArray[np.intp]:
         """Return the take of each vote of a part [shape=(frames, k)]."""
-        nothing = np.empty((0, self._options.neighbours), np.intp)
+        nothing = np.empty((0, self._parts[part].neighbours.k), np.intp)
         return np.concatenate(self._takes[part] or [nothing])
 
 
@@ -319,14 +329,15 @@ def fill(
     Returns
     -------
     Estimate
-        ``expected_rms`` is the rms distance of the neighbours' positions from their mean: how far
-        they agree, not how far they are from the truth. Blackouts, and markers that no pose shows,
+        ``expected_rms`` is the larger of two values: the rms distance of the neighbours' positions
+        from their mean, which is how far they agree, and the rms error in the takes that were left
+        out to choose their number. Blackouts, and markers that no pose shows,
         stay missing, with a note.
 
     See Also
     --------
     priorfill.methods.baumann2011.weighted_votes.fill : With distance-weighted votes.
-    priorfill.methods.baumann2011.krueger2010.fill : The mean of the nearest poses, frame by frame.
+    priorfill.methods.baumann2011.krueger2010.fill : Local models, frame by frame.
     """
     options = options or Baumann2011Options()
     levels = pyramid(task.positions, task.rate, levels_for(task.rate))
@@ -347,7 +358,7 @@ def fill(
             votes = prior_at.takes_of(number)
             names = take_names(takes, votes)
             # a bank may hold fewer than k poses
-            estimate.notes.extend(_notes(task, part, names, options, votes.shape[1]))
+            estimate.notes.extend(_notes(task, part, names, votes.shape[1]))
         progress(group.samples)
     return estimate
 
@@ -360,11 +371,10 @@ def _notes(
     task: Task,
     part: _SearchedFrames,
     names: tuple[str, ...],
-    options: Baumann2011Options,
     poses: int,
 ) -> list[Note]:
     """Return a note for each run of missing samples of a part."""
-    source = f"{options.neighbours} nearest poses by {len(part.search.viable)} markers"
+    source = f"{part.neighbours.k} nearest poses by {len(part.search.viable)} markers"
     missing = ~task.valid
     return [
         Note(

@@ -22,17 +22,12 @@ from priorfill.search.takes import Take
 
 __all__ = [
     "BATCH_FRAMES",
-    "DEFAULT_NEIGHBOURS",
     "MIN_POSES",
     "MIN_VIABLE",
     "MarkerSearch",
     "SearchPlan",
     "SearchPlanner",
 ]
-
-DEFAULT_NEIGHBOURS = 256
-"""k. Krüger et al. 2010 and Tautges et al. 2011 use 256 poses; Baumann et al. 2011 do not state
-theirs."""
 
 MIN_VIABLE = 4
 """Viable markers per search: three determine the root frame, a fourth distinguishes poses."""

@@ -23,7 +23,7 @@ class NeighboursOptions(Baumann2011Options):
     With weights that decrease with distance, more than some tens of neighbours change nothing.
     """
 
-    neighbours: int = 64
+    neighbours: int | None = 64
     weight_by_distance: bool = True
     search_own_clip: bool = True
 
