@@ -32,7 +32,9 @@ ONLY_IN = {
     "ezc3d": ("formats",),
     "starlette": ("reviewing.server",),
     "uvicorn": ("reviewing.server",),
-    "numba": ("runtime.compiled",),
+    "numba": ("runtime.numba_compiler",),
+    "llvmlite": ("runtime.machine_code", "runtime.numba_compiler"),
+    "platformdirs": ("runtime.code_files",),
 }
 """Packages of others, and the only places that import them."""
 

@@ -86,7 +86,6 @@ def _make_perpendicular(vector: _Floats, result: _Floats) -> None:
     _normalise(result)
 
 
-@compiled(ENTRY)
 def nearest_rotations(matrices: _Floats, rotations: _Floats) -> None:
     """Write the rotation R that maximises trace(R' A), for each 3 x 3 matrix A (Kabsch 1976).
 
@@ -96,18 +95,20 @@ def nearest_rotations(matrices: _Floats, rotations: _Floats) -> None:
     u1, v2 to u2, and v1 x v2 to u1 x u2: this reverses the least certain axis where the nearest
     orthogonal matrix would be a reflection.
     """
-    u, v = np.empty((3, 3)), np.empty((3, 3))
-    size = np.empty(3)
+    largest = np.abs(matrices).max(axis=(1, 2), keepdims=True)
+    scaled = np.ldexp(matrices, -np.frexp(largest)[1])  # so that no square overflows, or vanishes
+    _rotate(scaled, np.empty((2, 3, 3)), np.empty(3), rotations)
+
+
+@compiled(ENTRY)
+def _rotate(matrices: _Floats, work: _Floats, size: _Floats, rotations: _Floats) -> None:
+    """Write the nearest rotations of matrices whose largest values are about 1."""
+    u, v = work[0], work[1]
     for k in range(len(matrices)):
-        largest = 0.0
-        for i in range(3):
-            for j in range(3):
-                largest = max(largest, abs(matrices[k, i, j]))
-        exponent = math.frexp(largest)[1]  # so that no square overflows, or vanishes
         for i in range(3):
             size[i] = 0.0
             for j in range(3):
-                u[j, i] = math.ldexp(matrices[k, i, j], -exponent)
+                u[j, i] = matrices[k, i, j]
                 v[j, i] = 1.0 if i == j else 0.0
         _orthogonalise(u, v)
         for i in range(3):

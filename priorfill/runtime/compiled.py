@@ -1,41 +1,52 @@
-"""Functions compiled by numba, and their cache on disk.
+"""Functions compiled by numba, and their machine code on disk.
 
-numba compiles a function when it is first called, and can keep the machine code next to the source
-or in a folder of the user, so that the next process need not compile it. It raises an error if
-it can write to neither or finds a damaged file, and runs the code of a file without checking it.
-With `compiled`, such a function is compiled in memory instead, and `cache_problem` returns why.
+numba compiles a function when it is first called with arguments of some types. Its machine code is
+kept next to the source or in a folder of the user, and later processes load it by llvmlite, without
+numba, whose import takes as long as many a fill. The key of the code holds all it is made from:
+the function and those that it calls, constants, types, options, versions and the processor.
+
+Functions return None, a bool, an int or a float. Their arguments are arrays, ints, floats and
+tuples of these. They do not allocate arrays, or numba is imported for its memory management. Code
+that cannot be kept, or is damaged on disk, is compiled again; `cache_problem` returns why.
 """
 
 from __future__ import annotations
 
 import hashlib
-import pickle
-from collections.abc import Callable
-from functools import cache
+import operator
+import threading
+from collections.abc import Callable, Iterator
+from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from types import CodeType, FunctionType
+from typing import Any, TypeVar, cast
 
-from numba import config, njit
-from numba.core.caching import FunctionCache, IndexDataCacheFile
-from numba.misc.appdirs import AppDirs
+import numpy as np
 
-from priorfill.runtime.atomic_file import check_writable
-from priorfill.runtime.held_files import WINDOWS, is_held
+from priorfill.runtime import code_files
+from priorfill.runtime.code_files import CodeKey
+from priorfill.runtime.machine_code import Loaded, describe_system, load
 
-__all__ = ["ENTRY", "HELPER", "cache_problem", "compiled"]
+__all__ = ["ENTRY", "HELPER", "CompiledFunction", "cache_problem", "compiled"]
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
-ENTRY: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-"""Options of functions called from Python: no C wrapper, no check of each division. Unneeded
-wrappers and checks lengthen the compilation, for which the user waits."""
+HELPER: dict[str, Any] = {
+    "nogil": True,
+    "error_model": "numpy",
+    "no_cfunc_wrapper": True,
+    "no_cpython_wrapper": True,
+}
+"""Options of functions: no wrappers, no check of each division. They lengthen the compilation, for
+which the user waits."""
 
-HELPER: dict[str, Any] = {**ENTRY, "no_cpython_wrapper": True}
-"""Options of functions called only from compiled ones: no Python wrapper either."""
+ENTRY = HELPER
+"""Options of functions called from Python, likewise: the words of their call are packed here."""
 
-_DIGEST_BYTES = hashlib.sha256().digest_size
+_LAYOUT = 0x403
+"""Flags of an array: rows or columns are contiguous, and it can be written."""
 
-_problems: list[str] = []
+_lock = threading.RLock()
 
 
 def compiled(options: dict[str, Any], **more: Any) -> Callable[[_Function], _Function]:
@@ -50,110 +61,151 @@ def compiled(options: dict[str, Any], **more: Any) -> Callable[[_Function], _Fun
     """
 
     def decorate(function: _Function) -> _Function:
-        dispatcher: _Function = njit(**options, **more)(function)
-        if WINDOWS:
-            _choose_folder(Path(function.__code__.co_filename).parent)
-        try:
-            # what njit(cache=True) does with numba's own class
-            dispatcher._cache = _TolerantCache(function)  # type: ignore[attr-defined]
-        except RuntimeError:
-            _problems.append("neither the program's folder nor the user's can be written")
-        except OSError as error:
-            _report(error)
-        return dispatcher
+        made = CompiledFunction(cast(FunctionType, function), {**options, **more})
+        return cast(_Function, made)
 
     return decorate
 
 
 def cache_problem() -> str:
     """Return why compiled code could not be kept on disk; empty if it could."""
-    return _problems[0] if _problems else ""
+    return code_files.problem()
 
 
-@cache
-def _choose_folder(source: Path) -> None:
-    """Name the user's folder to numba if the one of the source takes no files.
+class CompiledFunction:
+    """A function that is compiled, or loaded, when it is first called.
 
-    numba would find out for each function with `tempfile`, which tries 10,000 names on Windows.
+    Parameters
+    ----------
+    function : function
+        Without a closure. Global names are constants, modules, and other compiled functions.
+    options : dict
+        Of `numba.njit`.
+
+    Attributes
+    ----------
+    function : function
+        As given.
+    options : dict
+        As given.
     """
-    settings: Any = config
-    if not settings.CACHE_DIR and not _takes_files(source / "__pycache__"):
-        settings.CACHE_DIR = AppDirs(appname="numba", appauthor=False).user_cache_dir
+
+    def __init__(self, function: FunctionType, options: dict[str, Any]) -> None:
+        self.function, self.options = function, options
+        self.__doc__, self.__name__ = function.__doc__, function.__name__
+        self.__module__, self.__wrapped__ = function.__module__, function
+        self._loaded: dict[Any, Loaded] = {}
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the function, without the interpreter lock."""
+        words: list[Any] = []
+        kind = tuple([_unpack(argument, words) for argument in arguments])
+        loaded = self._loaded.get(kind)
+        if loaded is None:
+            loaded = self._prepare(kind, arguments)
+        return loaded(words)
+
+    @cached_property
+    def digest(self) -> bytes:
+        """Hash of the function, of those it calls, and of their constants and options."""
+        found = hashlib.sha256()
+        for part in _parts(self.function.__code__):
+            found.update(part.encode() + b"\n")
+        found.update(repr(sorted((name, _stated(v)) for name, v in self.options.items())).encode())
+        for name, value in self.globals_used():
+            content = value.digest if isinstance(value, CompiledFunction) else _content(value)
+            found.update(name.encode() + b"=" + content)
+        return found.digest()
+
+    def globals_used(self) -> Iterator[tuple[str, Any]]:
+        """Yield the names and values of the module that the function refers to."""
+        known = self.function.__globals__
+        for name in self.function.__code__.co_names:
+            if name in known:
+                yield name, known[name]
+
+    def _prepare(self, kind: tuple[Any, ...], arguments: tuple[Any, ...]) -> Loaded:
+        """Load the code for arguments of some types, or compile it."""
+        with _lock:
+            loaded = self._loaded.get(kind)
+            if loaded is None:
+                loaded = self._loaded[kind] = self._load(arguments)
+            return loaded
+
+    def _load(self, arguments: tuple[Any, ...]) -> Loaded:
+        types = repr(tuple(_type_name(argument) for argument in arguments))
+        code = self.function.__code__
+        source = Path(code.co_filename)
+        name = f"{source.stem}.{code.co_name}"
+        key = CodeKey(source.parent, name, f"{types} {describe_system()}", self.digest)
+        kept = code_files.find(key)
+        if kept is None:
+            from priorfill.runtime.numba_compiler import compile_function  # slow to import
+
+            kept = compile_function(self, _plain(arguments))
+            code_files.keep(key, kept)
+        return load(kept, _add_symbols)
 
 
-def _takes_files(folder: Path) -> bool:
-    try:
-        folder.mkdir(exist_ok=True)
-        check_writable(folder / "x", 0)
-    except OSError:
-        return False
-    return True
+def _add_symbols() -> None:
+    from priorfill.runtime.numba_compiler import add_symbols  # slow to import
+
+    add_symbols()
 
 
-def _report(error: OSError) -> None:
-    if is_held(error):  # another process reads or writes the same file
-        return
-    where = f"{Path(error.filename).parent}: " if error.filename is not None else ""
-    _problems.append(f"{where}{error.strerror or error}")
+def _unpack(argument: Any, words: list[Any]) -> Any:
+    """Append the words that pass an argument; return what its type depends on.
+
+    An array is passed as two pointers to its owner, which has none here, number and size of its
+    elements, address, lengths and strides.
+    """
+    if isinstance(argument, np.ndarray):
+        data = argument.ctypes.data
+        words += (0, 0, argument.size, argument.itemsize, data, *argument.shape, *argument.strides)
+        return argument.dtype.char, argument.ndim, argument.flags.num & _LAYOUT
+    if isinstance(argument, tuple):
+        return tuple([_unpack(item, words) for item in argument])
+    words.append(_number(argument))
+    return type(words[-1])
 
 
-class _CheckedFile(IndexDataCacheFile):
-    """The files of one function, with checksums: unpickling a damaged file may do anything."""
-
-    def _save_index(self, overloads: dict[Any, str]) -> None:
-        self._write(self._index_path, (self._version, self._source_stamp, overloads))
-
-    def _load_index(self) -> dict[Any, str]:
-        if not Path(self._index_path).exists():
-            return {}
-        version, stamp, overloads = self._read(self._index_path)
-        is_current = (version, stamp) == (self._version, self._source_stamp)
-        return dict(overloads) if is_current else {}
-
-    def _save_data(self, name: str, data: Any) -> None:
-        self._write(self._data_path(name), data)
-
-    def _load_data(self, name: str) -> Any:
-        return self._read(self._data_path(name))
-
-    def _write(self, path: str, data: Any) -> None:
-        content = self._dump(data)
-        with self._open_for_write(path) as file:
-            file.write(hashlib.sha256(content).digest() + content)
-
-    def _read(self, path: str) -> Any:
-        if not Path(path).is_file():  # a pipe would block
-            raise OSError(f"{path} is not a file")
-        stored = Path(path).read_bytes()
-        digest, content = stored[:_DIGEST_BYTES], stored[_DIGEST_BYTES:]
-        if hashlib.sha256(content).digest() != digest:
-            raise OSError(f"{path} is damaged")  # then numba compiles the function again
-        return pickle.loads(content)
+def _number(argument: Any) -> int | float:
+    if isinstance(argument, float):
+        return float(argument)
+    return operator.index(argument)  # raises TypeError for what would lose digits
 
 
-class _TolerantCache(FunctionCache):
-    """A cache of one function that the program can do without."""
+def _plain(argument: Any) -> Any:
+    """Return an argument with Python's numbers in place of NumPy's."""
+    if isinstance(argument, tuple):
+        return tuple(_plain(item) for item in argument)
+    return argument if isinstance(argument, np.ndarray) else _number(argument)
 
-    def __init__(self, function: Callable[..., Any]) -> None:
-        super().__init__(function)
-        self._cache_file = _CheckedFile(
-            cache_path=self._cache_path,
-            filename_base=self._impl.filename_base,
-            source_stamp=self._impl.locator.get_source_stamp(),
-        )
 
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        try:
-            return super().load_overload(sig, target_context)
-        except Exception:  # the index is damaged, or code in it does not fit
-            try:
-                self.flush()  # an empty index in its place
-            except OSError as error:
-                _report(error)
-            return None
+def _type_name(argument: Any) -> str:
+    """Return what numba's type of an argument depends on."""
+    if isinstance(argument, tuple):
+        return "".join(["(", *map(_type_name, argument), ")"])
+    if not isinstance(argument, np.ndarray):
+        return "float" if isinstance(argument, float) else "int"
+    flags = argument.flags
+    layout = "C" if flags.c_contiguous else "F" if flags.f_contiguous else "A"
+    return f"{argument.dtype.str}{argument.ndim}{layout}{'' if flags.writeable else ' read-only'}"
 
-    def save_overload(self, sig: Any, data: Any) -> None:
-        try:
-            super().save_overload(sig, data)
-        except OSError as error:
-            _report(error)
+
+def _parts(code: CodeType) -> Iterator[str]:
+    yield code.co_code.hex()
+    yield repr((code.co_name, code.co_argcount, code.co_names, code.co_varnames, code.co_flags))
+    for constant in code.co_consts:
+        yield from _parts(constant) if isinstance(constant, CodeType) else (repr(constant),)
+
+
+def _content(value: Any) -> bytes:
+    """Return the value of a constant, or the name of a module, class or function."""
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype.str}{value.shape}".encode() + value.tobytes()
+    return (getattr(value, "__name__", None) or repr(value)).encode()
+
+
+def _stated(option: Any) -> Any:
+    return sorted(option) if isinstance(option, set | frozenset) else option
