@@ -91,6 +91,9 @@ class PoseSamples:
         """Return the pairs of these poses (first set) with others, without features.
 
         Two subjects are correlated by the product of their correlations with the query's subject.
+        Two recordings of one subject with different ones, such as of real and of virtual markers,
+        are correlated by their ratio: they are a chain from the query over the more to the less
+        correlated one, so that the covariance is positive definite.
         """
         lag = np.abs(self.time[:, None] - other.time)
         one = self.recording if self.subject is None else self.subject
@@ -98,8 +101,11 @@ class PoseSamples:
         same_subject = one[:, None] == two
         correlation = None
         if self.correlation is not None or other.correlation is not None:
-            product = np.multiply.outer(self._correlations, other._correlations)
-            correlation = np.where(same_subject, 1.0, product)
+            first, second = self._correlations[:, None], other._correlations
+            larger = np.maximum(first, second)
+            ratio = np.ones_like(larger)
+            np.divide(np.minimum(first, second), larger, out=ratio, where=larger > 0.0)
+            correlation = np.where(same_subject, ratio, first * second)
         same_recording = self.recording[:, None] == other.recording
         return Pairs(
             (len(self.time), len(other.time)),

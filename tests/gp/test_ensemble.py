@@ -144,6 +144,26 @@ def test_subjects_have_offsets_and_correlations():
     assert [list(b) for b in train.blocks(1.0)] == [[0]]
 
 
+def test_recordings_of_a_subject_with_different_correlations_are_positive_definite():
+    """Such as of real and of virtual markers: equal poses of all are a singular covariance."""
+    rng = np.random.default_rng(2)
+    subject = np.repeat([0, 1, 1, 2, 2, 2], 3)
+    correlation = np.repeat([1.0, 0.9, 0.8, 0.8, 0.9, 0.0], 3)
+    count = len(subject)
+    poses = PoseSamples(
+        rng.normal(size=(count, 4, 3)),
+        rng.normal(size=(count, 1, 3)),
+        np.zeros(count),
+        np.arange(count),
+        correlation=correlation,
+        subject=subject,
+    )
+    covariance = SubjectCorrelation()(poses.pairs(poses))
+    assert np.linalg.eigvalsh(covariance).min() > -1e-12
+    np.testing.assert_allclose(covariance[3, [0, 4, 6, 9, 12]], [0.9, 1.0, 8 / 9, 0.72, 0.81])
+    np.testing.assert_array_equal(covariance[15, [0, 9, 16]], [0.0, 0.0, 1.0])
+
+
 def test_constant_offsets_of_another_subject_do_not_matter():
     """A subject with longer limbs shows a movement that the clip does not."""
     poses, time = rigid_clip(0, frames=200)
