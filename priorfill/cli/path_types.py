@@ -74,7 +74,8 @@ class _PathText(click.Path):
     """
 
     def __init__(self, completed_as: str) -> None:
-        super().__init__(path_type=Path)
+        # a file that cannot be read is reported where it is read, and costs only itself
+        super().__init__(path_type=Path, readable=False)
         self._completed_as = completed_as
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:

@@ -19,6 +19,7 @@ __all__ = [
     "check_regular",
     "check_size",
     "check_unchanged",
+    "is_there",
     "no_such_file",
     "os_errors_explained",
     "read_bounded",
@@ -47,6 +48,21 @@ def check_size(size: int, name: str) -> None:
             f"{name}: holds {size / 2**30:.1f} GiB; at most {MAX_BYTES / 2**30:.0f} GiB are read: "
             "export it in parts"
         )
+
+
+def is_there(path: Path) -> bool:
+    """Return whether a path leads to anything.
+
+    A link whose contents are absent, and what a folder without permission hides, count: reading
+    them reports the reason.
+    """
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def check_regular(path: Path) -> None:

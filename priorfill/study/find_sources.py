@@ -11,6 +11,7 @@ from priorfill.database.manifest import MANIFEST
 from priorfill.errors import OptionError
 from priorfill.formats import SUFFIXES, is_recording
 from priorfill.formats.bids.names import DESCRIPTION, dataset_root
+from priorfill.formats.file_bytes import is_there
 from priorfill.study.study_folder import MARK, STATE
 
 __all__ = ["FoundSources", "StudySource", "find_sources"]
@@ -77,19 +78,21 @@ def find_sources(paths: Sequence[Path | str], output: Path) -> FoundSources:
     notes: list[str] = []
     given = [Path(os.path.abspath(path)) for path in paths]  # noqa: PTH100, does not resolve links
     for path in given:
-        if not path.exists():
+        if not is_there(path):
             problems.append(f"{path}: there is no such file or folder; check the name")
-        elif not path.is_dir():
+        elif not os.path.isdir(path):  # noqa: PTH112, Path.is_dir raises PermissionError
             found[path] = None
         elif output.exists() and path.samefile(output):
             raise OptionError(
                 f"{path}: is the folder for the filled files, too; give another one (`output`)"
             )
         else:
+            known = len(notes)
             inside = list(_below(path, output, notes))
             found |= dict.fromkeys(inside)
             if not inside:
                 problems.append(f"{path}: has no recordings ({', '.join(SUFFIXES)})")
+                problems += notes[known:]
     top = _common_folder(given)
     sources = (StudySource(path.relative_to(top).as_posix(), path) for path in found)
     ordered = sorted(sources, key=lambda one: one.name)
@@ -98,7 +101,7 @@ def find_sources(paths: Sequence[Path | str], output: Path) -> FoundSources:
 
 def _common_folder(paths: Sequence[Path]) -> Path:
     """Return the folder that all paths have in common; in a BIDS dataset its root."""
-    folders = [path if path.is_dir() else path.parent for path in paths]
+    folders = [path if os.path.isdir(path) else path.parent for path in paths]  # noqa: PTH112
     try:
         folder = Path(os.path.commonpath(folders))
         return dataset_root(folder) or folder

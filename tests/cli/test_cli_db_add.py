@@ -118,6 +118,33 @@ def test_files_that_cannot_be_added_are_reported(here: Path) -> None:
     assert len(errors) == 4
 
 
+def test_what_cannot_be_read_costs_itself(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder that cannot be searched, a link without contents; permissions are not asked for."""
+    write_clip(here / "good.c3d")
+    for folder in ("in/closed", "in/.hidden"):
+        (here / folder).mkdir(parents=True)
+        (here / folder / "x.c3d").write_bytes(b"rubbish")
+    scandir = os.scandir
+
+    def scan(path: str) -> os._ScandirIterator:
+        if Path(path).name == "closed":
+            raise PermissionError(13, "Permission denied", str(path))
+        return scandir(path)
+
+    monkeypatch.setattr("os.scandir", scan)
+    monkeypatch.setattr("os.access", lambda path, mode, **how: mode != os.R_OK)
+    result = run("db", "add", "-d", "db", "good.c3d", "in", "x" * 300)
+    assert result.exit_code == 1
+    assert result.stdout == "added 1 clip, 1.00 s of motion, could not add 2\n"
+    errors = result.stderr.splitlines()
+    closed = Path("in", "closed")
+    assert errors[0] == (
+        f"priorfill: {closed}: cannot be searched (Permission denied); check its permissions"
+    )
+    assert errors[1].startswith("priorfill: xxx")
+    assert len(errors) == 2
+
+
 def test_nothing_is_created_without_clips(here: Path) -> None:
     (here / "bad.c3d").write_bytes(b"rubbish")
     result = run("db", "add", "-v", "-d", "db", "no.c3d", "bad.c3d")

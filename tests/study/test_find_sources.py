@@ -14,6 +14,18 @@ from priorfill.study.find_sources import find_sources
 from priorfill.study.study_folder import StudyFolder
 
 
+def deny(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Let the system refuse to list folders of a name, as it does for users but not for root."""
+    scandir = os.scandir
+
+    def scan(path: str) -> os._ScandirIterator:
+        if Path(path).name == name:
+            raise PermissionError(13, "Permission denied", str(path))
+        return scandir(path)
+
+    monkeypatch.setattr("os.scandir", scan)
+
+
 def make(*paths: str) -> None:
     for path in paths:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
@@ -86,6 +98,29 @@ def test_a_folder_that_cannot_be_entered_costs_itself(
     assert [one.name for one in found.sources] == ["a/x.c3d"]
     assert found.notes == (
         f"{here / 'in' / 'b'}: cannot be searched (Permission denied); left out",
+    )
+
+
+@pytest.mark.skipif(on_wine(), reason="wine shows no symbolic link as one")
+def test_what_cannot_be_read_is_a_source_too(here: Path) -> None:
+    """Its job reports the reason, and the others are filled."""
+    make("in/a.c3d")
+    try:
+        Path("in/b.c3d").symlink_to(here / "annex/key")
+    except OSError:
+        pytest.skip("the system allows no links")
+    assert names("in/a.c3d", "in/b.c3d") == ["a.c3d", "b.c3d"]
+    assert names(f"in/{'x' * 300}.c3d", "in/a.c3d")[0] == "a.c3d"
+
+
+def test_a_folder_that_cannot_be_searched_is_named(
+    here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make("in/closed/x.c3d")
+    deny(monkeypatch, "closed")
+    assert find_sources(["in/closed"], Path("out")).problems == (
+        f"{here / 'in' / 'closed'}: has no recordings (.c3d, .trc, .csv, .tsv, .txt, .npz, .mat)",
+        f"{here / 'in' / 'closed'}: cannot be searched (Permission denied); left out",
     )
 
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Callable, Sequence
+import os
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+
+from priorfill.formats.file_bytes import is_there
 
 __all__ = ["find_files"]
 
@@ -12,13 +15,13 @@ __all__ = ["find_files"]
 def find_files(
     paths: Sequence[Path], suffixes: Sequence[str], recognised: Callable[[Path], bool]
 ) -> tuple[list[Path], list[str]]:
-    """Return the files that arguments name, and a message for each that names none.
+    """Return the files that arguments name, and a message for each path that leads to none.
 
     Parameters
     ----------
     paths : sequence of Path
-        Files, folders (all files in them and in their subfolders, except hidden ones), and shell
-        patterns, for shells that do not expand them; ``**`` matches folders of any depth.
+        Files, folders (all files in them and in their subfolders, except hidden files and folders),
+        and shell patterns, for shells that do not expand them; ``**`` matches folders of any depth.
     suffixes : sequence of str
         Lower-case suffixes of the files taken from folders.
     recognised : callable
@@ -34,7 +37,7 @@ def find_files(
     files: dict[Path, None] = {}
     failed = []
     for path in paths:
-        found = [path] if path.exists() else _matches(path)
+        found = [path] if is_there(path) else _matches(path)
         if not found:
             failed.append(
                 f"{path}: no file or folder matches this pattern; check it"
@@ -42,11 +45,13 @@ def find_files(
                 else f"{path}: no such file or folder; check the name"
             )
         for one in found:
-            if not one.is_dir():
+            if not os.path.isdir(one):  # noqa: PTH112, Path.is_dir raises PermissionError
                 files[one] = None
                 continue
-            inside = _inside(one, suffixes, recognised)
-            if not inside:
+            closed: list[str] = []
+            inside = sorted(_inside(one, suffixes, recognised, closed))
+            failed += closed
+            if not inside and not closed:
                 failed.append(f"{one}: has no files that can be read ({', '.join(suffixes)})")
             files |= dict.fromkeys(inside)
     return list(files), failed
@@ -59,16 +64,27 @@ def _matches(pattern: Path) -> list[Path]:
 
 
 def _inside(
-    folder: Path, suffixes: Sequence[str], recognised: Callable[[Path], bool]
-) -> list[Path]:
-    # hidden files are metadata (macOS writes ._walk.c3d next to walk.c3d) or unfinished
-    return sorted(
-        path
-        for path in folder.rglob("*")
-        if path.suffix.lower() in suffixes
-        and not path.name.startswith(".")
-        and _is_recording(path, recognised)
-    )
+    folder: Path,
+    suffixes: Sequence[str],
+    recognised: Callable[[Path], bool],
+    closed: list[str],
+) -> Iterator[Path]:
+    """Yield the files in a folder; add a message for each folder that cannot be searched."""
+
+    def note(error: OSError) -> None:
+        closed.append(
+            f"{error.filename}: cannot be searched ({error.strerror}); check its permissions"
+        )
+
+    for here, folders, names in os.walk(folder, onerror=note):
+        # hidden files are metadata (macOS writes ._walk.c3d next to walk.c3d) or unfinished
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        for name in names:
+            path = Path(here, name)
+            if path.suffix.lower() not in suffixes or name.startswith("."):
+                continue
+            if _is_recording(path, recognised):
+                yield path
 
 
 def _is_recording(path: Path, recognised: Callable[[Path], bool]) -> bool:

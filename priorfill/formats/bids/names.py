@@ -203,8 +203,8 @@ def dataset_root(path: Path) -> Path | None:
     path : Path
         The file or folder; the root itself is in the dataset.
     """
-    root = _folders(path / "x")[0] if path.is_dir() else _folders(path)[0]
-    return root if (root / DESCRIPTION).exists() else None
+    root = _folders(path / "x" if os.path.isdir(path) else path)[0]  # noqa: PTH112, see _is_root
+    return root if _is_root(root) else None
 
 
 def side_files(path: Path, suffix: str, extension: str) -> list[Path]:
@@ -263,7 +263,12 @@ def _folders(path: Path) -> list[Path]:
     """Return the folders from the root of a file's dataset to the file."""
     folder = Path(os.path.abspath(path)).parent  # noqa: PTH100, does not resolve links
     folders = [folder]
-    while _INSIDE.fullmatch(folder.name) and not (folder / DESCRIPTION).exists():
+    while _INSIDE.fullmatch(folder.name) and not _is_root(folder):
         folder = folder.parent
         folders.append(folder)
     return folders[::-1]
+
+
+def _is_root(folder: Path) -> bool:
+    """Return whether a folder is the root of a dataset; a folder without permission is none."""
+    return os.path.exists(folder / DESCRIPTION)  # noqa: PTH110, Path.exists raises PermissionError
