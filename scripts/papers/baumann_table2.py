@@ -38,9 +38,21 @@ from priorfill.markers.definitions import load
 from priorfill.methods import METHODS as KNOWN
 
 TAKES = (
-    PaperTake("bd_01-01_01", "HDM_bd_01-01_01_120", 650, 1100, ("01-01", "walk_", "jogLeft")),
-    PaperTake("bd_01-02_03", "HDM_bd_01-02_03_120", 450, 750, ("01-02", "walk-turn", "sneak")),
-    PaperTake("bk_01-01_03", "HDM_bk_01-01_03_120", 6300, 6600, ("01-01", "walk_", "jogLeft")),
+    PaperTake(
+        "bd_01-01_01",
+        "HDM_bd_01-01_01_120",
+        650,
+        1100,
+        ("01-01", "walk_", "sneak2Steps", "jogLeft"),
+    ),
+    PaperTake("bd_01-02_03", "HDM_bd_01-02_03_120", 450, 750, ("01-02_03", "walk-turn", "jogLeft")),
+    PaperTake(
+        "bk_01-01_03",
+        "HDM_bk_01-01_03_120",
+        6300,
+        6600,
+        ("01-01", "walk_", "sneak2Steps", "jogLeft"),
+    ),
     PaperTake("mm_02-03_02", "HDM_mm_02-03_02_120", 450, 750, ("02-03", "raise-up-right", "grab")),
     PaperTake("dg_01-06_01", "HDM_dg_01-06_01_120", 1000, 1300, ("01-06", "run_", "hopBothLegs")),
 )

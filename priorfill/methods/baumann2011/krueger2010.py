@@ -84,11 +84,12 @@ class Krueger2010Options:
     Attributes
     ----------
     neighbours : int
-        k, the number of poses of a local model. In a library of eleven minutes, limbs have 84 mm
-        with 64 and 99 mm with 256, single markers 41 and 40 mm.
+        k, the number of poses of a local model. In a library of eleven minutes, the errors of limbs
+        are 84 mm with 64 and 99 mm with 256, those of single markers 41 and 40 mm.
     control_error : float
-        mm. Usual difference of a coordinate of a viable marker from the local model. In root
-        frames, reliable markers of two people differ by 20 to 40 mm.
+        mm. Usual difference of a coordinate of a viable marker from the local model, as of people
+        of different size. The same errors with 20, 40 and 100 mm: limbs 84, 81 and 94 mm, single
+        markers 41, 45 and 53 mm.
     second_difference : float
         mm. s, the usual second difference of a coordinate of a missing marker. Where it is well
         below the spread of the local model, each frame continues the motion of the two before, and
@@ -105,7 +106,7 @@ class Krueger2010Options:
     """
 
     neighbours: int = 64
-    control_error: float = 20.0
+    control_error: float = 40.0
     second_difference: float = 50.0
     min_viable: int = MIN_VIABLE
     min_poses: int = MIN_POSES
