@@ -21,9 +21,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solveh_banded
 
 from priorfill.gp.velocities import VelocityPrediction
+from priorfill.runtime.lapack import solve_positive_banded
 from priorfill.runtime.option_checks import check_at_least
 
 __all__ = ["VelocityFusionOptions", "fuse_velocity"]
@@ -111,7 +111,7 @@ def fuse_velocity(
     rhs = weight[..., None] * np.where(known[..., None], measured, positions)
     rhs[1:] += stiffness[..., None] * step
     rhs[:-1] -= stiffness[..., None] * step
-    solved = solveh_banded(bands.reshape(2, -1), np.swapaxes(rhs, 0, 1).reshape(-1, 3))
+    solved = solve_positive_banded(bands.reshape(2, -1), np.swapaxes(rhs, 0, 1).reshape(-1, 3))
     fused: NDArray[np.float64] = np.swapaxes(solved.reshape(markers, frames, 3), 0, 1)
     return fused
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solveh_banded
 
 from priorfill.energy.targets import Prior
 from priorfill.energy.terms import (
@@ -20,6 +19,7 @@ from priorfill.energy.terms import (
     marker_energies,
 )
 from priorfill.errors import OptionError
+from priorfill.runtime.lapack import solve_positive_banded
 
 __all__ = ["DescentOptions", "Solution", "minimise", "solve_exactly"]
 
@@ -180,7 +180,6 @@ def minimise(
     and the same stopping rule ends closer to it: Saad, Iterative Methods for Sparse Linear Systems,
     2003, doi:10.1137/1.9780898718003, algorithm 9.1, with the blocks of section 4.1.1.
     """
-    # importing numba takes half a second, which only a fill should spend
     from priorfill.energy.descent_kernels import PADDING, descend_chains
 
     options = options or DescentOptions()
@@ -236,6 +235,6 @@ def solve_exactly(
         bands[2] = np.where(unknown, system.diagonal[m], 1.0)
         bands[1, 1:] = np.where(unknown[:-1] & unknown[1:], off1[:-1], 0.0)
         bands[0, 2:] = np.where(unknown[:-2] & unknown[2:], off2[:-2], 0.0)
-        solved = solveh_banded(bands, np.where(unknown, rhs, 0.0).T)
+        solved = solve_positive_banded(bands, np.where(unknown, rhs, 0.0).T)
         found[unknown, m] = solved[unknown]
     return Solution(found, energy(found, prior), 0)

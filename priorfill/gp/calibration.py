@@ -120,15 +120,14 @@ def common_bound(bounds: NDArray[np.float64]) -> float:
     low, high = float(bounds.min()), float(bounds.max())
     if high - low <= TOLERANCE * high:
         return high
-    from scipy.special import erf
-
     found = middle = 0.5 * (low + high)
     scale = UNIT_BOUND / np.maximum(bounds, MIN_BOUND)
     for _ in range(MAX_STEPS):
         ratio = scale * middle
         density = np.sqrt(2.0 / np.pi) * np.exp(-0.5 * ratio**2)
         # the distribution function of a Maxwell distribution
-        excess = float((erf(ratio / np.sqrt(2.0)) - density * ratio).mean()) - BOUND_COVERAGE
+        errors = [math.erf(value) for value in (ratio / math.sqrt(2.0)).tolist()]
+        excess = float((errors - density * ratio).mean()) - BOUND_COVERAGE
         low, high = (middle, high) if excess < 0.0 else (low, middle)
         slope = float((scale * density * ratio**2).mean())
         found = middle - excess / slope if slope > 0.0 else math.inf

@@ -13,7 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.runtime import elementary
-from priorfill.runtime.lapack import cholesky_in_place, invert_lower_in_place
+from priorfill.runtime.lapack import (
+    cholesky_in_place,
+    invert_lower_in_place,
+    solve_positive_banded,
+)
 
 __all__ = [
     "block_residuals",
@@ -158,8 +162,6 @@ def solve_blocks(matrices: NDArray[np.float64], right: NDArray[np.float64]) -> N
     array([[1., 1.],
            [1., 5.]])
     """
-    from scipy.linalg import solveh_banded  # slow to import
-
     systems, size = matrices.shape[:2]
     if not right.size:
         return np.zeros(right.shape)
@@ -167,13 +169,10 @@ def solve_blocks(matrices: NDArray[np.float64], right: NDArray[np.float64]) -> N
     bands = np.zeros((size, systems, size))
     bands[size - 1 + row - column, :, column] = matrices[:, row, column].T
     try:
-        solved = solveh_banded(
-            bands.reshape(size, -1), right.reshape(systems * size, -1), overwrite_ab=True
-        )
+        solved = solve_positive_banded(bands.reshape(size, -1), right.reshape(systems * size, -1))
     except ValueError:  # rounding has made a matrix indefinite, or a value is not finite
         return np.asarray(np.linalg.solve(matrices, right), dtype=np.float64)
-    result: NDArray[np.float64] = solved.reshape(right.shape)
-    return result
+    return solved.reshape(right.shape)
 
 
 def explained_variance(

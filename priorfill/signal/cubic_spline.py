@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_banded
+
+from priorfill.runtime.lapack import solve_tridiagonal
 
 __all__ = ["cubic_spline"]
 
@@ -92,8 +93,7 @@ def _slopes(times: _Floats, rows: _Floats, *, natural: bool) -> _Floats:
             both = w[0] + w[1]
             bands[end], bands[beside] = w[1], both
             right[end[1]] = ((w[0] + 2.0 * both) * w[1] * s[0] + w[0] ** 2 * s[1]) / both
-    solved: _Floats = solve_banded((1, 1), bands, right, check_finite=False)
-    return solved
+    return solve_tridiagonal(bands, right)
 
 
 def _lagrange(times: _Floats, rows: _Floats, at: _Floats) -> _Floats:

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from priorfill.errors import OptionError
 from priorfill.gaps import runs
 from priorfill.runtime.elementary import power, sin
+from priorfill.runtime.lapack import solve_positive_banded
 from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["SmoothingOptions", "jitter_power", "low_pass", "smooth_jitter"]
@@ -101,8 +102,6 @@ def low_pass(path: NDArray[np.float64], rate: float, cutoff: float) -> NDArray[n
     """
     if rate / cutoff > MAX_RATE_RATIO:
         return _low_pass_blocks(path, rate, cutoff)
-    from scipy.linalg import solveh_banded
-
     order, frames = DIFFERENCE_ORDER, len(path)
     gain = 2.0 * float(sin(np.pi * cutoff / rate))  # of one difference, at the cut-off
     penalty = float(power(gain, -2.0 * order))  # λ
@@ -115,7 +114,7 @@ def low_pass(path: NDArray[np.float64], rate: float, cutoff: float) -> NDArray[n
         for i in range(order + 1 - offset):
             columns = slice(i + offset, i + offset + frames - order)
             bands[order - offset, columns] += penalty * difference[i] * difference[i + offset]
-    smooth: NDArray[np.float64] = solveh_banded(bands, path.reshape(frames, -1))
+    smooth = solve_positive_banded(bands, path.reshape(frames, -1))
     return smooth.reshape(path.shape)
 
 

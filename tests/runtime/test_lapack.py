@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 import threading
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_banded, solveh_banded
 from scipy.linalg.lapack import dpotrf, dtrtri
 
-from priorfill.runtime.lapack import cholesky_in_place, invert_lower_in_place
+from priorfill.runtime.lapack import (
+    cholesky_in_place,
+    invert_lower_in_place,
+    solve_positive_banded,
+    solve_tridiagonal,
+)
 
 
 def covariance(size: int) -> np.ndarray:
@@ -53,3 +60,51 @@ def test_the_interpreter_lock_is_released() -> None:
         sys.setswitchinterval(interval)
         thread.join()
     assert done == [True]
+
+
+@pytest.mark.parametrize("diagonals", [2, 3])
+@pytest.mark.parametrize("size", [3, 40])
+def test_banded_systems_have_the_bits_of_scipy(diagonals: int, size: int) -> None:
+    rng = np.random.default_rng(size)
+    bands = rng.normal(size=(diagonals, size))
+    bands[-1] += 9.0
+    right = rng.normal(size=(size, 2))
+    given = bands.copy(), right.copy()
+    np.testing.assert_array_equal(solve_positive_banded(bands, right), solveh_banded(bands, right))
+    full = rng.normal(size=(3, size))
+    found = solve_tridiagonal(full, right)
+    np.testing.assert_array_equal(found, solve_banded((1, 1), full, right))
+    for array, before in zip((bands, right), given, strict=True):
+        np.testing.assert_array_equal(array, before)
+
+
+@pytest.mark.parametrize("diagonals", [2, 3])
+def test_banded_systems_without_a_solution(diagonals: int) -> None:
+    bands, right = np.ones((diagonals, 5)), np.ones((5, 1))
+    with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
+        solve_positive_banded(bands, right)
+    with pytest.raises(np.linalg.LinAlgError, match="singular"):
+        solve_tridiagonal(np.zeros((3, 5)), right)
+    for array in (bands, right):
+        array[0, 0] = np.nan
+        with pytest.raises(ValueError, match="finite"):
+            solve_positive_banded(bands, right)
+        array[0, 0] = 0.0
+
+
+def test_systems_without_unknowns() -> None:
+    assert solve_tridiagonal(np.zeros((3, 0)), np.zeros((0, 2))).shape == (0, 2)
+    assert solve_positive_banded(np.zeros((3, 4)), np.zeros((4, 0))).shape == (4, 0)
+
+
+def test_scipy_can_be_imported_afterwards() -> None:
+    program = (
+        "import sys, numpy as np\n"
+        "from priorfill.runtime.lapack import solve_tridiagonal\n"
+        "print(solve_tridiagonal(np.ones((3, 2)) * [[0], [2], [0]], np.ones((2, 1))).tolist())\n"
+        "print('scipy.linalg' in sys.modules)\n"
+        "import scipy.linalg.cython_lapack\n"
+        "print(len(scipy.linalg.cython_lapack.__pyx_capi__) > 1000, scipy.linalg.det(np.eye(2)))\n"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert run.stdout.split("\n")[:3] == ["[[0.5], [0.5]]", "False", "True 1.0"], run.stderr
