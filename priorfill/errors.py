@@ -13,6 +13,7 @@
     ├── EvaluationError (RuntimeError)    an evaluation cannot continue
     ├── StudyError (ValueError)           a study cannot begin, for one or several reasons
     ├── OutputError (OSError)             a result cannot be written to its destination
+    │   └── SourceAsOutputError (OptionError)   the destination is the file that is read
     ├── IntegrationError (RuntimeError)   a program that has a trial open cannot be used
     ├── FetchError (OSError)              a data set cannot be downloaded, or is not as expected
     └── DatabaseError                     a problem with a prior database
@@ -25,7 +26,7 @@
 
 Every message is one line that states what is wrong, where, and what to do, with control characters
 as escape sequences. The command line prints the message and exits with status 1, or 2 for an
-`OptionError`.
+`OptionError` or a `DatabaseNotFoundError`.
 """
 
 from __future__ import annotations
@@ -53,6 +54,7 @@ __all__ = [
     "OptionError",
     "OutputError",
     "PriorfillError",
+    "SourceAsOutputError",
     "StudyError",
     "escaped",
 ]
@@ -196,6 +198,10 @@ class StudyError(PriorfillError, ValueError):
 
 class OutputError(PriorfillError, OSError):
     """A result cannot be written to its destination."""
+
+
+class SourceAsOutputError(OutputError, OptionError):
+    """The destination of a result is the file that is read."""
 
 
 class IntegrationError(PriorfillError, RuntimeError):

@@ -23,7 +23,7 @@ from priorfill.cli.system import (
     finish_stdout,
     open_closed_streams,
 )
-from priorfill.errors import OptionError
+from priorfill.errors import DatabaseNotFoundError, OptionError
 from priorfill.runtime.display import escaped
 from priorfill.runtime.error_line import DEBUG, error_line
 from priorfill.runtime.option_texts import close_or_all
@@ -182,4 +182,5 @@ def _exit_status(error: BaseException) -> int:
         return error.exit_status
     if isinstance(error, KeyboardInterrupt):
         return EXIT_INTERRUPTED
-    return EXIT_USAGE if isinstance(error, OptionError) else EXIT_FAILED
+    wrong = (OptionError, DatabaseNotFoundError)
+    return EXIT_USAGE if isinstance(error, wrong) else EXIT_FAILED

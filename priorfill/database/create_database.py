@@ -10,6 +10,7 @@ from pathlib import Path
 from priorfill.database.create_catalogue import create_catalogue
 from priorfill.database.database_lock import LOCK, DatabaseLock
 from priorfill.database.manifest import (
+    CATALOGUE,
     FORMAT_VERSION,
     MANIFEST,
     Manifest,
@@ -27,8 +28,6 @@ __all__ = ["SEGMENTS", "create_database"]
 
 SEGMENTS = "segments"
 """Name of the folder of the segments."""
-
-_CATALOGUE = "catalogue.sqlite"
 
 _NAMES_INSIDE = len("/catalogue-999.sqlite.new-journal")
 """Length of the longest name in a database."""
@@ -68,7 +67,7 @@ def create_database(folder: Path, rate: float, levels: int) -> None:
     try:
         _check_empty(folder)  # another process may have made a database meanwhile
         manifest = Manifest(FORMAT_VERSION, float(rate), int(levels), new_identity())
-        create_catalogue(folder / _CATALOGUE, manifest, (), SegmentList())
+        create_catalogue(folder / CATALOGUE, manifest, (), SegmentList())
         (folder / SEGMENTS).mkdir(exist_ok=True)
         write_manifest(folder, manifest)
         flush_folder(folder.parent)
@@ -91,12 +90,12 @@ def _check_empty(folder: Path) -> None:
             continue
         if path.name == SEGMENTS and path.is_dir() and not any(path.iterdir()):
             continue
-        if path.name == _CATALOGUE and _is_without_clips(path):
+        if path.name == CATALOGUE and _is_without_clips(path):
             continue
-        raise DatabaseFormatError(
-            f"{folder}: contains other files ({path.name}); "
-            "give an empty or a new folder for a new database"
-        )
+        remedy = "give an empty or a new folder for a new database"
+        if (folder / CATALOGUE).exists() and not (folder / MANIFEST).exists():
+            remedy = f"if it is a database, restore {MANIFEST} from a copy; otherwise {remedy}"
+        raise DatabaseFormatError(f"{folder}: contains other files ({path.name}); {remedy}")
 
 
 def _is_without_clips(catalogue: Path) -> bool:

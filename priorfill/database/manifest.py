@@ -16,6 +16,7 @@ from priorfill.runtime.display import shell_command
 from priorfill.runtime.held_files import is_held, retry_while_held
 
 __all__ = [
+    "CATALOGUE",
     "FORMAT_VERSION",
     "MANIFEST",
     "OLDER_VERSIONS",
@@ -32,6 +33,7 @@ OLDER_VERSIONS = (1, 2)
 """Versions that can be read, and are converted before they are written to."""
 
 MANIFEST = "priorfill-database.json"
+CATALOGUE = "catalogue.sqlite"
 _FORMAT = "priorfill prior database"
 
 MAX_RATE = 100_000.0
@@ -144,9 +146,11 @@ def read_manifest(folder: Path) -> Manifest:
         raise DatabaseNotFoundError(f"{folder}: is a file; give the folder of a database")
     file = folder / MANIFEST
     if not file.is_file():
+        remedy = "give the folder of a database"
+        if (folder / CATALOGUE).exists():
+            remedy = f"{remedy}, or restore {MANIFEST} from a copy"
         raise DatabaseFormatError(
-            f"{folder}: is not a priorfill database (it has no {MANIFEST}); "
-            "give the folder of a database"
+            f"{folder}: is not a priorfill database (it has no {MANIFEST}); {remedy}"
         )
     content = _load(file)
     try:

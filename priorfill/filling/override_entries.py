@@ -77,9 +77,8 @@ def entry_fields(entry: Any, where: str) -> dict[str, Any]:
     do = entry.get("do")
     actions = (*ACTIONS, "auto", *METHODS)
     if not isinstance(do, str) or do not in (*actions, *ALIASES):
-        raise OptionError(
-            f"{where}: do is {shown_value(do)}; {close_or_all(_short(str(do)), actions)}"
-        )
+        wrong = f"do is {shown_value(do)}" if "do" in entry else "has no do"
+        raise OptionError(f"{where}: {wrong}; {close_or_all(_short(str(do)), actions)}")
     markers = _names(entry.get("marker", ()), "marker", where)
     if not markers:
         raise OptionError(f"{where}: has no marker; give a label, a pattern, or a list of these")

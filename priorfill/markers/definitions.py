@@ -184,6 +184,8 @@ def _users_folder() -> Path | None:
 def _read(path: Path) -> MarkerSet:
     try:
         stamp = path.stat().st_mtime_ns
+    except FileNotFoundError:
+        raise OptionError(f"{path}: there is no such marker set; check the path") from None
     except OSError as error:
         raise MarkerSetError(
             f"{path}: cannot be read ({error.strerror}); check the path of the definition"

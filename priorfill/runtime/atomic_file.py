@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from priorfill.errors import OutputError, PriorfillError
+from priorfill.errors import OutputError, PriorfillError, SourceAsOutputError
 from priorfill.runtime.disk_flush import flush_file, flush_folder
 from priorfill.runtime.held_files import WINDOWS, is_held, is_open_elsewhere, retry_while_held
 from priorfill.runtime.processes import is_running
@@ -73,7 +73,9 @@ def check_target(path: Path | str, *, overwrite: bool = False, source: Path | No
         raise OutputError(f"{given}: {fault}; choose another name")
     target = Path(os.path.realpath(given))
     if source is not None and target.exists() and source.exists() and _is_same(target, source):
-        raise OutputError(f"{given}: is the file that the clip was read from; choose another name")
+        raise SourceAsOutputError(
+            f"{given}: is the file that the clip was read from; choose another name"
+        )
     if WINDOWS:
         _check_length(given, target)
     existing = _existing_folder(target)

@@ -194,7 +194,7 @@ def test_empty_database(here: Path) -> None:
 def test_no_database(arguments: list[str], here: Path) -> None:
     command, *rest = arguments
     result = run("db", command, "--database", "no", *rest)
-    assert result.exit_code == 1
+    assert result.exit_code == 2
     assert result.stdout == ""
     assert result.stderr == (
         "priorfill: no: there is no database; make one with: priorfill db add --database no ...\n"

@@ -501,8 +501,9 @@ def test_killed_after_the_catalogue_before_the_manifest(folder: Path) -> None:
         database.add(make_clip())
     assert len(snapshot(folder)) == 1
     (folder / "priorfill-database.json").unlink()  # of a database that has clips
-    with pytest.raises(DatabaseFormatError, match=r"contains other files \(catalogue"):
-        PriorDatabase.open_or_create(folder)
+    for make in (PriorDatabase.open_or_create, PriorDatabase.open):
+        with pytest.raises(DatabaseFormatError, match=r"restore priorfill-database\.json from a"):
+            make(folder)
 
 
 @pytest.mark.windows

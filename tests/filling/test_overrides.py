@@ -160,7 +160,7 @@ def test_overrides_from_python():
             '[[gap]]\nmarker = "C7"\ndo = "guess"',
             "do is 'guess'; use one of accept, leave, missing, swap, auto, gpr",
         ),
-        ('[[gap]]\nmarker = "C7"', "do is None"),
+        ('[[gap]]\nmarker = "C7"', "has no do; use one of"),
         ('[[gap]]\ndo = "leave"', "has no marker"),
         ('[[gap]]\nmarker = "C7"\ndo = "leave"\nframe = 3', "unknown key 'frame'"),
         ('[gap]\nmarker = "C7"', "not a list of tables"),
