@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from priorfill.clip import Clip, without_mask
 from priorfill.errors import ClipError, OptionError
+from priorfill.formats.arrays.column_order import check_column_order
 from priorfill.formats.recording import ReadOptions, Recording, make_clip
 from priorfill.formats.units import UNITS
 
@@ -92,6 +93,8 @@ def from_arrays(
     ------
     ClipError
         If shapes do not match, labels repeat, or the contents are unusable.
+    FormatError
+        If columns hold X of all markers before Y and Z.
     OptionError
         If rate, unit or axis is invalid.
 
@@ -108,6 +111,7 @@ def from_arrays(
     """
     array = np.array(without_mask(positions))
     if array.ndim == 2 and array.shape[1] == 3 * len(labels):
+        check_column_order(array, name)
         array = array.reshape(len(array), len(labels), 3)
     if array.ndim != 3 or array.shape[1:] != (len(labels), 3):
         raise ClipError(

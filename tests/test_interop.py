@@ -14,7 +14,7 @@ from text_files import LABELS, standing
 import priorfill as pf
 from priorfill import interop
 from priorfill.clip import Clip
-from priorfill.errors import ClipError, OptionError
+from priorfill.errors import ClipError, FormatError, OptionError
 
 
 class TimeSeries:
@@ -187,6 +187,12 @@ def test_unusable_data():
     series.info["LTOE"] = {"Unit": "mm"}
     with pytest.raises(ClipError, match="has markers in m and in mm; convert them"):
         interop.from_timeseries(series)
+
+
+def test_columns_by_axes_are_refused():
+    columns = with_gap().positions.transpose(0, 2, 1).reshape(12, 18)
+    with pytest.raises(FormatError, match="hold X of all markers before Y and Z"):
+        interop.from_arrays(columns, LABELS, 120)
 
 
 def test_times_replace_a_rate_that_they_contradict():

@@ -9,6 +9,7 @@ import tracemalloc
 import warnings
 import zipfile
 import zlib
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +29,7 @@ from priorfill.formats import file_bytes
 from priorfill.formats.arrays import unpacked_size
 from priorfill.formats.arrays.array_files import Unread
 from priorfill.formats.arrays.mat_elements import MAX_DEPTH, variable_names, variables
+from priorfill.synthetic import synthesise
 
 
 def clip_with_gap() -> Clip:
@@ -534,6 +536,8 @@ UNUSABLE = {
     "rate not a number": ({"rate": math.nan}, "variable rate should be one number"),
     "late": ({"first_frame": 1e300}, r"variable first_frame is 1e\+300; give the whole number"),
     "between": ({"first_frame": 1.5}, "variable first_frame is 1.5; give the whole number"),
+    "mask": ({"filled": np.zeros((6, 12))}, r"variable filled has the shape \(6, 12\)"),
+    "mask of other size": ({"filled": np.zeros(5)}, r"variable filled has the shape \(5,\)"),
     "bytes": ({"labels": [b"a", b"\xff", b"c", b"d", b"e", b"f"]}, "text that is not Unicode"),
 }  # fmt: skip
 
@@ -546,6 +550,48 @@ def test_unusable_values_are_reported_in_one_line(tmp_path, fault):
     with pytest.raises((FormatError, ClipError), match=message) as caught:
         formats.read(path)
     assert "\n" not in str(caught.value)
+
+
+def test_missing_samples_show_the_order_of_columns(tmp_path):
+    """Places of markers on a ball around the origin do not."""
+    positions = np.random.default_rng(0).normal(size=(12, 6, 3))
+    positions -= positions.mean(axis=(0, 1))
+    np.savez(tmp_path / "a.npz", **SOUND | {"positions": positions.reshape(12, 18), "unit": "m"})
+    formats.read(tmp_path / "a.npz")
+    positions[3, 2] = np.nan
+    np.savez(tmp_path / "a.npz", **SOUND | {"positions": positions.reshape(12, 18), "unit": "m"})
+    assert formats.read(tmp_path / "a.npz").missing.sum() == 1
+    turned = positions.transpose(0, 2, 1).reshape(12, 18)
+    np.savez(tmp_path / "a.npz", **SOUND | {"positions": turned, "unit": "m"})
+    with pytest.raises(FormatError, match="hold X of all markers before Y and Z"):
+        formats.read(tmp_path / "a.npz")
+
+
+def test_places_show_the_order_of_columns(tmp_path):
+    walk = synthesise("walking", seconds=0.5, rate=50.0)
+    for turned in (False, True):
+        positions = walk.positions.transpose(0, 2, 1) if turned else walk.positions
+        columns = positions.reshape(len(positions), -1)
+        np.savez(tmp_path / "a.npz", positions=columns, labels=walk.labels, rate=50.0)
+        with pytest.raises(FormatError, match="put X, Y, Z") if turned else nullcontext():
+            formats.read(tmp_path / "a.npz")
+
+
+def test_times_replace_a_rate_that_they_contradict(tmp_path):
+    path = tmp_path / "a.npz"
+    for times, rate, note in (
+        (np.arange(12) / 50, 50.0, "the rate of the time column is used"),
+        (np.arange(12)[:, None] / 100, 100.0, None),
+        (np.arange(12), 100.0, "counts rows"),
+        (np.delete(np.arange(13), 5) / 100, 100.0, "are uneven"),
+        (np.arange(3) / 50, 100.0, None),
+    ):
+        np.savez(path, **SOUND | {"time": times, "unit": "mm"})
+        clip = formats.read(path)
+        assert clip.rate == rate
+        assert [one for one in clip.source.notes if note and note in one] == [
+            one for one in clip.source.notes if "time" in one
+        ]
 
 
 def test_unusual_values_are_read(tmp_path):

@@ -7,6 +7,7 @@ they use one of the names below, or if one variable alone fits the labels.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +18,10 @@ from numpy.typing import NDArray
 
 from priorfill.clip import Clip
 from priorfill.errors import FormatError
+from priorfill.formats.arrays.column_order import check_column_order
 from priorfill.formats.arrays.unpacked_size import check_unpacked
 from priorfill.formats.recording import Recording
+from priorfill.formats.tables.frames import find_rate
 from priorfill.formats.write_report import WriteReport, check_filled, check_read_back
 from priorfill.geometry.axes import UP_AXES
 from priorfill.runtime.atomic_file import replace_file
@@ -31,6 +34,7 @@ LABELS = (
     "markername",
 )
 RATES = ("rate", "fs", "frame_rate", "framerate", "frequency", "freq", "sampling_rate")
+_TIMES = ("time", "times")
 _UNITS = ("unit", "units")
 """Names of each variable, in any case; the first one present is used."""
 
@@ -163,7 +167,10 @@ def as_recording(arrays: Mapping[str, Any], name: str, packed: int) -> Recording
         )
     raw = np.asarray(arrays[candidates[0]])
     check_unpacked(_NUMBER_BYTES * raw.size, packed, name)
-    positions = np.array(raw, dtype=np.float64, order="C").reshape(raw.shape[0], len(labels), 3)
+    positions = np.array(raw, dtype=np.float64, order="C")
+    if positions.ndim == 2:
+        check_column_order(positions, name)
+        positions = positions.reshape(len(positions), len(labels), 3)
     up = _text(arrays, known, ("up",), name)
     if up and up not in UP_AXES:
         raise FormatError(
@@ -172,19 +179,31 @@ def as_recording(arrays: Mapping[str, Any], name: str, packed: int) -> Recording
     subject = _text(arrays, known, ("subject",), name)
     mask = None
     if "filled" in known:
-        filled = np.asarray(arrays[known["filled"]])
-        if filled.dtype.kind in "bfiu" and filled.size == positions[..., 0].size:
-            mask = filled.reshape(positions.shape[:2]).astype(bool)
+        mask = _mask(np.asarray(arrays[known["filled"]]), positions.shape[:2], name)
+    rate, notes = _rate_and_notes(arrays, known, len(positions), name)
     return Recording(
         positions,
         labels,
-        _rate(arrays, known, name),
+        rate,
         _text(arrays, known, _UNITS, name),
         first_frame=_first_frame(arrays, known, name),
         up=up,
         subjects=(subject,) if subject else (),
         interpolated=mask,
+        notes=notes,
     )
+
+
+def _mask(filled: NDArray[Any], shape: tuple[int, ...], name: str) -> NDArray[np.bool_] | None:
+    """Return which samples are filled [shape=(frames, markers)]; None if it does not state it."""
+    if filled.dtype.kind not in "bfiu":
+        return None
+    if filled.size != math.prod(shape) or (filled.ndim == 2 and filled.shape != shape):
+        raise FormatError(
+            f"{name}: variable filled has the shape {filled.shape}; (frames, markers), here "
+            f"{shape}, is needed: correct or delete it"
+        )
+    return filled.reshape(shape).astype(bool)
 
 
 def _labels(arrays: Mapping[str, Any], known: Mapping[str, str], name: str) -> tuple[str, ...]:
@@ -231,6 +250,21 @@ def _rate(arrays: Mapping[str, Any], known: Mapping[str, str], name: str) -> flo
             "delete it"
         )
     return rate
+
+
+def _rate_and_notes(
+    arrays: Mapping[str, Any], known: Mapping[str, str], frames: int, name: str
+) -> tuple[float | None, tuple[str, ...]]:
+    """Return the frame rate (Hz) by the rate and the times of a file, and notes."""
+    rate = _rate(arrays, known, name)
+    key = _first(known, _TIMES)
+    if key is None:
+        return rate, ()
+    times = np.asarray(arrays[key])
+    if times.dtype.kind not in "fiu" or times.size != frames:
+        return rate, ()
+    found, notes = find_rate(rate, [repr(time).encode() for time in times.ravel().tolist()])
+    return found, tuple(notes)
 
 
 def _first_frame(arrays: Mapping[str, Any], known: Mapping[str, str], name: str) -> int:
