@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import re
 import tempfile
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -201,10 +202,10 @@ def opened(arguments: argparse.Namespace) -> Iterator[Library]:
 def choose(library: Library, takes: Sequence[PaperTake]) -> list[Example]:
     """Return for each take of the paper the library's own, or a stand-in.
 
-    Stand-ins are the takes whose names contain the first of the words `PaperTake.like` that some
-    name contains: one of the same actor if there is one, otherwise of an actor who is not filled
-    yet, and the longest of these. No take stands for two; a take of the paper for which nothing is
-    left has no stand-in.
+    Stand-ins are takes whose names contain the first of the words `PaperTake.like` that some name
+    contains: those of the same actor if there are any, otherwise of an actor who is not filled yet
+    and has most of them, and of these the one of median length. No take stands for two; a take of
+    the paper for which nothing is left has no stand-in.
     """
     chosen: list[Example] = []
     for take in takes:
@@ -224,14 +225,17 @@ def _stand_in(library: Library, take: PaperTake, used: Sequence[ClipRecord]) -> 
     left = [r for r in library.records if r not in used and r.frames[0] >= MIN_FRAMES]
     some = next((found for w in take.like if (found := [r for r in left if w in r.name])), [])
     actors = {actor(record) for record in used}
+    takes = Counter(actor(record) for record in some)
     found = NAME.match(take.name)
 
     def fitness(record: ClipRecord) -> tuple[bool, bool, int, str]:
         who = actor(record)
         same = found is not None and who == found[1].lower()
-        return same, who not in actors, record.frames[0], record.name
+        return same, who not in actors, takes[who], who
 
-    return max(some, key=fitness, default=None)
+    best = max(map(fitness, some), default=None)
+    group = sorted((r.frames[0], r.name, r) for r in some if fitness(r) == best)
+    return group[len(group) // 2][2] if group else None
 
 
 def gap_of(example: Example, frames: int, rate: float) -> tuple[int, int]:

@@ -33,15 +33,17 @@ import priorfill as pf
 from priorfill.cli.encoding import replace_what_is_lacking
 from priorfill.markers.definitions import load
 
-METHODS = ("baumann2011", "krueger2010")
-"""The method of the paper, and the one that table 2 compares with."""
+METHODS = ("baumann2011",)
+"""The method of the paper."""
 
 TAKES = (
     PaperTake(
-        "walk", "HDM_bd_01-01_01_120", 650, 1100, ("01-01", "walk_", "sneak2Steps", "jogLeft")
+        "walk", "HDM_bd_01-01_01_120", 650, 1100, ("01-01", "2_walk_", "sneak2Steps", "jogLeft")
     ),
-    PaperTake("jump", "HDM_tr_01-05_01_120", 1000, 1350, ("01-05", "hopBothLegs", "dash")),
-    PaperTake("cartwheel", "HDM_tr_05-03_03_120", 2550, 3000, ("05-03", "kickLFront", "run_")),
+    PaperTake("jump", "HDM_tr_01-05_01_120", 1000, 1350, ("01-05", "hopBothLegs", "2_run_")),
+    PaperTake(
+        "cartwheel", "HDM_tr_05-03_03_120", 2550, 3000, ("05-03", "kickLFront", "raise-up-both")
+    ),
 )
 """The takes of the paper's figures 3 and 4."""
 

@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 from baumann import (
-    METHODS,
     Example,
     PaperTake,
     choose,
@@ -37,13 +36,16 @@ from priorfill.cli.encoding import replace_what_is_lacking
 from priorfill.markers.definitions import load
 from priorfill.methods import METHODS as KNOWN
 
+DEFAULT = "baumann2011,krueger2010"
+"""Methods: the paper's, and the one that it compares with."""
+
 TAKES = (
     PaperTake(
         "bd_01-01_01",
         "HDM_bd_01-01_01_120",
         650,
         1100,
-        ("01-01", "walk_", "sneak2Steps", "jogLeft"),
+        ("01-01", "2_walk_", "sneak2Steps", "jogLeft"),
     ),
     PaperTake("bd_01-02_03", "HDM_bd_01-02_03_120", 450, 750, ("01-02_03", "walk-turn", "jogLeft")),
     PaperTake(
@@ -51,10 +53,10 @@ TAKES = (
         "HDM_bk_01-01_03_120",
         6300,
         6600,
-        ("01-01", "walk_", "sneak2Steps", "jogLeft"),
+        ("01-01", "2_walk_", "sneak2Steps", "jogLeft"),
     ),
     PaperTake("mm_02-03_02", "HDM_mm_02-03_02_120", 450, 750, ("02-03", "raise-up-right", "grab")),
-    PaperTake("dg_01-06_01", "HDM_dg_01-06_01_120", 1000, 1300, ("01-06", "run_", "hopBothLegs")),
+    PaperTake("dg_01-06_01", "HDM_dg_01-06_01_120", 1000, 1300, ("01-06", "2_run_", "hopBothLegs")),
 )
 
 GAPS = {
@@ -139,7 +141,7 @@ def main() -> int:
     parser = parser_of(__doc__)
     parser.add_argument("--methods", metavar="NAMES", help="methods, separated by commas")
     arguments = parser.parse_args()
-    methods = tuple((arguments.methods or ",".join(METHODS)).split(","))
+    methods = tuple((arguments.methods or DEFAULT).split(","))
     if not set(methods) <= set(KNOWN):
         raise SystemExit(f"unknown method; use some of {' '.join(KNOWN)}")
     with opened(arguments) as library:

@@ -171,7 +171,7 @@ def test_script_runs(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     script = scripts[name]
-    monkeypatch.setattr(script, "METHODS", ("baumann2011",))
+    monkeypatch.setattr(script, "METHODS", ("baumann2011",), raising=False)
     # processes that are spawned do not see what is changed here
     if name != "fig2":
         monkeypatch.setattr(script, "in_processes", lambda function, cases: [*map(function, cases)])
