@@ -156,7 +156,7 @@ class BelievableFill:
         task = self._task(other)
         doubted = failing | suspects
         completed = np.where(doubted[..., None], np.nan, estimate.positions)
-        task = replace(task, groups=_to_repeat(task, doubted), completed=completed)
+        task = replace(task, groups=_to_repeat(task, suspects), completed=completed)
         found = _joined(estimate, self._estimate(task, method), wanted_samples(task))
         left = np.logical_or.reduce([failing & False, *self._failures(other, found).values()])
         believed = failing & ~left & ~np.isnan(found.positions[..., 0])
@@ -186,19 +186,20 @@ class BelievableFill:
         )
 
 
-def _to_repeat(task: Task, doubted: _Bool) -> tuple[GapGroup, ...]:
-    """Return the gap groups of gaps with doubted samples, and of short gaps next to them.
+def _to_repeat(task: Task, suspects: _Bool) -> tuple[GapGroup, ...]:
+    """Return the gap groups of gaps with suspicious samples, and of short gaps next to them.
 
-    Short gaps take little time, and their markers are visible again once they are filled.
+    Other gaps whose fill failed have no suspicious samples that could be the cause. Short gaps take
+    little time, and their markers are visible again once they are filled.
     """
     short = SHORT_SECONDS * task.rate
-    missing = np.zeros_like(doubted)
+    missing = np.zeros_like(suspects)
     for group in task.groups:
-        if not doubted[group.start : group.stop, list(group.markers)].any():
+        if not suspects[group.start : group.stop, list(group.markers)].any():
             continue
         for gap in group.gaps:
             inside = (slice(gap.start, gap.stop), gap.marker)
-            missing[inside] = gap.frames <= short or doubted[inside].any()
+            missing[inside] = gap.frames <= short or suspects[inside].any()
     return tuple(gap_groups(missing))
 
 
