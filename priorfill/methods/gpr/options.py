@@ -83,7 +83,7 @@ class GPROptions:
     ensemble : EnsembleOptions
         Weights of models, and calibration of expected errors.
     spline_nodes : SplineNodeOptions
-        Frames of several markers that are predicted.
+        Frames that are predicted.
     velocity_fusion : VelocityFusionOptions
         Combination of positions and velocities.
     segment_lengths : SegmentLengthOptions

@@ -1,10 +1,9 @@
-"""Spline nodes: the frames of a segment of several markers that are predicted.
+"""Spline nodes: the frames of a segment that are predicted.
 
-Human movement has little power above 10 Hz, and the expected errors of a limb are centimetres. So
-a cubic spline through fewer predictions is as good as one prediction per frame, and the cost does
-not grow with the clip's rate. Near the edges of the gap, where the prediction joins the measured
-samples, every frame is predicted, and so is every frame of a single marker, whose errors may be a
-tenth of a millimetre.
+Human movement has little power above 10 Hz. So a cubic spline through fewer predictions is as good
+as one prediction per frame, and the cost does not grow with the clip's rate. The nodes of a single
+marker, whose errors may be a tenth of a millimetre, are denser than those of a limb. Near the edges
+of the gap, where the prediction joins the measured samples, every frame is predicted.
 """
 
 from __future__ import annotations
@@ -24,24 +23,28 @@ __all__ = ["SplineNodeOptions", "interpolate_nodes", "spline_nodes"]
 
 @dataclass(frozen=True)
 class SplineNodeOptions:
-    """How densely the frames of several markers are predicted.
+    """How densely frames are predicted.
 
     Attributes
     ----------
     rate : float
-        Hz. Least rate of the nodes. A cubic spline through them misses less than one per cent of a
-        movement of 8 Hz. On gaps of limbs and segments, errors differed from those with all
-        frames by up to 0.7 %, in either direction.
+        Hz. Least rate of the nodes of several markers. A cubic spline through them misses less
+        than one per cent of a movement of 8 Hz. On gaps of limbs and segments, errors differed from
+        those with all frames by up to 0.7 %, in either direction.
+    single_rate : float
+        Hz. The same for a single marker. In 12 recordings errors differed from those with all
+        frames by a hundredth of their size in one, and by up to 0.4 % in the others.
     edge_seconds : float
         s. All frames are nodes that are nearer than this to the first or last frame of the
         segment.
     """
 
     rate: float = 40.0
+    single_rate: float = 50.0
     edge_seconds: float = 0.1
 
     def __post_init__(self) -> None:
-        check_at_least(self, 1.0, "rate")
+        check_at_least(self, 1.0, "rate", "single_rate")
         check_at_least(self, 0.0, "edge_seconds")
 
 
@@ -79,7 +82,8 @@ def spline_nodes(
     >>> nodes
     array([ 9, 10, 15, 20])
     """
-    step = max(1, int(rate / options.rate)) if len(segment.markers) > 1 else 1
+    least = options.rate if len(segment.markers) > 1 else options.single_rate
+    step = max(1, int(rate / least))
     edge = int(np.ceil(options.edge_seconds * rate))
     inside = (frames >= segment.start) & (frames < segment.stop)
     spaced = inside & ((frames - segment.start) % step == 0)
