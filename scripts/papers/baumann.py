@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from glob import escape
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from paper import cut, method_alone, options
 
 import priorfill as pf
 from priorfill.database import ClipRecord
+from priorfill.errors import PriorfillError
 from priorfill.evaluation.body_parts import LIMBS
 from priorfill.markers.definitions import load
 
@@ -141,8 +143,11 @@ class Library:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        with pf.PriorDatabase.open(path) as database:
-            self.records = tuple(r for r in database.clips() if set(ARM) <= set(r.labels))
+        try:
+            with pf.PriorDatabase.open(path) as database:
+                self.records = tuple(r for r in database.clips() if set(ARM) <= set(r.labels))
+        except PriorfillError as fault:
+            raise SystemExit(str(fault)) from None
         if not self.records:
             raise SystemExit(f"{path}: no take has the 41 markers of the paper")
 
@@ -265,7 +270,7 @@ def fill_by(
 
 def without(example: Example) -> pf.Selection:
     """Return the selection of all takes of a library but one."""
-    return pf.Selection(not_names=(example.record.name,))
+    return pf.Selection(not_names=(escape(example.record.name),))
 
 
 def reason(example: Example, library: Library) -> str:

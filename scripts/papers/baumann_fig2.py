@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import sys
 import time
+from glob import escape
 
 import numpy as np
 from baumann import ARM, METHODS, Library, opened, parser_of, print_data
@@ -40,7 +41,7 @@ PAPER_TREE = "a few"
 def filling_time(gappy: pf.Clip, library: Library, name: str, method: str, repeat: int) -> float:
     """Return the least CPU seconds of several fills."""
     least = np.inf
-    options = method_alone(pf.Selection(not_names=(name,)))
+    options = method_alone(pf.Selection(not_names=(escape(name),)))
     for _ in range(repeat):
         began = time.process_time()
         result = pf.fill(gappy, database=library.path, method=method, options=options)

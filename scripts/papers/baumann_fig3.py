@@ -95,7 +95,7 @@ def main() -> int:
     reliable = load("baumann41").reliable
     print_table(
         f"The same by marker, {METHODS[0]} (paper: plot only)",
-        ["marker", "reliable", *(example.name for example in examples)],
+        ["marker", "reliable", *(example.take.motion for example in examples)],
         [
             [label, "yes" if reliable[label] else "no", *map(float, found[i, :, 0])]
             for i, label in enumerate(markers)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
+from glob import escape
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +45,7 @@ PAPER_RATIO = 2.0
 
 def selections(example: Example) -> dict[str, pf.Selection]:
     """Return the takes of each database of the paper."""
-    name, subject = example.record.name, example.record.subject
+    name, subject = escape(example.record.name), escape(example.record.subject)
     return {
         "all but the take": without(example),
         "without the actor": pf.Selection(not_subjects=(subject,)),

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
+from glob import escape
 from pathlib import Path
 
 import numpy as np
@@ -56,7 +57,7 @@ class Case:
 def errors(case: Case) -> list[float]:
     """Return the error (mm) of each method."""
     gappy = gappy_of(case.example, case.truth, ARM)
-    others = pf.Selection(not_subjects=(case.example.record.subject,))
+    others = pf.Selection(not_subjects=(escape(case.example.record.subject),))
     filled = fill_by(case.library, gappy, others, METHODS)
     return [error(clip, case.truth, gappy) for clip in filled]
 

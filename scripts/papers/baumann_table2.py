@@ -111,10 +111,11 @@ def joints(clip: pf.Clip) -> np.ndarray:
 
 
 def joint_error(found: pf.Clip, truth: pf.Clip, gappy: pf.Clip) -> float:
-    """Return the mean distance (mm) of all joints in the frames of a gap."""
-    frames = gappy.missing.any(axis=1)
-    distance = np.linalg.norm(joints(found)[frames] - joints(truth)[frames], axis=2)
-    return float(np.nanmean(distance))
+    """Return the mean distance (mm) of all joints in the frames of a gap; NaN if any is missing."""
+    frames = (gappy.missing & ~truth.missing).any(axis=1)
+    true = joints(truth)[frames]
+    distance = np.linalg.norm(joints(found)[frames] - true, axis=2)
+    return float(distance[np.isfinite(true).all(axis=2)].mean())
 
 
 def errors(case: Case) -> list[tuple[float, float]]:

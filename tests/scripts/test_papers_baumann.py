@@ -91,6 +91,11 @@ def test_a_library_without_anything_alike_is_refused(library: Path) -> None:
         baumann.choose(opened(library), [odd])
 
 
+def test_a_folder_without_a_database_is_refused_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(SystemExit, match=r"^[^\n]*nowhere[^\n]*$"):
+        opened(tmp_path / "nowhere")
+
+
 def test_databases_differ_by_the_actor(library: Path) -> None:
     found = opened(library)
     walk = baumann.choose(found, scripts["fig4"].TAKES)[0]
@@ -137,6 +142,7 @@ def test_joints_without_gaps_count(library: Path) -> None:
     # of the 14 joints, the left elbow and wrist are off by 5 mm
     assert table2.joints(truth).shape[1] == 14
     assert table2.joint_error(found, truth, gappy) == pytest.approx(5.0 * 2 / 14)
+    assert np.isnan(table2.joint_error(gappy, truth, gappy))
     legs = [label for label in table2.GAPS["both legs"] if label not in table2.GAPS["left leg"]]
     assert tuple(legs) == table2.GAPS["right leg"]
 
