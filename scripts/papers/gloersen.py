@@ -1,15 +1,15 @@
 """Recordings, gaps and errors for the tables of Gløersen and Federolf 2016.
 
-The recording ``WalkL`` of the paper (treadmill walking, 37 markers, 18 s at 240 Hz) and 50 gap
-patterns are in its supplement. The scripts rely on the abstract, the published program and values
-cited elsewhere. How random gaps were drawn and what each table averages is an interpretation,
-which each script states.
+The paper fills three motions: *WalkL* and *CP-gait* of its supplement, read from
+``walkl/WalkL.c3d`` and ``walkl/CP-gait.c3d``, and *WalkRun*, a part of an HDM05 take. Where a
+recording is lacking, a similar one is filled and called a stand-in; its errors need not agree.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -21,7 +21,6 @@ from threadpoolctl import threadpool_limits
 import priorfill as pf
 from priorfill.errors import MethodError
 from priorfill.evaluation.gap_generator import GapGenerator, Mask, measured_in
-from priorfill.evaluation.protocols import RANDOM_GAP_SECONDS, RANDOM_MAX_MISSING, TRIES_PER_GAP
 from priorfill.gaps import gap_groups
 from priorfill.geometry.axes import from_upright, to_upright
 from priorfill.markers.describe import describe
@@ -29,21 +28,27 @@ from priorfill.methods.gloersen2016 import Gloersen2016Options, r1, r2
 from priorfill.methods.task import Estimate, Task
 
 __all__ = [
+    "CP_GAIT",
     "METHODS",
+    "MOTIONS",
     "RECORDING",
     "SEED",
+    "WALKL",
+    "WALKRUN",
+    "Motion",
+    "Sample",
+    "Source",
     "deviations",
     "distances",
-    "is_the_papers",
+    "marker_of",
     "mean_distance",
-    "one_run",
+    "patterns",
     "print_data",
-    "published",
     "quartiles",
+    "random_gaps",
     "read",
     "recording",
-    "runs_in_frames",
-    "spread",
+    "samples",
 ]
 
 Array = NDArray[np.float64]
@@ -51,30 +56,155 @@ Array = NDArray[np.float64]
 METHODS: dict[str, Callable[..., Estimate]] = {"r1": r1, "r2": r2}
 """The two strategies of the paper: all markers at once, or one after the other."""
 
-RECORDING = "WalkL of the paper's supplement as C3D, or any other recording"
-
-NAMES = ("walkl/WalkL.c3d", "hdm05/HDM_bd_01-02_01_120.c3d")
-"""The recording of the paper, and a long walk of HDM05."""
+RECORDING = "fill this recording in place of all three"
 
 PATTERNS = "missing_masks.npz"
-"""File with the published patterns, in the folder of the recording."""
+"""File of gap patterns, in the folder of the recording."""
 
 SEED = 2016
 
 QUARTILES = (25.0, 75.0)
 
-CENTRAL_PERCENTILES = (5.0, 95.0)
-"""Percentiles that enclose 90 % of the values."""
+
+@dataclass(frozen=True)
+class Source:
+    """Frames of a recording.
+
+    Attributes
+    ----------
+    file : str
+        Below the folder of recordings.
+    what : str
+        Description.
+    part : (int, int), optional
+        First and last frame, counted from 1; all frames if not given.
+    markers : str, optional
+        Labels; all markers if not given.
+    """
+
+    file: str
+    what: str
+    part: tuple[int, int] | None = None
+    markers: str = ""
 
 
-def recording(arguments: argparse.Namespace) -> Path:
-    """Return the recording that the options of the script select."""
-    return find(NAMES, arguments.data, arguments.recording)
+@dataclass(frozen=True)
+class Motion:
+    """A motion of the paper.
+
+    Attributes
+    ----------
+    name : str
+        The paper's.
+    own, stand_in : Source
+        The paper's recording, and a similar one.
+    gaps : (int, int)
+        Smallest and largest number of gaps in a copy.
+    seconds : (float, float)
+        Their shortest and longest length.
+    """
+
+    name: str
+    own: Source
+    stand_in: Source
+    gaps: tuple[int, int]
+    seconds: tuple[float, float]
 
 
-def is_the_papers(file: Path) -> bool:
-    """Return whether a recording is that of the paper, by name."""
-    return file.name == Path(NAMES[0]).name
+PLUG_IN_GAIT = (
+    "LFHD RFHD LBHD RBHD C7 T10 CLAV STRN RBAK LSHO LELB LWRA LWRB LFIN RSHO RELB RWRA RWRB RFIN "
+    "LASI RASI SACR LTHI LKNE LTIB LANK LHEE LTOE RTHI RKNE RTIB RANK RHEE RTOE"
+)
+"""34 markers; the paper's child has 35."""
+
+WALKL = Motion(
+    "WalkL",
+    Source("walkl/WalkL.c3d", "walking on a treadmill"),
+    Source("hdm05/HDM_bd_01-02_01_120.c3d", "movements on the spot"),
+    (5, 15),
+    (20 / 240, 480 / 240),
+)
+WALKRUN = Motion(
+    "WalkRun",
+    Source("HDM_bd_01-03_01_120.c3d", "from walking to running", (1951, 2350)),
+    Source(
+        "hdm05/HDM_bd_01-02_01_120.c3d",
+        "the same actor, from stepping to running on the spot",
+        (886, 1285),
+    ),
+    (2, 6),
+    (20 / 120, 120 / 120),
+)
+CP_GAIT = Motion(
+    "CP-gait",
+    Source("walkl/CP-gait.c3d", "a child with cerebral palsy walks"),
+    Source("gait/HC044A15.c3d", "a healthy person walks", markers=PLUG_IN_GAIT),
+    (2, 6),
+    (20 / 200, 120 / 200),
+)
+MOTIONS = (WALKL, WALKRUN, CP_GAIT)
+
+MARKERS = {
+    "LHEE": ("M03",),
+    "LANK": ("M02",),
+    "LKNE": ("M05",),
+    "LASIS": ("M14", "LASI", "LFWT"),
+    "LSHO": ("M28",),
+    "LELB": ("M30",),
+    "LWRA": ("M32",),
+    "LFHD": ("M34",),
+}
+"""Other labels of the paper's markers. Those of WalkL are numbers; which marker is which follows
+from the geometry of its poses (anterior is -x, the left side -y)."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A recording that is filled.
+
+    Attributes
+    ----------
+    motion : Motion
+        The motion of the paper.
+    file : Path
+        The recording.
+    own : bool
+        Whether it is the paper's recording.
+    """
+
+    motion: Motion
+    file: Path
+    own: bool
+
+    @property
+    def source(self) -> Source:
+        """What is filled."""
+        return self.motion.own if self.own else self.motion.stand_in
+
+    @property
+    def clip(self) -> pf.Clip:
+        """The frames that are filled."""
+        whole = read(self.file)
+        if self.file.name != Path(self.source.file).name:
+            return whole
+        first, last = self.source.part or (1, whole.frames)
+        kept = [whole.index(label) for label in self.source.markers.split() or whole.labels]
+        return replace(
+            whole,
+            positions=whole.positions[first - 1 : last, kept],
+            labels=tuple(whole.labels[i] for i in kept),
+            source=None,
+        )
+
+    @property
+    def name(self) -> str:
+        """The paper's name, marked if it is not its recording."""
+        return self.motion.name if self.own else f"{self.motion.name}*"
+
+    @property
+    def why(self) -> str:
+        """Why errors differ from the paper's; empty for its recording."""
+        return "" if self.own else f"stand-in: {self.source.what}"
 
 
 @cache
@@ -83,8 +213,47 @@ def read(file: Path) -> pf.Clip:
     return pf.read(file)
 
 
-def published(file: Path) -> list[Mask]:
-    """Return the published patterns, if they are in the folder and fit the recording."""
+def recording(arguments: argparse.Namespace, motion: Motion = WALKL) -> Sample:
+    """Return the recording for a motion that the options of the script select."""
+    names = motion.own.file, motion.stand_in.file
+    file = find(names, arguments.data, arguments.recording)
+    return Sample(motion, file, file.name == Path(names[0]).name)
+
+
+def samples(arguments: argparse.Namespace, motions: Sequence[Motion] = MOTIONS) -> list[Sample]:
+    """Return a recording for each motion, or the given one alone."""
+    chosen = motions[:1] if arguments.recording else motions
+    return [recording(arguments, motion) for motion in chosen]
+
+
+def print_data(some: Sequence[Sample]) -> None:
+    """Print the recordings of the paper, and what is filled in their place."""
+    for sample in some:
+        print(f"{sample.motion.name}: {_described(sample.motion.own)}")
+        if not sample.own:
+            given = sample.file.name != Path(sample.source.file).name
+            what = sample.file.name if given else _described(sample.source)
+            print(f"  * Stand-in: {what}")
+        clip = sample.clip
+        print(
+            f"    {len(clip.labels)} markers, {clip.frames} frames, {clip.duration:.1f} s at "
+            f"{clip.rate:g} Hz"
+        )
+
+
+def _described(source: Source) -> str:
+    frames = "" if source.part is None else " frames {} to {}".format(*source.part)
+    return f"{source.what} ({Path(source.file).name}{frames})"
+
+
+def marker_of(clip: pf.Clip, name: str) -> int | None:
+    """Return the index of a marker of the paper; None if there is none."""
+    known = [label for label in (name, *MARKERS[name]) if label in clip.labels]
+    return clip.labels.index(known[0]) if known else None
+
+
+def patterns(file: Path) -> list[Mask]:
+    """Return the patterns in the folder of a recording, if they fit it."""
     pattern_file = file.parent / PATTERNS
     if not pattern_file.is_file():
         return []
@@ -97,25 +266,18 @@ def published(file: Path) -> list[Mask]:
     return [mask & measured_in(read(file)) for mask in gone]
 
 
-def one_run(clip: pf.Clip, marker: int, share: float, copy: int) -> Mask | None:
-    """Remove a marker in one random run of frames; None if there is no room."""
-    rng = np.random.default_rng([SEED, marker, round(100 * share), copy])
-    generator = GapGenerator(clip, rng, measured_in(clip))
-    return generator.mask if generator.remove([marker], round(share * clip.frames)) else None
+def random_gaps(sample: Sample, copy: int) -> Mask:
+    """Remove random markers at random times, as in the copies of the paper.
 
-
-def runs_in_frames(clip: pf.Clip, share: float, copy: int) -> Mask:
-    """Remove random markers at random times until a share of the frames lacks a marker.
-
-    Lengths are those of the published patterns. The gaps of a smaller share are contained in those
-    of a larger one, so that shares can be compared.
+    Numbers of gaps, and their lengths, are uniform over the paper's ranges; no two gaps of a marker
+    touch. The paper does not state how they are distributed.
     """
-    generator = GapGenerator(clip, np.random.default_rng([SEED, copy]), measured_in(clip))
-    for _ in range(TRIES_PER_GAP * clip.frames):
-        if generator.mask.any(axis=1).mean() >= share:
-            break
-        if generator.scatter_one(RANDOM_GAP_SECONDS, RANDOM_MAX_MISSING) is None:
-            break
+    clip, motion = sample.clip, sample.motion
+    rng = np.random.default_rng([SEED, MOTIONS.index(motion), copy])
+    generator = GapGenerator(clip, rng, measured_in(clip))
+    low, high = motion.gaps
+    for _ in range(int(rng.integers(low, high + 1))):
+        generator.remove(generator.marker(), generator.length(*motion.seconds))
     return generator.mask
 
 
@@ -191,24 +353,3 @@ def quartiles(values: Array) -> tuple[float, str]:
         return float("nan"), "-"
     low, high = np.percentile(known, QUARTILES)
     return float(np.median(known)), f"{low:.1f}-{high:.1f}"
-
-
-def spread(values: Array) -> str:
-    """Return the range of the central 90 % of the finite values as text."""
-    known = values[np.isfinite(values)]
-    if not len(known):
-        return "-"
-    low, high = np.percentile(known, CENTRAL_PERCENTILES)
-    return f"{low:.1f}-{high:.1f}"
-
-
-def print_data(file: Path, what: str) -> None:
-    """Print the recordings of the paper and of this run."""
-    clip = read(file)
-    print("Paper: WalkL, walking on a treadmill, 37 markers, 18 s at 240 Hz (its supplement).")
-    print(
-        f"Here:  {file.name}, {len(clip.labels)} markers, {clip.duration:.0f} s at "
-        f"{clip.rate:g} Hz; {what}."
-    )
-    if not is_the_papers(file):
-        print("       Not the recording of the paper: values cannot be compared directly.")

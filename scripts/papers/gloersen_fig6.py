@@ -1,105 +1,157 @@
 #!/usr/bin/env python
-"""Gløersen and Federolf 2016, figure 6: how errors depend on the method's constants.
+"""Gløersen and Federolf 2016, figure 6: how errors of r2 depend on the method's constants.
 
-    python scripts/papers/gloersen_fig6.py [--data DIR] [--recording FILE] [--full]
+    python scripts/papers/gloersen_fig6.py [--data DIR] [--recording FILE] [--copies N]
 
-Interpretation: one constant at a time is changed, the others are the paper's: sigma (mm), w_mm,
-the distance cut-off of r2, and the share of the singular values that the components kept reach
-(MinCumSV). Copies have random gaps in half of the frames, as in ``gloersen_fig4.py`` (8, with
-``--full`` 50). The paper shows curves, which are not available; the values it chose are.
+One constant at a time takes the paper's range, the others are the paper's. 20 copies of each
+recording have random gaps as in figure 4; the error is that of a copy minus its mean over all
+values of the constant. The paper shows curves; its text names the best values.
 """
 
 from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from gloersen import (
-    METHODS,
     RECORDING,
+    Sample,
     mean_distance,
     print_data,
     quartiles,
-    read,
-    recording,
-    runs_in_frames,
+    random_gaps,
+    samples,
 )
-from paper import Cell, in_processes, options, print_table
+from numpy.typing import NDArray
+from paper import Cell, Comparison, in_processes, options, print_table
 
 from priorfill.cli.encoding import replace_what_is_lacking
 from priorfill.methods.gloersen2016 import Gloersen2016Options
 
-SHARE = 0.5
-"""Of the frames."""
 
-VALUES: dict[str, tuple[float, ...]] = {
-    "sigma": (50.0, 100.0, 150.0, 200.0, 300.0, 500.0, 1000.0),
-    "missing_weight": (0.001, 0.005, 0.02, 0.05, 0.1, 0.3, 1.0),
-    "distal_threshold": (0.0, 0.25, 0.5, 0.75, 1.0, 2.0),
-    "min_singular_share": (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.999),
-}
-"""Of the options of r1 and r2; the paper's own are among them."""
+@dataclass(frozen=True)
+class Constant:
+    """A constant of the method.
 
-NAMES = {
-    "sigma": "sigma",
-    "missing_weight": "w_mm",
-    "distal_threshold": "cut-off",
-    "min_singular_share": "MinCumSV",
-}
-"""The paper's names."""
+    Attributes
+    ----------
+    option : str
+        Of ``Gloersen2016Options``.
+    name : str
+        The paper's.
+    values : tuple of float
+        The paper's range.
+    best : mapping of str to str
+        The best value of each recording, from the paper's text.
+    """
 
-FEW, MANY = 8, 50
-"""Copies."""
+    option: str
+    name: str
+    values: tuple[float, ...]
+    best: dict[str, str]
+
+
+ALL = ("WalkL", "WalkRun", "CP-gait")
+
+CONSTANTS = (
+    Constant("missing_weight", "w_mm", tuple(np.geomspace(1e-5, 1.0, 15).tolist()), {}),
+    Constant("sigma", "sigma", tuple(np.linspace(100.0, 1500.0, 15).tolist()), {"all": "200"}),
+    Constant(
+        "min_singular_share",
+        "Theta_lambda",
+        tuple(np.linspace(0.86, 1.0, 15).round(2).tolist()),
+        dict.fromkeys(ALL, "0.99"),
+    ),
+    Constant(
+        "distal_threshold",
+        "Theta_D",
+        tuple(np.linspace(0.0, 2.0, 11).round(1).tolist()),
+        {"WalkL": "1", "WalkRun": "0.2", "CP-gait": "1"},
+    ),
+)
+
+COPIES = 20
 
 
 @dataclass(frozen=True)
 class Case:
     """A copy of a recording."""
 
-    file: Path
+    sample: Sample
     copy: int
 
 
 def errors(case: Case) -> list[list[float]]:
-    """Return the mean error (mm) for each constant's values, and each method."""
-    clip = read(case.file)
-    gone = runs_in_frames(clip, SHARE, case.copy)
+    """Return for each constant the mean error (mm) of r2 for each value."""
+    clip = case.sample.clip
+    gone = random_gaps(case.sample, case.copy)
     published = Gloersen2016Options()
     return [
         [
-            mean_distance(clip, gone, method, replace(published, **{name: value}))
-            for method in METHODS
+            mean_distance(clip, gone, "r2", replace(published, **{constant.option: value}))
+            for value in constant.values
         ]
-        for name, values in VALUES.items()
-        for value in values
+        for constant in CONSTANTS
     ]
 
 
 def main() -> int:
     """Print the figure's curves."""
-    parser = options(__doc__, recording=RECORDING, full=f"{MANY} copies instead of {FEW}")
+    parser = options(__doc__, recording=RECORDING)
+    parser.add_argument("--copies", type=int, default=COPIES, help="copies of each recording")
     arguments = parser.parse_args()
-    file = recording(arguments)
-    copies = MANY if arguments.full else FEW
-    print_data(file, f"{copies} copies with random gaps in {SHARE:.0%} of the frames")
-    found = np.array(in_processes(errors, [Case(file, copy) for copy in range(copies)]))
+    chosen = samples(arguments)
+    print_data(chosen)
+    cases = [Case(sample, copy) for sample in chosen for copy in range(arguments.copies)]
+    results = in_processes(errors, cases)
+    compared = Comparison(unit="")
+    for number, constant in enumerate(CONSTANTS):
+        found = np.array([result[number] for result in results])
+        curves = (found - found.mean(axis=1, keepdims=True)).reshape(
+            len(chosen), arguments.copies, -1
+        )
+        _print_curves(constant, chosen, curves)
+        _compare_best(compared, constant, chosen, curves)
+    compared.print()
+    return 0
+
+
+def _print_curves(constant: Constant, chosen: list[Sample], curves: NDArray[np.float64]) -> None:
+    """Print medians and quartiles over the copies."""
     rows: list[list[Cell]] = []
-    where = 0
-    for name, values in VALUES.items():
-        for value in values:
-            row: list[Cell] = [NAMES[name], f"{value:g}"]
-            for j in range(len(METHODS)):
-                row += quartiles(found[:, where, j])
-            rows.append([*row, "chosen" if value == getattr(Gloersen2016Options(), name) else None])
-            where += 1
+    default = getattr(Gloersen2016Options(), constant.option)
+    for j, value in enumerate(constant.values):
+        mark = " (paper's choice)" if np.isclose(value, default) else ""
+        rows.append([f"{value:.3g}{mark}"])
+        for curve in curves:
+            middle, between = quartiles(curve[:, j])
+            rows[-1] += [f"{middle:.2f}", between]
+    heads = [head for sample in chosen for head in (sample.name, "quartiles")]
     print_table(
-        "Medians over copies of the mean error in mm",
-        ["constant", "value", *(h for name in METHODS for h in (name, "quartiles")), "paper"],
+        f"{constant.name}: error in mm minus the mean of the copy, median (* stand-in)",
+        [constant.name, *heads],
         rows,
     )
-    return 0
+
+
+def _compare_best(
+    compared: Comparison, constant: Constant, chosen: list[Sample], curves: NDArray[np.float64]
+) -> None:
+    """Compare the values with the smallest median error with the paper's text."""
+    whys = {sample.motion.name: sample.why for sample in chosen}
+    whys["all"] = next((f"partly {why}" for why in whys.values() if why), "")
+    parts = {sample.motion.name: curve for sample, curve in zip(chosen, curves, strict=True)}
+    parts["all"] = curves.reshape(-1, curves.shape[-1])
+    for name, paper in constant.best.items():
+        if name not in parts:
+            continue
+        medians = np.median(parts[name], axis=0)
+        best = int(np.argmin(medians))
+        published = int(np.argmin(np.abs(np.array(constant.values) - float(paper))))
+        why = f"{medians[published] - medians[best]:.2f} mm better than with {paper}"
+        why += f"; {whys[name]}" if whys[name] else ""
+        compared.add(f"best {constant.name}, {name}", constant.values[best], paper, why)
 
 
 if __name__ == "__main__":

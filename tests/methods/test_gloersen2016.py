@@ -160,6 +160,23 @@ def test_the_published_product_depends_on_arbitrary_signs(method):
     assert np.abs(one - other).max() > 0.5
 
 
+def test_a_change_of_coordinates_predicts_nothing_with_all_components():
+    # why T is not V0' V: its product with all components is the identity, and z0 lacks the columns
+    rows = np.random.default_rng(3).normal(size=(40, 2)) @ np.random.default_rng(4).normal(
+        size=(2, 9)
+    )
+    rows += np.random.default_rng(5).normal(size=rows.shape) * 1e-3
+    rows -= rows.mean(axis=0)
+    lost = np.arange(9) >= 6
+    V, V0 = principal(rows)[1], principal(np.where(lost, 0.0, rows))[1][:, :6]
+    zeroed = np.where(lost, 0.0, rows)
+    np.testing.assert_allclose((zeroed @ V0 @ V0.T @ V @ V.T)[:, lost], 0.0, atol=1e-12)
+    weights = np.where(lost, LOST, 1.0)
+    slopes = regression(rows.T @ rows / len(rows), weights, lost, 1.0)
+    found = rows[:, ~lost] @ slopes
+    assert np.abs(found - rows[:, lost]).max() < 0.1 * np.abs(rows[:, lost]).max()
+
+
 def test_mean_distances():
     rng = np.random.default_rng(0)
     positions = rng.normal(size=(30, 5, 3)) * 100

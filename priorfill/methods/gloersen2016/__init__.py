@@ -27,7 +27,8 @@ Departures from the authors' program (PredictMissingMarkers.m):
   product of their signs, and the sign of a singular vector is arbitrary. For j = k the signs
   cancel; for all other pairs the fill depends on the signs that the SVD happens to return (for a
   limb of HDM05, mean errors of 84 to 147 mm). The diagonal is the mean of Eq. (1) over all choices
-  of signs.
+  of signs. V0' V, the change of coordinates, has the same diagonal and no signs, but predicts
+  nothing if all components are kept, as V V' = 1 and z0 is zero in the missing columns.
 * Components are computed from covariances: the same in exact arithmetic, and 100 times faster,
   since sums over complete frames are shared by all markers and missing columns are left out, not
   zeroed.
