@@ -159,6 +159,8 @@ def main() -> int:
     parser.add_argument("--only", nargs="*", metavar="NAME", help="scripts to run; all by default")
     parser.add_argument("--page", type=Path, default=PAGE, help="page that is rewritten")
     arguments = parser.parse_args()
+    if not arguments.page.is_file():
+        raise SystemExit(f"{arguments.page}: file not found")
     found = blocks(arguments.page.read_text("utf-8"))
     chosen = selected(found, arguments.only)
     failed = []

@@ -185,5 +185,6 @@ class Comparison:
         for cell, value, paper, why in self._far:
             change = f"{value / float(paper) - 1.0:+.0%}" if not np.isnan(value) else "not filled"
             reason = f": {why}" if why else ""
-            print(f"  {cell}: {_written(value)} {self._unit} (paper {paper}, {change}){reason}")
+            ours = f"{_written(value)} {self._unit}".rstrip()
+            print(f"  {cell}: {ours} (paper {paper}, {change}){reason}")
         sys.stdout.flush()

@@ -124,3 +124,28 @@ def test_the_page_of_the_project_has_a_block_for_every_script() -> None:
     shown = {block.name for block in module.blocks(module.PAGE.read_text(encoding="utf-8"))}
     assert "gloersen_table1" in shown
     assert shown == {file.stem for file in (SCRIPTS / "papers").glob("*_*.py")} | {"all"}
+
+
+def test_cells_are_compared_with_the_papers(capsys: pytest.CaptureFixture[str]) -> None:
+    compared = load_script("paper").Comparison()
+    compared.add("equal", 1.74, "1.7")
+    compared.add("rounds to it", 1.4, "1", "not needed")
+    compared.add("within 10 %", 109.9, "100")
+    compared.add("above", 111.0, "100", "a stand-in")
+    compared.add("below", 0.8, "1.0")
+    compared.add("nothing", None, "5")
+    compared.print()
+    assert capsys.readouterr().out.splitlines()[1:] == [
+        "3 of 6 cells are within 10% of the paper's",
+        "  above: 111.0 mm (paper 100, +11%): a stand-in",
+        "  below: 0.80 mm (paper 1.0, -20%)",
+        "  nothing: - mm (paper 5, not filled)",
+    ]
+
+
+def test_a_page_that_is_not_there_is_named(
+    script: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (script.SCRIPTS / "page.md").unlink()
+    with pytest.raises(SystemExit, match=r"page\.md: file not found"):
+        run(script, monkeypatch, "")

@@ -197,7 +197,7 @@ def test_a_constant_is_best_where_the_median_is_smallest(
     module._compare_best(compared, constant, [sample_of(recording)], curves)
     compared.print()
     printed = capsys.readouterr().out
-    assert "best Theta_D, WalkL: 0.20  (paper 1, -80%): 0.50 mm better than with 1" in printed
+    assert "best Theta_D, WalkL: 0.20 (paper 1, -80%): 0.50 mm better than with 1" in printed
 
 
 # scripts
