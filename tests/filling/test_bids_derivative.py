@@ -124,7 +124,7 @@ def test_a_new_recording_without_desc_has_side_files_only(tmp_path):
         pf.write(path, clip)
 
 
-@pytest.mark.parametrize("label", ["", "n/a", "A\tB", '"A"'])
+@pytest.mark.parametrize("label", ["", "n/a", "A\tB", '"A"', "A\0"])
 def test_labels_that_cannot_be_written_are_refused(tmp_path, label):
     clip = pf.Clip(gappy(), (label or "A", *LABELS[1:]), 100.0)
     if not label:

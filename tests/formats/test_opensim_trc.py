@@ -100,6 +100,15 @@ def test_names_of_markers_follow_opensims_rules(tmp_path):
     )
 
 
+def test_labels_and_names_that_would_divide_the_table(tmp_path):
+    labels = ('"q"', "a\0b", *LABELS[2:])
+    clip = pf.Clip(standing(), labels, 100.0)
+    formats.write(tmp_path / "out.trc", clip, program="opensim")
+    assert formats.read(tmp_path / "out.trc").labels[:2] == ("_q_", "a_b")
+    with pytest.raises(OutputError, match="a TRC file cannot hold the label"):
+        formats.write(tmp_path / "plain.trc", clip)
+
+
 def test_a_copy_is_never_made_for_a_program(tmp_path):
     source = tmp_path / "walk.trc"
     formats.write(source, clip_with_gaps())

@@ -237,8 +237,11 @@ def _strings(value: Any, name: str) -> tuple[str, ...]:
 
 
 def _storable(text: str) -> str:
-    """Return a text without lone surrogates, as of a file name that is not UTF-8."""
-    return text.encode("utf-8", "replace").decode("utf-8")
+    """Return a text without lone surrogates, as of a file name that is not UTF-8, and zeros.
+
+    NumPy drops zeros at the end.
+    """
+    return text.encode("utf-8", "replace").decode("utf-8").rstrip("\0").replace("\0", "?")
 
 
 def _rate(arrays: Mapping[str, Any], known: Mapping[str, str], name: str) -> float | None:

@@ -157,7 +157,7 @@ def _side_files_of(clip: Clip, path: Path) -> SideFiles:
 def _check_labels(clip: Clip) -> None:
     """Raise OutputError at a label that a table without quotes cannot hold."""
     for label in clip.labels:
-        if not label or label.lower() == "n/a" or set(label) & set('\t\r\n"'):
+        if not label or label.lower() == "n/a" or set(label) & set('\t\r\n"\0'):
             raise OutputError(
                 f"{clip.name}: Motion-BIDS cannot hold the label {label!r}; rename the marker"
             )

@@ -25,8 +25,8 @@ __all__ = ["create_opensim_trc", "opensim_labels"]
 _UP = "+Y"
 """The axis that points up in OpenSim."""
 
-_NOT_IN_NAMES = re.compile(r"[\s\\/*+]+")
-"""Characters that names of markers of an OpenSim model cannot have."""
+_NOT_IN_NAMES = re.compile(r'[\s\\/*+"\0]+')
+"""Characters that names of markers of an OpenSim model, or a TRC file, cannot have."""
 
 _MAX_NAMED = 5
 """Markers in a note; more are counted."""

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.clip import Clip
-from priorfill.errors import ClipError, FormatError, OutputError
+from priorfill.errors import ClipError, FormatError, OutputError, escaped
 from priorfill.formats.recording import Recording
 from priorfill.formats.tables.cells import (
     BLANKS,
@@ -165,14 +165,14 @@ def write_new_trc(
     """
     written = check_filled(clip, filled)
     for label in clip.labels:
-        if not label or set(label) & set("\t\r\n"):
+        if not label or label[0] == '"' or set(label) & set("\t\r\n\0"):
             raise OutputError(
                 f"{clip.name}: a TRC file cannot hold the label {label!r}; rename the marker"
             )
     rate = f"{clip.rate:.12g}"
     count, frames = len(clip.labels), clip.frames
     head = [
-        f"PathFileType\t4\t(X/Y/Z)\t{Path(path).name}",
+        f"PathFileType\t4\t(X/Y/Z)\t{escaped(Path(path).name)}",
         "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits"
         "\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
         f"{rate}\t{rate}\t{frames}\t{count}\tmm\t{rate}\t{clip.first_frame}\t{frames}",
