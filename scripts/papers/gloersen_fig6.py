@@ -96,6 +96,11 @@ def errors(case: Case) -> list[list[float]]:
     ]
 
 
+def relative(found: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return errors [shape=(copies, values)] minus the mean of each copy."""
+    return found - found.mean(axis=1, keepdims=True)
+
+
 def main() -> int:
     """Print the figure's curves."""
     parser = options(__doc__, recording=RECORDING)
@@ -107,10 +112,8 @@ def main() -> int:
     results = in_processes(errors, cases)
     compared = Comparison(unit="")
     for number, constant in enumerate(CONSTANTS):
-        found = np.array([result[number] for result in results])
-        curves = (found - found.mean(axis=1, keepdims=True)).reshape(
-            len(chosen), arguments.copies, -1
-        )
+        found = relative(np.array([result[number] for result in results]))
+        curves = found.reshape(len(chosen), arguments.copies, -1)
         _print_curves(constant, chosen, curves)
         _compare_best(compared, constant, chosen, curves)
     compared.print()

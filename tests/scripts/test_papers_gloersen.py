@@ -200,6 +200,20 @@ def test_a_constant_is_best_where_the_median_is_smallest(
     assert "best Theta_D, WalkL: 0.20 (paper 1, -80%): 0.50 mm better than with 1" in printed
 
 
+def test_errors_are_relative_to_the_mean_of_a_copy() -> None:
+    found = scripts["fig6"].relative(np.array([[1.0, 2.0, 6.0], [10.0, 11.0, 12.0]]))
+    np.testing.assert_allclose(found, [[-2.0, -1.0, 3.0], [-1.0, 0.0, 1.0]])
+
+
+def test_the_interval_of_a_median_is_that_of_copies_drawn_again() -> None:
+    assert scripts["fig4"].interval(np.full(9, 2.0)) == "2.0-2.0"
+    values = np.arange(101.0)
+    low, high = map(float, scripts["fig4"].interval(values).split("-"))
+    # the median's standard deviation is 0.5 / (density sqrt(n)), here 5
+    assert low == pytest.approx(40, abs=3)
+    assert high == pytest.approx(60, abs=3)
+
+
 # scripts
 
 
