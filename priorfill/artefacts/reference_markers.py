@@ -126,13 +126,17 @@ def _pair_scores(
 
     ``blocks`` are poses by block [shape=(blocks, poses, markers, 3), mm].
     """
-    distance = norms(blocks[:, :, first] - blocks[:, :, second])
+    # rows of memory are the poses of a pair in a block
+    x, y, z = np.ascontiguousarray(blocks.transpose(3, 2, 0, 1))
+    distance = np.sqrt(
+        (x[first] - x[second]) ** 2 + (y[first] - y[second]) ** 2 + (z[first] - z[second]) ** 2
+    )
     seen = np.isfinite(distance)
-    count = seen.sum(axis=1)
-    distance = np.where(seen, distance, 0.0)
+    count = seen.sum(axis=2).T
+    distance[~seen] = 0.0
     divisor = np.maximum(count, 1)
-    mean = distance.sum(axis=1) / divisor
-    spread = np.sqrt(np.maximum((distance**2).sum(axis=1) / divisor - mean**2, 0.0))
+    mean = distance.sum(axis=2).T / divisor
+    spread = np.sqrt(np.maximum((distance**2).sum(axis=2).T / divisor - mean**2, 0.0))
     enough = count >= min(options.min_poses, blocks.shape[1])
     spread = np.sort(np.where(enough, spread, np.inf), axis=0)
     valid = enough.sum(axis=0)  # blocks that show the pair

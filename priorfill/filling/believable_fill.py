@@ -101,8 +101,9 @@ class BelievableFill:
     def _estimate(self, task: Task, method: FillTask) -> Estimate:
         """Fill a task by the method, with expected errors."""
         estimate = method(task)
-        x, y, z = np.moveaxis(np.isfinite(estimate.positions), 2, 0)  # faster than `all` over three
-        finite = x & y & z
+        finite = np.isfinite(estimate.positions[..., 0])  # faster than `all` over three
+        for axis in (1, 2):
+            finite &= np.isfinite(estimate.positions[..., axis])
         estimate.positions[~finite] = np.nan
         filled = ~task.valid & finite
         if self.estimate_errors and np.isnan(estimate.expected_rms[filled]).any():

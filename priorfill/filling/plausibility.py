@@ -94,20 +94,31 @@ class PlausibilityCheck:
         dict of str to ndarray of bool [shape=(frames, markers)]
             A mask for each of `CRITERIA` that some sample fails.
         """
-        filled = ~self.geometry.valid & ~np.isnan(positions[..., 0])
+        filled = np.isnan(positions[..., 0])
+        filled |= self.geometry.valid
+        np.logical_not(filled, out=filled)  # in place: masks of a long clip are large
         markers = np.flatnonzero(filled.any(axis=0))
-        found = {name: np.zeros_like(filled) for name in CRITERIA}
         if len(markers) == 0:
             return {}
-        # a foot deep below the floor stands on something else, such as a stair, if this is certain
-        sure = bound < self.options.certain_error
+        # most of their memory is never written to, and so never taken
+        found = {name: np.zeros(filled.shape, dtype=bool) for name in CRITERIA}
         sunk = positions[..., 2] < self._lowest - self.options.max_below_floor
-        found[FLOOR][:] = filled & sunk & ~sure
+        sunk &= filled
+        if sunk.any():
+            # a foot deep below the floor stands on something else, such as a stair, if this is
+            # certain
+            found[FLOOR] = sunk & ~(bound < self.options.certain_error)
+        del sunk
         for marker in markers:
             # the coordinates of one marker are far apart in memory
             column = np.ascontiguousarray(positions[:, marker]), filled[:, marker]
-            found[SPEED][:, marker] = self._too_fast(int(marker), *column) & ~sure[:, marker]
-            found[JUMP][:, marker] = self._jumps(int(marker), *column, bound[:, marker])
+            sure = bound[:, marker] < self.options.certain_error
+            for name, failing in (
+                (SPEED, self._too_fast(int(marker), *column) & ~sure),
+                (JUMP, self._jumps(int(marker), *column, bound[:, marker])),
+            ):
+                if failing.any():
+                    found[name][:, marker] = failing
         self._wrong_lengths(positions, filled, expected_rms, found[LENGTH])
         return {name: mask for name, mask in found.items() if mask.any()}
 
@@ -246,21 +257,25 @@ class PlausibilityCheck:
 
     def _of_marker(self, marker: int, order: int) -> float:
         if (marker, order) not in self._greatest_steps:
-            greatest = greatest_step(self._known_steps(marker, order))
-            self._greatest_steps[marker, order] = 0.0 if math.isnan(greatest) else greatest
+            path = self._path(marker)
+            for each in (1, 2):  # both are needed, and the path is far apart in memory
+                greatest = greatest_step(self._known_steps(path, each))
+                self._greatest_steps[marker, each] = 0.0 if math.isnan(greatest) else greatest
         return self._greatest_steps[marker, order]
+
+    def _path(self, marker: int) -> _Float:
+        return np.ascontiguousarray(self.geometry.positions[:, marker])
 
     @cached_property
     def _greatest_steps(self) -> dict[tuple[int, int], float]:
         """The greatest step or change of it, by marker and order (mm), as far as needed so far."""
         return {}
 
-    def _known_steps(self, marker: int, order: int) -> _Float:
-        """Return the measured steps of a marker (order 1), or the changes of them (2), in mm.
+    def _known_steps(self, path: _Float, order: int) -> _Float:
+        """Return the measured steps of a path (order 1), or the changes of them (2), in mm.
 
         Where hardly any are measured (every second frame is blank), longer ones are scaled.
         """
-        path = np.ascontiguousarray(self.geometry.positions[:, marker])
         known = np.full(max(len(path) - order * self._step, 0), np.nan)
         for times in range(1, MAX_STEP_MULTIPLE + 1):
             step = times * self._step
@@ -282,7 +297,7 @@ class PlausibilityCheck:
             np.nan,
         )
         for row, other in enumerate(neighbours):
-            known[row] = self._known_steps(int(other), order)
+            known[row] = self._known_steps(self._path(int(other)), order)
         count = (~np.isnan(known)).sum(axis=0)
         if not count.any():
             return np.zeros(known.shape[1])
@@ -335,7 +350,7 @@ class PlausibilityCheck:
         segment = self.geometry.marker_set.segment.get(label)
         if segment is None:
             return
-        path = np.ascontiguousarray(self.geometry.positions[:, marker])
+        path = self._path(marker)
         found = []
         for other in self._segments[segment]:
             if other == marker:
@@ -385,7 +400,8 @@ class PlausibilityCheck:
                 wrong = np.zeros(len(positions), dtype=bool)
                 wrong[frames] = too_far
                 together = wrong & filled[:, other]
-                found[:, marker] |= wrong & ~together
+                if wrong.any():
+                    found[:, marker] |= wrong & ~together
                 if other > marker and together.any():
                     both.append((marker, other, together))
         for one, other, together in both:  # the one that is wrong anyway explains it

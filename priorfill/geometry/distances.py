@@ -91,17 +91,25 @@ def pair_statistics(positions: NDArray[np.floating]) -> PairStatistics:
     common = valid.T.astype(np.float64) @ valid.astype(np.float64)
     rms = np.full((markers, markers), np.inf)
     spread = np.full((markers, markers), np.inf)
+    x, y, z = np.ascontiguousarray(np.moveaxis(sample, 2, 0))
     for marker in range(markers):
-        distance = norms(sample - sample[:, marker : marker + 1])
-        distance = np.where(np.isnan(distance), 0.0, distance)
-        seen = common[marker] > 0
-        count = np.where(seen, common[marker], 1.0)
+        # of two columns at least: NumPy adds up a single one in another order
+        others = slice(max(min(marker, markers - 2), 0), markers)
+        own = slice(marker, marker + 1)
+        distance = np.sqrt(
+            (x[:, others] - x[:, own]) ** 2
+            + (y[:, others] - y[:, own]) ** 2
+            + (z[:, others] - z[:, own]) ** 2
+        )
+        distance[np.isnan(distance)] = 0.0
+        seen = common[marker, others] > 0
+        count = np.where(seen, common[marker, others], 1.0)
         square = (distance**2).sum(axis=0) / count
         mean = distance.sum(axis=0) / count
-        rms[marker] = np.where(seen, np.sqrt(square), np.inf)
         # rounding can make the variance of a rigid pair negative
         variance = np.maximum(square - mean**2, 0.0)
-        spread[marker] = np.where(seen, np.sqrt(variance), np.inf)
+        for result, value in ((rms, square), (spread, variance)):
+            result[marker, others] = result[others, marker] = np.where(seen, np.sqrt(value), np.inf)
     return PairStatistics(common, rms, spread)
 
 

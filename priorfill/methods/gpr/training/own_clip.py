@@ -191,22 +191,22 @@ class OwnClipProblems:
         visible = visible[np.argsort(nearest[visible], kind="stable")]
         shown = np.logical_and.reduce(self.valid[:, batch.markers], axis=1)
         showing = np.flatnonzero(shown)
-        # Column n: whether a frame shows the nearest n + 1 markers together. One marker at a time,
+        # Row n: whether a frame shows the nearest n + 1 markers together. One marker at a time,
         # because the masks of a long clip are large.
-        together = np.empty((len(showing), len(visible)), dtype=bool)
+        together = np.empty((len(visible), len(showing)), dtype=bool)
         for place, marker in enumerate(visible):
             known = self.valid[showing, marker]
             if source is not self._task.positions:
                 known = ~np.isnan(source[showing, marker, 0])
-            together[:, place] = known & together[:, place - 1] if place else known
-        count = together.sum(axis=0)
+            together[place] = known & together[place - 1] if place else known
+        count = together.sum(axis=1)
         wanted = min(options.enough_poses, options.enough_share * len(showing))
         enough = np.flatnonzero(count >= wanted)
         kept = int(enough[-1]) + 1 if len(enough) else 0
         kept = max(kept, min(options.min_kept_markers, len(visible)))
         if kept < MIN_VISIBLE:
             return None
-        frames = showing[together[:, kept - 1]]
+        frames = showing[together[kept - 1]]
         if len(frames) < options.min_poses:
             return None
         return _UsableFrames(visible[:kept], frames, len(showing), kept == len(batch.visible))
