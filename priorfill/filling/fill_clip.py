@@ -403,7 +403,7 @@ class _Filling:
             gaps,
             run.method,
             plan.seen.geometry.marker_set,
-            np.zeros_like(samples.filled),
+            np.zeros(samples.filled.shape, dtype=bool),
             replace(provenance, source_clips=source_clips(found.records, names)),
             doubtful=hidden if hidden.any() else None,
             database=None if self.database is None else self.database.path,

@@ -162,8 +162,9 @@ def doubtful_samples(
     -------
     ndarray of bool [shape=(frames, markers)]
     """
+    nothing = np.zeros((clip.frames, len(clip.labels)), dtype=bool)
     if not options.hide_doubtful:
-        return np.zeros((clip.frames, len(clip.labels)), dtype=bool)
+        return nothing
     missing = clip.missing
     column = {label: marker for marker, label in enumerate(clip.labels)}
     counted = [
@@ -171,6 +172,8 @@ def doubtful_samples(
         for one in artefacts
         if _is_hidden(one, missing[:, [column[label] for label in one.markers]], clip.rate, options)
     ]
+    if not counted:
+        return nothing
     return artefact_samples(counted, clip.labels, clip.frames) & ~missing
 
 
