@@ -628,7 +628,7 @@ class Catalogue:
                 f"{self.path}: cannot be used now ({error}); {others}check free space and "
                 "permissions (on a network share also its connection and file locks), and try again"
             ) from error
-        except (sqlite3.Error, LookupError, ValueError, TypeError) as error:
+        except (sqlite3.Error, LookupError, ValueError, TypeError, RecursionError) as error:
             if isinstance(error, DatabaseError):
                 raise
             raise self._damaged(str(error)) from error

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import asdict
@@ -35,6 +36,12 @@ PLOTS = "error*_by_*.png"
 
 JOINT = "joint "
 """Prefix of the names of arrays of joint angles."""
+
+_UNREADABLE = (
+    *(OSError, ValueError, LookupError, TypeError, AttributeError),
+    *(EOFError, RecursionError, zipfile.BadZipFile, zlib.error),
+)
+"""Errors of reading an outcome that was damaged, such as by a power failure."""
 
 MAX_SHOWN = 60
 """Maximum number of characters of a setting in a message."""
@@ -115,7 +122,7 @@ class OutcomeStore:
     def kept(self) -> Iterator[tuple[FillJob, FillOutcome]]:
         """Yield the outcomes that are kept; unreadable ones are left out, and so made again."""
         for job in self.plan.jobs:
-            with suppress(OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
+            with suppress(*_UNREADABLE):
                 outcome = self._read(job)
                 if outcome.samples.shape == (len(MEASURES), self.plan.cases[job.case].samples):
                     yield job, outcome

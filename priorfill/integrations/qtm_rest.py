@@ -87,7 +87,7 @@ class RestInterface:
             ) from error
         try:
             return json.loads(content) if content.strip() else None
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise IntegrationError(
                 f"what answers at port {self._port} is not QTM ({name} returned no JSON)"
             ) from error

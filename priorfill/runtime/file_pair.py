@@ -225,7 +225,7 @@ def _read(path: Path) -> _Note | None:
         names = (note.waiting, note.output)
         plain = all(Path(name).name == name for name in names)  # in this folder, whoever wrote it
         plain = plain and Path(note.text_path).is_absolute()
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, RecursionError):
         return None
     return note if note.format == _FORMAT and plain else None
 

@@ -637,6 +637,8 @@ def test_it_goes_on_where_it_was_interrupted(
     kept = sorted((tmp_path / "o/cases").iterdir())
     assert len(kept) == 4
     kept[0].write_bytes(kept[0].read_bytes()[:100])  # torn: made again
+    kept[1].write_bytes(b"")
+    np.savez(kept[2], facts=np.array("[" * 100_000), samples=np.zeros(3))
     (tmp_path / "o/cases/.00000-linear.0123.part.npz").write_bytes(b"")
     steps: list[tuple[int, int]] = []
     made = _count_fills(monkeypatch)
@@ -644,8 +646,8 @@ def test_it_goes_on_where_it_was_interrupted(
         clip, methods="linear,spline", protocol="frames", output=tmp_path / "o",
         options=EvaluationOptions(progress=lambda done, total: steps.append((done, total))),
     )  # fmt: skip
-    assert len(made) == 7
-    assert steps[0] == (3, 10)
+    assert len(made) == 9
+    assert steps[0] == (1, 10)
     assert steps[-1] == (10, 10)
     assert len(list((tmp_path / "o/cases").iterdir())) == 10
     uninterrupted = evaluate(clip, methods="linear,spline", protocol="frames")

@@ -258,6 +258,7 @@ def test_damaged_notes_are_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         "{}",
         '{"output": 1}',
         '{"waiting": "../x", "output": "y"',
+        "[" * 100_000,
     ):
         (tmp_path / f"{name}.pair").write_text(content, encoding="utf-8")
         finish_pairs(tmp_path)
