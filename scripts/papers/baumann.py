@@ -276,7 +276,7 @@ def without(example: Example) -> pf.Selection:
 def reason(example: Example, library: Library) -> str:
     """Return what explains the deviation of a take's errors from the paper's."""
     if not example.named:
-        return f"stand-in {example.record.name}, {library.minutes:.0f} min of library"
+        return f"stand-in, {library.minutes:.0f} min of library"
     if library.minutes < PAPER_MINUTES:
         return f"{library.minutes:.0f} min of library, in the paper more than {PAPER_MINUTES:.0f}"
     return "the paper states neither k nor its root frames"
