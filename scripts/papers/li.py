@@ -1,11 +1,12 @@
 """Recordings, gaps and errors for the tables of Li, Yu, Kieu, Vuong and Zhang 2020.
 
-Neither the paper's recordings (Malay dances of the AniAge project, 15 joints at 30 Hz) nor its
-text are available, only its abstract and its program
-(github.com/lizhuorong/Mocap-Data-Completion), without masks and data. So every value of the paper
-is a dash, and the assignment of experiments to tables is an interpretation, which each script
-states. The experiments are those of the program, on long recordings of whole-body motion, reduced
-to 15 markers near those joints, at 30 Hz.
+The paper fills samples of 200 frames of South-East Asian dances, 15 markers, which are not
+available. Its protocol is applied to other recordings of whole-body motion, reduced to 15 markers
+near those joints, at 30 Hz. Recordings are divided into stretches of 200 frames. Every complete one
+is a sample, and all others are training data: the paper's training sequences are from the same
+recordings, too. Gaps begin at frame 101, in markers that are evenly distributed, the same in all
+samples. Table 3 and the right half of figure 8 have two-dimensional tracking data in pixels, which
+are out of scope.
 """
 
 from __future__ import annotations
@@ -14,12 +15,12 @@ import argparse
 import os
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from paper import Cell, find, options, print_table
+from paper import Cell, Comparison, error, find, method_alone, options, print_table
 
 import priorfill as pf
 from priorfill.errors import ClipError
@@ -32,29 +33,31 @@ from priorfill.methods import METHODS
 from priorfill.signal.resample import resample
 
 __all__ = [
-    "COMPLETE_FRAMES",
-    "PIECE",
+    "GAP_START",
+    "METHODS_OF_TABLE_1",
+    "OTHER_RECORDINGS",
+    "OURS",
+    "PAPER",
     "RATE",
     "SAMPLE",
-    "UNKNOWN",
+    "EvenGaps",
     "Material",
-    "Onward",
-    "Several",
-    "Throughout",
-    "by_experiment",
-    "by_part",
+    "by_case",
+    "by_recording",
     "cell",
+    "database_of",
     "evaluated",
+    "evenly_distributed",
+    "filled_by",
     "mae",
     "material",
     "parser_of",
     "print_data",
     "refusals",
-    "seconds",
 ]
 
 RATE = 30.0
-"""Hz. Rate of the paper's recordings."""
+"""Hz. Rate of the samples; the paper does not state its own, the authors' program has 30 Hz."""
 
 JOINTS = (
     *("LFHD", "C7", "STRN"),
@@ -69,29 +72,45 @@ NAMES = (
     "cmu/135_02.c3d",
     "hdm05/HDM_bd_01-02_01_120.c3d",
     "cmu/01_01.c3d",
+    "cmu/85_02.c3d",
+    "cmu/132_43.c3d",
+    "cmu/80_10.c3d",
+    "cmu/132_32.c3d",
+    "cmu/141_04.c3d",
+    "cmu/02_01.c3d",
 )
-"""Recordings used instead of the dances: karate, and other long recordings with these markers."""
+"""Recordings used instead of the dances, the long ones first: karate, sports, walks, acrobatics."""
 
 SAMPLE = 200
-"""Frames of a sample, and of the training stretch after it. The program tests on frames 1 to 200
-of a recording and trains on recordings from frame 101 on."""
+"""Frames of a sample, as in the paper."""
 
-COMPLETE_FRAMES = 100
-"""Complete frames of a sample before gaps that last to its end."""
+GAP_START = 100
+"""Complete frames of a sample before its gaps, which begin at frame 101."""
 
-PIECE = 100
-"""Frames of a sample in the other programs, and of the training sequences of the paper."""
+ASIDE = 1000.0
+"""mm. Translation of copies; the mean of visible markers is subtracted from each frame."""
 
 MIN_FRAMES = 30
 """Minimum number of frames of a training stretch: one second."""
 
-FEW = 4
-"""Samples filled without ``--full``."""
+METHODS_OF_TABLE_1 = {
+    "WPCA": "wpca",
+    "LGRNN": "lgrnn",
+    "GLR": "glr",
+    "LPR": "lpr",
+    "LI": "li",
+    "PMA": "pma",
+    "Eq. (4)": "pca-pieces",
+}
+"""Methods by their names in the paper."""
 
-DEFAULT = "pca-train,pca-pieces,pca-frames,r1,r2,linear,lds,auto"
-"""Methods of the paper, methods used for comparison, and the default of priorfill."""
+OURS = "gpr"
+"""The default method of priorfill, which is not in the paper."""
 
-UNKNOWN = "values of the paper are not available"
+OTHER_RECORDINGS = "other recordings"
+"""Why values differ: none of the paper's recordings is available."""
+
+PAPER = "20 samples of 200 frames of South-East Asian dances, 15 markers (not available)"
 
 RECORDING = "a recording to fill instead, longer than 7 s, of the 41 markers or of any others"
 
@@ -114,19 +133,14 @@ class Material:
     training: list[pf.Clip]
     files: list[Path]
 
-    def first(self, frames: int) -> Material:
-        """Return the first frames of each sample; the others are not used for training either."""
-        cut = [clip.with_positions(clip.positions[:frames]) for clip in self.samples]
-        return Material(cut, self.training, self.files)
 
-
-def parser_of(doc: str | None, full: str, methods: str = DEFAULT) -> argparse.ArgumentParser:
+def parser_of(doc: str | None, methods: Collection[str]) -> argparse.ArgumentParser:
     """Return the parser of a script with its default methods."""
-    parser = options(doc, recording=RECORDING, full=full)
+    parser = options(doc, recording=RECORDING)
     parser.add_argument(
         "--methods",
         metavar="NAMES",
-        default=methods,
+        default=",".join(methods),
         help="methods, separated by commas; %(default)s if not given",
     )
     parser.add_argument(
@@ -138,12 +152,11 @@ def parser_of(doc: str | None, full: str, methods: str = DEFAULT) -> argparse.Ar
     return parser
 
 
-def material(arguments: argparse.Namespace, *, few: int | None = FEW) -> Material:
+def material(arguments: argparse.Namespace) -> Material:
     """Return samples and training data.
 
-    Recordings are divided into stretches of `SAMPLE` frames. Every other one is a sample; the
-    others and shorter rests are training data. Some complete samples are filled, recordings in
-    turn, or all of them with ``--full``.
+    Recordings are divided into stretches of `SAMPLE` frames. All complete ones are samples, and all
+    stretches are training data, each for the other samples.
 
     With ``--training`` only the recordings below that folder are training data, without those that
     have the name of a filled one, which would contain the truth.
@@ -151,9 +164,7 @@ def material(arguments: argparse.Namespace, *, few: int | None = FEW) -> Materia
     Parameters
     ----------
     arguments : Namespace
-        ``data``, ``recording``, ``training``, ``full``.
-    few : int, optional
-        Number of samples without ``--full``; all if None.
+        ``data``, ``recording``, ``training``.
     """
     known = [file for name in NAMES if (file := _there(name, arguments.data)) is not None]
     own = arguments.recording
@@ -163,29 +174,27 @@ def material(arguments: argparse.Namespace, *, few: int | None = FEW) -> Materia
     markers = _markers(pf.read(first))
     files = [first, *(file for file in known if file.resolve() != first.resolve())]
     parts = {file: list(_stretches(file, markers)) for file in files}
+    filled = files[:1] if own is not None else files
     samples = [
-        [part for part in parts[file][::2] if part.frames == SAMPLE and not part.missing.any()]
-        for file in (files[:1] if own is not None else files)
+        part
+        for file in filled
+        for part in parts[file]
+        if part.frames == SAMPLE and not part.missing.any()
     ]
-    deepest = max(map(len, samples))
-    chosen = [some[i] for i in range(deepest) for some in samples if i < len(some)]
-    if not chosen:
+    if not samples:
         raise SystemExit(
             f"{first}: has no complete sample of {len(markers)} markers and "
             f"{SAMPLE / RATE:.1f} s; choose another --recording"
         )
     if arguments.training is not None:
-        filled = {file.stem for file in (files[:1] if own is not None else files)}
-        parts = _learnt(arguments.training, markers, filled)
-        files = [*parts]
-    names = {part.name for part in chosen}
+        parts = _learnt(arguments.training, markers, {file.stem for file in filled})
     training = [
         part
-        for file in files
-        for part in parts[file]
-        if part.name not in names and part.frames >= MIN_FRAMES and not part.missing.all()
+        for some in parts.values()
+        for part in some
+        if part.frames >= MIN_FRAMES and not part.missing.all()
     ]
-    return Material(chosen if arguments.full else chosen[:few], training, files)
+    return Material(samples, training, list(parts))
 
 
 def _learnt(
@@ -241,93 +250,124 @@ def _stretches(file: Path, markers: Sequence[str]) -> Iterator[pf.Clip]:
         )
 
 
+def evenly_distributed(number: int, markers: int) -> list[int]:
+    """Return some of all markers, with the same interval between them.
+
+    Examples
+    --------
+    >>> evenly_distributed(5, 15)
+    [1, 4, 7, 10, 13]
+    """
+    return [int((i + 0.5) * markers / number) for i in range(number)]
+
+
 @dataclass(frozen=True)
-class Onward:
-    """Protocol: some markers are missing from a frame to the end of the clip.
+class EvenGaps:
+    """Protocol: gaps from frame 101 on, in evenly distributed markers (Fig. 2 of the paper).
 
     Attributes
     ----------
     numbers : tuple of int
-        Numbers of missing markers, drawn for each clip; one case each.
-    start : int
-        First frame of the gaps.
-    copies : int
-        Number of copies of each clip, with different markers.
+        Numbers of markers.
+    lengths : tuple of int
+        Numbers of frames. A case for each pair of both is called ``5 x 100``.
     """
 
-    numbers: tuple[int, ...] = (1,)
-    start: int = COMPLETE_FRAMES
-    copies: int = 1
-
-    def cases(
-        self, clip: pf.Clip, parts: BodyParts, draw: Callable[[str, int], np.random.Generator]
-    ) -> Iterator[GapMask | SkippedCase]:
-        """Yield the cases of a clip."""
-        del parts
-        for copy in range(1, self.copies + 1):
-            # a larger number includes the markers of a smaller one
-            order = draw("onward", copy).permutation(len(clip.labels))
-            for number in self.numbers:
-                if number >= len(clip.labels):
-                    yield SkippedCase(str(number), copy, "no marker would be left")
-                    continue
-                gone = np.zeros_like(clip.missing)
-                gone[self.start :, order[:number]] = True
-                yield GapMask(str(number), copy, gone)
-
-
-@dataclass(frozen=True)
-class Several:
-    """Protocol: the cases of several protocols, under their names.
-
-    Attributes
-    ----------
-    protocols : dict of str to protocol
-        They draw alike: the same protocol with another length uses the same markers.
-    """
-
-    protocols: Mapping[str, GapProtocol]
-
-    def cases(
-        self, clip: pf.Clip, parts: BodyParts, draw: Callable[[str, int], np.random.Generator]
-    ) -> Iterator[GapMask | SkippedCase]:
-        """Yield the cases of a clip."""
-        for name, protocol in self.protocols.items():
-            for made in protocol.cases(clip, parts, draw):
-                yield replace(made, name=name)
-
-
-@dataclass(frozen=True)
-class Throughout:
-    """Protocol: each marker in turn is missing in the whole clip."""
+    numbers: tuple[int, ...]
+    lengths: tuple[int, ...]
 
     def cases(
         self, clip: pf.Clip, parts: BodyParts, draw: Callable[[str, int], np.random.Generator]
     ) -> Iterator[GapMask | SkippedCase]:
         """Yield the cases of a clip."""
         del parts, draw
-        for marker, label in enumerate(clip.labels):
-            gone = np.zeros_like(clip.missing)
-            gone[:, marker] = True
-            yield GapMask(label, 1, gone)
+        yield from self._masks(clip)
+
+    def copies(self, clip: pf.Clip) -> Iterator[tuple[str, pf.Clip]]:
+        """Yield the name of each case, and the clip without its gaps."""
+        for made in self._masks(clip):
+            if isinstance(made, GapMask):
+                positions = np.where(made.mask[..., None], np.nan, clip.positions)
+                yield made.name, clip.with_positions(positions)
+
+    def _masks(self, clip: pf.Clip) -> Iterator[GapMask | SkippedCase]:
+        for number in self.numbers:
+            for length in self.lengths:
+                name = f"{number} x {length}"
+                if number > len(clip.labels):
+                    yield SkippedCase(name, 1, "there are fewer markers")
+                    continue
+                gone = np.zeros_like(clip.missing)
+                markers = evenly_distributed(number, len(clip.labels))
+                gone[GAP_START : GAP_START + length, markers] = True
+                yield GapMask(name, 1, gone)
+
+
+@contextmanager
+def database_of(training: Sequence[pf.Clip]) -> Iterator[Path | None]:
+    """Make a database of clips for a while; None without any."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "priors" if training else None
+        if path is not None:
+            with pf.PriorDatabase.create(path, rate=RATE) as writer:
+                for clip in training:
+                    with suppress(ClipError):  # no motion in it
+                        writer.add(clip)
+        yield path
 
 
 def evaluated(some: Material, protocol: GapProtocol, methods: str) -> Evaluation:
-    """Evaluate methods on all samples, with a database of the training data."""
+    """Evaluate methods on all samples, with a database of the training data.
+
+    No sample is filled from its own complete version.
+    """
     method_names = [name.strip() for name in methods.split(",")]
     if not set(method_names) <= {"auto", *METHODS}:
         raise SystemExit(f"unknown method; use some of auto {' '.join(METHODS)}")
-    with tempfile.TemporaryDirectory() as folder:
-        path = None
-        if some.training:
-            path = Path(folder) / "priors"
-            with pf.PriorDatabase.create(path, rate=RATE) as writer:
-                for clip in some.training:
-                    with suppress(ClipError):  # no motion in it
-                        writer.add(clip)
+    with database_of(some.training) as path:
         return pf.evaluate(
             some.samples, methods=method_names, protocol=protocol, database=path, jobs=processes()
         )
+
+
+def filled_by(
+    some: Material, protocol: EvenGaps, method: str, *, truth: bool = False, **changed: object
+) -> dict[str, float]:
+    """Return the MAE (mm) of a method with changed options, by case.
+
+    Parameters
+    ----------
+    some : Material
+        Samples and training data.
+    protocol : EvenGaps
+        The gaps.
+    method : str
+        Name of the method.
+    truth : bool
+        Whether the frames of the sample that have gaps are training data, too: moved by a metre,
+        so that they are not recognised.
+    **changed
+        Options of the method.
+    """
+    moved = {
+        sample.name: replace(
+            sample,
+            name=f"{sample.name} moved",
+            positions=sample.positions[GAP_START:] + ASIDE,
+        )
+        for sample in some.samples
+        if truth
+    }
+    errors: dict[str, list[float]] = {}
+    with database_of([*some.training, *moved.values()]) as path:
+        for sample in some.samples:
+            others = (copy.name for name, copy in moved.items() if name != sample.name)
+            alone = method_alone(pf.Selection(not_names=(sample.name, *others)))
+            chosen = replace(alone, method_options=changed)
+            for case, gappy in protocol.copies(sample):
+                found = pf.fill(gappy, method=method, database=path, options=chosen)
+                errors.setdefault(case, []).append(error(found.clip, sample, gappy))
+    return {case: float(np.mean(values)) for case, values in errors.items()}
 
 
 def processes() -> int:
@@ -336,9 +376,10 @@ def processes() -> int:
 
 
 def mae(evaluation: Evaluation, method: str, **where: str) -> tuple[float, float]:
-    """Return the MAE (mm) of the published ``mae.m``, and the share of filled samples.
+    """Return the MAE (mm) of Eq. (17), and the share of filled samples.
 
-    This is the mean distance from the truth in each gap, averaged over gaps.
+    This is the mean Euclidean distance from the truth over the frames of a gap, averaged over gaps.
+    The divisor of Eq. (17) as printed, n2 - (n1 + 1), would be the number of frames less two.
 
     Parameters
     ----------
@@ -371,65 +412,96 @@ def cell(evaluation: Evaluation, method: str, **where: str) -> Cell:
     return error if share in (0.0, 1.0) else f"{error:.1f} ({floored(share)} %)"
 
 
-def seconds(evaluation: Evaluation, method: str) -> float:
-    """Return the mean CPU time (s) of a method per case."""
-    taken = [made.seconds for job, made in evaluation.outcomes.items() if job.method == method]
-    return float(np.mean(taken)) if taken else float("nan")
-
-
 def floored(share: float) -> int:
     """Return a share in percent, rounded down."""
     return int(100 * share)
 
 
-def by_part(
-    evaluation: Evaluation, key: str, title: str, head: str = "", *, together: bool = True
-) -> None:
-    """Print the MAE of each method for each clip, case or marker.
+def by_case(
+    evaluation: Evaluation,
+    title: str,
+    head: str,
+    entries: Mapping[str, str],
+    published: Mapping[tuple[str, str], str] | None = None,
+) -> Comparison:
+    """Print the MAE of each method in each case, with the paper's value in brackets.
 
     Parameters
     ----------
     evaluation : Evaluation
         The evaluation.
-    key : str
-        ``clip``, ``case`` or ``marker``.
     title : str
         Title of the table.
     head : str
-        Head of the first column; `key` if empty.
-    together : bool
-        Whether a last row has the mean over all.
+        Head of the first column.
+    entries : mapping of str to str
+        The first column's entry for each case.
+    published : mapping, optional
+        The paper's values, as printed, by case and method.
+
+    Returns
+    -------
+    Comparison
+        With the paper's values.
     """
+    published = published or {}
     methods = evaluation.plan.methods
-    names = dict.fromkeys(getattr(row, key) for row in evaluation.gaps)
-    rows: list[list[Cell]] = [
-        [name, *(cell(evaluation, method, **{key: name}) for method in methods), None]
-        for name in names
-    ]
-    if together:
-        rows.append(["all", *(cell(evaluation, method) for method in methods), None])
-    print_table(f"{title} ({UNKNOWN})", [head or key, *methods, "paper"], rows)
+    comparison = Comparison()
+    rows: list[list[Cell]] = []
+    for case, entry in entries.items():
+        row: list[Cell] = [entry]
+        for method in methods:
+            ours = cell(evaluation, method, case=case)
+            paper = published.get((case, method))
+            if paper is not None:
+                value, _ = mae(evaluation, method, case=case)
+                comparison.add(f"{entry}, {method}", value, paper, OTHER_RECORDINGS)
+                shown = ours if isinstance(ours, str) else f"{ours:.1f}"
+                ours = f"{shown} ({float(paper):.1f})"
+            row.append(ours)
+        rows.append(row)
+    print_table(title, [head, *methods], rows)
+    return comparison
 
 
-def by_experiment(evaluations: dict[str, Evaluation], head: str, title: str) -> None:
-    """Print the MAE of each method in several experiments, one row each."""
-    methods = next(iter(evaluations.values())).plan.methods
-    rows: list[list[Cell]] = [
-        [name, *(cell(evaluation, method) for method in methods), None]
-        for name, evaluation in evaluations.items()
-    ]
-    print_table(f"{title} ({UNKNOWN})", [head, *methods, "paper"], rows)
+def by_recording(evaluation: Evaluation, case: str) -> None:
+    """Print the MAE of each method in a case by recording, with the speed of the samples."""
+    methods = evaluation.plan.methods
+    clips = [source.clip for source in evaluation.plan.sources]
+    samples: dict[str, list[pf.Clip]] = {}
+    for clip in clips:
+        samples.setdefault(recording_of(clip), []).append(clip)
+    rows: list[list[Cell]] = []
+    for name, some in samples.items():
+        errors = [
+            np.nanmean([mae(evaluation, method, case=case, clip=clip.name)[0] for clip in some])
+            for method in methods
+        ]
+        rows.append([name, len(some), float(np.mean([*map(speed, some)])), *map(float, errors)])
+    columns = ["recording", "samples", "mm/s", *methods]
+    print_table(f"MAE in mm of {case} frames by recording, with the mean speed", columns, rows)
+
+
+def recording_of(clip: pf.Clip) -> str:
+    """Return the name of a stretch's recording."""
+    return clip.name.rsplit(" ", 1)[0]
+
+
+def speed(clip: pf.Clip) -> float:
+    """Return the mean speed of all markers (mm/s)."""
+    steps = np.linalg.norm(np.diff(clip.positions, axis=0), axis=2)
+    return float(steps.mean() * clip.rate)
 
 
 def print_data(some: Material, paper: str) -> None:
     """Print samples and training data, and those of the paper."""
-    print(f"Paper: {paper}")
+    sources = dict.fromkeys(map(recording_of, some.samples))
     print(
-        f"Here:  {len(some.samples)} samples of {some.samples[0].frames} frames at {RATE:.0f} Hz, "
-        f"{len(some.samples[0].labels)} markers; training data: {len(some.training)} other "
-        f"stretches of:\n       {', '.join(file.stem for file in some.files)}.\n"
-        "       --recording fills one of yours. A dash: not available, or nothing filled;\n"
-        "       (n %): share of filled samples."
+        f"Paper: {paper}\n"
+        f"Here:  {len(some.samples)} samples of {SAMPLE} frames at {RATE:.0f} Hz, "
+        f"{len(some.samples[0].labels)} markers, of {', '.join(sources)};\n"
+        f"       training data: the others, and in all {len(some.training)} stretches of "
+        f"{len(some.files)} recordings. (n %): share of filled samples."
     )
 
 

@@ -131,9 +131,10 @@ def test_missing_frames_by_weighted_least_squares():
 
 def test_weights_of_frames_fall_with_the_time_from_the_gap():
     shown = np.array([True, True, False, False, True, True, True])
-    weights = frames_fill._frame_weights(shown, 50.0, Li2020Options(frame_sigma=0.02))
+    weights = frames_fill._frame_weights(shown, Li2020Options(frame_sigma=0.5))
     np.testing.assert_allclose(weights, np.exp(-(np.array([2, 1, 1, 2, 3]) ** 2) / 2.0))
-    np.testing.assert_array_equal(frames_fill._frame_weights(shown, 50.0, Li2020Options()), 1.0)
+    equal = frames_fill._frame_weights(shown, Li2020Options(frame_sigma=None))
+    np.testing.assert_array_equal(equal, 1.0)
 
 
 # fills
@@ -206,7 +207,7 @@ def test_other_sizes_are_scaled():
 def test_weights_of_frames_change_missing_frames():
     truth = person(seconds=3.0)
     clip = with_gaps(truth, (80, 90, truth.labels))
-    plain, weighted = (filled(clip, "pca-frames", frame_sigma=sigma) for sigma in (None, 0.3))
+    plain, weighted = (filled(clip, "pca-frames", frame_sigma=sigma) for sigma in (None, 0.5))
     assert weighted.complete
     assert error(weighted.clip.positions, plain.clip.positions, plain.filled) > 0.1
 

