@@ -27,7 +27,8 @@ ALLOWED = {
     "energy/multiresolution.py": "a number of levels, rounded down",
     "gp/calibration.py": "a bound rounded to nine digits, coarser than the differences",
     "gp/linalg.py": "where rounding has made a matrix indefinite",
-    "search/index.py": "axes of a bounding volume; what is found is compared exactly",
+    "search/kd_tree.py": "axes of bounding boxes; what is found is compared exactly",
+    "search/span_scan.py": "axes of a bounding volume; what is found is compared exactly",
     "search/takes.py": "the nearest of a few rates",
 }
 """Modules that may use such functions, with the reason."""

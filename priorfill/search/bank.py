@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from priorfill.geometry.poses import complete_poses, evenly_spaced
 from priorfill.geometry.root_frames import RootFrames, RootGroup
 from priorfill.runtime.threads import run_in_threads, split_range
-from priorfill.search.index import MAX_BRUTE_FORCE_POSES, POSES_PER_THREAD, PoseIndex
+from priorfill.search.index import MAX_BRUTE_FORCE_POSES, POSES_PER_THREAD, PoseIndex, Way
 from priorfill.search.takes import Take
 
 __all__ = ["Neighbours", "PoseBank", "PoseBankCache", "PoseMapping", "spaced_rows"]
@@ -120,6 +120,8 @@ class PoseBank:
         Hz. The rate of the query's level; of each take the level with the nearest rate is used.
     max_poses : int, optional
         Maximum number of poses to search, evenly spaced; by default all.
+    way : str, optional
+        How they are searched, as of `PoseIndex`.
 
     Attributes
     ----------
@@ -144,6 +146,7 @@ class PoseBank:
         wanted: NDArray[np.intp],
         rate: float,
         max_poses: int | None = None,
+        way: Way | None = None,
     ) -> None:
         needed = np.unique(np.concatenate([root.markers, viable, wanted])).astype(np.intp)
         useful = [i for i, take in enumerate(takes) if take.shown[needed].all()]
@@ -179,6 +182,7 @@ class PoseBank:
         self._positions = positions
         self._root = root.among(needed)
         self._index: PoseIndex | None = None
+        self._way = way
         self.is_mapped = False
 
     def mapped(self, mapping: PoseMapping) -> PoseBank:
@@ -195,7 +199,7 @@ class PoseBank:
         index = self._index
         if index is None:
             starts = np.flatnonzero(np.diff(self._take[self.rows], prepend=-1))
-            self._index = index = PoseIndex(self._local(self._viable), starts)
+            self._index = index = PoseIndex(self._local(self._viable), starts, self._way)
         return index
 
     def __len__(self) -> int:
@@ -424,14 +428,18 @@ class PoseBankCache:
         The recordings.
     max_bytes : int
         Memory for banks that are kept; the most recently used one is kept whatever its size.
+    way : str, optional
+        How poses are searched, as of `PoseIndex`.
 
     See Also
     --------
     PoseBank : A bank.
     """
 
-    def __init__(self, takes: Sequence[Take], max_bytes: int = MAX_CACHE_BYTES) -> None:
-        self._takes = takes
+    def __init__(
+        self, takes: Sequence[Take], max_bytes: int = MAX_CACHE_BYTES, way: Way | None = None
+    ) -> None:
+        self._takes, self._way = takes, way
         self._max_bytes = max_bytes
         self._banks: dict[tuple[object, ...], PoseBank] = {}  # the most recently used last
         self._bytes = 0
@@ -457,7 +465,7 @@ class PoseBankCache:
         if bank is None and mapping is not None:
             bank = self.get(root, viable, wanted, rate, max_poses).mapped(mapping)
         elif bank is None:
-            bank = PoseBank(self._takes, root, viable, wanted, rate, max_poses)
+            bank = PoseBank(self._takes, root, viable, wanted, rate, max_poses, self._way)
         with self._lock:
             self._pop(key)  # another thread may have built it meanwhile
             self._banks[key] = bank

@@ -1,7 +1,7 @@
 """Exact k nearest neighbours by comparing all poses.
 
 The neighbours are those of `priorfill.search.index`, the y_i of Eqs. (1)-(4) of Baumann et al.
-2011. For few poses this is faster than an index, whose loops have to be compiled first.
+2011. For few poses this is faster than compiled loops, which have to be compiled first.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["nearest_by_brute_force"]
+__all__ = ["BruteForce", "nearest_by_brute_force"]
 
 PAIRS_PER_BATCH = 2**20
 """Squared distances held at a time: 8 MB."""
@@ -75,3 +75,27 @@ def nearest_by_brute_force(
         nearest = order[first[:, None] + np.arange(k)]
         squares[at : at + batch_size], rows[at : at + batch_size] = exact[nearest], row[nearest]
     return squares, rows
+
+
+class BruteForce:
+    """Poses all of which are compared in every search; a `NearestPoses`.
+
+    Parameters
+    ----------
+    poses : ndarray of float32 [shape=(poses, dimensions), mm]
+        At least one, without missing values. Not copied.
+    """
+
+    nbytes = 0
+
+    def __init__(self, poses: NDArray[np.float32]) -> None:
+        self._poses = poses
+
+    def __len__(self) -> int:
+        return len(self._poses)
+
+    def nearest(
+        self, queries: NDArray[np.float32], k: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Find the nearest poses of queries; see `NearestPoses`."""
+        return nearest_by_brute_force(self._poses, queries, k)

@@ -2,15 +2,11 @@
 
 They are the y_i of [B11]_: the k database poses nearest to a frame of the clip, by its viable
 markers in root frames, over which Eqs. (2)-(4), and so the energy of Eq. (1), sum. [B11]_ finds
-them with one kd-tree per clip and resolution; here the viable markers and the root frames depend on
-the gap, and the neighbours, which are the same, are found by bounds without a tree.
-
-Consecutive poses of a recording are similar. The distances from a few of them, the vertices, and
-how far the poses between two vertices are from the chord joining these, bound the distances of all
-poses from below, and one pass over the poses finds both. Most bounds are computed in the few
-directions in which poses differ most, and first for groups of queries together, preferably
-consecutive frames. Poses that no bound excludes are measured. The loops are in
-`priorfill.search.kernels`.
+them with one kd-tree per clip and resolution. Here the viable markers and the root frames depend on
+the gap, so that a tree would often be searched for one gap only. There are therefore three ways to
+find the same neighbours: all poses are compared, which needs no preparation; all are bounded, for
+which one pass over them suffices (`SpanScan`); or a kd-tree is built (`KdTree`). The choice is by
+the predicted time.
 
 The poses of an index are in the root frames of one root group; other root frames need another
 index.
@@ -23,75 +19,72 @@ References
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.runtime.threads import run_in_threads, split_range
-from priorfill.search.brute_force import nearest_by_brute_force
+from priorfill.search.brute_force import BruteForce
+from priorfill.search.kd_tree import KdTree
+from priorfill.search.nearest_poses import NearestPoses
+from priorfill.search.span_scan import SpanScan
 
-__all__ = ["MAX_BRUTE_FORCE_POSES", "POSES_PER_THREAD", "PoseIndex"]
+__all__ = ["MAX_BRUTE_FORCE_POSES", "POSES_PER_THREAD", "WAYS", "PoseIndex", "Way", "choose_way"]
+
+Way = Literal["brute force", "scan", "kd-tree"]
+
+WAYS: tuple[Way, ...] = ("brute force", "scan", "kd-tree")
+"""Ways to find the same neighbours."""
 
 MAX_BRUTE_FORCE_POSES = 2**14
 """Up to this many poses all are compared. That takes a few times as long, hundredths of a second,
-but spares the seconds in which the index compiles on first use."""
+but spares the seconds in which loops compile on first use."""
 
-MAX_SPAN_POSES = 4
-"""Poses per span. With 8 there are 4 % fewer spans, which take a fifth longer to construct."""
+SCAN_BUILT, TREE_BUILT = 0.11, 0.27
+"""µs per pose. CPU time to prepare a scan, and to build a kd-tree."""
 
-MAX_CHORD_ERROR = 5.0
-"""mm per coordinate. Largest chord error of a span of several poses: 36 mm in 54 dimensions, little
-next to neighbours at 150 mm and more. 3 to 5 mm take much the same time. Spans of a fixed number of
-poses have chord errors of 91 mm and more where movements are fast, and exclude nothing there."""
+SCAN_QUERY, TREE_QUERY = 0.0005, 180.0
+"""µs. CPU time of a query: in a scan per pose, in a kd-tree whatever the number of poses."""
 
-DIRECTIONS = 16
-"""Directions in which most bounds are computed. They hold 98 % of the variance of poses; computing
-bounds in more of them costs more than the measurements it saves."""
-
-QUERIES_PER_GROUP = 16
-"""Queries bounded together by one query segment; 16 frames at 120 Hz are similar enough."""
+REPEATS = 2
+"""Queries that are expected, relative to those asked for so far: a marker that is missing once is
+often missing again, with the same viable markers."""
 
 POSES_PER_BATCH = 2**14
 """Poses that are measured at a time without an index, so that differences stay in the cache."""
-
-MIN_SEED_SPANS = 512
-"""Spans whose poses are measured first, to find how far the neighbours may be."""
-
-CANDIDATES_PER_SEED = 4
-"""Bounds examined per seed span when estimating the cut-off among all bounds."""
-
-FAR_SQUARE = 1e37
-"""mm². Initial squared distance of a neighbour: above any square, and twice it still fits into
-single precision."""
-
-GROUPS_PER_PASS = 8
-"""Groups of queries bounded in one pass over all vertices, which is limited by memory bandwidth."""
-
-SPANS_PER_BATCH = 2**15
-"""Spans measured at a time: their bounds for all queries of a group take 2 MB."""
-
-MAX_PCA_POSES = 20_000
-"""Poses from which the directions are computed. Any directions give the same neighbours."""
-
-CHUNK_POSES = 8192
-"""Poses over which spans are laid at a time: they stay in the cache."""
-
-FLOAT32_ROUNDING = 2.0**-24
-"""Relative rounding error of a single-precision operation."""
-
-ROUNDINGS_PER_DIMENSION = 8
-"""Upper limit of the single-precision rounding errors in a bound, per dimension: a square is a sum
-over the dimensions, and the squared distance from a chord is computed from three of them."""
 
 MAX_COORDINATE = 1e15
 """mm. Squares of larger coordinates would not fit into single precision."""
 
 POSES_PER_THREAD = 2**17
-"""Poses for which another thread pays when the index is built: some ten milliseconds of work."""
+"""Poses for which another thread pays when they are transformed: some ten milliseconds of work."""
 
-PAIRS_PER_THREAD = 2**24
-"""Pairs of pose and query for which another thread pays in a search."""
+
+def choose_way(poses: int, queries: int, asked: int, built: Way | None) -> Way:
+    """Return how poses are expected to be searched in the least time.
+
+    Parameters
+    ----------
+    poses : int
+        Number of poses.
+    queries, asked : int
+        Number of queries to search for, and of earlier ones.
+    built : str or None
+        How the earlier ones were searched for.
+
+    Examples
+    --------
+    >>> choose_way(1_000_000, 20, 0, None), choose_way(1_000_000, 20, 1000, "scan")
+    ('scan', 'kd-tree')
+    """
+    if built == "kd-tree":
+        return "kd-tree"
+    if poses <= MAX_BRUTE_FORCE_POSES:
+        return "brute force"
+    expected = REPEATS * (queries + asked)
+    scan = (0.0 if built == "scan" else SCAN_BUILT * poses) + SCAN_QUERY * poses * expected
+    tree = TREE_BUILT * poses + TREE_QUERY * expected
+    return "kd-tree" if tree < scan else "scan"
 
 
 class PoseIndex:
@@ -104,8 +97,9 @@ class PoseIndex:
     starts : ndarray of int [shape=(recordings,)], optional
         Rows at which recordings start, ascending: poses on either side need not be similar. By
         default all poses are of one recording. Affects only the speed.
-    max_brute_force : int, optional
-        Up to this many poses all are compared. Affects only the speed.
+    way : str, optional
+        How they are searched, one of `WAYS`; by default as is expected to be fastest, see
+        `choose_way`. Affects only the speed.
 
     Raises
     ------
@@ -128,7 +122,7 @@ class PoseIndex:
         self,
         coordinates: NDArray[np.float32],
         starts: NDArray[np.intp] | None = None,
-        max_brute_force: int = MAX_BRUTE_FORCE_POSES,
+        way: Way | None = None,
     ) -> None:
         self._poses = np.ascontiguousarray(coordinates, dtype=np.float32)
         poses = len(self._poses)
@@ -136,9 +130,10 @@ class PoseIndex:
         ends = np.append(starts, poses)
         if ends[0] != 0 or (np.diff(ends) <= 0).any():
             raise ValueError(f"starts are {starts} of {poses} poses; let them ascend from 0")
-        self._spans = (
-            None if poses <= max_brute_force else _SpanIndex(self._poses, ends.astype(np.int64))
-        )
+        self._ends = ends.astype(np.int64)
+        self._way = way
+        self._asked = 0
+        self._made: tuple[Way, NearestPoses] | None = None
 
     def __len__(self) -> int:
         return len(self._poses)
@@ -146,7 +141,26 @@ class PoseIndex:
     @property
     def nbytes(self) -> int:
         """Memory in bytes, including the poses."""
-        return self._poses.nbytes + (self._spans.nbytes if self._spans is not None else 0)
+        return self._poses.nbytes + (self._made[1].nbytes if self._made is not None else 0)
+
+    def _searched(self, queries: int) -> NearestPoses:
+        """Return what searches the poses for some more queries; built if it is not there yet."""
+        made = self._made
+        way = self._way
+        if way is None:
+            way = choose_way(len(self), queries, self._asked, made[0] if made else None)
+        self._asked += queries
+        if made is None or made[0] != way:
+            made = (way, self._make(way))
+            self._made = made
+        return made[1]
+
+    def _make(self, way: Way) -> NearestPoses:
+        if way == "brute force":
+            return BruteForce(self._poses)
+        if way == "scan":
+            return SpanScan(self._poses, self._ends)
+        return KdTree(self._poses)
 
     def nearest(
         self, queries: NDArray[np.floating], k: int
@@ -181,10 +195,7 @@ class PoseIndex:
         k = min(k, len(self))
         if not len(single) or not k:
             return np.empty((len(single), k)), np.empty((len(single), k), dtype=np.intp)
-        if self._spans is None:
-            squares, rows = nearest_by_brute_force(self._poses, single, k)
-        else:
-            squares, rows = self._spans.nearest(single, k)
+        squares, rows = self._searched(len(single)).nearest(single, k)
         return np.sqrt(squares), rows.astype(np.intp, copy=False)
 
     def squared_distances(self, query: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -205,291 +216,3 @@ class PoseIndex:
             away = self._poses[at : at + POSES_PER_BATCH] - single
             squares[at : at + POSES_PER_BATCH] = np.einsum("pd,pd->p", away, away)
         return squares
-
-
-class _SpanData(NamedTuple):
-    """Data of spans from which `bound_spans` computes bounds."""
-
-    projection: NDArray[np.float32]
-    connected: NDArray[np.bool_]
-    squared_length: NDArray[np.float32]
-    chord_error: NDArray[np.float32]
-
-
-class _Chunk(NamedTuple):
-    """Spans over `CHUNK_POSES` poses: outputs of `lay_spans`, and projections of the vertices."""
-
-    vertices: NDArray[np.int64]
-    connected: NDArray[np.bool_]
-    chord_error: NDArray[np.float32]
-    projection: NDArray[np.float32]
-    largest_norm: float
-
-
-class _Queries(NamedTuple):
-    """A group of queries, with the arrays that hold their neighbours."""
-
-    coordinates: NDArray[np.float32]
-    projection: NDArray[np.float32]
-    squares: NDArray[np.float64]
-    rows: NDArray[np.int64]
-
-    def part(self, part: slice) -> _Queries:
-        """Return some of the queries; the arrays are views."""
-        return _Queries(
-            self.coordinates[part], self.projection[part], self.squares[part], self.rows[part]
-        )
-
-
-class _SpanIndex:
-    """The spans of all poses; see `priorfill.search.kernels`.
-
-    Parameters
-    ----------
-    poses : ndarray [shape=(poses, dimensions), mm]
-        Not copied.
-    ends : ndarray of int [shape=(recordings + 1,)]
-        Rows at which recordings start, and the number of poses.
-    """
-
-    def __init__(self, poses: NDArray[np.float32], ends: NDArray[np.int64]) -> None:
-        self._poses = poses
-        dimensions = poses.shape[1]
-        self._rounding = ROUNDINGS_PER_DIMENSION * (dimensions + 4) * FLOAT32_ROUNDING
-        sample = poses[:: -(-len(poses) // MAX_PCA_POSES)]
-        self._centre = sample.mean(axis=0)
-        sample = sample - self._centre
-        # eigenvalues ascend: poses differ most along the last axes
-        _, axes = np.linalg.eigh((sample.T @ sample).astype(np.float64))
-        self._axes = np.zeros((DIRECTIONS, dimensions), dtype=np.float32)
-        self._axes[:dimensions] = axes[:, ::-1][:, :DIRECTIONS].T
-
-        def lay(begin: int, end: int) -> list[_Chunk]:
-            return [self._lay_chunk(ends, chunk) for chunk in range(begin, end)]
-
-        ranges = split_range(-(-len(poses) // CHUNK_POSES), len(poses) // POSES_PER_THREAD)
-        chunks = [chunk for part in run_in_threads(lay, ranges) for chunk in part]
-        self._vertices = np.concatenate([chunk.vertices for chunk in chunks])
-        connected = np.concatenate([chunk.connected for chunk in chunks])
-        projection = np.concatenate([chunk.projection for chunk in chunks])
-        squared_length = np.zeros(len(self._vertices), dtype=np.float32)
-        for at in range(0, len(self._vertices), CHUNK_POSES):
-            step = np.diff(projection[at : at + CHUNK_POSES + 1], axis=0)
-            squared_length[at : at + len(step)] = np.einsum("kd,kd->k", step, step)
-        squared_length[~connected] = 0.0
-        chord_error = np.concatenate([chunk.chord_error for chunk in chunks])
-        self._data = _SpanData(projection, connected, squared_length, chord_error)
-        self._largest_norm = max(chunk.largest_norm for chunk in chunks)
-
-    def _lay_chunk(self, ends: NDArray[np.int64], chunk: int) -> _Chunk:
-        """Lay spans over one chunk of `CHUNK_POSES` poses."""
-        from priorfill.search.kernels import lay_spans
-
-        begin, end = chunk * CHUNK_POSES, min((chunk + 1) * CHUNK_POSES, len(self._poses))
-        vertices = np.empty(end - begin, dtype=np.int64)
-        connected = np.empty(end - begin, dtype=np.bool_)
-        chord_error = np.empty(end - begin, dtype=np.float32)
-        recording = int(np.searchsorted(ends, begin, side="right"))
-        count = lay_spans(
-            self._poses,
-            ends,
-            recording,
-            begin,
-            end,
-            MAX_SPAN_POSES,
-            MAX_CHORD_ERROR * self._poses.shape[1] ** 0.5,
-            self._rounding,
-            vertices,
-            connected,
-            chord_error,
-        )
-        projection, largest_norm = self._project(self._poses[vertices[:count]])
-        # copies, so that the unused rest of the arrays is freed
-        return _Chunk(
-            vertices[:count].copy(),
-            connected[:count].copy(),
-            chord_error[:count].copy(),
-            projection,
-            largest_norm,
-        )
-
-    def _project(self, poses: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
-        """Return poses along the directions [shape=(poses, directions)], and the largest norm."""
-        centred = poses - self._centre
-        largest_square = float(np.einsum("pd,pd->p", centred, centred).max())
-        return centred @ self._axes.T, largest_square**0.5
-
-    @property
-    def nbytes(self) -> int:
-        """Memory in bytes, without the poses."""
-        return self._vertices.nbytes + sum(array.nbytes for array in self._data)
-
-    def nearest(
-        self, queries: NDArray[np.float32], k: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Find the nearest poses of queries; see `nearest_by_brute_force`."""
-        squares = np.empty((len(queries), k))
-        rows = np.empty((len(queries), k), dtype=np.int64)
-        projection, largest_norm = self._project(queries)
-        # rounding of a pose's projection onto directions of unit length
-        bound_error = (queries.shape[1] + 4) * FLOAT32_ROUNDING * len(self._axes) ** 0.5
-        bound_error *= self._largest_norm + largest_norm
-
-        everything = _Queries(queries, projection, squares, rows)
-
-        def search(begin: int, end: int) -> None:
-            step = QUERIES_PER_GROUP * GROUPS_PER_PASS
-            for at in range(begin, end, step):
-                self._search_groups(everything.part(slice(at, min(at + step, end))), bound_error)
-
-        pairs = len(self._poses) * len(queries)
-        run_in_threads(search, split_range(len(queries), pairs // PAIRS_PER_THREAD))
-        return squares, rows
-
-    def _search_groups(self, queries: _Queries, bound_error: float) -> None:
-        """Find the nearest poses of up to `GROUPS_PER_PASS` groups of queries."""
-        groups = [
-            queries.part(slice(at, at + QUERIES_PER_GROUP))
-            for at in range(0, len(queries.coordinates), QUERIES_PER_GROUP)
-        ]
-        segments, offsets = zip(
-            *(_query_segment(group.projection) for group in groups), strict=True
-        )
-        bounds, block_minima = _bounds(self._data, np.array(segments), self._rounding)
-        for i, group in enumerate(groups):
-            self._search_group(group, bounds[i], block_minima[i], offsets[i], bound_error)
-
-    def _search_group(
-        self,
-        queries: _Queries,
-        bounds: NDArray[np.float32],
-        block_minima: NDArray[np.float32],
-        offset: float,
-        bound_error: float,
-    ) -> None:
-        """Find the nearest poses of a group, given the bounds of its query segment.
-
-        ``offset`` is the largest distance (mm) of a query from the segment.
-        """
-        from priorfill.search.kernels import ROUND_UP
-
-        squares, rows = queries.squares, queries.rows
-        # a span has at least one pose, so this many contain k poses
-        seeds = min(max(MIN_SEED_SPANS, squares.shape[1]), len(self._vertices))
-        squares[:], rows[:] = FAR_SQUARE, len(self._poses)
-        cutoff = _kth_least(bounds, block_minima, seeds)
-        self._measure(_spans_within(bounds, block_minima, cutoff), queries, bound_error)
-        kth_square = squares[:, :1].copy()  # the farthest of the k is first in the heap
-        squares[:], rows[:] = kth_square, len(self._poses)
-        radius = (float(kth_square.max()) ** 0.5 + offset + bound_error) * ROUND_UP
-        spans = _spans_within(bounds, block_minima, radius)
-        for at in range(0, len(spans), SPANS_PER_BATCH):
-            self._measure(spans[at : at + SPANS_PER_BATCH], queries, bound_error)
-        order = np.lexsort((rows, squares))
-        squares[:] = np.take_along_axis(squares, order, axis=1)
-        rows[:] = np.take_along_axis(rows, order, axis=1)
-
-    def _measure(self, spans: NDArray[np.intp], queries: _Queries, bound_error: float) -> None:
-        """Measure the poses of some spans, given ascending; see `measure_spans`."""
-        from priorfill.search.kernels import measure_spans
-
-        # the vertices of these spans, and where a span ends at a vertex that is not among them,
-        # that one as well
-        ends_outside = self._data.connected[spans]
-        ends_outside[:-1] &= spans[1:] != spans[:-1] + 1
-        at = np.flatnonzero(ends_outside)
-        vertices = np.insert(spans, at + 1, spans[at] + 1)
-        selected = np.ones(len(vertices), dtype=np.bool_)
-        selected[at + np.arange(1, len(at) + 1)] = False
-        connected = self._data.connected[vertices] & selected
-        first = self._vertices[vertices]
-        last = first + selected
-        np.copyto(last[:-1], first[1:], where=connected[:-1])
-        data = _SpanData(
-            np.take(self._data.projection, vertices, axis=0),
-            connected,
-            self._data.squared_length[vertices],
-            self._data.chord_error[vertices],
-        )
-        # every query is a segment of length 0
-        segments = np.zeros((len(queries.projection), 2 * DIRECTIONS + 1), dtype=np.float32)
-        segments[:, :DIRECTIONS] = queries.projection
-        bounds, block_minima = _bounds(data, segments, self._rounding)
-        measure_spans(
-            self._poses,
-            first,
-            last,
-            bounds,
-            block_minima,
-            queries.coordinates,
-            bound_error,
-            self._rounding,
-            queries.squares,
-            queries.rows,
-        )
-
-
-def _bounds(
-    data: _SpanData, segments: NDArray[np.float32], rounding: float
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Bound the distances of query segments from spans; see `bound_spans`.
-
-    Returns
-    -------
-    bounds : ndarray [shape=(segments, blocks, BLOCK_SPANS), mm]
-        The last block is padded with infinity.
-    block_minima : ndarray [shape=(segments, blocks), mm]
-        The least bound of each block.
-    """
-    from priorfill.search.kernels import BLOCK_SPANS, bound_spans
-
-    count, directions = data.projection.shape
-    bounds = np.empty((len(segments), -(-count // BLOCK_SPANS), BLOCK_SPANS), dtype=np.float32)
-    work = np.zeros((directions + 5, BLOCK_SPANS + 1), dtype=np.float32)
-    bound_spans(*data, segments, rounding, work[2:], work[0], work[1], bounds)
-    bounds.reshape(len(segments), -1)[:, count:] = np.inf
-    return bounds, bounds.min(axis=2)
-
-
-def _kth_least(bounds: NDArray[np.float32], block_minima: NDArray[np.float32], k: int) -> float:
-    """Return the k-th least bound (mm) of a query segment; arguments as from `_bounds`."""
-    blocks = min(-(-CANDIDATES_PER_SEED * k // bounds.shape[1]), len(block_minima))
-    # the k-th least within the blocks of the least minima is an upper limit for that of all
-    candidates = bounds[np.argpartition(block_minima, blocks - 1)[:blocks]]
-    limit = np.partition(candidates, k - 1, axis=None)[k - 1]
-    near = bounds[block_minima <= limit]
-    return float(np.partition(near[near <= limit], k - 1)[k - 1])
-
-
-def _spans_within(
-    bounds: NDArray[np.float32], block_minima: NDArray[np.float32], radius: float
-) -> NDArray[np.intp]:
-    """Return the spans, ascending, whose bounds (as from `_bounds`) are at most ``radius`` mm."""
-    blocks = np.flatnonzero(block_minima <= radius)
-    inside = np.flatnonzero(bounds[blocks] <= radius)
-    skipped = (blocks - np.arange(len(blocks))) * bounds.shape[1]
-    spans: NDArray[np.intp] = inside + skipped[inside // bounds.shape[1]]
-    return spans
-
-
-def _query_segment(points: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
-    """Return the segment of a straight line that best fits some points, and its largest error (mm).
-
-    The segment is in the form that `bound_spans` takes, from the first point along the line to
-    the last.
-    """
-    from priorfill.search.kernels import ROUND_UP
-
-    exact = points.astype(np.float64)
-    middle = exact.mean(axis=0)
-    centred = exact - middle
-    _, axes = np.linalg.eigh(centred.T @ centred)
-    direction = axes[:, -1].astype(np.float32).astype(np.float64)
-    along = centred @ direction
-    middle += 0.5 * (along.min() + along.max()) * direction
-    segment = np.concatenate([middle, direction, [0.0]]).astype(np.float32)
-    exact -= segment[: len(middle)]
-    along = exact @ direction
-    segment[-1] = np.abs(along).max() * ROUND_UP
-    across = exact - along[:, None] * direction
-    return segment, float(np.sqrt((across**2).sum(axis=1).max())) * ROUND_UP

@@ -15,7 +15,7 @@ Functions compile on first use, while the user waits, as those of
 `priorfill.energy.descent_kernels`. Work arrays are therefore passed in, and ``min`` and ``max``,
 which would be compiled as functions of their own, are avoided; one loop bounds both segments and
 single queries. Selecting spans and sorting neighbours is as fast in NumPy; see
-`priorfill.search.index`.
+`priorfill.search.span_scan`.
 """
 
 from __future__ import annotations

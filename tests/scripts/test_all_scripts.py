@@ -128,9 +128,9 @@ def run_here(command: Sequence[str], *, accepted: Sequence[int] = (0,), **more: 
 
 
 def search_here(method: str, folder: Path, threads: int) -> list[float]:
-    """What `bench/search.py` measures, in this process; the index in one of its own."""
+    """What `bench/search.py` measures, in this process; the kd-tree in one of its own."""
     search = load_script("search")
-    if method == "index":
+    if method == "kd-tree":
         measured: list[float] = IN_A_PROCESS(method, folder, threads)
         return measured
     with contextlib.redirect_stdout(io.StringIO()) as printed:

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from priorfill.geometry.root_frames import RootGroup, root_group
 from priorfill.search.bank import PoseBank, PoseBankCache
-from priorfill.search.index import PoseIndex
+from priorfill.search.index import MAX_BRUTE_FORCE_POSES, WAYS, PoseIndex, choose_way
 from priorfill.search.takes import own_take
 from priorfill.signal.resample import Level
 
@@ -43,8 +43,8 @@ def recordings_and_queries(draw):
 def test_the_index_finds_the_same_as_brute_force_including_ties(problem, k, starts_known):
     poses, starts, queries = problem
     expected_distance, expected_rows = naive.nearest(poses, queries, k)
-    for max_brute_force in (0, len(poses)):
-        index = PoseIndex(poses, starts if starts_known else None, max_brute_force)
+    for way in WAYS:
+        index = PoseIndex(poses, starts if starts_known else None, way)
         distance, rows = index.nearest(queries, k)
         np.testing.assert_array_equal(rows, expected_rows)
         np.testing.assert_array_equal(distance, expected_distance)
@@ -57,10 +57,12 @@ def test_no_neighbour_is_excluded_by_bounds(problem, k, seed):
     rng = np.random.default_rng(seed)
     with pytest.MonkeyPatch.context() as patch:
         # few seeds and short chunks, so that the bounds decide
-        patch.setattr("priorfill.search.index.MIN_SEED_SPANS", 1)
-        patch.setattr("priorfill.search.index.CHUNK_POSES", int(rng.integers(3, 20)))
-        patch.setattr("priorfill.search.index.MAX_CHORD_ERROR", float(rng.choice([0.1, 5.0, 1e4])))
-        index = PoseIndex(poses, starts, max_brute_force=0)
+        patch.setattr("priorfill.search.span_scan.MIN_SEED_SPANS", 1)
+        patch.setattr("priorfill.search.span_scan.CHUNK_POSES", int(rng.integers(3, 20)))
+        patch.setattr(
+            "priorfill.search.span_scan.MAX_CHORD_ERROR", float(rng.choice([0.1, 5.0, 1e4]))
+        )
+        index = PoseIndex(poses, starts, way="scan")
         distance, rows = index.nearest(queries, k)
     expected_distance, expected_rows = naive.nearest(poses, queries, k)
     np.testing.assert_array_equal(rows, expected_rows)
@@ -68,12 +70,12 @@ def test_no_neighbour_is_excluded_by_bounds(problem, k, seed):
 
 
 def test_the_index_finds_the_same_among_many_blocks_of_spans(monkeypatch):
-    monkeypatch.setattr("priorfill.search.index.MIN_SEED_SPANS", 4)
+    monkeypatch.setattr("priorfill.search.span_scan.MIN_SEED_SPANS", 4)
     rng = np.random.default_rng(11)
     steps = rng.normal(0, 3, (9000, 7)) * rng.choice([0.1, 1.0, 20.0], (9000, 1))
     poses = np.cumsum(steps, axis=0).astype(np.float32)
     queries = poses[4000:4040] + rng.normal(0, 5, (40, 7)).astype(np.float32)
-    index = PoseIndex(poses, np.array([0, 10, 4500]), max_brute_force=0)
+    index = PoseIndex(poses, np.array([0, 10, 4500]), way="scan")
     distance, rows = index.nearest(queries, 30)
     expected_distance, expected_rows = naive.nearest(poses, queries, 30)
     np.testing.assert_array_equal(rows, expected_rows)
@@ -83,13 +85,13 @@ def test_the_index_finds_the_same_among_many_blocks_of_spans(monkeypatch):
 @settings(max_examples=25, deadline=None)
 @given(recordings_and_queries())
 def test_bounds_of_query_segments_hold_for_every_pose_of_a_span(problem):
-    from priorfill.search.index import _bounds, _query_segment, _SpanIndex
     from priorfill.search.kernels import BLOCK_SPANS
+    from priorfill.search.span_scan import SpanScan, _bounds, _query_segment
 
     poses, starts, queries = problem
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("priorfill.search.index.MAX_CHORD_ERROR", 1e4)
-        spans = _SpanIndex(poses, np.append(starts, len(poses)))
+        patch.setattr("priorfill.search.span_scan.MAX_CHORD_ERROR", 1e4)
+        spans = SpanScan(poses, np.append(starts, len(poses)))
     queries = queries[:16].astype(np.float32)
     segment, offset = _query_segment(spans._project(queries)[0])
     count = len(spans._vertices)
@@ -111,7 +113,7 @@ def test_bounds_of_query_segments_hold_for_every_pose_of_a_span(problem):
 
 @pytest.mark.parametrize("beyond", [0.25, 4.0])
 def test_the_bound_of_a_pose_is_its_distance_from_the_query_segment(beyond):
-    from priorfill.search.index import _bounds, _SpanData
+    from priorfill.search.span_scan import _bounds, _SpanData
 
     half, across = 10.0, np.float32(0.5)
     along = np.array([half + beyond, -half - beyond, half - 1.0])
@@ -126,7 +128,7 @@ def test_the_bound_of_a_pose_is_its_distance_from_the_query_segment(beyond):
 
 
 def test_the_bound_of_a_parallel_span_is_its_distance_from_the_query_segment():
-    from priorfill.search.index import _bounds, _SpanData
+    from priorfill.search.span_scan import _bounds, _SpanData
 
     half, across = 10.0, np.float32(0.5)
     along = np.array([-half - 30.0, -half - 6.0, half + 2.0, half + 6.0])
@@ -143,7 +145,7 @@ def test_the_bound_of_a_parallel_span_is_its_distance_from_the_query_segment():
 
 
 def test_the_query_segment_of_points_on_a_line_is_their_extent():
-    from priorfill.search.index import _query_segment
+    from priorfill.search.span_scan import _query_segment
 
     direction = np.array([0.6, 0.0, 0.8, 0.0])
     first = np.array([900.0, -700.0, 500.0, 300.0])
@@ -170,17 +172,73 @@ def test_the_index_rejects_missing_and_huge_coordinates(wrong):
 
 
 @pytest.mark.parametrize("threads", ["1", "3"])
-def test_the_index_is_the_same_on_any_number_of_threads(threads, monkeypatch):
+@pytest.mark.parametrize("way", ["scan", "kd-tree"])
+def test_the_index_is_the_same_on_any_number_of_threads(way, threads, monkeypatch):
     rng = np.random.default_rng(8)
     poses = np.cumsum(rng.normal(0, 5, (900, 9)), axis=0).astype(np.float32)
     monkeypatch.setenv("PRIORFILL_THREADS", threads)
     monkeypatch.setattr("os.cpu_count", lambda: 3)
-    for limit in ("POSES_PER_THREAD", "PAIRS_PER_THREAD"):
-        monkeypatch.setattr(f"priorfill.search.index.{limit}", 10)
-    distance, rows = PoseIndex(poses, max_brute_force=0).nearest(poses[100:170], 20)
+    for limit in (
+        "span_scan.POSES_PER_THREAD",
+        "span_scan.PAIRS_PER_THREAD",
+        "kd_tree.POSES_PER_THREAD",
+        "kd_tree.QUERIES_PER_THREAD",
+    ):
+        monkeypatch.setattr(f"priorfill.search.{limit}", 10)
+    distance, rows = PoseIndex(poses, way=way).nearest(poses[100:170], 20)
     expected, expected_rows = naive.nearest(poses, poses[100:170], 20)
     np.testing.assert_array_equal(rows, expected_rows)
     np.testing.assert_array_equal(distance, expected)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e11])
+@pytest.mark.parametrize(("poses", "steps"), [(1100, "noise"), (33_000, "walk"), (2100, "grid")])
+def test_a_kd_tree_of_several_levels_finds_the_same(poses, steps, size):
+    rng = np.random.default_rng(12)
+    moved = {
+        "noise": lambda: rng.normal(0, 5, (poses, 20)),
+        "walk": lambda: np.cumsum(rng.normal(0, 5, (poses, 3)), axis=0),
+        "grid": lambda: rng.integers(0, 3, (poses, 17)),
+    }[steps]()
+    stored = (size * moved).astype(np.float32)
+    path = stored[[3, 4, 5, 5, 900, 7]] + (size * 0.1 * rng.normal(size=(6, stored.shape[1])))
+    tree = PoseIndex(stored, way="kd-tree")
+    distance, rows = tree.nearest(path, 33)
+    expected_distance, expected_rows = naive.nearest(stored, path, 33)
+    np.testing.assert_array_equal(rows, expected_rows)
+    np.testing.assert_array_equal(distance, expected_distance)
+
+
+def test_poses_are_searched_in_the_way_that_is_expected_to_be_fastest():
+    assert choose_way(MAX_BRUTE_FORCE_POSES, 5000, 5000, None) == "brute force"
+    million = 1_000_000
+    assert choose_way(million, 10, 0, None) == "scan"
+    assert choose_way(million, 1000, 0, None) == "kd-tree"
+    assert choose_way(million, 10, 1000, "scan") == "kd-tree"  # searched again and again
+    assert choose_way(million, 1, 0, "kd-tree") == "kd-tree"  # it is there
+    # a query of a larger database costs more in a scan, and not in a tree
+    assert choose_way(100_000, 300, 0, "scan") == "scan"
+    assert choose_way(10 * million, 300, 0, "scan") == "kd-tree"
+
+
+def test_an_index_that_is_searched_again_builds_a_tree(monkeypatch):
+    monkeypatch.setattr("priorfill.search.index.MAX_BRUTE_FORCE_POSES", 100)
+    monkeypatch.setattr("priorfill.search.index.TREE_QUERY", 0.1)
+    rng = np.random.default_rng(14)
+    poses = np.cumsum(rng.normal(0, 5, (700, 9)), axis=0).astype(np.float32)
+    index = PoseIndex(poses)
+    assert index.nbytes == poses.nbytes
+    ways = []
+    for at in range(0, 600, 60):
+        distance, rows = index.nearest(poses[at : at + 60], 4)
+        expected, expected_rows = naive.nearest(poses, poses[at : at + 60], 4)
+        np.testing.assert_array_equal(rows, expected_rows)
+        np.testing.assert_array_equal(distance, expected)
+        ways.append(type(index._made[1]).__name__)
+    assert ways[0] == "SpanScan"
+    assert ways[-1] == "KdTree"
+    assert sorted(ways, reverse=True) == ways  # a tree that is built is kept
+    assert index.nbytes > poses.nbytes
 
 
 def as_takes(recordings, rate=30.0):

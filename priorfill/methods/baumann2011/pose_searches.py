@@ -3,7 +3,8 @@
 The poses found are the k neighbours y_i over which Eqs. (2)-(4) of Baumann et al. 2011, and so the
 energy of Eq. (1), sum. Section 4.1 of the paper calls the markers of a search *viable*: those that
 the marker set marks as reliable and that are measured. It searches by all of them, with a kd-tree
-per clip; here those that the takes lack are dropped, and the exact search needs no tree.
+per clip; here there is one for each set of viable markers, and those that the takes lack are
+dropped.
 `neighbour_votes`, `weighted_votes` and `krueger2010` share these searches.
 """
 
@@ -117,7 +118,7 @@ class SearchPlanner:
         self._seen = np.zeros(len(labels))
         for take in takes:
             self._seen += take.shown * (take.lengths[-1] / take.lengths[0])
-        self._banks = PoseBankCache(takes)
+        self._banks = PoseBankCache(takes, way="kd-tree")
 
     def bank(self, search: MarkerSearch, rate: float) -> PoseBank:
         """Return the pose bank of a search at a frame rate (Hz)."""
