@@ -190,7 +190,8 @@ def opened(arguments: argparse.Namespace) -> Iterator[Library]:
     if arguments.database is not None:
         yield Library(arguments.database)
         return
-    files = {file.stem: file for file in sorted(arguments.data.rglob("HDM_*.c3d"), reverse=True)}
+    found = sorted(arguments.data.rglob("HDM_*"), reverse=True)
+    files = {file.stem: file for file in found if file.suffix.lower() == ".c3d"}
     if not files:
         raise SystemExit(f"{arguments.data}: contains no file HDM_*.c3d; use --data or --database")
     with tempfile.TemporaryDirectory() as folder:
