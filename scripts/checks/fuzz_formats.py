@@ -1,16 +1,16 @@
 #!/usr/bin/env python
-"""Check that no damaged file crashes or hangs priorfill: tables, arrays, skeletons, TOML.
+"""Check that no damaged file crashes or hangs priorfill: tables, arrays, skeletons, TOML, errors.
 
     python scripts/checks/fuzz_formats.py [--count 20000] [--seed 1] [--minutes 10] [--keep DIR]
     [--kinds trc,npz]
 
 Small files of each kind are damaged at random: bytes, cells, lines, separators and encodings of
-text; shapes, types and headers of arrays; values of TOML. Each is used as priorfill uses it
-(recordings are read, filled and written, skeletons get markers, definitions are applied), in a
-process limited to 5 s of CPU time and 1 GB. It must succeed, or be rejected with a
-`PriorfillError` of one line without control characters, leave no other file behind, and change no
-measured sample. Everything else, warnings included, is a failure. Exit status 1 if there was one.
-Equal seeds produce equal files, `--keep` keeps those that failed.
+text; shapes, types and headers of arrays; values of TOML and of a provenance. Each is used as
+priorfill uses it (recordings are read, filled and written, skeletons get markers, definitions are
+applied, expected errors are shown), in a process limited to 5 s of CPU time and 1 GB. It must
+succeed, or be rejected with a `PriorfillError` of one line without control characters, leave no
+other file behind, and change no measured sample. Everything else, warnings included, is a failure.
+Exit status 1 if there was one. Equal seeds produce equal files, `--keep` keeps those that failed.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ import zlib
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
@@ -39,10 +40,15 @@ from priorfill.errors import PriorfillError
 from priorfill.filling.fill_clip import fill
 from priorfill.filling.fill_options import FillOptions
 from priorfill.filling.overrides_file import read_overrides
+from priorfill.filling.read_uncertainty import read_uncertainty
+from priorfill.filling.result import Result
+from priorfill.filling.result_from_files import result_from_clips
+from priorfill.filling.uncertainty_file import write_uncertainty
 from priorfill.formats import is_recording, read, write
 from priorfill.formats.skeletons.asf_amc import read_amc, read_asf
 from priorfill.formats.skeletons.bvh import parse_bvh, read_bvh
 from priorfill.markers.definitions import available, load
+from priorfill.report.report_data import page_data
 from priorfill.runtime.resources import resource_path
 from priorfill.skeleton.joints_file import read_joint_names
 from priorfill.skeleton.virtual_markers import compute_virtual_markers
@@ -554,6 +560,43 @@ def _clip() -> Clip:
     return Clip(_gappy(), text_files.LABELS, 100.0, "+Z", "a", "Ann")
 
 
+@cache
+def _filled() -> Result:
+    return fill(_clip(), method="linear")
+
+
+@cache
+def _errors(suffix: str) -> bytes:
+    with TemporaryDirectory() as folder:
+        path = Path(folder, f"errors{suffix}")
+        write_uncertainty(path, _filled())
+        return path.read_bytes()
+
+
+def _other_provenance(content: bytes, rng: Rng) -> bytes:
+    """Damage the text of a provenance, or one of its values."""
+    with np.load(io.BytesIO(_errors(".npz"))) as archive:
+        arrays = dict(archive)
+    text = str(arrays["provenance"])
+    if rng.random() < 0.5:
+        values = json.loads(text)
+        other = (None, 5, 1e308, "\x1b[31m", [], [5], {}, {"a": None}, True, "\u202e")
+        values[list(values)[int(rng.integers(len(values)))]] = other[int(rng.integers(len(other)))]
+        text = json.dumps(values)
+    else:
+        text = TEXT[int(rng.integers(len(TEXT)))](text.encode(), rng).decode("latin-1")
+    file = io.BytesIO()
+    np.savez(file, **arrays | {"provenance": np.array(text)})
+    return file.getvalue()
+
+
+def _use_errors(path: Path, content: bytes, rng: Rng) -> str:
+    """Read expected errors, and make the data of a page of them."""
+    path.write_bytes(content)
+    page_data(result_from_clips([_clip()], [_filled().clip], read_uncertainty(path)))
+    return "applied"
+
+
 def _use_marker_set(path: Path, content: bytes, rng: Rng) -> str:
     path.write_bytes(content)
     fill(_clip(), method="linear", options=FillOptions(marker_set=load(path)))
@@ -600,6 +643,13 @@ KINDS: dict[str, Kind] = {
     "marker set": Kind(".toml", _marker_sets, TEXT, _use_marker_set),
     "overrides": Kind(".toml", _overrides, TEXT, _use_overrides),
     "joints": Kind(".toml", _joints, TEXT, _use_joints),
+    "errors": Kind(".csv", lambda: (_errors(".csv"),), TEXT, _use_errors),
+    "errors npz": Kind(
+        ".npz",
+        lambda: (_errors(".npz"),),
+        (*RAW, *[_damage_members] * 5, *[_other_provenance] * 8),
+        _use_errors,
+    ),
     "data set": Kind(".toml", _datasets, TEXT, _use_dataset),
 }
 

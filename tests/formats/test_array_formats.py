@@ -536,6 +536,8 @@ UNUSABLE = {
     "rate not a number": ({"rate": math.nan}, "variable rate should be one number"),
     "late": ({"first_frame": 1e300}, r"variable first_frame is 1e\+300; give the whole number"),
     "between": ({"first_frame": 1.5}, "variable first_frame is 1.5; give the whole number"),
+    "far apart": ({"positions": np.linspace(-1e300, 1e300, 216).reshape(12, 18)},
+                  "has a coordinate of|look"),
     "mask": ({"filled": np.zeros((6, 12))}, r"variable filled has the shape \(6, 12\)"),
     "mask of other size": ({"filled": np.zeros(5)}, r"variable filled has the shape \(5,\)"),
     "bytes": ({"labels": [b"a", b"\xff", b"c", b"d", b"e", b"f"]}, "text that is not Unicode"),

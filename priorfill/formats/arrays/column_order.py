@@ -53,9 +53,10 @@ def check_column_order(columns: NDArray[np.float64], name: str) -> None:
         )
     ]
     places = np.full(columns.shape[1], np.nan)
-    places[shown] = np.nanmean(rows[:, shown], axis=0)
-    by_marker = _variance(places.reshape(markers, 3).T)
-    by_axis = _variance(places.reshape(3, markers))
+    with np.errstate(over="ignore", invalid="ignore"):  # coordinates are checked later
+        places[shown] = np.nanmean(rows[:, shown], axis=0)
+        by_marker = _variance(places.reshape(markers, 3).T)
+        by_axis = _variance(places.reshape(3, markers))
     limit = 1 + _MAX_EXCESS / markers
     if parts[1] and not parts[0]:
         return
