@@ -116,7 +116,7 @@ def main() -> int:
                 ends, around = f"{known.min():.1f}-{known.max():.1f}", interval(known)
                 rows.append([sample.name, method, len(known), middle, around, between, ends, paper])
                 if paper:
-                    reason = sample.why or f"95 % interval of the median {around}"
+                    reason = sample.why or f"other copies; 95 % interval of the median {around}"
                     compared.add(f"{sample.name} {method}", middle, paper, reason)
     print_table(
         "Mean error in mm of copies with random gaps (* stand-in)",
