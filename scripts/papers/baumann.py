@@ -190,8 +190,8 @@ def opened(arguments: argparse.Namespace) -> Iterator[Library]:
     if arguments.database is not None:
         yield Library(arguments.database)
         return
-    found = sorted(arguments.data.rglob("HDM_*"), reverse=True)
-    files = {file.stem: file for file in found if file.suffix.lower() == ".c3d"}
+    paths = sorted(arguments.data.rglob("HDM_*"), reverse=True)
+    files = {file.stem: file for file in paths if file.suffix.lower() == ".c3d"}
     if not files:
         raise SystemExit(f"{arguments.data}: contains no file HDM_*.c3d; use --data or --database")
     with tempfile.TemporaryDirectory() as folder:
@@ -200,7 +200,8 @@ def opened(arguments: argparse.Namespace) -> Iterator[Library]:
             for name in sorted(files):
                 clip = pf.read(files[name])
                 virtual = files[name].parent.name == VIRTUAL
-                subject = f"hdm05-{NAME.match(name)[1].lower()}" if NAME.match(name) else None
+                found = NAME.match(name)
+                subject = f"hdm05-{found[1].lower()}" if found else None
                 writer.add(clip, pf.ClipOrigin(subject=subject, virtual_markers=virtual))
         yield Library(path)
 
