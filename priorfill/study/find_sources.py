@@ -138,8 +138,15 @@ def _below(folder: Path, output: Path, notes: list[str]) -> Iterator[Path]:
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         for name in sorted(files):
             path = place / name
-            if not name.startswith(".") and path.suffix.lower() in SUFFIXES and _is_source(path):
+            if name.startswith(".") or path.suffix.lower() not in SUFFIXES:
+                continue
+            if _is_source(path):
                 yield path
+            elif _is_unread(path):
+                notes.append(
+                    f"{path}: is a MATLAB file of version 7.3; left out; if it is a recording, "
+                    "save it as version 7 (save ... -v7)"
+                )
 
 
 def _note_to(notes: list[str]) -> Callable[[OSError], None]:
@@ -177,3 +184,10 @@ def _is_source(path: Path) -> bool:
         return (path.is_file() or (path.is_symlink() and not path.exists())) and is_recording(path)
     except OSError:  # reading it reports the reason
         return True
+
+
+def _is_unread(path: Path) -> bool:
+    """Return whether a file may be a recording, but has a format whose contents are not read."""
+    from priorfill.formats.arrays.mat import is_version_7_3  # loads NumPy
+
+    return path.suffix.lower() == ".mat" and is_version_7_3(path)

@@ -124,6 +124,18 @@ def test_a_folder_that_cannot_be_searched_is_named(
     )
 
 
+def test_files_of_matlab_7_3_are_noted(here: Path) -> None:
+    """They may be recordings: their variables are not read."""
+    make("in/a.c3d", "in/other.mat")
+    Path("in/b.mat").write_bytes(b"MATLAB 7.3".ljust(512) + b"\x89HDF\r\n\x1a\n" + b"x" * 100)
+    found = find_sources(["in"], Path("out"))
+    assert [one.name for one in found.sources] == ["a.c3d"]
+    assert found.notes == (
+        f"{here / 'in' / 'b.mat'}: is a MATLAB file of version 7.3; left out; if it is a "
+        "recording, save it as version 7 (save ... -v7)",
+    )
+
+
 def test_paths_without_recordings_are_named(here: Path) -> None:
     make("in/notes.txt", "more/a.c3d")
     found = find_sources(["in", "nowhere", "more"], here / "out")

@@ -29,7 +29,7 @@ from priorfill.formats.file_bytes import read_bounded
 from priorfill.formats.recording import Recording
 from priorfill.formats.write_report import WriteReport
 
-__all__ = ["create_mat", "parse_mat", "recognise_mat"]
+__all__ = ["create_mat", "is_version_7_3", "parse_mat", "recognise_mat"]
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _HEADER = b"MATLAB 5.0 MAT-file, written by priorfill".ljust(116)
@@ -81,9 +81,22 @@ def _save(path: Path, arrays: dict[str, Any]) -> None:
     path.write_bytes(_HEADER + buffer.getvalue()[len(_HEADER) :])
 
 
+def is_version_7_3(path: Path) -> bool:
+    """Check whether a file is of version 7.3, whose variables are not read."""
+    try:
+        with path.open("rb") as file:
+            return _has_version_7_3(file.read(_HDF5_AT + len(_HDF5)))
+    except OSError:
+        return False
+
+
+def _has_version_7_3(data: bytes) -> bool:
+    return data[_HDF5_AT:].startswith(_HDF5) or data.startswith(_HDF5)
+
+
 def _check_version(data: bytes, name: str) -> None:
     """Raise FormatError for a file of version 7.3."""
-    if data[_HDF5_AT:].startswith(_HDF5) or data.startswith(_HDF5):
+    if _has_version_7_3(data):
         raise FormatError(
             f"{name}: is a MATLAB file of version 7.3; save it as version 7 (save ... -v7)"
         )
