@@ -126,7 +126,7 @@ def _print_curves(constant: Constant, chosen: list[Sample], curves: NDArray[np.f
     default = getattr(Gloersen2016Options(), constant.option)
     for j, value in enumerate(constant.values):
         mark = " (paper's choice)" if np.isclose(value, default) else ""
-        rows.append([f"{value:.3g}{mark}"])
+        rows.append([f"{value:.0f}{mark}" if value > 10 else f"{value:.3g}{mark}"])
         for curve in curves:
             middle, between = quartiles(curve[:, j])
             rows[-1] += [f"{middle:.2f}", between]
