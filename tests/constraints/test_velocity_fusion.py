@@ -51,6 +51,7 @@ def test_the_result_minimises_the_least_squares(seed):
             ratio = expected / (motion.position_rms[m] / OPTIONS.error_time)
             of_velocity = 1 / (expected**2 * (1 + (ratio / OPTIONS.half_weight_ratio) ** 2))
             of_derivative = (OPTIONS.error_time / motion.position_rms[m]) ** 2
+            of_derivative /= 1 + (motion.position_rms[m] / OPTIONS.slow_error) ** 2
             u = (of_velocity * motion.velocity[:, m, i] + of_derivative * slope) / (
                 of_velocity + of_derivative
             )

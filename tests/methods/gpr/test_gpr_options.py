@@ -69,6 +69,7 @@ def filled(kind: str, name: str = "", value: object = None) -> Estimate:
         ("ensemble.velocity_errors.min_bandwidth", 1e6),
         ("spline_nodes.rate", 5.0),
         ("velocity_fusion.error_time", 5.0),
+        ("velocity_fusion.slow_error", 1.0),
         ("segment_lengths.spread_factor", 0.0),
         ("dropout.weight_power", 0.0),
         ("blackout.edge_seconds", 0.05),
