@@ -15,6 +15,7 @@ from importlib import import_module
 from importlib.machinery import PathFinder
 from importlib.util import module_from_spec
 from pathlib import Path
+from threading import Lock
 from types import ModuleType
 from typing import Any
 
@@ -162,10 +163,15 @@ def _address(matrix: NDArray[np.float64]) -> ctypes.c_void_p:
     return ctypes.c_void_p(matrix.ctypes.data)
 
 
+_LOADING = Lock()
+"""Held while the module of routines is loaded: it cannot be loaded by two threads at a time."""
+
+
 @cache
 def _routine(name: str, arguments: int) -> Any:
     """Return a routine whose arguments are all pointers."""
-    capsule = _cython_lapack().__pyx_capi__[name]
+    with _LOADING:
+        capsule = _cython_lapack().__pyx_capi__[name]
     get_name = ctypes.PYFUNCTYPE(ctypes.c_char_p, ctypes.py_object)
     get_pointer = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.py_object, ctypes.c_char_p)
     signature = get_name(("PyCapsule_GetName", ctypes.pythonapi))(capsule)

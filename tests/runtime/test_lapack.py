@@ -108,3 +108,18 @@ def test_scipy_can_be_imported_afterwards() -> None:
     )
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert run.stdout.split("\n")[:3] == ["[[0.5], [0.5]]", "False", "True 1.0"], run.stderr
+
+
+def test_routines_are_loaded_once_by_several_threads() -> None:
+    program = (
+        "import sys, numpy as np; from threading import Barrier; "
+        "from concurrent.futures import ThreadPoolExecutor; "
+        "from priorfill.runtime.lapack import cholesky_in_place\n"
+        "sys.setswitchinterval(1e-6); started = Barrier(8)\n"
+        "def factor(matrix):\n"
+        "    started.wait(); return cholesky_in_place(matrix)\n"
+        "with ThreadPoolExecutor(8) as pool:\n"
+        "    assert all(pool.map(factor, [np.eye(3, order='F') for _ in range(8)]))\n"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
