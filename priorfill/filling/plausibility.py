@@ -114,7 +114,7 @@ class PlausibilityCheck:
             column = np.ascontiguousarray(positions[:, marker]), filled[:, marker]
             sure = bound[:, marker] < self.options.certain_error
             for name, failing in (
-                (SPEED, self._too_fast(int(marker), *column) & ~sure),
+                (SPEED, self._too_fast(int(marker), *column, bound[:, marker]) & ~sure),
                 (JUMP, self._jumps(int(marker), *column, bound[:, marker])),
             ):
                 if failing.any():
@@ -140,8 +140,8 @@ class PlausibilityCheck:
         found = np.zeros_like(filled)
         least = 1000.0 * self.options.min_speed / self.rate
         for marker in np.flatnonzero(~np.isnan(doubtful[..., 0]).all(axis=0)):
-            greatest = self._greatest(int(marker), 1) / self._step
-            limit = max(self.options.max_speed_ratio * greatest, least)
+            greatest = self._of_marker(int(marker), 1) or self._greatest(int(marker), 1)
+            limit = max(self.options.max_speed_ratio * greatest / self._step, least)
             path, other = positions[:, marker], doubtful[:, marker]
             found[:-1, marker] |= norms(other[1:] - path[:-1]) > limit
             found[1:, marker] |= norms(other[:-1] - path[1:]) > limit
@@ -218,8 +218,12 @@ class PlausibilityCheck:
         lowest = np.percentile(heights[~np.isnan(heights)], LOW_PERCENTILE)
         return float(min(floor[np.isfinite(floor)].min(), lowest))
 
-    def _too_fast(self, marker: int, path: _Float, filled: _Bool) -> _Bool:
-        """Return the filled samples of a marker that are too fast [shape=(frames,)]."""
+    def _too_fast(self, marker: int, path: _Float, filled: _Bool, bound: _Float) -> _Bool:
+        """Return the filled samples of a marker that are too fast [shape=(frames,)].
+
+        The other side and markers nearby show how fast a marker may be, but not where its own
+        motion is all that a vague fill can be compared with.
+        """
         least = 1000.0 * self.options.min_speed * self._step / self.rate
         ratio = self.options.max_speed_ratio
         steps = step_lengths(path, self._step, 1)
@@ -227,7 +231,12 @@ class PlausibilityCheck:
         failing = steps > limit
         if failing.any():
             failing = steps > np.maximum(limit, ratio * self._of_neighbours(marker, 1))
-        return filled & _ends(failing, self._step, 1, len(filled))
+        found = _ends(failing, self._step, 1, len(filled))
+        vague = filled & (bound > self.options.vague_error)
+        own = self._of_marker(marker, 1)
+        if own and vague.any():
+            found |= vague & _ends(steps > max(ratio * own, least), self._step, 1, len(filled))
+        return filled & found
 
     def _jumps(self, marker: int, path: _Float, filled: _Bool, bound: _Float) -> _Bool:
         """Return the filled samples of a marker that jump [shape=(frames,)]."""

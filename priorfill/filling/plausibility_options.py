@@ -34,6 +34,9 @@ class PlausibilityOptions:
     certain_error : float
         mm. Samples whose error bound is smaller are believed below the floor and at any speed: the
         visible markers show a foot on a stair, or a kick.
+    vague_error : float
+        mm. Where the error bound is greater, the speed is compared with the measured motion of the
+        marker alone, not also with that of the other side and of markers nearby.
     max_jump_ratio : float
         Greatest change of the displacement from one time step to the next, as a multiple of the
         greatest measured one (as for `max_speed_ratio`).
@@ -96,6 +99,7 @@ class PlausibilityOptions:
     max_speed_ratio: float = 2.0
     min_speed: float = 1.0
     certain_error: float = 50.0
+    vague_error: float = 250.0
     max_jump_ratio: float = 2.0
     min_jump: float = 10.0
     max_length_spread: float = 10.0

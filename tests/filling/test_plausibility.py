@@ -153,6 +153,24 @@ def test_each_criterion_finds_its_fault():
     assert set(failures(np.array([0.0, 40.0, 0.0]))) == {JUMP}
 
 
+def test_a_vague_fill_is_no_faster_than_its_own_marker_allows():
+    clip = with_gaps(person(), GAP)
+    measured = clip.positions.copy()
+    measured[:, LABELS.index("RTOE")] *= 3.0
+    geometry = ClipGeometry(measured, LABELS, recognise(LABELS))
+    positions = person().positions.copy()
+    toe = LABELS.index("LTOE")
+    own = np.linalg.norm(np.diff(positions[:, toe], axis=0), axis=1).max()
+    positions[GAP[0] + 9, toe, 1] += 3.0 * own
+    for bound, vague in ((240.0, False), (260.0, True)):
+        stated = np.full(positions.shape[:2], bound)
+        found = PlausibilityCheck(geometry, clip.rate, PlausibilityOptions()).failures(
+            positions, np.zeros_like(stated), stated
+        )
+        assert (SPEED in found) == vague
+    assert found[SPEED][GAP[0] + 8 : GAP[0] + 11, toe].all()
+
+
 def test_each_criterion_can_be_switched_off():
     off = {
         "max_below_floor": math.inf,
