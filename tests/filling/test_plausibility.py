@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,10 +15,12 @@ from gappy import ARM, person, with_gaps
 import priorfill as pf
 from priorfill.cli import main
 from priorfill.errors import OptionError
+from priorfill.filling.believable_fill import _to_repeat
 from priorfill.filling.plausibility import CRITERIA, FLOOR, JUMP, LENGTH, SPEED, PlausibilityCheck
 from priorfill.filling.plausibility_options import UNCHECKED, PlausibilityOptions
 from priorfill.filling.seen_clip import SeenClip, doubtful_samples
 from priorfill.filling.visible_range import OUTSIDE_VISIBLE
+from priorfill.gaps import Gap, gap_groups
 from priorfill.gp.calibration import MEAN_FACTOR
 from priorfill.markers.clip_geometry import ClipGeometry
 from priorfill.markers.definitions import recognise
@@ -430,3 +433,15 @@ def test_fills_between_lone_frames_are_believed(method, every):
     result = pf.fill(replace(whole, positions=positions), method=method)
     last = np.flatnonzero(~blank)[-1]
     assert not result.clip.missing[: last + 1].any()
+
+
+def test_gaps_without_suspects_are_not_repeated():
+    missing = np.zeros((100, 3), dtype=bool)
+    missing[10:60] = True
+    missing[40:45, 2] = False
+    suspects = np.zeros_like(missing)
+    suspects[60:62, 0] = True
+    missing |= suspects
+    task = SimpleNamespace(rate=100.0, groups=tuple(gap_groups(missing)))
+    repeated = [gap for group in _to_repeat(task, suspects) for gap in group.gaps]
+    assert set(repeated) == {Gap(10, 62, 0), Gap(45, 60, 2)}
