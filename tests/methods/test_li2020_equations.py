@@ -229,3 +229,14 @@ def test_a_marker_that_is_never_visible_has_no_trajectory():
     assert (note.filled, note.source.split(";")[0]) == (False, "it is not visible around the gap")
     [note] = pca_pieces(task, options=Li2020Options(mask="entries")).notes
     assert note.filled
+
+
+@pytest.mark.parametrize("over", ["coordinates", "frames"])
+def test_gaps_that_are_not_to_be_filled_stay_missing(over):
+    """A task may have fewer gap groups than its clip."""
+    clip = with_gaps(person(seconds=3.0), (30, 40, ("LKNE",)), (150, 160, ("C7",)))
+    groups = tuple(gap_groups(clip.missing))
+    task = Task(clip.positions, clip.labels, clip.rate, describe(clip), groups[1:])
+    found = pca_pieces(task, options=Li2020Options(over=over, mask="entries"))
+    assert {note.filled for note in found.notes} == {False, True}
+    assert np.isnan(found.positions[30:40]).any() and not np.isnan(found.positions[150:160]).any()

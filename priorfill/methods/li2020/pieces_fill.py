@@ -94,7 +94,8 @@ def fill_pieces(
     def reason(gap: Gap) -> str:
         if (~task.valid[gap.start : gap.stop]).all():
             return "no marker is visible; pca-frames fills whole frames"
-        begin, end = around[gap.start]
+        # gaps outside the groups are not to be filled
+        begin, end = around.get(gap.start, (gap.start, gap.stop))
         if options.over == "frames" and not task.valid[begin:end, gap.marker].any():
             return "it is not visible around the gap; use eigenvectors over coordinates"
         return (
