@@ -43,8 +43,8 @@ which the user waits."""
 ENTRY = HELPER
 """Options of functions called from Python, likewise: the words of their call are packed here."""
 
-_LAYOUT = 0x403
-"""Flags of an array: rows or columns are contiguous, and it can be written."""
+_LAYOUT = 0x503
+"""Flags of an array: rows or columns are contiguous, it is aligned, and it can be written."""
 
 _lock = threading.RLock()
 
@@ -162,7 +162,7 @@ def _unpack(argument: Any, words: list[Any]) -> Any:
     if isinstance(argument, np.ndarray):
         data = argument.ctypes.data
         words += (0, 0, argument.size, argument.itemsize, data, *argument.shape, *argument.strides)
-        return argument.dtype.char, argument.ndim, argument.flags.num & _LAYOUT
+        return argument.dtype.str, argument.ndim, argument.flags.num & _LAYOUT
     if isinstance(argument, tuple):
         return tuple([_unpack(item, words) for item in argument])
     words.append(_number(argument))
@@ -190,7 +190,9 @@ def _type_name(argument: Any) -> str:
         return "float" if isinstance(argument, float) else "int"
     flags = argument.flags
     layout = "C" if flags.c_contiguous else "F" if flags.f_contiguous else "A"
-    return f"{argument.dtype.str}{argument.ndim}{layout}{'' if flags.writeable else ' read-only'}"
+    aligned = "" if flags.aligned else " unaligned"
+    writable = "" if flags.writeable else " read-only"
+    return f"{argument.dtype.str}{argument.ndim}{layout}{aligned}{writable}"
 
 
 def _parts(code: CodeType) -> Iterator[str]:

@@ -134,6 +134,24 @@ def test_arguments_and_results(module):
         loaded.first(vector)
 
 
+def test_arrays_in_memory_that_differ_from_those_compiled_for(module):
+    add = module().add
+    plain = np.ones((2, 3)), np.zeros(3)
+    swapped = plain[0], plain[1].astype(">f8")
+    unaligned = plain[0], np.frombuffer(bytearray(25), np.float64, offset=1)
+    total = np.zeros((2, 3))
+    add(plain, 2, 1.0, total)
+    add(unaligned, 2, 1.0, total)
+    np.testing.assert_array_equal(total, np.full((2, 3), 4.0))
+    with pytest.raises(Exception, match="Unsupported array dtype: >f8"):
+        add(swapped, 2, 1.0, total)
+    frozen = total.copy()
+    frozen.flags.writeable = False
+    with pytest.raises(Exception, match="Cannot modify readonly array"):
+        add(plain, 2, 1.0, frozen)
+    assert len(add._loaded) == 2, "code for aligned arrays would be called with others"
+
+
 def test_functions_that_need_the_memory_management_of_numba(module, monkeypatch):
     asked = []
     monkeypatch.setattr(numba_compiler, "add_symbols", lambda: asked.append(1))
