@@ -40,11 +40,15 @@ MAX_BRUTE_FORCE_POSES = 2**14
 """Up to this many poses all are compared. That takes a few times as long, hundredths of a second,
 but spares the seconds in which loops compile on first use."""
 
-SCAN_BUILT, TREE_BUILT = 0.11, 0.27
+SCAN_BUILT, TREE_BUILT = 0.11, 0.25
 """µs per pose. CPU time to prepare a scan, and to build a kd-tree."""
 
-SCAN_QUERY, TREE_QUERY = 0.0005, 180.0
-"""µs. CPU time of a query: in a scan per pose, in a kd-tree whatever the number of poses."""
+SCAN_QUERY, SCAN_QUERY_POSE = 95.0, 0.0004
+"""µs, and µs per pose. CPU time of a query in a scan."""
+
+TREE_QUERY = 1.8
+"""µs. CPU time of a query in a kd-tree, divided by the cube root of the number of poses: neighbours
+are as much nearer among more poses, and the tree hardly deeper."""
 
 REPEATS = 2
 """Queries that are expected, relative to those asked for so far: a marker that is missing once is
@@ -82,8 +86,10 @@ def choose_way(poses: int, queries: int, asked: int, built: Way | None) -> Way:
     if poses <= MAX_BRUTE_FORCE_POSES:
         return "brute force"
     expected = REPEATS * (queries + asked)
-    scan = (0.0 if built == "scan" else SCAN_BUILT * poses) + SCAN_QUERY * poses * expected
-    tree = TREE_BUILT * poses + TREE_QUERY * expected
+    scan = (SCAN_QUERY + SCAN_QUERY_POSE * poses) * expected
+    if built != "scan":
+        scan += SCAN_BUILT * poses
+    tree = TREE_BUILT * poses + TREE_QUERY * poses ** (1 / 3) * expected
     return "kd-tree" if tree < scan else "scan"
 
 

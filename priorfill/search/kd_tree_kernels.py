@@ -64,6 +64,9 @@ AXIS_SAMPLE = 16
 BINS = 256
 """Bins of the histogram that finds where to divide."""
 
+MIN_BINNED = 48
+"""Keys from which bins take less time than exchanging keys."""
+
 STEPS = np.float32(255.0)
 """Steps of a byte."""
 
@@ -156,12 +159,13 @@ def _value_at(
     """Return the key at a place of ascending order, without reordering the keys."""
     low, high = _range(keys, count)
     extent = high - low
-    if count <= BINS or extent < TINY:
+    if count < MIN_BINNED or extent < TINY:
         for i in range(count):
             work[i] = keys[i]
         return _select(work, count, place)
-    scale = np.float32(BINS - 0.01) / extent
-    for i in range(BINS):
+    used = BINS if count > BINS else BINS // 4
+    scale = (np.float32(used) - np.float32(0.01)) / extent
+    for i in range(used):
         bins[i] = 0
     for i in range(count):
         bins[np.int32((keys[i] - low) * scale)] += 1

@@ -216,14 +216,14 @@ def test_poses_are_searched_in_the_way_that_is_expected_to_be_fastest():
     assert choose_way(million, 1000, 0, None) == "kd-tree"
     assert choose_way(million, 10, 1000, "scan") == "kd-tree"  # searched again and again
     assert choose_way(million, 1, 0, "kd-tree") == "kd-tree"  # it is there
-    # a query of a larger database costs more in a scan, and not in a tree
-    assert choose_way(100_000, 300, 0, "scan") == "scan"
-    assert choose_way(10 * million, 300, 0, "scan") == "kd-tree"
+    # building a tree pays for so many queries, but not for these
+    assert choose_way(10 * million, 500, 0, "scan") == "kd-tree"
+    assert choose_way(100_000, 100, 0, "scan") == "scan"
 
 
 def test_an_index_that_is_searched_again_builds_a_tree(monkeypatch):
     monkeypatch.setattr("priorfill.search.index.MAX_BRUTE_FORCE_POSES", 100)
-    monkeypatch.setattr("priorfill.search.index.TREE_QUERY", 0.1)
+    monkeypatch.setattr("priorfill.search.index.TREE_BUILT", 30.0)
     rng = np.random.default_rng(14)
     poses = np.cumsum(rng.normal(0, 5, (700, 9)), axis=0).astype(np.float32)
     index = PoseIndex(poses)
