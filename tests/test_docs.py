@@ -106,3 +106,34 @@ def test_the_table_of_a_fill_is_what_is_printed(here: Path) -> None:
 def without_numbers(text: str) -> str:
     """Return a text with its lengths in mm replaced, where widths may differ."""
     return re.sub(r" +[0-9]+\.[0-9](?![0-9])", " #", text)
+
+
+ARCHITECTURE = ROOT / "ARCHITECTURE.md"
+EQUATION = re.compile(r"\[(\w+)\] (\([\d.]+\)(?:(?:, |-)\([\d.]+\))*)")
+
+
+def test_boxes_of_the_method_are_folders() -> None:
+    (picture,) = blocks(ARCHITECTURE, "method")
+    boxes = re.findall(r"│ ([a-z]\S*/) ", picture)
+    assert len(boxes) > 9
+    assert [box for box in boxes if not (ROOT / "priorfill" / box).is_dir()] == []
+
+
+def test_equations_of_the_method_are_where_the_table_has_them() -> None:
+    text = ARCHITECTURE.read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\[\w+\] \(.*?) \| (.*?) \| (.*?) \|$", text, re.MULTILINE)
+    wrong = []
+    for equation, _, places in rows:
+        found = ""
+        for path, name in re.findall(r"`(\S+\.py): (\w+)`", places):
+            found += (ROOT / "priorfill" / path).read_text(encoding="utf-8")
+            if not re.search(rf"^(def|class) {name}\b", found, re.MULTILINE):
+                wrong.append(f"{path} has no {name}")
+        for number in re.findall(r"\([\d.]+\)", equation):
+            cited = number.strip("()") if "." in number else number
+            if cited not in found:
+                wrong.append(f"{places} has no Eq. {number}")
+    assert wrong == []
+    (picture,) = blocks(ARCHITECTURE, "method")
+    in_table = {paper for equation, *_ in rows for paper, _ in EQUATION.findall(equation)}
+    assert {paper for paper, _ in EQUATION.findall(picture)} <= in_table
