@@ -23,6 +23,9 @@ __all__ = ["START", "Loaded", "describe_system", "load", "pack", "undefined_symb
 START = "priorfill_start"
 """How names of functions called from Python begin; the rest makes them unique."""
 
+PACKING = 2
+"""Number of the way in which code is compiled and packed; code of another one is compiled again."""
+
 _STATUS_NONE = -2
 """What a function of numba returns besides 0 if its result is None."""
 
@@ -121,7 +124,8 @@ def describe_system() -> str:
     versions = [sys.version, *map(version, ("numba", "llvmlite"))]
     processor = [llvm.get_process_triple(), llvm.get_host_cpu_name(), _features()]
     settings = sorted(item for item in os.environ.items() if item[0].startswith("NUMBA_"))
-    return repr([versions, processor, [item for item in settings if item[0] != "NUMBA_CACHE_DIR"]])
+    stated = [item for item in settings if item[0] != "NUMBA_CACHE_DIR"]
+    return repr([PACKING, versions, processor, stated])
 
 
 def _features() -> str:
@@ -151,15 +155,11 @@ class _Engine:
 
     @cached_property
     def _symbols(self) -> dict[str, int]:
-        """Addresses of functions that the code calls.
-
-        Arrays have no owner, so what would free their memory is never called.
-        """
+        """Addresses of functions that the code calls."""
         addresses = {
             "memset": ctypes.memset,
             "memcpy": ctypes.memmove,
             "memmove": ctypes.memmove,
-            "NRT_MemInfo_call_dtor": ctypes.memmove,
         }
         return {
             name: ctypes.cast(function, ctypes.c_void_p).value or 0

@@ -51,6 +51,8 @@ def compile_function(compiled: CompiledFunction, arguments: tuple[Any, ...]) -> 
     library = found.library
     module = llvm.parse_bitcode(library._final_module.as_bitcode())
     module.link_in(llvm.parse_assembly(str(wrapper)))
+    if not any("NRT_MemInfo_alloc" in function.name for function in module.functions):
+        module.link_in(llvm.parse_assembly(str(_no_destructor())))
     return pack(name, result, words, library._codegen._tm.emit_object(module))
 
 
@@ -66,6 +68,19 @@ def _dispatcher(compiled: CompiledFunction, made: dict[CompiledFunction, Any]) -
         copy.__module__, copy.__qualname__ = plain.__module__, plain.__qualname__
         made[compiled] = njit(**compiled.options)(copy)
     return made[compiled]
+
+
+def _no_destructor() -> ir.Module:
+    """Return a module with what would free an array that numba owns.
+
+    The arrays of arguments have no owner, so it is never called in code that makes none.
+    """
+    module = ir.Module("no_destructor")
+    module.triple = llvm.get_process_triple()
+    kind = ir.FunctionType(ir.VoidType(), [ir.IntType(8).as_pointer()])
+    function = ir.Function(module, kind, "NRT_MemInfo_call_dtor")
+    ir.IRBuilder(function.append_basic_block("entry")).ret_void()
+    return module
 
 
 def _wrapper(found: Any) -> tuple[ir.Module, str, str]:

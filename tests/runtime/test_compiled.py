@@ -288,3 +288,29 @@ def test_compiled_code_is_loaded_without_numba():
         for _ in range(2)
     ]
     assert runs[-1].stdout.strip() == "False"
+
+
+def test_memory_of_arrays_is_freed_by_numba(tmp_path):
+    # in a process of its own: memory that is freed wrongly ends it
+    source = """
+import sys
+import numpy as np
+from numba import njit
+from priorfill.runtime.compiled import ENTRY, compiled
+
+def summed(values):
+    total = 0.0
+    for count in range(100):
+        total += (values + count).sum()
+    return total
+
+print(compiled(ENTRY)(summed)(np.zeros(4)), njit(summed)(np.zeros(4)))
+"""
+    path = tmp_path / "source.py"
+    path.write_text(source)
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    found = subprocess.run(
+        [sys.executable, path], env=environment, capture_output=True, text=True, check=False
+    )
+    assert found.stdout.split() == ["19800.0", "19800.0"], found.stderr
+    assert found.returncode == 0
