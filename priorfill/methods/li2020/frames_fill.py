@@ -10,8 +10,8 @@ Departures from the paper, and from the program that its authors published:
   size: the more, the worse the halves of the training trajectories complete each other, and until
   errors are amplified by at most `MAX_AMPLIFICATION`; see `eigenspaces.complete_frames`.
 * Gaps of some markers are filled, too, from each marker's own trajectory.
-* The paper does not state the weights W of measured frames, Eqs. (13)-(16). Here they fall with the
-  distance in time from the missing frames; see `Li2020Options.frame_sigma`.
+* The paper does not state the weights W of measured frames, Eqs. (13)-(16). They are equal, or fall
+  with the distance in time from the missing frames; see `Li2020Options.frame_sigma`.
 """
 
 from __future__ import annotations
