@@ -16,9 +16,8 @@ import hashlib
 import operator
 import threading
 from collections.abc import Callable, Iterator
-from functools import cached_property
 from pathlib import Path
-from types import CodeType, FunctionType
+from types import CodeType, FunctionType, ModuleType
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -45,6 +44,9 @@ ENTRY = HELPER
 
 _LAYOUT = 0x503
 """Flags of an array: rows or columns are contiguous, it is aligned, and it can be written."""
+
+NUMBERS = "biufc"
+"""Kinds of elements of arrays. The code of one structured type could not be told from another's."""
 
 _lock = threading.RLock()
 
@@ -105,22 +107,29 @@ class CompiledFunction:
             loaded = self._prepare(kind, arguments)
         return loaded(words)
 
-    @cached_property
+    @property
     def digest(self) -> bytes:
-        """Hash of the function, of those it calls, and of their constants and options."""
+        """Hash of the function, of those it calls, and of their constants and options.
+
+        It is computed for each compilation, as constants may have been replaced since the last.
+        """
         found = hashlib.sha256()
         for part in _parts(self.function.__code__):
             found.update(part.encode() + b"\n")
         found.update(repr(sorted((name, _stated(v)) for name, v in self.options.items())).encode())
+        found.update(_content(self.function.__defaults__))
         for name, value in self.globals_used():
-            content = value.digest if isinstance(value, CompiledFunction) else _content(value)
-            found.update(name.encode() + b"=" + content)
+            found.update(name.encode() + b"=" + _content(value))
+            if isinstance(value, ModuleType):
+                for attribute in _names(self.function.__code__):
+                    if attribute in vars(value):
+                        found.update(attribute.encode() + b"=" + _content(vars(value)[attribute]))
         return found.digest()
 
     def globals_used(self) -> Iterator[tuple[str, Any]]:
         """Yield the names and values of the module that the function refers to."""
         known = self.function.__globals__
-        for name in self.function.__code__.co_names:
+        for name in _names(self.function.__code__):
             if name in known:
                 yield name, known[name]
 
@@ -142,7 +151,7 @@ class CompiledFunction:
         if kept is None:
             from priorfill.runtime.numba_compiler import compile_function  # slow to import
 
-            kept = compile_function(self, _plain(arguments))
+            kept = compile_function(self, _examples(arguments))
             code_files.keep(key, kept)
         return load(kept, _add_symbols)
 
@@ -175,11 +184,11 @@ def _number(argument: Any) -> int | float:
     return operator.index(argument)  # raises TypeError for what would lose digits
 
 
-def _plain(argument: Any) -> Any:
-    """Return an argument with Python's numbers in place of NumPy's."""
+def _examples(argument: Any) -> Any:
+    """Return an argument with zeros in place of numbers: numba has other types for large ones."""
     if isinstance(argument, tuple):
-        return tuple(_plain(item) for item in argument)
-    return argument if isinstance(argument, np.ndarray) else _number(argument)
+        return tuple(_examples(item) for item in argument)
+    return argument if isinstance(argument, np.ndarray) else type(_number(argument))()
 
 
 def _type_name(argument: Any) -> str:
@@ -188,6 +197,8 @@ def _type_name(argument: Any) -> str:
         return "".join(["(", *map(_type_name, argument), ")"])
     if not isinstance(argument, np.ndarray):
         return "float" if isinstance(argument, float) else "int"
+    if argument.dtype.kind not in NUMBERS:
+        raise TypeError(f"an array of {argument.dtype} is passed, not of numbers")
     flags = argument.flags
     layout = "C" if flags.c_contiguous else "F" if flags.f_contiguous else "A"
     aligned = "" if flags.aligned else " unaligned"
@@ -202,9 +213,21 @@ def _parts(code: CodeType) -> Iterator[str]:
         yield from _parts(constant) if isinstance(constant, CodeType) else (repr(constant),)
 
 
+def _names(code: CodeType) -> Iterator[str]:
+    """Yield the names of globals and attributes that a function and those inside it refer to."""
+    yield from code.co_names
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _names(constant)
+
+
 def _content(value: Any) -> bytes:
     """Return the value of a constant, or the name of a module, class or function."""
-    if isinstance(value, np.ndarray):
+    if isinstance(value, CompiledFunction):
+        return value.digest
+    if isinstance(value, tuple):
+        return b"".join([b"(", *(_content(item) + b"," for item in value), b")"])
+    if isinstance(value, np.ndarray | np.generic):
         return f"{value.dtype.str}{value.shape}".encode() + value.tobytes()
     return (getattr(value, "__name__", None) or repr(value)).encode()
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import llvmlite.binding as llvm
 from llvmlite import ir
-from numba import njit, typeof
-from numba.core.registry import cpu_target
+from numba import typeof
+from numba.core.registry import CPUDispatcher, cpu_target
 
 from priorfill.runtime.machine_code import RESULTS, START, pack
 
@@ -66,7 +66,8 @@ def _dispatcher(compiled: CompiledFunction, made: dict[CompiledFunction, Any]) -
                 values[name] = _dispatcher(value, made)
         copy = FunctionType(plain.__code__, values, plain.__name__, plain.__defaults__)
         copy.__module__, copy.__qualname__ = plain.__module__, plain.__qualname__
-        made[compiled] = njit(**compiled.options)(copy)
+        # not by `numba.njit`, which NUMBA_DISABLE_JIT keeps from compiling
+        made[compiled] = CPUDispatcher(copy, targetoptions={"nopython": True, **compiled.options})
     return made[compiled]
 
 

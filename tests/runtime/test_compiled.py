@@ -180,6 +180,69 @@ def test_code_of_another_source_is_replaced(load, tmp_path, before, after, expec
     assert len(files(tmp_path)) == 1
 
 
+DEPENDENT = """
+import math
+import numpy as np
+from priorfill.runtime.compiled import HELPER, compiled
+
+NUMBER, TABLES, SINGLE = 2, (np.arange(2000), 1), np.float32(1.0)
+
+@compiled(HELPER)
+def scale(x, by=3):
+    return by * math.pi * x
+
+@compiled(HELPER)
+def compute(x):
+    for item in [NUMBER * value for value in x]:
+        x[0] += scale(item) + TABLES[0][1] + SINGLE
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("by=3", "by=4"),
+        ("NUMBER, TABLES, SINGLE = 2", "NUMBER, TABLES, SINGLE = 4"),  # in a comprehension
+        ("np.arange(2000)", "np.r_[:1000, 0, 1001:2000]"),  # in the middle
+        ("np.float32(1.0)", "np.float64(1.0)"),
+    ],
+)
+def test_what_code_is_found_by(module, before, after):
+    assert before in DEPENDENT
+    usual = module(DEPENDENT).compute.digest
+    assert module(DEPENDENT).compute.digest == usual
+    assert module(DEPENDENT.replace(before, after)).compute.digest != usual
+
+
+def test_constants_that_are_replaced_after_the_first_call(module, monkeypatch):
+    loaded = module(DEPENDENT)
+    usual = loaded.compute.digest
+    monkeypatch.setattr(loaded, "NUMBER", 5)
+    assert loaded.compute.digest != usual
+    monkeypatch.undo()
+    monkeypatch.setattr("math.pi", 3.0)  # of another module
+    assert loaded.compute.digest != usual
+
+
+def test_large_integers_do_not_change_the_code(module, monkeypatch):
+    given = []
+    monkeypatch.setattr(numba_compiler, "compile_function", lambda _, args: given.append(args))
+    monkeypatch.setattr(compiled, "load", lambda *_: lambda words: None)
+    monkeypatch.setattr(code_files, "keep", lambda *_: None)
+    module().add(2**63, (1.5, np.int64(3)))  # a uint64 for numba: -1 would be 2**64 - 1
+    assert given == [(0, (0.0, 0))]
+
+
+def test_arrays_of_records_are_refused(module):
+    with pytest.raises(TypeError, match="not of numbers"):
+        module().copied(np.zeros(2, dtype=[("x", np.float64)]))
+
+
+def test_functions_are_compiled_whatever_numba_is_set_to(module, monkeypatch):
+    monkeypatch.setattr("numba.core.config.DISABLE_JIT", 1)
+    assert module().double(3.0) == 6.0
+
+
 def test_code_of_another_system_is_not_loaded(load, tmp_path, monkeypatch):
     load()
     monkeypatch.setattr(compiled, "describe_system", lambda: "another processor")
