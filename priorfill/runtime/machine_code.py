@@ -23,7 +23,7 @@ __all__ = ["START", "Loaded", "describe_system", "load", "pack", "undefined_symb
 START = "priorfill_start"
 """How names of functions called from Python begin; the rest makes them unique."""
 
-PACKING = 2
+PACKING = 3
 """Number of the way in which code is compiled and packed; code of another one is compiled again."""
 
 _STATUS_NONE = -2

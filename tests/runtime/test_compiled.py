@@ -359,6 +359,7 @@ def test_memory_of_arrays_is_freed_by_numba(tmp_path):
 import sys
 import numpy as np
 from numba import njit
+from numba.core.runtime import rtsys
 from priorfill.runtime.compiled import ENTRY, compiled
 
 def summed(values):
@@ -367,13 +368,19 @@ def summed(values):
         total += (values + count).sum()
     return total
 
+def first(values):
+    return values[0]
+
+compiled(ENTRY)(first)(np.zeros(4))
 print(compiled(ENTRY)(summed)(np.zeros(4)), njit(summed)(np.zeros(4)))
+made = rtsys.get_allocation_stats()
+print(made.mi_alloc >= 200, made.mi_alloc - made.mi_free)
 """
     path = tmp_path / "source.py"
     path.write_text(source)
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_NRT_STATS": "1"}
     found = subprocess.run(
         [sys.executable, path], env=environment, capture_output=True, text=True, check=False
     )
-    assert found.stdout.split() == ["19800.0", "19800.0"], found.stderr
+    assert found.stdout.split() == ["19800.0", "19800.0", "True", "0"], found.stderr
     assert found.returncode == 0
