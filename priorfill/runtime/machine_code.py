@@ -23,7 +23,7 @@ __all__ = ["START", "Loaded", "describe_system", "load", "pack", "undefined_symb
 START = "priorfill_start"
 """How names of functions called from Python begin; the rest makes them unique."""
 
-PACKING = 3
+PACKING = 2
 """Number of the way in which code is compiled and packed; code of another one is compiled again."""
 
 _STATUS_NONE = -2
@@ -150,8 +150,7 @@ class _Engine:
         llvm.initialize_native_asmprinter()
         for name, address in self._symbols.items():
             llvm.add_symbol(name, address)
-        machine = llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(jit=True)
-        self._jit = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+        self._jits: list[Any] = []
 
     @cached_property
     def _symbols(self) -> dict[str, int]:
@@ -176,6 +175,10 @@ class _Engine:
         """Return the address of a function."""
         if undefined is None or not set(undefined) <= set(self._symbols):
             add_symbols()
-        self._jit.add_object_file(llvm.ObjectFileRef.from_data(code))
-        self._jit.finalize_object()
-        return int(self._jit.get_function_address(name))
+        machine = llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(jit=True)
+        # its own, so that no code calls a function of the same name in other code
+        jit = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+        self._jits.append(jit)
+        jit.add_object_file(llvm.ObjectFileRef.from_data(code))
+        jit.finalize_object()
+        return int(jit.get_function_address(name))

@@ -17,9 +17,6 @@ if TYPE_CHECKING:
 
 __all__ = ["add_symbols", "compile_function"]
 
-DESTRUCTOR = "NRT_MemInfo_call_dtor"
-"""Function of numba that frees an array."""
-
 _WORD, _STATUS = ir.IntType(64), ir.IntType(32)
 
 
@@ -56,8 +53,6 @@ def compile_function(compiled: CompiledFunction, arguments: tuple[Any, ...]) -> 
     module.link_in(llvm.parse_assembly(str(wrapper)))
     if not any("NRT_MemInfo_alloc" in function.name for function in module.functions):
         module.link_in(llvm.parse_assembly(str(_no_destructor())))
-        # other code, which may make arrays, must not find it
-        module.get_function(DESTRUCTOR).linkage = "internal"
     return pack(name, result, words, library._codegen._tm.emit_object(module))
 
 
@@ -84,7 +79,7 @@ def _no_destructor() -> ir.Module:
     module = ir.Module("no_destructor")
     module.triple = llvm.get_process_triple()
     kind = ir.FunctionType(ir.VoidType(), [ir.IntType(8).as_pointer()])
-    function = ir.Function(module, kind, DESTRUCTOR)
+    function = ir.Function(module, kind, "NRT_MemInfo_call_dtor")
     ir.IRBuilder(function.append_basic_block("entry")).ret_void()
     return module
 

@@ -369,7 +369,7 @@ def summed(values):
     return total
 
 def first(values):
-    return values[0]
+    return values[0] + values.sum()
 
 compiled(ENTRY)(first)(np.zeros(4))
 print(compiled(ENTRY)(summed)(np.zeros(4)), njit(summed)(np.zeros(4)))
