@@ -198,6 +198,16 @@ def test_a_single_marker_is_predicted_from_the_mirror_image_too(
     assert (MIRROR_IMAGE in problem.train.recording) == has_image
 
 
+@pytest.mark.parametrize(("start", "is_long"), [(40, False), (39, True)])
+def test_a_marker_that_is_missing_for_longer_than_it_is_seen(start: int, is_long: bool) -> None:
+    clip = with_gaps(person(seconds=4.0, rate=20.0), (start, 80, ["RELB"]))
+    models = GPROptions().models
+    assert len(models.long_gap) == 38
+    assert set(models.single_marker) < set(models.long_gap)
+    expected = models.long_gap if is_long else models.single_marker
+    assert plan_for(clip, labels=["RELB"]).models == expected
+
+
 @pytest.mark.parametrize("labels", [JOINTS, None])
 def test_a_marker_without_a_rigid_segment_is_predicted_like_a_limb(
     labels: tuple[str, ...] | None,

@@ -117,7 +117,9 @@ class TrainingPlanner:
             return self._limb_plan(mixed, self._models.limb)
         if self._is_loose(mixed):
             return self._limb_plan(mixed, self._models.loose_marker)
-        models = self._models.single_marker
+        measured = np.count_nonzero(self._task.valid[:, batch.markers[0]])
+        is_long = batch.frames > measured
+        models = self._models.long_gap if is_long else self._models.single_marker
         return _plan_of(self.own.with_lag_features(mixed, models), models)
 
     def _is_loose(self, own: OwnClipProblem) -> bool:
