@@ -48,6 +48,10 @@ ROUNDINGS_OF_BYTES = 12
 """Upper limit of the rounding errors of a coordinate in bytes, relative to the largest norm."""
 
 
+TINY_ERROR = 1e-9
+"""mm. Added to rounding errors: squares of smaller distances lose digits in single precision."""
+
+
 class KdTree:
     """A kd-tree for the exact k nearest neighbours among poses; a `NearestPoses`.
 
@@ -185,7 +189,7 @@ class KdTree:
         norms = np.sqrt(np.einsum("qd,qd->q", queries, queries, dtype=np.float64))
         dimensions = queries.shape[1]
         # of a coordinate along an axis of unit length, and of its bytes
-        bound_errors = (norms + self._largest_norm) * (
+        bound_errors = TINY_ERROR + (norms + self._largest_norm) * (
             (dimensions + ROUNDINGS_OF_BYTES) * FLOAT32_ROUNDING * len(self._axes) ** 0.5
         )
 

@@ -73,6 +73,9 @@ STEPS = np.float32(255.0)
 TINY = np.float32(1e-20)
 """mm. Smaller ranges are not divided into bins or steps."""
 
+TINY_SQUARE = 1e-20
+"""mm². Added to limits of squares: those below 1e-38 lose digits in single precision."""
+
 FAR_SQUARE = 1e37
 """mm². Initial squared distance of a neighbour: above any square, and twice it still fits into
 single precision."""
@@ -613,9 +616,8 @@ def search_tree(
                 if from_boxes[i] > leaf_limit:
                     continue
                 row = tree_rows[at * WIDTH + i]
-                if _approximate_square(poses, row, queries, query) > squares[query, 0] * (
-                    1.0 + rounding
-                ):
+                most = squares[query, 0] * (1.0 + rounding) + TINY_SQUARE
+                if _approximate_square(poses, row, queries, query) > most:
                     continue
                 exact = _exact_square(poses, row, queries, query)
                 if _is_after(squares[query, 0], rows[query, 0], exact, row):

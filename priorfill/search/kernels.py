@@ -45,7 +45,8 @@ DIRECTIONS_PER_PASS = 4
 """Directions summed in one pass; the number of directions is a multiple of it."""
 
 TINY_SQUARE = np.float32(1e-20)
-"""mm². Added to squared lengths before dividing by them; negligible unless the length is 0."""
+"""mm². Added to squared lengths before dividing by them, negligible unless the length is 0; and to
+limits of squares, as those below 1e-38 lose digits in single precision."""
 
 ROUND_UP = 1.0 + 2.0**-20
 """Factor that rounds a bound up, both to single precision and after a few double-precision
@@ -401,9 +402,8 @@ def measure_spans(
                     continue
                 span = block * BLOCK_SPANS + i
                 for row in range(first[span], last[span]):
-                    if _approximate_square(poses, row, queries, query) > squares[query, 0] * (
-                        1.0 + rounding
-                    ):
+                    most = squares[query, 0] * (1.0 + rounding) + TINY_SQUARE
+                    if _approximate_square(poses, row, queries, query) > most:
                         continue
                     exact = _exact_square(poses, row, queries, query)
                     if _is_after(squares[query, 0], rows[query, 0], exact, row):

@@ -65,6 +65,10 @@ ROUNDINGS_PER_DIMENSION = 8
 """Upper limit of the single-precision rounding errors in a bound, per dimension: a square is a sum
 over the dimensions, and the squared distance from a chord is computed from three of them."""
 
+TINY_ERROR = 1e-9
+"""mm. Added to rounding errors: bounds by shorter chords, and squares of smaller distances, have
+larger ones."""
+
 POSES_PER_THREAD = 2**17
 """Poses for which another thread pays when the index is built: some ten milliseconds of work."""
 
@@ -205,7 +209,7 @@ class SpanScan:
         projection, largest_norm = self._project(queries)
         # rounding of a pose's projection onto directions of unit length
         bound_error = (queries.shape[1] + 4) * FLOAT32_ROUNDING * len(self._axes) ** 0.5
-        bound_error *= self._largest_norm + largest_norm
+        bound_error = TINY_ERROR + bound_error * (self._largest_norm + largest_norm)
 
         everything = _Queries(queries, projection, squares, rows)
 

@@ -31,11 +31,12 @@ def recordings_and_queries(draw):
             part[:] = part[0] if rng.integers(2) else 0.0
         parts.append(part)
     poses = np.concatenate(parts).astype(np.float32)
+    size = draw(st.sampled_from([1.0, 1.0, 1e-24, 1e10]))
     starts = np.concatenate([[0], np.cumsum(lengths)[:-1]])
     queries = poses[rng.integers(len(poses), size=draw(st.integers(1, 40)))].astype(np.float64)
     if draw(st.booleans()):
         queries += rng.integers(-1, 2, queries.shape) * draw(st.sampled_from([0.5, 1.0, 100.0]))
-    return poses, starts, queries
+    return poses * np.float32(size), starts, queries * size
 
 
 @settings(max_examples=30, deadline=None)
@@ -189,6 +190,18 @@ def test_the_index_is_the_same_on_any_number_of_threads(way, threads, monkeypatc
     expected, expected_rows = naive.nearest(poses, poses[100:170], 20)
     np.testing.assert_array_equal(rows, expected_rows)
     np.testing.assert_array_equal(distance, expected)
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("size", [1e-23, 1e-18, 1e-10])
+def test_coordinates_whose_squares_lose_digits_in_single_precision(way, size):
+    rng = np.random.default_rng(3)
+    poses = (size * np.cumsum(rng.integers(-2, 3, (300, 3)), axis=0)).astype(np.float32)
+    queries = poses[50:90] + size * rng.normal(size=(40, 3))
+    distance, rows = PoseIndex(poses, way=way).nearest(queries, 9)
+    expected_distance, expected_rows = naive.nearest(poses, queries, 9)
+    np.testing.assert_array_equal(rows, expected_rows)
+    np.testing.assert_array_equal(distance, expected_distance)
 
 
 @pytest.mark.parametrize("size", [1.0, 1e11])
