@@ -23,6 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.runtime.compiled import ENTRY, HELPER, compiled
+from priorfill.search.neighbour_kernels import (
+    FAST_MATH,
+    ROUND_UP,
+    approximate_square,
+    exact_square,
+    is_after,
+    replace_farthest,
+)
 
 __all__ = [
     "AXES",
@@ -41,10 +49,6 @@ Float64Array = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
 RowArray = NDArray[np.int32]
 ByteArray = NDArray[np.uint8]
-
-FAST_MATH = {"reassoc", "contract", "nsz", "nnan", "ninf"}
-"""Liberties of the compiler with bounds, which are finite and widened for any order of their
-sums."""
 
 AXES = 16
 """Axes along which poses are divided and bounded. They hold 98 % of the variance of poses; with 12,
@@ -85,10 +89,6 @@ MAX_DIVISIONS = 64
 
 MAX_WAITING = 8 * WIDTH
 """Nodes that wait to be searched: the children of a node on each of up to seven levels."""
-
-ROUND_UP = 1.0 + 2.0**-20
-"""Factor that rounds a bound up, both to single precision and after a few double-precision
-operations."""
 
 
 @compiled(HELPER)
@@ -430,57 +430,6 @@ def enclose_nodes(
 
 
 @compiled(HELPER, fastmath=FAST_MATH)
-def _approximate_square(
-    poses: Float32Array, row: int, other: Float32Array, other_row: int
-) -> np.float32:
-    """Return the squared distance of two rows in single precision."""
-    total = np.float32(0.0)
-    for d in range(poses.shape[1]):
-        difference = poses[row, d] - other[other_row, d]
-        total += difference * difference
-    return total
-
-
-@compiled(HELPER)
-def _exact_square(poses: Float32Array, row: int, other: Float32Array, other_row: int) -> float:
-    """Return the squared distance of two rows, summed in the order of the dimensions."""
-    total = 0.0
-    for d in range(poses.shape[1]):
-        difference = np.float64(poses[row, d]) - np.float64(other[other_row, d])
-        total += difference * difference
-    return total
-
-
-@compiled(HELPER)
-def _is_after(square: float, row: int, other_square: float, other_row: int) -> bool:
-    """Return whether a neighbour is farther than another one, or as far and of a later row."""
-    return square > other_square or (square == other_square and row > other_row)
-
-
-@compiled(HELPER)
-def _replace_farthest(
-    squares: Float64Array, rows: IndexArray, query: int, new_square: float, new_row: int
-) -> None:
-    """Replace the farthest neighbour of a query, which is at the top of its heap."""
-    at = 0
-    child = 1
-    while child < squares.shape[1]:
-        other = child + 1
-        if other < squares.shape[1] and _is_after(
-            squares[query, other], rows[query, other], squares[query, child], rows[query, child]
-        ):
-            child = other
-        if not _is_after(squares[query, child], rows[query, child], new_square, new_row):
-            break
-        squares[query, at] = squares[query, child]
-        rows[query, at] = rows[query, child]
-        at = child
-        child = 2 * at + 1
-    squares[query, at] = new_square
-    rows[query, at] = new_row
-
-
-@compiled(HELPER, fastmath=FAST_MATH)
 def _squares_from_boxes(
     scales: Float32Array,
     node: int,
@@ -571,7 +520,7 @@ def search_tree(
         farthest = 0.0 if query > 0 else FAR_SQUARE
         if query > 0:
             for i in range(rows.shape[1]):
-                exact = _exact_square(poses, rows[query - 1, i], queries, query)
+                exact = exact_square(poses, rows[query - 1, i], queries, query)
                 farthest = exact if exact > farthest else farthest
         for i in range(rows.shape[1]):
             squares[query, i], rows[query, i] = farthest, tree_rows.size
@@ -617,11 +566,11 @@ def search_tree(
                     continue
                 row = tree_rows[at * WIDTH + i]
                 most = squares[query, 0] * (1.0 + rounding) + TINY_SQUARE
-                if _approximate_square(poses, row, queries, query) > most:
+                if approximate_square(poses, row, queries, query) > most:
                     continue
-                exact = _exact_square(poses, row, queries, query)
-                if _is_after(squares[query, 0], rows[query, 0], exact, row):
-                    _replace_farthest(squares, rows, query, exact, row)
+                exact = exact_square(poses, row, queries, query)
+                if is_after(squares[query, 0], rows[query, 0], exact, row):
+                    replace_farthest(squares, rows, query, exact, row)
                     radius = (math.sqrt(squares[query, 0]) + bound_errors[query]) * ROUND_UP
                     limit = _square_within(radius, rounding)
                     leaf_limit = _square_within(radius + errors[at], rounding)

@@ -26,17 +26,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.runtime.compiled import ENTRY, HELPER, compiled
+from priorfill.search.neighbour_kernels import (
+    FAST_MATH,
+    ROUND_UP,
+    approximate_square,
+    exact_square,
+    is_after,
+    replace_farthest,
+)
 
-__all__ = ["BLOCK_SPANS", "ROUND_UP", "bound_spans", "in_root_frames", "lay_spans", "measure_spans"]
+__all__ = ["BLOCK_SPANS", "bound_spans", "in_root_frames", "lay_spans", "measure_spans"]
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
-
-FAST_MATH = {"reassoc", "contract", "nsz", "nnan", "ninf"}
-"""Liberties of the compiler with bounds, which are finite and widened for any order of their
-sums."""
 
 BLOCK_SPANS = 256
 """Spans bounded at a time: their projections and squared distances stay in the L1 cache."""
@@ -47,10 +51,6 @@ DIRECTIONS_PER_PASS = 4
 TINY_SQUARE = np.float32(1e-20)
 """mm². Added to squared lengths before dividing by them, negligible unless the length is 0; and to
 limits of squares, as those below 1e-38 lose digits in single precision."""
-
-ROUND_UP = 1.0 + 2.0**-20
-"""Factor that rounds a bound up, both to single precision and after a few double-precision
-operations."""
 
 
 @compiled(ENTRY)
@@ -112,25 +112,13 @@ def in_root_frames(
 
 
 @compiled(HELPER, fastmath=FAST_MATH)
-def _approximate_square(
-    poses: Float32Array, row: int, other: Float32Array, other_row: int
-) -> np.float32:
-    """Return the squared distance of two rows in single precision."""
-    total = np.float32(0.0)
-    for d in range(poses.shape[1]):
-        difference = poses[row, d] - other[other_row, d]
-        total += difference * difference
-    return total
-
-
-@compiled(HELPER, fastmath=FAST_MATH)
 def _chord_error(poses: Float32Array, first: int, last: int, rounding: float) -> float:
     """Bound how far the poses between two vertices are from the chord that joins these."""
-    length = np.float64(_approximate_square(poses, first, poses, last))
+    length = np.float64(approximate_square(poses, first, poses, last))
     largest = 0.0
     for row in range(first + 1, last):
-        before = np.float64(_approximate_square(poses, row, poses, first))
-        after = np.float64(_approximate_square(poses, row, poses, last))
+        before = np.float64(approximate_square(poses, row, poses, first))
+        after = np.float64(approximate_square(poses, row, poses, last))
         # any point of the chord gives a bound; its distance follows from Stewart's theorem
         share = 0.0
         if length > 0.0:
@@ -318,45 +306,6 @@ def bound_spans(
                 )
 
 
-@compiled(HELPER)
-def _exact_square(poses: Float32Array, row: int, other: Float32Array, other_row: int) -> float:
-    """Return the squared distance of two rows, summed in the order of the dimensions."""
-    total = 0.0
-    for d in range(poses.shape[1]):
-        difference = np.float64(poses[row, d]) - np.float64(other[other_row, d])
-        total += difference * difference
-    return total
-
-
-@compiled(HELPER)
-def _is_after(square: float, row: int, other_square: float, other_row: int) -> bool:
-    """Return whether a neighbour is farther than another one, or as far and of a later row."""
-    return square > other_square or (square == other_square and row > other_row)
-
-
-@compiled(HELPER)
-def _replace_farthest(
-    squares: Float64Array, rows: IndexArray, query: int, new_square: float, new_row: int
-) -> None:
-    """Replace the farthest neighbour of a query, which is at the top of its heap."""
-    at = 0
-    child = 1
-    while child < squares.shape[1]:
-        other = child + 1
-        if other < squares.shape[1] and _is_after(
-            squares[query, other], rows[query, other], squares[query, child], rows[query, child]
-        ):
-            child = other
-        if not _is_after(squares[query, child], rows[query, child], new_square, new_row):
-            break
-        squares[query, at] = squares[query, child]
-        rows[query, at] = rows[query, child]
-        at = child
-        child = 2 * at + 1
-    squares[query, at] = new_square
-    rows[query, at] = new_row
-
-
 @compiled(ENTRY)
 def measure_spans(
     poses: Float32Array,
@@ -403,9 +352,9 @@ def measure_spans(
                 span = block * BLOCK_SPANS + i
                 for row in range(first[span], last[span]):
                     most = squares[query, 0] * (1.0 + rounding) + TINY_SQUARE
-                    if _approximate_square(poses, row, queries, query) > most:
+                    if approximate_square(poses, row, queries, query) > most:
                         continue
-                    exact = _exact_square(poses, row, queries, query)
-                    if _is_after(squares[query, 0], rows[query, 0], exact, row):
-                        _replace_farthest(squares, rows, query, exact, row)
+                    exact = exact_square(poses, row, queries, query)
+                    if is_after(squares[query, 0], rows[query, 0], exact, row):
+                        replace_farthest(squares, rows, query, exact, row)
                         radius = (math.sqrt(squares[query, 0]) + bound_error) * ROUND_UP

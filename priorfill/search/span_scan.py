@@ -247,7 +247,7 @@ class SpanScan:
 
         ``offset`` is the largest distance (mm) of a query from the segment.
         """
-        from priorfill.search.kernels import ROUND_UP
+        from priorfill.search.neighbour_kernels import ROUND_UP
 
         squares, rows = queries.squares, queries.rows
         # a span has at least one pose, so this many contain k poses
@@ -354,7 +354,7 @@ def _query_segment(points: NDArray[np.float32]) -> tuple[NDArray[np.float32], fl
     The segment is in the form that `bound_spans` takes, from the first point along the line to
     the last.
     """
-    from priorfill.search.kernels import ROUND_UP
+    from priorfill.search.neighbour_kernels import ROUND_UP
 
     exact = points.astype(np.float64)
     middle = exact.mean(axis=0)
