@@ -83,13 +83,13 @@ def solve_positive_banded(
     Raises
     ------
     ValueError
-        If a value is not finite.
+        If a value is not finite, or the number of unknowns differs.
     numpy.linalg.LinAlgError
         A ValueError, if the matrix is not positive definite.
     """
     if not (np.isfinite(bands).all() and np.isfinite(right).all()):
         raise ValueError("expected finite values")
-    solution = np.array(right, dtype=np.float64, order="F")
+    bands, solution = _system(bands, right)
     if not solution.size:
         return solution
     size, count, info = _lengths(solution)
@@ -126,10 +126,12 @@ def solve_tridiagonal(
 
     Raises
     ------
+    ValueError
+        If the number of unknowns differs.
     numpy.linalg.LinAlgError
         If the matrix is singular.
     """
-    solution = np.array(right, dtype=np.float64, order="F")
+    bands, solution = _system(bands, right)
     if not solution.size:
         return solution
     size, count, info = _lengths(solution)
@@ -139,6 +141,15 @@ def solve_tridiagonal(
     if info.value:
         raise np.linalg.LinAlgError("a matrix is singular")
     return solution
+
+
+def _system(
+    bands: NDArray[np.float64], right: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return a banded matrix and a copy of right-hand sides as LAPACK reads them."""
+    if bands.shape[1:] != right.shape[:1] or right.ndim != 2:
+        raise ValueError(f"bands {bands.shape} do not fit right-hand sides {right.shape}")
+    return np.asarray(bands, dtype=np.float64), np.array(right, dtype=np.float64, order="F")
 
 
 def _lengths(solution: NDArray[np.float64]) -> tuple[Any, Any, ctypes.c_int64]:
@@ -153,8 +164,9 @@ def _sizes(matrix: NDArray[np.float64]) -> tuple[Any, Any, ctypes.c_int64]:
     Zero-extended to 64 bits, they are right for LAPACK with integers of either size.
     """
     rows, columns = matrix.shape
-    if rows != columns or matrix.dtype != np.float64 or not matrix.flags.f_contiguous:
-        raise ValueError("expected a square matrix of float64 in Fortran order")
+    flags = matrix.flags
+    if rows != columns or matrix.dtype != np.float64 or not (flags.behaved and flags.f_contiguous):
+        raise ValueError("expected a writable square matrix of float64 in Fortran order")
     size = ctypes.byref(ctypes.c_int64(rows))
     return size, ctypes.byref(ctypes.c_int64(max(rows, 1))), ctypes.c_int64(0)
 

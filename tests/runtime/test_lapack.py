@@ -40,7 +40,14 @@ def test_matrices_without_a_result() -> None:
 
 
 @pytest.mark.parametrize(
-    "matrix", [np.ones((2, 3), order="F"), np.ones((2, 2), dtype=np.float32), covariance(4)[::2]]
+    "matrix",
+    [
+        np.ones((2, 3), order="F"),
+        np.ones((2, 2), dtype=np.float32),
+        covariance(4)[::2],
+        np.broadcast_to(2.0, (1, 1)),  # cannot be written
+        np.frombuffer(bytearray(9), np.float64, offset=1).reshape(1, 1),  # not aligned
+    ],
 )
 def test_other_arrays_are_refused(matrix: np.ndarray) -> None:
     with pytest.raises(ValueError, match="Fortran order"):
@@ -90,6 +97,18 @@ def test_banded_systems_without_a_solution(diagonals: int) -> None:
         with pytest.raises(ValueError, match="finite"):
             solve_positive_banded(bands, right)
         array[0, 0] = 0.0
+
+
+@pytest.mark.parametrize("solve", [solve_positive_banded, solve_tridiagonal])
+def test_systems_of_other_types_and_sizes(solve) -> None:
+    bands, right = np.array([[0, 1, 1], [4, 4, 4], [1, 1, 0]]), np.array([[1], [2], [3]])
+    bands = bands[:2] if solve is solve_positive_banded else bands
+    expected = np.linalg.solve([[4, 1, 0], [1, 4, 1], [0, 1, 4]], right)
+    for kind in (np.int64, np.float32):
+        np.testing.assert_allclose(solve(bands.astype(kind), right.astype(kind)), expected)
+    for wrong in (right[:2], right[:, 0], np.ones((4, 1)), right[None]):
+        with pytest.raises(ValueError, match="do not fit"):
+            solve(bands, wrong)
 
 
 def test_systems_without_unknowns() -> None:
