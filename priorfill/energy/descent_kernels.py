@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.runtime.compiled import ENTRY, HELPER, compiled
+from priorfill.runtime.compiled import compiled
 
 __all__ = ["PADDING", "descend_chains"]
 
@@ -30,7 +30,7 @@ MIN_PIVOT_RATIO = 1e-12
 """Pivots below this fraction of the diagonal are rounding errors."""
 
 
-@compiled(HELPER)
+@compiled()
 def _product_at(t: int, i: int, bands: Float64Array, x: Float64Array) -> float:
     """Return (A x)[t] for one coordinate."""
     total: float = (
@@ -43,7 +43,7 @@ def _product_at(t: int, i: int, bands: Float64Array, x: Float64Array) -> float:
     return total
 
 
-@compiled(HELPER)
+@compiled()
 def _factor(factor: Float64Array) -> None:
     """Factor the blocks of a chain in place, in the form of `descend_chains`."""
     for t in range(PADDING, factor.shape[0] - PADDING):
@@ -61,7 +61,7 @@ def _factor(factor: Float64Array) -> None:
             factor[t, 0] = 1.0 / pivot
 
 
-@compiled(HELPER)
+@compiled()
 def _find_gains(
     x: Float64Array,
     bands: Float64Array,
@@ -108,7 +108,7 @@ def _find_gains(
             far = False
 
 
-@compiled(HELPER)
+@compiled()
 def _list_active(
     factor: Float64Array,
     block_frames: int,
@@ -130,7 +130,7 @@ def _list_active(
     return count
 
 
-@compiled(HELPER)
+@compiled()
 def _descend_active(
     x: Float64Array,
     bands: Float64Array,
@@ -195,7 +195,7 @@ def _descend_active(
     return gained, updates
 
 
-@compiled(ENTRY)
+@compiled()
 def descend_chains(
     x: Float64Array,
     bands: Float64Array,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.runtime.compiled import ENTRY, HELPER, compiled
+from priorfill.runtime.compiled import compiled
 
 __all__ = ["nearest_rotations"]
 
@@ -23,7 +23,7 @@ RANK = 2.0**-40
 """Ratio of a column to the largest one below which its direction is arbitrary."""
 
 
-@compiled(HELPER)
+@compiled()
 def _orthogonalise(columns: _Floats, axes: _Floats) -> None:
     """Rotate three columns until they are orthogonal, and axes with them (Hestenes 1958).
 
@@ -58,7 +58,7 @@ def _orthogonalise(columns: _Floats, axes: _Floats) -> None:
             break
 
 
-@compiled(HELPER)
+@compiled()
 def _cross(one: _Floats, other: _Floats, result: _Floats) -> None:
     """Write the cross product of two vectors."""
     result[0] = one[1] * other[2] - one[2] * other[1]
@@ -66,7 +66,7 @@ def _cross(one: _Floats, other: _Floats, result: _Floats) -> None:
     result[2] = one[0] * other[1] - one[1] * other[0]
 
 
-@compiled(HELPER)
+@compiled()
 def _normalise(vector: _Floats) -> None:
     """Scale a vector to length 1."""
     length = math.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
@@ -74,7 +74,7 @@ def _normalise(vector: _Floats) -> None:
         vector[i] /= length
 
 
-@compiled(HELPER)
+@compiled()
 def _make_perpendicular(vector: _Floats, result: _Floats) -> None:
     """Write a unit vector perpendicular to a unit vector."""
     axis = 0
@@ -100,7 +100,7 @@ def nearest_rotations(matrices: _Floats, rotations: _Floats) -> None:
     _rotate(scaled, np.empty((2, 3, 3)), np.empty(3), rotations)
 
 
-@compiled(ENTRY)
+@compiled()
 def _rotate(matrices: _Floats, work: _Floats, size: _Floats, rotations: _Floats) -> None:
     """Write the nearest rotations of matrices whose largest values are about 1."""
     u, v = work[0], work[1]

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.runtime.compiled import ENTRY, HELPER, compiled
+from priorfill.runtime.compiled import compiled
 
 __all__ = ["hold_out_blocks"]
 
@@ -24,7 +24,7 @@ ROWS = 4
 """Rows that are added to a matrix at a time, so that it is read and written less often."""
 
 
-@compiled(HELPER)
+@compiled()
 def _add_squares(columns: _Floats, rows: int, size: int, matrix: _Floats) -> None:
     """Add C'C to a matrix; the rows of C are padded with zeros.
 
@@ -42,7 +42,7 @@ def _add_squares(columns: _Floats, rows: int, size: int, matrix: _Floats) -> Non
                 )
 
 
-@compiled(HELPER)
+@compiled()
 def _eliminate(system: _Floats, size: int, width: int) -> bool:
     """Bring [G | w | 1] into the form [U | inv(U)' w | inv(U)'], where G = U'U.
 
@@ -61,7 +61,7 @@ def _eliminate(system: _Floats, size: int, width: int) -> bool:
     return True
 
 
-@compiled(ENTRY)
+@compiled()
 def hold_out_blocks(
     transposed_root: _Floats,
     weights: _Floats,

@@ -26,21 +26,18 @@ from priorfill.runtime import code_files
 from priorfill.runtime.code_files import CodeKey
 from priorfill.runtime.machine_code import Loaded, describe_system, load
 
-__all__ = ["ENTRY", "HELPER", "CompiledFunction", "cache_problem", "compiled"]
+__all__ = ["CompiledFunction", "cache_problem", "compiled"]
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
-HELPER: dict[str, Any] = {
+_OPTIONS: dict[str, Any] = {
     "nogil": True,
     "error_model": "numpy",
     "no_cfunc_wrapper": True,
     "no_cpython_wrapper": True,
 }
-"""Options of functions: no wrappers, no check of each division. They lengthen the compilation, for
-which the user waits."""
-
-ENTRY = HELPER
-"""Options of functions called from Python, likewise: the words of their call are packed here."""
+"""Options of all functions: no wrappers, as arguments are packed here, and no check of each
+division. These lengthen the compilation, for which the user waits."""
 
 _LAYOUT = 0x503
 """Flags of an array: rows or columns are contiguous, it is aligned, and it can be written."""
@@ -51,19 +48,17 @@ NUMBERS = "biufc"
 _lock = threading.RLock()
 
 
-def compiled(options: dict[str, Any], **more: Any) -> Callable[[_Function], _Function]:
+def compiled(**options: Any) -> Callable[[_Function], _Function]:
     """Return a decorator that compiles a function and keeps its code on disk where possible.
 
     Parameters
     ----------
-    options : dict
-        `ENTRY` or `HELPER`.
-    **more
-        Other options of `numba.njit`.
+    **options
+        Of `numba.njit`, in addition to those of all functions.
     """
 
     def decorate(function: _Function) -> _Function:
-        made = CompiledFunction(cast(FunctionType, function), {**options, **more})
+        made = CompiledFunction(cast(FunctionType, function), {**_OPTIONS, **options})
         return cast(_Function, made)
 
     return decorate

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.runtime.compiled import ENTRY, compiled
+from priorfill.runtime.compiled import compiled
 
 __all__ = ["exponentials"]
 
@@ -29,7 +29,7 @@ LEAST_EXPONENT = -1022
 POWERS_OF_TWO = np.ldexp(1.0, np.arange(LEAST_EXPONENT, 1024))
 
 
-@compiled(ENTRY)
+@compiled()
 def exponentials(values: NDArray[np.float64], result: NDArray[np.float64]) -> None:
     """Write the exponential of each value (fdlibm's e_exp.c)."""
     for i in range(values.size):

@@ -22,7 +22,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.runtime.compiled import ENTRY, HELPER, compiled
+from priorfill.runtime.compiled import compiled
 from priorfill.search.neighbour_kernels import (
     FAST_MATH,
     ROUND_UP,
@@ -91,7 +91,7 @@ MAX_WAITING = 8 * WIDTH
 """Nodes that wait to be searched: the children of a node on each of up to seven levels."""
 
 
-@compiled(HELPER)
+@compiled()
 def _select(values: Float32Array, count: int, place: int) -> np.float32:
     """Return the value at a place of ascending order; reorders the values."""
     begin, end = 0, count - 1
@@ -118,7 +118,7 @@ def _select(values: Float32Array, count: int, place: int) -> np.float32:
     return np.float32(values[place])
 
 
-@compiled(HELPER, fastmath=FAST_MATH)
+@compiled(fastmath=FAST_MATH)
 def _widest_axis(
     projection: Float32Array, rows: RowArray, begin: int, end: int, sums: Float32Array
 ) -> int:
@@ -145,7 +145,7 @@ def _widest_axis(
     return widest
 
 
-@compiled(HELPER, fastmath=FAST_MATH)
+@compiled(fastmath=FAST_MATH)
 def _range(values: Float32Array, count: int) -> tuple[np.float32, np.float32]:
     """Return the least and the largest of some values."""
     low = high = values[0]
@@ -155,7 +155,7 @@ def _range(values: Float32Array, count: int) -> tuple[np.float32, np.float32]:
     return low, high
 
 
-@compiled(HELPER)
+@compiled()
 def _value_at(
     keys: Float32Array, count: int, place: int, work: Float32Array, bins: RowArray
 ) -> np.float32:
@@ -183,7 +183,7 @@ def _value_at(
     return _select(work, found, place - below)
 
 
-@compiled(HELPER)
+@compiled()
 def _split(
     projection: Float32Array,
     rows: RowArray,
@@ -222,7 +222,7 @@ def _split(
         rows[first + i] = spare[i]
 
 
-@compiled(HELPER)
+@compiled()
 def _half(leaves: int) -> int:
     """Return how many leaves the first half of a range has: whole nodes, the largest there are."""
     unit = 1
@@ -231,7 +231,7 @@ def _half(leaves: int) -> int:
     return (-(-leaves // unit) // 2) * unit
 
 
-@compiled(HELPER, fastmath=FAST_MATH)
+@compiled(fastmath=FAST_MATH)
 def _enclose_leaf(
     local: Float32Array,
     rows: RowArray,
@@ -274,7 +274,7 @@ def _enclose_leaf(
     errors[leaf] = math.sqrt(largest) * ROUND_UP
 
 
-@compiled(ENTRY)
+@compiled()
 def divide(
     projection: Float32Array,
     rows: RowArray,
@@ -385,7 +385,7 @@ def divide(
             )
 
 
-@compiled(ENTRY)
+@compiled()
 def enclose_nodes(
     children: Float32Array,
     boxes: Float32Array,
@@ -429,7 +429,7 @@ def enclose_nodes(
                 highs[node, axis, i] = up if up < 255 else 255
 
 
-@compiled(HELPER, fastmath=FAST_MATH)
+@compiled(fastmath=FAST_MATH)
 def _squares_from_boxes(
     scales: Float32Array,
     node: int,
@@ -455,13 +455,13 @@ def _squares_from_boxes(
             squares[i] += outside * outside
 
 
-@compiled(HELPER)
+@compiled()
 def _square_within(radius: float, rounding: float) -> np.float32:
     """Return the largest square in single precision of a distance within a radius."""
     return np.float32(radius * radius * (1.0 + rounding))
 
 
-@compiled(ENTRY)
+@compiled()
 def search_tree(
     poses: Float32Array,
     tree_rows: RowArray,

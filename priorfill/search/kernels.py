@@ -25,7 +25,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.runtime.compiled import ENTRY, HELPER, compiled
+from priorfill.runtime.compiled import compiled
 from priorfill.search.neighbour_kernels import (
     FAST_MATH,
     ROUND_UP,
@@ -53,7 +53,7 @@ TINY_SQUARE = np.float32(1e-20)
 limits of squares, as those below 1e-38 lose digits in single precision."""
 
 
-@compiled(ENTRY)
+@compiled()
 def in_root_frames(
     positions: Float32Array,
     rows: IndexArray,
@@ -111,7 +111,7 @@ def in_root_frames(
             local[i, 3 * c + 2] = positions[row, marker, 2] - z
 
 
-@compiled(HELPER, fastmath=FAST_MATH)
+@compiled(fastmath=FAST_MATH)
 def _chord_error(poses: Float32Array, first: int, last: int, rounding: float) -> float:
     """Bound how far the poses between two vertices are from the chord that joins these."""
     length = np.float64(approximate_square(poses, first, poses, last))
@@ -134,7 +134,7 @@ def _chord_error(poses: Float32Array, first: int, last: int, rounding: float) ->
     return math.sqrt(largest) * ROUND_UP
 
 
-@compiled(ENTRY)
+@compiled()
 def lay_spans(
     poses: Float32Array,
     ends: IndexArray,
@@ -203,7 +203,7 @@ def lay_spans(
     return count
 
 
-@compiled(ENTRY, fastmath=FAST_MATH)
+@compiled(fastmath=FAST_MATH)
 def bound_spans(
     projection: Float32Array,
     connected: BoolArray,
@@ -306,7 +306,7 @@ def bound_spans(
                 )
 
 
-@compiled(ENTRY)
+@compiled()
 def measure_spans(
     poses: Float32Array,
     first: IndexArray,

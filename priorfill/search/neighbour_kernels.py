@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.runtime.compiled import HELPER, compiled
+from priorfill.runtime.compiled import compiled
 
 __all__ = [
     "FAST_MATH",
@@ -33,7 +33,7 @@ ROUND_UP = 1.0 + 2.0**-20
 operations."""
 
 
-@compiled(HELPER, fastmath=FAST_MATH)
+@compiled(fastmath=FAST_MATH)
 def approximate_square(
     poses: Float32Array, row: int, other: Float32Array, other_row: int
 ) -> np.float32:
@@ -45,7 +45,7 @@ def approximate_square(
     return total
 
 
-@compiled(HELPER)
+@compiled()
 def exact_square(poses: Float32Array, row: int, other: Float32Array, other_row: int) -> float:
     """Return the squared distance of two rows, summed in the order of the dimensions."""
     total = 0.0
@@ -55,13 +55,13 @@ def exact_square(poses: Float32Array, row: int, other: Float32Array, other_row: 
     return total
 
 
-@compiled(HELPER)
+@compiled()
 def is_after(square: float, row: int, other_square: float, other_row: int) -> bool:
     """Return whether a neighbour is farther than another one, or as far and of a later row."""
     return square > other_square or (square == other_square and row > other_row)
 
 
-@compiled(HELPER)
+@compiled()
 def replace_farthest(
     squares: Float64Array, rows: IndexArray, query: int, new_square: float, new_row: int
 ) -> None:

@@ -16,30 +16,30 @@ from priorfill.runtime.compiled import cache_problem
 
 SOURCE = """
 import numpy as np
-from priorfill.runtime.compiled import ENTRY, HELPER, compiled
+from priorfill.runtime.compiled import compiled
 
 FACTOR, TABLE = 2.0, np.array([1, 2])
 
-@compiled(HELPER)
+@compiled()
 def times(x):
     return FACTOR * x
 
-@compiled(ENTRY)
+@compiled()
 def double(x):
     return times(x)
 
-@compiled(ENTRY)
+@compiled()
 def add(pair, count, factor, total):
     for i in range(count):
         for j in range(total.shape[1]):
             total[i, j] += factor * pair[0][i, j] + pair[1][j] + TABLE[0]
     return count > 1
 
-@compiled(ENTRY)
+@compiled()
 def copied(values):
     return values.copy().sum()
 
-@compiled(ENTRY)
+@compiled()
 def first(values):
     return values[0], values[1]
 """
@@ -168,7 +168,7 @@ def test_functions_that_need_the_memory_management_of_numba(module, monkeypatch)
         ("FACTOR, TABLE = 2.0", "FACTOR, TABLE = 4.0", 12.0),  # a constant of what it calls
         ("return times(x)", "return times(x) + 1.0", 7.0),
         ("return FACTOR * x", "return FACTOR - x", -1.0),
-        ("@compiled(ENTRY)\ndef double", "@compiled(ENTRY, fastmath=True)\ndef double", 6.0),
+        ("@compiled()\ndef double", "@compiled(fastmath=True)\ndef double", 6.0),
     ],
 )
 def test_code_of_another_source_is_replaced(load, tmp_path, before, after, expected):
@@ -183,15 +183,15 @@ def test_code_of_another_source_is_replaced(load, tmp_path, before, after, expec
 DEPENDENT = """
 import math
 import numpy as np
-from priorfill.runtime.compiled import HELPER, compiled
+from priorfill.runtime.compiled import compiled
 
 NUMBER, TABLES, SINGLE = 2, (np.arange(2000), 1), np.float32(1.0)
 
-@compiled(HELPER)
+@compiled()
 def scale(x, by=3):
     return by * math.pi * x
 
-@compiled(HELPER)
+@compiled()
 def compute(x):
     for item in [NUMBER * value for value in x]:
         x[0] += scale(item) + TABLES[0][1] + SINGLE
@@ -360,7 +360,7 @@ import sys
 import numpy as np
 from numba import njit
 from numba.core.runtime import rtsys
-from priorfill.runtime.compiled import ENTRY, compiled
+from priorfill.runtime.compiled import compiled
 
 def summed(values):
     total = 0.0
@@ -371,8 +371,8 @@ def summed(values):
 def first(values):
     return values[0] + values.sum()
 
-compiled(ENTRY)(first)(np.zeros(4))
-print(compiled(ENTRY)(summed)(np.zeros(4)), njit(summed)(np.zeros(4)))
+compiled()(first)(np.zeros(4))
+print(compiled()(summed)(np.zeros(4)), njit(summed)(np.zeros(4)))
 made = rtsys.get_allocation_stats()
 print(made.mi_alloc >= 200, made.mi_alloc - made.mi_free)
 """
