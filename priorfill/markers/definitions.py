@@ -184,7 +184,7 @@ def _users_folder() -> Path | None:
 def _read(path: Path) -> MarkerSet:
     try:
         stamp = path.stat().st_mtime_ns
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         raise OptionError(f"{path}: there is no such marker set; check the path") from None
     except OSError as error:
         raise MarkerSetError(

@@ -238,7 +238,7 @@ def test_bad_input(gappy: Path, tmp_path: Path) -> None:
         (1, ["bad.c3d"]),
         (1, [tmp_path]),
         (2, [gappy, "--marker-set", "nonsense"]),
-        (1, [gappy, "--database", "no"]),
+        (2, [gappy, "--database", "no"]),
     ):
         result = run("inspect", *arguments)
         assert result.exit_code == status, arguments

@@ -105,10 +105,10 @@ def test_files_that_are_read_are_not_replaced(folder: Path) -> None:
     content = Path("walk.html").read_bytes()
     for arguments in (("walk.html", "other.trc"), ("other.trc", "walk.html")):
         done = run("report", *arguments, "-o", "walk.html", "--overwrite")
-        assert done.exit_code == 1
+        assert done.exit_code == 2
         assert Path("walk.html").read_bytes() == content
     done = run("report", "other.trc", "truth.c3d", "--truth", "walk.html", "-o", "walk.html")
-    assert done.exit_code == 1
+    assert done.exit_code == 2
     assert Path("walk.html").read_bytes() == content
 
 

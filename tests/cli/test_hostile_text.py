@@ -166,7 +166,7 @@ def test_databases(folder, gappy):
     manifest = folder / "db" / "priorfill-database.json"
     manifest.write_text('{"format": "\\u001b"}', "utf-8")
     check(run("db", "info", "-d", "db"), 1)
-    check(run("db", "info", "-d", f"db{CLIP_NAME}"), 1)
+    check(run("db", "info", "-d", f"db{CLIP_NAME}"), 2)
 
 
 def test_evaluation(folder, gappy):

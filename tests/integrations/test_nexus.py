@@ -437,7 +437,7 @@ def test_wrong_usage_and_failures_set_nothing(connected: ViconNexus) -> None:
         (("--subject", "Ana"), 2, "did you mean Anna"),
         (("--frames", "1-9", "--whole-trial"), 2, "either --frames or --whole-trial"),
         (("--trust-filled",), 2, "--database"),
-        (("--database", "nowhere"), 1, "nowhere"),
+        (("--database", "nowhere"), 2, "nowhere"),
     ):
         result = run(*arguments)
         assert result.exit_code == status, result.output

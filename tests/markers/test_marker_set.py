@@ -251,10 +251,12 @@ def test_malformed_definitions(change: tuple[str, str], message: str, tmp_path: 
 
 
 def test_unreadable_definitions(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    for place in ("no.toml", "no/set", "file/set.toml"):
+        with pytest.raises(OptionError, match="there is no such marker set; check the path"):
+            load(tmp_path / place)
     with pytest.raises(MarkerSetError, match="cannot be read"):
-        load(tmp_path / "no.toml")
-    with pytest.raises(MarkerSetError, match="cannot be read"):
-        load(tmp_path / "no" / "set")
+        load(tmp_path / f"{'n' * 300}.toml")  # longer than names may be
     with pytest.raises(OptionError, match=r"is unknown; did you mean baumann41\?"):
         load("baumann42")
     (tmp_path / "empty.toml").write_text('name = "x"\ntitle = "y"\n')
@@ -532,7 +534,7 @@ def test_a_home_that_cannot_be_read(monkeypatch, error):
 
 def test_the_suffix_of_a_definition_in_upper_case(tmp_path: Path) -> None:
     path = tmp_path / "MINE.TOML"
-    with pytest.raises(MarkerSetError, match=r"MINE\.TOML: cannot be read"):
+    with pytest.raises(OptionError, match=r"MINE\.TOML: there is no such marker set"):
         load(path.name)
     path.write_text("a = 1", encoding="utf-8")
     with pytest.raises(MarkerSetError):

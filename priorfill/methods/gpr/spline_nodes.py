@@ -78,7 +78,8 @@ def spline_nodes(
     --------
     >>> import numpy as np
     >>> arm = GapSegment(np.array([4, 5]), 10, 20, np.array([0, 1, 2, 3]))
-    >>> nodes, inside = spline_nodes(np.arange(9, 21), arm, 200.0, SplineNodeOptions(40.0, 0.0))
+    >>> options = SplineNodeOptions(rate=40.0, edge_seconds=0.0)
+    >>> nodes, inside = spline_nodes(np.arange(9, 21), arm, 200.0, options)
     >>> nodes
     array([ 9, 10, 15, 20])
     """
