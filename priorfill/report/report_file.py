@@ -48,8 +48,9 @@ def check_report(
     """
     path = Path(str(path))  # as in `check_target`
     check_suffix(path, "a report", REPORT_SUFFIXES)
-    for source in sources or (None,):
-        check_target(path, overwrite=overwrite, source=source)
+    for source in sources:  # before `overwrite`, which is no remedy for these
+        check_target(path, overwrite=True, source=source)
+    check_target(path, overwrite=overwrite)
     check_writable(path, 0)
 
 

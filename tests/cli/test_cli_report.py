@@ -109,6 +109,7 @@ def test_files_that_are_read_are_not_replaced(folder: Path) -> None:
         assert Path("walk.html").read_bytes() == content
     done = run("report", "other.trc", "truth.c3d", "--truth", "walk.html", "-o", "walk.html")
     assert done.exit_code == 2
+    assert "is the file that the clip was read from" in done.stderr
     assert Path("walk.html").read_bytes() == content
 
 
