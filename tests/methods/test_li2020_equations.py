@@ -184,6 +184,15 @@ def test_frames_without_a_marker_stay_missing_in_a_piece():
     assert result.filled[100:115].any()
 
 
+@WHOLE_PIECES
+def test_only_whole_frames_are_missing_in_a_piece(options):
+    truth = person()
+    result = filled(with_gaps(truth, (100, 104, truth.labels)), "pca-pieces", stride=1.0, **options)
+    reasons = {p.reason for gap in result.gaps for p in gap.unfilled}
+    assert reasons == {"no marker is visible; pca-frames fills whole frames"}
+    assert not result.filled.any()
+
+
 def test_no_marker_is_visible_throughout_a_piece():
     """Then the origin of a frame is the mean of the markers that it shows."""
     truth = person()

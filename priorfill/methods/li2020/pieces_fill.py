@@ -142,14 +142,15 @@ def _completed(
 ) -> Array:
     """Complete the masked samples of a piece [shape=(frames, markers, 3)].
 
-    Frames without any marker have no origin; they are left out, and stay missing.
+    Frames without any marker have no origin; they are left out, and stay missing. Where the others
+    have no gaps, nothing is completed.
     """
     missing = np.isnan(piece[..., 0])
     shown = ~missing.all(axis=1)
     found = np.full_like(piece, np.nan)
-    if not shown.any():
-        return found
     masked = missing[shown]
+    if not masked.any():
+        return found
     weights = _origin_weights(masked)
     clip, origin = _without_origin(piece[shown], weights)
     rests = [_without_origin(one[shown], weights)[0] for one in training]
