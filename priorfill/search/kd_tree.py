@@ -1,4 +1,4 @@
-"""A kd-tree of poses: exact k nearest neighbours in time that hardly grows with their number.
+"""A kd-tree of poses: exact k nearest neighbours from a small part of the poses.
 
 [B11]_ searches its y_i with one kd-tree per clip and resolution. Here the viable markers and the
 root frames depend on the gap, and so does the tree. It is built over the coordinates of the poses
