@@ -20,7 +20,12 @@ MAX_LINES = 60
 MAX_PARAMETERS = 8
 """Parameters of a function, without ``self`` and ``cls``."""
 
-COMPILED = ("energy/descent_kernels.py", "search/kd_tree_kernels.py", "search/kernels.py")
+COMPILED = (
+    "energy/descent_kernels.py",
+    "search/kd_tree_kernels.py",
+    "search/kd_tree_search_kernels.py",
+    "search/kernels.py",
+)
 """Modules of compiled loops, which take arrays one by one."""
 
 TOP_LEVEL = {"__init__", "__main__", "errors", "clip", "gaps", "interop"}

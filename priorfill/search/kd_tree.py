@@ -9,7 +9,7 @@ distances of a query from all poses inside from below. Queries are searched for 
 the k nearest poses found so far in a heap; consecutive queries are similar, so those of the query
 before it say how far its neighbours may be.
 
-The loops are in `priorfill.search.kd_tree_kernels`.
+The loops are in `priorfill.search.kd_tree_kernels` and `priorfill.search.kd_tree_search_kernels`.
 
 References
 ----------
@@ -181,7 +181,8 @@ class KdTree:
         self, queries: NDArray[np.float32], k: int
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Find the nearest poses of queries; see `NearestPoses`."""
-        from priorfill.search import kd_tree_kernels as kernels
+        from priorfill.search.kd_tree_kernels import WIDTH
+        from priorfill.search.kd_tree_search_kernels import MAX_WAITING, search_tree
 
         squares = np.empty((len(queries), k))
         rows = np.empty((len(queries), k), dtype=np.int64)
@@ -194,7 +195,7 @@ class KdTree:
         )
 
         def search(begin: int, end: int) -> None:
-            kernels.search_tree(
+            search_tree(
                 self._poses,
                 self._rows,
                 self._levels,
@@ -207,9 +208,9 @@ class KdTree:
                 points[begin:end],
                 bound_errors[begin:end],
                 ROUNDINGS_PER_DIMENSION * (dimensions + 4) * FLOAT32_ROUNDING,
-                np.empty((kernels.MAX_WAITING, 2), dtype=np.int64),
-                np.empty(kernels.MAX_WAITING, dtype=np.float32),
-                np.empty(kernels.WIDTH, dtype=np.float32),
+                np.empty((MAX_WAITING, 2), dtype=np.int64),
+                np.empty(MAX_WAITING, dtype=np.float32),
+                np.empty(WIDTH, dtype=np.float32),
                 squares[begin:end],
                 rows[begin:end],
             )

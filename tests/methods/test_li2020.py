@@ -113,7 +113,7 @@ def test_low_rank_is_recovered_exactly(seed):
     rng = np.random.default_rng(seed)
     full, masked, shown = masked_windows(rng)
     one = eigenspaces.train(np.concatenate(full), np.concatenate(masked), rank=3)
-    two = eigenspaces.train_windows(full, masked, rank=3)
+    two = eigenspaces.train_pieces(full, masked, rank=3)
     for truth, clip in zip(full, masked, strict=True):
         np.testing.assert_allclose(one.complete(clip), truth, atol=1e-6)
         np.testing.assert_allclose(two.complete(clip), truth, atol=1e-6)

@@ -107,7 +107,7 @@ def test_pieces_are_completed_as_the_equations_say(over):
     piece[8:20, 2] = np.nan
     piece[15:30, 5] = np.nan
     options = Li2020Options(rank=RANK, over=over, mask="entries")
-    found = pieces_fill._completed(piece, training, li2020_fill._train_windows, options)
+    found = pieces_fill._completed(piece, training, li2020_fill._train_pieces, options)
     wanted = filled_by_the_book(piece, training, over, options)
     gaps = np.isnan(piece)
     np.testing.assert_allclose(found[gaps], wanted[gaps], rtol=1e-7)

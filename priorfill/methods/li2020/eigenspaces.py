@@ -5,7 +5,7 @@ A_i0 the same piece masked: what is missing in the clip is zero, which is the me
 and B the masked clip.
 
 ==============  =====================================================================
-Eqs. (1)-(4)    `train_windows`: A has the pieces one upon the other
+Eqs. (1)-(4)    `train_pieces`: A has the pieces one upon the other
 Eqs. (5)-(8)    the same with transposed pieces: A has the pieces side by side, and the
                 eigenvectors V, V_i0, V_B0 are over frames: V'A_i = F V_i0'A_i0 is
                 A_i' V = A_i0' V_i0 F'
@@ -24,15 +24,15 @@ from numpy.typing import NDArray
 from scipy.linalg import lstsq
 
 __all__ = [
+    "PieceSpaces",
     "TrainingSpaces",
     "TrajectorySpace",
-    "WindowSpaces",
     "complete_frames",
     "components",
     "eigenspace",
     "nearest_basis",
     "train",
-    "train_windows",
+    "train_pieces",
     "trajectory_space",
     "transformation",
     "triangular",
@@ -165,7 +165,7 @@ def train(
 
     See Also
     --------
-    train_windows : As in the paper, with eigenvectors of each masked piece.
+    train_pieces : As in the paper, with eigenvectors of each masked piece.
 
     Notes
     -----
@@ -200,7 +200,7 @@ def nearest_basis(vectors: Array, wanted: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class WindowSpaces:
+class PieceSpaces:
     """As `TrainingSpaces`, where each masked piece, and the clip, has eigenvectors of its own.
 
     Attributes
@@ -234,9 +234,9 @@ def _own_basis(masked: Array, reference: Array) -> Array:
     return nearest_basis(vectors[:, : reference.shape[1]], reference)
 
 
-def train_windows(
+def train_pieces(
     full: Sequence[Array], masked: Sequence[Array], *, share: float = 0.99, rank: int | None = None
-) -> WindowSpaces:
+) -> PieceSpaces:
     """Fit the eigenspaces and T, with eigenvectors of each masked piece: Eqs. (1)-(3), or (5)-(7).
 
     Parameters
@@ -248,7 +248,7 @@ def train_windows(
 
     Returns
     -------
-    WindowSpaces
+    PieceSpaces
         U, U_0, and T, the least-squares solution of A_i0 U_i0 T = A_i U over all pieces.
 
     See Also
@@ -264,9 +264,9 @@ def train_windows(
     masked_values, masked_vectors = eigenspace(np.concatenate(masked))
     r = _rank(share, rank, values, masked_values)
     u, u0 = vectors[:, :r], masked_vectors[:, :r]
-    coordinates = np.concatenate([window @ _own_basis(window, u0) for window in masked])
-    target = np.concatenate([window @ u for window in full])
-    return WindowSpaces(u, u0, transformation(coordinates, target))
+    coordinates = np.concatenate([piece @ _own_basis(piece, u0) for piece in masked])
+    target = np.concatenate([piece @ u for piece in full])
+    return PieceSpaces(u, u0, transformation(coordinates, target))
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ Departures from the paper, and from the program that its authors published:
 
 * Eq. (3) is solved as a least-squares problem; see `eigenspaces.transformation`.
 * U_i0 and U_B0 of `pca_pieces`, Eqs. (1) and (4), are rotated to be nearest to those of all masked
-  pieces; see `eigenspaces.train_windows`. The published program fits T with U_i0 and applies it to
+  pieces; see `eigenspaces.train_pieces`. The published program fits T with U_i0 and applies it to
   the eigenvectors of all.
 * `pca_train` is a variant, with the eigenvectors of all masked pieces throughout.
 * Pieces of the database are chosen by their similarity to the clip; see `training_windows`. The
@@ -62,10 +62,10 @@ def _train(full: list[Array], masked: list[Array], clip: Array, options: Li2020O
     return spaces.complete(clip)
 
 
-def _train_windows(
+def _train_pieces(
     full: list[Array], masked: list[Array], clip: Array, options: Li2020Options
 ) -> Array:
-    spaces = eigenspaces.train_windows(
+    spaces = eigenspaces.train_pieces(
         full, masked, share=options.min_singular_share, rank=options.rank
     )
     return spaces.complete(clip)
@@ -264,4 +264,4 @@ def pca_pieces(
     With ``over="frames"`` by Eqs. (5)-(8).
     """
     source = "eigenspaces of each piece"
-    return _by_markers(task, progress, options or Li2020Options(), _train_windows, source)
+    return _by_markers(task, progress, options or Li2020Options(), _train_pieces, source)
