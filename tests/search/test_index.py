@@ -204,6 +204,22 @@ def test_coordinates_whose_squares_lose_digits_in_single_precision(way, size):
     np.testing.assert_array_equal(distance, expected_distance)
 
 
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("dimensions", [6, 300])
+@pytest.mark.parametrize("steps", [2, 60])
+def test_differences_next_to_the_rounding_errors_of_coordinates(way, dimensions, steps):
+    rng = np.random.default_rng(21)
+    # some units in the last place apart, in two places that are far from each other
+    moved = np.cumsum(rng.integers(-1, 2, (900, dimensions)), axis=0) % steps
+    poses = (2.0**23 + moved).astype(np.float32) * np.repeat(np.float32([1, -1]), 450)[:, None]
+    queries = poses[rng.permutation(900)[:60]]
+    queries += rng.integers(-1, 2, queries.shape).astype(np.float32)
+    distance, rows = PoseIndex(poses, np.array([0, 450]), way).nearest(queries, 5)
+    expected_distance, expected_rows = naive.nearest(poses, queries, 5)
+    np.testing.assert_array_equal(rows, expected_rows)
+    np.testing.assert_array_equal(distance, expected_distance)
+
+
 @pytest.mark.parametrize("size", [1.0, 1e11])
 @pytest.mark.parametrize(("poses", "steps"), [(1100, "noise"), (33_000, "walk"), (2100, "grid")])
 def test_a_kd_tree_of_several_levels_finds_the_same(poses, steps, size):
