@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import llvmlite.binding as llvm
 from llvmlite import ir
-from numba import typeof
-from numba.core.registry import CPUDispatcher, cpu_target
+from numba import njit, typeof
+from numba.core import config
+from numba.core.registry import cpu_target
 
+from priorfill.errors import OptionError
 from priorfill.runtime.machine_code import RESULTS, START, pack
 
 if TYPE_CHECKING:
@@ -37,9 +39,13 @@ def compile_function(compiled: CompiledFunction, arguments: tuple[Any, ...]) -> 
 
     Raises
     ------
+    OptionError
+        If numba is not to compile.
     TypeError
         If the function returns something else than `machine_code.RESULTS` names.
     """
+    if getattr(config, "DISABLE_JIT", False):  # set when it is imported
+        raise OptionError("NUMBA_DISABLE_JIT keeps numba from compiling; unset it")
     types = tuple(map(typeof, arguments))
     dispatcher = _dispatcher(compiled, {})
     dispatcher.compile(types)
@@ -66,8 +72,7 @@ def _dispatcher(compiled: CompiledFunction, made: dict[CompiledFunction, Any]) -
                 values[name] = _dispatcher(value, made)
         copy = FunctionType(plain.__code__, values, plain.__name__, plain.__defaults__)
         copy.__module__, copy.__qualname__ = plain.__module__, plain.__qualname__
-        # not by `numba.njit`, which NUMBA_DISABLE_JIT keeps from compiling
-        made[compiled] = CPUDispatcher(copy, targetoptions={"nopython": True, **compiled.options})
+        made[compiled] = njit(**compiled.options)(copy)
     return made[compiled]
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from priorfill.errors import OptionError
 from priorfill.runtime import code_files, compiled, machine_code, numba_compiler
 from priorfill.runtime.compiled import cache_problem
 
@@ -238,9 +239,10 @@ def test_arrays_of_records_are_refused(module):
         module().copied(np.zeros(2, dtype=[("x", np.float64)]))
 
 
-def test_functions_are_compiled_whatever_numba_is_set_to(module, monkeypatch):
+def test_numba_is_set_not_to_compile(module, monkeypatch):
     monkeypatch.setattr("numba.core.config.DISABLE_JIT", 1)
-    assert module().double(3.0) == 6.0
+    with pytest.raises(OptionError, match="unset it"):
+        module().double(3.0)
 
 
 def test_code_of_another_system_is_not_loaded(load, tmp_path, monkeypatch):
