@@ -307,6 +307,8 @@ def main() -> int:
     parser.add_argument("--repeat", type=int, default=2, help="runs of each short fill")
     parser.add_argument("--folder", type=Path, help="keep the files that are made here")
     arguments = parser.parse_args()
+    if unknown := set(arguments.only.split(",")) - set(ROWS):
+        parser.error(f"--only: no row {', '.join(sorted(unknown))}; there are {', '.join(ROWS)}")
     cases = arguments.cases or arguments.data.parent / "bench" / "cases.json"
     kept = True
     with tempfile.TemporaryDirectory() as temporary:
