@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from priorfill.geometry.poses import complete_poses, evenly_spaced
 from priorfill.geometry.root_frames import RootFrames, RootGroup
 from priorfill.runtime.threads import run_in_threads, split_range
-from priorfill.search.index import MAX_BRUTE_FORCE_POSES, POSES_PER_THREAD, PoseIndex, Way
+from priorfill.search.bounds import POSES_PER_THREAD
+from priorfill.search.index import MAX_BRUTE_FORCE_POSES, PoseIndex, Way
 from priorfill.search.takes import Take
 
 __all__ = ["Neighbours", "PoseBank", "PoseBankCache", "PoseMapping", "spaced_rows"]

@@ -78,7 +78,7 @@ def nearest_by_brute_force(
 
 
 class BruteForce:
-    """Poses all of which are compared in every search; a `NearestPoses`.
+    """Poses that are all compared in every search; a `NearestPoses`.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ from priorfill.search.kd_tree import KdTree
 from priorfill.search.nearest_poses import NearestPoses
 from priorfill.search.span_scan import SpanScan
 
-__all__ = ["MAX_BRUTE_FORCE_POSES", "POSES_PER_THREAD", "WAYS", "PoseIndex", "Way", "choose_way"]
+__all__ = ["MAX_BRUTE_FORCE_POSES", "WAYS", "PoseIndex", "Way", "choose_way"]
 
 Way = Literal["brute force", "scan", "kd-tree"]
 
@@ -59,9 +59,6 @@ POSES_PER_BATCH = 2**14
 
 MAX_COORDINATE = 1e15
 """mm. Squares of larger coordinates would not fit into single precision."""
-
-POSES_PER_THREAD = 2**17
-"""Poses for which another thread pays when they are transformed: some ten milliseconds of work."""
 
 
 def choose_way(poses: int, queries: int, asked: int, built: Way | None) -> Way:

@@ -23,6 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.runtime.threads import run_in_threads, split_range
+from priorfill.search.bounds import (
+    FLOAT32_ROUNDING,
+    POSES_PER_THREAD,
+    TINY_ERROR,
+    in_order,
+    principal_axes,
+    rounding_of_squares,
+)
 
 __all__ = ["KdTree"]
 
@@ -32,24 +40,11 @@ MAX_PCA_POSES = 4000
 CHUNK_POSES = 4096
 """Poses projected at a time, so that they stay in the cache."""
 
-POSES_PER_THREAD = 2**17
-"""Poses for which another thread pays when the tree is built: some ten milliseconds of work."""
-
 QUERIES_PER_THREAD = 64
 """Queries for which another thread pays: some ten milliseconds."""
 
-FLOAT32_ROUNDING = 2.0**-24
-"""Relative rounding error of a single-precision operation."""
-
-ROUNDINGS_PER_DIMENSION = 8
-"""Upper limit of the single-precision rounding errors in a square, per dimension."""
-
 ROUNDINGS_OF_BYTES = 12
 """Upper limit of the rounding errors of a coordinate in bytes, relative to the largest norm."""
-
-
-TINY_ERROR = 1e-9
-"""mm. Added to rounding errors: squares of smaller distances lose digits in single precision."""
 
 
 class KdTree:
@@ -69,7 +64,7 @@ class KdTree:
         from priorfill.search.kd_tree_kernels import AXES, WIDTH, enclose_nodes
 
         self._poses = poses
-        self._axes = _principal_axes(poses[:: -(-len(poses) // MAX_PCA_POSES)], AXES)
+        self._axes = principal_axes(poses[:: -(-len(poses) // MAX_PCA_POSES)], AXES)
         projection, self._largest_norm = self._projection()
         counts = [-(-len(poses) // WIDTH)]
         while counts[-1] > 1:
@@ -207,7 +202,7 @@ class KdTree:
                 queries[begin:end],
                 points[begin:end],
                 bound_errors[begin:end],
-                ROUNDINGS_PER_DIMENSION * (dimensions + 4) * FLOAT32_ROUNDING,
+                rounding_of_squares(dimensions),
                 np.empty((MAX_WAITING, 2), dtype=np.int64),
                 np.empty(MAX_WAITING, dtype=np.float32),
                 np.empty(WIDTH, dtype=np.float32),
@@ -216,15 +211,4 @@ class KdTree:
             )
 
         run_in_threads(search, split_range(len(queries), len(queries) // QUERIES_PER_THREAD))
-        order = np.lexsort((rows, squares))
-        return np.take_along_axis(squares, order, axis=1), np.take_along_axis(rows, order, axis=1)
-
-
-def _principal_axes(sample: NDArray[np.float32], count: int) -> NDArray[np.float32]:
-    """Return the axes along which poses differ most [shape=(count, dimensions)], padded by 0."""
-    centred = sample - sample.mean(axis=0)
-    # eigenvalues ascend: poses differ most along the last axes
-    _, axes = np.linalg.eigh((centred.T @ centred).astype(np.float64))
-    leading = np.zeros((count, sample.shape[1]), dtype=np.float32)
-    leading[: sample.shape[1]] = axes[:, ::-1][:, :count].T
-    return leading
+        return in_order(squares, rows)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from priorfill.runtime.compiled import compiled
 from priorfill.search.kd_tree_kernels import AXES, WIDTH
 from priorfill.search.neighbour_kernels import (
+    FAR_SQUARE,
     FAST_MATH,
     ROUND_UP,
     approximate_square,
@@ -35,10 +36,6 @@ ByteArray = NDArray[np.uint8]
 
 TINY_SQUARE = 1e-20
 """mm². Added to limits of squares: those below 1e-38 lose digits in single precision."""
-
-FAR_SQUARE = 1e37
-"""mm². Initial squared distance of a neighbour: above any square, and twice it still fits into
-single precision."""
 
 MAX_WAITING = 8 * WIDTH
 """Nodes that wait to be searched: the children of a node on each of up to seven levels."""

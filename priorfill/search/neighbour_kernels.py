@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from priorfill.runtime.compiled import compiled
 
 __all__ = [
+    "FAR_SQUARE",
     "FAST_MATH",
     "ROUND_UP",
     "approximate_square",
@@ -27,6 +28,10 @@ IndexArray = NDArray[np.int64]
 FAST_MATH = {"reassoc", "contract", "nsz", "nnan", "ninf"}
 """Liberties of the compiler with bounds, which are finite and widened for any order of their
 sums."""
+
+FAR_SQUARE = 1e37
+"""mm². Initial squared distance of a neighbour: above any square, and twice it still fits into
+single precision."""
 
 ROUND_UP = 1.0 + 2.0**-20
 """Factor that rounds a bound up, both to single precision and after a few double-precision

@@ -18,6 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.runtime.threads import run_in_threads, split_range
+from priorfill.search.bounds import (
+    FLOAT32_ROUNDING,
+    POSES_PER_THREAD,
+    TINY_ERROR,
+    in_order,
+    principal_axes,
+    rounding_of_squares,
+)
 
 __all__ = ["SpanScan"]
 
@@ -42,10 +50,6 @@ MIN_SEED_SPANS = 512
 CANDIDATES_PER_SEED = 4
 """Bounds examined per seed span when estimating the cut-off among all bounds."""
 
-FAR_SQUARE = 1e37
-"""mm². Initial squared distance of a neighbour: above any square, and twice it still fits into
-single precision."""
-
 GROUPS_PER_PASS = 8
 """Groups of queries bounded in one pass over all vertices, which is limited by memory bandwidth."""
 
@@ -57,20 +61,6 @@ MAX_PCA_POSES = 20_000
 
 CHUNK_POSES = 8192
 """Poses over which spans are laid at a time: they stay in the cache."""
-
-FLOAT32_ROUNDING = 2.0**-24
-"""Relative rounding error of a single-precision operation."""
-
-ROUNDINGS_PER_DIMENSION = 8
-"""Upper limit of the single-precision rounding errors in a bound, per dimension: a square is a sum
-over the dimensions, and the squared distance from a chord is computed from three of them."""
-
-TINY_ERROR = 1e-9
-"""mm. Added to rounding errors: bounds by shorter chords, and squares of smaller distances, have
-larger ones."""
-
-POSES_PER_THREAD = 2**17
-"""Poses for which another thread pays when the index is built: some ten milliseconds of work."""
 
 PAIRS_PER_THREAD = 2**24
 """Pairs of pose and query for which another thread pays in a search."""
@@ -111,7 +101,7 @@ class _Queries(NamedTuple):
 
 
 class SpanScan:
-    """The spans of all poses, all of which are bounded in every search; a `NearestPoses`.
+    """The spans of all poses, which are all bounded in every search; a `NearestPoses`.
 
     Parameters
     ----------
@@ -127,15 +117,10 @@ class SpanScan:
 
     def __init__(self, poses: NDArray[np.float32], ends: NDArray[np.int64]) -> None:
         self._poses = poses
-        dimensions = poses.shape[1]
-        self._rounding = ROUNDINGS_PER_DIMENSION * (dimensions + 4) * FLOAT32_ROUNDING
+        self._rounding = rounding_of_squares(poses.shape[1])
         sample = poses[:: -(-len(poses) // MAX_PCA_POSES)]
         self._centre = sample.mean(axis=0)
-        sample = sample - self._centre
-        # eigenvalues ascend: poses differ most along the last axes
-        _, axes = np.linalg.eigh((sample.T @ sample).astype(np.float64))
-        self._axes = np.zeros((DIRECTIONS, dimensions), dtype=np.float32)
-        self._axes[:dimensions] = axes[:, ::-1][:, :DIRECTIONS].T
+        self._axes = principal_axes(sample, DIRECTIONS)
 
         def lay(begin: int, end: int) -> list[_Chunk]:
             return [self._lay_chunk(ends, chunk) for chunk in range(begin, end)]
@@ -247,7 +232,7 @@ class SpanScan:
 
         ``offset`` is the largest distance (mm) of a query from the segment.
         """
-        from priorfill.search.neighbour_kernels import ROUND_UP
+        from priorfill.search.neighbour_kernels import FAR_SQUARE, ROUND_UP
 
         squares, rows = queries.squares, queries.rows
         # a span has at least one pose, so this many contain k poses
@@ -261,9 +246,7 @@ class SpanScan:
         spans = _spans_within(bounds, block_minima, radius)
         for at in range(0, len(spans), SPANS_PER_BATCH):
             self._measure(spans[at : at + SPANS_PER_BATCH], queries, bound_error)
-        order = np.lexsort((rows, squares))
-        squares[:] = np.take_along_axis(squares, order, axis=1)
-        rows[:] = np.take_along_axis(rows, order, axis=1)
+        squares[:], rows[:] = in_order(squares, rows)
 
     def _measure(self, spans: NDArray[np.intp], queries: _Queries, bound_error: float) -> None:
         """Measure the poses of some spans, given ascending; see `measure_spans`."""

@@ -53,7 +53,7 @@ WITHOUT_TRAINING = {
 }
 
 REPEATS = 3
-"""Fills of which the fastest counts."""
+"""Fills; the fastest one counts."""
 
 COMPUTER = "another computer"
 """Why times differ."""

@@ -44,7 +44,7 @@ if __name__ == "__main__":
 
 @pytest.fixture
 def script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """The script with a page and two scripts of its own, of which one fails."""
+    """The script with a page and two scripts of its own; one of these fails."""
     module = load_script("all")
     (tmp_path / "page.md").write_text(PAGE, encoding="utf-8")
     (tmp_path / "one.py").write_text(ONE, encoding="utf-8")
