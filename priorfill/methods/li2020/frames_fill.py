@@ -106,15 +106,31 @@ def pca_frames(
     pca_train : For gaps of some markers.
     """
     options = options or Li2020Options()
-    trajectories = _Trajectories(task, options) if task.groups else None
     positions = task.positions.copy()
+    takes = _fill_gaps(task, positions, options) if task.groups else ()
+    progress(task.samples)
+
+    def reason(gap: Gap) -> str:
+        if task.valid[:, gap.marker].any():
+            return (
+                f"no recording shows a marker for {gap.frames} frames and the frames around them; "
+                "give longer recordings"
+            )
+        return "it is never visible; use a method that learns from other markers"
+
+    source = "eigenspaces of trajectories"
+    return Estimate.without_errors(task, positions, source, reason, takes)
+
+
+def _fill_gaps(task: Task, positions: Array, options: Li2020Options) -> tuple[str, ...]:
+    """Write what is found into ``positions``; return the recordings that are learnt from."""
+    trajectories = _Trajectories(task, options)
     spans: dict[tuple[int, int], list[int]] = {}
-    for gap in find_gaps(~task.valid) if trajectories is not None else ():
+    for gap in find_gaps(~task.valid):
         spans.setdefault((gap.start, gap.stop), []).append(gap.marker)
     for (start, stop), markers in spans.items():
         begin, end = stretch(start, stop, len(positions), options)
         window = task.positions[begin:end]
-        assert trajectories is not None
         halves = trajectories.of(end - begin)
         if not halves:
             continue
@@ -126,19 +142,7 @@ def pca_frames(
             measured = _Measured(shown, _frame_weights(shown, options))
             found = _completed(window[:, those], measured, halves, options)
             positions[start:stop, those] = found[start - begin : stop - begin]
-    progress(task.samples)
-
-    def reason(gap: Gap) -> str:
-        if task.valid[:, gap.marker].any():
-            return (
-                f"no recording shows a marker for {gap.frames} frames and the frames around them; "
-                "give longer recordings"
-            )
-        return "it is never visible; use a method that learns from other markers"
-
-    takes = trajectories.takes if trajectories is not None else ()
-    source = "eigenspaces of trajectories"
-    return Estimate.without_errors(task, positions, source, reason, takes)
+    return trajectories.takes
 
 
 def _frame_weights(shown: Bools, options: Li2020Options) -> Array:

@@ -34,7 +34,12 @@ from priorfill.errors import MethodError
 from priorfill.gaps import Gap, runs
 from priorfill.methods.li2020 import eigenspaces
 from priorfill.methods.li2020.li2020_options import Li2020Options
-from priorfill.methods.li2020.normalisation import marker_weights, mean_distances, normalise
+from priorfill.methods.li2020.normalisation import (
+    coordinates,
+    marker_weights,
+    mean_distances,
+    normalise,
+)
 from priorfill.methods.li2020.pieces_fill import Complete, fill_pieces
 from priorfill.methods.li2020.training_windows import choose_windows, marker_sets
 from priorfill.methods.task import Estimate, Progress, Task, no_progress
@@ -71,10 +76,6 @@ def _train_pieces(
     return spaces.complete(clip)
 
 
-def _coordinates(positions: Array) -> Array:
-    return positions.reshape(len(positions), -1)
-
-
 @dataclass(frozen=True, eq=False)
 class _TrainingData:
     """The training data of `pca_train` and `pca_pieces`.
@@ -99,7 +100,7 @@ class _TrainingData:
 
 
 def _condensed(frames: Array) -> Array:
-    rows = np.concatenate([np.ones((len(frames), 1)), _coordinates(frames)], axis=1)
+    rows = np.concatenate([np.ones((len(frames), 1)), coordinates(frames)], axis=1)
     return eigenspaces.triangular(rows)
 
 
@@ -176,14 +177,14 @@ def _filled_part(
     """Complete the masked markers of some frames [shape=(frames, markers, 3)]."""
     visible = ~template
     ones = [window[:, :1] for window in training.windows]
-    rests = [_coordinates(_without_mean(window[:, 1:], visible)[0]) for window in training.windows]
+    rests = [coordinates(_without_mean(window[:, 1:], visible)[0]) for window in training.windows]
     weights = marker_weights(template, training.distances, options)
     normalisation = normalise(rests, ones, weights)
     shown = np.repeat(visible, 3)
     full = [normalisation.apply(rest, one) for rest, one in zip(rests, ones, strict=True)]
     masked = [rows * shown for rows in full]
-    rest, middle = _without_mean(_coordinates(clip), visible)
-    own = np.where(shown, normalisation.apply(_coordinates(rest)), 0.0)
+    rest, middle = _without_mean(coordinates(clip), visible)
+    own = np.where(shown, normalisation.apply(coordinates(rest)), 0.0)
     completed = complete(full, masked, own, options)
     filled = np.full_like(completed, np.nan)
     mean, scale = normalisation.mean[0], normalisation.scale

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from priorfill.methods.li2020 import eigenspaces
 from priorfill.methods.li2020.li2020_options import Li2020Options
 
-__all__ = ["Normalisation", "marker_weights", "mean_distances", "normalise"]
+__all__ = ["Normalisation", "coordinates", "marker_weights", "mean_distances", "normalise"]
 
 Array = NDArray[np.float64]
 
@@ -38,6 +38,11 @@ class Normalisation:
         """Return normalised rows; ``ones`` are those of rows of a triangular factor."""
         normalised: Array = (rows - ones * self.mean) * self.scale
         return normalised
+
+
+def coordinates(positions: Array) -> Array:
+    """Return positions [shape=(frames, markers, 3)] as rows [shape=(frames, 3 * markers)]."""
+    return positions.reshape(len(positions), -1)
 
 
 def normalise(rows: Sequence[Array], ones: Sequence[Array], weights: Array) -> Normalisation:

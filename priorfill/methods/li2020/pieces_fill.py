@@ -24,7 +24,12 @@ from numpy.typing import NDArray
 
 from priorfill.gaps import Gap
 from priorfill.methods.li2020.li2020_options import Li2020Options
-from priorfill.methods.li2020.normalisation import marker_weights, mean_distances, normalise
+from priorfill.methods.li2020.normalisation import (
+    coordinates,
+    marker_weights,
+    mean_distances,
+    normalise,
+)
 from priorfill.methods.li2020.piece_sources import PieceSources, stretch
 from priorfill.methods.li2020.training_windows import marker_sets
 from priorfill.methods.task import Estimate, Progress, Task
@@ -133,10 +138,6 @@ def _without_origin(piece: Array, weights: Array) -> tuple[Array, Array]:
     return piece - origin, origin
 
 
-def _rows(points: Array) -> Array:
-    return points.reshape(len(points), -1)
-
-
 def _completed(
     piece: Array, training: list[Array], complete: Complete, options: Li2020Options
 ) -> Array:
@@ -163,11 +164,11 @@ def _completed(
     else:
         gappy: Bools = np.logical_or.reduce(masked, axis=0)
         importance = marker_weights(gappy, mean_distances(rests), options)
-    rows = [_rows(rest) for rest in rests]
+    rows = [coordinates(rest) for rest in rests]
     normalisation = normalise(rows, [np.ones((len(one), 1)) for one in rows], importance)
     seen = np.repeat(~masked, 3, axis=1)
     full = [normalisation.apply(one) for one in rows]
-    own = np.where(seen, normalisation.apply(_rows(clip)), 0.0)
+    own = np.where(seen, normalisation.apply(coordinates(clip)), 0.0)
     hidden = [one * seen for one in full]
     if over_frames:
         full, hidden = [one.T for one in full], [one.T for one in hidden]
