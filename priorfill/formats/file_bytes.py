@@ -19,6 +19,7 @@ __all__ = [
     "check_regular",
     "check_size",
     "check_unchanged",
+    "is_folder",
     "is_there",
     "no_such_file",
     "os_errors_explained",
@@ -48,6 +49,11 @@ def check_size(size: int, name: str) -> None:
             f"{name}: holds {size / 2**30:.1f} GiB; at most {MAX_BYTES / 2**30:.0f} GiB are read: "
             "export it in parts"
         )
+
+
+def is_folder(path: Path) -> bool:
+    """Return whether a path leads to a folder; what a folder without permission hides is none."""
+    return os.path.isdir(path)  # noqa: PTH112, Path.is_dir raises PermissionError
 
 
 def is_there(path: Path) -> bool:

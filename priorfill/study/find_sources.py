@@ -11,7 +11,7 @@ from priorfill.database.manifest import MANIFEST
 from priorfill.errors import OptionError
 from priorfill.formats import SUFFIXES, is_recording
 from priorfill.formats.bids.names import DESCRIPTION, dataset_root
-from priorfill.formats.file_bytes import is_there
+from priorfill.formats.file_bytes import is_folder, is_there
 from priorfill.study.study_folder import MARK, STATE
 
 __all__ = ["FoundSources", "StudySource", "find_sources"]
@@ -80,7 +80,7 @@ def find_sources(paths: Sequence[Path | str], output: Path) -> FoundSources:
     for path in given:
         if not is_there(path):
             problems.append(f"{path}: there is no such file or folder; check the name")
-        elif not os.path.isdir(path):  # noqa: PTH112, Path.is_dir raises PermissionError
+        elif not is_folder(path):
             found[path] = None
         elif output.exists() and path.samefile(output):
             raise OptionError(
@@ -101,7 +101,7 @@ def find_sources(paths: Sequence[Path | str], output: Path) -> FoundSources:
 
 def _common_folder(paths: Sequence[Path]) -> Path:
     """Return the folder that all paths have in common; in a BIDS dataset its root."""
-    folders = [path if os.path.isdir(path) else path.parent for path in paths]  # noqa: PTH112
+    folders = [path if is_folder(path) else path.parent for path in paths]
     try:
         folder = Path(os.path.commonpath(folders))
         return dataset_root(folder) or folder

@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from priorfill.formats.file_bytes import is_there
+from priorfill.formats.file_bytes import is_folder, is_there
 
 __all__ = ["find_files"]
 
@@ -45,7 +45,7 @@ def find_files(
                 else f"{path}: no such file or folder; check the name"
             )
         for one in found:
-            if not os.path.isdir(one):  # noqa: PTH112, Path.is_dir raises PermissionError
+            if not is_folder(one):
                 files[one] = None
                 continue
             closed: list[str] = []

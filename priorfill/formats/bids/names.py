@@ -13,6 +13,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from priorfill.formats.file_bytes import is_folder
+
 __all__ = [
     "DESCRIPTION",
     "MOTION",
@@ -203,7 +205,7 @@ def dataset_root(path: Path) -> Path | None:
     path : Path
         The file or folder; the root itself is in the dataset.
     """
-    root = _folders(path / "x" if os.path.isdir(path) else path)[0]  # noqa: PTH112, see _is_root
+    root = _folders(path / "x" if is_folder(path) else path)[0]
     return root if _is_root(root) else None
 
 
