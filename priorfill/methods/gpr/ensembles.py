@@ -104,18 +104,20 @@ _BEFORE_AND_AFTER = LagFeature(1.0 / 30.0, weight=0.4)
 _FURTHER_AWAY = LagFeature(1.0 / 15.0, weight=0.4)
 _MOTION = LagFeature(1.0 / 30.0, weight=2.0, velocity=True)
 
+_MARKER_PROCESSES = (_PLAIN, _NOISY, _CURVED, _FORGETFUL, _LINEAR)
+
 _LONG_GAP = (
     *(
         model
         for alignment in (_SEGMENT, _NEAR, _UPRIGHT)
         for model in (
-            *_combinations([alignment], [None], [_PLAIN, _NOISY, _CURVED, _FORGETFUL, _LINEAR]),
+            *_combinations([alignment], [None], _MARKER_PROCESSES),
             *_combinations(
                 [alignment], [_BEFORE_AND_AFTER, _FURTHER_AWAY, _MOTION], [_PLAIN, _CURVED]
             ),
         )
     ),
-    *_combinations([_WIDE], [None], [_PLAIN, _NOISY, _CURVED, _FORGETFUL, _LINEAR]),
+    *_combinations([_WIDE], [None], _MARKER_PROCESSES),
 )
 
 # Chosen from the 38 models for long gaps by 677 gaps in 94 masked recordings: removed one after the
