@@ -29,6 +29,7 @@ from priorfill.markers.definitions import load
 
 __all__ = [
     "ARM",
+    "LIKE_A_WALK",
     "METHODS",
     "RATE",
     "Example",
@@ -80,6 +81,10 @@ def limb(kind: str, *sides: str) -> tuple[str, ...]:
 
 ARM = limb("arm", "left")
 """The six markers of the left arm."""
+
+
+LIKE_A_WALK = ("01-01", "2_walk_", "sneak2Steps", "jogLeft")
+"""Parts of names of stand-ins for a walk, the best first."""
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from baumann import (
+    LIKE_A_WALK,
     Example,
     PaperTake,
     choose,
@@ -37,9 +38,7 @@ METHODS = ("baumann2011",)
 """The method of the paper."""
 
 TAKES = (
-    PaperTake(
-        "walk", "HDM_bd_01-01_01_120", 650, 1100, ("01-01", "2_walk_", "sneak2Steps", "jogLeft")
-    ),
+    PaperTake("walk", "HDM_bd_01-01_01_120", 650, 1100, LIKE_A_WALK),
     PaperTake("jump", "HDM_tr_01-05_01_120", 1000, 1350, ("01-05", "hopBothLegs", "2_run_")),
     PaperTake(
         "cartwheel", "HDM_tr_05-03_03_120", 2550, 3000, ("05-03", "kickLFront", "raise-up-both")

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from baumann import (
+    LIKE_A_WALK,
     Example,
     PaperTake,
     choose,
@@ -40,21 +41,9 @@ DEFAULT = "baumann2011,krueger2010"
 """Methods: the paper's, and the one that it compares with."""
 
 TAKES = (
-    PaperTake(
-        "bd_01-01_01",
-        "HDM_bd_01-01_01_120",
-        650,
-        1100,
-        ("01-01", "2_walk_", "sneak2Steps", "jogLeft"),
-    ),
+    PaperTake("bd_01-01_01", "HDM_bd_01-01_01_120", 650, 1100, LIKE_A_WALK),
     PaperTake("bd_01-02_03", "HDM_bd_01-02_03_120", 450, 750, ("01-02_03", "walk-turn", "jogLeft")),
-    PaperTake(
-        "bk_01-01_03",
-        "HDM_bk_01-01_03_120",
-        6300,
-        6600,
-        ("01-01", "2_walk_", "sneak2Steps", "jogLeft"),
-    ),
+    PaperTake("bk_01-01_03", "HDM_bk_01-01_03_120", 6300, 6600, LIKE_A_WALK),
     PaperTake("mm_02-03_02", "HDM_mm_02-03_02_120", 450, 750, ("02-03", "raise-up-right", "grab")),
     PaperTake("dg_01-06_01", "HDM_dg_01-06_01_120", 1000, 1300, ("01-06", "2_run_", "hopBothLegs")),
 )
