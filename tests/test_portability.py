@@ -27,7 +27,7 @@ ALLOWED = {
     "energy/multiresolution.py": "a number of levels, rounded down",
     "gp/calibration.py": "a bound rounded to nine digits, coarser than the differences",
     "gp/linalg.py": "where rounding has made a matrix indefinite",
-    "search/kd_tree.py": "axes of bounding boxes; what is found is compared exactly",
+    "search/bounds.py": "axes of bounding volumes; what is found is compared exactly",
     "search/span_scan.py": "axes of a bounding volume; what is found is compared exactly",
     "search/takes.py": "the nearest of a few rates",
 }
