@@ -32,7 +32,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from itertools import groupby
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -196,10 +196,14 @@ def regress(
     if all(problem.train.velocity is not None for problem in problems):
         ensembles.append(_Ensemble.of(fitted, slice(markers, None), worth, queries, options))
     batches = [slice(start, start + BATCH_SIZE) for start in range(0, queries, BATCH_SIZE)]
-    found = map_function(lambda batch: _predict(fitted, batch, map_function), batches)
-    for batch, predictions in zip(batches, found, strict=True):
-        for ensemble in ensembles:
-            ensemble.add(batch, predictions, inside[batch])
+
+    def combined(batch: slice) -> list[_Combined]:
+        predictions = _predict(fitted, batch, map_function)
+        return [ensemble.combined(predictions, inside[batch]) for ensemble in ensembles]
+
+    for batch, found in zip(batches, map_function(combined, batches), strict=True):
+        for ensemble, part in zip(ensembles, found, strict=True):
+            ensemble.add(batch, part)
     position, validation = ensembles[0], ensembles[0].cross_validate()
     factor, bound = _calibrate(validation, options)
     factor *= float(power(options.selection_inflation, validation.further_weight))
@@ -366,6 +370,14 @@ def _log_ratios(
     return ratios
 
 
+class _Combined(NamedTuple):
+    """The weighted mean of the models for some of the queries, a fraction of their predictions."""
+
+    mean: NDArray[np.float64]  # (queries, targets, 3)
+    predicted_rms: NDArray[np.float64]  # (queries, targets), not calibrated
+    weight: NDArray[np.float64]  # (models,), summed over the queries in the gap
+
+
 @dataclass(eq=False)
 class _Ensemble:
     """The weighted mean of the models for some of the targets, one batch of queries at a time.
@@ -404,19 +416,15 @@ class _Ensemble:
             options.weight_power * (1.0 + _simulated_share(fitted, options)),
         )
 
-    def add(
-        self, batch: slice, predictions: Sequence[Predictions], inside: NDArray[np.bool_]
-    ) -> None:
+    def combined(self, predictions: Sequence[Predictions], inside: NDArray[np.bool_]) -> _Combined:
         """Combine the predictions of some of the queries.
 
         Parameters
         ----------
-        batch : slice
-            Which queries.
         predictions : sequence of Predictions
             Of the models of each alignment.
-        inside : ndarray of bool [shape=(queries of the batch,)]
-            Which of them are in the gap.
+        inside : ndarray of bool [shape=(queries,)]
+            Which of the queries are in the gap.
         """
         each = np.concatenate([one.mean[:, :, self.targets] for one in predictions])
         variance = np.concatenate([one.variance[:, :, self.targets] for one in predictions])
@@ -433,11 +441,16 @@ class _Ensemble:
         each -= mean
         # spelt out, because a sum over an axis of length three is slow
         disagreement = each[..., 0] ** 2 + each[..., 1] ** 2 + each[..., 2] ** 2
-        self.mean[batch] = mean
-        self.predicted_rms[batch] = np.sqrt(
-            np.einsum("kq,kqm->qm", weight, variance + disagreement)
+        return _Combined(
+            mean,
+            np.sqrt(np.einsum("kq,kqm->qm", weight, variance + disagreement)),
+            weight[:, inside].sum(axis=1),
         )
-        self.total_weight += weight[:, inside].sum(axis=1)
+
+    def add(self, batch: slice, combined: _Combined) -> None:
+        """Add a batch of queries; batch after batch, for sums in the same order."""
+        self.mean[batch], self.predicted_rms[batch] = combined.mean, combined.predicted_rms
+        self.total_weight += combined.weight
 
     def cross_validate(self) -> _CrossValidation:
         """Return the errors on the held-out poses.

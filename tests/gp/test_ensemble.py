@@ -325,7 +325,7 @@ def test_the_variance_of_an_ensemble_includes_the_disagreement_of_its_models():
         np.ones(models),
         EnsembleOptions().weight_power,
     )
-    ensemble.add(slice(0, queries), [found], np.ones(queries, dtype=bool))
+    ensemble.add(slice(0, queries), ensemble.combined([found], np.ones(queries, dtype=bool)))
     mean = found.mean.mean(axis=0)
     square = found.variance + np.linalg.norm(found.mean - mean, axis=3) ** 2
     np.testing.assert_allclose(ensemble.mean, mean)
