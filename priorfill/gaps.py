@@ -134,9 +134,14 @@ def find_gaps(missing: NDArray[np.bool_]) -> list[Gap]:
     gap_groups : Group gaps that overlap or touch in time.
     priorfill.Clip.missing : The mask of a clip.
     """
-    outside = np.zeros((1, missing.shape[1]), dtype=bool)
+    frames, markers = missing.shape
     # edges in the order of frames; sorted by marker, beginnings and ends of gaps alternate
-    frame, marker = np.nonzero(np.diff(missing, axis=0, prepend=outside, append=outside))
+    edges = [
+        np.flatnonzero(missing[:1]),
+        markers + np.flatnonzero(missing[1:] != missing[:-1]),  # faster than of two axes
+        frames * markers + np.flatnonzero(missing[-1:]),
+    ]
+    frame, marker = np.divmod(np.concatenate(edges), max(markers, 1))
     by_marker = np.argsort(marker, kind="stable")
     start, stop = frame[by_marker].reshape(-1, 2).T
     marker = marker[by_marker[::2]]

@@ -253,6 +253,8 @@ class Estimate:
         reason : str
             Why they stay missing.
         """
+        if not samples.any():
+            return
         self.positions[samples] = np.nan
         self.notes.extend(
             Note(gap.marker, gap.start, gap.stop, reason, filled=False)

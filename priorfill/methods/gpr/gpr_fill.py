@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 
 from priorfill.energy.multiresolution import levels_for, solve_levels
 from priorfill.energy.solver import minimise
+from priorfill.gaps import GapGroup
 from priorfill.methods.gpr.energy_targets import targets_from
 from priorfill.methods.gpr.gap_segments import GapSegment, SegmentBatch
 from priorfill.methods.gpr.options import GPROptions
@@ -46,6 +47,7 @@ from priorfill.methods.gpr.segment_batches import plan_batches
 from priorfill.methods.gpr.short_gaps.fill_short_gaps import ShortGapFill
 from priorfill.methods.task import Estimate, Progress, Task, no_progress
 from priorfill.methods.task_parts import wanted_samples
+from priorfill.runtime.free_memory import release_free_memory
 from priorfill.runtime.threads import Map, map_in_threads
 from priorfill.signal.resample import Resolution
 
@@ -56,6 +58,9 @@ FIRST_SHARE = 0.5
 
 _Predictions = tuple[tuple[SegmentPrediction, ...], ...]
 """The predictions of each segment: none, one, or one for each of some of its markers."""
+
+_Changes = dict[int, tuple[SegmentPrediction, ...]]
+"""New predictions, by the number of the segment."""
 
 
 def fill(
@@ -96,17 +101,29 @@ def fill(
 def _fill_rest(task: Task, progress: Progress, options: GPROptions) -> Estimate:
     """Fill what is not filled over time before; parameters as of `fill`."""
     setup = _Setup.of(task, options)
-    estimate = replace(Estimate.of(task), error_bound_90=np.full(task.positions.shape[:2], np.nan))
-    elsewhere = _filled_elsewhere(task)
-    if task.completed is not None:
-        estimate.positions[elsewhere] = task.completed[elsewhere]
     # Batches are predicted independently, so the result does not depend on how many are predicted
     # at a time.
     with map_in_threads() as map_batches:
         setup.predictor.map_function = map_batches
-        predictions = _first_pass(setup, estimate, map_batches, progress)
+        first, solutions = _first_pass(setup, map_batches, progress)
+        # Arrays of a long clip are made one after the other, when the regressions' memory is free.
+        release_free_memory()
+        positions = task.positions.copy()
+        elsewhere = _filled_elsewhere(task)
+        if task.completed is not None:
+            positions[elsewhere] = task.completed[elsewhere]
+        for number, solution in solutions.items():
+            _put(positions, task.groups[number], solution)
+        changes: _Changes = {}
         if task.completed is None:
-            predictions = _second_pass(setup, estimate, predictions, map_batches, progress)
+            changes = _second_pass(setup, positions, first, map_batches, progress)
+            release_free_memory()
+    unknown = np.full(task.positions.shape[:2], np.nan)
+    estimate = Estimate(positions, unknown, error_bound_90=unknown.copy())
+    for number in solutions:
+        _put_errors(estimate, setup.parts(first, number))
+    predictions = _replaced(first, changes)
+    setup.solve(estimate, predictions, changes)
     if task.learn_from_clip:
         predictions = _interpolate_over_time(setup, estimate, predictions)
         predictions = _fill_blackouts(setup, estimate, predictions)
@@ -200,40 +217,66 @@ class _Setup:
     def solve(self, estimate: Estimate, predictions: _Predictions, changed: Iterable[int]) -> None:
         """Minimise the energy of the gap groups of changed segments, into the estimate."""
         for number in sorted({self.group_of[index] for index in changed}):
-            self.solve_group(estimate, predictions, number)
+            solution = self.solution(predictions, number)
+            if solution is not None:
+                _put(estimate.positions, self.task.groups[number], solution)
+                _put_errors(estimate, self.parts(predictions, number))
 
-    def solve_group(
-        self,
-        estimate: Estimate,
-        predictions: Sequence[tuple[SegmentPrediction, ...]],
-        number: int,
-    ) -> None:
-        """Minimise the energy of a gap group, into the estimate."""
-        group = self.task.groups[number]
-        parts = [part for parts in predictions[self.group_slices[number]] for part in parts]
+    def parts(
+        self, predictions: Sequence[tuple[SegmentPrediction, ...]], number: int
+    ) -> list[SegmentPrediction]:
+        """Return the predictions of a gap group."""
+        return [part for parts in predictions[self.group_slices[number]] for part in parts]
+
+    def solution(
+        self, predictions: Sequence[tuple[SegmentPrediction, ...]], number: int
+    ) -> NDArray[np.float64] | None:
+        """Minimise the energy of a gap group; None where nothing is predicted.
+
+        Returns
+        -------
+        ndarray [shape=(frames of the group, markers of the group, 3), mm] or None
+        """
+        parts = self.parts(predictions, number)
         if not parts:
-            return
+            return None
+        group = self.task.groups[number]
         targets = targets_from(parts, group, self.options.joining)
-        solution = solve_levels(self.levels, group, targets, minimise)
-        estimate.positions[group.start : group.stop, list(group.markers)] = solution
-        assert estimate.error_bound_90 is not None
-        for part in parts:
-            segment = part.segment
-            expected_rms = part.expected_rms[segment.start - part.first : segment.stop - part.first]
-            place = (slice(segment.start, segment.stop), segment.markers)
-            estimate.expected_rms[place] = expected_rms
-            estimate.error_bound_90[place] = part.bound_factor * expected_rms
+        return solve_levels(self.levels, group, targets, minimise)
+
+
+def _put(positions: NDArray[np.float64], group: GapGroup, solution: NDArray[np.float64]) -> None:
+    """Put the solution of a gap group into positions."""
+    positions[group.start : group.stop, list(group.markers)] = solution
+
+
+def _put_errors(estimate: Estimate, parts: Iterable[SegmentPrediction]) -> None:
+    """Put the expected errors of predictions into an estimate."""
+    assert estimate.error_bound_90 is not None
+    for part in parts:
+        segment = part.segment
+        expected_rms = part.expected_rms[segment.start - part.first : segment.stop - part.first]
+        place = (slice(segment.start, segment.stop), segment.markers)
+        estimate.expected_rms[place] = expected_rms
+        estimate.error_bound_90[place] = part.bound_factor * expected_rms
 
 
 def _first_pass(
-    setup: _Setup, estimate: Estimate, map_batches: Map, progress: Progress
-) -> _Predictions:
+    setup: _Setup, map_batches: Map, progress: Progress
+) -> tuple[_Predictions, dict[int, NDArray[np.float64]]]:
     """Predict all segments, and solve all gap groups.
 
     Training poses are measured, or completed by an earlier call; then this pass is the only one.
+
+    Returns
+    -------
+    predictions : tuple of tuple of SegmentPrediction
+    solutions : dict of int to ndarray
+        By the number of the gap group; see `_Setup.solution`.
     """
     completed = setup.task.completed
     predictions: list[tuple[SegmentPrediction, ...]] = [()] * len(setup.segments)
+    solutions: dict[int, NDArray[np.float64]] = {}
     left = Counter(setup.group_of)
     found = map_batches(lambda batch: setup.predict(batch, completed), setup.batches)
     for members, batch in zip(setup.members, found, strict=True):
@@ -244,36 +287,34 @@ def _first_pass(
             group = setup.group_of[index]
             left[group] -= 1
             if not left[group]:
-                setup.solve_group(estimate, predictions, group)
-    return tuple(predictions)
+                solution = setup.solution(predictions, group)
+                if solution is not None:
+                    solutions[group] = solution
+    return tuple(predictions), solutions
 
 
 def _second_pass(
     setup: _Setup,
-    estimate: Estimate,
-    predictions: _Predictions,
+    completed: NDArray[np.float64],
+    first: _Predictions,
     map_batches: Map,
     progress: Progress,
-) -> _Predictions:
+) -> _Changes:
     """Predict batches with few training poses again, with poses completed by the first pass."""
     again = [
         number
         for number, members in enumerate(setup.members)
-        if not all(_is_final(predictions[index]) for index in members)
+        if not all(_is_final(first[index]) for index in members)
     ]
-    completed = estimate.positions
     batches = [setup.batches[number] for number in again]
-    # all of them before the first is solved, which changes the estimate
     found = map_batches(lambda batch: setup.predict(batch, completed), batches)
-    changes: dict[int, tuple[SegmentPrediction, ...]] = {}
+    changes: _Changes = {}
     for number, batch in zip(again, found, strict=True):
         for index, parts in zip(setup.members[number], batch, strict=True):
             changes[index] = parts
-            if not _is_final(predictions[index]):
+            if not _is_final(first[index]):
                 progress(_samples(setup.segments[index]) * (1.0 - FIRST_SHARE))
-    predictions = _replaced(predictions, changes)
-    setup.solve(estimate, predictions, changes)
-    return predictions
+    return changes
 
 
 def _interpolate_over_time(
@@ -288,7 +329,7 @@ def _interpolate_over_time(
         for i, segment in enumerate(setup.segments)
         if segment.has_enough_visible and not _from_own_frames(segment, predictions[i])
     ]
-    changes: dict[int, tuple[SegmentPrediction, ...]] = {}
+    changes: _Changes = {}
     changed = []
     with _hidden(estimate.positions, [setup.segments[i] for i in candidates]) as positions:
         for i in candidates:
@@ -306,7 +347,7 @@ def _fill_blackouts(setup: _Setup, estimate: Estimate, predictions: _Predictions
     """Fill blackouts, when everything that the visible markers predict has been filled."""
     blackouts = _blackouts(setup.segments)
     indices = [i for blackout in blackouts for i in blackout]
-    changes: dict[int, tuple[SegmentPrediction, ...]] = {}
+    changes: _Changes = {}
     with _hidden(estimate.positions, [setup.segments[i] for i in indices]) as positions:
         for blackout in blackouts:
             segments = [setup.segments[i] for i in blackout]
@@ -326,7 +367,7 @@ def _interpolate_remaining(
     setup: _Setup, estimate: Estimate, predictions: _Predictions
 ) -> _Predictions:
     """Interpolate short gaps that nothing else predicts between single samples."""
-    changes: dict[int, tuple[SegmentPrediction, ...]] = {}
+    changes: _Changes = {}
     for i, segment in enumerate(setup.segments):
         predicted = [part.segment.markers for part in predictions[i]]
         rest = np.setdiff1d(segment.markers, np.concatenate([*predicted, [-1]]))
@@ -340,9 +381,7 @@ def _interpolate_remaining(
     return predictions
 
 
-def _replaced(
-    predictions: _Predictions, changes: dict[int, tuple[SegmentPrediction, ...]]
-) -> _Predictions:
+def _replaced(predictions: _Predictions, changes: _Changes) -> _Predictions:
     """Return predictions with those of some segments replaced."""
     return tuple(changes.get(i, parts) for i, parts in enumerate(predictions))
 

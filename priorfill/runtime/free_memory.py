@@ -1,0 +1,22 @@
+"""Give memory that is free back to the system."""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+
+__all__ = ["release_free_memory"]
+
+
+def release_free_memory() -> None:
+    """Give free memory of the C library back, before large arrays are made.
+
+    The C library of Linux (glibc) keeps what threads have freed for blocks of the same size, and
+    takes large arrays from the system. Without this, the peak of a fill of ten minutes by two
+    threads is 0.2 GB higher. Elsewhere nothing is done: other libraries do not keep as much.
+    """
+    if not sys.platform.startswith("linux"):
+        return
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # musl has none
+    if trim is not None:
+        trim(0)
