@@ -17,6 +17,7 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,9 @@ steps."""
 MAX_RATE_RATIO = 200.0
 """Greatest ratio of frame rate and cut-off that the differences resolve: λ grows with the sixth
 power, and rounding errors with it."""
+
+MAX_KEPT_FRAMES = 256
+"""Frames of the longest path whose matrix is kept; 512 of these take 4 MB."""
 
 
 @dataclass(frozen=True)
@@ -102,20 +106,31 @@ def low_pass(path: NDArray[np.float64], rate: float, cutoff: float) -> NDArray[n
     """
     if rate / cutoff > MAX_RATE_RATIO:
         return _low_pass_blocks(path, rate, cutoff)
-    order, frames = DIFFERENCE_ORDER, len(path)
+    frames = len(path)
+    bands = (_short_bands if frames <= MAX_KEPT_FRAMES else _bands)(frames, rate, cutoff)
+    smooth = solve_positive_banded(bands, path.reshape(frames, -1))
+    return smooth.reshape(path.shape)
+
+
+def _bands(frames: int, rate: float, cutoff: float) -> NDArray[np.float64]:
+    """Return the matrix I + λ D'D of a low-pass in upper banded form."""
+    order = DIFFERENCE_ORDER
     gain = 2.0 * float(sin(np.pi * cutoff / rate))  # of one difference, at the cut-off
     penalty = float(power(gain, -2.0 * order))  # λ
     difference = np.ones(1)
     for _ in range(order):
         difference = np.convolve(difference, [1.0, -1.0])
-    bands = np.zeros((order + 1, frames))  # I + λ D'D in upper banded form
+    bands = np.zeros((order + 1, frames))
     bands[order] = 1.0
     for offset in range(order + 1):
         for i in range(order + 1 - offset):
             columns = slice(i + offset, i + offset + frames - order)
             bands[order - offset, columns] += penalty * difference[i] * difference[i + offset]
-    smooth = solve_positive_banded(bands, path.reshape(frames, -1))
-    return smooth.reshape(path.shape)
+    return bands
+
+
+_short_bands = lru_cache(maxsize=512)(_bands)
+"""`_bands` of short paths, which are kept: a trial can have hundreds of short predictions."""
 
 
 def _orthonormal(columns: NDArray[np.floating]) -> NDArray[np.float64]:

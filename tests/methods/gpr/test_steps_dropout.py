@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gappy import error, person, with_gaps
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import priorfill as pf
 from priorfill.clip import Clip
 from priorfill.database import PriorDatabase
+from priorfill.geometry.distances import pooled_distances
 from priorfill.geometry.root_frames import heading_frames, rigid_frames
 from priorfill.gp.features import MIN_ALIGNMENT_WEIGHT
 from priorfill.markers.describe import describe
@@ -300,6 +302,30 @@ def test_all_frames_that_show_a_rarely_visible_marker_are_among_the_poses() -> N
     seen = ~np.isnan(poses[:, elbow, 0])
     np.testing.assert_array_equal(poses[seen, elbow], clip.positions[shown, elbow])
     assert 50 <= len(poses) <= 50 + len(shown)
+
+
+def test_distances_that_are_kept_are_those_of_the_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    clip = person()
+    elbow = np.array([clip.labels.index("RELB")])
+    positions = clip.positions.copy()
+    positions[3:, elbow] = np.nan
+    task = Task(positions, clip.labels, clip.rate, describe(clip), ())
+    subjects = Subjects(task, OPTIONS)
+    computed: list[int] = []
+
+    def counted(poses: list[NDArray[np.float64]], markers: NDArray[np.intp]) -> object:
+        computed.extend(markers.tolist())
+        return pooled_distances(poses, markers)
+
+    monkeypatch.setattr("priorfill.methods.gpr.dropout.subjects.pooled_distances", counted)
+    some = np.array([4, 2, 9])
+    for markers in (some[:2], some, some[::-1], elbow[:0]):
+        everywhere = pooled_distances([one.poses for one in subjects.samples], markers)
+        np.testing.assert_array_equal(subjects.distances(markers), everywhere)
+        shown = [one.poses for one in subjects.samples_with(elbow)]
+        found = subjects.distances_where_shown(elbow, markers)
+        np.testing.assert_array_equal(found, pooled_distances(shown, markers))
+    assert sorted(computed) == sorted([*some, *some])
 
 
 @pytest.mark.parametrize("moving", [False, True])

@@ -97,7 +97,7 @@ class Donors:
             return visible[:0]
         shown = np.array([~np.isnan(s.poses[..., 0]).all(axis=0) for s in samples])
         common = shown[:, visible].mean(axis=0) >= self._options.min_visible_share
-        distance = self.subjects.distances(markers, samples)[0].min(axis=0)
+        distance = self.subjects.distances_where_shown(markers, markers)[0].min(axis=0)
         usable = visible[common & np.isfinite(distance[visible])]
         image = mirrored(self.task.positions, self.subjects.contralateral)
         image = image[complete_poses(image[:, markers])]
@@ -122,17 +122,11 @@ class Donors:
         ]
         if sum(len(s.poses) for s in own) < self._options.min_own_poses:
             return False
-        own_spread = self._visible_spread(visible, own)
-        spread = self._visible_spread(visible, subjects.samples)
+        own_spread = subjects.distances(visible, own)[1][:, visible]
+        spread = subjects.distances(visible)[1][:, visible]
         known = np.isfinite(own_spread)
         min_ratio = self._options.min_relative_motion
         return bool(known.any() and own_spread[known].mean() >= min_ratio * spread[known].mean())
-
-    def _visible_spread(
-        self, visible: NDArray[np.intp], samples: Sequence[SubjectSample]
-    ) -> NDArray[np.float64]:
-        """Return the standard deviations (mm) of the distances of visible markers in samples."""
-        return self.subjects.distances(visible, samples)[1][:, visible]
 
     def donors_of(
         self, markers: NDArray[np.intp], visible: NDArray[np.intp]
@@ -194,11 +188,10 @@ class Donors:
     def coupling(self, markers: NDArray[np.intp], visible: NDArray[np.intp]) -> MarkerCoupling:
         """Return the coupling of missing markers to visible ones, from all that show them."""
         subjects, options = self.subjects, self._options
-        samples = subjects.samples_with(markers)
-        distances, spreads = subjects.distances(markers, samples)
+        distances, spreads = subjects.distances_where_shown(markers, markers)
         distance, spread = distances.min(axis=0)[visible], spreads.min(axis=0)[visible]
-        visible_spread = self._visible_spread(visible, subjects.samples)
-        donor_spread = self._visible_spread(visible, samples)
+        visible_spread = subjects.distances(visible)[1][:, visible]
+        donor_spread = subjects.distances_where_shown(markers, visible)[1][:, visible]
         motion = np.nanmean(donor_spread[np.isfinite(donor_spread)])
         usual_motion = visible_spread[np.isfinite(visible_spread)].mean()
         if motion < options.min_relative_motion * usual_motion:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,6 +16,8 @@ from priorfill.methods.gpr.dropout.options import DropoutOptions
 from priorfill.methods.task import THIS_CLIP, Task
 
 __all__ = ["THIS_CLIP", "SubjectSample", "Subjects"]
+
+_Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +59,7 @@ class Subjects:
         self.task = task
         self.contralateral = task.contralateral
         self._options = options
+        self._kept: dict[bytes, dict[int, tuple[_Float, _Float]]] = {}
 
     @cached_property
     def samples(self) -> list[SubjectSample]:
@@ -126,10 +129,35 @@ class Subjects:
 
     def distances(
         self, markers: NDArray[np.intp], samples: Sequence[SubjectSample] | None = None
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    ) -> tuple[_Float, _Float]:
         """Return `pooled_distances` of some markers in some samples, or in all."""
-        chosen = self.samples if samples is None else samples
-        return pooled_distances([sample.poses for sample in chosen], markers)
+        if samples is None:
+            return self._kept_distances(b"", markers, lambda: self.samples)
+        return pooled_distances([sample.poses for sample in samples], markers)
+
+    def distances_where_shown(
+        self, shown: NDArray[np.intp], markers: NDArray[np.intp]
+    ) -> tuple[_Float, _Float]:
+        """Return `pooled_distances` of some markers in the samples that show others together."""
+        return self._kept_distances(shown.tobytes(), markers, lambda: self.samples_with(shown))
+
+    def _kept_distances(
+        self, key: bytes, markers: NDArray[np.intp], samples: Callable[[], list[SubjectSample]]
+    ) -> tuple[_Float, _Float]:
+        """Return distances of some markers; those of each marker are computed once.
+
+        A marker that the clip never shows can have hundreds of gap segments with other visible
+        markers each.
+        """
+        kept = self._kept.setdefault(key, {})
+        new = np.array([m for m in dict.fromkeys(markers.tolist()) if m not in kept], dtype=np.intp)
+        if len(new):
+            new_rows = zip(*self.distances(new, samples()), strict=True)
+            kept.update(zip(new.tolist(), new_rows, strict=True))
+        found = np.empty((2, len(markers), len(self.task.labels)))
+        for row, marker in enumerate(markers.tolist()):
+            found[:, row] = kept[marker]
+        return found[0], found[1]
 
     def samples_with(self, markers: NDArray[np.intp]) -> list[SubjectSample]:
         """Return the samples, and mirror images of samples, that show some markers together.
