@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -358,6 +359,35 @@ def test_a_marker_on_the_midline_is_no_proxy_for_the_mirror_image() -> None:
         errors.append(predictor._proxy_errors(markers, visible, from_clip=True))
     assert errors[0].max() < OPTIONS.default_error
     np.testing.assert_allclose(errors[0], errors[1], rtol=1e-6)
+
+
+def test_errors_on_a_proxy_are_computed_once_for_all_missing_markers(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """And again where the clip shows one of them together with the visible markers."""
+    clip = person()
+    task = task_without(clip, "RFHD")
+    names = ("RSHO", "C7", "LSHO", "LBHD", "RBHD")
+    visible = np.array([clip.labels.index(label) for label in names])
+    never, seen = np.array([clip.labels.index("RFHD")]), np.array([clip.labels.index("LFHD")])
+    asked: list[int] = []
+
+    def count(donors: Sequence[Donor], *arguments: Any) -> Any:
+        asked.append(len(donors))
+        return predict_with_each_model(donors, *arguments)
+
+    place = "priorfill.methods.gpr.dropout.fill_dropouts.predict_with_each_model"
+    monkeypatch.setattr(place, count)
+    predictor = DropoutPredictor(task, OPTIONS)
+    first = predictor._proxy_errors(never, visible, from_clip=True)
+    computed = len(asked)
+    assert computed >= len(names) - 1
+    again = predictor._proxy_errors(never, visible[::-1].copy(), from_clip=True)
+    assert len(asked) == computed
+    np.testing.assert_allclose(again, first, rtol=1e-12)
+    other = predictor._proxy_errors(seen, visible, from_clip=True)
+    assert len(asked) > computed
+    assert not np.allclose(other, first)
 
 
 def test_a_donor_that_shows_the_other_side_only_is_mirrored(tmp_path: Path) -> None:

@@ -45,6 +45,11 @@ class DropoutPrediction:
     training_poses: int
 
 
+_ProxyKey = tuple[int, bytes, bytes, bool]
+"""What decides the errors on a proxy: its number, the markers that it is predicted from together
+with it, the frames of the clip to learn from, and whether the clip's own subject is the donor."""
+
+
 class DropoutPredictor:
     """Predicts markers that the clip of a task shows in too few frames to learn from.
 
@@ -64,6 +69,7 @@ class DropoutPredictor:
         self.task = task
         self._donors = Donors(task, options)
         self._options = options
+        self._squares: dict[_ProxyKey, NDArray[np.float64] | None] = {}
 
     def nearest_visible(
         self, markers: NDArray[np.intp], visible: NDArray[np.intp]
@@ -132,28 +138,66 @@ class DropoutPredictor:
             Rms error; `DropoutOptions.default_error` where no marker can be predicted.
         """
         options = self._options
-        frames = self._donors.frames_with(markers)
+        if len(visible) <= MIN_VISIBLE:
+            return self._default_errors()
+        frames = self._donors.frames_with(markers) if from_clip else np.empty(0, dtype=np.intp)
+        frames = frames[self.task.valid[np.ix_(frames, visible)].all(axis=1)]
+        together = np.sort(visible)  # in one order, whichever marker is missing
         squares = []
         for marker in visible[: options.max_proxy_markers]:
-            proxy, others = np.array([marker]), visible[visible != marker]
-            if len(others) < MIN_VISIBLE:
-                continue
-            donors = self._proxy_donors(proxy, others, frames, from_clip)
-            if all(donor.mirrored for donor in donors) and self._on_midline(int(marker)):
-                continue  # its image is the marker itself
-            truth = self.task.positions[:, np.concatenate([others, proxy])]
-            truth = sample_complete_poses(truth, options.max_image_poses)
-            if donors and len(truth):
-                coupling = self._donors.coupling(proxy, others)
-                found = predict_with_each_model(
-                    donors, truth[:, :-1], coupling, options, options.default_error
-                )
-                error = found.positions[:, :, 0] - truth[:, -1]
-                squares.append((error**2).sum(axis=2).mean(axis=1))
+            key = int(marker), together.tobytes(), frames.tobytes(), from_clip
+            if key not in self._squares:  # two threads would compute the same
+                self._squares[key] = self._proxy_squares(int(marker), together, frames, from_clip)
+            found = self._squares[key]
+            if found is not None:
+                squares.append(found)
         if not squares:
-            return np.full(len(options.alignments) * len(options.processes), options.default_error)
+            return self._default_errors()
         errors: NDArray[np.float64] = np.sqrt(np.mean(squares, axis=0))
         return errors
+
+    def _default_errors(self) -> NDArray[np.float64]:
+        """Return the error of each model where no marker can be predicted [shape=(models,), mm]."""
+        options = self._options
+        return np.full(len(options.alignments) * len(options.processes), options.default_error)
+
+    def _proxy_squares(
+        self, marker: int, together: NDArray[np.intp], frames: NDArray[np.intp], from_clip: bool
+    ) -> NDArray[np.float64] | None:
+        """Return each model's mean squared error on a visible marker.
+
+        Parameters
+        ----------
+        marker : int
+            The proxy.
+        together : ndarray of int
+            The proxy and the markers that it is predicted from.
+        frames : ndarray of int
+            Frames of the clip to learn from, which show all of these.
+        from_clip : bool
+            As for `_proxy_errors`.
+
+        Returns
+        -------
+        ndarray [shape=(models,), mm²] or None
+            None where it cannot be predicted.
+        """
+        options = self._options
+        proxy, others = np.array([marker]), together[together != marker]
+        donors = self._proxy_donors(proxy, others, frames, from_clip)
+        if all(donor.mirrored for donor in donors) and self._on_midline(marker):
+            return None  # its image is the marker itself
+        truth = self.task.positions[:, np.concatenate([others, proxy])]
+        truth = sample_complete_poses(truth, options.max_image_poses)
+        if not (donors and len(truth)):
+            return None
+        coupling = self._donors.coupling(proxy, others)
+        found = predict_with_each_model(
+            donors, truth[:, :-1], coupling, options, options.default_error
+        )
+        error = found.positions[:, :, 0] - truth[:, -1]
+        squares: NDArray[np.float64] = (error**2).sum(axis=2).mean(axis=1)
+        return squares
 
     def _proxy_donors(
         self,
