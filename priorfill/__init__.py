@@ -32,9 +32,12 @@ The names in ``__all__`` are the public interface. Each is imported on first use
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+
+TYPE_CHECKING = False  # that of typing, whose import takes longer than all else here
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from priorfill.artefacts import Artefact, find_artefacts
     from priorfill.clip import Clip
     from priorfill.database import ClipOrigin, PriorDatabase, Selection

@@ -1,18 +1,19 @@
 """``priorfill`` and ``python -m priorfill``: the command line.
 
-Its imports take some tenths of a second, in which Ctrl-C would show a traceback.
+Its imports take some tenths of a second, in which Ctrl-C would show a traceback. What is imported
+here and in `priorfill` itself is loaded by Python before (tests/test_public.py), so that only an
+interrupt of Python's own start is not caught.
 """
 
 from __future__ import annotations
 
 import os
 import sys
-from contextlib import suppress
 
 __all__ = ["start"]
 
 _EXIT_INTERRUPTED = 130
-"""As in `priorfill.cli`, which may not be imported yet."""
+"""As in `priorfill.cli.exit_status`, which may not be imported yet."""
 
 _STDERR = 2
 
@@ -24,9 +25,28 @@ def start() -> None:
 
         main()
     except KeyboardInterrupt:
+        from contextlib import suppress
+
         with suppress(OSError):  # there may be no stderr; the module that prints may be missing
             os.write(_STDERR, b"priorfill: interrupted\n")
+        _ignore_interrupts()
         sys.exit(_EXIT_INTERRUPTED)
+    except SystemExit as end:
+        if end.code == _EXIT_INTERRUPTED:
+            _ignore_interrupts()
+        raise
+
+
+def _ignore_interrupts() -> None:
+    """Let nothing interrupt Python's end.
+
+    If the interrupt came while a class was made (`exec`), Python sends itself another one at its
+    end, and would be ended by that signal instead of with our exit status.
+    """
+    import signal
+
+    if hasattr(signal, "pthread_sigmask"):  # Windows has none
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
 
 if __name__ == "__main__":

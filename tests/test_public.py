@@ -78,3 +78,29 @@ def test_help_is_cheap():
 
 def test_slow_packages_are_seen_by_this_test():
     assert "scipy" in loaded_after("import scipy")
+
+
+def test_nothing_else_is_imported_before_interrupts_are_caught():
+    code = (
+        "import os, sys; from importlib import import_module; before = set(sys.modules)\n"
+        "import priorfill.__main__\n"
+        "print(*sorted(set(sys.modules) - before))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["__future__", "priorfill", "priorfill.__main__"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows interrupts all processes of a console")
+def test_an_interrupted_start_is_quiet():
+    """Also where Python would end itself by the signal: inside ``exec``, as of dataclasses."""
+    code = (
+        "import signal, sys\n"
+        "class Loader:\n"
+        "    def find_spec(self, name, *more):\n"
+        "        if name == 'priorfill.cli': exec('signal.raise_signal(signal.SIGINT)')\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "sys.meta_path.insert(0, Loader())\n"
+        "from priorfill.__main__ import start; start()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "priorfill: interrupted\n")
