@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from priorfill.filling.multi_subject import read_subjects
 from priorfill.filling.read_uncertainty import read_uncertainty
 from priorfill.filling.result import Result
 from priorfill.filling.result_from_files import result_from_clips
+from priorfill.report.compared import notes_on_fit
 from priorfill.report.report_data import PageContents
 from priorfill.report.report_file import check_report, report_file
 
@@ -51,7 +53,8 @@ def report_from_files(
     Returns
     -------
     Result
-        That of the first version.
+        That of the first version. `Result.notes` also names other rates, frame numbers and markers
+        of all versions.
 
     Raises
     ------
@@ -93,9 +96,13 @@ def report_from_files(
     facts = [("Before", files[0].name), *(("After", name) for name in names)]
     facts += [("Truth", Path(truth).name)] if truth is not None else []
     facts += [("Expected errors", Path(uncertainty).name)] if uncertainty is not None else []
+    true = None if truth is None else read_subjects(truth, **reading)
+    beside = [*versions[1:], *([] if true is None else [true])]
+    notes = [note for one in beside for note in notes_on_fit(one, measured)]
+    result = replace(result, notes=(*result.notes, *notes))
     contents = PageContents(
         before=measured,
-        truth=None if truth is None else read_subjects(truth, **reading),
+        truth=true,
         others=list(zip(names[1:], versions[1:], strict=True)),
         name=names[0],
         facts={"Files": facts},

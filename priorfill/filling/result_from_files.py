@@ -20,7 +20,7 @@ from priorfill.filling.result import FilledGap, Result, UnfilledSpan
 from priorfill.gaps import Gap, find_gaps, runs
 from priorfill.geometry.axes import from_upright
 from priorfill.markers.describe import describe
-from priorfill.report.compared import SAME_MM, file_or_name, positions_like
+from priorfill.report.compared import SAME_MM, file_or_name, notes_on_fit, positions_like
 
 __all__ = ["UNKNOWN_METHOD", "result_from_clips", "result_from_files"]
 
@@ -202,10 +202,7 @@ def _rebuilt(
     mask = clip.missing | replaced | found.removed
     kept = np.where((filled | found.changed)[..., None], positions, clip.positions)
     kept[found.removed] = np.nan
-    extra = len(set(after.labels) - set(clip.labels))
-    notes = [*found.notes()]
-    if extra:
-        notes.append(f"{extra} markers of the filled file are not in the recording, and not shown")
+    notes = [*found.notes(), *notes_on_fit(after, [clip])]
     sources = {} if uncertainty is None else uncertainty.sources
     return Result(
         replace(clip, positions=kept),

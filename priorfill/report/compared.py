@@ -15,7 +15,7 @@ from priorfill.geometry.axes import to_upright
 if TYPE_CHECKING:
     from priorfill.filling.result import Result
 
-__all__ = ["SAME_MM", "file_or_name", "gap_errors", "positions_like"]
+__all__ = ["SAME_MM", "file_or_name", "gap_errors", "notes_on_fit", "positions_like"]
 
 SAME_MM = 0.1
 """mm. Measured samples that differ by less are the same: formats round them, C3D files of integers
@@ -23,6 +23,12 @@ by half of their step, and so does the page."""
 
 MAX_RATE_ERROR = 1e-3
 """Share by which rates may differ: some formats round them."""
+
+SAME_RATE = 1e-5
+"""Share up to which a difference of rates is no more than a format's rounding, and not noted."""
+
+MAX_NAMES = 6
+"""Number of markers in a note."""
 
 
 def positions_like(
@@ -72,6 +78,52 @@ def positions_like(
             part, column = place[label]
             positions[:, marker] = upright[id(part)][:, column]
     return positions
+
+
+def notes_on_fit(given: Clip | Sequence[Clip], clips: Sequence[Clip]) -> list[str]:
+    """Return what a recording has otherwise than the clips that it is compared with.
+
+    Parameters
+    ----------
+    given : Clip or sequence of Clip
+        The recording; of a file of several subjects one clip for each.
+    clips : sequence of Clip
+        The clip of each subject.
+
+    Returns
+    -------
+    list of str
+        One line for each difference: rate, number of the first frame, markers.
+    """
+    parts = (given,) if isinstance(given, Clip) else tuple(given)
+    there, here = parts[0], clips[0]
+    file, other = file_or_name(there), file_or_name(here)
+    notes = []
+    if abs(there.rate - here.rate) > SAME_RATE * here.rate:
+        notes.append(
+            f"{file}: the frame rate is {there.rate:g} Hz, and that of {other} is {here.rate:g} "
+            "Hz, which is used"
+        )
+    if abs(there.first_frame - here.first_frame) > 1:  # formats begin with 0 or with 1
+        notes.append(
+            f"{file}: its frames are numbered from {there.first_frame}, and those of {other} from "
+            f"{here.first_frame}; the first ones are compared with each other"
+        )
+    known = {label for clip in clips for label in clip.labels}
+    found = {label for part in parts for label in part.labels}
+    if more := sorted(found - known):
+        notes.append(f"{file}: {_listed(more)} not in {other}, and not shown")
+    if fewer := sorted(known - found):
+        notes.append(f"{file}: {_listed(fewer)} in {other} only")
+    return notes
+
+
+def _listed(labels: Sequence[str]) -> str:
+    """Return labels as the subject of a sentence, its verb included."""
+    names = ", ".join([*labels[:MAX_NAMES], *(["..."] if len(labels) > MAX_NAMES else [])])
+    if len(labels) == 1:
+        return f"marker {names} is"
+    return f"{len(labels)} markers ({names}) are"
 
 
 def gap_errors(result: Result, truth: NDArray[np.float64] | None) -> dict[int, NDArray[np.float64]]:

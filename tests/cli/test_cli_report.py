@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -117,6 +118,29 @@ def test_wrong_usage(folder: Path) -> None:
     assert run("report", "walk.c3d", "-o", "page.html").exit_code == 2
     assert run("report", "walk.c3d", "other.trc").exit_code == 2
     done = run("report", "walk.c3d", "none.c3d", "-o", "page.html")
-    assert done.exit_code == 1
+    assert done.exit_code == 2
     assert "none.c3d: there is no such file; check the name" in done.stderr
     assert not Path("page.html").exists()
+
+
+def test_what_a_version_has_otherwise_is_noted(folder: Path) -> None:
+    """Rate, frame numbers and markers, of every version and of the truth."""
+    clip = synthesise("walking", seconds=1.0, rate=50.0)
+    pf.write("walk.npz", clip)
+    pf.write("slower.npz", replace(clip, rate=clip.rate * 0.9995))
+    pf.write("later.npz", replace(clip, first_frame=clip.first_frame + 100))
+    columns = [number for number, label in enumerate(clip.labels) if label != "C7"]
+    fewer = replace(
+        clip,
+        positions=clip.positions[:, columns],
+        labels=tuple(clip.labels[number] for number in columns),
+    )
+    pf.write("fewer.npz", fewer)
+    done = run("report", "walk.npz", "slower.npz", "later.npz", "-o", "a.html")
+    notes = done.stderr.splitlines()
+    assert [note.split(": ")[1] for note in notes] == ["slower.npz", "later.npz"]
+    assert f"and that of walk.npz is {clip.rate:g} Hz, which is used" in notes[0]
+    assert f"numbered from {clip.first_frame + 100}, and those of walk.npz" in notes[1]
+    done = run("report", "walk.npz", "slower.npz", "--truth", "fewer.npz", "-o", "b.html")
+    assert "note: fewer.npz: marker C7 is in walk.npz only" in done.stderr.splitlines()
+    assert run("report", "walk.npz", "walk.npz", "-o", "c.html").stderr == ""
