@@ -4,18 +4,21 @@
 
     PriorfillError
     ├── FormatError (ValueError)          a file cannot be read in the format it appears to have
+    │   └── MissingFileError (OptionError, FileNotFoundError)   there is no file of that name
     ├── ClipError (ValueError)            the contents of a clip are unusable
     │   ├── MultipleSubjectsError         a file holds several subjects, and none is chosen
     │   └── MarkerNotFoundError (KeyError)      a clip has no marker of that label
     ├── OptionError (ValueError)          an option is out of range or contradicts another
-    ├── MarkerSetError (ValueError)       a marker-set definition is malformed
+    │   └── MarkerSetError                a marker-set definition is malformed
     ├── MethodError (ValueError)          a method is not applicable to a clip
     ├── EvaluationError (RuntimeError)    an evaluation cannot continue
     ├── StudyError (ValueError)           a study cannot begin, for one or several reasons
     ├── OutputError (OSError)             a result cannot be written to its destination
-    │   └── SourceAsOutputError (OptionError)   the destination is the file that is read
+    │   └── SameFileError (OptionError)         it is a file that is read, or another result's
+    │       └── SourceAsOutputError             the destination is the file that is read
     ├── IntegrationError (RuntimeError)   a program that has a trial open cannot be used
     ├── FetchError (OSError)              a data set cannot be downloaded, or is not as expected
+    │   └── DatasetDefinitionError (OptionError)    the definition of a data set is malformed
     └── DatabaseError                     a problem with a prior database
         ├── DatabaseNotFoundError (FileNotFoundError)
         ├── DatabaseStateError (FileNotFoundError)
@@ -25,8 +28,8 @@
         └── DuplicateClipError (ValueError)     the database already holds a clip with this content
 
 Every message is one line that states what is wrong, where, and what to do, with control characters
-as escape sequences. The command line prints the message and exits with status 1, or 2 for an
-`OptionError` or a `DatabaseNotFoundError`.
+as escape sequences. The command line prints the message and exits with status 2 for an
+`OptionError` or a `DatabaseNotFoundError` (the command itself is wrong), and 1 for others.
 """
 
 from __future__ import annotations
@@ -42,6 +45,7 @@ __all__ = [
     "DatabaseLockedError",
     "DatabaseNotFoundError",
     "DatabaseStateError",
+    "DatasetDefinitionError",
     "DuplicateClipError",
     "EvaluationError",
     "FetchError",
@@ -50,10 +54,12 @@ __all__ = [
     "MarkerNotFoundError",
     "MarkerSetError",
     "MethodError",
+    "MissingFileError",
     "MultipleSubjectsError",
     "OptionError",
     "OutputError",
     "PriorfillError",
+    "SameFileError",
     "SourceAsOutputError",
     "StudyError",
     "escaped",
@@ -169,7 +175,11 @@ class OptionError(PriorfillError, ValueError):
     """An option is out of range or contradicts another."""
 
 
-class MarkerSetError(PriorfillError, ValueError):
+class MissingFileError(FormatError, OptionError, FileNotFoundError):
+    """There is no file of the name that was given."""
+
+
+class MarkerSetError(OptionError):
     """A marker-set definition is malformed."""
 
 
@@ -200,7 +210,11 @@ class OutputError(PriorfillError, OSError):
     """A result cannot be written to its destination."""
 
 
-class SourceAsOutputError(OutputError, OptionError):
+class SameFileError(OutputError, OptionError):
+    """The destination of a result is a file that is read, or that of another result."""
+
+
+class SourceAsOutputError(SameFileError):
     """The destination of a result is the file that is read."""
 
 
@@ -210,6 +224,10 @@ class IntegrationError(PriorfillError, RuntimeError):
 
 class FetchError(PriorfillError, OSError):
     """A data set cannot be downloaded, or its contents are not as expected."""
+
+
+class DatasetDefinitionError(FetchError, OptionError):
+    """The definition of a data set is malformed."""
 
 
 class DatabaseError(PriorfillError):

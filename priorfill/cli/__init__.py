@@ -15,25 +15,19 @@ import click
 
 from priorfill.cli.completion import register_shells
 from priorfill.cli.encoding import encodable, replace_what_is_lacking
+from priorfill.cli.exit_status import EXIT_BROKEN_PIPE, EXIT_FAILED, exit_status
 from priorfill.cli.output import ended_by_reader, print_line
 from priorfill.cli.system import (
-    TerminatedError,
     check_memory_limit,
     end_on_signals,
     finish_stdout,
     open_closed_streams,
 )
-from priorfill.errors import DatabaseNotFoundError, OptionError
 from priorfill.runtime.display import escaped
 from priorfill.runtime.error_line import DEBUG, error_line
 from priorfill.runtime.option_texts import close_or_all
 
 __all__ = ["DEBUG", "main"]
-
-EXIT_FAILED = 1
-EXIT_USAGE = 2  # as click has it
-EXIT_INTERRUPTED = 130  # 128 + SIGINT, as in shells
-EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE, also where there is no such signal
 
 _COMMANDS = {
     "fill": ("priorfill.cli.fill:fill", "Fill the gaps of a file."),
@@ -149,7 +143,7 @@ class _Main(click.Group):
             if os.environ.get(DEBUG):
                 raise
             print_line(f"priorfill: {error_line(error)}", err=True)
-            ctx.exit(_exit_status(error))
+            ctx.exit(exit_status(error))
         return result
 
 
@@ -174,13 +168,3 @@ def _print_cache_problem() -> None:
             "them again, for some seconds; name a folder for them in NUMBA_CACHE_DIR",
             err=True,
         )
-
-
-def _exit_status(error: BaseException) -> int:
-    """Return the exit status of an error."""
-    if isinstance(error, TerminatedError):
-        return error.exit_status
-    if isinstance(error, KeyboardInterrupt):
-        return EXIT_INTERRUPTED
-    wrong = (OptionError, DatabaseNotFoundError)
-    return EXIT_USAGE if isinstance(error, wrong) else EXIT_FAILED

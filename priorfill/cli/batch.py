@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from priorfill.cli.fill import EXIT_INCOMPLETE, check_database_options, fill, fill_arguments
+from priorfill.cli.exit_status import EXIT_FAILED, EXIT_INCOMPLETE, EXIT_USAGE, is_usage_error
+from priorfill.cli.fill import check_database_options, fill, fill_arguments
 from priorfill.cli.option_types import every_row_option
 from priorfill.cli.output import MAX_ROWS, print_json, print_line
 from priorfill.cli.path_types import FILE, FOLDER, PathArgument
 from priorfill.cli.progress import study_progress
 from priorfill.cli.reading_many import with_path
-from priorfill.errors import OptionError, StudyError
+from priorfill.errors import StudyError
 
 if TYPE_CHECKING:
     from priorfill.study.job import JobOutcome
@@ -43,9 +44,6 @@ _OTHER_HELP = {
 
 _MINUTE = 60.0
 _GB = 1e9
-
-_EXIT_FAILED = 1
-_EXIT_USAGE = 2
 
 
 def shared_fill_options() -> list[click.Parameter]:
@@ -202,7 +200,7 @@ def batch(
     for note in study.notes:
         print_line(f"note: {note}", err=True)
     if study.status != "all" and not options.check_only:
-        exit_status = EXIT_INCOMPLETE if study.status == "some" else _EXIT_FAILED
+        exit_status = EXIT_INCOMPLETE if study.status == "some" else EXIT_FAILED
         click.get_current_context().exit(exit_status)
 
 
@@ -236,8 +234,8 @@ def _print_problems(error: StudyError) -> None:
     """Print all reasons why a study cannot begin, and end."""
     for problem in error.problems:
         print_line(f"priorfill: {problem}", err=True)
-    usage = all(isinstance(problem, OptionError) for problem in error.problems)
-    click.get_current_context().exit(_EXIT_USAGE if usage else _EXIT_FAILED)
+    usage = any(map(is_usage_error, error.problems))
+    click.get_current_context().exit(EXIT_USAGE if usage else EXIT_FAILED)
 
 
 def _print_study(study: Study, rows: int | None) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from priorfill.cli.completion import complete_methods
-from priorfill.cli.fill import EXIT_INCOMPLETE
+from priorfill.cli.exit_status import EXIT_INCOMPLETE
 from priorfill.cli.fill_report import print_unfilled
 from priorfill.cli.output import print_line, print_table
 from priorfill.cli.path_types import FOLDER

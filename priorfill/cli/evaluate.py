@@ -15,7 +15,7 @@ from priorfill.cli.output import duration, print_json, print_line, print_table, 
 from priorfill.cli.path_types import FILE, FOLDER, PathArgument
 from priorfill.cli.progress import progress
 from priorfill.cli.reading import excluding_options, read_clip, reading_options
-from priorfill.cli.reading_many import read_one_of_many, with_path
+from priorfill.cli.reading_many import read_one_of_many, refuse_missing, with_path
 from priorfill.errors import OptionError
 from priorfill.runtime.option_texts import parse_duration
 
@@ -295,7 +295,9 @@ def _read_files(
 ) -> tuple[list[tuple[Clip, MarkerSet | None]], int]:
     """Read files; return clips with their marker sets, and the number of files that failed."""
     from priorfill.errors import ClipError, FormatError
+    from priorfill.formats.file_bytes import is_there, no_such_file
 
+    refuse_missing([str(no_such_file(file)) for file in files if not is_there(file)])
     read, failures = [], 0
     for file in files:
         try:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from priorfill.cli.completion import complete_methods, complete_subjects
+from priorfill.cli.exit_status import EXIT_INCOMPLETE
 from priorfill.cli.fill_report import print_fill, print_fill_notes
 from priorfill.cli.option_names import with_options
 from priorfill.cli.option_types import DURATION, FRAMES, as_names, every_row_option
@@ -21,13 +22,10 @@ if TYPE_CHECKING:
     from priorfill.filling.fill_file import FileOptions, FileResult
     from priorfill.filling.fill_options import FillOptions
 
-__all__ = ["EXIT_INCOMPLETE", "check_database_options", "fill", "fill_arguments", "fill_options"]
+__all__ = ["check_database_options", "fill", "fill_arguments", "fill_options"]
 
 MAX_FILES = 6
 """Number of files in a message."""
-
-EXIT_INCOMPLETE = 3
-"""Exit status: done, but not all gaps could be filled."""
 
 
 def _values(

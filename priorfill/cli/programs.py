@@ -12,7 +12,8 @@ from priorfill.cli.artefacts import (
     print_artefacts,
     warn_of_artefacts,
 )
-from priorfill.cli.fill import EXIT_INCOMPLETE, check_database_options, fill, fill_options
+from priorfill.cli.exit_status import EXIT_INCOMPLETE
+from priorfill.cli.fill import check_database_options, fill, fill_options
 from priorfill.cli.fill_report import print_gaps, print_unfilled
 from priorfill.cli.output import MAX_ROWS, print_line, some_names
 from priorfill.cli.progress import fill_progress

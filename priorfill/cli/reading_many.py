@@ -2,15 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import click
+
+from priorfill.cli.exit_status import EXIT_USAGE
+from priorfill.cli.output import print_line
 from priorfill.errors import FormatError, PriorfillError
 
 if TYPE_CHECKING:
     from priorfill.clip import Clip
 
-__all__ = ["read_one_of_many", "with_path"]
+__all__ = ["read_one_of_many", "refuse_missing", "with_path"]
+
+
+def refuse_missing(reasons: Sequence[str]) -> None:
+    """Print why arguments lead to no file, and end with the status of wrong usage if any does.
+
+    Parameters
+    ----------
+    reasons : sequence of str
+        A message for each.
+    """
+    for reason in reasons:
+        print_line(f"priorfill: {reason}", err=True)
+    if reasons:
+        click.get_current_context().exit(EXIT_USAGE)
 
 
 def read_one_of_many(path: Path, **options: Any) -> Clip:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from priorfill.cli.fill import EXIT_INCOMPLETE, check_database_options, fill, fill_arguments
+from priorfill.cli.exit_status import EXIT_INCOMPLETE
+from priorfill.cli.fill import check_database_options, fill, fill_arguments
 from priorfill.cli.option_names import with_options
 from priorfill.cli.output import print_line
 from priorfill.cli.path_types import FILE

@@ -13,7 +13,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from priorfill.datasets.local_names import leads_out, local_path, same_name
-from priorfill.errors import FetchError, OptionError
+from priorfill.errors import DatasetDefinitionError, OptionError
 from priorfill.runtime.option_texts import close_or_all
 from priorfill.runtime.resources import resource_path
 from priorfill.runtime.toml_file import read_toml
@@ -98,7 +98,7 @@ def known_datasets() -> tuple[Dataset, ...]:
 
     Raises
     ------
-    FetchError
+    DatasetDefinitionError
         If a definition is invalid.
 
     Examples
@@ -121,7 +121,7 @@ def find_dataset(name: str) -> Dataset:
     ------
     OptionError
         If there is none of this name.
-    FetchError
+    DatasetDefinitionError
         If the definition is invalid.
 
     See Also
@@ -155,28 +155,30 @@ def check_address(address: str) -> str:
 
 def _read(path: Path) -> Dataset:
     """Read a definition."""
-    content = read_toml(path, FetchError)
+    content = read_toml(path, DatasetDefinitionError)
     texts = {key: _text(content, key, path) for key in _TEXT_FIELDS}
     subject = content.pop("subject", {"pattern": "", "name": ""})
     if not isinstance(subject, dict):
-        raise FetchError(f"{path}: subject is not a table; it needs pattern and name")
+        raise DatasetDefinitionError(f"{path}: subject is not a table; it needs pattern and name")
     pattern, name = (_text(subject, key, path) for key in ("pattern", "name"))
     files = content.pop("files", None)
     if not isinstance(files, list) or not files:
-        raise FetchError(f"{path}: has no files; add a [[files]] with a path")
+        raise DatasetDefinitionError(f"{path}: has no files; add a [[files]] with a path")
     if content or subject:
         unknown = next(iter([*content, *subject]))
-        raise FetchError(f"{path}: field {unknown!r} is unknown; remove it")
+        raise DatasetDefinitionError(f"{path}: field {unknown!r} is unknown; remove it")
     try:
         texts["base"] = check_address(texts["base"])
     except OptionError as error:
-        raise FetchError(f"{path}: base {error}") from None
+        raise DatasetDefinitionError(f"{path}: base {error}") from None
     listed = tuple(_file(one, path) for one in files)
     if len({same_name(local_path(file.path)) for file in listed}) < len(listed):
-        raise FetchError(f"{path}: two files have one name on some systems; correct their paths")
+        raise DatasetDefinitionError(
+            f"{path}: two files have one name on some systems; correct their paths"
+        )
     groups = _groups(pattern, path)
     if pattern and (groups != 1 or name.count("{}") != 1):
-        raise FetchError(
+        raise DatasetDefinitionError(
             f"{path}: subject.pattern needs one group, and subject.name one {{}} for it"
         )
     return Dataset(
@@ -204,30 +206,36 @@ def _groups(pattern: str, path: Path) -> int:
     except Exception as error:  # of re2 or of the encoding
         reason = error.args[0] if error.args else error
         text = reason.decode("utf-8", "replace") if isinstance(reason, bytes) else str(error)
-        raise FetchError(f"{path}: subject.pattern is invalid ({text}); correct it") from error
+        raise DatasetDefinitionError(
+            f"{path}: subject.pattern is invalid ({text}); correct it"
+        ) from error
 
 
 def _text(content: dict[str, Any], key: str, path: Path) -> str:
     """Remove a text from a table and return it."""
     value = content.pop(key, None)
     if not isinstance(value, str):
-        raise FetchError(f"{path}: {key} is {value!r}; give a text")
+        raise DatasetDefinitionError(f"{path}: {key} is {value!r}; give a text")
     return value
 
 
 def _file(content: Any, path: Path) -> DatasetFile:
     """Read one of the files."""
     if not isinstance(content, dict):
-        raise FetchError(f"{path}: an entry of files is not a table; write [[files]]")
+        raise DatasetDefinitionError(f"{path}: an entry of files is not a table; write [[files]]")
     content = dict(content)
     name = _text(content, "path", path)
     if not PurePosixPath(name).parts or leads_out(name) or "\\" in name or ":" in name:
-        raise FetchError(f"{path}: {name!r} is not a relative path; correct it")
+        raise DatasetDefinitionError(f"{path}: {name!r} is not a relative path; correct it")
     size, sha256 = content.pop("bytes", None), content.pop("sha256", "")
     if size is not None and not (type(size) is int and size > 0):
-        raise FetchError(f"{path}: bytes of {name} are {size!r}; give a number above 0")
+        raise DatasetDefinitionError(f"{path}: bytes of {name} are {size!r}; give a number above 0")
     if sha256 and not (isinstance(sha256, str) and _SHA256.fullmatch(sha256)):
-        raise FetchError(f"{path}: sha256 of {name} is not a hash of 64 hexadecimal digits")
+        raise DatasetDefinitionError(
+            f"{path}: sha256 of {name} is not a hash of 64 hexadecimal digits"
+        )
     if content:
-        raise FetchError(f"{path}: field {next(iter(content))!r} of {name} is unknown; remove it")
+        raise DatasetDefinitionError(
+            f"{path}: field {next(iter(content))!r} of {name} is unknown; remove it"
+        )
     return DatasetFile(name, size, sha256)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from priorfill.errors import OutputError
+from priorfill.errors import SameFileError
 from priorfill.filling.overrides_file import check_overrides_file, overrides_file
 from priorfill.filling.overrides_template import overrides_template
 from priorfill.filling.uncertainty_file import check_uncertainty, uncertainty_file
@@ -151,8 +151,10 @@ def check_further_outputs(source: Path, output: Path | None, files: FileOptions)
     ------
     OptionError
         If a format is unknown, or a package is missing.
+    SameFileError
+        If a file is the source, or another output.
     OutputError
-        If a folder takes no files, a file exists already, is the source, or is another output.
+        If a folder takes no files, or a file exists already.
     """
     taken = [] if output is None else [(_resolved(output), "the file for the filled clip")]
     for kind, path in _wanted(files):
@@ -160,7 +162,7 @@ def check_further_outputs(source: Path, output: Path | None, files: FileOptions)
         target = _resolved(path)
         for other, what in taken:
             if is_same_file(target, other):
-                raise OutputError(f"{path}: is {what}; choose another name")
+                raise SameFileError(f"{path}: is {what}; choose another name")
         taken.append((target, kind.what))
 
 

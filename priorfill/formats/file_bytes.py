@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from priorfill.clip import Source
-from priorfill.errors import FormatError, OutputError, PriorfillError
+from priorfill.errors import FormatError, MissingFileError, OutputError, PriorfillError
 from priorfill.runtime.held_files import WINDOWS, is_held
 from priorfill.runtime.windows_names import MAX_PATH
 
@@ -26,6 +26,7 @@ __all__ = [
     "read_bounded",
     "read_bytes",
     "read_source",
+    "source_errors_explained",
 ]
 
 HEAD_BYTES = 512
@@ -87,7 +88,7 @@ def no_such_file(path: Path) -> FormatError:
     remedy = "check the name"
     if WINDOWS and len(os.path.abspath(path)) > MAX_PATH:  # noqa: PTH100, does not resolve links
         remedy += ", or enable long paths (LongPathsEnabled, see docs/windows.md)"
-    return FormatError(f"{path}: there is no such file; {remedy}")
+    return MissingFileError(f"{path}: there is no such file; {remedy}")
 
 
 @contextmanager
@@ -96,8 +97,10 @@ def os_errors_explained(path: Path) -> Iterator[None]:
 
     Raises
     ------
+    MissingFileError
+        If the file does not exist.
     FormatError
-        If the file does not exist, is not a regular file, or cannot be read.
+        If it is not a regular file, or cannot be read.
     """
     try:
         check_regular(path)
@@ -113,6 +116,22 @@ def os_errors_explained(path: Path) -> Iterator[None]:
         if is_held(error):
             remedy += ", and close it in other programs"
         raise FormatError(f"{path}: cannot be read ({error.strerror}); {remedy}") from error
+
+
+@contextmanager
+def source_errors_explained(path: Path) -> Iterator[None]:
+    """As `os_errors_explained`, for a file that was read before: its name was right.
+
+    Raises
+    ------
+    FormatError
+        If the file no longer exists, or cannot be read.
+    """
+    try:
+        with os_errors_explained(path):
+            yield
+    except MissingFileError as error:
+        raise FormatError(str(error)) from None
 
 
 def read_bytes(
@@ -172,6 +191,7 @@ def read_source(source: Source) -> bytes:
     OutputError
         If it has changed since.
     """
-    data = read_bounded(source.path)
+    with source_errors_explained(source.path):
+        data = read_bounded(source.path)
     check_unchanged(source.path, hashlib.sha256(data).hexdigest(), source.sha256)
     return data

@@ -12,7 +12,7 @@ from typing import Any, Unpack
 
 from priorfill import formats
 from priorfill.database import PriorDatabase
-from priorfill.errors import OptionError, OutputError
+from priorfill.errors import OptionError, OutputError, SameFileError
 from priorfill.filling.bids_derivative import derivative_output
 from priorfill.filling.check_overrides import check_overrides
 from priorfill.filling.companion_files import write_companions
@@ -24,7 +24,7 @@ from priorfill.filling.overrides import Overrides
 from priorfill.filling.overrides_file import overrides_text, read_overrides
 from priorfill.filling.result import Result
 from priorfill.formats.bids.names import dataset_root, derivative_path, filled_name
-from priorfill.formats.file_bytes import check_unchanged, os_errors_explained
+from priorfill.formats.file_bytes import check_unchanged, source_errors_explained
 from priorfill.report.report_data import PageContents, page_data
 from priorfill.runtime.atomic_file import check_target, check_writable, is_same_file
 from priorfill.runtime.file_pair import file_state, finish_pairs, write_pair
@@ -318,14 +318,16 @@ class ReviewSession:
         finish_pairs(self.output.parent)
         target = check_target(self.overrides, overwrite=self._files.overwrite, source=self.source)
         if is_same_file(target, Path(os.path.realpath(self.output))):
-            raise OutputError(f"{self.output}: is the file for the decisions, too; choose another")
+            raise SameFileError(
+                f"{self.output}: is the file for the decisions, too; choose another"
+            )
         check_writable(self.overrides, 0)
 
     def _check_source(self) -> None:
         """Raise OutputError if the source has changed since it was read."""
         known = self._work.clips[0].source
         if known is not None:
-            with os_errors_explained(self.source):
+            with source_errors_explained(self.source):
                 digest = hashlib.sha256(self.source.read_bytes()).hexdigest()
             check_unchanged(self.source, digest, known.sha256)
             check_target(self.output, overwrite=True, source=self.source)

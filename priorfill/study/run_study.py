@@ -255,13 +255,13 @@ def sum_up_study(output: Path | str, options: StudyOptions) -> Study:
 
     Raises
     ------
-    OutputError
+    OptionError
         If the folder is not that of a study.
     """
     folder = StudyFolder.at(output)
     outcomes = tuple(map(with_earlier_file, kept_outcomes(folder)))
     if not outcomes:
-        raise OutputError(
+        raise OptionError(
             f"{folder.path}: holds no filled files of a study; check the folder, or give "
             "files and folders to fill"
         )

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from priorfill.errors import OutputError
+from priorfill.errors import OptionError, OutputError
 from priorfill.formats.bids.names import filled_name
 from priorfill.runtime.atomic_file import check_writable, replace_file
 from priorfill.runtime.file_lock import LockHeldError, acquire_lock
@@ -133,11 +133,13 @@ class StudyFolder:
 
         Raises
         ------
+        OptionError
+            If it is a file.
         OutputError
-            If it is a file, takes no files, or has too little room.
+            If it takes no files, or has too little room.
         """
         if self.path.exists() and not self.path.is_dir():
-            raise OutputError(f"{self.path}: is a file; give a folder for the filled files")
+            raise OptionError(f"{self.path}: is a file; give a folder for the filled files")
         check_writable(self.state, size)
 
     def mark(self) -> None:

@@ -64,7 +64,7 @@ def test_a_check_tells_what_is_to_be_done(study: Path) -> None:
 
 def test_all_problems_are_printed(study: Path) -> None:
     done = batch("study", "nowhere", "study", "-o", "study/P02/bad.c3d", "-d", "lab")
-    assert done.exit_code == 1
+    assert done.exit_code == 2
     lines = done.stderr.splitlines()
     assert len(lines) == 3
     assert all(line.startswith("priorfill: ") for line in lines)
@@ -95,5 +95,5 @@ def test_wrong_usage_of_batch(study: Path, arguments: tuple[str, ...], message: 
 
 def test_a_folder_without_a_study(study: Path) -> None:
     done = batch("-o", "out")
-    assert done.exit_code == 1
+    assert done.exit_code == 2
     assert "holds no filled files of a study" in done.stderr

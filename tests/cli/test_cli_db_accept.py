@@ -255,7 +255,7 @@ def test_an_original_in_another_order_and_rounded(
 
 def test_wrong_originals_and_methods(here: Path, pair: object) -> None:
     result = run("db", "accept", "-d", "db", "filled.c3d", "--original", "no.c3d")
-    assert result.exit_code == 1
+    assert result.exit_code == 2
     assert "no.c3d: there is no such file; check the name" in result.stderr
     assert result.stderr.count("\n") == 1
     result = run("db", "accept", "-d", "db", "filled.c3d", "--method", " ")

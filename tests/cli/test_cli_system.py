@@ -116,7 +116,7 @@ def test_a_closed_stream_does_not_matter(tmp_path, walk, stream):
 def test_a_program_without_streams():
     """As pythonw and services of Windows start it."""
     script = f"import sys; sys.stdout = sys.stderr = None; {program()[-1]}"
-    for arguments, status in ((["methods"], 0), (["inspect", "missing.c3d"], 1)):
+    for arguments, status in ((["methods"], 0), (["inspect", "missing.c3d"], 2)):
         done = subprocess.run([sys.executable, "-c", script, *arguments], check=False)
         assert done.returncode == status
 

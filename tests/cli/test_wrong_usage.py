@@ -13,6 +13,7 @@ from priorfill.formats import write
 
 _FILL = ("fill", "walk.c3d", "-o", "out.c3d")
 _EVALUATE = ("evaluate", "walk.c3d", "-m", "linear")
+_REPORT = ("report", "walk.c3d", "walk.c3d", "-o", "out.html")
 _ADD = ("db", "add", "-d", "db", "walk.c3d")
 
 WRONG = (
@@ -88,7 +89,48 @@ WRONG = (
     (("db", "fetch", "cmu", "-d", "db", "--only", "no*", "-y"), "no file matches 'no*'"),
     (("db", "fetch", "cmu", "-d", "db", "--mirror", "host"), "'host' is not a web address"),
     (("db", "export", "-d", "db"), "--output"),
+    # names of files that are not there
+    (("fill", "no.c3d", "-o", "out.c3d"), "no.c3d: there is no such file; check the name"),
+    ((*_FILL, "--same-subject", "no.c3d"), "no.c3d: there is no such file"),
+    (("batch", "no.c3d", "walk.c3d", "-o", "out"), "no.c3d: there is no such file or folder"),
+    (("batch", "walk.c3d", "-o", "out", "-d", "no"), "no: there is no database"),
+    (("batch", "-o", "out"), "out: holds no filled files of a study"),
+    (("inspect", "no.c3d"), "no.c3d: there is no such file"),
+    (("report", "no.c3d", "walk.c3d", "-o", "out.html"), "no.c3d: there is no such file"),
+    (("report", "walk.c3d", "no.c3d", "-o", "out.html"), "no.c3d: there is no such file"),
+    ((*_REPORT, "--truth", "no.c3d"), "no.c3d: there is no such file"),
+    ((*_REPORT, "--uncertainty", "no.npz"), "no.npz: there is no such file"),
+    (("review", "no.c3d"), "no.c3d: there is no such file"),
+    (("evaluate", "no.c3d"), "no.c3d: there is no such file"),
+    ((*_EVALUATE, "no.c3d", "no.trc"), "no.trc: there is no such file"),
+    ((*_EVALUATE, "-p", "like", "--like", "no.c3d"), "no.c3d: there is no such file"),
+    ((*_ADD, "no.c3d"), "no.c3d: there is no such file or folder; check the name"),
+    ((*_ADD, "no*.c3d"), "no*.c3d: no file or folder matches this pattern"),
+    ((*_ADD[:-1], "no.bvh", "--as", "41"), "no.bvh: there is no such file or folder"),
+    ((*_ADD, "--as", "41", "--joints", "no.toml"), "no.toml"),
+    (("db", "accept", "-d", "db", "no.c3d"), "no.c3d: there is no such file or folder"),
+    (("db", "accept", "-d", "db", "walk.c3d", "--original", "no.c3d"), "no.c3d: there is no such"),
+    (("db", "fetch", "no.toml", "-d", "db"), "no.toml"),
+    # two outputs with one path, and folders that are files
+    ((*_FILL, "--report", "o.html", "--plot", "o.html"), "o.html"),
+    (("fill", "walk.c3d", "--plot", "out", "--uncertainty", "./out"), "out"),
+    (("fill", "walk.c3d", "-o", "o.csv", "--uncertainty", "./o.csv"), "o.csv"),
+    (("review", "walk.c3d", "-o", "o.c3d", "--overrides", "./o.c3d"), "o.c3d"),
+    (("batch", "walk.c3d", "-o", "walk.c3d"), "walk.c3d: is a file; give a folder"),
 )
+
+MALFORMED = (
+    (*_FILL, "--marker-set"),
+    (*_FILL, "--overrides"),
+    ("batch", "walk.c3d", "-o", "out", "--marker-set"),
+    ("inspect", "walk.c3d", "--marker-set"),
+    ("review", "walk.c3d", "--marker-set"),
+    (*_EVALUATE, "--marker-set"),
+    (*_ADD, "--as"),
+    (*_ADD, "--as", "41", "--joints"),
+    ("db", "fetch", "-d", "db"),
+)
+"""Commands that take a file of settings at their end."""
 
 
 @pytest.fixture(scope="module")
@@ -114,3 +156,43 @@ def test_wrong_usage(
     assert "`" not in result.stderr
     assert result.stdout == ""
     assert [path.name for path in folder.iterdir()] == ["walk.c3d"]
+
+
+@pytest.mark.parametrize("text", ["[[gap]\n", "surprise = 1\n"])
+@pytest.mark.parametrize("arguments", MALFORMED, ids=str)
+def test_malformed_settings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], text: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write("walk.c3d", with_gaps(person(seconds=2.0), (20, 30, ["LKNE"])))
+    Path("bad.toml").write_text(text, encoding="utf-8")
+    result = CliRunner().invoke(main, [*arguments, "bad.toml"])
+    assert result.exit_code == 2, result.output
+    assert "bad.toml: " in result.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bad.toml", "walk.c3d"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("fill", "bad.c3d", "-o", "out.c3d"),
+        ("fill", "walk.c3d", "-o", "out.c3d", "--same-subject", "bad.c3d"),
+        ("batch", "bad.c3d", "-o", "out"),
+        ("inspect", "bad.c3d"),
+        ("report", "walk.c3d", "bad.c3d", "-o", "out.html"),
+        ("review", "bad.c3d"),
+        ("evaluate", "bad.c3d"),
+        ("db", "add", "-d", "db", "bad.c3d"),
+        ("db", "accept", "-d", "db", "bad.c3d"),
+    ],
+    ids=str,
+)
+def test_wrong_contents_are_no_wrong_usage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write("walk.c3d", with_gaps(person(seconds=2.0), (20, 30, ["LKNE"])))
+    Path("bad.c3d").write_bytes(b"no recording")
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 1, result.output
+    assert "bad.c3d: " in result.output

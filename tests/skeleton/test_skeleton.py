@@ -255,7 +255,7 @@ def test_db_add_marks_virtual_markers_and_requires_a_marker_set(tmp_path: Path) 
         "note: unit cm, found from the height of the body (else give --unit): 1 file" in done.output
     )
     wrong = run.invoke(main, [*add, "--as", "40", str(tmp_path / "y.bvh")])
-    assert wrong.exit_code == 1 and isinstance(wrong.exception, SystemExit | PriorfillError)
+    assert wrong.exit_code == 2 and isinstance(wrong.exception, SystemExit | PriorfillError)
 
 
 @pytest.mark.realdata

@@ -212,7 +212,7 @@ def test_the_summary_is_written_again(fills: Fills) -> None:
     study = sum_up_study("out", StudyOptions(summary="other.html"))
     assert [one.name for one in study.outcomes] == ALL
     assert Path("other.html").exists()
-    with pytest.raises(OutputError, match="holds no filled files of a study"):
+    with pytest.raises(OptionError, match="holds no filled files of a study"):
         sum_up_study("in", StudyOptions())
 
 

@@ -70,12 +70,15 @@ def accept(
     """
     from priorfill.cli.db.adding import Verb, put_files, read_file
     from priorfill.database import ClipOrigin
+    from priorfill.formats.file_bytes import is_there, no_such_file
 
     _check_method(method)
     if original is not None and not original.is_dir() and (len(paths) > 1 or paths[0].is_dir()):
         raise click.UsageError(
             "--original IN.c3d goes with one filled file; give the folder of the originals"
         )
+    if original is not None and not is_there(original):
+        raise no_such_file(original)
     origin = ClipOrigin(subject, session or "", licence or "", credit or "")
 
     def put(target: Target, path: Path) -> tuple[ClipRecord, str]:

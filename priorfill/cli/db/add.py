@@ -72,7 +72,8 @@ def add(
 
     Artefacts (swapped labels, spikes, ghost markers, stuck markers) are left out. A file is skipped
     if the database has its recording already. A file that cannot be added is reported, the others
-    are added, and the exit status is 1. In a file of several subjects, --subject selects one.
+    are added, and the exit status is 1; where a PATH leads to nothing, it is 2, and nothing is
+    added. In a file of several subjects, --subject selects one.
     """
     from priorfill.cli.db import skeletons
     from priorfill.cli.db.adding import ADD, put_files, read_file, without_artefacts

@@ -15,12 +15,13 @@ from priorfill.cli.db.files import find_files
 from priorfill.cli.option_names import with_options
 from priorfill.cli.output import print_line, some_names
 from priorfill.cli.progress import progress
-from priorfill.cli.reading_many import read_one_of_many, with_path
+from priorfill.cli.reading_many import read_one_of_many, refuse_missing, with_path
 from priorfill.errors import (
     ClipError,
     DatabaseError,
     DuplicateClipError,
     FormatError,
+    MissingFileError,
     OptionError,
     PriorfillError,
 )
@@ -114,7 +115,8 @@ def put_files(
     """Put files into a database and print how many; exit with 1 if one failed.
 
     A file that cannot be used is named, and the others are processed. If the database itself
-    fails, the rest is not tried, as it would fail too.
+    fails, the rest is not tried, as it would fail too. Where a path leads to nothing, all of those
+    are named, nothing is done, and the exit status is 2.
 
     Parameters
     ----------
@@ -139,12 +141,13 @@ def put_files(
     from priorfill import formats
 
     if suffixes is None:
-        files, failed = find_files(paths, formats.SUFFIXES, formats.is_recording)
+        found = find_files(paths, formats.SUFFIXES, formats.is_recording)
     else:
-        files, failed = find_files(paths, suffixes, lambda path: True)
-    for reason in failed:
+        found = find_files(paths, suffixes, lambda path: True)
+    refuse_missing(found.missing)
+    for reason in found.failed:
         print_line(f"priorfill: {reason}", err=True)
-    failures = len(failed)
+    files, failures = found.files, len(found.failed)
     records: list[ClipRecord] = []
     duplicates = partial = 0
     target = Target(folder)
@@ -210,6 +213,8 @@ def read_file(path: Path, subject: str | None, **reading: Any) -> Clip:
     options = as_reading(**reading)
     try:
         return read_one_of_many(path, **options)
+    except MissingFileError as error:  # was there when the command began
+        raise FormatError(str(error)) from error
     except OptionError as error:
         # wrong for every file, so it is not this file's fault
         raise click.UsageError(with_options(str(error))) from error

@@ -5,16 +5,37 @@ from __future__ import annotations
 import glob
 import os
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from priorfill.formats.file_bytes import is_folder, is_there
 
-__all__ = ["find_files"]
+__all__ = ["FoundFiles", "find_files"]
+
+
+@dataclass(frozen=True)
+class FoundFiles:
+    """Files that the arguments of a command lead to.
+
+    Attributes
+    ----------
+    files : list of Path
+        Each once.
+    missing : list of str
+        A message for each argument that is no file, folder or pattern of some.
+    failed : list of str
+        A message for each folder without files that can be read, or that cannot be searched, and
+        for each file that may be a recording and is not read.
+    """
+
+    files: list[Path]
+    missing: list[str]
+    failed: list[str]
 
 
 def find_files(
     paths: Sequence[Path], suffixes: Sequence[str], recognised: Callable[[Path], bool]
-) -> tuple[list[Path], list[str]]:
+) -> FoundFiles:
     """Return the files that arguments name, and a message for each path that leads to none.
 
     Parameters
@@ -29,20 +50,17 @@ def find_files(
 
     Returns
     -------
-    files : list of Path
-        Each once.
-    failed : list of str
-        The messages.
+    FoundFiles
     """
     files: dict[Path, None] = {}
-    failed = []
+    missing, failed = [], []
     for path in paths:
         found = [path] if is_there(path) else _matches(path)
         if not found:
-            failed.append(
+            missing.append(
                 f"{path}: no file or folder matches this pattern; check it"
                 if glob.has_magic(str(path))
-                else f"{path}: no such file or folder; check the name"
+                else f"{path}: there is no such file or folder; check the name"
             )
         for one in found:
             if not is_folder(one):
@@ -54,7 +72,7 @@ def find_files(
             if not inside and not closed:
                 failed.append(f"{one}: has no files that can be read ({', '.join(suffixes)})")
             files |= dict.fromkeys(inside)
-    return list(files), failed
+    return FoundFiles(list(files), missing, failed)
 
 
 def _matches(pattern: Path) -> list[Path]:

@@ -28,7 +28,7 @@ from priorfill.formats.c3d.encoding import (
 )
 from priorfill.formats.c3d.layout import WORDS_PER_POINT, C3DLayout, parse_layout
 from priorfill.formats.c3d.parameters import FileBytes
-from priorfill.formats.file_bytes import check_unchanged, os_errors_explained
+from priorfill.formats.file_bytes import check_unchanged, source_errors_explained
 from priorfill.formats.write_report import WriteReport, check_filled
 from priorfill.runtime.atomic_file import check_target, replace_file
 
@@ -163,7 +163,7 @@ def plan_patch(
 
 def _layout(source: Source) -> tuple[C3DLayout, int]:
     """Return the layout and size (bytes) of the source, which must not have changed."""
-    with os_errors_explained(source.path), source.path.open("rb") as file:
+    with source_errors_explained(source.path), source.path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
         check_unchanged(source.path, digest, source.sha256)
         file.seek(0)
@@ -259,13 +259,13 @@ def _batches(plan: PatchPlan) -> Iterator[tuple[NDArray[np.uint8], slice, NDArra
     # no sample precedes the first frame
     starts = [0, *np.searchsorted(plan.frames, cuts).tolist()]
     digest = hashlib.sha256()
-    with os_errors_explained(path):
+    with source_errors_explained(path):
         file = path.open("rb")
     with file:
         for (first, last), (start, stop) in zip(
             pairwise([*edges, plan.size]), pairwise([*starts, len(plan.frames)]), strict=True
         ):
-            with os_errors_explained(path):
+            with source_errors_explained(path):
                 part = file.read(last - first)
             digest.update(part)
             if len(part) != last - first:
