@@ -640,3 +640,25 @@ def test_names_that_differ_in_case_only(path):
     save(path, labels=list(LABELS), positions=standing(), rate=1.0, Positions=standing())
     with pytest.raises(FormatError, match=r"has variables .ositions and .ositions; delete"):
         formats.read(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "same"),
+    [
+        ("fs", 50.0, False),
+        ("fs", np.float32(119.88), True),
+        ("units", "m", False),
+        ("markernames", list(reversed(LABELS)), False),
+        ("markernames", list(LABELS), True),
+        ("data", standing() + 5.0, False),
+        ("data", np.zeros((3, 2)), True),
+        ("frequency", "high", True),
+    ],
+)
+def test_variables_that_contradict_each_other_are_noted(path, name, value, same):
+    save(path, positions=standing(), labels=list(LABELS), rate=119.88, unit="mm", **{name: value})
+    clip = formats.read(path)
+    assert clip.rate == pytest.approx(119.88)
+    noted = [note for note in clip.source.notes if name in note]
+    assert bool(noted) != same
+    assert all("with different contents" in note and "is used" in note for note in noted)

@@ -8,7 +8,7 @@ they use one of the names below, or if one variable alone fits the labels.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,9 @@ _NUMBER_BYTES = 8
 
 MIN_RATE, MAX_RATE = 0.001, 1e6
 """Frame rates that a file may state (Hz), far beyond those of cameras on both sides."""
+
+SAME_SHARE = 1e-6
+"""Share by which two numbers may differ that are the same but for rounding to float32."""
 
 MAX_FRAME = 2**31 - 1
 """Maximum number of a first frame, that of a 32-bit integer."""
@@ -181,6 +184,7 @@ def as_recording(arrays: Mapping[str, Any], name: str, packed: int) -> Recording
     if "filled" in known:
         mask = _mask(np.asarray(arrays[known["filled"]]), positions.shape[:2], name)
     rate, notes = _rate_and_notes(arrays, known, len(positions), name)
+    notes += tuple(_contradictions(arrays, known))
     return Recording(
         positions,
         labels,
@@ -268,6 +272,32 @@ def _rate_and_notes(
         return rate, ()
     found, notes = find_rate(rate, [repr(time).encode() for time in times.ravel().tolist()])
     return found, tuple(notes)
+
+
+def _contradictions(arrays: Mapping[str, Any], known: Mapping[str, str]) -> Iterator[str]:
+    """Yield a note for each variable with the meaning of another one, but not its contents."""
+    for names in (POSITIONS, LABELS, RATES, _UNITS):
+        used, *others = [known[name] for name in names if name in known] or [""]
+        for other in others:
+            if _contradicts(np.asarray(arrays[used]), np.asarray(arrays[other]), names):
+                yield (
+                    f"has the variables {used} and {other} with different contents; {used} is "
+                    "used (delete or rename the wrong one)"
+                )
+
+
+def _contradicts(one: NDArray[Any], other: NDArray[Any], names: tuple[str, ...]) -> bool:
+    """Return whether the second of two variables states what the first one does, and otherwise."""
+    kinds = "US" if names in (LABELS, _UNITS) else "fiu"
+    if other.dtype.kind not in kinds or other.size == 0:
+        return False  # of another meaning
+    if one.size != other.size:
+        return names is not POSITIONS  # angles, or the coordinates of something else
+    if kinds == "US":
+        return [str(text).strip() for text in one.ravel()] != [
+            str(text).strip() for text in other.ravel()
+        ]
+    return not np.allclose(one.ravel(), other.ravel(), rtol=SAME_SHARE, atol=0.0, equal_nan=True)
 
 
 def _first_frame(arrays: Mapping[str, Any], known: Mapping[str, str], name: str) -> int:
