@@ -16,6 +16,7 @@ from priorfill.errors import ClipError, MarkerNotFoundError, escaped
 from priorfill.geometry.axes import UP_AXES
 from priorfill.runtime.markup import html_table
 from priorfill.runtime.option_texts import close_or_all
+from priorfill.runtime.threads import by_frames
 
 __all__ = ["MAX_RATE", "MIN_RATE", "Clip", "Source", "blank_incomplete_samples", "without_mask"]
 
@@ -198,9 +199,8 @@ class Clip:
             raise ClipError(
                 f"{self.name}: up axis {self.up!r} is unknown; use one of {' '.join(UP_AXES)}"
             )
-        infinite = np.isinf(positions)
-        if infinite.any():
-            frame, marker = np.argwhere(infinite.any(axis=2))[0]
+        if any(by_frames(lambda some: np.isinf(some).any(), positions)):
+            frame, marker = np.argwhere(np.isinf(positions).any(axis=2))[0]
             raise ClipError(
                 f"{self.name}: marker {labels[marker]} has an infinite coordinate in frame "
                 f"{self.first_frame + int(frame)}; mark the sample as missing"
@@ -302,7 +302,11 @@ def _short(name: str) -> str:
 
 def blank_incomplete_samples(positions: NDArray[np.float64]) -> None:
     """Set samples with a missing coordinate to NaN, in place [shape=(frames, markers, 3)]."""
-    positions[_incomplete(positions)] = np.nan
+
+    def blank(some: NDArray[np.float64]) -> None:
+        some[_incomplete(some)] = np.nan
+
+    by_frames(blank, positions)
 
 
 def _check_numbers(rate: Any, first_frame: Any, name: str) -> None:
@@ -349,7 +353,7 @@ def _own_positions(given: NDArray[np.float64]) -> NDArray[np.float64]:
         and given.flags.c_contiguous
         and given.ndim == 3
         and given.shape[2] == 3
-        and not _incomplete(given).any()
+        and not any(by_frames(lambda some: _incomplete(some).any(), given))
     ):
         return given
     # in one layout: sums over another one differ in the last bits

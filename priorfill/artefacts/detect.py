@@ -28,6 +28,7 @@ from priorfill.artefacts.reference_markers import ReferenceMarkers, choose_refer
 from priorfill.artefacts.stuck import find_stuck
 from priorfill.clip import Clip
 from priorfill.geometry.neighbourhoods import MAX_DENSE_MARKERS, neighbourhoods
+from priorfill.runtime.threads import map_in_threads
 
 __all__ = ["artefact_samples", "find_artefacts", "without_artefacts"]
 
@@ -207,13 +208,15 @@ def _find_outlier_runs(
     far = distance_outliers(positions, references, options.distance_outliers)
     missing = np.isnan(positions[:, :, 0])
     cut = np.flatnonzero(breaks.broken.any(axis=0) | missing.any(axis=0)).tolist()
-    artefacts = []
-    for marker in sorted({*cut, *far}):
+
+    def of_marker(marker: int) -> list[Artefact]:
         path = MarkerPath(positions, marker, references.of(marker), clip.rate, options.outlier_runs)
         seen = np.flatnonzero(~missing[:, marker])
         found = outlier_runs(path, breaks.size[:, marker], far.get(marker))
-        artefacts += [_from_outlier_run(run, clip.labels, seen) for run in found]
-    return artefacts
+        return [_from_outlier_run(run, clip.labels, seen) for run in found]
+
+    with map_in_threads(positions.size) as mapped:
+        return [one for found in mapped(of_marker, sorted({*cut, *far})) for one in found]
 
 
 def _find_inconsistent(

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from priorfill.artefacts.reference_markers import ReferenceMarkers
 from priorfill.geometry.distances import norms
 from priorfill.runtime.option_checks import check_at_least, check_between
+from priorfill.runtime.threads import map_in_threads
 
 __all__ = ["BreakOptions", "PathBreaks", "find_breaks", "path_steps", "relative_step_sizes"]
 
@@ -184,7 +185,8 @@ def find_breaks(
         options.noise_factor * _noise(positions, references, options),
     )
     batch = max(BATCH_SAMPLES // positions.shape[1], 1)
-    for start in range(0, steps, batch):
+
+    def find(start: int) -> None:
         stop = min(start + batch, steps)
         # the steps before and after these count as well, and depend on a frame more each
         first, last = max(start - 2, 0), min(stop + 2, steps)
@@ -199,6 +201,10 @@ def find_breaks(
             frame += inner.start
             found = _break_sizes(part, step, references, (frame, marker), min_size[marker], options)
             size[frame + first, marker] = found
+
+    with map_in_threads(positions.size) as mapped:
+        for _ in mapped(find, range(0, steps, batch)):
+            pass
     return PathBreaks(size > 0, size)
 
 

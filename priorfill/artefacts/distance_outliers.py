@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from priorfill.artefacts.marker_path import known_quantiles
 from priorfill.artefacts.reference_markers import ReferenceMarkers, distances, sample_poses
 from priorfill.runtime.option_checks import check_at_least, check_between
+from priorfill.runtime.threads import map_in_threads
 
 __all__ = ["DistanceOutlierOptions", "distance_outliers"]
 
@@ -85,10 +86,17 @@ def distance_outliers(
     limit = options.max_ratio * normal + options.margin
     limit[~references.known] = np.nan
     factor = options.single_reference_factor
-    suspect = np.zeros(positions.shape[1], dtype=bool)
-    for start in range(0, len(positions), BATCH_SIZE * STRIDE):
+
+    def suspected_in(start: int) -> NDArray[np.bool_]:
         batch = positions[start : start + BATCH_SIZE * STRIDE : STRIDE]
-        suspect |= _too_far(_all_distances(batch, references), limit, factor).any(axis=0)
+        far = _too_far(_all_distances(batch, references), limit, factor)
+        found: NDArray[np.bool_] = np.logical_or.reduce(far, axis=0)
+        return found
+
+    suspect = np.zeros(positions.shape[1], dtype=bool)
+    with map_in_threads(positions.size) as mapped:
+        for found in mapped(suspected_in, range(0, len(positions), BATCH_SIZE * STRIDE)):
+            suspect |= found
     suspects = np.flatnonzero(suspect).tolist()
     distance = {m: distances(positions, m, references.others[m]) for m in suspects}
     suspected = {m: _too_far(distance[m], limit[m], factor) for m in suspects}

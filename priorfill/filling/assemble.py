@@ -18,6 +18,7 @@ from priorfill.gaps import Gap, find_gaps, runs
 from priorfill.geometry.axes import from_upright
 from priorfill.gp.calibration import BOUND_FACTOR, MEAN_FACTOR, common_bound
 from priorfill.methods.task import Estimate, Note
+from priorfill.runtime.threads import by_frames
 
 __all__ = ["FilledSamples", "expected_errors", "filled_samples", "restore_rejected", "sum_up_gaps"]
 
@@ -77,7 +78,7 @@ def filled_samples(
     positions = from_upright(estimate.positions, clip.up)
     if np.may_share_memory(positions, clip.positions):  # a method that filled nothing
         positions = positions.copy()
-    np.copyto(positions, clip.positions, where=~filled[..., None])
+    by_frames(_copy_measured, positions, clip.positions, filled)
     positions.setflags(write=False)
     expected_rms, bound = estimate.expected_rms, estimate.error_bound_90
     not_kept = requested & ~filled & np.isfinite(expected_rms)
@@ -87,6 +88,13 @@ def filled_samples(
         bound = BOUND_FACTOR * expected_rms
     np.copyto(bound, np.nan, where=~filled)
     return FilledSamples(positions, filled, expected_rms, bound, not_kept_rms)
+
+
+def _copy_measured(
+    positions: NDArray[np.float64], measured: NDArray[np.float64], filled: NDArray[np.bool_]
+) -> None:
+    """Replace all positions but those of filled samples by measured ones."""
+    np.copyto(positions, measured, where=~filled[..., None])
 
 
 def sum_up_gaps(

@@ -22,6 +22,8 @@ from priorfill.geometry.axes import to_upright
 from priorfill.gp.calibration import BOUND_FACTOR, MEAN_FACTOR
 from priorfill.methods.task import Estimate, Note, Task
 from priorfill.methods.task_parts import wanted_samples
+from priorfill.runtime.free_memory import release_free_memory
+from priorfill.runtime.threads import by_frames
 from priorfill.search.takes import Take
 
 __all__ = ["BelievableFill", "FillTask"]
@@ -101,11 +103,8 @@ class BelievableFill:
     def _estimate(self, task: Task, method: FillTask) -> Estimate:
         """Fill a task by the method, with expected errors."""
         estimate = method(task)
-        finite = np.isfinite(estimate.positions[..., 0])  # faster than `all` over three
-        for axis in (1, 2):
-            finite &= np.isfinite(estimate.positions[..., axis])
-        estimate.positions[~finite] = np.nan
-        filled = ~task.valid & finite
+        filled = np.concatenate(by_frames(_blank_infinite, estimate.positions))
+        filled &= ~task.valid
         if self.estimate_errors and np.isnan(estimate.expected_rms[filled]).any():
             estimate = with_held_out_errors(task, estimate, method)
         return estimate
@@ -134,8 +133,10 @@ class BelievableFill:
         bound = estimate.error_bound_90
         if bound is None:
             bound = BOUND_FACTOR * estimate.expected_rms
-        check = self._check(seen)
-        return check.failures(estimate.positions, estimate.expected_rms, bound)
+        release_free_memory(estimate.positions.nbytes)  # of the method
+        failures = self._check(seen).failures(estimate.positions, estimate.expected_rms, bound)
+        release_free_memory(estimate.positions.nbytes)
+        return failures
 
     def _repeated(
         self, seen: SeenClip, estimate: Estimate, failures: dict[str, _Bool], method: FillTask
@@ -185,6 +186,15 @@ class BelievableFill:
             self._check(seen).next_to_doubtful(estimate.positions, doubtful),
             "too far from the next sample, which is in doubt",
         )
+
+
+def _blank_infinite(positions: NDArray[np.float64]) -> _Bool:
+    """Blank samples that are not finite in place; return the others [shape=(frames, markers)]."""
+    finite: _Bool = np.isfinite(positions[..., 0])  # faster than `all` over three
+    for axis in (1, 2):
+        finite &= np.isfinite(positions[..., axis])
+    positions[~finite] = np.nan
+    return finite
 
 
 def _to_repeat(task: Task, suspects: _Bool) -> tuple[GapGroup, ...]:

@@ -7,7 +7,7 @@ upright (+Z up).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from priorfill.filling.plausibility_options import PlausibilityOptions
 from priorfill.gaps import runs
-from priorfill.geometry.distances import norms
+from priorfill.geometry.distances import distances_of, norms
 from priorfill.geometry.floor_heights import is_stood_on
 from priorfill.geometry.step_lengths import MIN_STEPS, greatest_step, step_lengths
 from priorfill.markers.clip_geometry import ClipGeometry
+from priorfill.runtime.threads import map_in_threads
 from priorfill.signal.running import running_maximum
 
 __all__ = ["CRITERIA", "FLOOR", "JUMP", "LENGTH", "SPEED", "PlausibilityCheck"]
@@ -94,33 +95,43 @@ class PlausibilityCheck:
         dict of str to ndarray of bool [shape=(frames, markers)]
             A mask for each of `CRITERIA` that some sample fails.
         """
-        filled = np.isnan(positions[..., 0])
-        filled |= self.geometry.valid
-        np.logical_not(filled, out=filled)  # in place: masks of a long clip are large
-        markers = np.flatnonzero(filled.any(axis=0))
-        if len(markers) == 0:
-            return {}
-        # most of their memory is never written to, and so never taken
-        found = {name: np.zeros(filled.shape, dtype=bool) for name in CRITERIA}
-        sunk = positions[..., 2] < self._lowest - self.options.max_below_floor
-        sunk &= filled
-        if sunk.any():
-            # a foot deep below the floor stands on something else, such as a stair, if this is
-            # certain
-            found[FLOOR] = sunk & ~(bound < self.options.certain_error)
-        del sunk
-        for marker in markers:
-            # the coordinates of one marker are far apart in memory
-            column = np.ascontiguousarray(positions[:, marker]), filled[:, marker]
+        # marker by marker: masks of all samples of a long clip are large
+        limit = self._lowest - self.options.max_below_floor
+
+        def failures_of(marker: int) -> tuple[_Bool, dict[str, _Bool]]:
+            path = np.ascontiguousarray(positions[:, marker])  # far apart in memory
+            filled = ~(np.isnan(path[:, 0]) | self.geometry.valid[:, marker])
+            if not filled.any():
+                return filled, {}
             sure = bound[:, marker] < self.options.certain_error
-            for name, failing in (
-                (SPEED, self._too_fast(int(marker), *column, bound[:, marker]) & ~sure),
-                (JUMP, self._jumps(int(marker), *column, bound[:, marker])),
-            ):
-                if failing.any():
-                    found[name][:, marker] = failing
-        self._wrong_lengths(positions, filled, expected_rms, found[LENGTH])
-        return {name: mask for name, mask in found.items() if mask.any()}
+            return filled, {
+                # a foot deep below the floor stands on something else, such as a stair, if this is
+                # certain
+                FLOOR: (path[:, 2] < limit) & filled & ~sure,
+                SPEED: self._too_fast(marker, path, filled, bound[:, marker]) & ~sure,
+                JUMP: self._jumps(marker, path, filled, bound[:, marker]),
+            }
+
+        incomplete = np.flatnonzero(~self.geometry.valid.all(axis=0)).tolist()
+        with map_in_threads(positions.size) as mapped:
+            each = zip(incomplete, mapped(failures_of, incomplete), strict=True)
+            found = {marker: failing for marker, failing in each if failing[1]}
+            filled = {marker: of_marker for marker, (of_marker, _) in found.items()}
+            partners = mapped(lambda marker: list(self._partners(marker)), filled)
+            of_segment = zip(filled, partners, strict=True)
+            wrong = self._wrong_lengths(positions, filled, expected_rms, of_segment)
+        columns = {
+            name: {marker: failing[name] for marker, (_, failing) in found.items()}
+            for name in (FLOOR, SPEED, JUMP)
+        }
+        columns[LENGTH] = wrong
+        masks = {}
+        for name in CRITERIA:
+            some = [marker for marker, column in columns[name].items() if column.any()]
+            if some:
+                masks[name] = np.zeros(self.geometry.valid.shape, dtype=bool)
+                masks[name][:, some] = np.stack([columns[name][one] for one in some], axis=1)
+        return masks
 
     def next_to_doubtful(self, positions: _Float, doubtful: _Float) -> _Bool:
         """Return the filled samples from which the next sample in doubt is too far away.
@@ -364,7 +375,7 @@ class PlausibilityCheck:
         for other in self._segments[segment]:
             if other == marker:
                 continue
-            length = norms(path - self.geometry.positions[:, other])
+            length = distances_of(path, self.geometry.positions[:, other])
             length = length[~np.isnan(length)]
             if len(length) >= MIN_COMMON:
                 spread = float(length.std())
@@ -385,7 +396,7 @@ class PlausibilityCheck:
         for other in self._segments.get(segment or "", ()):
             if other == marker:
                 continue
-            length = norms(positions[:, marker] - positions[:, other])
+            length = distances_of(positions[:, marker], positions[:, other])
             known = length[~np.isnan(length)]
             if len(known) >= MIN_COMMON:
                 low, middle, high = np.percentile(known, (25.0, 50.0, 75.0))
@@ -394,30 +405,52 @@ class PlausibilityCheck:
         return far
 
     def _wrong_lengths(
-        self, positions: _Float, filled: _Bool, expected_rms: _Float, found: _Bool
-    ) -> None:
-        """Mark the filled samples whose distances from their segment are wrong."""
+        self,
+        positions: _Float,
+        filled: dict[int, _Bool],
+        expected_rms: _Float,
+        partners: Iterable[tuple[int, Sequence[tuple[int, float, float]]]],
+    ) -> dict[int, _Bool]:
+        """Return the filled samples whose distances from their segment are wrong.
+
+        Parameters
+        ----------
+        positions, expected_rms : ndarray
+            As of `failures`.
+        filled : dict of int to ndarray of bool [shape=(frames,)]
+            The filled samples of each marker that has some.
+        partners : iterable of (int, sequence)
+            The filled markers, and what `_partners` yields for each.
+
+        Returns
+        -------
+        dict of int to ndarray of bool [shape=(frames,)]
+            For each of these markers.
+        """
+        found: dict[int, _Bool] = {}
         both: list[tuple[int, int, _Bool]] = []
-        for marker in map(int, np.flatnonzero(filled.any(axis=0))):
-            frames = np.flatnonzero(filled[:, marker])
+        for marker, of_marker in partners:
+            found[marker] = np.zeros(len(positions), dtype=bool)
+            frames = np.flatnonzero(filled[marker])
             path, own_rms = positions[frames, marker], expected_rms[frames, marker]
-            for other, low, high in self._partners(marker):
+            for other, low, high in of_marker:
                 length = norms(path - positions[frames, other])
                 with np.errstate(invalid="ignore"):
                     off = np.maximum(length - high, low - length)
                     too_far = off > self._length_tolerance(own_rms, expected_rms[frames, other])
                 wrong = np.zeros(len(positions), dtype=bool)
                 wrong[frames] = too_far
-                together = wrong & filled[:, other]
+                together = wrong & filled[other] if other in filled else wrong & False
                 if wrong.any():
-                    found[:, marker] |= wrong & ~together
+                    found[marker] |= wrong & ~together
                 if other > marker and together.any():
                     both.append((marker, other, together))
         for one, other, together in both:  # the one that is wrong anyway explains it
-            open_ = together & ~found[:, one] & ~found[:, other]
+            open_ = together & ~found[one] & ~found[other]
             first, second = expected_rms[:, one], expected_rms[:, other]
-            found[:, one] |= open_ & ~(first < second)
-            found[:, other] |= open_ & ~(second < first)
+            found[one] |= open_ & ~(first < second)
+            found[other] |= open_ & ~(second < first)
+        return found
 
     def _length_tolerance(self, *expected_rms: _Float) -> _Float:
         """Return the tolerance of a distance (mm) from the expected errors of its markers."""

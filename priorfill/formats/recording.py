@@ -23,6 +23,7 @@ from priorfill.formats.point_kinds import find_model_points, split_label
 from priorfill.formats.subjects import choose_subject
 from priorfill.formats.units import find_unit
 from priorfill.formats.up_axis import find_up_axis
+from priorfill.runtime.threads import by_frames
 
 __all__ = [
     "ReadOptions",
@@ -298,7 +299,7 @@ def _blank_invalid_samples(recording: Recording, options: ReadOptions) -> list[s
     """Blank samples with a negative residual in place; return what the user should know."""
     if recording.residuals is None:
         return []
-    invalid = recording.residuals < 0
+    invalid = np.concatenate(by_frames(lambda some: some < 0, recording.residuals))
     if not invalid.any():
         return []
     if options.ignore_residuals:
@@ -318,8 +319,14 @@ def notes_on_marks(positions: NDArray[np.float64]) -> list[str]:
 
     Three equal coordinates, several times the same, are no measurement.
     """
-    same = (positions[..., 0] == positions[..., 1]) & (positions[..., 1] == positions[..., 2])
-    values, counts = np.unique(positions[same][:, 0], return_counts=True)
+
+    def three_equal(some: NDArray[np.float64]) -> NDArray[np.float64]:
+        same = (some[..., 0] == some[..., 1]) & (some[..., 1] == some[..., 2])
+        found: NDArray[np.float64] = some[same][:, 0]
+        return found
+
+    marks = np.concatenate(by_frames(three_equal, positions))
+    values, counts = np.unique(marks, return_counts=True)
     return [
         f"{count} samples are at ({value:g}, {value:g}, {value:g}); they are taken as "
         "measured. If they are missing, blank them."
@@ -361,18 +368,24 @@ def _choose_markers(
             "label the markers first"
         )
     if options.zeros_missing:
-        x, y, z = np.moveaxis(positions == 0, 2, 0)  # faster than `all` over three
-        zero = x & y & z
-        positions[zero] = np.nan
+        zero = np.concatenate(by_frames(_blank_zeros, positions))
     else:
         zero = np.zeros(positions.shape[:2], dtype=bool)
-    seen = [not np.isnan(positions[:, point, 0]).all() for point in range(len(labels))]
+    seen = np.any(by_frames(lambda some: ~np.isnan(some[..., 0]).all(axis=0), positions), axis=0)
     unique, twins, notes = _unique_names(points, names, seen)
     return _Markers(unique, left_out | twins, subject, notes), zero
 
 
+def _blank_zeros(positions: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Blank samples at the origin in place; return which they are [shape=(frames, points)]."""
+    x, y, z = np.moveaxis(positions == 0, 2, 0)  # faster than `all` over three
+    zero: NDArray[np.bool_] = x & y & z
+    positions[zero] = np.nan
+    return zero
+
+
 def _unique_names(
-    points: Sequence[int], names: Sequence[str], seen: Sequence[bool]
+    points: Sequence[int], names: Sequence[str], seen: NDArray[np.bool_]
 ) -> tuple[dict[int, str], dict[int, str], list[str]]:
     """Give markers that share a label different names.
 
@@ -422,16 +435,21 @@ def _of_points(values: NDArray[np.float64], points: list[int]) -> NDArray[np.flo
     return np.take(values, points, axis=1)
 
 
+def _beyond(positions: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which samples are beyond `MAX_COORDINATE` [shape=(frames, markers)]."""
+    far = positions > MAX_COORDINATE
+    far |= positions < -MAX_COORDINATE
+    x, y, z = np.moveaxis(far, 2, 0)  # faster than `any` over three
+    beyond: NDArray[np.bool_] = x | y | z
+    return beyond
+
+
 def check_coordinates(
     positions: NDArray[np.float64], labels: tuple[str, ...], first_frame: int, name: str
 ) -> None:
     """Raise ClipError at the first coordinate beyond `MAX_COORDINATE`."""
-    far = positions > MAX_COORDINATE
-    far |= positions < -MAX_COORDINATE
-    x, y, z = np.moveaxis(far, 2, 0)  # faster than `any` over three
-    beyond = x | y | z
-    if beyond.any():
-        frame, marker = np.argwhere(beyond)[0]
+    if any(by_frames(lambda some: _beyond(some).any(), positions)):
+        frame, marker = np.argwhere(_beyond(positions))[0]
         largest = float(np.abs(positions[frame, marker]).max())
         size = (
             f"a coordinate of {largest:.3g}" if np.isfinite(largest) else "an infinite coordinate"

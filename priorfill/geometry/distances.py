@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 __all__ = [
     "MIN_COMMON_POSES",
     "PairStatistics",
+    "distances_of",
     "median_distances",
     "norms",
     "pair_distances",
@@ -23,6 +24,10 @@ MAX_POSES = 1000
 
 MIN_COMMON_POSES = 5
 """Poses that must show both markers of a pair."""
+
+
+BLOCK = 10_000
+"""Points whose differences are computed at once: they stay in the processor's cache."""
 
 
 def norms(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -43,6 +48,29 @@ def norms(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     lengths: NDArray[np.float64] = np.sqrt(x**2 + y**2 + z**2)
+    return lengths
+
+
+def distances_of(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the distance of each point from the other one, without an array of the differences.
+
+    Parameters
+    ----------
+    one, other : ndarray [shape=(points, 3)]
+
+    Returns
+    -------
+    ndarray [shape=(points,)]
+
+    Examples
+    --------
+    >>> distances_of(np.zeros((1, 3)), np.array([[3.0, 0.0, 4.0]]))
+    array([5.])
+    """
+    lengths = np.empty(len(one))
+    for start in range(0, len(one), BLOCK):
+        some = slice(start, start + BLOCK)
+        lengths[some] = norms(one[some] - other[some])
     return lengths
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from priorfill.geometry.distances import norms
+from priorfill.geometry.distances import BLOCK, distances_of, norms
 
 __all__ = ["MIN_STEPS", "greatest_step", "step_lengths"]
 
@@ -41,8 +41,14 @@ def step_lengths(path: NDArray[np.float64], step: int, order: int) -> NDArray[np
     array([5., 0.])
     """
     if order == 1:
-        return norms(path[step:] - path[:-step])
-    return norms(path[2 * step :] - 2.0 * path[step:-step] + path[: -2 * step])
+        return distances_of(path[step:], path[:-step])
+    lengths = np.empty(max(len(path) - 2 * step, 0))
+    for start in range(0, len(lengths), BLOCK):
+        some = path[start : start + BLOCK + 2 * step]
+        lengths[start : start + BLOCK] = norms(
+            some[2 * step :] - 2.0 * some[step:-step] + some[: -2 * step]
+        )
+    return lengths
 
 
 def greatest_step(lengths: NDArray[np.float64]) -> float:

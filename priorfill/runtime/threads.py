@@ -12,11 +12,15 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from itertools import islice, pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # `priorfill --help` imports no NumPy
+    from numpy.typing import NDArray
 
 __all__ = [
     "VARIABLE",
     "Map",
+    "by_frames",
     "limit_threads",
     "map_in_threads",
     "run_in_threads",
@@ -29,6 +33,13 @@ Map = Callable[..., Iterable[Any]]
 
 AHEAD = 2
 """Items per thread that are begun before the results of earlier ones are used."""
+
+MIN_SHARED = 1_000_000
+"""Numbers in an array for each thread that takes part in a pass over it: threads take a fraction of
+a millisecond to start, and such a pass takes several."""
+
+BLOCK_NUMBERS = 500_000
+"""Numbers of a block of frames: temporary arrays of a block stay in the processor's cache."""
 
 VARIABLE = "PRIORFILL_THREADS"
 """Environment variable with the maximum number of threads of a fill."""
@@ -80,18 +91,49 @@ def run_in_threads(work: Callable[[int, int], Any], parts: list[tuple[int, int]]
     """
     if len(parts) == 1:
         return [work(*parts[0])]
-    from concurrent.futures import ThreadPoolExecutor  # slow to import
+    with map_in_threads() as mapped:
+        return list(mapped(work, *zip(*parts, strict=True)))
 
-    with ThreadPoolExecutor(max_workers=len(parts)) as pool:
-        return list(pool.map(work, *zip(*parts, strict=True)))
+
+def by_frames(work: Callable[..., Any], *arrays: NDArray[Any]) -> list[Any]:
+    """Call a function with blocks of frames of arrays, in threads where the arrays are large.
+
+    Parameters
+    ----------
+    work : callable
+        Takes the same frames of each array. It may write to them.
+    *arrays : ndarray [shape=(frames, ...)]
+        Of the same frames; the first one tells how many there are in a block.
+
+    Returns
+    -------
+    list
+        The results, in order of the blocks; their number does not depend on that of threads.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> by_frames(np.sum, np.ones((4, 3)))
+    [np.float64(12.0)]
+    """
+    frames, numbers = len(arrays[0]), arrays[0].size
+    step = max(frames * BLOCK_NUMBERS // max(numbers, 1), 1)
+    blocks = [tuple(a[i : i + step] for a in arrays) for i in range(0, max(frames, 1), step)]
+    with map_in_threads(numbers) as mapped:
+        return list(mapped(work, *zip(*blocks, strict=True)))
 
 
 @contextmanager
-def map_in_threads() -> Iterator[Map]:
+def map_in_threads(numbers: int | None = None) -> Iterator[Map]:
     """Yield a function like `map`, whose items the threads of a fill share; it may be nested.
 
     A thread that waits for a result works on other items meanwhile. An item may map over others, so
     that all threads take part even where there are fewer long items than threads.
+
+    Parameters
+    ----------
+    numbers : int, optional
+        Numbers of the array that all items together pass over: one thread for each `MIN_SHARED`.
 
     Examples
     --------
@@ -100,7 +142,9 @@ def map_in_threads() -> Iterator[Map]:
     [3, 3]
     """
     threads = thread_count()
-    if threads == 1:
+    if numbers is not None:
+        threads = min(threads, numbers // MIN_SHARED)
+    if threads <= 1:
         yield map
         return
     pool = _Pool(AHEAD * threads)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from priorfill.runtime.free_memory import release_free_memory
+from priorfill.runtime.free_memory import MIN_BYTES, release_free_memory
 
 BLOCK = 100_000
 """Bytes, below the least size of arrays that glibc takes from the system one by one."""
@@ -26,11 +26,13 @@ def test_freed_blocks_go_back_to_the_system() -> None:
     last = blocks[-1]  # above all others, so that these stay with the library
     before = resident_mb()
     blocks.clear()
-    release_free_memory()
+    release_free_memory(MIN_BYTES - 1)
+    assert resident_mb() > before - 50.0
+    release_free_memory(MIN_BYTES)
     assert resident_mb() < before - 50.0
     assert last.all()
 
 
 def test_it_does_nothing_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "platform", "win32")
-    release_free_memory()
+    release_free_memory(MIN_BYTES)

@@ -7,12 +7,20 @@ import threading
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from priorfill.cli import main
 from priorfill.formats import write
-from priorfill.runtime.threads import VARIABLE, limit_threads, map_in_threads, thread_count
+from priorfill.runtime import threads as threads_module
+from priorfill.runtime.threads import (
+    VARIABLE,
+    by_frames,
+    limit_threads,
+    map_in_threads,
+    thread_count,
+)
 from priorfill.synthetic.demo import make_demo_clip
 
 
@@ -65,6 +73,31 @@ def test_all_threads_take_part_in_one_long_item(four_threads: None) -> None:
         assert list(mapped(lambda _: len(list(mapped(lambda _: together.wait(), range(4)))), [0]))
 
 
+def test_passes_over_small_arrays_are_not_shared(four_threads: None) -> None:
+    with map_in_threads(2 * threads_module.MIN_SHARED - 1) as mapped:
+        assert mapped is map
+    with map_in_threads(2 * threads_module.MIN_SHARED) as mapped:
+        assert mapped is not map
+
+
+@pytest.mark.parametrize("frames", [0, 1, 7, 1000])
+def test_blocks_of_frames_cover_all_frames_in_order(
+    frames: int, four_threads: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(threads_module, "MIN_SHARED", 10)
+    monkeypatch.setattr(threads_module, "BLOCK_NUMBERS", 100)
+    values, doubled = np.arange(3.0 * frames).reshape(frames, 3), np.zeros((frames, 3))
+
+    def double(some: np.ndarray, into: np.ndarray) -> np.ndarray:
+        into[:] = 2.0 * some
+        return some
+
+    blocks = by_frames(double, values, doubled)
+    np.testing.assert_array_equal(np.concatenate(blocks), values)
+    np.testing.assert_array_equal(doubled, 2.0 * values)
+    assert max(block.size for block in blocks) <= 100
+
+
 def test_an_error_is_raised_and_stops_the_rest(four_threads: None) -> None:
     made = []
 
@@ -83,6 +116,8 @@ def test_the_filled_file_is_the_same_for_any_number_of_threads(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(VARIABLE, "")
+    monkeypatch.setattr(os, "cpu_count", lambda: 3)
+    monkeypatch.setattr(threads_module, "MIN_SHARED", 1)  # passes over small arrays, too
     whole = make_demo_clip()[1]
     clip = replace(whole, positions=whole.positions[:300])  # three gaps, an arm among them
     write(tmp_path / "in.c3d", clip)

@@ -20,6 +20,7 @@ from priorfill.formats.c3d.parameters import (
     parse_header,
     parse_parameters,
 )
+from priorfill.runtime.threads import map_in_threads
 
 __all__ = ["WORDS_PER_POINT", "C3DLayout", "parse_layout", "read_points"]
 
@@ -218,7 +219,8 @@ def read_points(data: bytes, layout: C3DLayout) -> tuple[NDArray[np.float64], ND
     """
     positions = np.empty((layout.frames, layout.points, 3))
     residual = np.empty((layout.frames, layout.points))
-    for start in range(0, layout.frames, _BATCH_FRAMES):
+
+    def read(start: int) -> None:
         some = slice(start, min(start + _BATCH_FRAMES, layout.frames))
         first, last = (layout.data_start + t * layout.frame_bytes for t in (some.start, some.stop))
         section = memoryview(data)[first:last]
@@ -229,8 +231,12 @@ def read_points(data: bytes, layout: C3DLayout) -> tuple[NDArray[np.float64], ND
         words = words.reshape(some.stop - some.start, -1)[:, : WORDS_PER_POINT * layout.points]
         records = words.reshape(-1, layout.points, WORDS_PER_POINT)
         positions[some], residual[some] = records[:, :, :3], records[:, :, 3]
-    if not layout.is_float:
-        positions *= layout.scale
+        if not layout.is_float:
+            positions[some] *= layout.scale
+
+    with map_in_threads(positions.size) as mapped:
+        for _ in mapped(read, range(0, layout.frames, _BATCH_FRAMES)):
+            pass
     return positions, residual
 
 

@@ -48,7 +48,7 @@ from priorfill.methods.gpr.short_gaps.fill_short_gaps import ShortGapFill
 from priorfill.methods.task import Estimate, Progress, Task, no_progress
 from priorfill.methods.task_parts import wanted_samples
 from priorfill.runtime.free_memory import release_free_memory
-from priorfill.runtime.threads import Map, map_in_threads
+from priorfill.runtime.threads import Map, by_frames, map_in_threads
 from priorfill.signal.resample import Resolution
 
 __all__ = ["fill"]
@@ -107,8 +107,9 @@ def _fill_rest(task: Task, progress: Progress, options: GPROptions) -> Estimate:
         setup.predictor.map_function = map_batches
         first, solutions = _first_pass(setup, map_batches, progress)
         # Arrays of a long clip are made one after the other, when the regressions' memory is free.
-        release_free_memory()
-        positions = task.positions.copy()
+        release_free_memory(task.positions.nbytes)
+        positions = np.empty_like(task.positions)
+        by_frames(np.copyto, positions, task.positions)
         elsewhere = _filled_elsewhere(task)
         if task.completed is not None:
             positions[elsewhere] = task.completed[elsewhere]
@@ -117,7 +118,7 @@ def _fill_rest(task: Task, progress: Progress, options: GPROptions) -> Estimate:
         changes: _Changes = {}
         if task.completed is None:
             changes = _second_pass(setup, positions, first, map_batches, progress)
-            release_free_memory()
+            release_free_memory(task.positions.nbytes)
     unknown = np.full(task.positions.shape[:2], np.nan)
     estimate = Estimate(positions, unknown, error_bound_90=unknown.copy())
     for number in solutions:
