@@ -23,7 +23,7 @@ from priorfill.formats.point_kinds import find_model_points, split_label
 from priorfill.formats.subjects import choose_subject
 from priorfill.formats.units import find_unit
 from priorfill.formats.up_axis import find_up_axis
-from priorfill.runtime.threads import by_frames
+from priorfill.runtime.threads import by_frames, map_in_threads
 
 __all__ = [
     "ReadOptions",
@@ -197,8 +197,10 @@ def clip_from_file(
     priorfill.read
     """
     data = load(path)
-    recording = parse(data, path.name)
-    return make_clip(recording, path.name, options, path=path, data=data, format=format)
+    with map_in_threads(len(data)) as mapped:
+        works = (lambda: parse(data, path.name), lambda: hashlib.sha256(data).hexdigest())
+        recording, sha256 = mapped(lambda work: work(), works)
+    return make_clip(recording, path.name, options, path=path, sha256=sha256, format=format)
 
 
 def make_clip(
@@ -207,7 +209,7 @@ def make_clip(
     options: ReadOptions,
     *,
     path: Path | None = None,
-    data: bytes = b"",
+    sha256: str = "",
     format: str = "",
 ) -> Clip:
     """Make a clip from a recording.
@@ -223,8 +225,8 @@ def make_clip(
         How to interpret the recording.
     path : Path or None
         The file; None for data from memory, which get no source.
-    data : bytes
-        The file's contents.
+    sha256 : str
+        SHA-256 of the file's contents.
     format : str
         The format's name in `priorfill.formats.FORMATS`.
 
@@ -271,7 +273,7 @@ def make_clip(
     if path is not None:
         source = Source(
             path=path,
-            sha256=hashlib.sha256(data).hexdigest(),
+            sha256=sha256,
             points=tuple(points),
             point_labels=tuple(recording.labels[point] for point in points),
             unit=recording.unit,

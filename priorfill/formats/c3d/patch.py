@@ -31,6 +31,7 @@ from priorfill.formats.c3d.parameters import FileBytes
 from priorfill.formats.file_bytes import check_unchanged, source_errors_explained
 from priorfill.formats.write_report import WriteReport, check_filled
 from priorfill.runtime.atomic_file import check_target, replace_file
+from priorfill.runtime.threads import map_in_threads
 
 __all__ = ["PatchPlan", "beyond_range", "plan_patch", "write_c3d"]
 
@@ -317,32 +318,53 @@ def _verify(temporary: Path, plan: PatchPlan) -> float:
         If a byte outside the filled samples differs or a filled sample is wrong, for instance
         because the disk is full; or if the source has changed in the meantime.
     """
-    layout = plan.layout
     as_intended = temporary.stat().st_size == plan.size
     worst = 0.0
-    with temporary.open("rb") as file:
-        for original, some, places in _batches(plan):  # to the end, where its hash is checked
-            written = np.frombuffer(file.read(len(original)), np.uint8)
-            if not as_intended or len(written) != len(original):
-                as_intended = False
-                continue
-            differs = written != original
-            differs[places] = False
-            words = _decode(written[places], layout)
-            expected = plan.in_units[some]
-            error = np.abs(words[:, :3] - expected)
-            allowed = np.abs(expected) * _FLOAT_STEP + _ORIGIN_SHIFT
-            if not layout.is_float:
-                allowed = np.full_like(error, layout.scale)
-            near = bool((error <= allowed).all())  # False for NaN
-            as_intended = near and not differs.any() and not words[:, 3].any()
-            worst = max(worst, float(error.max(initial=0.0)))
+    with temporary.open("rb") as file, map_in_threads(plan.size) as mapped:
+        both = ((file.read(len(batch[0])), *batch) for batch in _batches(plan))
+        # to the end, where the hash of the source is checked
+        for near, error in mapped(lambda batch: _compare(plan, *batch), both):
+            as_intended = as_intended and near
+            worst = max(worst, error)
     if not as_intended:
         raise OutputError(
             f"{temporary.parent}: the file written there does not read back as intended and was "
             "removed; check the disk and report this as a fault"
         )
     return worst
+
+
+def _compare(
+    plan: PatchPlan,
+    read_back: bytes,
+    original: NDArray[np.uint8],
+    some: slice,
+    places: NDArray[np.intp],
+) -> tuple[bool, float]:
+    """Compare bytes of the written file with a batch of the source.
+
+    Returns
+    -------
+    as_intended : bool
+        Whether only filled samples differ, and these as they should.
+    worst : float
+        The largest error of a coordinate (file units).
+    """
+    layout = plan.layout
+    written = np.frombuffer(read_back, np.uint8)
+    if len(written) != len(original):
+        return False, 0.0
+    differs = written != original
+    differs[places] = False
+    words = _decode(written[places], layout)
+    expected = plan.in_units[some]
+    error = np.abs(words[:, :3] - expected)
+    allowed = np.abs(expected) * _FLOAT_STEP + _ORIGIN_SHIFT
+    if not layout.is_float:
+        allowed = np.full_like(error, layout.scale)
+    near = bool((error <= allowed).all())  # False for NaN
+    as_intended = near and not differs.any() and not words[:, 3].any()
+    return as_intended, float(error.max(initial=0.0))
 
 
 def _decode(records: NDArray[np.uint8], layout: C3DLayout) -> NDArray[np.float64]:
