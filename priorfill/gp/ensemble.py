@@ -538,6 +538,8 @@ def _calibrate_by_simulation(
 def _relative_error(ensemble: _Ensemble, options: EnsembleOptions) -> float:
     """Return the ratio of the error to that of the clip's own problem; see `Regression`."""
     fitted, weight = ensemble.fitted, ensemble.total_weight / ensemble.total_weight.sum()
+    if not any(problem.simulated_gaps for problem in fitted.problems):
+        return float("nan")
     own = np.flatnonzero(fitted.problem_of == 0)
     held_out = np.maximum(_held_out_errors(fitted.models, ensemble.targets), MIN_MODEL_ERROR)
     ratio = float(log(weight @ held_out)) - _level(held_out[own], options)

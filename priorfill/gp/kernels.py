@@ -29,6 +29,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -113,7 +114,7 @@ class _Combination(Kernel):
     left: Kernel
     right: Kernel
 
-    @property
+    @cached_property
     def uses_features(self) -> bool:  # type: ignore[override]
         """Whether one of them does."""
         return self.left.uses_features or self.right.uses_features
@@ -178,7 +179,7 @@ class Scaled(Kernel):
     factor: float
     kernel: Kernel
 
-    @property
+    @cached_property
     def uses_features(self) -> bool:  # type: ignore[override]
         """Whether the kernel does."""
         return self.kernel.uses_features
@@ -475,7 +476,7 @@ class Pairs:
 
     def value(self, kernel: Kernel) -> NDArray[np.float64] | float:
         """Return a kernel's matrix, read-only where it is remembered; see `Kernel.evaluate`."""
-        simple = isinstance(kernel, RBF)
+        simple = type(kernel) is RBF  # isinstance with an abstract class is slow
         if kernel.uses_features and not simple:
             return kernel.evaluate(self)
         known = self._of_features if simple else self._of_time

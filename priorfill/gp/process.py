@@ -90,7 +90,8 @@ class GaussianProcess:
         """
         covariance = self.kernel(train)
         noise = self.noise_variance if noise_variance is None else noise_variance
-        covariance[np.diag_indices_from(covariance)] += noise
+        diagonal = np.einsum("ii->i", covariance)  # a view
+        diagonal += noise
         root = inverse_root(covariance)
         weights = root.T @ (root @ targets)
         if basis is None:
