@@ -81,13 +81,28 @@ def filled_samples(
     by_frames(_copy_measured, positions, clip.positions, filled)
     positions.setflags(write=False)
     expected_rms, bound = estimate.expected_rms, estimate.error_bound_90
-    not_kept = requested & ~filled & np.isfinite(expected_rms)
-    not_kept_rms = np.where(not_kept, expected_rms, np.nan) if not_kept.any() else None
-    np.copyto(expected_rms, np.nan, where=~filled)
+    not_kept_rms = None
+    if any(by_frames(lambda *some: _not_kept(*some).any(), requested, filled, expected_rms)):
+        not_kept = _not_kept(requested, filled, expected_rms)
+        not_kept_rms = np.where(not_kept, expected_rms, np.nan)
     if bound is None:
         bound = BOUND_FACTOR * expected_rms
-    np.copyto(bound, np.nan, where=~filled)
+    by_frames(_blank_others, filled, expected_rms, bound)
     return FilledSamples(positions, filled, expected_rms, bound, not_kept_rms)
+
+
+def _not_kept(
+    requested: NDArray[np.bool_], filled: NDArray[np.bool_], expected_rms: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Return which requested samples have an expected error but no position."""
+    return requested & ~filled & np.isfinite(expected_rms)
+
+
+def _blank_others(filled: NDArray[np.bool_], *values: NDArray[np.float64]) -> None:
+    """Blank the values of all samples that are not filled, in place."""
+    others = ~filled
+    for some in values:
+        some[others] = np.nan
 
 
 def _copy_measured(

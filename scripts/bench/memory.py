@@ -4,7 +4,7 @@
     python scripts/bench/memory.py [--minutes 10] [--rate 240] [--markers 60] [--method gpr]
 
 Makes a synthetic clip with several kinds of gaps (`long_clip.py`) and fills it through the command
-line in a process of its own. The bound, 1.1 GB, applies to the default length.
+line in a process of its own. The bound, 800 MB, applies to the default length.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from priorfill.cli.encoding import replace_what_is_lacking
 
 HERE = Path(__file__).resolve().parent
 
-BOUND = 1100.0
+BOUND = 800.0
 """MB. Maximum resident memory of the fill."""
 
 

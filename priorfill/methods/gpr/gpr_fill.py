@@ -119,8 +119,9 @@ def _fill_rest(task: Task, progress: Progress, options: GPROptions) -> Estimate:
         if task.completed is None:
             changes = _second_pass(setup, positions, first, map_batches, progress)
             release_free_memory(task.positions.nbytes)
-    unknown = np.full(task.positions.shape[:2], np.nan)
-    estimate = Estimate(positions, unknown, error_bound_90=unknown.copy())
+    expected_rms, bound = (np.empty(task.positions.shape[:2]) for _ in range(2))
+    by_frames(_blank, expected_rms, bound)
+    estimate = Estimate(positions, expected_rms, error_bound_90=bound)
     for number in solutions:
         _put_errors(estimate, setup.parts(first, number))
     predictions = _replaced(first, changes)
@@ -244,6 +245,12 @@ class _Setup:
         group = self.task.groups[number]
         targets = targets_from(parts, group, self.options.joining)
         return solve_levels(self.levels, group, targets, minimise)
+
+
+def _blank(*values: NDArray[np.float64]) -> None:
+    """Set values to NaN."""
+    for some in values:
+        some[:] = np.nan
 
 
 def _put(positions: NDArray[np.float64], group: GapGroup, solution: NDArray[np.float64]) -> None:
