@@ -41,6 +41,8 @@ class OwnClipProblem:
         Which of them are in a segment, evenly spaced.
     visible : ndarray of int
         The visible markers, in the order of the problem: the nearest first.
+    spaced_poses : int
+        How many evenly spaced poses are wanted; fewer where the clip has fewer.
     adjacent : ndarray of int
         Training frames adjacent to segments, which are always kept.
     source : ndarray [shape=(frames, markers, 3), mm]
@@ -55,6 +57,7 @@ class OwnClipProblem:
     queries: tuple[slice, ...]
     inside: NDArray[np.bool_]
     visible: NDArray[np.intp]
+    spaced_poses: int
     adjacent: NDArray[np.intp]
     source: NDArray[np.float64]
     complete: bool
@@ -138,7 +141,8 @@ class OwnClipProblems:
         for segment in batch.segments:
             near[max(segment.start - margin, 0) : segment.stop + margin] = True
         adjacent = usable.frames[near[usable.frames]]
-        chosen = usable.frames[evenly_spaced(len(usable.frames), options.max_poses)]
+        count = options.spaced_poses(batch, len(usable.frames) / rate)
+        chosen = usable.frames[evenly_spaced(len(usable.frames), count)]
         frames = np.union1d(adjacent, chosen)
         query_frames, queries, inside = self._queries(batch, visible)
         problem = RegressionProblem(
@@ -160,7 +164,16 @@ class OwnClipProblems:
         complete = usable.complete
         complete = complete and len(usable.frames) >= options.second_pass_share * usable.showing
         return OwnClipProblem(
-            problem, markers, query_frames, queries, inside, visible, adjacent, source, complete
+            problem,
+            markers,
+            query_frames,
+            queries,
+            inside,
+            visible,
+            count,
+            adjacent,
+            source,
+            complete,
         )
 
     def _queries(
@@ -226,10 +239,11 @@ class OwnClipProblems:
         usable = np.flatnonzero(np.logical_and.reduce(self.valid[:, needed], axis=1))
         if len(usable) < options.min_poses:
             return own
-        frames = usable[evenly_spaced(len(usable), options.mirror_poses)]
+        mirrored_poses = round(own.spaced_poses * options.mirror_poses / options.max_poses)
+        frames = usable[evenly_spaced(len(usable), mirrored_poses)]
         train = problem.train
         adjacent = np.flatnonzero(np.isin(train.time, own.adjacent / rate))
-        spaced = evenly_spaced(len(train.time), options.max_poses - options.mirror_poses)
+        spaced = evenly_spaced(len(train.time), own.spaced_poses - mirrored_poses)
         rows = np.union1d(adjacent, spaced)
         counts = [len(rows), len(frames)]
         mixed = PoseSamples(
