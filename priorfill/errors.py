@@ -9,6 +9,7 @@
     │   ├── MultipleSubjectsError         a file holds several subjects, and none is chosen
     │   └── MarkerNotFoundError (KeyError)      a clip has no marker of that label
     ├── OptionError (ValueError)          an option is out of range or contradicts another
+    │   ├── ArgumentTypeError (TypeError)       an argument is of another type than is needed
     │   └── MarkerSetError                a marker-set definition is malformed
     ├── MethodError (ValueError)          a method is not applicable to a clip
     ├── EvaluationError (RuntimeError)    an evaluation cannot continue
@@ -38,6 +39,7 @@ import unicodedata
 from collections.abc import Sequence
 
 __all__ = [
+    "ArgumentTypeError",
     "ClipError",
     "DatabaseCorruptError",
     "DatabaseError",
@@ -173,6 +175,10 @@ class MarkerNotFoundError(ClipError, KeyError):
 
 class OptionError(PriorfillError, ValueError):
     """An option is out of range or contradicts another."""
+
+
+class ArgumentTypeError(OptionError, TypeError):
+    """An argument is of another type than is needed, such as a path in place of a clip."""
 
 
 class MissingFileError(FormatError, OptionError, FileNotFoundError):

@@ -14,6 +14,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.errors import OptionError
+from priorfill.runtime.argument_types import check_type
+
 __all__ = ["Gap", "GapGroup", "constant_spans", "find_gaps", "gap_groups", "runs"]
 
 
@@ -134,6 +137,10 @@ def find_gaps(missing: NDArray[np.bool_]) -> list[Gap]:
     gap_groups : Group gaps that overlap or touch in time.
     priorfill.Clip.missing : The mask of a clip.
     """
+    remedy = "an array of bool, (frames, markers), such as Clip.missing"
+    check_type("missing", missing, np.ndarray, remedy)
+    if missing.ndim != 2:
+        raise OptionError(f"`missing` has the shape {missing.shape}; give {remedy}")
     frames, markers = missing.shape
     # edges in the order of frames; sorted by marker, beginnings and ends of gaps alternate
     edges = [

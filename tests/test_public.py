@@ -2,11 +2,15 @@
 
 import subprocess
 import sys
+from collections.abc import Callable
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
 import priorfill
+import priorfill as pf
+from priorfill.synthetic.demo import make_demo_clip
 
 SLOW = ("numba", "scipy", "ezc3d", "rich", "matplotlib", "distributed")
 
@@ -104,3 +108,62 @@ def test_an_interrupted_start_is_quiet():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "priorfill: interrupted\n")
+
+
+def calls_with(value: object) -> dict[str, Callable[[], object]]:
+    """Calls of public functions in which one argument has a value, by the argument's name."""
+    clip = make_demo_clip()[1]
+    return {
+        "read path": lambda: pf.read(value),
+        "read_subjects path": lambda: pf.read_subjects(value),
+        "write path": lambda: pf.write(value, clip),
+        "write clip": lambda: pf.write("out.npz", value),
+        "fill clip": lambda: pf.fill(value, method="linear"),
+        "fill method": lambda: pf.fill(clip, method=value),
+        "fill database": lambda: pf.fill(clip, database=value),
+        "fill options": lambda: pf.fill(clip, options=value),
+        "fill gap_filter": lambda: pf.fill(clip, gap_filter=value),
+        "fill overrides": lambda: pf.fill(clip, overrides=value),
+        "fill same_subject": lambda: pf.fill(clip, same_subject=value),
+        "fill_file source": lambda: pf.fill_file(value),
+        "fill_file output": lambda: pf.fill_file("walk.c3d", value),
+        "fill_file files": lambda: pf.fill_file("walk.c3d", files=value),
+        "find_artefacts clip": lambda: pf.find_artefacts(value),
+        "find_gaps missing": lambda: pf.find_gaps(value),
+        "gap_groups missing": lambda: pf.gap_groups(value),
+        "add_result database": lambda: pf.add_result(value, value),
+        "add_result result": lambda: pf.add_result("db", value),
+        "batch paths": lambda: pf.batch(value, "out"),
+        "batch output": lambda: pf.batch([], value),
+        "evaluate clips": lambda: pf.evaluate([value], methods=["linear"]),
+        "overrides_template result": lambda: pf.overrides_template(value),
+        "read_overrides path": lambda: pf.read_overrides(value),
+        "write_overrides path": lambda: pf.write_overrides(value, pf.Overrides(())),
+        "write_overrides overrides": lambda: pf.write_overrides("a.toml", value),
+        "report_from_files after": lambda: pf.report_from_files("a.html", "walk.c3d", value),
+        "result_from_files path": lambda: pf.result_from_files(value, "walk.c3d"),
+        "write_report result": lambda: pf.write_report("a.html", value),
+        "write_uncertainty result": lambda: pf.write_uncertainty("a.npz", value),
+    }
+
+
+@pytest.mark.parametrize("call", calls_with(None))
+def test_arguments_of_a_wrong_type(call: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """One line with the argument, what it is, and what is needed; nothing is written."""
+    monkeypatch.chdir(tmp_path)
+    for value in (3, object(), b"walk.c3d"):
+        if isinstance(value, bytes) and call == "fill same_subject":
+            continue  # a sequence of numbers
+        with pytest.raises(TypeError) as caught:
+            calls_with(value)[call]()
+        assert isinstance(caught.value, pf.PriorfillError)
+        message = str(caught.value)
+        assert message.startswith(f"`{call.split()[1]}` is of type ")
+        assert "; give " in message
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_exchanged_arguments():
+    clip = make_demo_clip()[1]
+    with pytest.raises(TypeError, match=r"^`path` is of type Clip; give a path, as a text or Path"):
+        pf.write(clip, "walk.c3d")

@@ -28,6 +28,7 @@ from priorfill.artefacts.reference_markers import ReferenceMarkers, choose_refer
 from priorfill.artefacts.stuck import find_stuck
 from priorfill.clip import Clip
 from priorfill.geometry.neighbourhoods import MAX_DENSE_MARKERS, neighbourhoods
+from priorfill.runtime.argument_types import check_type
 from priorfill.runtime.threads import map_in_threads
 
 __all__ = ["artefact_samples", "find_artefacts", "without_artefacts"]
@@ -65,6 +66,7 @@ def find_artefacts(
     >>> spike.kind, spike.markers, spike.start, spike.stop
     ('spike', ('A',), 50, 53)
     """
+    check_type("clip", clip, Clip, "a Clip; read a file with priorfill.read")
     if len(clip.labels) > MAX_DENSE_MARKERS:
         return _find_in_parts(clip, options)
     references = choose_reference_markers(clip.positions, options.reference_markers)

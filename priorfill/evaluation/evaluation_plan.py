@@ -32,6 +32,7 @@ from priorfill.gaps import find_gaps
 from priorfill.markers.describe import describe
 from priorfill.markers.marker_set import MarkerSet
 from priorfill.methods import METHODS, resolve
+from priorfill.runtime.argument_types import check_type
 from priorfill.runtime.option_texts import close_or_all
 
 __all__ = [
@@ -257,6 +258,10 @@ def _cases(
 
 def _with_names(clips: Sequence[Clip]) -> list[Clip]:
     """Return clips with unique names, such as ``walk`` and ``walk (2)``."""
+    remedy = "a list of Clips; read files with priorfill.read"
+    check_type("clips", clips, (list, tuple), remedy)
+    for clip in clips:
+        check_type("clips", clip, Clip, remedy)
     if not clips:
         raise ClipError("no clip is given; give one or more")
     seen: dict[str, str] = {}

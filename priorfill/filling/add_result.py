@@ -16,6 +16,7 @@ from priorfill.database import ClipRecord, PriorDatabase
 from priorfill.errors import DuplicateClipError, OutputError
 from priorfill.filling.result import Result
 from priorfill.formats import format_of, read
+from priorfill.runtime.argument_types import check_path, check_result
 
 __all__ = ["AddedClip", "add_result", "can_create_database"]
 
@@ -104,6 +105,9 @@ def add_result(
     >>> added.record.name, added.record.filled_by
     ('synthetic_demo', 'linear')
     """
+    if not isinstance(database, PriorDatabase):
+        check_path("database", database)
+    check_result(result)
     return tuple(
         add_subject(
             database, one, result.clip if len(result.by_subject) > 1 else None, file, reading

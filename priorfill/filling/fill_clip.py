@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -58,6 +58,7 @@ from priorfill.markers.phantoms import find_phantoms, phantom_notes
 from priorfill.methods import METHODS, get_method, get_options, resolve
 from priorfill.methods.options import differing
 from priorfill.methods.task import Estimate, Progress, Task
+from priorfill.runtime.argument_types import check_type
 from priorfill.runtime.option_texts import seconds_of
 from priorfill.search.takes import Take
 
@@ -141,6 +142,7 @@ def fill(
     ['LKNE', 'STRN']
     """
     clips = _as_clips(clip, "clip")
+    _check_types(database, method, gap_filter, overrides, options)
     if not clips:
         raise OptionError("there is no clip to fill; give one or several")
     same_subject = _as_clips(same_subject, "same_subject")
@@ -181,13 +183,29 @@ def fill(
 
 def _as_clips(given: Clip | Sequence[Clip], name: str) -> tuple[Clip, ...]:
     """Return an argument that is a clip or several as a tuple."""
-    clips = (given,) if isinstance(given, (Clip, str, Path)) else tuple(given)
-    for clip in clips:
-        if not isinstance(clip, Clip):
-            raise OptionError(
-                f"`{name}` has {clip!r}, which is no clip; read a file with priorfill.read"
-            )
+    remedy = "a Clip or several; read a file with priorfill.read"
+    if isinstance(given, Clip):
+        return (given,)
+    check_type(name, given, Iterable, remedy)
+    for clip in (clips := tuple(given)):
+        check_type(name, clip, Clip, remedy)
     return clips
+
+
+def _check_types(
+    database: object, method: object, gap_filter: object, overrides: object, options: object
+) -> None:
+    """Check arguments of `fill` that may be None but for the method."""
+    check_type("method", method, str, "the name of a method")
+    path = (str, Path)
+    for name, value, kinds, remedy in (
+        ("database", database, (*path, PriorDatabase), "the folder of one, or a PriorDatabase"),
+        ("gap_filter", gap_filter, GapFilter, "a GapFilter"),
+        ("overrides", overrides, (*path, Overrides), "the path of a file, or Overrides"),
+        ("options", options, FillOptions, "FillOptions"),
+    ):
+        if value is not None:
+            check_type(name, value, kinds, remedy)
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from priorfill.filling.result import Result
 from priorfill.filling.swaps import swap_markers
 from priorfill.formats import WriteReport
 from priorfill.methods import get_method
+from priorfill.runtime.argument_types import check_path, check_type
 from priorfill.runtime.display import shell_command
 
 __all__ = ["FileOptions", "FileResult", "FileToFill", "fill_file", "write_filled"]
@@ -221,6 +222,12 @@ def fill_file(
     >>> filled.missing.sum() < make_demo_clip()[1].missing.sum()
     np.True_
     """
+    check_path("source", source)
+    if output is not None:
+        check_path("output", output)
+    if files is not None:
+        check_type("files", files, FileOptions, "FileOptions")
+    check_type("same_subject", same_subject, (list, tuple), "a list of paths")
     source, files = Path(source), files or FileOptions()
     output = None if output is None else derivative_output(source, Path(str(output)))
     work = FileToFill.read(
@@ -375,7 +382,9 @@ def _read_same_subject(
     """Read other recordings of the subjects of a file; other subjects are left out."""
     names = [clip.subject for clip in clips]
     found: list[Clip] = []
-    for path in map(Path, paths):
+    for given in paths:
+        check_path("same_subject", given)
+        path = Path(given)
         if path.exists() and path.samefile(source):
             raise OptionError(
                 f"{path}: is the file to be filled; `same_subject` takes another recording of the "

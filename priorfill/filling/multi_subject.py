@@ -16,6 +16,7 @@ from priorfill.errors import ClipError, MultipleSubjectsError, OptionError
 from priorfill.filling.provenance import merge_provenance
 from priorfill.filling.result import FilledGap, Result
 from priorfill.formats import read
+from priorfill.runtime.argument_types import check_path
 
 __all__ = ["assign_same_subject", "merge_artefacts", "merge_results", "read_subjects"]
 
@@ -78,6 +79,7 @@ def read_subjects(
     ...     [clip.name for clip in pf.read_subjects(f"{folder}/walk.npz")]
     ['walk']
     """
+    check_path("path", path)
     options: dict[str, Any] = {
         "zeros_missing": zeros_missing,
         "up": up,

@@ -10,6 +10,7 @@ from typing import Any
 
 from priorfill.errors import OptionError
 from priorfill.filling.overrides import MadeFor, Overrides
+from priorfill.runtime.argument_types import check_path, check_type
 from priorfill.runtime.atomic_file import check_target, replace_file
 from priorfill.runtime.toml_file import read_toml
 from priorfill.runtime.toml_text import toml_line
@@ -58,6 +59,7 @@ def read_overrides(path: Path | str) -> Overrides:
     ...     read_overrides(file).entries[0].markers
     ('LKNE',)
     """
+    check_path("path", path)
     path = Path(path)
     content = read_toml(path, OptionError, max_bytes=MAX_BYTES)
     entries = content.pop("gap", [])
@@ -110,6 +112,8 @@ def write_overrides(path: Path | str, overrides: Overrides, *, overwrite: bool =
     ...     read_overrides(file).entries == overrides.entries
     True
     """
+    check_path("path", path)
+    check_type("overrides", overrides, Overrides, "Overrides, after the path")
     with overrides_file(path, overrides, overwrite=overwrite) as written:
         return written
 

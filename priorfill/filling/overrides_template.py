@@ -20,6 +20,7 @@ from priorfill.filling.overrides import (
 )
 from priorfill.filling.result import FilledGap, Result
 from priorfill.gaps import runs
+from priorfill.runtime.argument_types import check_result
 
 __all__ = ["notes_on_origin", "overrides_template"]
 
@@ -52,6 +53,7 @@ def overrides_template(result: Result) -> Overrides:
     >>> template.entries[0].markers, template.entries[0].do
     (('LKNE',), 'accept')
     """
+    check_result(result)
     given = result.provenance.overrides
     before = () if given is None else given.entries
     several = len(result.by_subject) > 1

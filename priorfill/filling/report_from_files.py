@@ -16,6 +16,7 @@ from priorfill.filling.result_from_files import result_from_clips
 from priorfill.report.compared import notes_on_fit
 from priorfill.report.report_data import PageContents
 from priorfill.report.report_file import check_report, report_file
+from priorfill.runtime.argument_types import check_path, check_type
 
 __all__ = ["report_from_files"]
 
@@ -83,6 +84,9 @@ def report_from_files(
     >>> result.complete
     True
     """
+    check_type("after", after, (list, tuple), "a list of paths")
+    for name, one in (("path", path), ("before", before), *(("after", one) for one in after)):
+        check_path(name, one)
     files = [Path(one) for one in (before, *after)]
     if len(files) < 2:
         raise OptionError("there is no filled file; give one or several (`after`)")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from priorfill.runtime.argument_types import check_path, check_result
 from priorfill.runtime.atomic_file import check_target, check_writable, replace_file
 from priorfill.runtime.display import csv_cell
 from priorfill.runtime.npz_file import save_arrays
@@ -132,6 +133,8 @@ def write_uncertainty(path: Path | str, result: Result, *, overwrite: bool = Fal
     ...         bool((archive["filled"] == result.filled).all())
     True
     """
+    check_path("path", path)
+    check_result(result)
     with uncertainty_file(path, result, overwrite=overwrite):
         pass
 

@@ -56,6 +56,7 @@ from priorfill.formats.tables.qualisys_tsv import parse_qualisys, recognise_qual
 from priorfill.formats.tables.text_table import TableRecording, write_table
 from priorfill.formats.tables.trc import create_trc, parse_trc, recognise_trc
 from priorfill.formats.write_report import WriteReport
+from priorfill.runtime.argument_types import check_path, check_type
 from priorfill.runtime.atomic_file import check_target, check_writable
 from priorfill.runtime.npz_file import create_npz
 
@@ -376,6 +377,7 @@ def read(
     >>> again.labels, again.rate
     (('SACR',), 120.0)
     """
+    check_path("path", path)
     path = Path(path)
     if path.is_dir():
         raise FormatError(f"{path}: is a folder; give the name of a file")
@@ -449,6 +451,10 @@ def write(
     >>> report.samples
     0
     """
+    check_path("path", path)
+    check_type("clip", clip, Clip, "a Clip, after the path")
+    if filled is not None:
+        check_type("filled", filled, np.ndarray, "an array of bool, (frames, markers)")
     path = Path(str(path))  # as in `check_target`
     source = clip.source
     if program is not None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from priorfill.report.page import page_text
 from priorfill.report.report_data import PageContents, page_data
+from priorfill.runtime.argument_types import check_path, check_result
 from priorfill.runtime.atomic_file import check_target, check_writable, replace_file
 from priorfill.runtime.option_checks import check_suffix
 
@@ -142,6 +143,8 @@ def write_report(
     ...     Path(f"{folder}/walk.html").stat().st_size < 1_000_000
     True
     """
+    check_path("path", path)
+    check_result(result)
     contents = PageContents(before=before, truth=truth)
     with report_file(path, result, contents, overwrite=overwrite):
         pass

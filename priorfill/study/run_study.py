@@ -18,6 +18,7 @@ from priorfill.errors import OptionError, OutputError, PriorfillError
 from priorfill.filling.fill_file import FileOptions
 from priorfill.filling.fill_options import FillKeywords, FillOptions
 from priorfill.filling.gap_filter import GapFilter
+from priorfill.runtime.argument_types import check_path, check_type
 from priorfill.study.child.run_child import remove_leftovers
 from priorfill.study.job import FAILED, FILLED, NO_GAPS, JobOutcome, StudyJob
 from priorfill.study.job_keys import JobKeys
@@ -142,7 +143,11 @@ def batch(
     """
     options = study or StudyOptions()
     settings = _settings(files, arguments)
+    check_type("paths", paths, (str, Path, list, tuple), "a path or a list of paths")
+    check_path("output", output)
     given = [paths] if isinstance(paths, (str, Path)) else list(paths)
+    for path in given:
+        check_path("paths", path)
     plan = plan_study(given, output, settings, database, options)
     if options.check_only:
         return _StudyRun(plan, options).run()

@@ -143,6 +143,17 @@ def test_what_cannot_be_read_costs_itself(here: Path, monkeypatch: pytest.Monkey
     assert len(errors) == 2
 
 
+def test_matlab_files_that_are_not_read_are_named(here: Path) -> None:
+    write_clip(here / "in" / "good.c3d")
+    text = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
+    (here / "in" / "new.mat").write_bytes(text.ljust(512, b"\0") + b"\x89HDF\r\n\x1a\n")
+    result = run("db", "add", "-d", "db", "in")
+    assert result.exit_code == 1
+    assert "added 1 clip" in result.stdout
+    (line,) = result.stderr.splitlines()
+    assert line.startswith(f"priorfill: {Path('in', 'new.mat')}: is a MATLAB file of version 7.3")
+
+
 def test_nothing_is_created_without_clips(here: Path) -> None:
     (here / "bad.c3d").write_bytes(b"rubbish")
     result = run("db", "add", "-v", "-d", "db", "bad.c3d")

@@ -87,7 +87,7 @@ def _inside(
     recognised: Callable[[Path], bool],
     closed: list[str],
 ) -> Iterator[Path]:
-    """Yield the files in a folder; add a message for each folder that cannot be searched."""
+    """Yield the files in a folder; add a message for what cannot be searched, or is not read."""
 
     def note(error: OSError) -> None:
         closed.append(
@@ -103,6 +103,11 @@ def _inside(
                 continue
             if _is_recording(path, recognised):
                 yield path
+            elif _is_unread(path):
+                closed.append(
+                    f"{path}: is a MATLAB file of version 7.3, which is not read; if it is a "
+                    "recording, save it as version 7 (save ... -v7)"
+                )
 
 
 def _is_recording(path: Path, recognised: Callable[[Path], bool]) -> bool:
@@ -110,3 +115,10 @@ def _is_recording(path: Path, recognised: Callable[[Path], bool]) -> bool:
         return path.is_file() and recognised(path)
     except OSError:  # reading it reports the reason
         return True
+
+
+def _is_unread(path: Path) -> bool:
+    """Return whether a file may be a recording, but has a format whose contents are not read."""
+    from priorfill.formats.arrays.mat import is_version_7_3  # loads NumPy
+
+    return path.suffix.lower() == ".mat" and is_version_7_3(path)

@@ -1,0 +1,56 @@
+"""Types of arguments of public functions, checked before anything is done."""
+
+from __future__ import annotations
+
+import os
+
+from priorfill.errors import ArgumentTypeError
+
+__all__ = ["check_path", "check_result", "check_type"]
+
+
+def check_type(name: str, value: object, kinds: type | tuple[type, ...], remedy: str) -> None:
+    """Raise an `ArgumentTypeError` unless an argument is of a type, or of one of several.
+
+    Parameters
+    ----------
+    name : str
+        The argument.
+    value : object
+        Its value.
+    kinds : type or tuple of type
+        What it may be.
+    remedy : str
+        What is needed, after "give".
+    """
+    if not isinstance(value, kinds):
+        raise ArgumentTypeError(f"`{name}` is of type {type(value).__name__}; give {remedy}")
+
+
+def check_path(name: str, value: object) -> None:
+    """Raise an `ArgumentTypeError` unless an argument is the path of a file or folder.
+
+    Parameters
+    ----------
+    name : str
+        The argument.
+    value : object
+        Its value.
+    """
+    check_type(name, value, (str, os.PathLike), "a path, as a text or Path")
+
+
+def check_result(value: object) -> None:
+    """Raise an `ArgumentTypeError` unless the argument ``result`` has what a Result has.
+
+    Modules that `priorfill.filling` uses cannot import its class.
+
+    Parameters
+    ----------
+    value : object
+        Its value.
+    """
+    if not (hasattr(value, "by_subject") and hasattr(value, "provenance")):
+        raise ArgumentTypeError(
+            f"`result` is of type {type(value).__name__}; give a Result, as priorfill.fill returns"
+        )
