@@ -27,6 +27,7 @@ from priorfill.errors import ClipError, OptionError
 from priorfill.formats.arrays.column_order import check_column_order
 from priorfill.formats.recording import ReadOptions, Recording, make_clip
 from priorfill.formats.units import UNITS
+from priorfill.runtime.argument_types import check_attributes, check_number
 
 if TYPE_CHECKING:
     from priorfill.filling.result import Result
@@ -126,6 +127,7 @@ def from_arrays(
             f"{texts.index(twice, texts.index(twice) + 1) + 1} are both named {twice}; "
             "rename one of them"
         )
+    check_number("rate", rate)
     recording = Recording(array, texts, float(rate), "", first_frame=first_frame)
     return make_clip(recording, name, ReadOptions(**options))
 
@@ -160,6 +162,7 @@ def from_timeseries(series: Any, **options: Any) -> Clip:
     >>> series = kineticstoolkit.read_c3d("walk.c3d")["Points"]  # doctest: +SKIP
     >>> clip = from_timeseries(series)  # doctest: +SKIP
     """
+    check_attributes("series", series, ("time", "data"), "a TimeSeries of Kinetics Toolkit")
     name = options.setdefault("name", "timeseries")
     times = np.asarray(series.time, dtype=np.float64)
     columns, labels = [], []
@@ -258,6 +261,7 @@ def from_xarray(array: Any, **options: Any) -> Clip:
     --------
     >>> clip = from_xarray(pyomeca.Markers.from_c3d("walk.c3d"))  # doctest: +SKIP
     """
+    check_attributes("array", array, ("dims", "coords"), "a DataArray of xarray, as of pyomeca")
     name = options.setdefault("name", str(getattr(array, "name", None) or "xarray"))
     if set(array.dims) != {"axis", "channel", "time"}:
         raise ClipError(
@@ -354,6 +358,7 @@ def from_dataframe(frame: Any, rate: float | None = None, **options: Any) -> Cli
     --------
     >>> clip = from_dataframe(pandas.read_csv("walk.csv"), rate=100.0)  # doctest: +SKIP
     """
+    check_attributes("frame", frame, ("columns", "index"), "a DataFrame of pandas")
     name = options.setdefault("name", "dataframe")
     found: dict[str, dict[int, int]] = {}
     for place, column in enumerate(frame.columns):

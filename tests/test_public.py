@@ -10,6 +10,7 @@ import pytest
 
 import priorfill
 import priorfill as pf
+from priorfill import interop
 from priorfill.synthetic.demo import make_demo_clip
 
 SLOW = ("numba", "scipy", "ezc3d", "rich", "matplotlib", "distributed")
@@ -142,6 +143,12 @@ def calls_with(value: object) -> dict[str, Callable[[], object]]:
         "write_overrides overrides": lambda: pf.write_overrides("a.toml", value),
         "report_from_files after": lambda: pf.report_from_files("a.html", "walk.c3d", value),
         "result_from_files path": lambda: pf.result_from_files(value, "walk.c3d"),
+        "fill_array labels": lambda: pf.fill_array(clip.positions, value, 120.0),
+        "fill_array rate": lambda: pf.fill_array(clip.positions, clip.labels, value),
+        "from_arrays rate": lambda: interop.from_arrays(clip.positions, clip.labels, value),
+        "from_timeseries series": lambda: interop.from_timeseries(value),
+        "from_xarray array": lambda: interop.from_xarray(value),
+        "from_dataframe frame": lambda: interop.from_dataframe(value),
         "write_report result": lambda: pf.write_report("a.html", value),
         "write_uncertainty result": lambda: pf.write_uncertainty("a.npz", value),
     }
@@ -152,8 +159,10 @@ def test_arguments_of_a_wrong_type(call: str, tmp_path: Path, monkeypatch: pytes
     """One line with the argument, what it is, and what is needed; nothing is written."""
     monkeypatch.chdir(tmp_path)
     for value in (3, object(), b"walk.c3d"):
-        if isinstance(value, bytes) and call == "fill same_subject":
+        if isinstance(value, bytes) and call == "fill_array labels":
             continue  # a sequence of numbers
+        if value == 3 and call.endswith(" rate"):
+            continue
         with pytest.raises(TypeError) as caught:
             calls_with(value)[call]()
         assert isinstance(caught.value, pf.PriorfillError)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypedDict, Unpack, cast
@@ -24,6 +24,7 @@ from priorfill.formats.subjects import choose_subject
 from priorfill.formats.units import UNITS, find_unit
 from priorfill.formats.up_axis import find_up_axis
 from priorfill.gp.calibration import MEAN_FACTOR
+from priorfill.runtime.argument_types import check_number, check_type
 
 __all__ = ["ArrayAxes", "ArrayKeywords", "FilledArray", "fill_array", "find_axes"]
 
@@ -197,6 +198,8 @@ def fill_array(
     check_keywords(options, NamedArrayKeywords, "fill_array")
     name = options.pop("name", "array")
     given = _numbers(positions, name)
+    check_type("labels", labels, Iterable, "a list of names, one for each marker")
+    check_number("rate", rate)
     texts = _checked_labels(labels, given.shape, name)
     notes = _blank_zeros(given)
     measured = ~np.isnan(given).any(axis=2)

@@ -6,7 +6,7 @@ import os
 
 from priorfill.errors import ArgumentTypeError
 
-__all__ = ["check_path", "check_result", "check_type"]
+__all__ = ["check_attributes", "check_number", "check_path", "check_result", "check_type"]
 
 
 def check_type(name: str, value: object, kinds: type | tuple[type, ...], remedy: str) -> None:
@@ -50,7 +50,39 @@ def check_result(value: object) -> None:
     value : object
         Its value.
     """
-    if not (hasattr(value, "by_subject") and hasattr(value, "provenance")):
-        raise ArgumentTypeError(
-            f"`result` is of type {type(value).__name__}; give a Result, as priorfill.fill returns"
-        )
+    remedy = "a Result, as priorfill.fill returns"
+    check_attributes("result", value, ("by_subject", "provenance"), remedy)
+
+
+def check_attributes(name: str, value: object, attributes: tuple[str, ...], remedy: str) -> None:
+    """Raise an `ArgumentTypeError` unless an argument has some attributes.
+
+    Classes of other packages are known by what they have, so that these need not be imported.
+
+    Parameters
+    ----------
+    name : str
+        The argument.
+    value : object
+        Its value.
+    attributes : tuple of str
+        What it must have.
+    remedy : str
+        What is needed, after "give".
+    """
+    if not all(hasattr(value, attribute) for attribute in attributes):
+        raise ArgumentTypeError(f"`{name}` is of type {type(value).__name__}; give {remedy}")
+
+
+def check_number(name: str, value: object) -> None:
+    """Raise an `ArgumentTypeError` unless an argument is one number.
+
+    Parameters
+    ----------
+    name : str
+        The argument.
+    value : object
+        Its value.
+    """
+    if isinstance(value, (str, bytes)) or not hasattr(type(value), "__float__"):
+        raise ArgumentTypeError(f"`{name}` is of type {type(value).__name__}; give a number")
