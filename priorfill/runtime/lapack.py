@@ -40,7 +40,7 @@ def cholesky_in_place(matrix: NDArray[np.float64]) -> bool:
     Parameters
     ----------
     matrix : ndarray [shape=(n, n), Fortran order]
-        Only the lower triangle is used. Afterwards the upper one is 0.
+        Or a part of one. Only the lower triangle is used. Afterwards the upper one is 0.
     """
     size, leading, info = _sizes(matrix)
     _routine("dpotrf", 5)(LOWER, size, _address(matrix), leading, ctypes.byref(info))
@@ -58,6 +58,7 @@ def invert_lower_in_place(matrix: NDArray[np.float64]) -> bool:
     Parameters
     ----------
     matrix : ndarray [shape=(n, n), Fortran order]
+        Or a part of one: rows and columns from the same diagonal element on.
     """
     size, leading, info = _sizes(matrix)
     _routine("dtrtri", 6)(LOWER, NOT_UNIT, size, _address(matrix), leading, ctypes.byref(info))
@@ -164,11 +165,19 @@ def _sizes(matrix: NDArray[np.float64]) -> tuple[Any, Any, ctypes.c_int64]:
     Zero-extended to 64 bits, they are right for LAPACK with integers of either size.
     """
     rows, columns = matrix.shape
-    flags = matrix.flags
-    if rows != columns or matrix.dtype != np.float64 or not (flags.behaved and flags.f_contiguous):
-        raise ValueError("expected a writable square matrix of float64 in Fortran order")
     size = ctypes.byref(ctypes.c_int64(rows))
-    return size, ctypes.byref(ctypes.c_int64(max(rows, 1))), ctypes.c_int64(0)
+    apart, step = matrix.strides[1] // 8, matrix.strides[0]
+    contiguous = matrix.flags.f_contiguous
+    part_of_one = step == 8 and apart >= rows and matrix.strides[1] % 8 == 0
+    if (
+        rows != columns
+        or matrix.dtype != np.float64
+        or not matrix.flags.behaved
+        or not (contiguous or part_of_one)
+    ):
+        raise ValueError("expected a writable square matrix of float64 in Fortran order")
+    leading = max(rows, 1) if contiguous else apart
+    return size, ctypes.byref(ctypes.c_int64(leading)), ctypes.c_int64(0)
 
 
 def _address(matrix: NDArray[np.float64]) -> ctypes.c_void_p:

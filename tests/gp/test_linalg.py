@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.linalg import solve_triangular
 
 from priorfill.gp.linalg import (
+    HALVED,
     block_residuals,
     explained_variance,
     inverse_root,
@@ -56,6 +58,17 @@ def test_inverse_root(seed: int, count: int) -> None:
     cross = rng.normal(size=(3, count))
     expected = [c @ np.linalg.inv(covariance) @ c for c in cross]
     np.testing.assert_allclose(explained_variance(root, cross), expected, rtol=1e-8)
+
+
+@pytest.mark.parametrize("count", [HALVED[0], HALVED[0] + 1, 257, HALVED[1]])
+def test_inverse_root_of_large_matrices_by_halves(count: int) -> None:
+    rng = np.random.default_rng(count)
+    features = rng.normal(size=(count, 20))
+    covariance = features @ features.T + 1e-3 * np.eye(count)
+    root = inverse_root(covariance)
+    expected = solve_triangular(np.linalg.cholesky(covariance), np.eye(count), lower=True)
+    np.testing.assert_array_equal(np.triu(root, 1), 0.0)
+    np.testing.assert_allclose(root, expected, rtol=0.0, atol=1e-10 * np.abs(expected).max())
 
 
 def test_jitter_makes_a_singular_covariance_positive_definite() -> None:

@@ -34,6 +34,14 @@ def test_same_bits_as_the_wrappers_of_scipy(size: int) -> None:
     np.testing.assert_array_equal(matrix, dtrtri(factor, lower=True)[0])
 
 
+def test_a_part_of_a_matrix_is_inverted_in_place() -> None:
+    matrix = np.asfortranarray(np.tril(covariance(9)))
+    expected = matrix.copy()
+    expected[2:6, 2:6] = dtrtri(expected[2:6, 2:6], lower=True)[0]
+    assert invert_lower_in_place(matrix[2:6, 2:6])
+    np.testing.assert_array_equal(matrix, expected)
+
+
 def test_matrices_without_a_result() -> None:
     assert not cholesky_in_place(np.asfortranarray([[1.0, 2.0], [2.0, 1.0]]))
     assert not invert_lower_in_place(np.asfortranarray([[0.0, 0.0], [1.0, 1.0]]))
