@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from priorfill.errors import ClipError, MarkerNotFoundError, escaped
+from priorfill.errors import ArgumentTypeError, ClipError, MarkerNotFoundError, escaped
 from priorfill.geometry.axes import UP_AXES
+from priorfill.runtime.argument_types import check_labels, check_type
 from priorfill.runtime.markup import html_table
 from priorfill.runtime.option_texts import close_or_all
 from priorfill.runtime.threads import by_frames
@@ -24,6 +25,9 @@ MIN_RATE = 0.01
 MAX_RATE = 1e6
 """Hz. No motion of a body is recorded more slowly or faster; such a rate is a slip, and durations
 would overflow."""
+
+MAX_FIRST_FRAME = 10**12
+"""Largest number of a first frame: frame numbers are added and multiplied as 64-bit integers."""
 
 MAX_NAME = 80
 """Characters of a name where a clip is described in a line."""
@@ -143,8 +147,10 @@ class Clip:
     Raises
     ------
     ClipError
-        If shapes do not match, labels repeat, the rate is not positive, there are no frames or no
-        markers, or a coordinate is infinite.
+        If shapes do not match, labels repeat or are empty, the rate is not positive, there are no
+        frames or no markers, or a coordinate is infinite.
+    ArgumentTypeError
+        If an argument is of another type, such as positions that are no numbers.
 
     Examples
     --------
@@ -172,13 +178,16 @@ class Clip:
     source: Source | None = None
 
     def __post_init__(self) -> None:
+        check_type("name", self.name, str, "a text")
+        check_type("subject", self.subject, str, "a text, empty if it is unknown")
+        check_type("source", self.source, (Source, type(None)), "that of a clip, or None")
+        labels = check_labels(self.labels)
         positions = _own_positions(self.positions)
         if positions.ndim != 3 or positions.shape[2] != 3:
             raise ClipError(
                 f"{self.name}: positions have shape {positions.shape}; "
                 "(frames, markers, 3) is needed"
             )
-        labels = tuple(self.labels)
         if positions.shape[1] != len(labels):
             raise ClipError(
                 f"{self.name}: {positions.shape[1]} markers but {len(labels)} labels; "
@@ -188,6 +197,12 @@ class Clip:
             raise ClipError(f"{self.name}: has no frames; there is nothing to fill")
         if positions.shape[1] == 0:
             raise ClipError(f"{self.name}: has no markers; there is nothing to fill")
+        unnamed = next((k for k, label in enumerate(labels, start=1) if not label.strip()), None)
+        if unnamed is not None:
+            raise ClipError(
+                f"{self.name}: marker {unnamed} of {len(labels)} has an empty label; name it, or "
+                "leave it out"
+            )
         twice = sorted(label for label, count in Counter(labels).items() if count > 1)
         if twice:
             raise ClipError(
@@ -315,7 +330,7 @@ def _check_numbers(rate: Any, first_frame: Any, name: str) -> None:
     if not MIN_RATE <= number <= MAX_RATE:
         shown = f"{number:g}" if isinstance(rate, Real) else repr(rate)
         raise ClipError(f"{name}: the frame rate is {shown} Hz; give the right one (`rate`)")
-    if not isinstance(first_frame, Integral):
+    if not isinstance(first_frame, Integral) or abs(int(first_frame)) > MAX_FIRST_FRAME:
         raise ClipError(
             f"{name}: the first frame is {first_frame!r}; give a whole number (`first_frame`)"
         )
@@ -328,7 +343,26 @@ def without_mask(values: ArrayLike) -> NDArray[np.float64]:
     ----------
     values : array_like
         The values; copied if they are masked or of another type.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If they are not real numbers, or rows differ in length.
     """
+    try:
+        kind = np.asanyarray(values).dtype.kind
+        if kind in "cmMV":  # NumPy would make floats of them, and only warn
+            raise TypeError(f"they are of type {np.asanyarray(values).dtype}")
+        return _as_float(values)
+    except (TypeError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise ArgumentTypeError(
+            f"`positions` are no real numbers ({reason}); give an array of numbers"
+        ) from error
+
+
+def _as_float(values: ArrayLike) -> NDArray[np.float64]:
+    """Return values as float64, with NaN for what a masked array masks."""
     if isinstance(values, np.ma.MaskedArray):
         masked: Any = values.astype(np.float64)
         return np.asarray(masked.filled(np.nan))

@@ -27,7 +27,7 @@ from priorfill.errors import ClipError, OptionError
 from priorfill.formats.arrays.column_order import check_column_order
 from priorfill.formats.recording import ReadOptions, Recording, make_clip
 from priorfill.formats.units import UNITS
-from priorfill.runtime.argument_types import check_attributes, check_number
+from priorfill.runtime.argument_types import check_attributes, check_labels, check_number
 
 if TYPE_CHECKING:
     from priorfill.filling.result import Result
@@ -98,6 +98,8 @@ def from_arrays(
         If columns hold X of all markers before Y and Z.
     OptionError
         If rate, unit or axis is invalid.
+    ArgumentTypeError
+        If an argument is of another type.
 
     Examples
     --------
@@ -110,16 +112,16 @@ def from_arrays(
     --------
     priorfill.read : Read a clip from a file.
     """
+    texts = check_labels(labels, convert=True)
     array = np.array(without_mask(positions))
-    if array.ndim == 2 and array.shape[1] == 3 * len(labels):
+    if array.ndim == 2 and array.shape[1] == 3 * len(texts):
         check_column_order(array, name)
-        array = array.reshape(len(array), len(labels), 3)
-    if array.ndim != 3 or array.shape[1:] != (len(labels), 3):
+        array = array.reshape(len(array), len(texts), 3)
+    if array.ndim != 3 or array.shape[1:] != (len(texts), 3):
         raise ClipError(
-            f"{name}: positions have shape {array.shape}; (frames, {len(labels)}, 3) or "
-            f"(frames, {3 * len(labels)}) is needed for {len(labels)} labels"
+            f"{name}: positions have shape {array.shape}; (frames, {len(texts)}, 3) or "
+            f"(frames, {3 * len(texts)}) is needed for {len(texts)} labels"
         )
-    texts = tuple(str(label) for label in labels)
     twice = next((text for text in texts if texts.count(text) > 1), None)
     if twice is not None:  # in a file they are renamed with a note, which needs a source
         raise ClipError(

@@ -11,6 +11,7 @@ import pytest
 import priorfill
 import priorfill as pf
 from priorfill import interop
+from priorfill.integrations.open_trial import fill_trial
 from priorfill.synthetic.demo import make_demo_clip
 
 SLOW = ("numba", "scipy", "ezc3d", "rich", "matplotlib", "distributed")
@@ -145,6 +146,18 @@ def calls_with(value: object) -> dict[str, Callable[[], object]]:
         "result_from_files path": lambda: pf.result_from_files(value, "walk.c3d"),
         "fill_array labels": lambda: pf.fill_array(clip.positions, value, 120.0),
         "fill_array rate": lambda: pf.fill_array(clip.positions, clip.labels, value),
+        "from_arrays labels": lambda: interop.from_arrays(clip.positions, value, 120.0),
+        "from_arrays unit": lambda: interop.from_arrays(
+            clip.positions, clip.labels, 120.0, unit=value
+        ),
+        "Clip labels": lambda: pf.Clip(clip.positions, value, 120.0),
+        "Clip name": lambda: pf.Clip(clip.positions, clip.labels, 120.0, name=value),
+        "Clip subject": lambda: pf.Clip(clip.positions, clip.labels, 120.0, subject=value),
+        "Clip source": lambda: pf.Clip(clip.positions, clip.labels, 120.0, source=value),
+        "open path": lambda: pf.PriorDatabase.open(value),
+        "create path": lambda: pf.PriorDatabase.create(value),
+        "open_or_create path": lambda: pf.PriorDatabase.open_or_create(value),
+        "fill_trial trial": lambda: fill_trial(value),
         "from_arrays rate": lambda: interop.from_arrays(clip.positions, clip.labels, value),
         "from_timeseries series": lambda: interop.from_timeseries(value),
         "from_xarray array": lambda: interop.from_xarray(value),
@@ -176,3 +189,18 @@ def test_exchanged_arguments():
     clip = make_demo_clip()[1]
     with pytest.raises(TypeError, match=r"^`path` is of type Clip; give a path, as a text or Path"):
         pf.write(clip, "walk.c3d")
+
+
+@pytest.mark.parametrize("path", ["walk\0.c3d", Path("walk\0.c3d")])
+def test_a_path_with_a_zero_byte(path: Path | str):
+    for call in (pf.read, pf.PriorDatabase.open, pf.PriorDatabase.create):
+        with pytest.raises(pf.PriorfillError, match="`path` has a zero byte"):
+            call(path)
+
+
+def test_coordinates_beyond_all_measurement_are_refused(recwarn: pytest.WarningsRecorder):
+    """By `fill` too, which would only warn of overflows."""
+    clip = make_demo_clip()[1]
+    with pytest.raises(pf.PriorfillError, match=r"has a coordinate of .*e\+303 in frame"):
+        pf.fill(clip.with_positions(clip.positions * 1e300))
+    assert not recwarn.list

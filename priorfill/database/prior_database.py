@@ -61,6 +61,7 @@ from priorfill.errors import (
     DuplicateClipError,
     OptionError,
 )
+from priorfill.runtime.argument_types import check_path
 from priorfill.runtime.display import escaped
 
 __all__ = ["DEFAULT_LEVELS", "DEFAULT_RATE", "PriorDatabase"]
@@ -220,6 +221,7 @@ class PriorDatabase:
         OptionError
             If the rate or the number of levels is invalid.
         """
+        check_path("path", path)
         path = Path(path)
         if not (np.isfinite(rate) and rate > 0):
             raise OptionError(f"a database rate of {rate:g} Hz is invalid; give 30, for example")
@@ -263,6 +265,7 @@ class PriorDatabase:
         """
         if write and state:
             raise OptionError("an earlier `state` of a database can only be read, not written to")
+        check_path("path", path)
         return cls(Path(path), write=write, state=state)
 
     @classmethod
@@ -274,6 +277,7 @@ class PriorDatabase:
         For an existing database `rate` and `levels` are ignored. Parameters and errors are those of
         `create` and `open`.
         """
+        check_path("path", path)
         path = Path(path)
         if not (path / MANIFEST).exists():
             try:

@@ -51,6 +51,7 @@ from priorfill.filling.same_subject_takes import same_subject_takes
 from priorfill.filling.sample_progress import CallShares, SampleProgress
 from priorfill.filling.seen_clip import SeenClip, doubtful_samples
 from priorfill.filling.swaps import SwappedClip, check_swaps, swap_markers
+from priorfill.formats.recording import check_coordinates
 from priorfill.gaps import runs as runs_of
 from priorfill.markers.definitions import recognise
 from priorfill.markers.marker_set_check import check_marker_set
@@ -146,6 +147,8 @@ def fill(
     if not clips:
         raise OptionError("there is no clip to fill; give one or several")
     same_subject = _as_clips(same_subject, "same_subject")
+    for one in (*clips, *same_subject):
+        check_coordinates(one.positions, one.labels, one.first_frame, one.name)
     if isinstance(overrides, (str, Path)):
         overrides = read_overrides(overrides)
     if overrides is not None:

@@ -23,6 +23,7 @@ from priorfill.formats.point_kinds import find_model_points, split_label
 from priorfill.formats.subjects import choose_subject
 from priorfill.formats.units import find_unit
 from priorfill.formats.up_axis import find_up_axis
+from priorfill.runtime.argument_types import check_number, check_type
 from priorfill.runtime.threads import by_frames, map_in_threads
 
 __all__ = [
@@ -70,6 +71,8 @@ class ReadOptions:
     ------
     OptionError
         If the rate is not positive.
+    ArgumentTypeError
+        If the rate is no number, or another value no text.
     """
 
     zeros_missing: bool = True
@@ -80,6 +83,10 @@ class ReadOptions:
     ignore_residuals: bool = False
 
     def __post_init__(self) -> None:
+        for name in ("up", "unit", "subject"):
+            check_type(name, getattr(self, name), (str, type(None)), "a text, or None")
+        if self.rate is not None:
+            check_number("rate", self.rate)
         if self.rate is not None and not (np.isfinite(self.rate) and self.rate > 0):
             raise OptionError(f"`rate` is {self.rate:g} Hz; give the frames per second, above 0")
 

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.errors import IntegrationError, OptionError
+from priorfill.integrations.answers import asking
 from priorfill.runtime.option_texts import close_or_all
 
 __all__ = ["NexusTrial", "open_nexus"]
@@ -112,6 +113,7 @@ class NexusTrial:
     program = "Nexus"
     gaps_only = False
 
+    @asking("Nexus", "the open trial")
     def __init__(self, vicon: Any) -> None:
         self._vicon = vicon
         self.notes: list[str] = []
@@ -138,6 +140,7 @@ class NexusTrial:
             first = 1  # the range is a part of the trial, whose frames are counted from 1
         return folder, name, frames, first
 
+    @asking("Nexus", "the open trial")
     def check_same(self) -> None:
         """Raise IntegrationError unless Nexus still has the trial open."""
         known = (self._folder, self.name, self.frames, self.first_frame)
@@ -148,6 +151,7 @@ class NexusTrial:
                 "frames), which was filled; nothing was set"
             )
 
+    @asking("Nexus", "subjects and markers")
     def markers(self, subjects: Sequence[str]) -> list[tuple[str, list[str]]]:
         """Return subjects with the labels of their markers.
 
@@ -188,6 +192,7 @@ class NexusTrial:
         names, _, active = self._vicon.GetSubjectInfo()
         return [str(name) for name, ticked in zip(names, active, strict=True) if ticked]
 
+    @asking("Nexus", "the samples of a marker")
     def read(self, subject: str, marker: str) -> NDArray[np.float64]:
         """Return the positions of a marker [shape=(frames, 3), mm]; NaN where it does not exist.
 

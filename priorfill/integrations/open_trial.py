@@ -29,10 +29,14 @@ from priorfill.filling.result import Result
 from priorfill.filling.uncertainty_file import check_uncertainty, write_uncertainty
 from priorfill.formats.recording import MAX_COORDINATE
 from priorfill.formats.up_axis import find_up_axis
+from priorfill.runtime.argument_types import check_attributes, check_type
 from priorfill.runtime.option_checks import check_not_text
 from priorfill.runtime.option_texts import first_names
 
 __all__ = ["OpenTrial", "TrialOptions", "TrialResult", "fill_trial"]
+
+_CALLS = ("markers", "check_same", "read", "set_filled", "take_back")
+"""What an open trial has."""
 
 _MAX_NAMES = 12
 """Markers that a message lists."""
@@ -241,7 +245,9 @@ def fill_trial(
     >>> from priorfill.integrations.nexus import open_nexus  # doctest: +SKIP
     >>> done = fill_trial(open_nexus(), database="lab-priors")  # doctest: +SKIP
     """
-    options = trial_options or TrialOptions()
+    check_attributes("trial", trial, _CALLS, "what open_nexus or open_qtm returns")
+    options = trial_options if trial_options is not None else TrialOptions()
+    check_type("trial_options", options, TrialOptions, "TrialOptions")
     _check_overrides(trial, arguments)
     if options.uncertainty is not None:
         check_uncertainty(options.uncertainty, overwrite=options.overwrite)

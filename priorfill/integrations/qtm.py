@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 from priorfill.errors import IntegrationError, OptionError, PriorfillError
 from priorfill.filling.fill_options import FillKeywords
 from priorfill.gaps import runs
+from priorfill.integrations.answers import asking
 from priorfill.integrations.open_trial import TrialOptions, fill_trial
 from priorfill.integrations.trial_report import report_lines
 
@@ -128,6 +129,7 @@ class QtmMeasurement:
     program = "QTM"
     gaps_only = True
 
+    @asking("QTM", "the open measurement")
     def __init__(self, api: Any) -> None:
         self._api = api
         self.notes: list[str] = []
@@ -167,6 +169,7 @@ class QtmMeasurement:
                 "nothing was set"
             )
 
+    @asking("QTM", "its trajectories")
     def markers(self, subjects: Sequence[str]) -> list[tuple[str, list[str]]]:
         """Return the labels of all trajectories that are identified and not discarded.
 
@@ -217,6 +220,7 @@ class QtmMeasurement:
             _optional(lambda: self._api.data.object.trajectory.get_is_discarded(number), False)
         )
 
+    @asking("QTM", "the samples of a trajectory")
     def read(self, subject: str, marker: str) -> NDArray[np.float64]:
         """Return the positions of a trajectory [shape=(frames, 3), mm]; NaN where missing.
 
@@ -237,7 +241,8 @@ class QtmMeasurement:
         positions = np.full((self.frames, 3), np.nan)
         for frame, sample in enumerate(samples):
             if sample is not None and sample.get("position") is not None:
-                positions[frame] = sample["position"]
+                x, y, z = sample["position"]  # a single number would be taken for all three
+                positions[frame] = x, y, z
         positions[~np.isfinite(positions).all(axis=1)] = np.nan
         return positions
 

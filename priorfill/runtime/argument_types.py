@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 
-from priorfill.errors import ArgumentTypeError
+from priorfill.errors import ArgumentTypeError, OptionError
 
-__all__ = ["check_attributes", "check_number", "check_path", "check_result", "check_type"]
+__all__ = [
+    "check_attributes",
+    "check_labels",
+    "check_number",
+    "check_path",
+    "check_result",
+    "check_type",
+]
 
 
 def check_type(name: str, value: object, kinds: type | tuple[type, ...], remedy: str) -> None:
@@ -28,7 +36,7 @@ def check_type(name: str, value: object, kinds: type | tuple[type, ...], remedy:
 
 
 def check_path(name: str, value: object) -> None:
-    """Raise an `ArgumentTypeError` unless an argument is the path of a file or folder.
+    """Raise an `OptionError` unless an argument can be the path of a file or folder.
 
     Parameters
     ----------
@@ -38,6 +46,30 @@ def check_path(name: str, value: object) -> None:
         Its value.
     """
     check_type(name, value, (str, os.PathLike), "a path, as a text or Path")
+    if "\0" in str(value):
+        raise OptionError(f"`{name}` has a zero byte; no name of a file can")
+
+
+def check_labels(value: object, *, convert: bool = False) -> tuple[str, ...]:
+    """Return the argument ``labels`` as a tuple, or raise an `ArgumentTypeError`.
+
+    Parameters
+    ----------
+    value : object
+        Its value.
+    convert : bool
+        Whether labels that are no texts, such as numbers, become texts.
+    """
+    remedy = "a list of texts, one for each marker"
+    if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
+        raise ArgumentTypeError(f"`labels` is of type {type(value).__name__}; give {remedy}")
+    labels = tuple(str(label) for label in value) if convert else tuple(value)
+    for number, label in enumerate(labels, start=1):
+        if not isinstance(label, str):
+            raise ArgumentTypeError(
+                f"`labels` has one of type {type(label).__name__} (number {number}); give {remedy}"
+            )
+    return labels
 
 
 def check_result(value: object) -> None:

@@ -514,3 +514,36 @@ def test_a_recording_is_filled_as_by_itself(data: Path) -> None:
     after = vicon.clip(clip.subject, clip)
     assert same(after, alone.clip.positions)
     assert same(after[~clip.missing], clip.positions[~clip.missing])
+
+
+@pytest.mark.parametrize(
+    ("call", "answer"),
+    [
+        ("GetFrameCount", None),
+        ("GetFrameRate", "fast"),
+        ("GetTrialName", "Walk 01"),
+        ("GetTrialRange", (1,)),
+        ("GetTrialRegionOfInterest", ()),
+        ("GetSubjectNames", None),
+        ("GetSubjectInfo", (["Anna"], ["PlugInGait"])),
+        ("GetMarkerNames", None),
+        ("GetTrajectory", None),
+        ("GetTrajectory", (["a"] * 240,) * 4),
+        ("GetTrialName", OSError("connection lost")),
+        ("GetTrajectory", RuntimeError("connection lost")),
+    ],
+)
+def test_an_answer_that_is_not_as_documented(call: str, answer: object) -> None:
+    """One line, and nothing is set: also where the connection is lost."""
+    vicon = ViconNexus([anna()])
+
+    def other(*arguments: object) -> object:
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    setattr(vicon, call, other)
+    with pytest.raises(IntegrationError, match=r"Nexus was asked for .*, and its answer") as caught:
+        quick(vicon)
+    assert "\n" not in str(caught.value)
+    assert vicon.calls == []

@@ -362,3 +362,39 @@ def test_a_recording_is_filled_as_by_itself(data: Path) -> None:
     assert same(done.result.clip.positions, alone.clip.positions)
     assert same(state.clip(clip), alone.clip.positions)
     assert same(state.clip(clip)[~clip.missing], clip.positions[~clip.missing])
+
+
+@pytest.mark.parametrize(
+    ("module", "call", "answer"),
+    [
+        ("timeline", "get_selected_range", None),
+        ("timeline", "get_frequency", "fast"),
+        ("trajectory", "get_trajectory_ids", None),
+        ("trajectory", "get_parts", [{}]),
+        ("trajectory", "get_label", RuntimeError("lost")),
+        ("series", "get_samples", 3),
+        ("series", "get_samples", [{"position": [5.0]}] * 240),
+        ("series", "get_samples", [{"position": [1.0, 2.0]}] * 240),
+        ("series", "get_samples", [{"position": "up"}] * 240),
+    ],
+)
+def test_an_answer_that_is_not_as_documented(module: str, call: str, answer: object) -> None:
+    """One line, and nothing is set: also where one number stands for three."""
+    state = Measurement(gappy())
+    api = scripting_interface(state)
+
+    def other(*arguments: object) -> object:
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    places = {
+        "timeline": api.gui.timeline,
+        "trajectory": api.data.object.trajectory,
+        "series": api.data.series._3d,
+    }
+    setattr(places[module], call, other)
+    with pytest.raises(IntegrationError, match=r"QTM was asked for .*, and its answer") as caught:
+        fill_trial(QtmMeasurement(api), method="linear", options=AS_ESTIMATED)
+    assert "\n" not in str(caught.value)
+    assert state.writes == []
