@@ -23,11 +23,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from priorfill.clip import Clip, without_mask
-from priorfill.errors import ClipError, OptionError
+from priorfill.errors import ArgumentTypeError, ClipError, OptionError
 from priorfill.formats.arrays.column_order import check_column_order
 from priorfill.formats.recording import ReadOptions, Recording, make_clip
 from priorfill.formats.units import UNITS
-from priorfill.runtime.argument_types import check_attributes, check_labels, check_number
+from priorfill.runtime.argument_types import (
+    check_attributes,
+    check_labels,
+    check_number,
+    check_result,
+    check_type,
+)
 
 if TYPE_CHECKING:
     from priorfill.filling.result import Result
@@ -219,6 +225,7 @@ def to_timeseries(clip: Clip, timeseries_class: Callable[..., Any], unit: str = 
     --------
     >>> series = to_timeseries(clip, kineticstoolkit.TimeSeries)  # doctest: +SKIP
     """
+    check_type("clip", clip, Clip, "a Clip")
     scale = _mm_per_unit(unit)
     ones = np.where(clip.missing, np.nan, 1.0)[:, :, None]
     points = np.concatenate([clip.positions / scale, ones], axis=2)
@@ -264,6 +271,8 @@ def from_xarray(array: Any, **options: Any) -> Clip:
     >>> clip = from_xarray(pyomeca.Markers.from_c3d("walk.c3d"))  # doctest: +SKIP
     """
     check_attributes("array", array, ("dims", "coords"), "a DataArray of xarray, as of pyomeca")
+    if hasattr(array, "data_vars"):
+        raise ArgumentTypeError("`array` is a Dataset; give one of its variables")
     name = options.setdefault("name", str(getattr(array, "name", None) or "xarray"))
     if set(array.dims) != {"axis", "channel", "time"}:
         raise ClipError(
@@ -282,7 +291,8 @@ def from_xarray(array: Any, **options: Any) -> Clip:
     attributes: Mapping[str, Any] = getattr(array, "attrs", {})
     rate = options.pop("rate", None) or _rate_of_array(ordered, attributes.get("rate"), name)
     options.setdefault("unit", attributes.get("units"))
-    options.setdefault("first_frame", int(attributes.get("first_frame", 0)))
+    first_frame = _number(attributes.get("first_frame"), "first_frame", name) or 0.0
+    options.setdefault("first_frame", int(first_frame) if first_frame.is_integer() else first_frame)
     return from_arrays(values[:, :, places], labels, rate, **options)
 
 
@@ -316,6 +326,7 @@ def to_xarray(clip: Clip, dataarray_class: Callable[..., Any], unit: str = "mm")
     --------
     >>> array = to_xarray(clip, xarray.DataArray)  # doctest: +SKIP
     """
+    check_type("clip", clip, Clip, "a Clip")
     frames, markers = clip.missing.shape
     points = np.ones((4, markers, frames))
     points[:3] = clip.positions.transpose(2, 1, 0) / _mm_per_unit(unit)
@@ -379,10 +390,10 @@ def from_dataframe(frame: Any, rate: float | None = None, **options: Any) -> Cli
             "LTOE_X, or use pairs (label, axis)"
         )
     order = [axes[k] for axes in complete.values() for k in range(3)]
-    values = without_mask(frame.iloc[:, order].to_numpy())
+    values = without_mask(_with_nan(frame.iloc[:, order].to_numpy()))
     if rate is None:
         try:
-            times = np.asarray(frame.index.to_numpy(), dtype=np.float64)
+            times = _seconds(frame.index.to_numpy())
         except (TypeError, ValueError):
             raise ClipError(f"{name}: its index is not a time in seconds; give the rate") from None
         rate = rate_of_times(times, name)
@@ -421,6 +432,7 @@ def to_dataframe(clip: Clip, dataframe_class: Callable[..., Any], unit: str = "m
     --------
     >>> frame = to_dataframe(clip, pandas.DataFrame)  # doctest: +SKIP
     """
+    check_type("clip", clip, Clip, "a Clip")
     columns = [f"{label}_{axis.upper()}" for label in clip.labels for axis in _AXES]
     values = clip.positions.reshape(clip.frames, -1) / _mm_per_unit(unit)
     return dataframe_class(values, columns=columns, index=_times(clip))
@@ -454,6 +466,7 @@ def result_to_xarray(result: Result, dataset_class: Callable[..., Any]) -> Any:
     >>> dataset = result_to_xarray(result, xarray.Dataset)  # doctest: +SKIP
     >>> dataset.error_bound_90.sel(marker="LKNE").max()  # doctest: +SKIP
     """
+    check_result(result)
     clip = result.clip
     places, mm = ("frame", "marker"), {"units": "mm"}
     return dataset_class(
@@ -501,6 +514,7 @@ def result_to_dataframe(result: Result, dataframe_class: Callable[..., Any]) -> 
     >>> table = result_to_dataframe(result, pandas.DataFrame)  # doctest: +SKIP
     >>> table[table.filled].groupby("marker").error_bound_90_mm.max()  # doctest: +SKIP
     """
+    check_result(result)
     clip = result.clip
     markers = len(clip.labels)
     frames = clip.first_frame + np.arange(clip.frames)
@@ -595,23 +609,57 @@ def rate_of_times(times: NDArray[np.float64], name: str) -> float:
     return 1 / step
 
 
-def _rate_of_array(array: Any, stated: Any, name: str) -> float:
+def _seconds(times: ArrayLike) -> NDArray[np.float64]:
+    """Return times as numbers; in seconds from the first, if they are dates or durations."""
+    given = np.asarray(times)
+    if given.dtype.kind in "mM" and given.size:
+        given = (given - given[0]) / np.timedelta64(1, "s")
+    return given.astype(np.float64)
+
+
+def _with_nan(values: NDArray[Any]) -> NDArray[Any]:
+    """Return values with NaN for pandas.NA and None, which an array of objects can hold."""
+    if values.dtype.kind != "O":
+        return values
+    blank = [value is None or type(value).__name__ == "NAType" for value in values.flat]
+    return np.where(np.reshape(blank, values.shape), np.nan, values)
+
+
+def _rate_of_array(array: Any, given: Any, name: str) -> float:
     """Return the frame rate (Hz) of a DataArray by its times, or as stated where it has none."""
-    times = np.asarray(array.coords["time"].values) if "time" in array.coords else np.empty(0)
-    if times.dtype.kind in "mM":
-        times = (times - times[0]) / np.timedelta64(1, "s")
-    times = times.astype(np.float64)
+    try:
+        times = _seconds(array.coords["time"].values if "time" in array.coords else [])
+    except (TypeError, ValueError):
+        raise ClipError(f"{name}: its times are no numbers; give the times in seconds") from None
+    number = _number(given, "rate", name)
+    stated = None if number is None or np.isnan(number) else number
     if len(times) < 2 or not np.isfinite(times).all():
         if stated is None:
             raise ClipError(f"{name}: has neither times nor a rate; give the rate")
-        return float(stated)
+        return stated
     rate = rate_of_times(times, name)
     if stated is None:
         return rate
-    if abs(float(stated) / rate - 1) <= _MAX_RATE_DEVIATION:
-        return float(stated)
+    if abs(stated / rate - 1) <= _MAX_RATE_DEVIATION:
+        return stated
     whole = (times == np.round(times)).all()  # they count frames
-    return float(stated) * rate if whole else rate
+    return stated * rate if whole else rate
+
+
+def _number(value: Any, attribute: str, name: str) -> float | None:
+    """Return an attribute of a DataArray as a number; None if it is absent.
+
+    Raises
+    ------
+    ClipError
+        If it is none.
+    """
+    try:
+        return None if value is None else float(value)
+    except (TypeError, ValueError):
+        raise ClipError(
+            f"{name}: its attribute {attribute} is {value!r}; give it a number"
+        ) from None
 
 
 def _mm_per_unit(unit: str) -> float:

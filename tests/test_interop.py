@@ -309,3 +309,64 @@ def test_without_the_packages(result: pf.Result, monkeypatch: pytest.MonkeyPatch
     for export, name in ((result.to_xarray, "xarray"), (result.to_dataframe, "pandas")):
         with pytest.raises(OptionError, match=f"pip install {name}"):
             export()
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value", "message"),
+    [
+        ("rate", "fast", "its attribute rate is 'fast'; give it a number"),
+        ("first_frame", "one", "its attribute first_frame is 'one'; give it a number"),
+        ("first_frame", 1.7, "the first frame is 1.7; give a whole number"),
+        ("first_frame", np.nan, "the first frame is nan; give a whole number"),
+    ],
+)
+def test_attributes_that_are_no_numbers(attribute: str, value: object, message: str) -> None:
+    array = interop.to_xarray(with_gap(), DataArray)
+    array.attrs[attribute] = value
+    with pytest.raises(ClipError, match=message):
+        interop.from_xarray(array)
+
+
+@pytest.mark.parametrize(("attribute", "value"), [("first_frame", None), ("rate", np.nan)])
+def test_attributes_that_are_unknown(attribute: str, value: object) -> None:
+    array = interop.to_xarray(with_gap(), DataArray)
+    array.attrs[attribute] = value
+    assert same(interop.from_xarray(array), with_gap())
+
+
+def test_times_that_are_no_numbers() -> None:
+    array = interop.to_xarray(with_gap(), DataArray)
+    array.coords["time"].values = np.array(["early"] * 12)
+    with pytest.raises(ClipError, match="its times are no numbers"):
+        interop.from_xarray(array)
+
+
+@pytest.mark.parametrize("kind", ["datetime64[ns]", "timedelta64[ns]"])
+def test_an_index_of_dates_or_durations_is_in_seconds(kind: str) -> None:
+    frame = interop.to_dataframe(replace(with_gap(), rate=125.0), DataFrame)
+    frame._index = (np.arange(12) * 8_000_000).astype(kind)
+    assert interop.from_dataframe(frame).rate == pytest.approx(125.0)
+
+
+class NAType:
+    """pandas.NA, which is no number."""
+
+    def __float__(self) -> float:
+        raise TypeError("float() argument must be a real number, not 'NAType'")
+
+
+@pytest.mark.parametrize("blank", [NAType(), None])
+def test_blanks_of_columns_that_hold_objects(blank: object) -> None:
+    clip = with_gap()
+    frame = interop.to_dataframe(clip, DataFrame)
+    values = frame.values.astype(object)
+    values[np.isnan(frame.values)] = blank
+    frame.values = values
+    assert same(interop.from_dataframe(frame), clip)
+
+
+def test_a_dataset_in_place_of_an_array() -> None:
+    array = interop.to_xarray(with_gap(), DataArray)
+    array.data_vars = {}
+    with pytest.raises(TypeError, match="`array` is a Dataset; give one of its variables"):
+        interop.from_xarray(array)

@@ -276,6 +276,8 @@ def find_axes(
     OptionError
         If the unit or the axis is unknown.
     """
+    for argument, value in (("unit", unit), ("up", up)):
+        check_type(argument, value, (str, type(None)), "a text, or None")
     values = positions.astype(np.float64)
     blank_incomplete_samples(values)
     check_coordinates(values, labels, 0, name)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from priorfill.errors import OptionError
+from priorfill.runtime.argument_types import check_number
 
 __all__ = ["LowConfidence", "check_threshold", "find_low_confidence"]
 
@@ -110,6 +111,7 @@ def find_low_confidence(
 
 def check_threshold(min_confidence: float) -> None:
     """Raise OptionError for a threshold that is not above 0 and at most 1."""
+    check_number("min_confidence", min_confidence)
     if not 0 < min_confidence <= 1:
         raise OptionError(
             f"`min_confidence` is {min_confidence:g}; it must be above 0 and at most 1"

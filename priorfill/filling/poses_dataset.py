@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from priorfill.errors import ClipError
 from priorfill.interop import rate_of_times
+from priorfill.runtime.argument_types import check_number
 
 __all__ = ["Poses", "read_poses", "with_fills"]
 
@@ -69,7 +70,8 @@ def read_poses(dataset: Any, rate: float | None) -> Poses:
     Raises
     ------
     ClipError
-        If the layout differs, positions are two-dimensional, or the frame rate is unknown.
+        If the layout differs, positions are two-dimensional, the frame rate is unknown, or there
+        are no individuals, frames or keypoints.
     """
     if not hasattr(dataset, "data_vars") or "position" not in dataset.data_vars:
         raise ClipError(
@@ -87,6 +89,11 @@ def read_poses(dataset: Any, rate: float | None) -> Poses:
     if values.dtype.kind != "f":
         values = values.astype(np.float64)
     shape = values.shape[:3]
+    for count, what in zip(shape, ("individuals", "frames", "keypoints"), strict=True):
+        if count == 0:
+            raise ClipError(f"the dataset has no {what}; there is nothing to fill")
+    if rate is not None:
+        check_number("rate", rate)
     found, notes = (float(rate), ()) if rate is not None else _frame_rate(dataset, shape[1])
     filled = _variable(dataset, "filled", shape)
     if filled is not None and filled.any():

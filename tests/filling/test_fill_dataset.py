@@ -188,6 +188,9 @@ def changed(name: str, **changes: Any) -> Dataset:
         (changed("position", dims=(*DIMS[:3], "views")), ClipError, "time, space, keypoints, vie"),
         (changed("confidence", dims=("a", "b", "c")), ClipError, "confidence has the dimensions"),
         (Dataset({}, {}, {}), ClipError, "no variable position"),
+        (changed("position", values=bodies()[0][:0]), ClipError, "the dataset has no frames"),
+        (changed("position", values=bodies()[0][:, :, :0]), ClipError, "has no keypoints"),
+        (changed("position", values=bodies()[0][..., :0]), ClipError, "has no individuals"),
         (standing(), ClipError, "no variable position"),
         (changed("confidence", values=bodies()[1] * np.nan), OptionError, "has no confidences"),
     ],
@@ -195,6 +198,13 @@ def changed(name: str, **changes: Any) -> Dataset:
 def test_other_layouts_are_refused(given: Any, error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         filled(given)
+
+
+@pytest.mark.parametrize("argument", ["rate", "min_confidence", "unit", "up"])
+def test_arguments_of_a_wrong_type(argument: str) -> None:
+    value = 3 if argument in ("unit", "up") else "much"
+    with pytest.raises(TypeError, match=f"`{argument}` is of type .*; give a"):
+        filled(dataset(), **{argument: value})
 
 
 def test_with_xarray_itself() -> None:
