@@ -350,7 +350,7 @@ def _damage_members(content: bytes, rng: Rng) -> bytes:
             if number == chosen and data:
                 damage = RAW[int(rng.integers(len(RAW)))]
                 data = damage(data, rng) if rng.random() < 0.5 else _edit_header(data, rng)
-            archive.writestr(name, data)
+            archive.writestr(zipfile.ZipInfo(name), data, zipfile.ZIP_DEFLATED)  # without the time
     return file.getvalue()
 
 

@@ -234,7 +234,7 @@ def test_options(gappy: Path, tmp_path: Path) -> None:
 def test_bad_input(gappy: Path, tmp_path: Path) -> None:
     (tmp_path / "bad.c3d").write_bytes(b"rubbish")
     for status, arguments in (
-        (1, ["no.c3d"]),
+        (2, ["no.c3d"]),
         (1, ["bad.c3d"]),
         (1, [tmp_path]),
         (2, [gappy, "--marker-set", "nonsense"]),

@@ -70,7 +70,7 @@ def test_one_file_is_one_file(here: Path) -> None:
     assert done.exit_code == 2
     assert "*.npz matches 2 files; name one" in done.stderr
     done = run("inspect", "none*.npz")
-    assert done.exit_code == 1
+    assert done.exit_code == 2
     assert done.stderr.startswith("priorfill: none*.npz: ")
 
 

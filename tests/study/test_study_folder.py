@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from priorfill.errors import OutputError
+from priorfill.errors import OptionError, OutputError
 from priorfill.study import study_folder
 from priorfill.study.study_folder import StudyFolder
 
@@ -32,5 +32,5 @@ def test_one_study_at_a_time(here: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_a_file_is_no_folder(here: Path) -> None:
     Path("out").write_bytes(b"")
-    with pytest.raises(OutputError, match="is a file; give a folder"):
+    with pytest.raises(OptionError, match="is a file; give a folder"):
         StudyFolder(here / "out").check(0)
