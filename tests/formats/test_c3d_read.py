@@ -368,6 +368,20 @@ def test_rates_that_contradict_each_other(save):
         assert len(noted) == (stated == 50.0)
 
 
+@pytest.mark.parametrize("is_float", [True, False])
+def test_scales_that_contradict_each_other(save, is_float):
+    """Integer coordinates are proportional to it; of floats, only the sign has a meaning."""
+    path = save(C3DFile(standing(), LABELS, scale=0.1, is_float=is_float))
+    data, positions = bytearray(path.read_bytes()), read_c3d(path).positions
+    for header, noted in ((0.1, False), (0.10005, False), (0.2, not is_float), (0.0, False)):
+        data[12:16] = struct.pack("<f", -header if is_float else header)
+        path.write_bytes(data)
+        clip = read_c3d(path)
+        np.testing.assert_array_equal(clip.positions, positions)
+        notes = [note for note in clip.source.notes if "on its scale; 0.1 of its param" in note]
+        assert len(notes) == noted
+
+
 def test_duplicate_labels(save):
     labels = ["RKNE" if label == "LKNE" else label for label in LABELS]
     clip = read_c3d(save(C3DFile(standing(), labels)))

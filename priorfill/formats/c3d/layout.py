@@ -36,6 +36,9 @@ result."""
 _RATE_TOLERANCE = 0.01
 """Relative difference up to which two rates count as equal, such as 59.94 and 60 Hz."""
 
+_SCALE_TOLERANCE = 1e-3
+"""Relative difference up to which two scales count as equal: bodies differ by 2 mm at most."""
+
 _MAX_COUNT = 65535
 """Largest 16 bit count; written in place of any larger one."""
 
@@ -182,6 +185,7 @@ def parse_layout(data: FileBytes, name: str) -> C3DLayout:
         raise FormatError(
             f"{name}: POINT:SCALE is {scale:g}, so coordinates cannot be decoded; export it again"
         )
+    scale_contradiction = [] if section.is_float else _scale_contradiction(abs(scale), header)
     rate, rate_contradiction = _rate(header, parameters)
     return C3DLayout(
         processor=processor,
@@ -195,7 +199,7 @@ def parse_layout(data: FileBytes, name: str) -> C3DLayout:
         data_start=section.data_start,
         labels=tuple(labels),
         parameters=parameters,
-        contradictions=(*contradictions, *rate_contradiction),
+        contradictions=(*contradictions, *scale_contradiction, *rate_contradiction),
         notes=(parameters.note,) if parameters.note else (),
     )
 
@@ -336,6 +340,22 @@ def _room(data: FileBytes, start: int, frame_bytes: int) -> int:
     tail = data[max(start, len(data) - BLOCK) :]
     used = len(data) - (len(tail) - len(tail.rstrip(b"\0"))) - start
     return max(0, min(-(-used // frame_bytes), (len(data) - start) // frame_bytes))
+
+
+def _scale_contradiction(scale: float, header: C3DHeader) -> list[str]:
+    """Return a note if the header of an integer file has another scale than the one used.
+
+    All coordinates are proportional to it.
+    """
+    other = abs(header.scale)
+    if not (math.isfinite(other) and other > 0):
+        return []
+    if math.isclose(scale, other, rel_tol=_SCALE_TOLERANCE):
+        return []
+    return [
+        f"The file contradicts itself on its scale; {scale:g} of its parameters is used, not "
+        f"{other:g} of its header; check the size of the body."
+    ]
 
 
 def _rate(header: C3DHeader, parameters: C3DParameters) -> tuple[float, list[str]]:
