@@ -146,6 +146,11 @@ def calls_with(value: object) -> dict[str, Callable[[], object]]:
         "result_from_files path": lambda: pf.result_from_files(value, "walk.c3d"),
         "fill_array labels": lambda: pf.fill_array(clip.positions, value, 120.0),
         "fill_array rate": lambda: pf.fill_array(clip.positions, clip.labels, value),
+        "GapFilter max_gap": lambda: pf.GapFilter(max_gap=() if value == 3 else value),
+        "FillOptions marker_set": lambda: pf.FillOptions(marker_set=value),
+        "FillOptions extrapolate": lambda: pf.FillOptions(extrapolate=[] if value == 3 else value),
+        "FillOptions max_error": lambda: pf.FillOptions(max_error="3" if value == 3 else value),
+        "FillOptions progress": lambda: pf.FillOptions(progress=value),
         "from_arrays labels": lambda: interop.from_arrays(clip.positions, value, 120.0),
         "from_arrays unit": lambda: interop.from_arrays(
             clip.positions, clip.labels, 120.0, unit=value
@@ -211,3 +216,15 @@ def test_coordinates_beyond_all_measurement_are_refused(recwarn: pytest.Warnings
     with pytest.raises(pf.PriorfillError, match=r"has a coordinate of .*e\+303 in frame"):
         pf.fill(clip.with_positions(clip.positions * 1e300))
     assert not recwarn.list
+
+
+@pytest.mark.parametrize("markers", [3, {3}, [3], ("LKNE", None)])
+def test_markers_of_a_filter_are_texts(markers: object):
+    with pytest.raises(TypeError, match=r"^`markers(\[[01]\])?` is of type .*; give a"):
+        pf.GapFilter(markers=markers)
+
+
+@pytest.mark.parametrize("frames", [3, object(), "92-116", (1,), (1.5, 3), ("1", "3")])
+def test_frames_of_a_filter_are_two_numbers(frames: object):
+    with pytest.raises(pf.PriorfillError, match="give the first and the last frame"):
+        pf.GapFilter(frames=frames)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from numbers import Real
 from pathlib import Path
 from typing import Any, TypedDict
 
@@ -14,6 +15,7 @@ from priorfill.filling.gap_filter import GapFilter
 from priorfill.filling.overrides import Overrides
 from priorfill.filling.plausibility_options import PlausibilityOptions
 from priorfill.markers.marker_set import MarkerSet
+from priorfill.runtime.argument_types import check_attributes, check_number, check_type
 from priorfill.runtime.option_texts import Duration, seconds_of
 
 __all__ = ["FillKeywords", "FillOptions"]
@@ -92,7 +94,16 @@ class FillOptions:
     checkpoint: Callable[[], None] | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Check the limits."""
+        """Check the limits, and types that are easily mistaken."""
+        seconds = (Real, str)
+        check_type("extrapolate", self.extrapolate, seconds, "seconds, or frames as '10f'")
+        sets = (MarkerSet, type(None))
+        check_type("marker_set", self.marker_set, sets, "a MarkerSet, as that of a Result")
+        if self.max_error is not None:
+            check_number("max_error", self.max_error)
+        for name in ("progress", "checkpoint"):
+            if getattr(self, name) is not None:
+                check_attributes(name, getattr(self, name), ("__call__",), "a function")
         if not seconds_of(self.extrapolate, 1.0) >= 0.0:
             raise OptionError(f"`extrapolate` is {self.extrapolate}; it must be at least 0")
         if self.max_error is not None and not self.max_error > 0.0:

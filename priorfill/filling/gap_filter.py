@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from numbers import Integral, Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from priorfill.clip import Clip
 from priorfill.errors import OptionError
 from priorfill.gaps import Gap, find_gaps
+from priorfill.runtime.argument_types import check_type
 from priorfill.runtime.option_checks import check_not_text
 from priorfill.runtime.option_texts import Duration, check_positive, close_or_all, seconds_of
 
@@ -64,9 +66,13 @@ class GapFilter:
     def __post_init__(self) -> None:
         """Check the fields."""
         check_not_text(self, "markers")
+        check_type("markers", self.markers, Collection, "a tuple of labels or patterns")
+        for number, one in enumerate(self.markers):
+            check_type(f"markers[{number}]", one, str, "a label or pattern")
         if self.max_gap is not None:
+            check_type("max_gap", self.max_gap, (Real, str), "seconds, or frames as '10f'")
             check_positive(self.max_gap, "the longest gap to fill (`max_gap`)")
-        if self.frames is not None and (isinstance(self.frames, str) or len(self.frames) != 2):
+        if self.frames is not None and not _is_frame_range(self.frames):
             raise OptionError(
                 f"`frames` is {self.frames!r}; give the first and the last frame, as (92, 116)"
             )
@@ -163,6 +169,15 @@ class GapFilter:
                 "give frames of the clip"
             )
         return range(max(first - own[0], 0), min(last - own[0] + 1, clip.frames))
+
+
+def _is_frame_range(value: object) -> bool:
+    """Return whether a value is a first and a last frame, each a whole number or None."""
+    return (
+        isinstance(value, (tuple, list))
+        and len(value) == 2
+        and all(one is None or isinstance(one, Integral) for one in value)
+    )
 
 
 def matching_markers(clip: Clip, pattern: str) -> list[int]:
