@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+
+from priorfill.runtime.data_class import dataclass
 
 __all__ = ["JUMP", "KINDS", "LABEL_SWAP", "MISLABELLED", "SPIKE", "STUCK", "Artefact"]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from priorfill.artefacts.reference_markers import distances
 from priorfill.gaps import runs
 from priorfill.geometry.distances import norms
+from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least
 
 __all__ = [

@@ -11,8 +11,10 @@ import json
 import re
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
+
+from priorfill.runtime.data_class import dataclass
 
 __all__ = ["Segment", "SegmentList", "Unused"]
 

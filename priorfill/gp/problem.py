@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Protocol
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from priorfill.gp.features import Alignment, LagFeature
 from priorfill.gp.kernels import Pairs
 from priorfill.gp.process import GaussianProcess
+from priorfill.runtime.data_class import dataclass
 
 __all__ = ["GPModel", "LagSource", "PoseSamples", "RegressionProblem", "SimulatedGap"]
 

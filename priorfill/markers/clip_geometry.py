@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +12,7 @@ from priorfill.geometry.floor_heights import floor_heights
 from priorfill.markers.describe import describe_markers
 from priorfill.markers.left_right import contralateral_markers
 from priorfill.markers.marker_set import MarkerSet
+from priorfill.runtime.data_class import dataclass
 
 __all__ = ["ClipGeometry"]
 

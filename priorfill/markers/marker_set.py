@@ -7,7 +7,9 @@ none, found from the clip's own data.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
+
+from priorfill.runtime.data_class import dataclass
 
 __all__ = ["DISCOVERED", "MarkerSet", "same_markers"]
 

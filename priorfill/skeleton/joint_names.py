@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+
+from priorfill.runtime.data_class import dataclass
 
 __all__ = ["JointName", "read_names"]
 

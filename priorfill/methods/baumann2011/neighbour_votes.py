@@ -40,8 +40,6 @@ References
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -66,6 +64,7 @@ from priorfill.methods.task import (
     no_progress,
     take_names,
 )
+from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.elementary import exp
 from priorfill.runtime.option_checks import check_at_least
 from priorfill.search.bank import PoseBank

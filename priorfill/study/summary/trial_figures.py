@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import PurePosixPath
 from typing import Any, Protocol
 
+from priorfill.runtime.data_class import dataclass
 from priorfill.study.job import FAILED, JobOutcome
 
 __all__ = [

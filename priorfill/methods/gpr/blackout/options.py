@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from priorfill.gp.kernels import (
     RBF,
     Constant,
@@ -14,6 +12,7 @@ from priorfill.gp.kernels import (
     SubjectCorrelation,
 )
 from priorfill.gp.process import GaussianProcess
+from priorfill.runtime.data_class import dataclass
 from priorfill.runtime.option_checks import check_at_least, check_between
 
 __all__ = ["BlackoutOptions"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -18,6 +17,7 @@ from priorfill.gp.kernels import (
     SameRecording,
     SameSubject,
 )
+from priorfill.runtime.data_class import dataclass
 
 __all__ = ["MultiSubjectKernel", "subject_pairs"]
 
