@@ -96,6 +96,20 @@ def test_nothing_else_is_imported_before_interrupts_are_caught():
     assert done.stdout.split() == ["__future__", "priorfill", "priorfill.__main__"]
 
 
+def test_a_command_seldom_looks_for_unused_objects():
+    """Looking through all that imports make takes longer than some fills."""
+    code = (
+        "import atexit, gc; runs = []\n"
+        "gc.callbacks.append(lambda phase, info: runs.append(phase))\n"
+        "import sys; sys.argv = ['priorfill', 'methods', '--json']\n"
+        "atexit.register(lambda: print(gc.get_freeze_count() > 10_000, file=sys.stderr))\n"
+        "from priorfill.__main__ import start; runs.clear()\n"
+        "atexit.register(lambda: print(runs, file=sys.stderr)); start()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr.split() == ["[]", "True"]
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows interrupts all processes of a console")
 def test_an_interrupted_start_is_quiet():
     """Also where Python would end itself by the signal: inside ``exec``, as of dataclasses."""
