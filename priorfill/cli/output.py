@@ -54,9 +54,6 @@ MIN_WORD = 16
 GAP = 2
 """Blanks between the columns of a table."""
 
-_STYLING = {"FORCE_COLOR", "TTY_COMPATIBLE"}
-"""Variables of the environment by which rich writes styles where the output is no terminal."""
-
 MAX_ROWS = 20
 """Number of rows of a long table; ``--all`` prints all."""
 
@@ -192,7 +189,7 @@ def _plain_lines(
 
     They are those of `_styled_lines`; the import of rich takes 0.03 s, a tenth of a short fill.
     """
-    if sys.stdout.isatty() or _STYLING & os.environ.keys():
+    if sys.stdout.isatty():
         return []
     columns = []
     for i, (name, width) in enumerate(zip(names, least, strict=True)):

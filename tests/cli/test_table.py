@@ -46,15 +46,6 @@ def test_others_are_left_to_rich(cells: list[str]) -> None:
     assert output._plain_lines(["name", "value>"], [cells], [4, 5]) == []
 
 
-def test_styles_where_the_user_wants_them(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("TERM", "xterm")
-    output.print_table(("name", "value>"), [("a", "1")])
-    assert "\x1b[1m" in capsys.readouterr().out
-
-
 def test_a_fill_whose_output_is_no_terminal_imports_no_rich(tmp_path: Path) -> None:
     import priorfill as pf
 
