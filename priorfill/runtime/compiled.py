@@ -23,6 +23,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from priorfill.runtime import code_files
+from priorfill.runtime.array_address import array_address
 from priorfill.runtime.code_files import CodeKey
 from priorfill.runtime.machine_code import Loaded, describe_system, load
 
@@ -164,7 +165,7 @@ def _unpack(argument: Any, words: list[Any]) -> Any:
     elements, address, lengths and strides.
     """
     if isinstance(argument, np.ndarray):
-        data = argument.ctypes.data
+        data = array_address(argument)
         words += (0, 0, argument.size, argument.itemsize, data, *argument.shape, *argument.strides)
         return argument.dtype.str, argument.ndim, argument.flags.num & _LAYOUT
     if isinstance(argument, tuple):

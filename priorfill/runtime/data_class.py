@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import MISSING, FrozenInstanceError, fields
 from dataclasses import dataclass as standard_dataclass
+from functools import cache
 from reprlib import recursive_repr
 from typing import TYPE_CHECKING, Any
 
@@ -111,23 +112,32 @@ def _representation(self: Any) -> str:
     return f"{type(self).__qualname__}({', '.join(shown)})"
 
 
-def _compared(self: Any) -> tuple[Any, ...]:
-    """Return the values of an object's fields that count in comparisons."""
-    return tuple(getattr(self, one.name) for one in fields(self) if one.compare)
+@cache
+def _compared(cls: Any) -> list[str]:
+    """Return the names of the fields that count in comparisons."""
+    return [one.name for one in fields(cls) if one.compare]
+
+
+@cache
+def _hashed(cls: Any) -> list[str]:
+    """Return the names of the fields that a hash is made of."""
+    return [one.name for one in fields(cls) if (one.compare if one.hash is None else one.hash)]
 
 
 def _equal(self: Any, other: object) -> Any:
     """Return whether another object has the same class and values."""
     if type(other) is not type(self):
         return NotImplemented
-    return _compared(self) == _compared(other)
+    cls: Any = type(self)
+    names = _compared(cls)
+    mine, others = ([getattr(one, name) for name in names] for one in (self, other))
+    return mine == others
 
 
 def _hash(self: Any) -> int:
     """Return a hash of an object's values."""
-    counted = (one.compare if one.hash is None else one.hash for one in fields(self))
-    values = (getattr(self, one.name) for one in fields(self))
-    return hash(tuple(value for value, counts in zip(values, counted, strict=True) if counts))
+    cls: Any = type(self)
+    return hash(tuple([getattr(self, name) for name in _hashed(cls)]))
 
 
 def _refusals(cls: Any) -> dict[str, Any]:

@@ -22,6 +22,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from priorfill.runtime.array_address import array_address
+
 __all__ = [
     "cholesky_in_place",
     "invert_lower_in_place",
@@ -181,7 +183,7 @@ def _sizes(matrix: NDArray[np.float64]) -> tuple[Any, Any, ctypes.c_int64]:
 
 
 def _address(matrix: NDArray[np.float64]) -> ctypes.c_void_p:
-    return ctypes.c_void_p(matrix.ctypes.data)
+    return ctypes.c_void_p(array_address(matrix))
 
 
 _LOADING = Lock()
