@@ -166,7 +166,7 @@ def regress(
         Training sets for the same missing markers and the same queries.
     models : sequence of GPModel
         Each is fitted to each problem that has its lag feature and no models of its own. Those of
-        one alignment, and among these those of one lag feature, must follow each other.
+        one alignment must follow each other.
     block_seconds : float
         s. Length of the held-out blocks: that of the gap.
     inside : ndarray of bool [shape=(poses,)], optional
@@ -272,7 +272,7 @@ def _predict(
     inputs = {}
     for problem, shared in zip(fitted.problems, fitted.shared, strict=True):
         query = problem.query_batch(batch)
-        inputs[id(shared)] = (query, shared.query_pairs(query))
+        inputs[id(shared)] = (query, shared.with_query(query))
     return list(
         map_function(lambda models: models.predict(*inputs[id(models.shared)]), fitted.by_alignment)
     )

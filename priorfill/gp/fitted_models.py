@@ -6,9 +6,8 @@ batches, so that long gaps need no more memory than short ones.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from itertools import groupby
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +15,9 @@ from numpy.typing import NDArray
 from priorfill.geometry.root_frames import RootFrames
 from priorfill.gp.features import Alignment, LagFeature, MarkerWeights
 from priorfill.gp.kernels import Kernel, Pairs, SameSubject
+from priorfill.gp.linalg import JITTER, joined_blocks, solve_indefinite_blocks
+from priorfill.gp.pose_process import PoseProcess
 from priorfill.gp.problem import GPModel, PoseSamples, RegressionProblem
-from priorfill.gp.process import FittedGP, GaussianProcess
 
 __all__ = ["FittedModel", "FittedModels", "Predictions", "SharedCovariances"]
 
@@ -34,51 +34,68 @@ class SharedCovariances:
         Training poses that are held out together.
     held_out : ndarray of int
         The training poses of all blocks, in order of time.
+    order : ndarray of int
+        Their places where the blocks follow one another.
     simulated : list of ndarray of int
         Training poses of each simulated gap.
-    pairs : Pairs
-        Of the training poses, with the covariances in time of all kernels.
+    train : tuple of ndarray [shapes=(factors, poses, poses), (added, poses, poses)]
+        By what covariances of training poses are multiplied, and what is added to them; see
+        `priorfill.gp.pose_process.PoseProcess`.
     """
 
     blocks: list[NDArray[np.intp]]
     held_out: NDArray[np.intp]
+    order: NDArray[np.intp]
     simulated: list[NDArray[np.intp]]
-    pairs: Pairs
+    train: tuple[_Floats, _Floats]
     _problem: RegressionProblem
-    _kernels: tuple[Kernel, ...]
+    _factors: tuple[Kernel, ...]
+    _added: tuple[Kernel, ...]
 
     @classmethod
     def of(
-        cls, problem: RegressionProblem, models: Iterable[GPModel], block_seconds: float
+        cls, problem: RegressionProblem, models: Sequence[GPModel], block_seconds: float
     ) -> SharedCovariances:
         """Compute what models share, with held-out blocks of some length (s)."""
         train = problem.train
         blocks = train.blocks(block_seconds, problem.query)
         held_out = np.concatenate(blocks)
-        held_out = held_out[np.argsort(train.time[held_out], kind="stable")]
-        processes = dict.fromkeys(_with_offset(model.process, problem) for model in models)
-        kernels = tuple(process.kernel for process in processes)
+        order = np.argsort(train.time[held_out], kind="stable")
+        pairs = train.pairs(train)
+        factors = tuple(dict.fromkeys(model.process.factor for model in models))
+        some = tuple(kernel for kernel in factors if isinstance(pairs.value(kernel), np.ndarray))
+        added = tuple(dict.fromkeys(model.process.of_time for model in models))
         simulated = [gap.rows for gap in problem.simulated_gaps]
-        pairs = _precomputed(train.pairs(train), kernels)
-        return cls(blocks, held_out, simulated, pairs, problem, kernels)
+        offset = problem.offset_variance
+        both = _matrices(pairs, some), _matrices(pairs, added, offset)
+        return cls(blocks, held_out[order], order, simulated, both, problem, some, added)
 
-    def query_pairs(self, query: PoseSamples) -> Pairs:
-        """Return the pairs of queries with the training poses, and their covariances in time."""
-        return _precomputed(query.pairs(self._problem.train), self._kernels)
+    def with_query(self, query: PoseSamples) -> tuple[_Floats, _Floats]:
+        """Return the same as `train` of queries with the training poses."""
+        pairs = query.pairs(self._problem.train)
+        offset = self._problem.offset_variance
+        return _matrices(pairs, self._factors), _matrices(pairs, self._added, offset)
+
+    def places(self, process: PoseProcess) -> tuple[int, int]:
+        """Return the numbers of a process's factor, -1 if it has none, and of what it adds."""
+        known = process.factor in self._factors
+        factor = self._factors.index(process.factor) if known else -1
+        return factor, self._added.index(process.of_time)
+
+    def added_variance(self, process: PoseProcess) -> float:
+        """Return the variance of what a process adds to the covariance of poses."""
+        nowhere = Pairs((0, 0))
+        return float(np.max(process.of_time.variance(nowhere))) + self._problem.offset_variance
 
 
-def _with_offset(process: GaussianProcess, problem: RegressionProblem) -> GaussianProcess:
-    """Add a problem's offsets of subjects to the covariance of a process."""
-    if problem.offset_variance == 0.0:
-        return process
-    return replace(process, kernel=process.kernel + problem.offset_variance * SameSubject())
-
-
-def _precomputed(pairs: Pairs, kernels: Iterable[Kernel]) -> Pairs:
-    """Compute the parts of kernels that do not depend on features, once for all alignments."""
-    for kernel in kernels:
-        kernel.precompute(pairs)
-    return pairs
+def _matrices(pairs: Pairs, kernels: Sequence[Kernel], offset_variance: float = 0.0) -> _Floats:
+    """Return the matrices of kernels, plus offsets of subjects [shape=(kernels, a, b)]."""
+    found = np.empty((len(kernels), *pairs.shape))
+    for matrix, kernel in zip(found, kernels, strict=True):
+        matrix[:] = pairs.value(kernel)
+        if offset_variance:
+            matrix += pairs.value(offset_variance * SameSubject())
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,19 +116,10 @@ class Predictions:
     variance: NDArray[np.float64]
     relative_std: NDArray[np.float64]
 
-    @classmethod
-    def empty(cls, models: int, queries: int, targets: int) -> Predictions:
-        """Return predictions to be filled in."""
-        return cls(
-            np.empty((models, queries, targets, 3)),
-            np.empty((models, queries, targets)),
-            np.empty((models, queries)),
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class FittedModel:
-    """A model fitted to the training poses, and its cross-validation.
+    """Cross-validation of a model fitted to the training poses.
 
     Attributes
     ----------
@@ -127,84 +135,6 @@ class FittedModel:
     held_out_variance: NDArray[np.float64]
     simulated_residuals: NDArray[np.float64]
     simulated_variance: NDArray[np.float64]
-    _fitted: FittedGP
-    _noise_variance: float
-    _unit: _Floats  # (targets,), mm² or (mm/s)² of one unit of the kernel
-    _mean_variance: float  # of the held-out poses, in the kernel's unit
-
-    @classmethod
-    def fit(
-        cls,
-        process: GaussianProcess,
-        pairs: Pairs,
-        targets: _Floats,
-        rotation: _Floats,
-        shared: SharedCovariances,
-    ) -> FittedModel:
-        """Fit a process and hold out blocks.
-
-        Parameters
-        ----------
-        process : GaussianProcess
-            With offsets of subjects, if any.
-        pairs : Pairs
-            Of the training poses, with features.
-        targets : ndarray [shape=(training poses, targets * 3)]
-            In the root frames, centred.
-        rotation : ndarray [shape=(training poses, 3, 3)]
-            Of the root frames.
-        shared : SharedCovariances
-            Of the problem.
-        """
-        fitted = process.fit(pairs, targets)
-        held_out = shared.held_out
-        local, variance = fitted.leave_blocks_out(shared.blocks)
-        residuals = local[held_out].reshape(len(held_out), -1, 3)
-        left = variance[held_out, None]
-        # the scale of the covariance of each target, by cross-validation [RW06, section 5.4.2]
-        unit = ((residuals**2).sum(axis=2) / left).mean(axis=0)
-        simulated = np.concatenate([held_out[:0], *shared.simulated])
-        gap_residuals, gap_variance = residuals[:0], left[:0]
-        if len(simulated):
-            local, variance = fitted.leave_blocks_out(shared.simulated)
-            gap_residuals = local[simulated].reshape(len(simulated), -1, 3)
-            gap_variance = variance[simulated, None]
-        return cls(
-            residuals @ np.swapaxes(rotation[held_out], 1, 2),
-            left * unit,
-            gap_residuals @ np.swapaxes(rotation[simulated], 1, 2),
-            gap_variance * unit,
-            fitted,
-            process.noise_variance,
-            unit,
-            float(left.mean()),
-        )
-
-    def predict(
-        self, pairs: Pairs
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Predict queries.
-
-        Parameters
-        ----------
-        pairs : Pairs
-            Of the queries with the training poses, with features.
-
-        Returns
-        -------
-        mean : ndarray [shape=(queries, targets * 3)]
-            In the root frames, centred.
-        variance : ndarray [shape=(queries, targets)]
-        relative_std : ndarray [shape=(queries,)]
-            As of `Predictions`.
-        """
-        mean, latent = self._fitted.predict(pairs)
-        variance = latent + self._noise_variance
-        return (
-            mean,
-            variance[:, None] * self._unit,
-            np.sqrt(variance / self._mean_variance),
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,7 +159,7 @@ class _Features:
     def with_query(self, features: _Floats) -> tuple[_Floats, _Floats]:
         """Return inner products of queries' and training poses' features, and squared norms."""
         centred = features - self.mean
-        return centred @ self.train.T, (centred**2).sum(axis=1)
+        return centred @ self.train.T, np.einsum("qf,qf->q", centred, centred)
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,25 +171,65 @@ class _AlignedFeatures:
     template: _Floats  # (visible markers, 3), mm
     frames: RootFrames  # of the training poses
     poses: _Features
-    lags: dict[LagFeature, _Features]
+    lags: tuple[LagFeature | None, ...]
+    lagged: tuple[_Features | None, ...]  # of each lag; None without one
 
     @classmethod
     def of(
-        cls, alignment: Alignment, problem: RegressionProblem, lags: Iterable[LagFeature]
+        cls,
+        alignment: Alignment,
+        problem: RegressionProblem,
+        lags: tuple[LagFeature | None, ...],
     ) -> _AlignedFeatures:
-        """Align the training poses of a problem."""
+        """Align the training poses of a problem; the features of poses may be without a lag."""
         train = problem.train
         weights = alignment.marker_weights(problem.distance, problem.spread)
         template = train.visible[len(train.visible) // 2]
         frames = alignment.root_frames(train.visible, template, weights)
-        return cls(
-            alignment,
-            weights,
-            template,
-            frames,
-            _Features.of(_features(train, frames, weights.features, None)),
-            {lag: _Features.of(_features(train, frames, weights.features, lag)) for lag in lags},
-        )
+        lagged = [
+            None if lag is None else _Features.of(_features(train, frames, weights.features, lag))
+            for lag in lags
+        ]
+        poses = _Features.of(_features(train, frames, weights.features, None))
+        return cls(alignment, weights, template, frames, poses, lags, tuple(lagged))
+
+    @property
+    def products(self) -> _Floats:
+        """Inner products of all features, with each lag [shape=(lags, poses, poses)]."""
+        product = self.poses.product
+        products = np.empty((len(self.lags), *product.shape))
+        for total, features in zip(products, self.lagged, strict=True):
+            total[:] = product
+            if features is not None:
+                total += features.product
+        return products
+
+    def with_query(self, query: PoseSamples, frames: RootFrames) -> tuple[_Floats, _Floats]:
+        """Return inner products of queries with training poses, and squared norms, by lag.
+
+        Parameters
+        ----------
+        query : PoseSamples
+            With lagged positions.
+        frames : RootFrames
+            Their root frames.
+
+        Returns
+        -------
+        products : ndarray [shape=(lags, queries, poses)]
+        norms : ndarray [shape=(lags, queries)]
+        """
+        weights = self.weights.features
+        product, norm = self.poses.with_query(_features(query, frames, weights, None))
+        products = np.empty((len(self.lags), *product.shape))
+        norms = np.empty((len(self.lags), len(norm)))
+        for place, (lag, features) in enumerate(zip(self.lags, self.lagged, strict=True)):
+            products[place], norms[place] = product, norm
+            if features is not None:
+                more = features.with_query(_features(query, frames, weights, lag))
+                products[place] += more[0]
+                norms[place] += more[1]
+        return products, norms
 
     def targets(self, train: PoseSamples) -> _Floats:
         """Return positions, and velocities if known, in the root frames [shape=(poses, -1)]."""
@@ -272,6 +242,66 @@ class _AlignedFeatures:
     def query_frames(self, query: PoseSamples) -> RootFrames:
         """Return the root frames of queries."""
         return self.alignment.root_frames(query.visible, self.template, self.weights)
+
+
+@dataclass(frozen=True, eq=False)
+class _Processes:
+    """Models of one alignment as `priorfill.gp.model_kernels` has them, fitted or to be fitted."""
+
+    terms: _Floats  # (models, TERMS)
+    places: NDArray[np.intp]  # (models, 3)
+    added_variance: _Floats  # (models,)
+    lags: tuple[LagFeature | None, ...]
+
+    @classmethod
+    def of(cls, models: Sequence[GPModel], shared: SharedCovariances) -> _Processes:
+        """Collect the terms of models."""
+        lags = tuple(dict.fromkeys(model.lag_feature for model in models))
+        processes = [model.process for model in models]
+        return cls(
+            np.array(
+                [(p.linear, p.rbf, -0.5 / p.length_scale**2, p.noise_variance) for p in processes]
+            ),
+            np.array(
+                [(lags.index(m.lag_feature), *shared.places(m.process)) for m in models],
+                dtype=np.intp,
+            ),
+            np.array([shared.added_variance(process) for process in processes]),
+            lags,
+        )
+
+    def one(self, number: int) -> _Processes:
+        """Return one of them alone."""
+        some = slice(number, number + 1)
+        return _Processes(self.terms[some], self.places[some], self.added_variance[some], self.lags)
+
+    def covariances(
+        self,
+        features: tuple[_Floats, _Floats, _Floats],
+        shared: tuple[_Floats, _Floats],
+        upper: bool = False,
+    ) -> _Floats:
+        """Return the covariances by each model; see `priorfill.gp.model_kernels.covariances`."""
+        from priorfill.gp.model_kernels import covariances  # llvmlite is slow to import
+
+        _, one, other = features[0].shape
+        result = np.empty((len(self.terms), one, other))
+        models, work = (self.terms, self.places), (np.empty((one, other)), np.empty(other))
+        covariances(features, shared, models, upper, work, result)
+        return result
+
+    def prior_variance(self, norms: _Floats) -> _Floats:
+        """Return the variance of queries, noise included [shape=(models, queries)].
+
+        Parameters
+        ----------
+        norms : ndarray [shape=(lags, queries)]
+            Squared norms of their features.
+        """
+        linear, rbf, _, noise = self.terms.T
+        constant = 1.0 + rbf + self.added_variance + noise
+        variance: _Floats = constant[:, None] + linear[:, None] * norms[self.places[:, 0]]
+        return variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,11 +318,15 @@ class FittedModels:
 
     fitted: tuple[FittedModel, ...]
     shared: SharedCovariances
-    _models: tuple[GPModel, ...]
+    _processes: _Processes
     _aligned: _AlignedFeatures
     _centre: _Floats  # (targets * 3,), mean of the targets
-    _norms: dict[LagFeature | None, _Floats]  # (training poses,), scaled
-    _scales: dict[LagFeature | None, float]
+    _scales: _Floats  # (lags,), of the features
+    _norms: _Floats  # (lags, training poses), scaled
+    _roots: _Floats  # (models, training poses, training poses)
+    _weights: _Floats  # (models, training poses, targets * 3)
+    _units: _Floats  # (models, targets), mm² or (mm/s)² of one unit of the kernel
+    _mean_variance: _Floats  # (models,), of the held-out poses, in the kernel's unit
     _positions: int  # number of targets that are positions
 
     @classmethod
@@ -303,80 +337,148 @@ class FittedModels:
         models: Sequence[GPModel],
         shared: SharedCovariances,
     ) -> FittedModels:
-        """Fit models of one alignment; those of one lag feature must follow each other."""
-        lags = dict.fromkeys(m.lag_feature for m in models if m.lag_feature is not None)
-        aligned = _AlignedFeatures.of(alignment, problem, lags)
+        """Fit models of one alignment.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            Where a covariance matrix is not positive definite, even with jitter.
+        """
+        processes = _Processes.of(models, shared)
+        aligned = _AlignedFeatures.of(alignment, problem, processes.lags)
         targets = aligned.targets(problem.train)
         centre = targets.mean(axis=0)
-        targets = targets - centre
-        product_of_poses = aligned.poses.product
-        norms: dict[LagFeature | None, _Floats] = {}
-        scales: dict[LagFeature | None, float] = {}
-        fitted = []
-        for lag, group in groupby(models, key=lambda model: model.lag_feature):
-            product = product_of_poses
-            if lag is not None:
-                product = product + aligned.lags[lag].product
-            scales[lag] = _mean_squared_norm(product)
-            product = product / scales[lag]
-            norms[lag] = np.diag(product)
-            pairs = shared.pairs.with_features(product, norms[lag], norms[lag])
-            fitted += [
-                FittedModel.fit(
-                    _with_offset(model.process, problem),
-                    pairs,
-                    targets,
-                    aligned.frames.rotation,
-                    shared,
-                )
-                for model in group
-            ]
+        targets -= centre
+        products = aligned.products
+        scales = np.array([_mean_squared_norm(product) for product in products])
+        products /= scales[:, None, None]
+        norms = np.einsum("lii->li", products).copy()
+        roots, weights, residuals, variance = _fit(processes, (products, norms), targets, shared)
+        samples = np.concatenate([shared.held_out, *shared.simulated])
+        residuals = _upright(residuals, aligned.frames.rotation[samples])
+        held_out, simulated = np.split(np.arange(len(samples)), [len(shared.held_out)])
+        # the scale of the covariance of each target, by cross-validation [RW06, section 5.4.2]
+        square = (residuals[:, held_out] ** 2).sum(axis=3)
+        units = (square / variance[:, held_out, None]).mean(axis=1)
+        scaled = variance[:, :, None] * units[:, None]
+        fitted = map(
+            FittedModel,
+            residuals[:, held_out],
+            scaled[:, held_out],
+            residuals[:, simulated],
+            scaled[:, simulated],
+        )
         return cls(
             tuple(fitted),
             shared,
-            tuple(models),
+            processes,
             aligned,
             centre,
-            norms,
             scales,
+            norms,
+            roots,
+            weights,
+            units,
+            variance[:, held_out].mean(axis=1),
             problem.train.missing.shape[1],
         )
 
-    def predict(self, query: PoseSamples, pairs: Pairs) -> Predictions:
+    def predict(self, query: PoseSamples, covariances: tuple[_Floats, _Floats]) -> Predictions:
         """Predict queries with all models.
 
         Parameters
         ----------
         query : PoseSamples
             The queries, with lagged positions if a model needs them.
-        pairs : Pairs
-            Of them with the training poses; see `SharedCovariances.query_pairs`.
+        covariances : tuple of ndarray
+            See `SharedCovariances.with_query`.
         """
-        aligned = self._aligned
+        from priorfill.gp.model_kernels import predict_models  # llvmlite is slow to import
+        from priorfill.gp.triangular_kernels import blas_work
+
+        aligned, processes = self._aligned, self._processes
         frames = aligned.query_frames(query)
-        count, targets = len(query.time), len(self._centre) // 3
-        found = Predictions.empty(len(self.fitted), count, targets)
-
-        def inner_products(features: _Features, lag: LagFeature | None) -> tuple[_Floats, _Floats]:
-            return features.with_query(_features(query, frames, aligned.weights.features, lag))
-
-        product_of_poses, norm_of_poses = inner_products(aligned.poses, None)
-        numbered = enumerate(self._models)
-        for lag, group in groupby(numbered, key=lambda pair: pair[1].lag_feature):
-            product, norm = product_of_poses, norm_of_poses
-            if lag is not None:
-                product_of_lag, norm_of_lag = inner_products(aligned.lags[lag], lag)
-                product, norm = product + product_of_lag, norm + norm_of_lag
-            scale = self._scales[lag]
-            featured = pairs.with_features(product / scale, norm / scale, self._norms[lag])
-            for number, _ in group:
-                local, found.variance[number], found.relative_std[number] = self.fitted[
-                    number
-                ].predict(featured)
-                found.mean[number] = (local + self._centre).reshape(count, targets, 3)
-        found.mean[:] = found.mean @ np.swapaxes(frames.rotation, 1, 2)
+        products, norms = aligned.with_query(query, frames)
+        products /= self._scales[:, None, None]
+        norms /= self._scales[:, None]
+        cross = processes.covariances((products, norms, self._norms), covariances)
+        models, targets = self._units.shape
+        mean = np.empty((models, len(query.time), 3 * targets))
+        explained = np.empty(mean.shape[:2])
+        blas = blas_work()
+        predict_models(cross, (self._roots, self._weights), blas, mean, explained)
+        noise = processes.terms[:, -1:]
+        variance = np.maximum(processes.prior_variance(norms) - explained, noise)
+        mean += self._centre
+        found = Predictions(
+            _upright(mean, frames.rotation),
+            variance[:, :, None] * self._units[:, None],
+            np.sqrt(variance / self._mean_variance[:, None]),
+        )
         found.mean[:, :, : self._positions] += frames.origin[:, None, :]
         return found
+
+
+def _fit(
+    processes: _Processes,
+    features: tuple[_Floats, _Floats],
+    targets: _Floats,
+    shared: SharedCovariances,
+) -> tuple[_Floats, _Floats, _Floats, _Floats]:
+    """Fit models, and hold out blocks and simulated gaps; see `fit_models`.
+
+    Returns
+    -------
+    roots, weights : ndarray
+        As of `FittedModels`.
+    residuals : ndarray [shape=(models, held-out poses, targets * 3)]
+    variance : ndarray [shape=(models, held-out poses)]
+        Of `SharedCovariances.held_out`, then of the simulated gaps.
+    """
+    from priorfill.gp.model_kernels import fit_models  # llvmlite is slow to import
+    from priorfill.gp.triangular_kernels import blas_work
+
+    models, (poses, outputs) = len(processes.terms), targets.shape
+    blocks = [*shared.blocks, *shared.simulated]
+    samples, edges = joined_blocks(blocks)
+    longest = max(map(len, blocks))
+    work = np.empty((longest, poses)), np.empty((longest, longest)), blas_work()
+    roots = processes.covariances((*features, features[1]), shared.train, upper=True)
+    weights = np.empty((models, poses, outputs))
+    residuals, variance = (
+        np.empty((models, len(samples), outputs)),
+        np.empty((models, len(samples))),
+    )
+    fitted, tried = 0, iter(JITTER)
+    while True:
+        done, left = fitted, (residuals, variance)
+        fitted = fit_models(done, targets, (samples, edges), work, (roots, weights), left)
+        if fitted == models:
+            break
+        tried = iter(JITTER) if fitted > done else tried
+        jitter = next(tried, None)
+        if jitter is None:
+            raise np.linalg.LinAlgError("a covariance matrix is not positive definite")
+        again = processes.one(fitted).covariances(
+            (*features, features[1]), shared.train, upper=True
+        )
+        roots[fitted] = again[0] + jitter * np.trace(again[0]) / poses * np.eye(poses)
+    for k in np.flatnonzero(np.isnan(variance).any(axis=1)):
+        solve_indefinite_blocks(roots[k], weights[k], blocks, None, residuals[k], variance[k])
+    order = np.concatenate([shared.order, np.arange(len(shared.order), len(samples))])
+    return roots, weights, residuals[:, order], variance[:, order]
+
+
+def _upright(local: _Floats, rotation: _Floats) -> _Floats:
+    """Return vectors in root frames [shape=(models, poses, targets * 3)] in upright axes.
+
+    Returns
+    -------
+    ndarray [shape=(models, poses, targets, 3)]
+    """
+    vectors = local.reshape(*local.shape[:2], local.shape[2] // 3, 3)
+    upright: _Floats = np.einsum("mpti,pji->mptj", vectors, rotation)
+    return upright
 
 
 def _mean_squared_norm(product: _Floats) -> float:

@@ -13,29 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from priorfill.runtime import elementary
-from priorfill.runtime.lapack import (
-    cholesky_in_place,
-    invert_lower_in_place,
-    solve_positive_banded,
-)
+from priorfill.runtime.lapack import solve_positive_banded
 
 __all__ = [
     "block_residuals",
     "explained_variance",
     "inverse_root",
+    "joined_blocks",
     "power_weights",
     "solve_blocks",
+    "solve_indefinite_blocks",
     "squared_distances",
 ]
-
-TRIANGLE_ROWS = 64
-"""Rows of a triangular matrix that are multiplied at a time: with fewer, the overhead of the calls
-exceeds the products that are saved."""
-
-HALVED = 96, 400
-"""Orders of triangular matrices between which their inverse is made of those of two halves and two
-products, which takes 0.65 of the time at 256: LAPACK inverts them with blocks that are too small
-for fast products. At 128 it takes 0.8, and from 400 on LAPACK is as fast."""
 
 JITTER = (1e-14, 1e-12, 1e-10, 1e-8)
 """Fractions of a covariance matrix's mean variance, tried in turn, that are added to its diagonal
@@ -124,35 +113,20 @@ def inverse_root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     array([[0.25, 0.  ],
            [0.  , 0.04]])
     """
-    # a matrix in C order is its own transpose in Fortran order
-    root: NDArray[np.float64] = covariance.T.copy(order="F")
-    definite = cholesky_in_place(root)
-    for jitter in JITTER:
-        if definite:
-            break
-        added = jitter * np.trace(covariance) / len(covariance)
-        root = (covariance.T + added * np.eye(len(covariance))).copy(order="F")
-        definite = cholesky_in_place(root)
-    if not (definite and _invert_lower(root)):
-        raise np.linalg.LinAlgError("a covariance matrix is not positive definite")
-    return root
+    from priorfill.gp.triangular_kernels import (
+        blas_work,
+        factor,
+        invert,
+    )  # llvmlite is slow to import
 
-
-def _invert_lower(root: NDArray[np.float64]) -> bool:
-    """Replace a lower triangular matrix by its inverse; return whether it has one.
-
-    The inverse of [[A, 0], [B, C]] is [[inv(A), 0], [-inv(C) B inv(A), inv(C)]].
-    """
-    least, greatest = HALVED
-    if not least < len(root) < greatest:
-        return invert_lower_in_place(root)
-    half = len(root) // 2
-    one, other, below = root[:half, :half], root[half:, half:], root[half:, :half]
-    if not (_invert_lower(one) and _invert_lower(other)):
-        return False
-    np.matmul(other @ below, one, out=below)
-    np.negative(below, out=below)
-    return True
+    blas = blas_work()
+    mean = np.trace(covariance) / max(len(covariance), 1)
+    for jitter in (0.0, *JITTER):
+        upper = np.array(covariance, dtype=np.float64, order="C")
+        np.einsum("ii->i", upper)[:] += jitter * mean
+        if factor(upper, blas) and invert(upper, blas):
+            return np.triu(upper).T
+    raise np.linalg.LinAlgError("a covariance matrix is not positive definite")
 
 
 def solve_blocks(matrices: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -216,13 +190,11 @@ def explained_variance(
     --------
     inverse_root : Computes the root.
     """
-    explained = np.zeros(len(cross))
-    # Only the columns left of the diagonal are multiplied. BLAS has a product of triangular
-    # matrices, but SciPy's wrapper of it holds the interpreter lock.
-    for start in range(0, len(root), TRIANGLE_ROWS):
-        stop = min(start + TRIANGLE_ROWS, len(root))
-        whitened = cross[:, :stop] @ root[start:stop, :stop].T  # (points, rows)
-        explained += np.einsum("qr,qr->q", whitened, whitened)
+    from priorfill.gp.triangular_kernels import blas_work, whiten  # llvmlite is slow to import
+
+    whitened = np.array(cross, dtype=np.float64, order="C")
+    whiten(np.ascontiguousarray(root.T), whitened, blas_work())
+    explained: NDArray[np.float64] = np.einsum("qr,qr->q", whitened, whitened)
     return explained
 
 
@@ -262,25 +234,67 @@ def block_residuals(
     --------
     priorfill.gp.process.FittedGP.leave_blocks_out : The same for all samples of a process.
     """
-    from priorfill.gp.block_kernels import ROWS, hold_out_blocks  # numba is slow to import
+    from priorfill.gp.block_kernels import hold_out_blocks  # llvmlite is slow to import
+    from priorfill.gp.triangular_kernels import blas_work
 
     count, outputs = weights.shape
     if basis is None:
         basis = (np.empty((count, 0)), np.empty((count, 0)))
-    samples = np.concatenate(blocks)
-    sizes = [len(block) for block in blocks]
-    edges, longest = np.cumsum([0, *sizes], dtype=np.intp), max(sizes)
-    columns = np.empty((count + ROWS - 1, longest))
-    system = np.empty((longest, 2 * longest + outputs))
+    samples, edges = joined_blocks(blocks)
+    longest = max(map(len, blocks))
+    work = np.empty((longest, count)), np.empty((longest, longest)), blas_work()
     residuals, variance = np.empty((len(samples), outputs)), np.empty(len(samples))
     transposed = np.ascontiguousarray(root.T)
     weights = np.ascontiguousarray(weights)
-    hold_out_blocks(
-        transposed, weights, basis, samples, edges, (columns, system), residuals, variance
-    )
-    for number in np.flatnonzero(np.isnan(variance[edges[:-1]])):  # indefinite by rounding
+    hold_out_blocks(transposed, weights, basis, (samples, edges), work, residuals, variance)
+    solve_indefinite_blocks(transposed, weights, blocks, basis, residuals, variance)
+    return residuals, variance
+
+
+def joined_blocks(
+    blocks: Sequence[NDArray[np.intp]],
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the samples of blocks, one block after the other, and where each starts, and the end.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> joined_blocks([np.array([0, 2]), np.array([5])])
+    (array([0, 2, 5]), array([0, 2, 3]))
+    """
+    edges = np.cumsum([0, *map(len, blocks)], dtype=np.intp)
+    return np.concatenate([np.empty(0, dtype=np.intp), *blocks]), edges
+
+
+def solve_indefinite_blocks(
+    transposed_root: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    blocks: Sequence[NDArray[np.intp]],
+    basis: tuple[NDArray[np.float64], NDArray[np.float64]] | None,
+    residuals: NDArray[np.float64],
+    variance: NDArray[np.float64],
+) -> None:
+    """Compute what `priorfill.gp.block_kernels.hold_out_blocks` leaves NaN, with general solves.
+
+    Rounding has made the matrices of these blocks indefinite.
+
+    Parameters
+    ----------
+    transposed_root, weights, basis, residuals, variance : ndarray
+        As of `hold_out_blocks`; residuals and variances are replaced.
+    blocks : sequence of ndarray of int
+        The samples of each block.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the matrix of a block is singular.
+    """
+    _, edges = joined_blocks(blocks)
+    for number in np.flatnonzero(np.isnan(variance[edges[:-1]])):
         block, place = blocks[int(number)], slice(edges[number], edges[number + 1])
-        precision = transposed[block] @ transposed[block].T - basis[0][block] @ basis[1][block].T
+        precision = transposed_root[block] @ transposed_root[block].T
+        if basis is not None:
+            precision -= basis[0][block] @ basis[1][block].T
         residuals[place] = np.linalg.solve(precision, weights[block])
         variance[place] = np.diag(np.linalg.solve(precision, np.eye(len(block))))
-    return residuals, variance

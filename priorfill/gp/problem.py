@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from priorfill.gp.features import Alignment, LagFeature
 from priorfill.gp.kernels import Pairs
-from priorfill.gp.process import GaussianProcess
+from priorfill.gp.pose_process import PoseProcess
 from priorfill.runtime.data_class import dataclass
 
 __all__ = ["GPModel", "LagSource", "PoseSamples", "RegressionProblem", "SimulatedGap"]
@@ -30,14 +30,14 @@ class GPModel:
         How poses are aligned.
     lag_feature : LagFeature or None
         Additional features.
-    process : GaussianProcess
+    process : PoseProcess
         The regression from features to the coordinates of the missing markers. Features are
         centred, and scaled to a mean squared norm of 1.
     """
 
     alignment: Alignment
     lag_feature: LagFeature | None
-    process: GaussianProcess
+    process: PoseProcess
 
 
 @dataclass(frozen=True, eq=False)

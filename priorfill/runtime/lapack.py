@@ -3,13 +3,15 @@
 The functions of `scipy.linalg.lapack` hold the lock, so that threads which factor matrices wait for
 each other, and copy matrices in C order element by element. Those of `scipy.linalg` check as long
 as small systems take, and their import takes as long as many a fill. Here the same routines are
-called by the addresses that SciPy exports for Cython, from the one module that has them.
+called by the addresses that SciPy exports for Cython, from the modules that have them. Compiled
+functions call an `ExternalRoutine` by its address as well.
 """
 
 from __future__ import annotations
 
 import ctypes
 import sys
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from importlib.machinery import PathFinder
@@ -25,46 +27,60 @@ from numpy.typing import NDArray
 from priorfill.runtime.array_address import array_address
 
 __all__ = [
-    "cholesky_in_place",
-    "invert_lower_in_place",
+    "DGEMM",
+    "DPOTRF",
+    "DSYRK",
+    "DTRMM",
+    "DTRTRI",
+    "EXTERNAL",
+    "ExternalRoutine",
     "solve_positive_banded",
     "solve_tridiagonal",
 ]
 
-LOWER, UPPER, NOT_UNIT = (ctypes.c_char_p(letter) for letter in (b"L", b"U", b"N"))
-
-ZERO = ctypes.c_double(0.0)
+UPPER = ctypes.c_char_p(b"U")
 
 
-def cholesky_in_place(matrix: NDArray[np.float64]) -> bool:
-    """Replace a matrix by its lower Cholesky factor; return whether it is positive definite.
+@dataclass(frozen=True)
+class ExternalRoutine:
+    """A routine of BLAS or LAPACK that compiled functions call (`priorfill.runtime.compiled`).
 
-    Parameters
+    All arguments are addresses: of letters, of numbers of 8 bytes, and of arrays in Fortran order.
+
+    Attributes
     ----------
-    matrix : ndarray [shape=(n, n), Fortran order]
-        Or a part of one. Only the lower triangle is used. Afterwards the upper one is 0.
+    name : str
+        In lower case, without underscores.
+    arguments : int
+        Their number.
     """
-    size, leading, info = _sizes(matrix)
-    _routine("dpotrf", 5)(LOWER, size, _address(matrix), leading, ctypes.byref(info))
-    if matrix.shape[0] > 1:  # the triangle above the diagonal
-        size_above = ctypes.byref(ctypes.c_int64(matrix.shape[0] - 1))
-        zero = ctypes.byref(ZERO)
-        above = _address(matrix[:, 1:])
-        _routine("dlaset", 7)(UPPER, size_above, size_above, zero, zero, above, leading)
-    return info.value == 0
+
+    name: str
+    arguments: int
+
+    @property
+    def symbol(self) -> str:
+        """Its name in compiled code: one that no library has."""
+        return f"priorfill_{self.name}"
+
+    @property
+    def address(self) -> int:
+        """Where it is in memory."""
+        return _address_of(self.name)
+
+    def __call__(self, *addresses: int) -> None:
+        """Call it from Python."""
+        _routine(self.name, self.arguments)(*addresses)
 
 
-def invert_lower_in_place(matrix: NDArray[np.float64]) -> bool:
-    """Replace a lower triangular matrix by its inverse; return whether it has one.
+DGEMM = ExternalRoutine("dgemm", 13)
+DPOTRF = ExternalRoutine("dpotrf", 5)
+DSYRK = ExternalRoutine("dsyrk", 10)
+DTRMM = ExternalRoutine("dtrmm", 11)
+DTRTRI = ExternalRoutine("dtrtri", 6)
 
-    Parameters
-    ----------
-    matrix : ndarray [shape=(n, n), Fortran order]
-        Or a part of one: rows and columns from the same diagonal element on.
-    """
-    size, leading, info = _sizes(matrix)
-    _routine("dtrtri", 6)(LOWER, NOT_UNIT, size, _address(matrix), leading, ctypes.byref(info))
-    return info.value == 0
+EXTERNAL = {routine.symbol: routine for routine in (DGEMM, DPOTRF, DSYRK, DTRMM, DTRTRI)}
+"""The routines that compiled functions may call, by their symbols."""
 
 
 def solve_positive_banded(
@@ -161,56 +177,44 @@ def _lengths(solution: NDArray[np.float64]) -> tuple[Any, Any, ctypes.c_int64]:
     return rows, columns, ctypes.c_int64(0)
 
 
-def _sizes(matrix: NDArray[np.float64]) -> tuple[Any, Any, ctypes.c_int64]:
-    """Return pointers to the order and the leading dimension, and a number for the outcome.
-
-    Zero-extended to 64 bits, they are right for LAPACK with integers of either size.
-    """
-    rows, columns = matrix.shape
-    size = ctypes.byref(ctypes.c_int64(rows))
-    apart, step = matrix.strides[1] // 8, matrix.strides[0]
-    contiguous = matrix.flags.f_contiguous
-    part_of_one = step == 8 and apart >= rows and matrix.strides[1] % 8 == 0
-    if (
-        rows != columns
-        or matrix.dtype != np.float64
-        or not matrix.flags.behaved
-        or not (contiguous or part_of_one)
-    ):
-        raise ValueError("expected a writable square matrix of float64 in Fortran order")
-    leading = max(rows, 1) if contiguous else apart
-    return size, ctypes.byref(ctypes.c_int64(leading)), ctypes.c_int64(0)
-
-
 def _address(matrix: NDArray[np.float64]) -> ctypes.c_void_p:
     return ctypes.c_void_p(array_address(matrix))
 
 
 _LOADING = Lock()
-"""Held while the module of routines is loaded: it cannot be loaded by two threads at a time."""
+"""Held while a module of routines is loaded: it cannot be loaded by two threads at a time."""
+
+BLAS = {"dgemm", "dsyrk", "dtrmm"}
+"""Routines that `scipy.linalg.cython_blas` has; all others are in `cython_lapack`."""
 
 
 @cache
 def _routine(name: str, arguments: int) -> Any:
     """Return a routine whose arguments are all pointers."""
-    with _LOADING:
-        capsule = _cython_lapack().__pyx_capi__[name]
-    get_name = ctypes.PYFUNCTYPE(ctypes.c_char_p, ctypes.py_object)
-    get_pointer = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.py_object, ctypes.c_char_p)
-    signature = get_name(("PyCapsule_GetName", ctypes.pythonapi))(capsule)
-    address = get_pointer(("PyCapsule_GetPointer", ctypes.pythonapi))(capsule, signature)
-    return ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(address)
+    return ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(_address_of(name))
 
 
 @cache
-def _cython_lapack() -> ModuleType:
-    """Return `scipy.linalg.cython_lapack`, without its package where that is not imported yet.
+def _address_of(name: str) -> int:
+    """Return where a routine is in memory."""
+    with _LOADING:
+        module = _exporting_module("cython_blas" if name in BLAS else "cython_lapack")
+        capsule = module.__pyx_capi__[name]
+    get_name = ctypes.PYFUNCTYPE(ctypes.c_char_p, ctypes.py_object)
+    get_pointer = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.py_object, ctypes.c_char_p)
+    signature = get_name(("PyCapsule_GetName", ctypes.pythonapi))(capsule)
+    return int(get_pointer(("PyCapsule_GetPointer", ctypes.pythonapi))(capsule, signature))
+
+
+@cache
+def _exporting_module(module_name: str) -> ModuleType:
+    """Return a module of `scipy.linalg`, without this package where that is not imported yet.
 
     The package imports much besides, for example test frameworks.
     """
     import scipy
 
-    name = "scipy.linalg.cython_lapack"
+    name = f"scipy.linalg.{module_name}"
     if "scipy.linalg" not in sys.modules:
         folder = Path(scipy.__file__).parent / "linalg"
         spec = PathFinder.find_spec(name, [str(folder)])

@@ -18,6 +18,8 @@ from typing import Any
 
 import llvmlite.binding as llvm
 
+from priorfill.runtime.lapack import EXTERNAL
+
 __all__ = ["START", "Loaded", "describe_system", "load", "pack", "undefined_symbols"]
 
 START = "priorfill_start"
@@ -173,7 +175,9 @@ class _Engine:
         add_symbols: Callable[[], None],
     ) -> int:
         """Return the address of a function."""
-        if undefined is None or not set(undefined) <= set(self._symbols):
+        for symbol in EXTERNAL if undefined is None else EXTERNAL.keys() & undefined:
+            llvm.add_symbol(symbol, EXTERNAL[symbol].address)
+        if undefined is None or not set(undefined) <= self._symbols.keys() | EXTERNAL.keys():
             add_symbols()
         machine = llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(jit=True)
         # its own, so that no code calls a function of the same name in other code

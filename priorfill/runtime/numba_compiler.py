@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import llvmlite.binding as llvm
 from llvmlite import ir
-from numba import njit, typeof
+from numba import njit, typeof, types
 from numba.core import config
 from numba.core.registry import cpu_target
 
 from priorfill.errors import OptionError
+from priorfill.runtime.lapack import ExternalRoutine
 from priorfill.runtime.machine_code import RESULTS, START, pack
 
 if TYPE_CHECKING:
@@ -70,6 +71,11 @@ def _dispatcher(compiled: CompiledFunction, made: dict[CompiledFunction, Any]) -
         for name, value in compiled.globals_used():
             if isinstance(value, type(compiled)):
                 values[name] = _dispatcher(value, made)
+            elif isinstance(value, ExternalRoutine):
+                llvm.add_symbol(value.symbol, value.address)  # numba loads what it compiles
+                values[name] = types.ExternalFunction(
+                    value.symbol, types.void(*[types.uintp] * value.arguments)
+                )
         copy = FunctionType(plain.__code__, values, plain.__name__, plain.__defaults__)
         copy.__module__, copy.__qualname__ = plain.__module__, plain.__qualname__
         made[compiled] = njit(**compiled.options)(copy)

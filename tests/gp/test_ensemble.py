@@ -18,29 +18,16 @@ from priorfill.gp.ensemble import (
 )
 from priorfill.gp.features import MIN_ALIGNMENT_WEIGHT, Alignment, LagFeature
 from priorfill.gp.fitted_models import Predictions
-from priorfill.gp.kernels import (
-    RBF,
-    Constant,
-    Exponential,
-    Forgetting,
-    Kernel,
-    Linear,
-    SameSubject,
-    SubjectCorrelation,
-)
+from priorfill.gp.kernels import Exponential, Forgetting, SameSubject, SubjectCorrelation
+from priorfill.gp.pose_process import PoseProcess
 from priorfill.gp.problem import GPModel, PoseSamples, RegressionProblem
-from priorfill.gp.process import GaussianProcess
 
 OFFSET_VARIANCE = 10.0
 IN_TIME = 0.001 * Exponential(0.1)
 ALIGNMENT = Alignment("rigid", 220.0, 0.005, 10.0)
 
 
-def process(of_poses: Kernel, factor: Kernel | None = None) -> GaussianProcess:
-    return GaussianProcess(of_poses * (factor or SubjectCorrelation()) + IN_TIME, 1e-4)
-
-
-PROCESS = process(Constant() + Linear() + 0.1 * RBF(1.0))
+PROCESS = PoseProcess(linear=1.0, rbf=0.1, of_time=IN_TIME, noise_variance=1e-4)
 MODELS = [GPModel(ALIGNMENT, None, PROCESS)]
 
 
@@ -236,8 +223,10 @@ def test_a_model_predicts_as_in_the_textbook(seed, velocity, fading):
     rows = replace(rows, velocity=velocities)
     distance, spread = np.linalg.norm(poses[0, 1:] - poses[0, :1], axis=1), np.full(4, 2.0)
     lag = LagFeature(0.03, 0.7, velocity=velocity)
-    factor = None if fading is None else SubjectCorrelation() * Forgetting(fading, 0.5)
-    model = GPModel(ALIGNMENT, lag, process(Constant() + Linear() + 0.1 * RBF(1.0), factor))
+    process = PROCESS
+    if fading is not None:
+        process = replace(PROCESS, factor=SubjectCorrelation() * Forgetting(fading, 0.5))
+    model = GPModel(ALIGNMENT, lag, process)
     found = regress([RegressionProblem(rows, query, distance, spread)], [model], 0.2)
 
     nearness, firmness = np.exp(-(distance**2) / (2 * 220.0**2)), 1 / (1 + (2.0 / 10.0) ** 2)
@@ -293,8 +282,8 @@ def test_models_have_less_weight_in_frames_where_they_are_uncertain():
     poses, time = rigid_clip(4, noise=2.0)
     rows, query = split(poses, time, np.arange(40, 60))
     problem = RegressionProblem(rows, query, np.full(4, 80.0), np.full(4, 2.0))
-    kernels = [Constant() + Linear() + 10.0 * RBF(scale) for scale in (0.05, 1.0)]
-    models = [GPModel(ALIGNMENT, None, process(kernel)) for kernel in kernels]
+    processes = [replace(PROCESS, rbf=10.0, length_scale=scale) for scale in (0.05, 1.0)]
+    models = [GPModel(ALIGNMENT, None, process) for process in processes]
     alone = [regress([problem], [model], 0.2).positions for model in models]
     both = regress([problem], models, 0.2).positions
     span = alone[0] - alone[1]

@@ -23,8 +23,9 @@ from priorfill.gp import features as gp_features
 from priorfill.gp import kernels, linalg
 from priorfill.gp.fitted_models import FittedModels, SharedCovariances
 from priorfill.gp.kernels import Matern32, Matern52, Matern72
+from priorfill.gp.pose_process import PoseProcess
 from priorfill.gp.problem import GPModel, PoseSamples, RegressionProblem
-from priorfill.gp.process import FittedGP, GaussianProcess
+from priorfill.gp.process import FittedGP
 from priorfill.methods.gpr.blackout import BlackoutOptions
 from priorfill.methods.gpr.blackout.correction import correct_from_edges
 from priorfill.methods.gpr.blackout.windows import BlackoutWindows
@@ -127,21 +128,25 @@ def _samples(poses):
     )
 
 
-def _kernel(settings):
-    of_poses = kernels.Constant() + settings.linear * kernels.Linear()
-    of_poses += settings.rbf * kernels.RBF(settings.length_scale)
+def _process(settings):
     factor = kernels.SubjectCorrelation()
     if settings.forgetting_time is not None:
         factor *= kernels.Forgetting(settings.forgetting_time, REMEMBERED)
     kind = kernels.Matern32 if settings.smooth else kernels.Exponential
-    return of_poses * factor + settings.time_variance * kind(settings.time_scale)
+    return PoseProcess(
+        linear=settings.linear,
+        rbf=settings.rbf,
+        length_scale=settings.length_scale,
+        of_time=settings.time_variance * kind(settings.time_scale),
+        noise_variance=settings.noise,
+        factor=factor,
+    )
 
 
 def fit_and_predict(train, test, distance, spread, alignment, settings, block_seconds):
     """Results of one model."""
     lag = None if settings.lag is None else gp_features.LagFeature(*settings.lag)
-    process = GaussianProcess(_kernel(settings), settings.noise)
-    model, query = GPModel(_alignment(alignment), lag, process), _samples(test)
+    model, query = GPModel(_alignment(alignment), lag, _process(settings)), _samples(test)
     problem = RegressionProblem(
         _samples(train),
         query,
@@ -151,7 +156,7 @@ def fit_and_predict(train, test, distance, spread, alignment, settings, block_se
     )
     shared = SharedCovariances.of(problem, (model,), block_seconds)
     models = FittedModels.fit(model.alignment, problem, (model,), shared)
-    found, (fitted,) = models.predict(query, shared.query_pairs(query)), models.fitted
+    found, (fitted,) = models.predict(query, shared.with_query(query)), models.fitted
     return Predicted(
         found.mean[0],
         found.variance[0],

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_triangular
 
 from priorfill.gp.linalg import (
-    HALVED,
     block_residuals,
     explained_variance,
     inverse_root,
@@ -18,6 +17,7 @@ from priorfill.gp.linalg import (
     solve_blocks,
     squared_distances,
 )
+from priorfill.gp.triangular_kernels import BLOCK, LARGE
 
 
 @given(st.integers(0, 2**31), st.integers(4, 25))
@@ -60,8 +60,8 @@ def test_inverse_root(seed: int, count: int) -> None:
     np.testing.assert_allclose(explained_variance(root, cross), expected, rtol=1e-8)
 
 
-@pytest.mark.parametrize("count", [HALVED[0], HALVED[0] + 1, 257, HALVED[1]])
-def test_inverse_root_of_large_matrices_by_halves(count: int) -> None:
+@pytest.mark.parametrize("count", [BLOCK, BLOCK + 1, 257, LARGE - 1, LARGE])
+def test_inverse_root_of_large_matrices_by_blocks(count: int) -> None:
     rng = np.random.default_rng(count)
     features = rng.normal(size=(count, 20))
     covariance = features @ features.T + 1e-3 * np.eye(count)

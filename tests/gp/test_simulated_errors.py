@@ -7,9 +7,9 @@ import pytest
 
 from priorfill.gp.ensemble import EnsembleOptions, Regression, regress
 from priorfill.gp.features import Alignment
-from priorfill.gp.kernels import RBF, Constant, Exponential, Linear
+from priorfill.gp.kernels import Constant, Exponential
+from priorfill.gp.pose_process import PoseProcess
 from priorfill.gp.problem import GPModel, PoseSamples, RegressionProblem, SimulatedGap
-from priorfill.gp.process import GaussianProcess
 from priorfill.gp.simulated_errors import (
     MAX_RATIO,
     SimulatedErrorOptions,
@@ -18,8 +18,12 @@ from priorfill.gp.simulated_errors import (
     log_ratio_to_own,
 )
 
-PROCESS = GaussianProcess(
-    Constant() + Linear() + 0.1 * RBF(1.0) + 0.001 * Exponential(0.1), noise_variance=1e-4
+PROCESS = PoseProcess(
+    linear=1.0,
+    rbf=0.1,
+    of_time=0.001 * Exponential(0.1),
+    noise_variance=1e-4,
+    factor=Constant(),
 )
 MODELS = [GPModel(Alignment("rigid", 220.0, 0.005, 10.0), None, PROCESS)]
 SURE = {

@@ -7,21 +7,12 @@ acrobatics. No single model is best for all movements, and the ensemble is bette
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from priorfill.gp.features import Alignment, LagFeature
-from priorfill.gp.kernels import (
-    RBF,
-    Constant,
-    Exponential,
-    Forgetting,
-    Kernel,
-    Linear,
-    Matern32,
-    SubjectCorrelation,
-)
+from priorfill.gp.kernels import Exponential, Forgetting, Matern32, SubjectCorrelation
+from priorfill.gp.pose_process import PoseProcess
 from priorfill.gp.problem import GPModel
-from priorfill.gp.process import GaussianProcess
 
 __all__ = ["ModelOptions", "lags_of"]
 
@@ -34,7 +25,7 @@ def lags_of(models: Sequence[GPModel]) -> tuple[float, ...]:
 def _combinations(
     alignments: Sequence[Alignment],
     lag_features: Sequence[LagFeature | None],
-    processes: Sequence[GaussianProcess],
+    processes: Sequence[PoseProcess],
 ) -> tuple[GPModel, ...]:
     """Return a model for each alignment, lag feature and process."""
     return tuple(
@@ -54,24 +45,6 @@ def _grouped(models: Sequence[GPModel]) -> tuple[GPModel, ...]:
     return tuple(m for by_lag in found.values() for some in by_lag.values() for m in some)
 
 
-_SUBJECT = SubjectCorrelation()
-
-
-def _process(
-    of_poses: Kernel,
-    of_time: Kernel,
-    noise_variance: float,
-    factor: Kernel = _SUBJECT,
-) -> GaussianProcess:
-    """Return the process of a covariance of poses and one of time.
-
-    The covariance of poses is multiplied by a factor, that of their subjects by default. The
-    covariance of time is that of what the visible markers do not explain: it joins the prediction
-    to the measured samples at the gap's edges.
-    """
-    return GaussianProcess(of_poses * factor + of_time, noise_variance)
-
-
 # ---- alignments ----------------------------------------------------------------------------------
 
 _SEGMENT = Alignment("rigid", length_scale=220.0, min_weight=0.005, rigidity_scale=10.0)
@@ -85,20 +58,11 @@ _WHOLE_BODY = Alignment("heading", length_scale=200.0, min_weight=0.1)
 _SHORT_SEAM = 0.001 * Exponential(time_scale=0.1)
 _SMOOTH_SEAM = 0.05 * Matern32(time_scale=0.4)
 
-_NEARLY_LINEAR = Constant() + Linear() + 0.1 * RBF(length_scale=1.0)
-
-_PLAIN = _process(_NEARLY_LINEAR, _SHORT_SEAM, noise_variance=1e-4)
-_NOISY = _process(_NEARLY_LINEAR, _SHORT_SEAM, noise_variance=1e-3)
-_CURVED = _process(Constant() + Linear() + RBF(length_scale=1.5), _SHORT_SEAM, noise_variance=1e-4)
-_FORGETFUL = _process(
-    _NEARLY_LINEAR,
-    _SHORT_SEAM,
-    noise_variance=1e-4,
-    factor=_SUBJECT * Forgetting(time=3.0, limit=0.5),
-)
-_LINEAR = _process(
-    Constant() + 30.0 * Linear(), 0.01 * Matern32(time_scale=0.3), noise_variance=1e-4
-)
+_PLAIN = PoseProcess(linear=1.0, rbf=0.1, of_time=_SHORT_SEAM, noise_variance=1e-4)
+_NOISY = replace(_PLAIN, noise_variance=1e-3)
+_CURVED = replace(_PLAIN, rbf=1.0, length_scale=1.5)
+_FORGETFUL = replace(_PLAIN, factor=SubjectCorrelation() * Forgetting(time=3.0, limit=0.5))
+_LINEAR = PoseProcess(linear=30.0, of_time=0.01 * Matern32(time_scale=0.3), noise_variance=1e-4)
 
 _BEFORE_AND_AFTER = LagFeature(1.0 / 30.0, weight=0.4)
 _FURTHER_AWAY = LagFeature(1.0 / 15.0, weight=0.4)
@@ -141,28 +105,19 @@ _FIRST_PASS = _combinations([_SEGMENT, _UPRIGHT], [None], [_PLAIN])
 
 # ---- several markers -----------------------------------------------------------------------------
 
-_LIMB_SMOOTH = _process(
-    Constant() + 3.0 * Linear() + 3.0 * RBF(length_scale=1.0), _SMOOTH_SEAM, noise_variance=1e-5
-)
-_LIMB_LINEAR = _process(Constant() + 30.0 * Linear(), _SMOOTH_SEAM, noise_variance=1e-4)
-_LIMB_LOCAL = _process(
-    Constant() + 0.3 * Linear() + RBF(length_scale=0.6), _SMOOTH_SEAM, noise_variance=1e-4
+_LIMB_SMOOTH = PoseProcess(linear=3.0, rbf=3.0, of_time=_SMOOTH_SEAM, noise_variance=1e-5)
+_LIMB_LINEAR = PoseProcess(linear=30.0, of_time=_SMOOTH_SEAM, noise_variance=1e-4)
+_LIMB_LOCAL = PoseProcess(
+    linear=0.3, rbf=1.0, length_scale=0.6, of_time=_SMOOTH_SEAM, noise_variance=1e-4
 )
 
 # follow the training poses closely
 _STRONGLY_CURVED = tuple(
-    _process(
-        Constant() + 3.0 * Linear() + 10.0 * RBF(length_scale),
-        _SMOOTH_SEAM,
-        noise_variance=1e-5,
-    )
-    for length_scale in (0.6, 0.4)
+    replace(_LIMB_SMOOTH, rbf=10.0, length_scale=length_scale) for length_scale in (0.6, 0.4)
 )
 
 # returns to the mean pose where no training pose is similar
-_TO_THE_MEAN = _process(
-    Constant() + 0.1 * Linear() + 0.1 * RBF(length_scale=0.4), _SMOOTH_SEAM, noise_variance=1e-4
-)
+_TO_THE_MEAN = replace(_LIMB_LOCAL, linear=0.1, rbf=0.1, length_scale=0.4)
 
 # Lags are multiples of 1/15 s, a step of the database's poses.
 _LIMB_LAGS = (

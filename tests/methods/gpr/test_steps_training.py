@@ -20,9 +20,9 @@ from priorfill.gp.ensemble import (
     regress,
 )
 from priorfill.gp.features import Alignment
-from priorfill.gp.kernels import RBF, Constant, Exponential, Linear, SubjectCorrelation
+from priorfill.gp.kernels import Exponential
+from priorfill.gp.pose_process import PoseProcess
 from priorfill.gp.problem import GPModel, PoseSamples, RegressionProblem
-from priorfill.gp.process import GaussianProcess
 from priorfill.markers.describe import describe
 from priorfill.methods.gpr.gap_segments import GapSegment, SegmentBatch
 from priorfill.methods.gpr.options import GPROptions
@@ -36,10 +36,7 @@ from priorfill.methods.gpr.training.subject_correlation import SubjectCorrelatio
 from priorfill.methods.task import MIRROR_IMAGE, THIS_CLIP, Task
 from priorfill.search.takes import same_subject_take
 
-PROCESS = GaussianProcess(
-    (Constant() + Linear() + 0.1 * RBF(1.0)) * SubjectCorrelation() + 0.001 * Exponential(0.1),
-    noise_variance=1e-4,
-)
+PROCESS = PoseProcess(linear=1.0, rbf=0.1, of_time=0.001 * Exponential(0.1), noise_variance=1e-4)
 MODELS = [GPModel(Alignment("rigid", 220.0, 0.005, 10.0), None, PROCESS)]
 CORRELATION = SubjectCorrelationOptions()
 OPTIONS = EnsembleOptions()
